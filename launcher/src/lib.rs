@@ -1,0 +1,1 @@
+//! The morphquad command: conductor, pilot, supervisor and recorder.

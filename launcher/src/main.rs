@@ -1,0 +1,3 @@
+//! The `morphquad` executable: the launcher, and every process it starts.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! Attitude MPC: attitude setpoint and state estimate in, wrench command out.

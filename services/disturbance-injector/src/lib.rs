@@ -1,0 +1,1 @@
+//! Scripted wind, forces, torques and faults.

@@ -1,0 +1,1 @@
+//! Error-state Kalman filter fed by IMU, pose fixes and morph angle.

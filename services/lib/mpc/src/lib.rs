@@ -1,0 +1,1 @@
+//! Incremental constrained MPC: prediction, constraints, condensing.

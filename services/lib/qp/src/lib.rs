@@ -1,0 +1,1 @@
+//! Small dense convex quadratic programs for model predictive control.

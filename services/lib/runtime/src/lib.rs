@@ -1,0 +1,1 @@
+//! Loops, ports, clocks, timing and ownership shared by every morphquad process.

@@ -1,0 +1,1 @@
+//! The morphing quadrotor: geometry, inertia, dynamics, control allocation.

@@ -1,0 +1,1 @@
+//! The simulated vehicle with its sensors and its actuation gate.

@@ -1,0 +1,1 @@
+//! Position MPC: reference and state estimate in, attitude setpoint out.

@@ -1,0 +1,1 @@
+//! Samples that cross a process boundary, and the floor plan of topics.
