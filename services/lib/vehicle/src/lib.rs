@@ -1,1 +1,21 @@
 //! The morphing quadrotor: geometry, inertia, dynamics, control allocation.
+//!
+//! Four rotors sit on arms whose length and inertia follow one morph angle β. This crate holds the
+//! physics that the plant integrates and that the controllers and the estimator model; it reads no
+//! clock and no topic. World frame W is ENU, body frame B is FLU, `q_wb` is a Hamilton quaternion
+//! that turns body vectors into world. Equation numbers refer to the paper that the vehicle is from.
+//!
+//! Start with [`VehicleParameters`], then [`Allocator`].
+
+mod allocation;
+mod attitude;
+mod geometry;
+mod parameters;
+
+pub use allocation::{Allocation, Allocator, Wrench};
+pub use attitude::{
+    MAX_PITCH_RAD, body_rate_matrix, canonical, euler_from_quaternion, euler_rate_matrix,
+    quaternion_from_euler, wrap_pi,
+};
+pub use geometry::{Geometry, MorphAngle, Quadratic};
+pub use parameters::{ParameterError, VehicleParameters};
