@@ -1,1 +1,35 @@
-//! Samples that cross a process boundary, and the floor plan of topics.
+//! Everything that crosses a process boundary, and nothing else.
+//!
+//! * [`topics`] is the floor plan: one line per topic, from which ports, recorder, command line and
+//!   documentation are derived. Open it first.
+//! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
+//!   [`control`], [`actuation`], [`disturbance`], [`supervision`].
+//! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
+//!   that two builds which disagree about a type refuse each other.
+//!
+//! Conventions: SI units named in the field, world frame ENU (`_w_`), body frame FLU (`_b_`),
+//! Hamilton quaternions `q_wb` (body to world) with `w >= 0`.
+
+pub mod actuation;
+pub mod control;
+pub mod disturbance;
+pub mod estimate;
+pub mod guidance;
+pub mod header;
+pub mod sensors;
+pub mod supervision;
+pub mod topics;
+pub mod wire;
+
+pub use actuation::{ActuatorState, AppliedCommand, GateMode, Truth};
+pub use control::{
+    AppliedSetpoint, AttitudeSetpoint, ControllerReport, SolveStatus, WrenchCommand,
+};
+pub use disturbance::Disturbance;
+pub use estimate::StateEstimate;
+pub use guidance::{MorphCommand, Reference, ReferencePoint};
+pub use header::{Flag, Header, Quaternion, Sample};
+pub use sensors::{Imu, MorphAngle, PoseFix};
+pub use supervision::{Author, LoopStats, OwnerRecord, Role};
+pub use iceoryx2::prelude::ZeroCopySend;
+pub use topics::{Edge, Stamped, Topic, TopicInfo, TopicVisitor};

@@ -1,0 +1,112 @@
+//! Controllers' arrows: position slot -> attitude slot -> plant, and what they report.
+
+use iceoryx2::prelude::ZeroCopySend;
+use crate::{Header, sample};
+
+sample! {
+    /// Target handed to the attitude loop. Euler angles are intrinsic z-y-x.
+    pub struct AttitudeSetpoint {
+        /// Identity and time.
+        pub header: Header,
+        /// Collective thrust [N].
+        pub thrust_n: f64,
+        /// Roll φ_d [rad].
+        pub roll_rad: f64,
+        /// Pitch θ_d [rad].
+        pub pitch_rad: f64,
+        /// Yaw ψ_d [rad].
+        pub yaw_rad: f64,
+    }
+}
+
+sample! {
+    /// Set point that the attitude slot's owner actually tracks.
+    pub struct AppliedSetpoint {
+        /// Identity and time.
+        pub header: Header,
+        /// Sequence of the set point sample in use; 0 before the first.
+        pub setpoint_sequence: u64,
+        /// Collective thrust [N].
+        pub thrust_n: f64,
+        /// Roll [rad].
+        pub roll_rad: f64,
+        /// Pitch [rad].
+        pub pitch_rad: f64,
+        /// Yaw [rad].
+        pub yaw_rad: f64,
+    }
+}
+
+sample! {
+    /// Wrench asked of the rotors.
+    pub struct WrenchCommand {
+        /// Identity and time.
+        pub header: Header,
+        /// Collective thrust along body z [N].
+        pub thrust_n: f64,
+        /// Torque about the body axes [N m].
+        pub torque_b_nm: [f64; 3],
+        /// How long past its effective instant the command stays valid [ns].
+        pub validity_ns: u64,
+    }
+}
+
+crate::code! {
+    /// Verdict of the optimiser behind a command.
+    pub enum SolveStatus {
+        /// Optimal to tolerance.
+        Solved = 0,
+        /// Iteration cap hit; the first move was clipped into its bounds.
+        IterationLimit = 1,
+        /// No feasible point; the first move was clipped into its bounds.
+        Infeasible = 2,
+        /// Input was not finite; the previous command was kept.
+        NotFinite = 3,
+        /// Outside the model's domain; the previous command was kept.
+        Refused = 4,
+    }
+}
+
+sample! {
+    /// What an incremental controller commanded and the bounds it obeyed, in its own coordinates:
+    /// (τx, τy, τz) [N m] for attitude, (φ, θ, T) [rad, rad, N] in the ψ = 0 frame for position.
+    pub struct ControllerReport {
+        /// Identity and time.
+        pub header: Header,
+        /// Commanded input u(k).
+        pub input: [f64; 3],
+        /// Previous input u(k-1), as the controller used it.
+        pub previous_input: [f64; 3],
+        /// Lower bound on u(k).
+        pub input_min: [f64; 3],
+        /// Upper bound on u(k).
+        pub input_max: [f64; 3],
+        /// Bound on |Δu(k)|, relaxation included.
+        pub increment_max: [f64; 3],
+        /// By how much the increment bound was relaxed because the input bounds shrank.
+        pub relaxation: [f64; 3],
+        /// Iterations of the optimiser.
+        pub iterations: u64,
+        /// Active constraints at the solution.
+        pub active_constraints: u64,
+        /// Verdict.
+        pub status: SolveStatus,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}
+
+impl ControllerReport {
+    /// Largest amount by which u(k) or Δu(k) leaves its bounds, in input units; 0 if inside.
+    #[must_use]
+    pub fn worst_violation(&self) -> f64 {
+        (0..3)
+            .map(|i| {
+                let increment = (self.input[i] - self.previous_input[i]).abs();
+                (self.input_min[i] - self.input[i])
+                    .max(self.input[i] - self.input_max[i])
+                    .max(increment - self.increment_max[i])
+            })
+            .fold(0.0, f64::max)
+    }
+}

@@ -1,0 +1,45 @@
+//! estimator -> controllers: what the vehicle is believed to do.
+
+use iceoryx2::prelude::ZeroCopySend;
+use crate::{Flag, Header, Quaternion, sample};
+
+sample! {
+    /// State estimate with the diagonal of its error covariance.
+    pub struct StateEstimate {
+        /// Identity and time; valid at the IMU sample it descends from.
+        pub header: Header,
+        /// Position [m].
+        pub position_w_m: [f64; 3],
+        /// Velocity [m/s].
+        pub velocity_w_m_s: [f64; 3],
+        /// Attitude, body to world.
+        pub q_wb: Quaternion,
+        /// Body rate, gyro bias removed [rad/s].
+        pub body_rate_b_rad_s: [f64; 3],
+        /// Specific force, accelerometer bias removed [m/s^2].
+        pub specific_force_b_m_s2: [f64; 3],
+        /// Gyro bias [rad/s].
+        pub gyro_bias_b_rad_s: [f64; 3],
+        /// Accelerometer bias [m/s^2].
+        pub accelerometer_bias_b_m_s2: [f64; 3],
+        /// Deployable angle [rad].
+        pub morph_angle_rad: f64,
+        /// Rate of the deployable angle [rad/s].
+        pub morph_rate_rad_s: f64,
+        /// One-sigma errors: position [m], velocity [m/s], attitude [rad, body], gyro bias [rad/s],
+        /// accelerometer bias [m/s^2].
+        pub sigma: [f64; 15],
+        /// Normalised innovation squared of the last pose fix (6 degrees of freedom).
+        pub pose_fix_nis: f64,
+        /// Pose fixes refused by the innovation gate so far.
+        pub pose_fixes_gated: u64,
+        /// Times the covariance was re-opened after inconsistent innovations.
+        pub covariance_reopened: u64,
+        /// Samples refused as not finite, out of range, out of order or too old.
+        pub samples_refused: u64,
+        /// The windowed innovation test currently fails.
+        pub nis_alarm: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}

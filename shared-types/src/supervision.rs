@@ -1,0 +1,107 @@
+//! Who may command, and how each loop is doing.
+
+use iceoryx2::prelude::ZeroCopySend;
+use crate::{Header, sample};
+
+crate::code! {
+    /// A seat in the data flow; one process fills one role.
+    pub enum Role {
+        /// Simulated vehicle.
+        Plant = 0,
+        /// State estimator.
+        Estimator = 1,
+        /// Position controller.
+        Position = 2,
+        /// Attitude controller.
+        Attitude = 3,
+        /// Disturbance injector.
+        Disturbance = 4,
+        /// Reference and morph schedule, inside the launcher.
+        Pilot = 5,
+        /// Owner records, inside the launcher.
+        Supervisor = 6,
+    }
+}
+
+impl Role {
+    /// Every role that steps, in data-flow order.
+    pub const STEPPING: [Self; 6] = [
+        Self::Plant,
+        Self::Estimator,
+        Self::Position,
+        Self::Attitude,
+        Self::Disturbance,
+        Self::Pilot,
+    ];
+
+    /// Position in [`Role::STEPPING`].
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Lower-case name used for progress services, tables and the command line.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Position => "position",
+            Self::Attitude => "attitude",
+            Self::Disturbance => "disturbance",
+            Self::Pilot => "pilot",
+            _ => "supervisor",
+        }
+    }
+}
+
+/// Identity of a publisher, taken from the transport and never from a field the sender fills.
+pub type Author = [u64; 2];
+
+sample! {
+    /// Who owns a slot from an instant on. Epochs only grow; only the supervisor writes.
+    pub struct OwnerRecord {
+        /// Identity and time; `valid_ns` is the instant of the change.
+        pub header: Header,
+        /// Epoch, counted from 1.
+        pub epoch: u64,
+        /// Publisher whose commands count.
+        pub owner: [u64; 2],
+        /// Publisher that takes over when the owner falls silent; zeros for none.
+        pub fallback: [u64; 2],
+        /// Control period of the owner [ns].
+        pub period_ns: u64,
+        /// Slot the record is about: [`Role::Position`] or [`Role::Attitude`].
+        pub slot: Role,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}
+
+sample! {
+    /// Running totals of one loop, published every tenth of a second of logical time.
+    pub struct LoopStats {
+        /// Identity and time.
+        pub header: Header,
+        /// Steps run.
+        pub steps: u64,
+        /// Releases skipped because the loop was late.
+        pub skipped: u64,
+        /// Late releases that were run after all.
+        pub caught_up: u64,
+        /// Steps started at their input deadline without final inputs.
+        pub input_deadline_misses: u64,
+        /// Delayed samples that arrived after the step in which they should have taken effect.
+        pub late_samples: u64,
+        /// Sequence numbers never received.
+        pub lost_samples: u64,
+        /// Waits that ended by their wall-clock limit although a wake-up was due.
+        pub rescued_waits: u64,
+        /// Restarts of the process.
+        pub generation: u64,
+        /// The loop.
+        pub role: Role,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}

@@ -1,0 +1,149 @@
+//! The floor plan: every topic of the flight, once.
+//!
+//! Ports, recorder, command line and documentation iterate over this table. A new topic is one
+//! sample type and one line here.
+
+use crate::header::Sample;
+use crate::wire::Schema;
+use crate::{Author, Role};
+use core::marker::PhantomData;
+
+/// How the logical time of an arrow is judged (see ARCHITECTURE.md, "Logical execution time").
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Edge {
+    /// The consumer's step at t starts when this input is final through t.
+    ZeroLatency,
+    /// Effective a declared latency after release; never waited for in realtime.
+    Delayed,
+    /// Nobody in the flight reads it; it exists for the recorder.
+    RecordOnly,
+}
+
+/// Facts about a topic that do not depend on its sample type.
+#[derive(Debug, Clone, Copy)]
+pub struct TopicInfo {
+    /// Service name.
+    pub name: &'static str,
+    /// One line for tables and documentation.
+    pub summary: &'static str,
+    /// Producing role; a slot's role stands for whoever holds the slot.
+    pub from: Role,
+    /// Consuming roles, recorder aside.
+    pub to: &'static [Role],
+    /// Kind of the arrow.
+    pub edge: Edge,
+    /// Samples kept for a consumer that joins late.
+    pub history: usize,
+    /// True if the flight hash covers the topic.
+    pub in_flight_hash: bool,
+}
+
+/// A topic with its sample type.
+#[derive(Debug)]
+pub struct Topic<T> {
+    /// Untyped facts.
+    pub info: TopicInfo,
+    sample: PhantomData<fn() -> T>,
+}
+
+impl<T: Sample> Topic<T> {
+    const fn new(info: TopicInfo) -> Self {
+        Self { info, sample: PhantomData }
+    }
+
+    /// Layout of the sample.
+    #[must_use]
+    pub const fn schema(&self) -> Schema {
+        T::SCHEMA
+    }
+}
+
+/// Does something for every topic, with its type.
+pub trait TopicVisitor {
+    /// What can go wrong.
+    type Error;
+    /// Called once per topic, in table order.
+    ///
+    /// # Errors
+    /// Whatever the visitor meets; it ends the walk.
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Self::Error>;
+}
+
+/// A sample together with the identity of its writer.
+#[derive(Debug, Clone, Copy)]
+pub struct Stamped<T> {
+    /// The sample as received.
+    pub sample: T,
+    /// Its writer, as told by the transport.
+    pub author: Author,
+}
+
+macro_rules! floor_plan {
+    ($($constant:ident $name:literal : $sample:ident, $from:ident => [$($to:ident),*],
+        $edge:ident, history $history:literal $(, $hashed:ident)? ; $summary:literal)+) => {
+        $(#[doc = $summary]
+        pub static $constant: Topic<crate::$sample> = Topic::new(TopicInfo {
+            name: $name,
+            summary: $summary,
+            from: Role::$from,
+            to: &[$(Role::$to),*],
+            edge: Edge::$edge,
+            history: $history,
+            in_flight_hash: false $(|| stringify!($hashed).len() > 0)?,
+        });)+
+
+        /// Every topic, untyped, in table order.
+        #[must_use]
+        pub fn all() -> [&'static TopicInfo; [$(stringify!($constant)),+].len()] {
+            [$(&$constant.info),+]
+        }
+
+        /// Walks every topic, typed, in table order.
+        ///
+        /// # Errors
+        /// The visitor's first error.
+        pub fn visit_all<V: TopicVisitor>(visitor: &mut V) -> Result<(), V::Error> {
+            $(visitor.visit(&$constant)?;)+
+            Ok(())
+        }
+    };
+}
+
+floor_plan! {
+    IMU "imu": Imu, Plant => [Estimator], ZeroLatency, history 128;
+        "angular rate and specific force"
+    POSE_FIX "pose_fix": PoseFix, Plant => [Estimator], ZeroLatency, history 32;
+        "delayed position and attitude from a tracker"
+    MORPH_ANGLE "morph_angle": MorphAngle, Plant => [Estimator], ZeroLatency, history 64;
+        "encoder reading of the deployable angle"
+    APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Attitude], ZeroLatency, history 64, hashed;
+        "wrench and rotor thrusts the gate applied"
+    TRUTH "truth": Truth, Plant => [], RecordOnly, history 1, hashed;
+        "real state of the vehicle"
+    ACTUATOR_STATE "actuator_state": ActuatorState, Plant => [], RecordOnly, history 1;
+        "real rotor thrusts"
+    STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude], ZeroLatency, history 64, hashed;
+        "believed state with one-sigma errors"
+    REFERENCE "reference": Reference, Pilot => [Position], ZeroLatency, history 32;
+        "trajectory to follow, with preview"
+    MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
+        "commanded deployable angle, with its path"
+    ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude], Delayed, history 32;
+        "thrust and Euler angles for the attitude loop"
+    APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position], Delayed, history 32;
+        "set point the attitude loop tracks"
+    WRENCH_COMMAND "wrench_command": WrenchCommand, Attitude => [Plant], Delayed, history 64;
+        "thrust and torque asked of the rotors"
+    POSITION_REPORT "position_report": ControllerReport, Position => [], RecordOnly, history 1;
+        "bounds, verdict and effort of the position controller"
+    ATTITUDE_REPORT "attitude_report": ControllerReport, Attitude => [], RecordOnly, history 1;
+        "bounds, verdict and effort of the attitude controller"
+    DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
+        "wind, force, torque, payload and rotor faults"
+    ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant], Delayed, history 16;
+        "owner of the attitude slot"
+    POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude], Delayed, history 16;
+        "owner of the position slot"
+    LOOP_STATS "loop_stats": LoopStats, Supervisor => [], RecordOnly, history 8;
+        "running totals of every loop"
+}

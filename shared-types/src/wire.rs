@@ -1,0 +1,429 @@
+//! What a reader needs to know about a sample's bytes: names, kinds, offsets, and a hash of them.
+//!
+//! [`sample!`](crate::sample) declares a struct once and derives from it the shared-memory layout,
+//! the reflection used by the recorder and the packed form used for published states.
+
+/// The kind of one field, as a reader sees it.
+#[derive(Debug, Clone, Copy)]
+pub enum Kind {
+    /// IEEE 754 double.
+    F64,
+    /// Unsigned 64-bit integer.
+    U64,
+    /// Unsigned 32-bit integer.
+    U32,
+    /// One byte.
+    U8,
+    /// Signed 8-bit integer.
+    I8,
+    /// A named 32-bit code.
+    Enum(&'static EnumSchema),
+    /// A nested struct.
+    Message(&'static Schema),
+}
+
+/// One field of a [`Schema`].
+#[derive(Debug, Clone, Copy)]
+pub struct Field {
+    /// Field name, unit included.
+    pub name: &'static str,
+    /// Kind of the value, or of each element.
+    pub kind: Kind,
+    /// Number of elements; 1 for a scalar.
+    pub count: usize,
+    /// True if the field is an array.
+    pub repeated: bool,
+    /// Byte offset within the struct.
+    pub offset: usize,
+}
+
+/// The layout of one struct.
+#[derive(Debug, Clone, Copy)]
+pub struct Schema {
+    /// Type name.
+    pub name: &'static str,
+    /// Fields in declaration order.
+    pub fields: &'static [Field],
+    /// Size in bytes.
+    pub size: usize,
+    /// Hash of name, fields, kinds, counts, offsets and size, nested types included.
+    pub layout_hash: u64,
+}
+
+/// The values of a named code.
+#[derive(Debug, Clone, Copy)]
+pub struct EnumSchema {
+    /// Type name.
+    pub name: &'static str,
+    /// Variant names and their codes.
+    pub variants: &'static [(&'static str, u32)],
+}
+
+/// FNV-1a over bytes, usable in constants.
+#[must_use]
+pub const fn hash_bytes(mut hash: u64, bytes: &[u8]) -> u64 {
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
+        i += 1;
+    }
+    // A separator keeps ("ab", "c") apart from ("a", "bc").
+    (hash ^ 0xff).wrapping_mul(0x0000_0100_0000_01b3)
+}
+
+/// Start value of [`hash_bytes`].
+pub const HASH_SEED: u64 = 0xcbf2_9ce4_8422_2325;
+
+const fn hash_kind(hash: u64, kind: Kind) -> u64 {
+    match kind {
+        Kind::F64 => hash_bytes(hash, b"f64"),
+        Kind::U64 => hash_bytes(hash, b"u64"),
+        Kind::U32 => hash_bytes(hash, b"u32"),
+        Kind::U8 => hash_bytes(hash, b"u8"),
+        Kind::I8 => hash_bytes(hash, b"i8"),
+        Kind::Enum(schema) => {
+            let mut hash = hash_bytes(hash, schema.name.as_bytes());
+            let mut i = 0;
+            while i < schema.variants.len() {
+                hash = hash_bytes(hash, schema.variants[i].0.as_bytes());
+                hash = hash_bytes(hash, &schema.variants[i].1.to_le_bytes());
+                i += 1;
+            }
+            hash
+        }
+        Kind::Message(schema) => hash_bytes(hash, &schema.layout_hash.to_le_bytes()),
+    }
+}
+
+/// Layout hash of a struct.
+#[must_use]
+pub const fn layout_hash(name: &str, fields: &[Field], size: usize) -> u64 {
+    let mut hash = hash_bytes(HASH_SEED, name.as_bytes());
+    let mut i = 0;
+    while i < fields.len() {
+        let field = &fields[i];
+        hash = hash_bytes(hash, field.name.as_bytes());
+        hash = hash_kind(hash, field.kind);
+        hash = hash_bytes(hash, &(field.count as u64).to_le_bytes());
+        hash = hash_bytes(hash, &(field.offset as u64).to_le_bytes());
+        i += 1;
+    }
+    hash_bytes(hash, &(size as u64).to_le_bytes())
+}
+
+/// Walks the fields of a value in declaration order.
+pub trait Visitor {
+    /// Doubles.
+    fn f64s(&mut self, field: &'static Field, values: &[f64]);
+    /// Unsigned integers and codes, widened.
+    fn u64s(&mut self, field: &'static Field, values: &[u64]);
+    /// Bytes.
+    fn bytes(&mut self, field: &'static Field, values: &[u8]);
+    /// One nested struct; called once per element of an array.
+    fn message<T: Wire>(&mut self, field: &'static Field, value: &T);
+}
+
+/// A value that can be a field of a sample.
+pub trait Value: Copy + core::fmt::Debug + 'static {
+    /// Kind of the innermost element.
+    const KIND: Kind;
+    /// Number of innermost elements.
+    const COUNT: usize = 1;
+    /// True for arrays.
+    const REPEATED: bool = false;
+    /// Bytes in packed form.
+    const PACKED_SIZE: usize;
+
+    /// Shows a run of values to a visitor.
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V);
+    /// Writes the packed little-endian form; `out` holds exactly [`Value::PACKED_SIZE`] bytes.
+    fn pack(&self, out: &mut [u8]);
+    /// Reads the packed form back.
+    fn unpack(from: &[u8]) -> Self;
+}
+
+/// A struct declared with [`sample!`](crate::sample).
+pub trait Wire: Value + Default {
+    /// Its layout.
+    const SCHEMA: Schema;
+    /// Shows each field to a visitor.
+    fn visit<V: Visitor>(&self, visitor: &mut V);
+}
+
+impl Value for f64 {
+    const KIND: Kind = Kind::F64;
+    const PACKED_SIZE: usize = 8;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        visitor.f64s(field, values);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        out.copy_from_slice(&self.to_le_bytes());
+    }
+    fn unpack(from: &[u8]) -> Self {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(from);
+        Self::from_le_bytes(bytes)
+    }
+}
+
+impl Value for u64 {
+    const KIND: Kind = Kind::U64;
+    const PACKED_SIZE: usize = 8;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        visitor.u64s(field, values);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        out.copy_from_slice(&self.to_le_bytes());
+    }
+    fn unpack(from: &[u8]) -> Self {
+        let mut bytes = [0; 8];
+        bytes.copy_from_slice(from);
+        Self::from_le_bytes(bytes)
+    }
+}
+
+/// Widens a run of small integers on the stack, a few at a time.
+pub fn visit_widened<T: Copy + Into<u64>, V: Visitor>(
+    values: &[T],
+    field: &'static Field,
+    visitor: &mut V,
+) {
+    if let [one] = values {
+        return visitor.u64s(field, &[(*one).into()]);
+    }
+    let mut wide = [0_u64; 512];
+    let count = values.len().min(wide.len());
+    for (slot, value) in wide.iter_mut().zip(values) {
+        *slot = (*value).into();
+    }
+    visitor.u64s(field, &wide[..count]);
+}
+
+impl Value for u32 {
+    const KIND: Kind = Kind::U32;
+    const PACKED_SIZE: usize = 4;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        visit_widened(values, field, visitor);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        out.copy_from_slice(&self.to_le_bytes());
+    }
+    fn unpack(from: &[u8]) -> Self {
+        let mut bytes = [0; 4];
+        bytes.copy_from_slice(from);
+        Self::from_le_bytes(bytes)
+    }
+}
+
+impl Value for u8 {
+    const KIND: Kind = Kind::U8;
+    const PACKED_SIZE: usize = 1;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        visitor.bytes(field, values);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        out[0] = *self;
+    }
+    fn unpack(from: &[u8]) -> Self {
+        from[0]
+    }
+}
+
+impl Value for i8 {
+    const KIND: Kind = Kind::I8;
+    const PACKED_SIZE: usize = 1;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        let mut bytes = [0_u8; 512];
+        let count = values.len().min(bytes.len());
+        for (slot, value) in bytes.iter_mut().zip(values) {
+            *slot = value.cast_unsigned();
+        }
+        visitor.bytes(field, &bytes[..count]);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        out[0] = self.cast_unsigned();
+    }
+    fn unpack(from: &[u8]) -> Self {
+        from[0].cast_signed()
+    }
+}
+
+impl<T: Value, const N: usize> Value for [T; N] {
+    const KIND: Kind = T::KIND;
+    const COUNT: usize = T::COUNT * N;
+    const REPEATED: bool = true;
+    const PACKED_SIZE: usize = T::PACKED_SIZE * N;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        T::visit_run(values.as_flattened(), field, visitor);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        for (value, slot) in self.iter().zip(out.chunks_exact_mut(T::PACKED_SIZE)) {
+            value.pack(slot);
+        }
+    }
+    fn unpack(from: &[u8]) -> Self {
+        core::array::from_fn(|i| T::unpack(&from[i * T::PACKED_SIZE..(i + 1) * T::PACKED_SIZE]))
+    }
+}
+
+/// Declares a fixed-layout struct that may live in shared memory, with its reflection.
+///
+/// The caller's module imports [`ZeroCopySend`](crate::ZeroCopySend) for the derive.
+#[macro_export]
+macro_rules! sample {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$field_meta:meta])* pub $field:ident : $kind:ty),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, ZeroCopySend)]
+        #[repr(C)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $kind),+ }
+
+        $crate::reflect!($name { $($field: $kind),+ });
+    };
+}
+
+/// Declares a struct that is published in packed form as part of a service's state: reflection
+/// and packing, without a place of its own in shared memory.
+#[macro_export]
+macro_rules! memory {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$field_meta:meta])* pub $field:ident : $kind:ty),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy)]
+        #[repr(C)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $kind),+ }
+
+        $crate::reflect!($name { $($field: $kind),+ });
+    };
+}
+
+/// Reflection, packing and an all-zero `Default` for a `repr(C)` struct; used by
+/// [`sample!`](crate::sample) and [`memory!`](crate::memory).
+#[macro_export]
+macro_rules! reflect {
+    ($name:ident { $($field:ident : $kind:ty),+ }) => {
+        impl $name {
+            const FIELDS: &'static [$crate::wire::Field] = &[$($crate::wire::Field {
+                name: stringify!($field),
+                kind: <$kind as $crate::wire::Value>::KIND,
+                count: <$kind as $crate::wire::Value>::COUNT,
+                repeated: <$kind as $crate::wire::Value>::REPEATED,
+                offset: core::mem::offset_of!($name, $field),
+            }),+];
+        }
+
+        impl $crate::wire::Wire for $name {
+            const SCHEMA: $crate::wire::Schema = $crate::wire::Schema {
+                name: stringify!($name),
+                fields: Self::FIELDS,
+                size: core::mem::size_of::<$name>(),
+                layout_hash: $crate::wire::layout_hash(
+                    stringify!($name), Self::FIELDS, core::mem::size_of::<$name>()),
+            };
+            fn visit<V: $crate::wire::Visitor>(&self, visitor: &mut V) {
+                let mut fields = Self::FIELDS.iter();
+                $(if let Some(field) = fields.next() {
+                    <$kind as $crate::wire::Value>::visit_run(
+                        core::slice::from_ref(&self.$field), field, visitor);
+                })+
+            }
+        }
+
+        impl $crate::wire::Value for $name {
+            const KIND: $crate::wire::Kind =
+                $crate::wire::Kind::Message(&<$name as $crate::wire::Wire>::SCHEMA);
+            const PACKED_SIZE: usize = 0 $(+ <$kind as $crate::wire::Value>::PACKED_SIZE)+;
+            fn visit_run<V: $crate::wire::Visitor>(
+                values: &[Self], field: &'static $crate::wire::Field, visitor: &mut V,
+            ) {
+                for value in values {
+                    visitor.message(field, value);
+                }
+            }
+            fn pack(&self, out: &mut [u8]) {
+                let rest = out;
+                $(let (head, rest) =
+                    rest.split_at_mut(<$kind as $crate::wire::Value>::PACKED_SIZE);
+                <$kind as $crate::wire::Value>::pack(&self.$field, head);)+
+                debug_assert!(rest.is_empty());
+            }
+            fn unpack(from: &[u8]) -> Self {
+                let rest = from;
+                $(let (head, rest) = rest.split_at(<$kind as $crate::wire::Value>::PACKED_SIZE);
+                let $field = <$kind as $crate::wire::Value>::unpack(head);)+
+                debug_assert!(rest.is_empty());
+                Self { $($field),+ }
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                <Self as $crate::wire::Value>::unpack(
+                    &[0; <Self as $crate::wire::Value>::PACKED_SIZE])
+            }
+        }
+    };
+}
+
+/// Declares a named 32-bit code. Any bit pattern is a valid value, so a foreign writer cannot
+/// cause undefined behaviour; unknown codes show as their number.
+#[macro_export]
+macro_rules! code {
+    ($(#[$meta:meta])* pub enum $name:ident {
+        $($(#[$variant_meta:meta])* $variant:ident = $value:literal),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+        #[repr(C)]
+        pub struct $name(pub u32);
+
+        #[allow(non_upper_case_globals, reason = "the constants stand for enum variants")]
+        impl $name {
+            $($(#[$variant_meta])* pub const $variant: Self = Self($value);)+
+            const VARIANTS: &'static [(&'static str, u32)] = &[$((stringify!($variant), $value)),+];
+
+            /// Name of the code, if it is a known one.
+            #[must_use]
+            pub fn name(self) -> Option<&'static str> {
+                Self::VARIANTS.iter().find(|(_, code)| *code == self.0).map(|(name, _)| *name)
+            }
+        }
+
+        impl core::fmt::Debug for $name {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                match self.name() {
+                    Some(name) => f.write_str(name),
+                    None => write!(f, concat!(stringify!($name), "({})"), self.0),
+                }
+            }
+        }
+
+        impl From<$name> for u64 {
+            fn from(code: $name) -> Self {
+                Self::from(code.0)
+            }
+        }
+
+        impl $crate::wire::Value for $name {
+            const KIND: $crate::wire::Kind =
+                $crate::wire::Kind::Enum(&$crate::wire::EnumSchema {
+                    name: stringify!($name),
+                    variants: Self::VARIANTS,
+                });
+            const PACKED_SIZE: usize = 4;
+            fn visit_run<V: $crate::wire::Visitor>(
+                values: &[Self], field: &'static $crate::wire::Field, visitor: &mut V,
+            ) {
+                $crate::wire::visit_widened(values, field, visitor);
+            }
+            fn pack(&self, out: &mut [u8]) {
+                self.0.pack(out);
+            }
+            fn unpack(from: &[u8]) -> Self {
+                Self(u32::unpack(from))
+            }
+        }
+    };
+}
