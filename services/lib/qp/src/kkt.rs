@@ -40,44 +40,81 @@ pub fn kkt_residuals(
     x: &DVector<f64>,
     multipliers: &DVector<f64>,
 ) -> KktResiduals {
-    let pull = rows.tr_mul(multipliers);
-    let curved = hessian * x;
-    // Jacobi scaling: d_j = 1/√H_jj makes every variable and every gradient entry comparable.
     let d = hessian.diagonal().map(|h| 1.0 / h.sqrt());
-    let (mut residual, mut gradient) = (0.0_f64, f64::MIN_POSITIVE);
-    let mut size = 0.0_f64;
-    for j in 0..x.len() {
-        residual = raise(residual, d[j] * (curved[j] + f[j] + pull[j]).abs());
-        gradient = gradient.max(d[j] * (curved[j].abs() + f[j].abs() + pull[j].abs()));
-        size = size.max(x[j].abs() / d[j]).max(d[j] * f[j].abs());
+    Evaluated {
+        d: d.as_slice(),
+        reach: (rows.abs() * &d).as_slice(),
+        curved: (hessian * x).as_slice(),
+        pull: rows.tr_mul(multipliers).as_slice(),
+        values: (rows * x).as_slice(),
+        f: f.as_slice(),
+        lower: lower.as_slice(),
+        upper: upper.as_slice(),
+        x: x.as_slice(),
+        multipliers: multipliers.as_slice(),
     }
-    let mut worst = KktResiduals {
-        stationarity: residual / gradient,
-        primal: 0.0,
-        dual: 0.0,
-        complementarity: 0.0,
-    };
-    let values = rows * x;
-    for i in 0..values.len() {
-        let reach = rows.row(i).iter().zip(&d).map(|(a, d)| a.abs() * d).sum::<f64>();
-        let span = |bound: f64| reach * size + bound.abs() + f64::MIN_POSITIVE;
-        for (violation, bound) in
-            [(lower[i] - values[i], lower[i]), (values[i] - upper[i], upper[i])]
-        {
-            if bound.is_finite() || violation.is_nan() {
-                worst.primal = raise(worst.primal, violation.max(0.0) / span(bound));
-            }
+    .residuals()
+}
+
+/// A problem and an answer with the products that the residuals need.
+pub(crate) struct Evaluated<'a> {
+    /// 1/√`H_jj`: the Jacobi scaling that makes variables, and gradient entries, comparable.
+    pub(crate) d: &'a [f64],
+    /// |A| d.
+    pub(crate) reach: &'a [f64],
+    /// H x.
+    pub(crate) curved: &'a [f64],
+    /// A' multipliers.
+    pub(crate) pull: &'a [f64],
+    /// A x.
+    pub(crate) values: &'a [f64],
+    pub(crate) f: &'a [f64],
+    pub(crate) lower: &'a [f64],
+    pub(crate) upper: &'a [f64],
+    pub(crate) x: &'a [f64],
+    pub(crate) multipliers: &'a [f64],
+}
+
+impl Evaluated<'_> {
+    pub(crate) fn residuals(&self) -> KktResiduals {
+        let (mut residual, mut gradient) = (0.0_f64, f64::MIN_POSITIVE);
+        let mut size = 0.0_f64;
+        for (j, d) in self.d.iter().enumerate() {
+            let (curved, f, pull) = (self.curved[j], self.f[j], self.pull[j]);
+            residual = raise(residual, d * (curved + f + pull).abs());
+            gradient = gradient.max(d * (curved.abs() + f.abs() + pull.abs()));
+            size = size.max(self.x[j].abs() / d).max(d * f.abs());
         }
-        let pressed = if multipliers[i] > 0.0 { upper[i] } else { lower[i] };
-        let strength = multipliers[i].abs() * reach / gradient;
+        let mut worst = KktResiduals {
+            stationarity: residual / gradient,
+            primal: 0.0,
+            dual: 0.0,
+            complementarity: 0.0,
+        };
+        for i in 0..self.values.len() {
+            self.judge_row(i, size, gradient, &mut worst);
+        }
+        worst
+    }
+
+    fn judge_row(&self, i: usize, size: f64, gradient: f64, worst: &mut KktResiduals) {
+        let (value, multiplier, reach) = (self.values[i], self.multipliers[i], self.reach[i]);
+        let (lower, upper) = (self.lower[i], self.upper[i]);
+        let span = |bound: f64| reach * size + bound.abs() + f64::MIN_POSITIVE;
+        for (miss, bound) in [(lower - value, lower), (value - upper, upper)] {
+            // An infinite bound is missed by -∞ unless it excludes every value.
+            let relative = if bound.is_finite() { miss / span(bound) } else { miss };
+            worst.primal = raise(worst.primal, relative);
+        }
+        let pressed = if multiplier > 0.0 { upper } else { lower };
+        let strength = multiplier.abs() * reach / gradient;
         if pressed.is_finite() {
-            let slack = (pressed - values[i]).abs() / span(pressed);
+            let slack = (pressed - value).abs() / span(pressed);
             worst.complementarity = raise(worst.complementarity, strength.min(slack));
         } else {
             worst.dual = raise(worst.dual, strength);
         }
     }
-    worst
 }
 
 /// The larger of two, where NaN counts as infinite.

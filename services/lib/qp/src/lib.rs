@@ -9,6 +9,8 @@
 mod active_set;
 mod hildreth;
 mod kkt;
+mod linear;
+mod scaled;
 mod solver;
 
 pub use active_set::{ActiveSet, Settings};

@@ -1,0 +1,229 @@
+//! The walk from working set to working set.
+//!
+//! y always minimises the cost over the working rows; their multipliers have the right sign.
+//! A violated row p enters with a growing multiplier u: y moves along the part of nₚ across
+//! the working rows (full step: p reaches its bound and joins), the working multipliers give
+//! way by `ratio` (partial step: the first to reach zero leaves). The dual cost grows with every
+//! full step, so no working set returns; rounding could break that, hence the iteration bound.
+
+use super::ActiveSet;
+use crate::linear::{axpy, dot, norm};
+use crate::solver::QpStatus;
+
+/// Violation, relative to bound, y and g, up to which a row counts as satisfied: some hundred
+/// roundings.
+const SATISFIED: f64 = 2e-13;
+/// The same after long walks, where rounding may feed a cycle.
+const SATISFIED_LATE: f64 = 1e-10;
+/// Largest growth granted to the noise of a row that depends on many others.
+const MOST_GROWTH: f64 = 1e3;
+
+/// A row to be added: its index, the side it is violated at, the multiplier it has so far.
+struct Entering {
+    row: usize,
+    side: i8,
+    multiplier: f64,
+}
+
+/// Where the next event of an entering row lies.
+enum Event {
+    /// The row reaches its bound.
+    Joins { rest: f64 },
+    /// The working row at `position` loses its multiplier when u grows by `step`.
+    Leaves { position: usize, step: f64 },
+    /// The violation is within the noise of a dependent row.
+    Excused,
+    /// Nothing gives way: no feasible point.
+    Blocked,
+}
+
+impl ActiveSet {
+    /// Walks to the optimal working set; leaves y, multipliers and set of the last one.
+    pub(super) fn walk(&mut self) -> (QpStatus, u32) {
+        self.rebuild();
+        self.excused.fill(false);
+        let mut iterations = 0;
+        let status = loop {
+            iterations += self.settle();
+            let Some((row, side)) = self.most_violated(iterations) else {
+                break QpStatus::Solved;
+            };
+            if iterations >= self.max_iterations {
+                break QpStatus::IterationLimit;
+            }
+            if let Err(status) = self.enter(row, side, &mut iterations) {
+                break status;
+            }
+        };
+        (status, iterations)
+    }
+
+    /// Factors the working set, in the order of the rows, without the rows that cannot stay.
+    fn rebuild(&mut self) {
+        self.working.clear();
+        for row in 0..self.set.len() {
+            let side = self.set[row];
+            if side == 0 {
+                continue;
+            }
+            let usable = self.bound(row, side).is_finite() && self.scaled.length[row] > 0.0;
+            let rest = if usable { self.working.project(self.scaled.normal(row)) } else { 0.0 };
+            if rest > self.dependence() {
+                self.working.push(row, rest);
+            } else {
+                self.set[row] = 0;
+            }
+        }
+    }
+
+    /// Moves y to the minimum over the working rows, without those that push the wrong way.
+    /// Returns how many were dropped.
+    fn settle(&mut self) -> u32 {
+        let mut dropped = 0;
+        loop {
+            self.relocate(None);
+            let largest = self.working.multipliers[..self.working.rows().len()]
+                .iter()
+                .fold(0.0_f64, |largest, multiplier| largest.max(multiplier.abs()));
+            let before = dropped;
+            for position in (0..self.working.rows().len()).rev() {
+                let row = self.working.rows()[position];
+                let push = self.working.multipliers[position] * f64::from(self.set[row]);
+                if !self.is_equality(row) && push < -f64::EPSILON * largest {
+                    self.drop(position);
+                    dropped += 1;
+                }
+            }
+            if dropped == before {
+                return dropped;
+            }
+        }
+    }
+
+    /// Recomputes y and the working multipliers from the factor, with the multiplier of an
+    /// entering row held.
+    fn relocate(&mut self, entering: Option<&Entering>) {
+        self.scratch.copy_from_slice(&self.gradient);
+        if let Some(p) = entering {
+            let push = p.multiplier * f64::from(p.side);
+            axpy(push, self.scaled.normal(p.row), &mut self.scratch);
+        }
+        let (set, lower, upper) = (&self.set, &self.lower, &self.upper);
+        let target = |row: usize| if set[row] < 0 { lower[row] } else { upper[row] };
+        self.working.point(&self.scratch, target, &mut self.y);
+    }
+
+    /// The row outside the working set that y misses by most.
+    fn most_violated(&self, iterations: u32) -> Option<(usize, i8)> {
+        // Rounding can only cycle where violations are tiny: late walks overlook more of them.
+        let patience = 2 * (self.y.len() + self.set.len()).max(25);
+        let late = iterations as usize > patience;
+        let satisfied = if late { SATISFIED_LATE } else { SATISFIED };
+        let size = norm(&self.y) + norm(&self.gradient);
+        let mut worst = (0.0, None);
+        for row in 0..self.set.len() {
+            if self.set[row] != 0 || self.excused[row] {
+                continue;
+            }
+            let value = dot(self.scaled.normal(row), &self.y);
+            let (below, above) = (self.lower[row] - value, value - self.upper[row]);
+            let (miss, side) = if above > below { (above, 1) } else { (below, -1) };
+            let floor = satisfied * (size + self.bound(row, side).abs());
+            if miss > worst.0 && miss > floor {
+                worst = (miss, Some((row, side)));
+            }
+        }
+        worst.1
+    }
+
+    /// Brings one violated row in, dropping the rows that must give way.
+    fn enter(&mut self, row: usize, side: i8, iterations: &mut u32) -> Result<(), QpStatus> {
+        let mut p = Entering { row, side, multiplier: 0.0 };
+        loop {
+            if *iterations >= self.max_iterations {
+                return Err(QpStatus::IterationLimit);
+            }
+            *iterations += 1;
+            self.relocate(Some(&p));
+            match self.next_event(&p) {
+                Event::Joins { rest } => {
+                    self.working.push(p.row, rest);
+                    self.set[p.row] = p.side;
+                    self.excused.fill(false);
+                    return Ok(());
+                }
+                Event::Leaves { position, step } => {
+                    p.multiplier += step;
+                    self.drop(position);
+                }
+                Event::Excused => {
+                    self.excused[p.row] = true;
+                    return Ok(());
+                }
+                Event::Blocked => return Err(QpStatus::Infeasible),
+            }
+        }
+    }
+
+    fn next_event(&mut self, p: &Entering) -> Event {
+        let count = self.working.rows().len();
+        let rest = self.working.project(self.scaled.normal(p.row));
+        let ratio = &self.working.ratio[..count];
+        let growth = norm(ratio);
+        let side = f64::from(p.side);
+        let bound = self.bound(p.row, p.side);
+        let miss = side * (dot(self.scaled.normal(p.row), &self.y) - bound);
+        let independent = rest > self.dependence() * MOST_GROWTH.min(1.0 + growth);
+        let size = norm(&self.y) + norm(&self.gradient) + bound.abs();
+        if !independent && miss <= self.scaled.noise * (2.0 + growth) * size {
+            return Event::Excused;
+        }
+        let full = if independent { (miss / rest / rest).max(0.0) } else { f64::INFINITY };
+        match self.first_to_leave(side, growth) {
+            Some((position, step)) if step < full => Event::Leaves { position, step },
+            _ if independent => Event::Joins { rest },
+            _ => Event::Blocked,
+        }
+    }
+
+    /// The working inequality whose multiplier reaches zero first as u grows; of equals the one
+    /// with the larger ratio, which leaves the better-conditioned factor.
+    fn first_to_leave(&self, side: f64, growth: f64) -> Option<(usize, f64)> {
+        let least = self.scaled.noise * growth.max(1.0);
+        let mut first: Option<(usize, f64, f64)> = None;
+        for (position, &row) in self.working.rows().iter().enumerate() {
+            let sign = f64::from(self.set[row]);
+            let yields = sign * side * self.working.ratio[position];
+            if self.is_equality(row) || yields <= least {
+                continue;
+            }
+            let step = (sign * self.working.multipliers[position]).max(0.0) / yields;
+            let sooner =
+                first.is_none_or(|(_, best, by)| step < best || (step <= best && yields > by));
+            if sooner {
+                first = Some((position, step, yields));
+            }
+        }
+        first.map(|(position, step, _)| (position, step))
+    }
+
+    fn drop(&mut self, position: usize) {
+        let row = self.working.remove(position);
+        self.set[row] = 0;
+        // What a row depended on may be gone.
+        self.excused.fill(false);
+    }
+
+    fn bound(&self, row: usize, side: i8) -> f64 {
+        if side < 0 { self.lower[row] } else { self.upper[row] }
+    }
+
+    fn is_equality(&self, row: usize) -> bool {
+        self.lower[row] >= self.upper[row]
+    }
+
+    /// Length of the part across the working rows at which a row counts as dependent on them.
+    fn dependence(&self) -> f64 {
+        2.0 * self.scaled.noise
+    }
+}

@@ -1,0 +1,125 @@
+//! The factor of the working rows: N = [n₁ n₂ ..] = Q R, Q with orthonormal columns, R upper
+//! triangular; rows come by Gram-Schmidt with reorthogonalisation and go by Givens rotations
+//! (Daniel, Gragg, Kaufman and Stewart, 1976).
+
+use nalgebra::DMatrix;
+
+use crate::linear::{axpy, column, column_mut, dot, norm, solve_upper, solve_upper_transposed};
+
+#[derive(Debug, Clone)]
+pub(super) struct WorkingFactor {
+    q: DMatrix<f64>,
+    r: DMatrix<f64>,
+    /// The rows of the problem in the order of the columns of N.
+    rows: Vec<usize>,
+    /// Result of `project`: n = Q along + across.
+    along: Vec<f64>,
+    across: Vec<f64>,
+    /// n = N r + across: how working multipliers give way to one of n.
+    pub(super) ratio: Vec<f64>,
+    /// Multipliers of the working rows at the last `point`.
+    pub(super) multipliers: Vec<f64>,
+    targets: Vec<f64>,
+}
+
+impl WorkingFactor {
+    pub(super) fn new(n: usize, m: usize) -> Self {
+        let most = n.min(m);
+        Self {
+            q: DMatrix::zeros(n, most),
+            r: DMatrix::zeros(most, most),
+            rows: Vec::with_capacity(most),
+            along: vec![0.0; most],
+            across: vec![0.0; n],
+            ratio: vec![0.0; most],
+            multipliers: vec![0.0; most],
+            targets: vec![0.0; most],
+        }
+    }
+
+    pub(super) fn rows(&self) -> &[usize] {
+        &self.rows
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.rows.clear();
+    }
+
+    /// Splits `normal` into its part along the working rows and the rest; returns the length of
+    /// the rest, zero when no further row fits.
+    pub(super) fn project(&mut self, normal: &[f64]) -> f64 {
+        let count = self.rows.len();
+        self.across.copy_from_slice(normal);
+        self.along[..count].fill(0.0);
+        // The second pass removes what rounding left of the first ("twice is enough").
+        for _ in 0..2 {
+            for k in 0..count {
+                let share = dot(column(&self.q, k), &self.across);
+                axpy(-share, column(&self.q, k), &mut self.across);
+                self.along[k] += share;
+            }
+        }
+        self.ratio[..count].copy_from_slice(&self.along[..count]);
+        solve_upper(&self.r, &mut self.ratio[..count]);
+        if count == self.q.ncols() { 0.0 } else { norm(&self.across) }
+    }
+
+    /// Appends the row last projected, whose `rest` must be positive.
+    pub(super) fn push(&mut self, row: usize, rest: f64) {
+        let k = self.rows.len();
+        let direction = column_mut(&mut self.q, k);
+        for (entry, across) in direction.iter_mut().zip(&self.across) {
+            *entry = across / rest;
+        }
+        let last = column_mut(&mut self.r, k);
+        last[..k].copy_from_slice(&self.along[..k]);
+        last[k] = rest;
+        self.rows.push(row);
+    }
+
+    /// Takes out the row at `position` of `rows`, and returns it.
+    pub(super) fn remove(&mut self, position: usize) -> usize {
+        let row = self.rows.remove(position);
+        let count = self.rows.len();
+        for j in position..count {
+            for i in 0..=j + 1 {
+                self.r[(i, j)] = self.r[(i, j + 1)];
+            }
+        }
+        for j in position..count {
+            let (a, b) = (self.r[(j, j)], self.r[(j + 1, j)]);
+            let h = (a * a + b * b).sqrt();
+            let (cos, sin) = (a / h, b / h);
+            for l in j..count {
+                let (up, down) = (self.r[(j, l)], self.r[(j + 1, l)]);
+                self.r[(j, l)] = cos * up + sin * down;
+                self.r[(j + 1, l)] = cos * down - sin * up;
+            }
+            for i in 0..self.q.nrows() {
+                let (left, right) = (self.q[(i, j)], self.q[(i, j + 1)]);
+                self.q[(i, j)] = cos * left + sin * right;
+                self.q[(i, j + 1)] = cos * right - sin * left;
+            }
+        }
+        row
+    }
+
+    /// The minimum of 1/2 |y|² + g'y with every working row at its `target`. Writes y and
+    /// `multipliers`: y = -g - N multipliers.
+    pub(super) fn point(&mut self, g: &[f64], target: impl Fn(usize) -> f64, y: &mut [f64]) {
+        let count = self.rows.len();
+        for (entry, &row) in self.targets.iter_mut().zip(&self.rows) {
+            *entry = target(row);
+        }
+        let targets = &mut self.targets[..count];
+        solve_upper_transposed(&self.r, targets);
+        y.iter_mut().zip(g).for_each(|(y, g)| *y = -g);
+        for (k, target) in targets.iter().enumerate() {
+            // One column after the other, each on what is left: error-free to first order.
+            let excess = dot(column(&self.q, k), y) - target;
+            axpy(-excess, column(&self.q, k), y);
+            self.multipliers[k] = excess;
+        }
+        solve_upper(&self.r, &mut self.multipliers[..count]);
+    }
+}

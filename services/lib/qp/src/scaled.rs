@@ -1,0 +1,207 @@
+//! The problem in coordinates where its Hessian is the identity and its rows have length one.
+//!
+//! With D = diag(H)^-1/2, D H D = L L' and x = D L'⁻¹ y the cost is 1/2 |y|² + g'y, g = L⁻¹ D f,
+//! and row i reads nᵢ'y with nᵢ = L⁻¹ D aᵢ / sᵢ, sᵢ = |L⁻¹ D aᵢ|.
+
+use nalgebra::DMatrix;
+
+use crate::linear::{
+    cholesky, column, column_mut, dot, norm, solve_lower, solve_lower_transposed, times,
+};
+use crate::solver::{QpError, QpStatus};
+
+/// Entries may differ from their mirror by this much of √(`H_ii` `H_jj`): rounding of a product.
+const SYMMETRY: f64 = 1e-8;
+
+/// Above this the squares of the methods overflow.
+const LARGEST_GRADIENT: f64 = 1e140;
+
+#[derive(Debug, Clone)]
+pub(crate) struct ScaledProblem {
+    /// False until the first matrices were accepted.
+    ready: bool,
+    /// H, `n x n`.
+    hessian: DMatrix<f64>,
+    /// A', `n x m`: one column per row of the problem.
+    rows: DMatrix<f64>,
+    /// The diagonal of D.
+    pub(crate) d: Vec<f64>,
+    /// L, and the memory for the next one: a refused Hessian leaves this one in force.
+    factor: DMatrix<f64>,
+    spare: DMatrix<f64>,
+    /// Unit normals nᵢ as columns, `n x m`; zero for a zero row.
+    normals: DMatrix<f64>,
+    /// sᵢ; zero for a zero row.
+    pub(crate) length: Vec<f64>,
+    /// Sum of |aᵢⱼ| dⱼ per row.
+    pub(crate) reach: Vec<f64>,
+    /// Relative rounding noise of the normals: below it two rows count as dependent.
+    pub(crate) noise: f64,
+}
+
+impl ScaledProblem {
+    pub(crate) fn new(n: usize, m: usize) -> Self {
+        Self {
+            ready: false,
+            hessian: DMatrix::zeros(n, n),
+            rows: DMatrix::zeros(n, m),
+            d: vec![1.0; n],
+            factor: DMatrix::zeros(n, n),
+            spare: DMatrix::zeros(n, n),
+            normals: DMatrix::zeros(n, m),
+            length: vec![0.0; m],
+            reach: vec![0.0; m],
+            noise: 0.0,
+        }
+    }
+
+    pub(crate) fn set(&mut self, h: &DMatrix<f64>, a: &DMatrix<f64>) -> Result<(), QpError> {
+        let (n, m) = self.rows.shape();
+        check_matrix("hessian", h, n, n)?;
+        check_matrix("rows", a, m, n)?;
+        check_symmetric(h)?;
+        for j in 0..n {
+            for i in 0..n {
+                self.spare[(i, j)] = h[(i, j)] / h[(i, i)].sqrt() / h[(j, j)].sqrt();
+            }
+        }
+        // Below the rounding of n subtractions a pivot says nothing about definiteness.
+        cholesky(&mut self.spare, 4.0 * n as f64 * f64::EPSILON)
+            .map_err(|(index, pivot)| QpError::NotPositiveDefinite { index, pivot })?;
+        core::mem::swap(&mut self.factor, &mut self.spare);
+        self.hessian.copy_from(h);
+        for j in 0..n {
+            self.d[j] = 1.0 / h[(j, j)].sqrt();
+        }
+        for i in 0..m {
+            for j in 0..n {
+                self.rows[(j, i)] = a[(i, j)];
+            }
+            self.set_normal(i);
+        }
+        let least = (0..n).map(|j| self.factor[(j, j)]).fold(1.0, f64::min);
+        self.noise = (8.0 * f64::EPSILON / least).max(1e-12);
+        self.ready = true;
+        Ok(())
+    }
+
+    fn set_normal(&mut self, i: usize) {
+        let normal = column_mut(&mut self.normals, i);
+        for ((entry, a), d) in normal.iter_mut().zip(column(&self.rows, i)).zip(&self.d) {
+            *entry = a * d;
+        }
+        self.reach[i] = normal.iter().map(|entry| entry.abs()).sum();
+        // Two steps, so that rows of 1e-200 do not vanish in their square.
+        let largest = normal.iter().fold(0.0_f64, |largest, entry| largest.max(entry.abs()));
+        if largest < f64::MIN_POSITIVE {
+            normal.fill(0.0);
+            self.length[i] = 0.0;
+            return;
+        }
+        for entry in normal.iter_mut() {
+            *entry /= largest;
+        }
+        solve_lower(&self.factor, normal);
+        let length = norm(normal);
+        for entry in normal.iter_mut() {
+            *entry /= length;
+        }
+        self.length[i] = length * largest;
+    }
+
+    pub(crate) fn normal(&self, i: usize) -> &[f64] {
+        column(&self.normals, i)
+    }
+
+    /// Checks the vectors of a solve and writes g; says how the solve ends if it ends here.
+    pub(crate) fn check(
+        &self,
+        f: &[f64],
+        lower: &[f64],
+        upper: &[f64],
+        g: &mut [f64],
+    ) -> Result<(), QpStatus> {
+        let (n, m) = self.rows.shape();
+        let shapes = (f.len(), lower.len(), upper.len()) == (n, m, m);
+        let numbers = lower.iter().chain(upper).all(|bound| !bound.is_nan());
+        if !self.ready || !shapes || !numbers {
+            return Err(QpStatus::NotFinite);
+        }
+        self.gradient(f, g);
+        // `all` of a comparison refuses NaN as well.
+        if !g.iter().all(|g| g.abs() < LARGEST_GRADIENT) {
+            return Err(QpStatus::NotFinite);
+        }
+        let feasible = (0..m).all(|i| {
+            let (low, high) = (lower[i], upper[i]);
+            let possible = low <= high && low < f64::INFINITY && high > f64::NEG_INFINITY;
+            possible && (self.length[i] > 0.0 || (low <= 0.0 && 0.0 <= high))
+        });
+        if feasible { Ok(()) } else { Err(QpStatus::Infeasible) }
+    }
+
+    /// g = L⁻¹ D f.
+    pub(crate) fn gradient(&self, f: &[f64], g: &mut [f64]) {
+        for ((g, f), d) in g.iter_mut().zip(f).zip(&self.d) {
+            *g = f * d;
+        }
+        solve_lower(&self.factor, g);
+    }
+
+    /// x = D L'⁻¹ y, in place.
+    pub(crate) fn unscale(&self, y: &mut [f64]) {
+        solve_lower_transposed(&self.factor, y);
+        y.iter_mut().zip(&self.d).for_each(|(x, d)| *x *= d);
+    }
+
+    /// H x.
+    pub(crate) fn curved(&self, x: &[f64], out: &mut [f64]) {
+        times(&self.hessian, x, out);
+    }
+
+    /// aᵢ'x.
+    pub(crate) fn value(&self, i: usize, x: &[f64]) -> f64 {
+        dot(column(&self.rows, i), x)
+    }
+
+    /// Row i of A.
+    pub(crate) fn row(&self, i: usize) -> &[f64] {
+        column(&self.rows, i)
+    }
+}
+
+fn check_matrix(
+    what: &'static str,
+    matrix: &DMatrix<f64>,
+    expected_rows: usize,
+    expected_columns: usize,
+) -> Result<(), QpError> {
+    let (rows, columns) = matrix.shape();
+    if (rows, columns) != (expected_rows, expected_columns) {
+        return Err(QpError::MatrixShape { what, rows, columns, expected_rows, expected_columns });
+    }
+    match matrix.iter().position(|value| !value.is_finite()) {
+        Some(at) => {
+            let (row, column) = (at % rows, at / rows);
+            Err(QpError::EntryNotFinite { what, row, column, value: matrix[(row, column)] })
+        }
+        None => Ok(()),
+    }
+}
+
+fn check_symmetric(h: &DMatrix<f64>) -> Result<(), QpError> {
+    for j in 0..h.ncols() {
+        let pivot = h[(j, j)];
+        // Below the smallest normal number its inverse root times itself is no longer one.
+        if pivot < f64::MIN_POSITIVE {
+            return Err(QpError::NotPositiveDefinite { index: j, pivot });
+        }
+        for i in 0..j {
+            let (value, mirror) = (h[(i, j)], h[(j, i)]);
+            if (value - mirror).abs() > SYMMETRY * h[(i, i)].sqrt() * pivot.sqrt() {
+                return Err(QpError::NotSymmetric { row: i, column: j, value, mirror });
+            }
+        }
+    }
+    Ok(())
+}
