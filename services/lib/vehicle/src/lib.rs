@@ -5,17 +5,31 @@
 //! clock and no topic. World frame W is ENU, body frame B is FLU, `q_wb` is a Hamilton quaternion
 //! that turns body vectors into world. Equation numbers refer to the paper that the vehicle is from.
 //!
-//! Start with [`VehicleParameters`], then [`Allocator`].
+//! Start with [`VehicleParameters`], then [`Allocator`] (wrench to
+//! rotors), [`PlantModel`] (what can be flown) and [`NonlinearModel`].
 
+mod actuators;
 mod allocation;
 mod attitude;
+mod contact;
+mod dynamics;
 mod geometry;
+mod integrator;
+mod linear;
+mod model;
+mod nonlinear;
 mod parameters;
+mod state;
 
 pub use allocation::{Allocation, Allocator, Wrench};
 pub use attitude::{
     MAX_PITCH_RAD, body_rate_matrix, canonical, euler_from_quaternion, euler_rate_matrix,
     quaternion_from_euler, wrap_pi,
 };
+pub use contact::GroundContact;
 pub use geometry::{Geometry, MorphAngle, Quadratic};
+pub use linear::LinearModel;
+pub use model::{Actuation, PlantInputs, PlantModel, StepStatus};
+pub use nonlinear::{MAX_NONLINEAR_STEP_S, NonlinearModel};
 pub use parameters::{ParameterError, VehicleParameters};
+pub use state::{Disturbance, MODEL_MEMORY_LEN, RigidBodyState, Truth};
