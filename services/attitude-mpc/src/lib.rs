@@ -1,1 +1,17 @@
 //! Attitude MPC: attitude setpoint and state estimate in, wrench command out.
+//!
+//! [`AttitudeLaw`] is the pure law: no clock, no topic. Open `law.rs` next (one step, in order),
+//! then `config.rs` (every number with its reason) and `schedule.rs` (what changes with the
+//! morph angle). Equation numbers are those of Zhao et al., "Attitude Control for Morphing
+//! Quadrotor through Model Predictive Control with Constraints".
+
+mod config;
+mod law;
+mod memory;
+mod ramp;
+mod schedule;
+
+pub use config::{AttitudeLawConfig, ConfigError, HorizonChoice, TorqueBound};
+pub use law::{AttitudeLaw, Input, LawStatus, Output, Refusal, Setpoint};
+pub use memory::{Counters, Memory, WORKING_SET_CAPACITY};
+pub use mpc::{Horizon, QpStatus, SolverKind};

@@ -1,0 +1,170 @@
+//! The law's numbers, each with its reason, and what is refused.
+
+use mpc::{Horizon, MpcError, SolverKind};
+use thiserror::Error;
+use vehicle::ParameterError;
+
+use crate::memory::WORKING_SET_CAPACITY;
+
+/// How far the law looks ahead.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HorizonChoice {
+    /// Np and Nc in samples, as the paper gives them.
+    Samples(Horizon),
+    /// At least this long \[s\]: Np = 20..=100 samples, Nc a tenth of it but at least 3.
+    ///
+    /// 20 samples suffice up to 150 Hz; 40 ms of look-ahead against 15 ms of rotor lag do not fly.
+    Seconds(f64),
+}
+
+impl HorizonChoice {
+    pub(crate) fn samples(self, rate_hz: f64) -> Result<Horizon, ConfigError> {
+        match self {
+            Self::Samples(horizon) => Ok(horizon),
+            Self::Seconds(seconds) => {
+                within("horizon_s", seconds, 1e-3, 10.0)?;
+                let wanted = (seconds * rate_hz - 1e-9).ceil();
+                let prediction = (20..100).find(|n| f64::from(*n) >= wanted).unwrap_or(100_u16);
+                let control = prediction.div_ceil(10).max(3);
+                Ok(Horizon { prediction: prediction.into(), control: control.into() })
+            }
+        }
+    }
+}
+
+/// Where the bounds on the torque come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TorqueBound {
+    /// Roll and pitch m g L min(1/2, T/(2 m g)), what the rotors can give at the present thrust;
+    /// yaw k m g.
+    Rotors,
+    /// Roll and pitch m g L, yaw 2 m g L: our reading of the paper, which prints none. Yaw then
+    /// moves like roll on the linear model, as in its figures.
+    Paper,
+}
+
+/// Everything the attitude law is told before it flies. [`Default`] is for flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AttitudeLawConfig {
+    /// Control rate \[Hz\], up to 1000.
+    pub rate_hz: f64,
+    /// Look-ahead.
+    pub horizon: HorizonChoice,
+    /// `r_w` of roll and pitch \[rad²/(N m)²\] in (15); at [`Self::REFERENCE_INERTIA_KG_M2`] if
+    /// it is scaled.
+    pub increment_weight: f64,
+    /// Factor on `r_w` for yaw; (Ixx/Izz)² = 1/4 makes the axes alike.
+    pub yaw_weight_factor: f64,
+    /// Scales `r_w` with 1/Ixx(β)², so that ρ = `r_w` (I/dt²)² and with it the loop in samples is
+    /// the same at every size. A fixed `r_w` makes the large vehicle sluggish.
+    pub scale_weight_with_inertia: bool,
+    /// Torque bounds; the increment bound of one sample equals them.
+    pub torque_bound: TorqueBound,
+    /// Rotor lag in the prediction model \[s\]; 0 with no delay is the paper's model (8).
+    pub rotor_lag_s: f64,
+    /// Time from a step to its command taking effect \[s\], at most one period.
+    pub command_delay_s: f64,
+    /// Time over which a new setpoint is approached \[s\]: one period of the position loop.
+    pub setpoint_ramp_s: f64,
+    /// Change of the morph angle \[rad\] below which the matrices stay.
+    pub rebuild_tolerance_rad: f64,
+    /// Solver of (16).
+    pub solver: SolverKind,
+}
+
+impl Default for AttitudeLawConfig {
+    fn default() -> Self {
+        Self {
+            rate_hz: 100.0,
+            horizon: HorizonChoice::Seconds(0.12),
+            increment_weight: 0.25,
+            yaw_weight_factor: 0.25,
+            scale_weight_with_inertia: true,
+            torque_bound: TorqueBound::Rotors,
+            rotor_lag_s: 0.015,
+            command_delay_s: 0.001,
+            setpoint_ramp_s: 0.02,
+            rebuild_tolerance_rad: 0.0,
+            solver: SolverKind::ActiveSet,
+        }
+    }
+}
+
+impl AttitudeLawConfig {
+    /// Ixx of the smallest vehicle, at which `increment_weight` is stated.
+    pub const REFERENCE_INERTIA_KG_M2: f64 = 1e-4;
+
+    /// The paper's controller: 100 Hz, {20, 3}, model (8) without lag and delay, steps unramped.
+    #[must_use]
+    pub fn paper() -> Self {
+        Self {
+            horizon: HorizonChoice::Samples(Horizon { prediction: 20, control: 3 }),
+            scale_weight_with_inertia: false,
+            torque_bound: TorqueBound::Paper,
+            rotor_lag_s: 0.0,
+            command_delay_s: 0.0,
+            setpoint_ramp_s: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// The control period \[s\].
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        1.0 / self.rate_hz
+    }
+
+    pub(crate) fn validate(&self) -> Result<(), ConfigError> {
+        within("rate_hz", self.rate_hz, 1.0, 1000.0)?;
+        within("increment_weight", self.increment_weight, 1e-9, 1e9)?;
+        within("yaw_weight_factor", self.yaw_weight_factor, 1e-6, 1e6)?;
+        within("rotor_lag_s", self.rotor_lag_s, 0.0, 1.0)?;
+        within("command_delay_s", self.command_delay_s, 0.0, self.period_s())?;
+        within("setpoint_ramp_s", self.setpoint_ramp_s, 0.0, 10.0)?;
+        within("rebuild_tolerance_rad", self.rebuild_tolerance_rad, 0.0, 3.2)?;
+        let horizon = self.horizon.samples(self.rate_hz)?;
+        horizon.check()?;
+        let rows = 3 * (2 * horizon.control - 1);
+        if rows > WORKING_SET_CAPACITY {
+            return Err(ConfigError::ControlHorizon { control: horizon.control });
+        }
+        Ok(())
+    }
+}
+
+/// A configuration the law refuses.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ConfigError {
+    /// A number outside its range.
+    #[error("{name} = {value} must lie in {least}..={most}")]
+    OutOfRange {
+        /// The key.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least value accepted.
+        least: f64,
+        /// Largest value accepted.
+        most: f64,
+    },
+    /// More moves than the law's memory holds.
+    #[error("control horizon {control} must not exceed 50 samples")]
+    ControlHorizon {
+        /// Nc as given.
+        control: usize,
+    },
+    /// The engine refused the set-up.
+    #[error(transparent)]
+    Engine(#[from] MpcError),
+    /// The vehicle is impossible.
+    #[error(transparent)]
+    Vehicle(#[from] ParameterError),
+}
+
+fn within(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ConfigError> {
+    if (least..=most).contains(&value) {
+        Ok(())
+    } else {
+        Err(ConfigError::OutOfRange { name, value, least, most })
+    }
+}
