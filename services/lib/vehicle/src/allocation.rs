@@ -76,10 +76,11 @@ impl Allocator {
     }
 
     /// Thrusts in [0, `F_max`] for `wrench`, giving up yaw first, then collective thrust, and roll
-    /// and pitch only beyond L `F_max`. `None` if a component is not finite.
+    /// and pitch only beyond L `F_max`. `None` if a component is not finite or the allocator's own
+    /// numbers are not finite and above zero.
     #[must_use]
     pub fn allocate(&self, wrench: &Wrench) -> Option<Allocation> {
-        if !wrench.is_finite() {
+        if !(wrench.is_finite() && self.is_usable()) {
             return None;
         }
         let Shares { roll, pitch, collective, yaw } = self.shares(wrench);
@@ -104,6 +105,12 @@ impl Allocator {
             .thrusts()
             .map(|thrust| thrust.clamp(0.0, self.thrust_max_n));
         Some(Allocation { rotor_thrust_n, achieved: self.wrench(&rotor_thrust_n), clipped })
+    }
+
+    fn is_usable(&self) -> bool {
+        [self.arm_length_m, self.yaw_coefficient_m, self.thrust_max_n]
+            .iter()
+            .all(|x| *x > 0.0 && x.is_finite())
     }
 
     fn shares(&self, wrench: &Wrench) -> Shares {

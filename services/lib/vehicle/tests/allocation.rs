@@ -7,7 +7,8 @@ use vehicle::{Allocator, MorphAngle, VehicleParameters, Wrench};
 const F_MAX: f64 = 0.12 * 9.81;
 
 fn allocator(degrees: f64) -> Allocator {
-    VehicleParameters::default().allocator(MorphAngle::from_degrees(degrees).unwrap())
+    let beta = MorphAngle::from_degrees(degrees).expect("the tests stay inside the range");
+    VehicleParameters::default().allocator(beta)
 }
 
 fn distance(a: &Wrench, b: &Wrench) -> f64 {
@@ -38,6 +39,10 @@ fn a_command_that_is_not_finite_has_no_allocation() {
         let mut wrench = Wrench::thrust(1.0);
         wrench.torque_b_nm[axis] = f64::INFINITY;
         assert_eq!(a.allocate(&wrench), None);
+    }
+    for bad in [f64::NAN, 0.0, -1.0] {
+        let broken = Allocator { thrust_max_n: bad, ..a };
+        assert_eq!(broken.allocate(&Wrench::thrust(1.0)), None);
     }
 }
 
