@@ -132,6 +132,7 @@ impl Hildreth {
         let residuals = Evaluated {
             d: &self.scaled.d,
             reach: &self.scaled.reach,
+            peak: &self.scaled.peak,
             curved: &self.curved,
             pull: &self.pull,
             values: &self.values,

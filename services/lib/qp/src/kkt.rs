@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector};
 /// rows or the cost are rescaled; NaN in an answer shows as infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KktResiduals {
-    /// `H x + f + A' multipliers`, relative to the largest of its terms.
+    /// `H x + f + A' multipliers`, relative to the largest of its terms, a term of the last
+    /// being one entry of one row times its multiplier.
     pub stationarity: f64,
     /// Violation of a row, relative to its bound and the size its terms may have.
     pub primal: f64,
@@ -44,6 +45,10 @@ pub fn kkt_residuals(
     Evaluated {
         d: d.as_slice(),
         reach: (rows.abs() * &d).as_slice(),
+        peak: DVector::from_fn(rows.nrows(), |i, _| {
+            rows.row(i).transpose().component_mul(&d).amax()
+        })
+        .as_slice(),
         curved: (hessian * x).as_slice(),
         pull: rows.tr_mul(multipliers).as_slice(),
         values: (rows * x).as_slice(),
@@ -62,6 +67,8 @@ pub(crate) struct Evaluated<'a> {
     pub(crate) d: &'a [f64],
     /// |A| d.
     pub(crate) reach: &'a [f64],
+    /// The largest |aᵢⱼ| dⱼ of each row.
+    pub(crate) peak: &'a [f64],
     /// H x.
     pub(crate) curved: &'a [f64],
     /// A' multipliers.
@@ -85,8 +92,10 @@ impl Evaluated<'_> {
             gradient = gradient.max(d * (curved.abs() + f.abs() + pull.abs()));
             size = size.max(self.x[j].abs() / d).max(d * f.abs());
         }
+        let strongest = self.peak.iter().zip(self.multipliers).map(|(peak, by)| peak * by.abs());
+        let terms = strongest.fold(gradient, f64::max);
         let mut worst = KktResiduals {
-            stationarity: residual / gradient,
+            stationarity: residual / terms,
             primal: 0.0,
             dual: 0.0,
             complementarity: 0.0,

@@ -33,8 +33,9 @@ pub(crate) struct ScaledProblem {
     normals: DMatrix<f64>,
     /// sᵢ; zero for a zero row.
     pub(crate) length: Vec<f64>,
-    /// Sum of |aᵢⱼ| dⱼ per row.
+    /// Sum and maximum of |aᵢⱼ| dⱼ per row.
     pub(crate) reach: Vec<f64>,
+    pub(crate) peak: Vec<f64>,
     /// Relative rounding noise of the normals: below it two rows count as dependent.
     pub(crate) noise: f64,
 }
@@ -51,6 +52,7 @@ impl ScaledProblem {
             normals: DMatrix::zeros(n, m),
             length: vec![0.0; m],
             reach: vec![0.0; m],
+            peak: vec![0.0; m],
             noise: 0.0,
         }
     }
@@ -93,6 +95,7 @@ impl ScaledProblem {
         self.reach[i] = normal.iter().map(|entry| entry.abs()).sum();
         // Two steps, so that rows of 1e-200 do not vanish in their square.
         let largest = normal.iter().fold(0.0_f64, |largest, entry| largest.max(entry.abs()));
+        self.peak[i] = largest;
         if largest < f64::MIN_POSITIVE {
             normal.fill(0.0);
             self.length[i] = 0.0;

@@ -136,13 +136,12 @@ impl ActiveSet {
         worst.1
     }
 
-    /// Brings one violated row in, dropping the rows that must give way.
+    /// Brings one violated row in, dropping the rows that must give way. Ends after as many
+    /// changes as there are working rows, plus one; a stop on the way would lose what the dual
+    /// cost gained, and a solver cut off in every tick might never arrive.
     fn enter(&mut self, row: usize, side: i8, iterations: &mut u32) -> Result<(), QpStatus> {
         let mut p = Entering { row, side, multiplier: 0.0 };
         loop {
-            if *iterations >= self.max_iterations {
-                return Err(QpStatus::IterationLimit);
-            }
             *iterations += 1;
             self.relocate(Some(&p));
             match self.next_event(&p) {

@@ -16,7 +16,8 @@ use working::WorkingFactor;
 /// Limits of the active-set solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Changes of the working set per solve; `None` takes `10 (n + m) + 50`.
+    /// Changes of the working set per solve; `None` takes `10 (n + m) + 50`. No further row is
+    /// begun once it is reached; the last one may add up to `n` changes.
     pub max_iterations: Option<u32>,
     /// Residual ([`crate::KktResiduals::worst`]) up to which an answer is called `Solved`, in
     /// `[1e-12, 1e-2]`.

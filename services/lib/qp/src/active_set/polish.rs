@@ -91,8 +91,8 @@ impl ActiveSet {
     fn residual(&self, f: &[f64], (lower, upper): (&[f64], &[f64])) -> f64 {
         let (x, multipliers) = (self.x.as_slice(), self.multipliers.as_slice());
         let (curved, pull, values) = (&self.scratch, &self.pull, &self.values);
-        let (d, reach) = (&self.scaled.d, &self.scaled.reach);
-        Evaluated { d, reach, curved, pull, values, f, lower, upper, x, multipliers }
+        let (d, reach, peak) = (&self.scaled.d, &self.scaled.reach, &self.scaled.peak);
+        Evaluated { d, reach, peak, curved, pull, values, f, lower, upper, x, multipliers }
             .residuals()
             .worst()
     }
