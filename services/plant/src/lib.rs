@@ -1,1 +1,3 @@
 //! The simulated vehicle with its sensors and its actuation gate.
+
+pub mod sensors;

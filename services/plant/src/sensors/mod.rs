@@ -1,0 +1,23 @@
+//! What the vehicle's sensors make of the truth: noise, bias, range, rate, latency, drop-outs.
+//!
+//! Every sensor is a function of its configuration, its seed and the truths it was shown. Its whole
+//! evolving state is a plain `…Memory`; a sensor that restores it continues bit for bit. A sensor
+//! may be shown the truth at any instants: it samples at the first one at or after each release of
+//! its own rate. The default numbers are typical of the class of vehicle: a small MEMS inertial
+//! sensor, an optical tracker, a magnetic encoder.
+
+mod config;
+mod imu;
+mod morph_encoder;
+mod noise;
+mod pose_fix;
+mod schedule;
+
+pub use config::{
+    BiasStep, DropOut, ImuConfig, MAX_SENSOR_RATE_HZ, MorphEncoderConfig, PoseFixConfig,
+    SensorError,
+};
+pub use imu::{Imu, ImuMemory, ImuSample};
+pub use morph_encoder::{MorphEncoder, MorphEncoderMemory};
+pub use noise::NoiseMemory;
+pub use pose_fix::{DELAY_LINE_LEN, Pose, PoseFix, PoseFixMemory, PoseSample};
