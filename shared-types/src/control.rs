@@ -1,7 +1,7 @@
 //! Controllers' arrows: position slot -> attitude slot -> plant, and what they report.
 
-use iceoryx2::prelude::ZeroCopySend;
 use crate::{Header, sample};
+use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Target handed to the attitude loop. Euler angles are intrinsic z-y-x.

@@ -1,7 +1,7 @@
 //! disturbance-injector -> plant: what the world does to the vehicle.
 
-use iceoryx2::prelude::ZeroCopySend;
 use crate::{Header, sample};
+use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Disturbance in effect from the sample's instant until the next one.

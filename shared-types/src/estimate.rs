@@ -1,7 +1,7 @@
 //! estimator -> controllers: what the vehicle is believed to do.
 
-use iceoryx2::prelude::ZeroCopySend;
 use crate::{Flag, Header, Quaternion, sample};
+use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// State estimate with the diagonal of its error covariance.

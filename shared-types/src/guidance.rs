@@ -1,7 +1,7 @@
 //! pilot -> controllers and plant: where to go, and how wide to spread the arms.
 
-use iceoryx2::prelude::ZeroCopySend;
 use crate::{Header, sample};
+use iceoryx2::prelude::ZeroCopySend;
 
 /// Capacity of [`Reference::points`].
 pub const REFERENCE_POINTS: usize = 48;

@@ -1,8 +1,8 @@
 //! What every sample carries besides its payload: identity, logical time, host stamps and cause.
 
-use iceoryx2::prelude::ZeroCopySend;
 use crate::sample;
 use crate::wire::Wire;
+use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Identity, time and cause of a sample.

@@ -29,7 +29,9 @@ pub use disturbance::Disturbance;
 pub use estimate::StateEstimate;
 pub use guidance::{MorphCommand, Reference, ReferencePoint};
 pub use header::{Flag, Header, Quaternion, Sample};
-pub use sensors::{Imu, MorphAngle, PoseFix};
-pub use supervision::{Author, LoopStats, OwnerRecord, Role};
 pub use iceoryx2::prelude::ZeroCopySend;
+pub use sensors::{Imu, MorphAngle, PoseFix};
+pub use supervision::{
+    Author, ClockMode, ClockRecord, Hello, LoopStats, OwnerRecord, Progress, Role,
+};
 pub use topics::{Edge, Stamped, Topic, TopicInfo, TopicVisitor};

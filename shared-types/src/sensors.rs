@@ -1,7 +1,7 @@
 //! plant -> estimator: what the vehicle's sensors say.
 
-use iceoryx2::prelude::ZeroCopySend;
 use crate::{Flag, Header, Quaternion, sample};
+use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
     /// Inertial measurement at the sample's instant.

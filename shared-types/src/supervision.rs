@@ -1,9 +1,9 @@
 //! Who may command, and how each loop is doing.
 
+use crate::{Flag, Header, code, sample};
 use iceoryx2::prelude::ZeroCopySend;
-use crate::{Header, sample};
 
-crate::code! {
+code! {
     /// A seat in the data flow; one process fills one role.
     pub enum Role {
         /// Simulated vehicle.
@@ -100,6 +100,68 @@ sample! {
         /// Restarts of the process.
         pub generation: u64,
         /// The loop.
+        pub role: Role,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}
+
+code! {
+    /// How the flight's clock runs.
+    pub enum ClockMode {
+        /// Simulated time, as fast as the processes can.
+        Lockstep = 0,
+        /// Logical time follows the wall clock.
+        Realtime = 1,
+    }
+}
+
+sample! {
+    /// The conductor's word on time. Published seldom; the last one counts.
+    pub struct ClockRecord {
+        /// Lockstep: steps at or after this instant may not run yet [ns].
+        pub allowed_ns: u64,
+        /// Steps at or after this instant never run [ns].
+        pub end_ns: u64,
+        /// Realtime: `CLOCK_MONOTONIC` at logical time 0 [ns].
+        pub start_mono_ns: u64,
+        /// Realtime: logical seconds per wall second.
+        pub speed: f64,
+        /// Clock mode.
+        pub mode: ClockMode,
+        /// Zero until the flight has started.
+        pub started: Flag,
+    }
+}
+
+sample! {
+    /// How far a process has got: everything released before `mark_ns` is final.
+    pub struct Progress {
+        /// Instant of the first release not completely published [ns].
+        pub mark_ns: u64,
+        /// Steps run.
+        pub steps: u64,
+        /// `CLOCK_MONOTONIC` when the mark was published [ns].
+        pub publish_mono_ns: u64,
+        /// Restarts of the process.
+        pub generation: u32,
+        /// Process id.
+        pub pid: u32,
+    }
+}
+
+sample! {
+    /// A process has opened all its ports.
+    pub struct Hello {
+        /// Publisher of the slot command it would write; zeros if it fills no slot.
+        pub command_author: [u64; 2],
+        /// Layout of its published state.
+        pub state_layout: u64,
+        /// Process id.
+        pub pid: u32,
+        /// Restarts of the process.
+        pub generation: u32,
+        /// Role it fills.
         pub role: Role,
         /// Keeps the size a multiple of eight bytes.
         pub reserved: u32,

@@ -1,1 +1,27 @@
-//! Loops, ports, clocks, timing and ownership shared by every morphquad process.
+//! Loops, ports, clocks, timing and ownership, once for every morphquad process.
+//!
+//! A component ([`Service`]) is pure; this crate gives it time, inputs and outputs. Open in order:
+//! [`graph`] (who waits for whom), [`service`] and [`input`] (what a component sees), [`executor`]
+//! (when a step may run), [`process`] (the loop of a real process), [`ipc`] (ports over shared
+//! memory), [`namespace`] (a run's own corner of the machine).
+
+pub mod clock;
+pub mod connect;
+pub mod executor;
+pub mod graph;
+pub mod input;
+pub mod ipc;
+pub mod namespace;
+pub mod output;
+pub mod process;
+pub mod rate;
+pub mod service;
+pub mod watch;
+
+pub use executor::{Executor, StateSink, StepStamps};
+pub use graph::{Graph, GraphError, Marks, MissPolicy, Node};
+pub use input::{Input, InputCounts, InputSet, InputVisitor, Link, Source};
+pub use output::{Output, OutputSet, OutputVisitor, Sink};
+pub use process::{Ending, Process, ProcessError};
+pub use rate::{Rate, RateError};
+pub use service::{RestoreError, Service, StateHeader};

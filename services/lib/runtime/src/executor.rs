@@ -1,0 +1,219 @@
+//! Runs the releases of one component, one after the other, and publishes all it owes.
+
+use crate::graph::Node;
+use crate::input::InputSet;
+use crate::output::{Output, OutputSet};
+use crate::service::{
+    RestoreError, Service, StateHeader, pack_state, state_layout, state_size, step_header,
+    unpack_state,
+};
+use shared_types::{Header, LoopStats};
+
+/// Logical time between two [`LoopStats`] [ns].
+const STATS_PERIOD_NS: u64 = 100_000_000;
+
+/// Where packed states go.
+pub trait StateSink {
+    /// Publishes a state; must not block.
+    fn send(&mut self, header: &Header, state: &[u8]);
+    /// Lets a reader that has just joined have the last state.
+    fn serve_late_joiners(&mut self);
+}
+
+/// Host instants of one step.
+#[derive(Debug, Clone, Copy)]
+pub struct StepStamps {
+    /// Intended release on the host clock [ns].
+    pub release_mono_ns: u64,
+    /// Reads the host clock; only stamps come from it.
+    pub now_mono_ns: fn() -> u64,
+}
+
+/// One component with its ports, at a place in its release grid.
+pub struct Executor<S: Service> {
+    service: S,
+    node: Node,
+    generation: u32,
+    /// Inputs; connected by the transport.
+    pub inputs: S::Inputs,
+    /// Outputs; connected by the transport.
+    pub outputs: S::Outputs,
+    /// Loop statistics; connected by the transport.
+    pub stats: Output<LoopStats>,
+    state_sink: Option<Box<dyn StateSink>>,
+    state_every: u64,
+    state_sequence: u64,
+    state: Vec<u8>,
+    next_index: u64,
+    previous_ns: Option<u64>,
+    counts: StateHeader,
+    rescued_waits: u64,
+}
+
+impl<S: Service> core::fmt::Debug for Executor<S> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Executor")
+            .field("node", &self.node)
+            .field("next_index", &self.next_index)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<S: Service> Executor<S> {
+    /// A component at the start of its grid. Its state is published every `state_every` releases.
+    #[must_use]
+    pub fn new(service: S, node: Node, generation: u32, state_every: u64) -> Self {
+        Self {
+            service,
+            node,
+            generation,
+            inputs: S::Inputs::default(),
+            outputs: S::Outputs::default(),
+            stats: Output::default(),
+            state_sink: None,
+            state_every: state_every.max(1),
+            state_sequence: 0,
+            state: vec![0; state_size::<S>()],
+            next_index: 0,
+            previous_ns: None,
+            counts: StateHeader { layout_hash: state_layout::<S>(), ..StateHeader::default() },
+            rescued_waits: 0,
+        }
+    }
+
+    /// Connects the state topic.
+    pub fn connect_state(&mut self, sink: Box<dyn StateSink>) {
+        self.state_sink = Some(sink);
+    }
+
+    /// The loop this executor runs.
+    #[must_use]
+    pub fn node(&self) -> &Node {
+        &self.node
+    }
+
+    /// The component.
+    #[must_use]
+    pub fn service(&self) -> &S {
+        &self.service
+    }
+
+    /// Instant of the next release: everything before it is final [ns].
+    #[must_use]
+    pub fn mark_ns(&self) -> u64 {
+        self.node.rate.release_ns(self.next_index)
+    }
+
+    /// Steps run so far.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.counts.steps
+    }
+
+    /// Continues from a published state, at the release after it.
+    ///
+    /// # Errors
+    /// [`RestoreError`] if the state is not one of this build's.
+    pub fn restore(&mut self, state: &[u8]) -> Result<(), RestoreError> {
+        let header = unpack_state(&mut self.service, &mut self.inputs, &mut self.outputs, state)?;
+        self.next_index = header.release_index + 1;
+        self.previous_ns = Some(header.release_ns);
+        self.state_sequence = header.release_index / self.state_every + 1;
+        self.stats.resume_after(header.release_ns / STATS_PERIOD_NS + 1);
+        self.counts = header;
+        Ok(())
+    }
+
+    /// Runs the next release: accept, step, publish outputs, then state and statistics.
+    pub fn run_step(&mut self, stamps: StepStamps) {
+        let now_ns = self.mark_ns();
+        let start_mono_ns = (stamps.now_mono_ns)();
+        self.inputs.accept(now_ns, self.previous_ns);
+        self.service.step(now_ns, &self.inputs, &mut self.outputs);
+        let header = Header {
+            release_mono_ns: stamps.release_mono_ns,
+            start_mono_ns,
+            publish_mono_ns: (stamps.now_mono_ns)(),
+            ..step_header(now_ns, self.service.cause_sequence(&self.inputs), self.generation)
+        };
+        self.outputs.flush(&header);
+        self.counts.steps += 1;
+        self.counts.release_index = self.next_index;
+        self.counts.release_ns = now_ns;
+        self.publish_stats(&header);
+        self.publish_state(&header);
+        self.previous_ns = Some(now_ns);
+        self.next_index += 1;
+    }
+
+    /// Leaves out releases up to the last one at or before `t_ns`, keeping that one.
+    pub fn skip_to(&mut self, t_ns: u64) {
+        let newest = self.node.rate.first_at_or_after(t_ns.saturating_add(1)).saturating_sub(1);
+        self.counts.skipped += newest.saturating_sub(self.next_index);
+        self.next_index = newest.max(self.next_index);
+    }
+
+    /// Leaves out every release at or before `t_ns`.
+    pub fn skip_past(&mut self, t_ns: u64) {
+        let next = self.node.rate.first_at_or_after(t_ns.saturating_add(1));
+        self.counts.skipped += next.saturating_sub(self.next_index);
+        self.next_index = next.max(self.next_index);
+    }
+
+    /// Counts a release that runs late.
+    pub fn count_caught_up(&mut self) {
+        self.counts.caught_up += 1;
+    }
+
+    /// Counts a step that starts without final inputs.
+    pub fn count_input_deadline_miss(&mut self) {
+        self.counts.input_deadline_misses += 1;
+    }
+
+    /// Counts a wait that only its wall-clock limit ended.
+    pub fn count_rescued_wait(&mut self) {
+        self.rescued_waits += 1;
+    }
+
+    /// Lets readers that have just joined have the history of every output.
+    pub fn serve_late_joiners(&mut self) {
+        self.outputs.serve_late_joiners();
+        self.stats.serve_late_joiners();
+        if let Some(sink) = &mut self.state_sink {
+            sink.serve_late_joiners();
+        }
+    }
+
+    fn publish_stats(&mut self, header: &Header) {
+        let due = |t_ns: u64| t_ns / STATS_PERIOD_NS;
+        if self.previous_ns.is_some_and(|p| due(p) == due(header.release_ns)) {
+            return;
+        }
+        let inputs = self.inputs.counts();
+        self.stats.write(LoopStats {
+            steps: self.counts.steps,
+            skipped: self.counts.skipped,
+            caught_up: self.counts.caught_up,
+            input_deadline_misses: self.counts.input_deadline_misses,
+            late_samples: inputs.late,
+            lost_samples: inputs.lost + inputs.overflowed,
+            rescued_waits: self.rescued_waits,
+            generation: u64::from(self.generation),
+            role: self.node.role,
+            ..LoopStats::default()
+        });
+        self.stats.flush(&Header { seat: self.node.role.0, ..*header });
+    }
+
+    fn publish_state(&mut self, header: &Header) {
+        let Some(sink) = &mut self.state_sink else { return };
+        if !self.next_index.is_multiple_of(self.state_every) {
+            return;
+        }
+        self.state_sequence += 1;
+        pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
+        let header =
+            Header { sequence: self.state_sequence, valid_ns: header.release_ns, ..*header };
+        sink.send(&header, &self.state);
+    }
+}

@@ -1,0 +1,271 @@
+//! Who waits for whom: the flight's data flow as edges between release grids.
+//!
+//! A process publishes its *mark*: the instant of the first release it has not completely
+//! published. Everything released before the mark is final. An edge turns marks into permission: a
+//! step may run once every input it waits for is final up to that step's instant, so a process
+//! runs whole intervals and not single ticks (conservative look-ahead, Chandy & Misra 1979).
+
+use crate::rate::Rate;
+use shared_types::{Edge as EdgeKind, Role, TopicInfo, topics};
+use thiserror::Error;
+
+/// Number of roles that step.
+pub const ROLES: usize = Role::STEPPING.len();
+
+/// Marks of all roles [ns], indexed by [`Role::index`].
+pub type Marks = [u64; ROLES];
+
+/// What a loop does about releases it finds in the past (realtime only).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MissPolicy {
+    /// Run only the newest due release.
+    Skip,
+    /// Run every due release in order.
+    CatchUp,
+    /// Run none of them and wait for the next one.
+    Hold,
+}
+
+/// One loop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Node {
+    /// Its seat.
+    pub role: Role,
+    /// Its release grid.
+    pub rate: Rate,
+    /// A source runs this far ahead of the plant [ns]; 0 for everyone else.
+    pub lead_ns: u64,
+    /// Realtime: wall time after the release at which a step starts even without final inputs [ns].
+    pub input_deadline_ns: u64,
+    /// Realtime: what to do about missed releases.
+    pub miss_policy: MissPolicy,
+}
+
+/// One arrow between two loops.
+#[derive(Debug, Clone, Copy)]
+pub struct Edge {
+    /// Topic that flows along it.
+    pub topic: &'static TopicInfo,
+    /// Role that really produces the topic in this flight.
+    pub from: Role,
+    /// Consumer.
+    pub to: Role,
+    /// Declared latency from release to effect [ns].
+    pub latency_ns: u64,
+    /// The consumer's step at t depends only on samples effective *before* t.
+    pub strict: bool,
+}
+
+impl Edge {
+    /// True if the consumer's step at `t_ns` may run as far as this edge is concerned.
+    #[must_use]
+    pub fn permits(&self, t_ns: u64, mark_ns: u64) -> bool {
+        match t_ns.checked_sub(self.latency_ns) {
+            // Nothing released after the start can be effective yet.
+            None => true,
+            Some(0) if self.strict => true,
+            Some(need_ns) => mark_ns > need_ns || (self.strict && mark_ns == need_ns),
+        }
+    }
+
+    /// True if a sample effective at `valid_ns` belongs to the consumer's step at `t_ns`.
+    #[must_use]
+    pub fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
+        valid_ns < t_ns || (!self.strict && valid_ns == t_ns)
+    }
+
+    /// True if moving the producer's mark from `old_ns` to `new_ns` may unblock a release of the
+    /// consumer: the only case in which it is worth waking.
+    #[must_use]
+    pub fn unblocks(&self, consumer: Rate, old_ns: u64, new_ns: u64) -> bool {
+        let offset = self.latency_ns + u64::from(self.strict);
+        let first = consumer.first_at_or_after(old_ns.saturating_add(offset));
+        consumer.release_ns(first) < new_ns.saturating_add(offset)
+    }
+}
+
+/// Why a flight cannot be wired as asked.
+#[derive(Debug, Error, PartialEq)]
+pub enum GraphError {
+    /// A loop of edges without any delay: nobody could ever start.
+    #[error(
+        "zero-latency loop {0}: declare a latency above 0 on one of its edges, for example `[latency] wrench_command_s = 0.001`"
+    )]
+    ZeroLatencyLoop(String),
+    /// More samples can be in flight than a reader keeps.
+    #[error(
+        "topic {topic}: up to {needed} samples can wait for {consumer}, but a reader keeps {capacity}: lower the rate of {producer} or raise the rate of {consumer}"
+    )]
+    BufferTooSmall {
+        /// Topic name.
+        topic: &'static str,
+        /// Producer.
+        producer: &'static str,
+        /// Consumer.
+        consumer: &'static str,
+        /// Samples that can pile up.
+        needed: u64,
+        /// Samples a reader keeps.
+        capacity: u64,
+    },
+}
+
+/// The flight's loops and arrows.
+#[derive(Debug, Clone)]
+pub struct Graph {
+    nodes: Vec<Node>,
+    edges: Vec<Edge>,
+}
+
+/// Declared latency of each delayed topic, by topic name [ns].
+pub type Latency<'a> = &'a dyn Fn(&TopicInfo) -> u64;
+
+impl Graph {
+    /// Wires the topic table between the loops that take part.
+    ///
+    /// A slot without a process of its own (the position slot of a rig flight) is filled by the
+    /// pilot. Topics between absent roles fall away.
+    ///
+    /// # Errors
+    /// [`GraphError`] if the wiring could deadlock or overflow a reader.
+    pub fn new(nodes: Vec<Node>, latency: Latency) -> Result<Self, GraphError> {
+        let present = |role: Role| nodes.iter().any(|n| n.role == role);
+        let mut edges = Vec::new();
+        for topic in topics::all() {
+            let from = if topic.from == Role::Position && !present(Role::Position) {
+                Role::Pilot
+            } else {
+                topic.from
+            };
+            for &to in topic.to {
+                if from != to && present(from) && present(to) {
+                    let latency_ns = match topic.edge {
+                        EdgeKind::Delayed => latency(topic),
+                        EdgeKind::ZeroLatency | EdgeKind::RecordOnly => 0,
+                    };
+                    edges.push(Edge { topic, from, to, latency_ns, strict: to == Role::Plant });
+                }
+            }
+        }
+        let graph = Self { nodes, edges };
+        graph.refuse_zero_latency_loops()?;
+        graph.refuse_overflow()?;
+        Ok(graph)
+    }
+
+    /// The loops, in the order given.
+    #[must_use]
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The arrows, in topic-table order.
+    #[must_use]
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// The loop that fills `role`.
+    #[must_use]
+    pub fn node(&self, role: Role) -> Option<&Node> {
+        self.nodes.iter().find(|n| n.role == role)
+    }
+
+    /// The arrow that carries `topic` to `to`.
+    #[must_use]
+    pub fn edge(&self, topic: &TopicInfo, to: Role) -> Option<&Edge> {
+        self.edges.iter().find(|e| e.to == to && e.topic.name == topic.name)
+    }
+
+    /// Declared latency of a topic, 0 if nobody in the flight reads it [ns].
+    #[must_use]
+    pub fn latency_ns(&self, topic: &TopicInfo) -> u64 {
+        self.edges.iter().find(|e| e.topic.name == topic.name).map_or(0, |e| e.latency_ns)
+    }
+
+    /// True if `node`'s step at `t_ns` may run, given everyone's marks and the end of allowed time.
+    #[must_use]
+    pub fn runnable(&self, node: &Node, t_ns: u64, marks: &Marks, allowed_ns: u64) -> bool {
+        t_ns < allowed_ns
+            && self
+                .edges
+                .iter()
+                .all(|e| e.to != node.role || e.permits(t_ns, marks[e.from.index()]))
+            && self.within_lead(node, t_ns, marks)
+    }
+
+    fn within_lead(&self, node: &Node, t_ns: u64, marks: &Marks) -> bool {
+        node.lead_ns == 0
+            || self.node(Role::Plant).is_none()
+            || t_ns <= marks[Role::Plant.index()].saturating_add(node.lead_ns)
+    }
+
+    /// Roles worth waking when `from` moves its mark from `old_ns` to `new_ns`.
+    pub fn wakes(&self, from: Role, old_ns: u64, new_ns: u64) -> impl Iterator<Item = Role> + '_ {
+        self.nodes.iter().filter(move |n| self.wakes_node(n, from, old_ns, new_ns)).map(|n| n.role)
+    }
+
+    fn wakes_node(&self, node: &Node, from: Role, old_ns: u64, new_ns: u64) -> bool {
+        let by_edge = self
+            .edges
+            .iter()
+            .any(|e| e.from == from && e.to == node.role && e.unblocks(node.rate, old_ns, new_ns));
+        // A source works half its lead at a time, so that pacing it costs few wake-ups.
+        let chunk_ns = (node.lead_ns / 2).max(1);
+        let by_lead =
+            node.lead_ns > 0 && from == Role::Plant && old_ns / chunk_ns != new_ns / chunk_ns;
+        by_edge || by_lead
+    }
+
+    fn refuse_zero_latency_loops(&self) -> Result<(), GraphError> {
+        // Strict edges only look backwards, so they break a loop even at latency 0.
+        let mut order: Vec<Role> = Vec::new();
+        loop {
+            let next = self.nodes.iter().map(|n| n.role).find(|&role| {
+                !order.contains(&role)
+                    && self.edges.iter().all(|e| {
+                        e.to != role || e.strict || e.latency_ns > 0 || order.contains(&e.from)
+                    })
+            });
+            match next {
+                Some(role) => order.push(role),
+                None if order.len() == self.nodes.len() => return Ok(()),
+                None => {
+                    let stuck: Vec<_> = self
+                        .nodes
+                        .iter()
+                        .filter(|n| !order.contains(&n.role))
+                        .map(|n| n.role.label())
+                        .collect();
+                    return Err(GraphError::ZeroLatencyLoop(stuck.join(" -> ")));
+                }
+            }
+        }
+    }
+
+    fn refuse_overflow(&self) -> Result<(), GraphError> {
+        let slowest_ns = self.nodes.iter().map(|n| n.rate.period_ns()).max().unwrap_or(0);
+        for edge in &self.edges {
+            let (Some(from), Some(to)) = (self.node(edge.from), self.node(edge.to)) else {
+                continue;
+            };
+            // A producer outruns a consumer by at most the look-ahead that closes the loop: the
+            // slowest period plus the edge's latency, or a source's lead.
+            let ahead_ns = slowest_ns.max(to.rate.period_ns()) + edge.latency_ns + from.lead_ns;
+            let needed = from.rate.first_at_or_after(2 * ahead_ns) + 1;
+            if needed > READER_CAPACITY as u64 {
+                return Err(GraphError::BufferTooSmall {
+                    topic: edge.topic.name,
+                    producer: edge.from.label(),
+                    consumer: edge.to.label(),
+                    needed,
+                    capacity: READER_CAPACITY as u64,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Samples a flying reader keeps, queued and pending together.
+pub const READER_CAPACITY: usize = 1024;

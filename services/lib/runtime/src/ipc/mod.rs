@@ -1,0 +1,217 @@
+//! Ports over iceoryx2: services by topic, layout checks, sources and sinks.
+//!
+//! The launcher creates and holds every service before it starts a process; processes only open.
+//! (A process killed while *creating* a service would leave it unusable.) Every stream overflows:
+//! a stopped reader never blocks a writer.
+
+mod names;
+mod ports;
+mod state;
+mod wake;
+
+pub use names::ServiceKind;
+pub use ports::{IpcSink, IpcSource, LatestPort};
+pub use state::{StatePublisher, StateSubscriber};
+pub use wake::{WakeListener, WakeNotifier};
+
+use crate::graph::READER_CAPACITY;
+use iceoryx2::prelude::{
+    AttributeSpecifier, Config, FilePath, LogLevel, MessagingPattern, Node as IpcNode, NodeBuilder,
+    SemanticString, Service as _, ServiceName, SignalHandlingMode, ipc, set_log_level,
+};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use shared_types::wire::Wire;
+use shared_types::{Sample, Topic, TopicInfo};
+use std::path::Path;
+use thiserror::Error;
+
+/// The service variant used throughout.
+pub type Ipc = ipc::Service;
+/// Factory of the ports of one topic.
+pub type TopicFactory<T> = PortFactory<Ipc, T, ()>;
+
+/// Samples a recorder's reader keeps.
+pub const RECORDER_CAPACITY: usize = 2048;
+const LAYOUT_KEY: &str = "layout";
+/// Processes of a run, its launcher, observers and restarts on the way out.
+const MAX_NODES: usize = 32;
+/// Consumers, recorder and two observers.
+const MAX_SUBSCRIBERS: usize = 6;
+
+/// Why a port cannot be had.
+#[derive(Debug, Error)]
+pub enum PortError {
+    /// Two builds disagree about a type.
+    #[error(
+        "service {service}: this executable lays out {type_name} as {ours}, the run as {theirs}: rebuild both from the same source"
+    )]
+    Layout {
+        /// Service name.
+        service: String,
+        /// Sample type.
+        type_name: &'static str,
+        /// Our layout hash.
+        ours: String,
+        /// The run's layout hash.
+        theirs: String,
+    },
+    /// The transport refused.
+    #[error("service {service}: cannot {action}: {reason}")]
+    Transport {
+        /// Service name.
+        service: String,
+        /// What was tried.
+        action: &'static str,
+        /// Why it failed.
+        reason: String,
+    },
+}
+
+impl PortError {
+    fn transport<E: core::fmt::Debug>(
+        service: &str,
+        action: &'static str,
+    ) -> impl FnOnce(E) -> Self + use<E> {
+        let service = service.to_owned();
+        move |error| Self::Transport { service, action, reason: format!("{error:?}") }
+    }
+}
+
+/// A process's connection to its run.
+#[derive(Debug)]
+pub struct Bus {
+    node: IpcNode<Ipc>,
+}
+
+impl Bus {
+    /// Joins the run whose transport configuration is `config_file`. Must be the process's first
+    /// use of the transport, because the configuration is global to a process.
+    ///
+    /// # Errors
+    /// The configuration cannot be read or the node cannot be created.
+    pub fn join(config_file: &Path, name: &str) -> Result<Self, PortError> {
+        set_log_level(LogLevel::Fatal);
+        let file = FilePath::new(config_file.as_os_str().as_encoded_bytes())
+            .map_err(PortError::transport(name, "name the configuration file"))?;
+        let config = Config::setup_global_config_from_file(&file)
+            .map_err(PortError::transport(name, "read the transport configuration"))?;
+        let node_name = name.try_into().map_err(PortError::transport(name, "name the node"))?;
+        let node = NodeBuilder::new()
+            .name(&node_name)
+            .config(config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .map_err(PortError::transport(name, "create a node"))?;
+        Ok(Self { node })
+    }
+
+    /// Frees what dead processes of this run left behind; only the launcher does this.
+    pub fn sweep_dead_processes(&self) {
+        // A peer that dies during the sweep is found by the next one.
+        let _ = self.node.try_cleanup_dead_nodes();
+    }
+
+    /// Creates a topic's service (launcher only).
+    ///
+    /// # Errors
+    /// The transport refuses, most likely for lack of shared memory.
+    pub fn create_topic<T: Sample>(
+        &self,
+        topic: &'static Topic<T>,
+    ) -> Result<TopicFactory<T>, PortError> {
+        let TopicInfo { name, history, .. } = topic.info;
+        self.create::<T>(name, RECORDER_CAPACITY, history)
+    }
+
+    /// Opens a topic's service after comparing layouts.
+    ///
+    /// # Errors
+    /// [`PortError::Layout`] if two builds disagree.
+    pub fn open_topic<T: Sample>(
+        &self,
+        topic: &'static Topic<T>,
+    ) -> Result<TopicFactory<T>, PortError> {
+        self.open::<T>(topic.info.name)
+    }
+
+    pub(crate) fn create<T>(
+        &self,
+        service: &str,
+        capacity: usize,
+        history: usize,
+    ) -> Result<TopicFactory<T>, PortError>
+    where
+        T: Wire + iceoryx2::prelude::ZeroCopySend,
+    {
+        let layout = layout_attribute(T::SCHEMA.layout_hash);
+        let attributes = AttributeSpecifier::new()
+            .define(
+                &LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))?,
+                &layout.as_str().try_into().map_err(PortError::transport(service, "set a key"))?,
+            )
+            .map_err(PortError::transport(service, "define attributes"))?;
+        self.node
+            .service_builder(&service_name(service)?)
+            .publish_subscribe::<T>()
+            .max_publishers(8)
+            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(capacity)
+            .subscriber_max_borrowed_samples(2)
+            .history_size(history)
+            .enable_safe_overflow(true)
+            .create_with_attributes(&attributes)
+            .map_err(PortError::transport(service, "create the service"))
+    }
+
+    pub(crate) fn open<T>(&self, service: &str) -> Result<TopicFactory<T>, PortError>
+    where
+        T: Wire + iceoryx2::prelude::ZeroCopySend,
+    {
+        let name = service_name(service)?;
+        let ours = layout_attribute(T::SCHEMA.layout_hash);
+        let theirs = self.layout_of(&name)?;
+        if theirs != ours {
+            return Err(PortError::Layout {
+                service: service.to_owned(),
+                type_name: T::SCHEMA.name,
+                ours,
+                theirs,
+            });
+        }
+        self.node
+            .service_builder(&name)
+            .publish_subscribe::<T>()
+            .open()
+            .map_err(PortError::transport(service, "open the service"))
+    }
+
+    /// Layout that a service was created with.
+    fn layout_of(&self, name: &ServiceName) -> Result<String, PortError> {
+        let service = name.as_str();
+        let details = Ipc::details(name, self.node.config(), MessagingPattern::PublishSubscribe)
+            .map_err(PortError::transport(service, "look up the service"))?
+            .ok_or_else(|| PortError::Transport {
+                service: service.to_owned(),
+                action: "find the service",
+                reason: "this run has no such topic".to_owned(),
+            })?;
+        let key = LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))?;
+        Ok(details
+            .static_details
+            .attributes()
+            .key_value(&key, 0)
+            .map_or_else(|| "unknown".to_owned(), |value| value.to_string()))
+    }
+}
+
+fn layout_attribute(hash: u64) -> String {
+    format!("{hash:016x}")
+}
+
+fn service_name(name: &str) -> Result<ServiceName, PortError> {
+    ServiceName::new(name).map_err(PortError::transport(name, "name the service"))
+}
+
+/// Buffer of a reader in flight.
+pub(crate) const FLYING_CAPACITY: usize = READER_CAPACITY;

@@ -1,0 +1,116 @@
+//! Published states: packed bytes of one service kind, with the header of the step.
+
+use super::ports::author;
+use super::{Bus, Ipc, PortError, ServiceKind, service_name};
+use crate::executor::StateSink;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections as _;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use shared_types::{Author, Header};
+
+/// Largest state a service may publish [bytes].
+pub const STATE_CAPACITY: usize = 64 * 1024;
+
+type StateFactory = PortFactory<Ipc, [u8], Header>;
+
+impl Bus {
+    /// Creates a state or hand-over service (launcher only).
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn create_state_service(&self, kind: ServiceKind) -> Result<StateFactory, PortError> {
+        let service = kind.name();
+        self.node
+            .service_builder(&service_name(&service)?)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Header>()
+            .max_publishers(8)
+            .max_subscribers(4)
+            .max_nodes(super::MAX_NODES)
+            .subscriber_max_buffer_size(256)
+            .history_size(1)
+            .enable_safe_overflow(true)
+            .create()
+            .map_err(PortError::transport(&service, "create the service"))
+    }
+
+    fn open_state_service(&self, kind: ServiceKind) -> Result<StateFactory, PortError> {
+        let service = kind.name();
+        self.node
+            .service_builder(&service_name(&service)?)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Header>()
+            .open()
+            .map_err(PortError::transport(&service, "open the service"))
+    }
+}
+
+/// Writes states.
+#[derive(Debug)]
+pub struct StatePublisher {
+    publisher: Publisher<Ipc, [u8], Header>,
+}
+
+impl StatePublisher {
+    /// Opens the service for states of up to `capacity` bytes.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn open(bus: &Bus, kind: ServiceKind, capacity: usize) -> Result<Self, PortError> {
+        let publisher = bus
+            .open_state_service(kind)?
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .initial_max_slice_len(capacity)
+            .create()
+            .map_err(PortError::transport(&kind.name(), "create a writer"))?;
+        Ok(Self { publisher })
+    }
+}
+
+impl StateSink for StatePublisher {
+    fn send(&mut self, header: &Header, state: &[u8]) {
+        // See `IpcSink::send`: a failure shows as a gap to the reader.
+        if let Ok(mut slot) = self.publisher.loan_slice_uninit(state.len()) {
+            *slot.user_header_mut() = *header;
+            let _ = slot.write_from_slice(state).send();
+        }
+    }
+
+    fn serve_late_joiners(&mut self) {
+        let _ = self.publisher.update_connections();
+    }
+}
+
+/// Reads states.
+#[derive(Debug)]
+pub struct StateSubscriber {
+    subscriber: Subscriber<Ipc, [u8], Header>,
+}
+
+impl StateSubscriber {
+    /// Opens the service.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn open(bus: &Bus, kind: ServiceKind) -> Result<Self, PortError> {
+        let subscriber = bus
+            .open_state_service(kind)?
+            .subscriber_builder()
+            .create()
+            .map_err(PortError::transport(&kind.name(), "create a reader"))?;
+        Ok(Self { subscriber })
+    }
+
+    /// Shows the next state, if one has arrived; false if none has.
+    pub fn receive(&mut self, mut show: impl FnMut(&Header, &[u8], Author)) -> bool {
+        match self.subscriber.receive() {
+            Ok(Some(sample)) => {
+                show(sample.user_header(), sample.payload(), author(sample.origin().value()));
+                true
+            }
+            _ => false,
+        }
+    }
+}

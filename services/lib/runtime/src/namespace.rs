@@ -1,0 +1,221 @@
+//! A run's own corner of the machine: a folder in memory, a prefix, and locks that tell who lives.
+//!
+//! Every process of a run holds a shared lock on the folder's `run.lock`; the launcher also holds
+//! `launcher.lock` exclusively. Whoever gets `run.lock` exclusively may wipe: the last process to
+//! leave, or the next run that finds a dead one.
+
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Where run folders live: memory, so that nothing survives a reboot.
+pub const BASE: &str = "/dev/shm";
+const FOLDER_PREFIX: &str = "mq-";
+const UNBORN_PREFIX: &str = ".mq-";
+
+/// Why a run's folder cannot be used.
+#[derive(Debug, Error)]
+#[error("{action} {path}: {source}; the run's folder must be writable by you and have free space")]
+pub struct NamespaceError {
+    action: &'static str,
+    path: PathBuf,
+    source: io::Error,
+}
+
+fn failed<'a>(
+    action: &'static str,
+    path: &'a Path,
+) -> impl FnOnce(io::Error) -> NamespaceError + 'a {
+    move |source| NamespaceError { action, path: path.to_path_buf(), source }
+}
+
+/// Membership of a run. Dropping it leaves; the last to leave wipes.
+#[derive(Debug)]
+pub struct Membership {
+    folder: PathBuf,
+    run_lock: File,
+    _launcher_lock: Option<File>,
+}
+
+impl Membership {
+    /// Founds a run: creates its folder, readable by the owner alone, and joins as the launcher.
+    ///
+    /// The folder appears under its final name only when it is already locked, so that no sweep
+    /// can take it for dead.
+    ///
+    /// # Errors
+    /// The folder cannot be created or locked.
+    pub fn found(id: &str) -> Result<Self, NamespaceError> {
+        let base = Path::new(BASE);
+        let unborn = base.join(format!("{UNBORN_PREFIX}{id}"));
+        let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
+        DirBuilder::new().mode(0o700).create(&unborn).map_err(failed("create", &unborn))?;
+        let run_lock = lock_file(&unborn.join("run.lock"), FlockOperation::LockShared)?;
+        let launcher_lock =
+            lock_file(&unborn.join("launcher.lock"), FlockOperation::LockExclusive)?;
+        let ipc = unborn.join("ipc");
+        DirBuilder::new().mode(0o700).create(&ipc).map_err(failed("create", &ipc))?;
+        let config = unborn.join("iceoryx2.toml");
+        fs::write(&config, ipc_config(id, &folder)).map_err(failed("write", &config))?;
+        fs::rename(&unborn, &folder).map_err(failed("rename", &unborn))?;
+        Ok(Self { folder, run_lock, _launcher_lock: Some(launcher_lock) })
+    }
+
+    /// Joins a run that exists.
+    ///
+    /// # Errors
+    /// There is no such run, or it is being wiped.
+    pub fn join(folder: &Path) -> Result<Self, NamespaceError> {
+        let run_lock = lock_file(&folder.join("run.lock"), FlockOperation::NonBlockingLockShared)?;
+        Ok(Self { folder: folder.to_path_buf(), run_lock, _launcher_lock: None })
+    }
+
+    /// The run's folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The transport's configuration of this run.
+    #[must_use]
+    pub fn ipc_config(&self) -> PathBuf {
+        self.folder.join("iceoryx2.toml")
+    }
+}
+
+impl Drop for Membership {
+    fn drop(&mut self) {
+        // Converting the lock is not atomic, but two last ones both try and one of them wins.
+        if flock(&self.run_lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            wipe(&self.folder);
+        }
+    }
+}
+
+/// Removes what dead runs left behind and returns their folders.
+#[must_use]
+pub fn sweep_dead_runs() -> Vec<PathBuf> {
+    let mut swept = Vec::new();
+    let Ok(entries) = fs::read_dir(BASE) else { return swept };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let unborn = name.starts_with(UNBORN_PREFIX);
+        if !path.is_dir() || !(unborn || name.starts_with(FOLDER_PREFIX)) {
+            continue;
+        }
+        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
+        if unborn && !older_than_a_minute(&path) {
+            continue;
+        }
+        let lock = OpenOptions::new().read(true).write(true).open(path.join("run.lock"));
+        let dead = match lock {
+            Ok(file) => flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok(),
+            Err(error) => error.kind() == io::ErrorKind::NotFound && older_than_a_minute(&path),
+        };
+        if dead {
+            wipe(&path);
+            swept.push(path);
+        }
+    }
+    swept
+}
+
+fn older_than_a_minute(path: &Path) -> bool {
+    fs::metadata(path)
+        .and_then(|m| m.modified())
+        .is_ok_and(|t| t.elapsed().is_ok_and(|age| age.as_secs() > 60))
+}
+
+/// Removes a run's shared-memory objects, then its folder (lock file last, with the folder).
+fn wipe(folder: &Path) {
+    let id = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let id = id.trim_start_matches('.').trim_start_matches(FOLDER_PREFIX);
+    let prefix = ipc_prefix(id);
+    if let Ok(entries) = fs::read_dir(BASE) {
+        for entry in entries.flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                // Best effort: another user's file stays, and is not of this run.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+    let _ = fs::remove_dir_all(folder);
+}
+
+fn ipc_prefix(id: &str) -> String {
+    format!("mqshm-{id}_")
+}
+
+fn lock_file(path: &Path, operation: FlockOperation) -> Result<File, NamespaceError> {
+    let file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(!matches!(operation, FlockOperation::NonBlockingLockShared))
+        .truncate(false)
+        .mode(0o600)
+        .open(path)
+        .map_err(failed("open", path))?;
+    flock(&file, operation).map_err(|e| failed("lock", path)(e.into()))?;
+    Ok(file)
+}
+
+/// Transport settings: sweeping dead peers is the launcher's business alone.
+fn ipc_config(id: &str, folder: &Path) -> String {
+    format!(
+        "[global]\nprefix = \"{}\"\nroot-path = \"{}/ipc\"\n\n\
+         [global.service]\ncleanup-dead-nodes-on-open = false\n\n\
+         [global.node]\ncleanup-dead-nodes-on-creation = false\n\
+         cleanup-dead-nodes-on-destruction = false\n",
+        ipc_prefix(id),
+        folder.display()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn id(name: &str) -> String {
+        format!("test-{name}-{}", std::process::id())
+    }
+
+    #[test]
+    fn the_last_to_leave_wipes_and_not_the_first() {
+        let launcher = Membership::found(&id("leave")).unwrap();
+        let folder = launcher.folder().to_path_buf();
+        let child = Membership::join(&folder).unwrap();
+        drop(launcher);
+        assert!(folder.exists());
+        drop(child);
+        assert!(!folder.exists());
+    }
+
+    #[test]
+    fn a_living_run_is_never_swept_and_a_dead_one_is() {
+        let living = Membership::found(&id("living")).unwrap();
+        let dead = Membership::found(&id("dead")).unwrap();
+        let dead_folder = dead.folder().to_path_buf();
+        let stray = Path::new(BASE).join(format!("{}stray", ipc_prefix(&id("dead"))));
+        fs::write(&stray, "left behind").unwrap();
+        // Closing the files without leaving is what SIGKILL does.
+        let Membership { run_lock, .. } = &dead;
+        flock(run_lock, FlockOperation::Unlock).unwrap();
+        let swept = sweep_dead_runs();
+        assert!(swept.contains(&dead_folder) || !dead_folder.exists());
+        assert!(!stray.exists());
+        assert!(living.folder().exists());
+    }
+
+    #[test]
+    fn nobody_else_may_look_into_a_run() {
+        let run = Membership::found(&id("private")).unwrap();
+        let mode = fs::metadata(run.folder()).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o700);
+    }
+}

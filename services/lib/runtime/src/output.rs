@@ -1,0 +1,161 @@
+//! One output of a service: at most one sample per step, stamped and sent by the runtime.
+
+use shared_types::{Header, Sample, Topic};
+
+/// Where samples go: a shared-memory publisher, or a queue within one process.
+pub trait Sink<T> {
+    /// Sends one sample. Must not block; overflow drops the reader's oldest sample.
+    fn send(&mut self, sample: T);
+    /// Lets a reader that has just joined have the history.
+    fn serve_late_joiners(&mut self);
+}
+
+/// One output.
+pub struct Output<T> {
+    sink: Option<Box<dyn Sink<T>>>,
+    slot: Option<T>,
+    sequence: u64,
+    latency_ns: u64,
+}
+
+impl<T: Sample> core::fmt::Debug for Output<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Output")
+            .field("topic", &T::SCHEMA.name)
+            .field("sequence", &self.sequence)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T> Default for Output<T> {
+    fn default() -> Self {
+        Self { sink: None, slot: None, sequence: 0, latency_ns: 0 }
+    }
+}
+
+impl<T: Sample> Output<T> {
+    /// Connects the output; `latency_ns` separates release from effect.
+    pub fn connect(&mut self, sink: Box<dyn Sink<T>>, latency_ns: u64) {
+        self.sink = Some(sink);
+        self.latency_ns = latency_ns;
+    }
+
+    /// Writes this step's sample; the header is the runtime's business.
+    pub fn write(&mut self, sample: T) {
+        self.slot = Some(sample);
+    }
+
+    /// This step's sample, until the runtime sends it.
+    #[must_use]
+    pub fn written(&self) -> Option<&T> {
+        self.slot.as_ref()
+    }
+
+    /// Sequence of the last sample sent.
+    #[must_use]
+    pub fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    /// Stamps and sends what the step wrote. `step` carries release, cause and host stamps.
+    pub fn flush(&mut self, step: &Header) {
+        let Some(mut sample) = self.slot.take() else { return };
+        self.sequence += 1;
+        *sample.header_mut() = Header {
+            sequence: self.sequence,
+            valid_ns: step.release_ns + self.latency_ns,
+            ..*step
+        };
+        if let Some(sink) = &mut self.sink {
+            sink.send(sample);
+        }
+    }
+
+    /// See [`Sink::serve_late_joiners`].
+    pub fn serve_late_joiners(&mut self) {
+        if let Some(sink) = &mut self.sink {
+            sink.serve_late_joiners();
+        }
+    }
+
+    /// Continues counting after a restore.
+    pub fn resume_after(&mut self, sequence: u64) {
+        self.sequence = sequence;
+    }
+}
+
+/// Does something for every output of a service, with its type.
+pub trait OutputVisitor {
+    /// What can go wrong.
+    type Error;
+    /// Called once per output, in declaration order.
+    ///
+    /// # Errors
+    /// Whatever the visitor meets; it ends the walk.
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        output: &mut Output<T>,
+    ) -> Result<(), Self::Error>;
+}
+
+/// The outputs of a service; declared with [`outputs!`](crate::outputs).
+pub trait OutputSet: Default {
+    /// Number of outputs.
+    const COUNT: usize;
+
+    /// Walks the outputs.
+    ///
+    /// # Errors
+    /// The visitor's first error.
+    fn visit<V: OutputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error>;
+    /// Stamps and sends what the step wrote.
+    fn flush(&mut self, step: &Header);
+    /// Lets late joiners have their history.
+    fn serve_late_joiners(&mut self);
+    /// Last sequence of each output, in declaration order.
+    fn pack_sequences(&self, out: &mut [u8]);
+    /// Continues counting after a restore.
+    fn unpack_sequences(&mut self, from: &[u8]);
+}
+
+/// Declares a service's outputs: `outputs! { pub struct Outputs { imu: Imu = IMU, .. } }`.
+#[macro_export]
+macro_rules! outputs {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$field_meta:meta])* $field:ident : $sample:ty = $topic:path),* $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Default)]
+        pub struct $name {
+            $($(#[$field_meta])* pub $field: $crate::Output<$sample>,)*
+        }
+
+        impl $crate::OutputSet for $name {
+            const COUNT: usize = [$(stringify!($field)),*].len();
+            fn visit<V: $crate::OutputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error> {
+                $(visitor.visit(&$topic, &mut self.$field)?;)*
+                Ok(())
+            }
+            fn flush(&mut self, step: &::shared_types::Header) {
+                $(self.$field.flush(step);)*
+            }
+            fn serve_late_joiners(&mut self) {
+                $(self.$field.serve_late_joiners();)*
+            }
+            fn pack_sequences(&self, out: &mut [u8]) {
+                let mut slots = out.chunks_exact_mut(8);
+                $(if let Some(slot) = slots.next() {
+                    slot.copy_from_slice(&self.$field.sequence().to_le_bytes());
+                })*
+            }
+            fn unpack_sequences(&mut self, from: &[u8]) {
+                let mut slots = from.chunks_exact(8);
+                $(if let Some(slot) = slots.next() {
+                    self.$field.resume_after(
+                        <u64 as ::shared_types::wire::Value>::unpack(slot));
+                })*
+            }
+        }
+    };
+}

@@ -1,0 +1,366 @@
+//! The loop of a real process: waits for permission, runs whole intervals, says how far it got.
+
+use crate::clock::{WallMap, mono_now_ns, sleep_until};
+use crate::executor::{Executor, StepStamps};
+use crate::graph::{Edge, Graph, MissPolicy, ROLES};
+use crate::input::InputSet as _;
+use crate::ipc::{
+    Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
+    WakeListener, WakeNotifier,
+};
+use crate::output::Sink as _;
+use crate::service::{RestoreError, Service, state_layout, state_size};
+use crate::watch::StopFlags;
+use core::time::Duration;
+use shared_types::{Author, ClockMode, ClockRecord, Edge as EdgeKind, Hello, Progress, Role};
+use thiserror::Error;
+
+/// Wall-clock limit of every wait, after which shared memory is read again.
+const WAIT_LIMIT: Duration = Duration::from_millis(20);
+/// Longest wait for a hand-over state [ns].
+const HANDOVER_LIMIT_NS: u64 = 5_000_000_000;
+
+/// How a process left its loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// The flight's end was reached.
+    Finished,
+    /// A signal asked for it.
+    Signalled,
+    /// The launcher died and nobody took over within the grace period.
+    LauncherGone,
+}
+
+/// Why a process could not fly.
+#[derive(Debug, Error)]
+pub enum ProcessError {
+    /// A port could not be had.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The state offered by the supervisor does not fit.
+    #[error("cannot continue from the predecessor's state: {0}")]
+    Restore(#[from] RestoreError),
+    /// No state was offered in time.
+    #[error("no state of the predecessor arrived within 5 s")]
+    NoHandover,
+}
+
+/// How far a neighbour has got, and how to wake it.
+struct Neighbour {
+    role: Role,
+    progress: Option<LatestPort<Progress>>,
+    wake: Option<WakeNotifier>,
+}
+
+/// A component in its process, with every port open.
+pub struct Process<S: Service> {
+    executor: Executor<S>,
+    graph: Graph,
+    neighbours: Vec<Neighbour>,
+    clock: LatestPort<ClockRecord>,
+    progress: IpcSink<Progress>,
+    listener: WakeListener,
+    marks: [u64; ROLES],
+    stop: StopFlags,
+    generation: u32,
+    timed_out: bool,
+}
+
+impl<S: Service> core::fmt::Debug for Process<S> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Process").field("executor", &self.executor).finish_non_exhaustive()
+    }
+}
+
+impl<S: Service> Process<S> {
+    /// Opens what every process needs besides its topics: clock, progress, wake-ups and state.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn open(
+        bus: &Bus,
+        mut executor: Executor<S>,
+        graph: Graph,
+        stop: StopFlags,
+        generation: u32,
+    ) -> Result<Self, PortError> {
+        let role = executor.node().role;
+        let state = StatePublisher::open(bus, ServiceKind::State(role), state_size::<S>())?;
+        executor.connect_state(Box::new(state));
+        let mut neighbours = Vec::new();
+        for node in graph.nodes().iter().filter(|n| n.role != role) {
+            let upstream = graph.edges().iter().any(|e| e.from == node.role && e.to == role)
+                || (node.role == Role::Plant && executor.node().lead_ns > 0);
+            let downstream = graph.edges().iter().any(|e| e.from == role && e.to == node.role)
+                || (role == Role::Plant && node.lead_ns > 0);
+            let progress = upstream
+                .then(|| LatestPort::open(bus, ServiceKind::Progress(node.role)))
+                .transpose()?;
+            let wake = downstream.then(|| WakeNotifier::open(bus, node.role)).transpose()?;
+            neighbours.push(Neighbour { role: node.role, progress, wake });
+        }
+        Ok(Self {
+            executor,
+            graph,
+            neighbours,
+            clock: LatestPort::open(bus, ServiceKind::Clock)?,
+            progress: bus.open_writer(ServiceKind::Progress(role))?,
+            listener: WakeListener::open(bus, role)?,
+            marks: [0; ROLES],
+            stop,
+            generation,
+            timed_out: false,
+        })
+    }
+
+    /// Tells the supervisor that all ports are open.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn say_hello(
+        &self,
+        bus: &Bus,
+        command_author: Author,
+    ) -> Result<IpcSink<Hello>, PortError> {
+        let mut hello = bus.open_writer::<Hello>(ServiceKind::Hello)?;
+        hello.send(Hello {
+            command_author,
+            state_layout: state_layout::<S>(),
+            pid: std::process::id(),
+            generation: self.generation,
+            role: self.executor.node().role,
+            reserved: 0,
+        });
+        Ok(hello)
+    }
+
+    /// Waits for the predecessor's last state and continues from it.
+    ///
+    /// # Errors
+    /// No state came, or it does not fit this build.
+    pub fn take_over(&mut self, bus: &Bus) -> Result<(), ProcessError> {
+        let role = self.executor.node().role;
+        let mut handover = StateSubscriber::open(bus, ServiceKind::Handover(role))?;
+        let deadline_ns = mono_now_ns() + HANDOVER_LIMIT_NS;
+        let mut outcome = None;
+        while outcome.is_none() {
+            while handover.receive(|header, state, _| {
+                if header.generation == self.generation {
+                    outcome = Some(self.executor.restore(state));
+                }
+            }) {}
+            if self.stop.stop() || mono_now_ns() > deadline_ns {
+                return Err(ProcessError::NoHandover);
+            }
+            let _ = self.listener.wait(Duration::from_millis(2));
+        }
+        outcome.map_or(Ok(()), |restored| restored.map_err(ProcessError::from))
+    }
+
+    /// Flies until the end of the flight or a stop request.
+    pub fn run(&mut self) -> Ending {
+        let record = loop {
+            if let Some(ending) = self.stop_requested() {
+                return ending;
+            }
+            match self.clock.latest() {
+                Some(record) if record.started.is_set() => break *record,
+                _ => self.wait(WAIT_LIMIT),
+            }
+        };
+        self.publish_progress();
+        let ending = if record.mode == ClockMode::Lockstep {
+            self.run_lockstep()
+        } else {
+            self.run_realtime(WallMap::new(&record))
+        };
+        if ending == Ending::Finished {
+            // Nothing will ever follow: whoever still waits for this process need not.
+            self.announce(self.executor.mark_ns(), u64::MAX);
+        }
+        ending
+    }
+
+    fn run_lockstep(&mut self) -> Ending {
+        loop {
+            if let Some(ending) = self.stop_requested() {
+                return ending;
+            }
+            let clock = self.read_clock();
+            self.read_marks();
+            // Marks first, samples second: what a mark promises is then certainly here.
+            self.executor.inputs.receive();
+            let before_ns = self.executor.mark_ns();
+            while self.executor.mark_ns() < clock.end_ns && self.may_run(clock.allowed_ns) {
+                let release_mono_ns = mono_now_ns();
+                self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
+            }
+            let after_ns = self.executor.mark_ns();
+            if after_ns >= clock.end_ns {
+                return Ending::Finished;
+            }
+            if after_ns > before_ns {
+                if core::mem::take(&mut self.timed_out) {
+                    self.executor.count_rescued_wait();
+                }
+                self.announce(before_ns, after_ns);
+            } else {
+                self.wait(WAIT_LIMIT);
+            }
+        }
+    }
+
+    fn run_realtime(&mut self, wall: WallMap) -> Ending {
+        loop {
+            if let Some(ending) = self.stop_requested() {
+                return ending;
+            }
+            let end_ns = self.read_clock().end_ns;
+            let before_ns = self.executor.mark_ns();
+            if before_ns >= end_ns {
+                return Ending::Finished;
+            }
+            let due_mono_ns = wall.mono_ns(before_ns.saturating_sub(self.executor.node().lead_ns));
+            if self.is_timed() {
+                if mono_now_ns() < due_mono_ns {
+                    // Wakes at least every limit, to see a stop request or an earlier end.
+                    sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+                    continue;
+                }
+                self.executor.inputs.receive();
+            } else if !self.await_inputs(due_mono_ns) {
+                continue;
+            }
+            self.apply_miss_policy(&wall);
+            if self.executor.mark_ns() < end_ns && mono_now_ns() >= self.due_mono_ns(&wall) {
+                let release_mono_ns = self.due_mono_ns(&wall);
+                self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
+            }
+            self.announce(before_ns, self.executor.mark_ns());
+        }
+    }
+
+    fn due_mono_ns(&self, wall: &WallMap) -> u64 {
+        wall.mono_ns(self.executor.mark_ns().saturating_sub(self.executor.node().lead_ns))
+    }
+
+    /// True if the loop's own clock starts its steps; otherwise its inputs do.
+    fn is_timed(&self) -> bool {
+        let role = self.executor.node().role;
+        role == Role::Plant || !self.graph.edges().iter().any(|e| e.to == role && is_waited_for(e))
+    }
+
+    /// Waits until the inputs of the next release are final or its input deadline has passed.
+    /// False means: look around and try again.
+    fn await_inputs(&mut self, due_mono_ns: u64) -> bool {
+        let node = *self.executor.node();
+        let t_ns = self.executor.mark_ns();
+        self.read_marks();
+        self.executor.inputs.receive();
+        let final_inputs = self.graph.edges().iter().all(|e| {
+            e.to != node.role || !is_waited_for(e) || e.permits(t_ns, self.marks[e.from.index()])
+        });
+        if final_inputs {
+            return true;
+        }
+        let deadline_ns = due_mono_ns.saturating_add(node.input_deadline_ns);
+        let now_ns = mono_now_ns();
+        if now_ns >= deadline_ns {
+            self.executor.count_input_deadline_miss();
+            return true;
+        }
+        self.wait(Duration::from_nanos(deadline_ns - now_ns).min(WAIT_LIMIT));
+        false
+    }
+
+    /// Decides about releases that lie in the past when the loop gets to run.
+    fn apply_miss_policy(&mut self, wall: &WallMap) {
+        let node = *self.executor.node();
+        let now_ns = wall.logical_ns(mono_now_ns()).saturating_add(node.lead_ns);
+        let following = node.rate.first_at_or_after(self.executor.mark_ns() + 1);
+        if node.lead_ns > 0 || now_ns < node.rate.release_ns(following) {
+            return;
+        }
+        match node.miss_policy {
+            MissPolicy::CatchUp => self.executor.count_caught_up(),
+            MissPolicy::Skip => self.executor.skip_to(now_ns),
+            MissPolicy::Hold => self.executor.skip_past(now_ns),
+        }
+    }
+
+    fn may_run(&self, allowed_ns: u64) -> bool {
+        let node = self.executor.node();
+        self.graph.runnable(node, self.executor.mark_ns(), &self.marks, allowed_ns)
+    }
+
+    fn read_clock(&mut self) -> ClockRecord {
+        self.clock.latest().copied().unwrap_or_default()
+    }
+
+    fn read_marks(&mut self) {
+        for neighbour in &mut self.neighbours {
+            if let Some(progress) = neighbour.progress.as_mut().and_then(LatestPort::latest) {
+                // A restarted producer starts again below what its predecessor finished.
+                let mark = &mut self.marks[neighbour.role.index()];
+                *mark = progress.mark_ns.max(*mark);
+            }
+        }
+    }
+
+    /// Publishes the mark and wakes those whose next release it may unblock.
+    fn announce(&mut self, before_ns: u64, after_ns: u64) {
+        self.send_progress(after_ns);
+        let role = self.executor.node().role;
+        for woken in self.graph.wakes(role, before_ns, after_ns) {
+            let neighbour = self.neighbours.iter().find(|n| n.role == woken);
+            if let Some(wake) = neighbour.and_then(|n| n.wake.as_ref()) {
+                wake.wake();
+            }
+        }
+    }
+
+    /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
+    /// what the predecessor had already announced.
+    fn publish_progress(&mut self) {
+        self.send_progress(self.executor.mark_ns());
+        for neighbour in &self.neighbours {
+            if let Some(wake) = &neighbour.wake {
+                wake.wake();
+            }
+        }
+    }
+
+    fn send_progress(&mut self, mark_ns: u64) {
+        self.progress.send(Progress {
+            mark_ns,
+            steps: self.executor.steps(),
+            publish_mono_ns: mono_now_ns(),
+            generation: self.generation,
+            pid: std::process::id(),
+        });
+    }
+
+    fn wait(&mut self, limit: Duration) {
+        self.timed_out = !self.listener.wait(limit);
+        if self.timed_out {
+            // Idle long enough to look after peers that have just (re)joined.
+            self.executor.serve_late_joiners();
+            self.progress.serve_late_joiners();
+        }
+    }
+
+    fn stop_requested(&self) -> Option<Ending> {
+        if self.stop.signalled() {
+            Some(Ending::Signalled)
+        } else if self.stop.grace_over() {
+            Some(Ending::LauncherGone)
+        } else {
+            None
+        }
+    }
+}
+
+/// Realtime steps wait for inputs of the same instant only; delayed ones come late or in time.
+fn is_waited_for(edge: &Edge) -> bool {
+    edge.topic.edge == EdgeKind::ZeroLatency && !edge.strict
+}
