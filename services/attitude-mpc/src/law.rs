@@ -25,6 +25,9 @@ pub struct Input {
     pub gamma_rad: Vector3<f64>,
     /// ω \[rad/s\] in B.
     pub body_rate_rad_s: Vector3<f64>,
+    /// Time since γ and ω were valid \[s\]; where the rates do not divide one another, the latest
+    /// estimate is older than the sample, by another time at each.
+    pub age_s: f64,
     /// β.
     pub morph_angle: MorphAngle,
     /// Setpoint in effect.
@@ -144,16 +147,20 @@ impl AttitudeLaw {
 
     /// x(k) = \[γ, γ̇, τ, u(k−1)\], or why there is none.
     fn state(&self, input: &Input) -> Result<State, Refusal> {
-        let Input { gamma_rad: gamma, body_rate_rad_s: omega, setpoint, .. } = input;
+        let Input { gamma_rad: gamma, body_rate_rad_s: omega, setpoint, age_s, .. } = input;
         let numbers = gamma.iter().chain(omega).chain(&setpoint.gamma_rad);
-        if !numbers.chain([&setpoint.thrust_n]).all(|value| value.is_finite()) {
+        if !numbers.chain([&setpoint.thrust_n, age_s]).all(|value| value.is_finite()) {
             return Err(Refusal::NotFinite);
         }
         // γ̇ = R₂(γ) ω   (5)
         let rate = euler_rate_matrix(gamma).ok_or(Refusal::SteepPitch)? * omega;
+        // From the instant of the estimate to this one by (6): Δx must span whole periods.
+        let age = age_s.clamp(0.0, self.config.period_s());
+        let torque = Vector3::from(self.memory.actuator_nm);
+        let acceleration = torque.component_div(&self.vehicle.inertia_kg_m2(input.morph_angle));
         let mut x = State::zeros();
-        x.fixed_rows_mut::<3>(0).copy_from(gamma);
-        x.fixed_rows_mut::<3>(3).copy_from(&rate);
+        x.fixed_rows_mut::<3>(0).copy_from(&(gamma + (rate + acceleration * (0.5 * age)) * age));
+        x.fixed_rows_mut::<3>(3).copy_from(&(rate + acceleration * age));
         x.fixed_rows_mut::<3>(6).copy_from_slice(&self.memory.actuator_nm);
         x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.applied_nm);
         Ok(x)

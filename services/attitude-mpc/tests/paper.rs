@@ -27,6 +27,7 @@ fn step_response(rate_hz: f64, increment_weight: f64, solver: SolverKind) -> Vec
         let output = law.step(&Input {
             gamma_rad: plant.euler_rad(),
             body_rate_rad_s: plant.truth(&inputs).state.omega_b,
+            age_s: 0.0,
             morph_angle: beta,
             setpoint,
             applied_torque_nm: None,

@@ -18,6 +18,7 @@ fn input(k: u32) -> Input {
     Input {
         gamma_rad: Vector3::new(0.2 * wave(5.0, 0.1), 0.3 * wave(4.0, 1.0), 3.5 * wave(2.0, 0.0)),
         body_rate_rad_s: Vector3::new(wave(5.0, 1.6), wave(4.0, 2.0), 6.0 * wave(2.0, 1.5)),
+        age_s: 1e-4 * f64::from(k % 3),
         morph_angle: MorphAngle::saturating_from_rad(1.8 + wave(3.0, 0.0)).unwrap(),
         setpoint: Setpoint {
             gamma_rad: Vector3::new(0.3 * wave(1.0, f64::from(k / 7)), 0.1, wave(0.5, 0.0)),
@@ -34,7 +35,7 @@ fn configurations() -> [AttitudeLawConfig; 5] {
         AttitudeLawConfig::paper(),
         AttitudeLawConfig { solver: SolverKind::Hildreth, ..flight },
         AttitudeLawConfig { rebuild_tolerance_rad: 0.05, ..flight },
-        AttitudeLawConfig { rate_hz: 1000.0, ..flight },
+        AttitudeLawConfig::flight(1000.0),
     ]
 }
 

@@ -1,0 +1,97 @@
+//! What the law does not know: torques from outside, another lag, another inertia, a full turn.
+
+mod rig;
+
+use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Setpoint};
+use nalgebra::Vector3;
+use rig::{Flight, SIZES, fly, peak, settling};
+use vehicle::{Disturbance, MorphAngle, VehicleParameters, wrap_pi};
+
+fn law(rate_hz: f64) -> AttitudeLaw {
+    AttitudeLaw::new(AttitudeLawConfig::flight(rate_hz), &VehicleParameters::default()).unwrap()
+}
+
+fn hover(gamma_rad: Vector3<f64>) -> Setpoint {
+    Setpoint { gamma_rad, thrust_n: VehicleParameters::default().weight_n() }
+}
+
+#[test]
+fn a_constant_torque_is_integrated_away_within_a_second() {
+    for rate in [50.0, 100.0, 150.0, 500.0] {
+        for beta in SIZES {
+            let mut flight = Flight::hover(VehicleParameters::default(), beta);
+            flight.disturbance = Disturbance {
+                torque_b_nm: Vector3::new(0.01, -0.008, 0.002),
+                ..Disturbance::default()
+            };
+            let trace = fly(&mut flight, &mut law(rate), rate, 1.5, |_, _| hover(Vector3::zeros()));
+            let late = trace.t_s.iter().zip(&trace.gamma).filter(|(t, _)| **t > 1.0);
+            let worst = late.map(|(_, gamma)| gamma.amax()).fold(0.0, f64::max);
+            assert!(worst <= 1e-3, "{rate} Hz, {beta:?}: {worst}");
+        }
+    }
+}
+
+/// Settling and peak of a roll step of 0.2 rad on a vehicle the law misjudges.
+fn misjudged(rate: f64, beta: MorphAngle, rotor_lag_s: f64, inertia_scale: f64) -> (f64, f64) {
+    let vehicle = VehicleParameters { rotor_lag_s, inertia_scale, ..VehicleParameters::default() };
+    let mut flight = Flight::hover(vehicle, beta);
+    let target = hover(Vector3::new(0.2, 0.0, 0.0));
+    let trace = fly(&mut flight, &mut law(rate), rate, 1.0, |_, _| target);
+    (settling(&trace, 0, 0.2, 0.0), peak(&trace, 0))
+}
+
+#[test]
+fn a_wrong_lag_and_a_wrong_inertia_together_settle_from_100_hz_on() {
+    for rate in [100.0, 150.0, 500.0] {
+        for beta in SIZES {
+            for lag_s in [0.010, 0.015, 0.020] {
+                for scale in [0.8, 1.0, 1.5] {
+                    let (settled, peaked) = misjudged(rate, beta, lag_s, scale);
+                    let case = format!("{rate} Hz {beta:?} {lag_s} s x{scale}");
+                    assert!(settled <= 0.4 && peaked <= 0.26, "{case}: {settled} s, {peaked} rad");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn at_50_hz_one_of_them_may_be_wrong() {
+    for beta in SIZES {
+        for (lag_s, scale) in [(0.010, 1.0), (0.020, 1.0), (0.015, 0.8), (0.015, 1.5)] {
+            let (settled, peaked) = misjudged(50.0, beta, lag_s, scale);
+            let case = format!("{beta:?} {lag_s} s x{scale}");
+            assert!(settled <= 0.45 && peaked <= 0.26, "{case}: {settled} s, {peaked} rad");
+        }
+    }
+}
+
+#[test]
+fn a_heading_across_half_a_turn_goes_the_short_way() {
+    let mut flight = Flight::hover(VehicleParameters::default(), MorphAngle::MIN);
+    let mut longest: f64 = 0.0;
+    let trace = fly(&mut flight, &mut law(100.0), 100.0, 9.0, |t, _| {
+        hover(Vector3::new(0.0, 0.0, wrap_pi(t.min(7.0))))
+    });
+    for pair in trace.gamma.windows(2) {
+        longest = longest.max(wrap_pi(pair[1].z - pair[0].z).abs());
+    }
+    assert!(longest < 3e-3, "1 rad/s, never the long way back: {longest} rad in 1 ms");
+    let last = trace.gamma.last().unwrap();
+    assert!(wrap_pi(last.z - 7.0).abs() < 1e-3, "{last}");
+}
+
+#[test]
+fn a_morph_sweep_leaves_no_trace_in_hover() {
+    let vehicle = VehicleParameters::default();
+    let mut flight = Flight::hover(vehicle, MorphAngle::MIN);
+    let trace = fly(&mut flight, &mut law(100.0), 100.0, 2.0, |t, flight| {
+        flight.morph_command = if t < 1.0 { MorphAngle::MAX } else { MorphAngle::MIN };
+        flight.disturbance.torque_b_nm = Vector3::new(0.004, -0.004, 0.001);
+        hover(Vector3::zeros())
+    });
+    let late = trace.t_s.iter().zip(&trace.gamma).filter(|(t, _)| **t > 0.5);
+    let worst = late.map(|(_, gamma)| gamma.amax()).fold(0.0, f64::max);
+    assert!(worst < 5e-3, "{worst}");
+}
