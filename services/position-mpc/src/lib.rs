@@ -1,1 +1,17 @@
 //! Position MPC: reference and state estimate in, attitude setpoint out.
+//!
+//! [`PositionLaw`] is the pure law: no clock, no topic. Open `law.rs` next (one step, in order),
+//! then `config.rs` (every number with its reason) and `heading.rs` (the ψ = 0 frame). Equation
+//! numbers are those of Zhao et al., "Attitude Control for Morphing Quadrotor through Model
+//! Predictive Control with Constraints".
+
+mod config;
+mod heading;
+mod law;
+mod memory;
+mod model;
+
+pub use config::{ConfigError, PositionLawConfig};
+pub use law::{Input, LawStatus, Output, PositionLaw, Refusal, Setpoint};
+pub use memory::{Counters, Memory, WORKING_SET_CAPACITY};
+pub use mpc::{Horizon, QpStatus, SolverKind};

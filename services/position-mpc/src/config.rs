@@ -1,0 +1,142 @@
+//! The law's numbers, each with its reason, and what is refused.
+
+use mpc::{Horizon, MpcError, SolverKind};
+use thiserror::Error;
+use vehicle::ParameterError;
+
+use crate::memory::WORKING_SET_CAPACITY;
+
+/// Everything the position law is told before it flies. [`Default`] is for flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionLawConfig {
+    /// Control rate \[Hz\], up to 200.
+    pub rate_hz: f64,
+    /// Np and Nc; below 0.4 s of look-ahead the loop loses its damping.
+    pub horizon: Horizon,
+    /// W of (15) on tilt increments \[m²/rad²\].
+    pub tilt_weight: f64,
+    /// W of (15) on thrust increments \[m²/N²\].
+    pub thrust_weight: f64,
+    /// Bound on |φ| and |θ| in the ψ = 0 frame \[rad\].
+    pub tilt_max_rad: f64,
+    /// Bound on their change in one sample \[rad\].
+    pub tilt_step_max_rad: f64,
+    /// Least thrust over weight.
+    pub thrust_min_weights: f64,
+    /// Largest thrust over weight.
+    pub thrust_max_weights: f64,
+    /// Bound on the change of thrust over weight in one sample.
+    pub thrust_step_max_weights: f64,
+    /// First-order lag of the attitude loop as seen from here \[s\]; 0 with no delay is (3).
+    pub tilt_lag_s: f64,
+    /// Delay of the attitude loop as seen from here \[s\], at most one period.
+    pub tilt_delay_s: f64,
+    /// First-order lag of the thrust: the rotors' \[s\].
+    pub thrust_lag_s: f64,
+    /// Delay of the thrust through the attitude loop's clock \[s\], at most one period.
+    pub thrust_delay_s: f64,
+    /// Solver of (16).
+    pub solver: SolverKind,
+}
+
+impl Default for PositionLawConfig {
+    /// [`Self::flight`] at 50 Hz.
+    fn default() -> Self {
+        Self::flight(50.0)
+    }
+}
+
+impl PositionLawConfig {
+    /// For flight at `rate_hz` above an attitude loop of 100 Hz or more.
+    ///
+    /// Half a second of look-ahead, {50, 5} at 100 Hz, but {20, 3} at 50 Hz and below.
+    #[must_use]
+    pub fn flight(rate_hz: f64) -> Self {
+        let horizon = if rate_hz <= 50.0 {
+            Horizon { prediction: 20, control: 3 }
+        } else {
+            let prediction = (20..100).find(|n| f64::from(*n) >= 0.5 * rate_hz).unwrap_or(100_u16);
+            Horizon { prediction: prediction.into(), control: prediction.div_ceil(10).into() }
+        };
+        Self {
+            rate_hz,
+            horizon,
+            tilt_weight: 0.3,
+            thrust_weight: 0.03,
+            tilt_max_rad: 0.35,
+            tilt_step_max_rad: 0.10,
+            thrust_min_weights: 0.3,
+            thrust_max_weights: 1.7,
+            thrust_step_max_weights: 0.2,
+            tilt_lag_s: 0.035,
+            tilt_delay_s: (0.5 / rate_hz).max(0.010).min(1.0 / rate_hz),
+            thrust_lag_s: 0.015,
+            thrust_delay_s: 0.002_f64.min(1.0 / rate_hz),
+            solver: SolverKind::ActiveSet,
+        }
+    }
+
+    /// The control period \[s\].
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        1.0 / self.rate_hz
+    }
+
+    pub(crate) fn validate(&self) -> Result<(), ConfigError> {
+        within("rate_hz", self.rate_hz, 1.0, 200.0)?;
+        within("tilt_weight", self.tilt_weight, 1e-9, 1e9)?;
+        within("thrust_weight", self.thrust_weight, 1e-9, 1e9)?;
+        within("tilt_max_rad", self.tilt_max_rad, 0.01, 0.8)?;
+        within("tilt_step_max_rad", self.tilt_step_max_rad, 1e-3, 1.6)?;
+        within("thrust_min_weights", self.thrust_min_weights, 0.0, 1.0)?;
+        within("thrust_max_weights", self.thrust_max_weights, 1.0, 4.0)?;
+        within("thrust_step_max_weights", self.thrust_step_max_weights, 1e-3, 4.0)?;
+        let period = self.period_s();
+        within("tilt_lag_s", self.tilt_lag_s, 0.0, 1.0)?;
+        within("tilt_delay_s", self.tilt_delay_s, 0.0, period)?;
+        within("thrust_lag_s", self.thrust_lag_s, 0.0, 1.0)?;
+        within("thrust_delay_s", self.thrust_delay_s, 0.0, period)?;
+        self.horizon.check()?;
+        if 3 * (2 * self.horizon.control - 1) > WORKING_SET_CAPACITY {
+            return Err(ConfigError::ControlHorizon { control: self.horizon.control });
+        }
+        Ok(())
+    }
+}
+
+/// A configuration the law refuses.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ConfigError {
+    /// A number outside its range.
+    #[error("{name} = {value} must lie in {least}..={most}")]
+    OutOfRange {
+        /// The key.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least value accepted.
+        least: f64,
+        /// Largest value accepted.
+        most: f64,
+    },
+    /// More moves than the law's memory holds.
+    #[error("control horizon {control} must not exceed 50 samples")]
+    ControlHorizon {
+        /// Nc as given.
+        control: usize,
+    },
+    /// The engine refused the set-up.
+    #[error(transparent)]
+    Engine(#[from] MpcError),
+    /// The vehicle is impossible.
+    #[error(transparent)]
+    Vehicle(#[from] ParameterError),
+}
+
+fn within(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ConfigError> {
+    if (least..=most).contains(&value) {
+        Ok(())
+    } else {
+        Err(ConfigError::OutOfRange { name, value, least, most })
+    }
+}

@@ -1,0 +1,57 @@
+//! Between the ψ = 0 frame, in which (3) holds, and the vehicle's heading.
+//!
+//! Inside the law the input is u = (θ₀, φ₀, T), ordered by the axis it moves: x, y, z. With the
+//! small angles of (3) the horizontal acceleration is g (θ₀, −φ₀) in the ψ = 0 frame and
+//! g (cψ θ + sψ φ, sψ θ − cψ φ) at heading ψ; equating them gives the rotation below.
+
+use nalgebra::Vector3;
+
+/// (φ, θ) at heading `psi` that accelerates like `u` in the ψ = 0 frame.
+pub(crate) fn angles_at(u: &Vector3<f64>, psi: f64) -> (f64, f64) {
+    let (s, c) = libm::sincos(psi);
+    let (theta, phi) = (u.x, u.y);
+    (c * phi + s * theta, c * theta - s * phi)
+}
+
+/// u in the ψ = 0 frame of (φ, θ) at heading `psi` with thrust `thrust`.
+pub(crate) fn input_of(phi: f64, theta: f64, psi: f64, thrust: f64) -> Vector3<f64> {
+    let (s, c) = libm::sincos(psi);
+    Vector3::new(c * theta + s * phi, c * phi - s * theta, thrust)
+}
+
+/// (θ₀, φ₀) that the vehicle now has, from the direction of its thrust, the first column of (2).
+pub(crate) fn present_tilt(gamma: &Vector3<f64>) -> (f64, f64) {
+    let (s_phi, c_phi) = libm::sincos(gamma.x);
+    let s_theta = libm::sin(gamma.y);
+    let (s, c) = libm::sincos(gamma.z);
+    (c_phi * s_theta * c + s_phi * s, s_phi * c - c_phi * s_theta * s)
+}
+
+#[cfg(test)]
+mod tests {
+    use vehicle::quaternion_from_euler;
+
+    use super::*;
+
+    #[test]
+    fn a_rotated_command_accelerates_the_same_way_at_every_heading() {
+        for degrees in (-180..=180).step_by(15) {
+            let psi = f64::from(degrees).to_radians();
+            let u = Vector3::new(2e-3, -3e-3, 1.2);
+            let (phi, theta) = angles_at(&u, psi);
+            let z_w = quaternion_from_euler(&Vector3::new(phi, theta, psi)) * Vector3::z();
+            // Horizontal thrust direction (θ₀, −φ₀), up to the square of the angles.
+            assert!((z_w.x - u.x).abs() < 1e-7, "{degrees}");
+            assert!((z_w.y + u.y).abs() < 1e-7, "{degrees}");
+            assert!((input_of(phi, theta, psi, u.z) - u).amax() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn the_present_tilt_is_the_horizontal_part_of_the_thrust_direction() {
+        let gamma = Vector3::new(0.3, -0.2, 2.5);
+        let z_w = quaternion_from_euler(&gamma) * Vector3::z();
+        let (theta, phi) = present_tilt(&gamma);
+        assert!((theta - z_w.x).abs() < 1e-15 && (phi + z_w.y).abs() < 1e-15);
+    }
+}

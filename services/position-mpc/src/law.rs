@@ -1,0 +1,275 @@
+//! One step of the position law, (7) and (10)-(17).
+
+use mpc::{Bounds, IncrementalMpc, LaggedAxis, Measured, Move, QpStatus};
+use nalgebra::{SVector, Vector3};
+use vehicle::VehicleParameters;
+
+use crate::config::{ConfigError, PositionLawConfig};
+use crate::heading::{angles_at, input_of, present_tilt};
+use crate::memory::Memory;
+use crate::model;
+
+/// What the attitude loop is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setpoint {
+    /// γ = (φ, θ, ψ) \[rad\], intrinsic z-y-x.
+    pub gamma_rad: Vector3<f64>,
+    /// Collective thrust T \[N\].
+    pub thrust_n: f64,
+}
+
+/// What the law knows at its sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Input<'a> {
+    /// p \[m\] in W.
+    pub position_w_m: Vector3<f64>,
+    /// v \[m/s\] in W.
+    pub velocity_w_m_s: Vector3<f64>,
+    /// γ = (φ, θ, ψ) \[rad\].
+    pub gamma_rad: Vector3<f64>,
+    /// Time since these were valid \[s\].
+    pub age_s: f64,
+    /// Desired p \[m\] in W at k+1, k+2, …: Np of them are used, and the last one is held if
+    /// there are fewer. Empty holds what was last given.
+    pub reference_w_m: &'a [Vector3<f64>],
+    /// Desired ψ \[rad\].
+    pub reference_yaw_rad: f64,
+    /// Setpoint in effect at the attitude loop just before this sample; `None` takes the law's
+    /// own as applied.
+    pub applied: Option<Setpoint>,
+}
+
+/// Why a step was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// A NaN or an infinity in the input.
+    NotFinite,
+}
+
+/// How a step ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LawStatus {
+    /// The optimum.
+    Solved,
+    /// The solver did not finish; its first move was clipped to its bounds.
+    Fallback(QpStatus),
+    /// The input could not be used; the last setpoint is held.
+    Refused(Refusal),
+}
+
+/// The setpoint and the way it came about. Vectors over inputs are ordered (θ₀, φ₀, T), in the
+/// ψ = 0 frame, in which the bounds hold.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Output {
+    /// For the attitude loop.
+    pub setpoint: Setpoint,
+    /// How the step ended.
+    pub status: LawStatus,
+    /// u(k) \[rad, rad, N\].
+    pub command: Vector3<f64>,
+    /// Least u(k) \[rad, rad, N\].
+    pub command_min: Vector3<f64>,
+    /// Largest u(k) \[rad, rad, N\].
+    pub command_max: Vector3<f64>,
+    /// Bound on |Δu(k)|, relaxation included \[rad, rad, N\].
+    pub increment_bound: Vector3<f64>,
+    /// Part of it that is relaxation \[rad, rad, N\].
+    pub relaxation: Vector3<f64>,
+    /// How far the solver's own move was outside these bounds.
+    pub violation: f64,
+    /// Changes of the working set, or sweeps.
+    pub iterations: u32,
+    /// Rows at a bound.
+    pub active: u32,
+}
+
+/// x = \[p, v, (θ₀, φ₀, T) as achieved, u(k−1)\].
+type State = SVector<f64, 12>;
+
+/// The position MPC.
+#[derive(Debug)]
+pub struct PositionLaw {
+    config: PositionLawConfig,
+    thrust_axis: LaggedAxis,
+    bounds: Bounds<3>,
+    engine: IncrementalMpc<12, 3, 3>,
+    memory: Memory,
+}
+
+impl PositionLaw {
+    /// Reserves all memory and starts at trim.
+    ///
+    /// # Errors
+    /// A number outside its range, a horizon that does not fit, an impossible vehicle.
+    pub fn new(
+        config: PositionLawConfig,
+        vehicle: &VehicleParameters,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        vehicle.validate()?;
+        let mut engine = IncrementalMpc::new(config.horizon, config.solver)?;
+        engine.schedule(0.0, 0.0, |_| model::model(&config, vehicle));
+        Ok(Self {
+            config,
+            thrust_axis: model::axes(&config, vehicle)[2],
+            bounds: model::bounds(&config, vehicle),
+            engine,
+            memory: Memory::at_trim(vehicle.weight_n()),
+        })
+    }
+
+    /// One sample: measure, Δx, program, u(k) = u(k−1) + Δu(k), rotate by the heading.
+    pub fn step(&mut self, input: &Input<'_>) -> Output {
+        self.memory.counters.steps += 1;
+        self.follow_applied(input.applied.as_ref());
+        if !is_finite(input) {
+            return self.refuse();
+        }
+        let x = self.state(input);
+        let now = self.measured(&x);
+        let points = input.reference_w_m;
+        let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
+        let reference = |ahead: usize| points.get(ahead - 1).copied().unwrap_or(last);
+        let chosen = self.engine.step(&now, reference, &self.bounds);
+
+        let psi = input.gamma_rad.z;
+        let (phi, theta) = angles_at(&chosen.u, psi);
+        let setpoint = Setpoint {
+            gamma_rad: Vector3::new(phi, theta, input.reference_yaw_rad),
+            thrust_n: chosen.u.z,
+        };
+        self.memory.heading_rad = psi;
+        self.memory.hold_w_m = last.into();
+        self.memory.setpoint = [phi, theta, input.reference_yaw_rad, chosen.u.z];
+        self.remember(&x, &chosen);
+        self.output(&chosen, setpoint)
+    }
+
+    /// Brings u(k−1) and the thrust copy to this sample.
+    fn follow_applied(&mut self, reported: Option<&Setpoint>) {
+        let memory = &mut self.memory;
+        if !memory.commanded && reported.is_none() {
+            return;
+        }
+        let [phi, theta, psi, thrust] = memory.setpoint;
+        let own = Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n: thrust };
+        let foreign = reported.filter(|setpoint| {
+            // The law's own command keeps its bits instead of being rotated there and back.
+            **setpoint != own
+                && setpoint.gamma_rad.iter().chain([&setpoint.thrust_n]).all(|v| v.is_finite())
+        });
+        let latest = foreign.map_or(Vector3::from(memory.command), |setpoint| {
+            let gamma = &setpoint.gamma_rad;
+            input_of(gamma.x, gamma.y, memory.heading_rad, setpoint.thrust_n)
+        });
+        let (axis, before) = (&self.thrust_axis, memory.applied[2]);
+        let early = axis.actuator_after(memory.thrust_n, before, axis.delay_s);
+        let rest = self.config.period_s() - axis.delay_s;
+        memory.thrust_n = axis.actuator_after(early, latest.z, rest);
+        memory.applied = latest.into();
+    }
+
+    fn state(&self, input: &Input<'_>) -> State {
+        let age = input.age_s.clamp(0.0, self.config.period_s());
+        let (theta, phi) = present_tilt(&input.gamma_rad);
+        let mut x = State::zeros();
+        let position = input.position_w_m + input.velocity_w_m_s * age;
+        x.fixed_rows_mut::<3>(0).copy_from(&position);
+        x.fixed_rows_mut::<3>(3).copy_from(&input.velocity_w_m_s);
+        x.fixed_rows_mut::<3>(6).copy_from_slice(&[theta, phi, self.memory.thrust_n]);
+        x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.applied);
+        x
+    }
+
+    /// Δx(k), y(k) and u(k−1); Δx = 0 where there is no sample k−1.
+    fn measured(&self, x: &State) -> Measured<12, 3, 3> {
+        let state_increment =
+            if self.memory.primed { x - State::from(self.memory.state) } else { State::zeros() };
+        Measured {
+            state_increment,
+            output: x.fixed_rows::<3>(0).into_owned(),
+            u_previous: x.fixed_rows::<3>(9).into_owned(),
+        }
+    }
+
+    /// Where to stay when no reference is given: the last point of the last one.
+    fn hold(&self, x: &State) -> Vector3<f64> {
+        if self.memory.commanded {
+            self.memory.hold_w_m.into()
+        } else {
+            x.fixed_rows::<3>(0).into_owned()
+        }
+    }
+
+    fn remember(&mut self, x: &State, chosen: &Move<3>) {
+        let memory = &mut self.memory;
+        memory.primed = true;
+        memory.commanded = true;
+        memory.state = (*x).into();
+        memory.command = chosen.u.into();
+        let set = self.engine.working_set();
+        memory.working_set[..set.len()].copy_from_slice(set);
+        memory.counters.fallbacks += u64::from(chosen.is_fallback());
+        memory.counters.relaxed += u64::from(chosen.relaxation.max() > 0.0);
+    }
+
+    fn output(&self, chosen: &Move<3>, setpoint: Setpoint) -> Output {
+        Output {
+            setpoint,
+            status: match chosen.status {
+                QpStatus::Solved => LawStatus::Solved,
+                unfinished => LawStatus::Fallback(unfinished),
+            },
+            command: chosen.u,
+            command_min: self.bounds.u_min,
+            command_max: self.bounds.u_max,
+            increment_bound: self.bounds.du_max + chosen.relaxation,
+            relaxation: chosen.relaxation,
+            violation: chosen.violation,
+            iterations: chosen.iterations,
+            active: chosen.active,
+        }
+    }
+
+    /// Holds the last setpoint; the next good sample starts with Δx = 0.
+    fn refuse(&mut self) -> Output {
+        self.memory.counters.refused += 1;
+        self.memory.primed = false;
+        let [phi, theta, psi, thrust_n] = self.memory.setpoint;
+        let held = Move {
+            u: self.memory.command.into(),
+            du: Vector3::zeros(),
+            relaxation: Vector3::zeros(),
+            violation: 0.0,
+            status: QpStatus::NotFinite,
+            iterations: 0,
+            active: 0,
+        };
+        let setpoint = Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n };
+        Output { status: LawStatus::Refused(Refusal::NotFinite), ..self.output(&held, setpoint) }
+    }
+
+    /// The whole evolving memory.
+    #[must_use]
+    pub fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    /// Takes over the memory of an instance with the same configuration; from here on both give
+    /// the same bits.
+    ///
+    /// # Errors
+    /// A working set that no solver can have; nothing is taken over then.
+    pub fn restore(&mut self, memory: &Memory) -> Result<(), ConfigError> {
+        let length = self.engine.working_set().len();
+        self.engine.set_working_set(&memory.working_set[..length])?;
+        self.memory = *memory;
+        Ok(())
+    }
+}
+
+fn is_finite(input: &Input<'_>) -> bool {
+    let vectors = [&input.position_w_m, &input.velocity_w_m_s, &input.gamma_rad];
+    let points = vectors.into_iter().chain(input.reference_w_m);
+    points.flatten().chain([&input.age_s, &input.reference_yaw_rad]).all(|v| v.is_finite())
+}

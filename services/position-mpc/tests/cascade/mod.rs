@@ -1,0 +1,147 @@
+//! Position law over attitude law over the nonlinear vehicle, each edge 1 ms late, perfect state.
+#![allow(dead_code, reason = "each test file uses its own part of the cascade")]
+
+#[path = "../../../attitude-mpc/tests/rig/mod.rs"]
+mod rig;
+
+use attitude_mpc::{AttitudeLaw, AttitudeLawConfig};
+use nalgebra::Vector3;
+use position_mpc::{Input, LawStatus, Output, PositionLaw, PositionLawConfig, Setpoint};
+pub(crate) use rig::{Flight, MS, release_ns};
+use vehicle::{VehicleParameters, Wrench, euler_from_quaternion};
+
+/// Desired position \[m\] and heading \[rad\] at a time \[s\].
+pub(crate) type Reference<'a> = &'a dyn Fn(f64) -> (Vector3<f64>, f64);
+
+pub(crate) struct Cascade {
+    pub(crate) flight: Flight,
+    pub(crate) position: PositionLaw,
+    pub(crate) attitude: AttitudeLaw,
+    pub(crate) position_rate_hz: f64,
+    pub(crate) attitude_rate_hz: f64,
+    pub(crate) preview: usize,
+}
+
+/// Position error every millisecond, and every output of the position law.
+pub(crate) struct Trace {
+    pub(crate) t_s: Vec<f64>,
+    pub(crate) error_m: Vec<Vector3<f64>>,
+    pub(crate) yaw_error_rad: Vec<f64>,
+    pub(crate) outputs: Vec<Output>,
+}
+
+impl Trace {
+    fn from(&self, from_s: f64) -> impl Iterator<Item = &Vector3<f64>> {
+        self.t_s.iter().zip(&self.error_m).filter(move |(t, _)| **t > from_s).map(|(_, e)| e)
+    }
+
+    pub(crate) fn mean_error_m(&self, from_s: f64) -> f64 {
+        let (sum, count) = self.from(from_s).fold((0.0, 0.0), |(s, n), e| (s + e.norm(), n + 1.0));
+        sum / count
+    }
+
+    pub(crate) fn worst_error_m(&self, from_s: f64) -> f64 {
+        self.from(from_s).map(Vector3::norm).fold(0.0, f64::max)
+    }
+}
+
+impl Cascade {
+    /// A flight of `flown`, by laws that believe in the default vehicle.
+    pub(crate) fn new(flight: Flight, position: PositionLawConfig, attitude_rate_hz: f64) -> Self {
+        let believed = VehicleParameters::default();
+        let attitude = AttitudeLawConfig {
+            setpoint_ramp_s: position.period_s(),
+            ..AttitudeLawConfig::flight(attitude_rate_hz)
+        };
+        Self {
+            flight,
+            position_rate_hz: position.rate_hz,
+            attitude_rate_hz,
+            preview: position.horizon.prediction,
+            position: PositionLaw::new(position, &believed).unwrap(),
+            attitude: AttitudeLaw::new(attitude, &believed).unwrap(),
+        }
+    }
+
+    pub(crate) fn fly(
+        &mut self,
+        seconds: f64,
+        reference: Reference<'_>,
+        mut script: impl FnMut(f64, &mut Flight),
+    ) -> Trace {
+        let mut trace =
+            Trace { t_s: vec![], error_m: vec![], yaw_error_rad: vec![], outputs: vec![] };
+        let (mut p, mut a, mut tick) = (0, 0, 0);
+        let weight = VehicleParameters::default().weight_n();
+        let mut in_effect = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight };
+        let mut coming: Option<(u64, Setpoint)> = None;
+        while tick * MS < (seconds * 1e9) as u64 {
+            let next_p = release_ns(p, self.position_rate_hz);
+            let next_a = release_ns(a, self.attitude_rate_hz);
+            let next = next_p.min(next_a).min(tick * MS);
+            script(next as f64 * 1e-9, &mut self.flight);
+            self.flight.advance(next);
+            if let Some((_, setpoint)) = coming.take_if(|(at, _)| *at <= next) {
+                in_effect = setpoint;
+            }
+            if next == next_p {
+                let output = self.position_step(next, reference, in_effect);
+                coming = Some((next + MS, output.setpoint));
+                trace.outputs.push(output);
+                p += 1;
+            }
+            if next == next_a {
+                self.attitude_step(next, in_effect);
+                a += 1;
+            }
+            if next == tick * MS {
+                let state = self.flight.sampled().0;
+                let (wanted, yaw) = reference(next as f64 * 1e-9);
+                trace.t_s.push(next as f64 * 1e-9);
+                trace.error_m.push(state.position_w - wanted);
+                let heading = euler_from_quaternion(&state.q_wb).z;
+                trace.yaw_error_rad.push(vehicle::wrap_pi(heading - yaw));
+                tick += 1;
+            }
+        }
+        trace
+    }
+
+    fn position_step(&mut self, now: u64, reference: Reference<'_>, applied: Setpoint) -> Output {
+        let t = now as f64 * 1e-9;
+        let period = 1.0 / self.position_rate_hz;
+        let points: Vec<_> =
+            (1..=self.preview).map(|j| reference(t + j as f64 * period).0).collect();
+        let state = self.flight.sampled().0;
+        let output = self.position.step(&Input {
+            position_w_m: state.position_w,
+            velocity_w_m_s: state.velocity_w,
+            gamma_rad: euler_from_quaternion(&state.q_wb),
+            age_s: (now % MS) as f64 * 1e-9,
+            reference_w_m: &points,
+            reference_yaw_rad: reference(t).1,
+            applied: Some(applied),
+        });
+        assert_eq!(output.status, LawStatus::Solved);
+        assert!(output.violation <= 1e-9, "{output:?}");
+        output
+    }
+
+    fn attitude_step(&mut self, now: u64, setpoint: Setpoint) {
+        let (state, applied) = self.flight.sampled();
+        let output = self.attitude.step(&attitude_mpc::Input {
+            gamma_rad: euler_from_quaternion(&state.q_wb),
+            body_rate_rad_s: state.omega_b,
+            age_s: (now % MS) as f64 * 1e-9,
+            morph_angle: state.beta,
+            setpoint: attitude_mpc::Setpoint {
+                gamma_rad: setpoint.gamma_rad,
+                thrust_n: setpoint.thrust_n,
+            },
+            applied_torque_nm: Some(applied),
+        });
+        assert_eq!(output.status, attitude_mpc::LawStatus::Solved);
+        assert!(output.violation_nm <= 1e-9, "{output:?}");
+        self.flight.command(Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm });
+    }
+}
