@@ -1,0 +1,153 @@
+//! Belief at one instant: nominal state, error covariance, last inertial sample.
+
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::config::{FilterConfig, InitialState};
+use super::rotation;
+
+/// Number of error states.
+pub const STATE_DIMENSION: usize = 15;
+
+/// Covariance of the error state, in the order position \[m\], velocity \[m/s\] (both world frame),
+/// attitude \[rad\] (body side: `q_true = q_wb * Exp(error)`), gyro bias \[rad/s\], accelerometer bias
+/// \[m/s²\] (both body frame).
+pub type Covariance = SMatrix<f64, STATE_DIMENSION, STATE_DIMENSION>;
+
+pub(super) type ErrorState = SVector<f64, STATE_DIMENSION>;
+
+/// First row of each block of the error state (Solà eq. 235).
+pub(super) const POSITION: usize = 0;
+pub(super) const VELOCITY: usize = 3;
+pub(super) const ATTITUDE: usize = 6;
+pub(super) const GYRO_BIAS: usize = 9;
+pub(super) const ACCEL_BIAS: usize = 12;
+
+/// One inertial reading, as measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Inertial {
+    pub(super) gyro: Vector3<f64>,
+    pub(super) accel: Vector3<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Belief {
+    pub(super) time_ns: u64,
+    pub(super) p: Vector3<f64>,
+    pub(super) v: Vector3<f64>,
+    pub(super) q: UnitQuaternion<f64>,
+    pub(super) gyro_bias: Vector3<f64>,
+    pub(super) accel_bias: Vector3<f64>,
+    pub(super) covariance: Covariance,
+    /// Reading at `time_ns`; none before the first sample.
+    pub(super) inertial: Option<Inertial>,
+}
+
+impl Belief {
+    pub(super) fn new(initial: &InitialState) -> Self {
+        let mut belief = Self {
+            time_ns: initial.time_ns,
+            p: initial.position_w,
+            v: initial.velocity_w,
+            q: initial.q_wb,
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            covariance: Covariance::zeros(),
+            inertial: None,
+        };
+        belief.open(&[
+            (POSITION, initial.position_sigma_m),
+            (VELOCITY, initial.velocity_sigma_m_s),
+            (ATTITUDE, initial.attitude_sigma_rad),
+            (GYRO_BIAS, initial.gyro_bias_sigma_rad_s),
+            (ACCEL_BIAS, initial.accel_bias_sigma_m_s2),
+        ]);
+        belief
+    }
+
+    /// Adds independent errors of the given 1σ to blocks of the covariance.
+    pub(super) fn open(&mut self, blocks: &[(usize, f64)]) {
+        for &(block, sigma) in blocks {
+            for i in block..block + 3 {
+                self.covariance[(i, i)] += sigma * sigma;
+            }
+        }
+    }
+
+    /// Re-opens the whole covariance; `level` doubles what the gate sees, so that the gate cannot
+    /// stay shut however far off the state is.
+    pub(super) fn reopen(&mut self, config: &FilterConfig, level: u32) {
+        let scale = f64::from(1_u32 << level.min(MAX_REOPEN_LEVEL));
+        let sigmas = &config.reopen;
+        self.open(&[
+            (POSITION, sigmas.position_m * scale),
+            (VELOCITY, sigmas.velocity_m_s * scale),
+            (ATTITUDE, (sigmas.attitude_rad * scale).min(1.0)),
+            (GYRO_BIAS, sigmas.gyro_bias_rad_s),
+            (ACCEL_BIAS, sigmas.accel_bias_m_s2),
+        ]);
+    }
+
+    /// Adds the estimated error to the nominal state and re-centres the error (Solà section 6.3).
+    pub(super) fn inject(&mut self, error: &ErrorState) {
+        let theta: Vector3<f64> = error.fixed_rows::<3>(ATTITUDE).into_owned();
+        self.p += error.fixed_rows::<3>(POSITION);
+        self.v += error.fixed_rows::<3>(VELOCITY);
+        self.q = rotation::compose(&self.q, &rotation::exp(&theta));
+        self.gyro_bias += error.fixed_rows::<3>(GYRO_BIAS);
+        self.accel_bias += error.fixed_rows::<3>(ACCEL_BIAS);
+        self.recentre(&theta);
+    }
+
+    /// P ← G P Gᵀ with G = I except G_θθ = I − [½ δθ]× (Solà eq. 285–287).
+    fn recentre(&mut self, theta: &Vector3<f64>) {
+        let half = theta * 0.5;
+        for _ in 0..2 {
+            // One pass forms P Gᵀ on the columns; transposed, the second gives G P Gᵀ.
+            for row in 0..STATE_DIMENSION {
+                let x: Vector3<f64> = self.covariance.fixed_view::<1, 3>(row, ATTITUDE).transpose();
+                let turned = x - half.cross(&x);
+                self.covariance.fixed_view_mut::<1, 3>(row, ATTITUDE).tr_copy_from(&turned);
+            }
+            self.covariance.transpose_mut();
+        }
+        symmetrize(&mut self.covariance);
+    }
+}
+
+/// Doubling 2 cm this often gives more than a kilometre.
+const MAX_REOPEN_LEVEL: u32 = 16;
+
+/// Makes the upper triangle the mirror of the lower, which rounding lets drift apart.
+pub(super) fn symmetrize(covariance: &mut Covariance) {
+    covariance.fill_upper_triangle_with_lower_triangle();
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+
+    #[test]
+    fn recentring_equals_the_dense_product() {
+        let mut belief = Belief::new(&InitialState::default());
+        let root = Covariance::from_fn(|i, j| libm::sin((3 * i + 7 * j) as f64));
+        belief.covariance = root * root.transpose();
+        let theta = Vector3::new(0.02, -0.05, 0.03);
+        let mut g = Covariance::identity();
+        let block = Matrix3::identity() - (theta * 0.5).cross_matrix();
+        g.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE).copy_from(&block);
+        let wanted = g * belief.covariance * g.transpose();
+        belief.recentre(&theta);
+        assert!((belief.covariance - wanted).norm() < 1e-12 * wanted.norm());
+    }
+
+    #[test]
+    fn a_higher_level_opens_further_but_never_beyond_a_radian_of_attitude() {
+        let config = FilterConfig::default();
+        let mut belief = Belief::new(&InitialState::default());
+        belief.reopen(&config, 12);
+        assert!(belief.covariance[(0, 0)] > 80.0 * 80.0);
+        assert!(belief.covariance[(ATTITUDE, ATTITUDE)] < 1.01);
+    }
+}

@@ -1,0 +1,252 @@
+//! The pipeline: inertial samples push the head forward, fixes correct the past and are replayed.
+//!
+//! ```text
+//! base ──history──▶ head ──▶ estimate
+//!  ▲ a fix corrects here, at its capture; then the history is replayed into a new head
+//! ```
+//! The base is the belief at the capture of the last fix, or as far back as the history reaches; the
+//! history holds the inertial samples from there to the head. A fix moves the base to its capture, so
+//! what is replayed is exactly what a filter without delay would compute.
+
+mod belief;
+mod config;
+mod estimate;
+mod history;
+mod memory;
+mod monitor;
+mod morph_angle;
+mod pose_fix;
+mod propagate;
+mod rotation;
+mod sample;
+
+pub use belief::{Covariance, STATE_DIMENSION};
+pub use config::{ConfigError, FilterConfig, InitialState, ReopenSigmas};
+pub use estimate::{AlarmFlags, Counters, Estimate, VerdictCounts};
+pub use memory::{BeliefMemory, FilterMemory, ImuMemory, MemoryError};
+pub use monitor::MAX_NIS_WINDOW;
+pub use sample::{ImuSample, MorphAngleSample, PoseFixSample, Verdict};
+
+use belief::Belief;
+use history::{History, interpolate};
+use memory::Evolving;
+use monitor::{Advice, Monitor};
+use morph_angle::MorphFilter;
+
+/// Error-state Kalman filter with delayed fixes; see the [module](self) and the crate.
+///
+/// A call allocates nothing, never panics and replays at most one history.
+#[derive(Debug, Clone)]
+pub struct Filter {
+    config: FilterConfig,
+    state: Evolving,
+}
+
+impl Filter {
+    /// A filter that believes `initial`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the parameter that is out of its domain.
+    pub fn new(config: FilterConfig, initial: &InitialState) -> Result<Self, ConfigError> {
+        config.validate()?;
+        initial.validate(&config)?;
+        let belief = Belief::new(initial);
+        let state = Evolving {
+            base: belief,
+            head: belief,
+            history: History::new(),
+            last_fix_captured_ns: None,
+            last_fix_accepted_ns: initial.time_ns,
+            monitor: Monitor::new(),
+            morph: MorphFilter::new(initial),
+            counters: Counters::default(),
+        };
+        Ok(Self { config, state })
+    }
+
+    /// Moves the estimate to the instant of an inertial sample.
+    pub fn on_imu(&mut self, sample: &ImuSample) -> Verdict {
+        let verdict = self.judge_imu(sample);
+        if verdict == Verdict::Accepted {
+            self.take_imu(sample);
+        }
+        self.state.counters.imu.record(verdict)
+    }
+
+    /// Corrects the estimate with a fix captured in the past.
+    pub fn on_pose_fix(&mut self, fix: &PoseFixSample) -> Verdict {
+        let verdict = match self.refuse_fix(fix) {
+            Some(refusal) => refusal,
+            None => self.take_fix(fix),
+        };
+        self.state.counters.pose_fix.record(verdict)
+    }
+
+    /// Corrects the morph angle with an encoder reading.
+    pub fn on_morph_angle(&mut self, sample: &MorphAngleSample) -> Verdict {
+        let verdict = self.state.morph.update(sample, &self.config);
+        self.state.counters.morph_angle.record(verdict)
+    }
+
+    /// What is believed at the last inertial sample.
+    #[must_use]
+    pub fn estimate(&self) -> Estimate {
+        let Evolving { head, monitor, counters, .. } = &self.state;
+        let (gyro, accel) = head.inertial.map_or_else(Default::default, |i| (i.gyro, i.accel));
+        let (beta_rad, beta_rate_rad_s) = self.state.morph.at(head.time_ns, &self.config);
+        let fix_age_ns = head.time_ns.saturating_sub(self.state.last_fix_accepted_ns);
+        Estimate {
+            time_ns: head.time_ns,
+            position_w: head.p,
+            velocity_w: head.v,
+            q_wb: vehicle::canonical(head.q),
+            body_rate_b: gyro - head.gyro_bias,
+            specific_force_b: accel - head.accel_bias,
+            gyro_bias_b: head.gyro_bias,
+            accel_bias_b: head.accel_bias,
+            beta_rad,
+            beta_rate_rad_s,
+            sigmas: std::array::from_fn(|i| f64::sqrt(head.covariance[(i, i)].max(0.0))),
+            nis: monitor.last_nis,
+            alarms: AlarmFlags {
+                nis: monitor.alarm,
+                fix_gated: monitor.rejections_in_row > 0,
+                fix_overdue: fix_age_ns > self.config.fix_timeout_ns,
+            },
+            counters: *counters,
+        }
+    }
+
+    /// Error covariance that belongs to [`estimate`](Self::estimate).
+    #[must_use]
+    pub fn covariance(&self) -> &Covariance {
+        &self.state.head.covariance
+    }
+
+    /// The whole evolving state.
+    #[must_use]
+    pub fn memory(&self) -> FilterMemory {
+        self.state.memory()
+    }
+
+    /// Continues from a memory, bit for bit if it was written under the same configuration.
+    ///
+    /// # Errors
+    /// [`MemoryError`] if no filter can have written it; the filter is then unchanged.
+    pub fn restore(&mut self, memory: &FilterMemory) -> Result<(), MemoryError> {
+        self.state = memory.evolving(self.config.nis_window)?;
+        Ok(())
+    }
+
+    fn judge_imu(&self, sample: &ImuSample) -> Verdict {
+        let (gyro, accel) = (&sample.gyro_rad_s, &sample.accel_m_s2);
+        if !gyro.iter().chain(accel).all(|x| x.is_finite()) {
+            return Verdict::NotFinite;
+        }
+        let inside = gyro.iter().all(|x| x.abs() <= self.config.gyro_range_rad_s)
+            && accel.iter().all(|x| x.abs() <= self.config.accel_range_m_s2);
+        if !inside {
+            return Verdict::OutOfRange;
+        }
+        let head = &self.state.head;
+        let repeated = head.inertial.is_some() && sample.time_ns == head.time_ns;
+        if sample.time_ns < head.time_ns || repeated {
+            return Verdict::OutOfOrder;
+        }
+        Verdict::Accepted
+    }
+
+    fn take_imu(&mut self, sample: &ImuSample) {
+        let state = &mut self.state;
+        if sample.time_ns - state.head.time_ns > self.config.max_imu_gap_ns {
+            state.counters.imu_gaps += 1;
+        }
+        if state.history.is_full()
+            && let Some(oldest) = state.history.pop_oldest()
+        {
+            state.base.propagate(&oldest, &self.config);
+        }
+        state.history.push(*sample);
+        state.head.propagate(sample, &self.config);
+    }
+
+    fn refuse_fix(&self, fix: &PoseFixSample) -> Option<Verdict> {
+        let state = &self.state;
+        if let Some(refusal) = pose_fix::refusal(fix, &self.config) {
+            return Some(refusal);
+        }
+        if state.last_fix_captured_ns.is_some_and(|last| fix.captured_ns <= last) {
+            return Some(Verdict::OutOfOrder);
+        }
+        if fix.captured_ns < state.base.time_ns {
+            return Some(Verdict::TooOld);
+        }
+        (fix.captured_ns > state.head.time_ns).then_some(Verdict::Ahead)
+    }
+
+    /// Base to the capture, correct there, replay to the head.
+    fn take_fix(&mut self, fix: &PoseFixSample) -> Verdict {
+        self.move_base(fix.captured_ns);
+        let state = &mut self.state;
+        state.last_fix_captured_ns = Some(fix.captured_ns);
+        let verdict = match pose_fix::innovation(&state.base, fix, &self.config) {
+            Some(innovation) => self.correct(&innovation),
+            None => {
+                self.reopen(0);
+                Verdict::Numerical
+            }
+        };
+        let state = &mut self.state;
+        if verdict == Verdict::Accepted {
+            state.last_fix_accepted_ns = fix.captured_ns;
+        }
+        state.head = state.base;
+        for sample in state.history.iter() {
+            state.head.propagate(sample, &self.config);
+        }
+        verdict
+    }
+
+    /// Advances the base to `time_ns`, which lies between base and head.
+    fn move_base(&mut self, time_ns: u64) {
+        let Evolving { base, history, .. } = &mut self.state;
+        while history.oldest().is_some_and(|sample| sample.time_ns <= time_ns) {
+            if let Some(sample) = history.pop_oldest() {
+                base.propagate(&sample, &self.config);
+            }
+        }
+        if base.time_ns == time_ns {
+            return;
+        }
+        if let Some(after) = history.oldest() {
+            let reading = base.inertial.map_or(*after, |inertial| ImuSample {
+                time_ns: base.time_ns,
+                gyro_rad_s: inertial.gyro,
+                accel_m_s2: inertial.accel,
+            });
+            base.propagate(&interpolate(&reading, after, time_ns), &self.config);
+        }
+    }
+
+    /// Gates the innovation, applies it to the base and follows the monitor's advice.
+    fn correct(&mut self, innovation: &pose_fix::Innovation) -> Verdict {
+        let gated = innovation.whitened.norm_squared() > self.config.fix_gate;
+        if !gated {
+            innovation.apply(&mut self.state.base);
+        }
+        match self.state.monitor.observe(&innovation.whitened, &self.config) {
+            Advice::Keep => {}
+            Advice::ReopenGate { level } => self.reopen(level),
+            Advice::ReopenInconsistent => {
+                self.state.counters.nis_alarms += 1;
+                self.reopen(0);
+            }
+        }
+        if gated { Verdict::Gated } else { Verdict::Accepted }
+    }
+
+    fn reopen(&mut self, level: u32) {
+        self.state.base.reopen(&self.config, level);
+        self.state.counters.reopened += 1;
+    }
+}

@@ -1,0 +1,155 @@
+//! Measurement model of a pose fix: y = (p + n_p, q ⊗ Exp(n_θ)).
+
+use nalgebra::{Matrix6, SMatrix, Vector6};
+
+use super::belief::{
+    ATTITUDE, Belief, Covariance, ErrorState, POSITION, STATE_DIMENSION, symmetrize,
+};
+use super::config::FilterConfig;
+use super::rotation;
+use super::sample::{PoseFixSample, Verdict};
+
+/// A fix's quaternion must be this close to unit length.
+const UNIT_TOLERANCE: f64 = 1e-3;
+
+type Gain = SMatrix<f64, STATE_DIMENSION, 6>;
+
+/// The innovation of a fix against a belief, ready to be judged and applied.
+pub(super) struct Innovation {
+    residual: Vector6<f64>,
+    noise: Vector6<f64>,
+    cholesky: nalgebra::Cholesky<f64, nalgebra::Const<6>>,
+    /// z = L⁻¹ r, S = L Lᵀ.
+    pub(super) whitened: Vector6<f64>,
+}
+
+/// Looks at the values alone: `None` if they are usable.
+pub(super) fn refusal(fix: &PoseFixSample, config: &FilterConfig) -> Option<Verdict> {
+    let length = fix.q_wb.coords.norm();
+    let finite = fix.position_w.iter().all(|x| x.is_finite());
+    if !finite || !length.is_finite() || (length - 1.0).abs() > UNIT_TOLERANCE {
+        return Some(Verdict::NotFinite);
+    }
+    let inside = fix.position_w.iter().all(|x| x.abs() <= config.fix_range_m);
+    (!inside).then_some(Verdict::OutOfRange)
+}
+
+/// r = (y_p − p, Log(q⁻¹ ⊗ y_q)), H = [I at δp; I at δθ], S = H P Hᵀ + R. `None` if S is not
+/// positive definite.
+pub(super) fn innovation(
+    belief: &Belief,
+    fix: &PoseFixSample,
+    config: &FilterConfig,
+) -> Option<Innovation> {
+    let measured = rotation::compose(&belief.q.inverse(), &fix.q_wb);
+    let mut residual = Vector6::zeros();
+    residual.fixed_rows_mut::<3>(0).copy_from(&(fix.position_w - belief.p));
+    residual.fixed_rows_mut::<3>(3).copy_from(&rotation::log(&measured));
+    let position = config.fix_position_sigma_m * config.fix_position_sigma_m;
+    let attitude = config.fix_attitude_sigma_rad * config.fix_attitude_sigma_rad;
+    let noise = Vector6::new(position, position, position, attitude, attitude, attitude);
+    let seen = columns_seen(&belief.covariance);
+    let mut s = Matrix6::from_diagonal(&noise);
+    for (row, state) in OBSERVED.iter().enumerate() {
+        for column in 0..6 {
+            s[(row, column)] += seen[(*state, column)];
+        }
+    }
+    let cholesky = s.cholesky()?;
+    let whitened = cholesky.l_dirty().solve_lower_triangular(&residual)?;
+    Some(Innovation { residual, noise, cholesky, whitened })
+}
+
+/// Rows of the error state that a fix sees.
+const OBSERVED: [usize; 6] =
+    [POSITION, POSITION + 1, POSITION + 2, ATTITUDE, ATTITUDE + 1, ATTITUDE + 2];
+
+/// P Hᵀ.
+fn columns_seen(covariance: &Covariance) -> Gain {
+    let mut seen = Gain::zeros();
+    for (column, state) in OBSERVED.iter().enumerate() {
+        seen.set_column(column, &covariance.column(*state));
+    }
+    seen
+}
+
+impl Innovation {
+    /// K = P Hᵀ S⁻¹, δx = K r, P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ: the Joseph form stays positive
+    /// after a re-opening, when P is far larger than R.
+    pub(super) fn apply(&self, belief: &mut Belief) {
+        let seen = columns_seen(&belief.covariance);
+        let gain: Gain = self.cholesky.solve(&seen.transpose()).transpose();
+        let error: ErrorState = gain * self.residual;
+        let left = belief.covariance - gain * seen.transpose();
+        let noisy = gain * Matrix6::from_diagonal(&self.noise);
+        belief.covariance =
+            left - columns_seen(&left) * gain.transpose() + noisy * gain.transpose();
+        symmetrize(&mut belief.covariance);
+        belief.inject(&error);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::super::config::InitialState;
+    use super::*;
+
+    fn spread_belief() -> Belief {
+        let mut belief = Belief::new(&InitialState::default());
+        let root = Covariance::from_fn(|i, j| 0.01 * libm::sin((3 * i + 7 * j + i * j) as f64));
+        belief.covariance += root * root.transpose();
+        belief.q = rotation::exp(&Vector3::new(0.2, -0.1, 2.0));
+        belief
+    }
+
+    #[test]
+    fn the_update_matches_the_information_form() {
+        let mut belief = spread_belief();
+        let prior = belief;
+        let config = FilterConfig::default();
+        let turn = Vector3::new(1e-9, -2e-9, 1e-9);
+        let fix = PoseFixSample {
+            captured_ns: 0,
+            position_w: Vector3::new(0.01, -0.02, 0.005),
+            q_wb: rotation::compose(&belief.q, &rotation::exp(&turn)),
+        };
+        let innovation = innovation(&belief, &fix, &config).unwrap();
+        // P⁺ = (P⁻¹ + Hᵀ R⁻¹ H)⁻¹, δx = P⁺ Hᵀ R⁻¹ r, another route to the same answer.
+        let mut information = prior.covariance.try_inverse().unwrap();
+        let mut right = ErrorState::zeros();
+        for (row, state) in OBSERVED.iter().enumerate() {
+            information[(*state, *state)] += 1.0 / innovation.noise[row];
+            right[*state] = innovation.residual[row] / innovation.noise[row];
+        }
+        let wanted = information.try_inverse().unwrap();
+        let error = wanted * right;
+        innovation.apply(&mut belief);
+        // The reset after the injection turns the attitude block by about half the correction.
+        let bound =
+            1e-6 * wanted.norm() + 2.0 * error.fixed_rows::<3>(ATTITUDE).norm() * wanted.norm();
+        assert!((belief.covariance - wanted).norm() < bound);
+        assert!((belief.p - error.fixed_rows::<3>(0)).norm() < 1e-9);
+        assert!((belief.v - error.fixed_rows::<3>(3)).norm() < 1e-9);
+        assert!((belief.gyro_bias - error.fixed_rows::<3>(9)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn values_that_no_tracker_can_mean_are_refused() {
+        let config = FilterConfig::default();
+        let good = PoseFixSample {
+            captured_ns: 0,
+            position_w: Vector3::zeros(),
+            q_wb: UnitQuaternion::identity(),
+        };
+        assert_eq!(refusal(&good, &config), None);
+        let nan = PoseFixSample { position_w: Vector3::new(0.0, f64::NAN, 0.0), ..good };
+        assert_eq!(refusal(&nan, &config), Some(Verdict::NotFinite));
+        let far = PoseFixSample { position_w: Vector3::new(0.0, 2e4, 0.0), ..good };
+        assert_eq!(refusal(&far, &config), Some(Verdict::OutOfRange));
+        let zero = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(0.0, 0.0, 0.0, 0.0));
+        let flat = PoseFixSample { q_wb: zero, ..good };
+        assert_eq!(refusal(&flat, &config), Some(Verdict::NotFinite));
+    }
+}
