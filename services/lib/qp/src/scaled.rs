@@ -82,7 +82,7 @@ impl ScaledProblem {
             self.set_normal(i);
         }
         let least = (0..n).map(|j| self.factor[(j, j)]).fold(1.0, f64::min);
-        self.noise = (8.0 * f64::EPSILON / least).max(1e-12);
+        self.noise = 8.0 * f64::EPSILON / least;
         self.ready = true;
         Ok(())
     }

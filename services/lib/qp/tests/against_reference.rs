@@ -15,7 +15,7 @@ const COST: f64 = 1e-7;
 
 /// Solves and demands optimality and the cost of the reference; returns the residual.
 fn verify(problem: &Problem, label: &str) -> f64 {
-    let mut solver = problem.active_set().unwrap();
+    let mut solver = problem.active_set().expect("the problem was built solvable");
     let outcome = solver.solve(&problem.f, &problem.lower, &problem.upper);
     assert_eq!(outcome.status, QpStatus::Solved, "{label}: {outcome:?}");
     let residual = problem.residual(&solver);
@@ -150,7 +150,8 @@ fn contradictions_are_always_detected() {
     let mut random = generator(9);
     for round in 0..300 {
         let (n, m) = (random.random_range(1..15), random.random_range(1..30));
-        let mut problem = feasible(&mut random, n, m, 1e3);
+        let cond = 10.0_f64.powi(round % 9);
+        let mut problem = feasible(&mut random, n, m, cond);
         // A combination of rows with non-negative weights is asked to exceed what the rows allow.
         for i in 0..m {
             problem.upper[i] = problem.upper[i].min(problem.lower[i].max(-2.0) + 4.0);
@@ -171,4 +172,33 @@ fn contradictions_are_always_detected() {
             assert!(problem.reference().is_none(), "round {round}: the reference disagrees");
         }
     }
+}
+
+#[test]
+fn verdicts_on_integer_rows_agree_with_the_reference() {
+    let mut random = generator(10);
+    let mut infeasible = 0;
+    for round in 0..300 {
+        let (n, m) = (random.random_range(1..8), random.random_range(1..16));
+        let mut problem = feasible(&mut random, n, m, 1e2);
+        // Small integers give many dependent rows, touching bounds and ties.
+        problem.rows =
+            nalgebra::DMatrix::from_fn(m, n, |_, _| f64::from(random.random_range(-1..2_i8)));
+        for i in 0..m {
+            problem.lower[i] = f64::from(random.random_range(-3..2_i8));
+            problem.upper[i] = problem.lower[i] + f64::from(random.random_range(0..4_u8));
+        }
+        let mut solver = problem.active_set().unwrap();
+        let outcome = solver.solve(&problem.f, &problem.lower, &problem.upper);
+        let expected = match problem.reference() {
+            Some(_) => QpStatus::Solved,
+            None => QpStatus::Infeasible,
+        };
+        assert_eq!(outcome.status, expected, "round {round}, n {n}, m {m}");
+        infeasible += u32::from(expected == QpStatus::Infeasible);
+        if outcome.status == QpStatus::Solved {
+            assert!(problem.residual(&solver) < RESIDUAL, "round {round}");
+        }
+    }
+    assert!((50..250).contains(&infeasible), "{infeasible} of 300 infeasible");
 }

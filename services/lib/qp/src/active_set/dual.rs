@@ -15,8 +15,10 @@ use crate::solver::QpStatus;
 const SATISFIED: f64 = 2e-13;
 /// The same after long walks, where rounding may feed a cycle.
 const SATISFIED_LATE: f64 = 1e-10;
-/// Largest growth granted to the noise of a row that depends on many others.
-const MOST_GROWTH: f64 = 1e3;
+/// A row this close to the span of others counts as dependent, however exact the numbers are.
+const LEAST_DEPENDENCE: f64 = 1e-13;
+/// A row this far from the span counts as independent, however noisy the numbers are.
+const MOST_NOISE: f64 = 1e-9;
 
 /// A row to be added: its index, the side it is violated at, the multiplier it has so far.
 struct Entering {
@@ -116,7 +118,7 @@ impl ActiveSet {
     /// The row outside the working set that y misses by most.
     fn most_violated(&self, iterations: u32) -> Option<(usize, i8)> {
         // Rounding can only cycle where violations are tiny: late walks overlook more of them.
-        let patience = 2 * (self.y.len() + self.set.len()).max(25);
+        let patience = 5 * (self.y.len() + self.set.len()).max(25);
         let late = iterations as usize > patience;
         let satisfied = if late { SATISFIED_LATE } else { SATISFIED };
         let size = norm(&self.y) + norm(&self.gradient);
@@ -172,9 +174,10 @@ impl ActiveSet {
         let side = f64::from(p.side);
         let bound = self.bound(p.row, p.side);
         let miss = side * (dot(self.scaled.normal(p.row), &self.y) - bound);
-        let independent = rest > self.dependence() * MOST_GROWTH.min(1.0 + growth);
+        let noise = self.scaled.noise * (2.0 + growth);
+        let independent = rest > self.dependence().max(noise.min(MOST_NOISE));
         let size = norm(&self.y) + norm(&self.gradient) + bound.abs();
-        if !independent && miss <= self.scaled.noise * (2.0 + growth) * size {
+        if !independent && miss <= (rest + noise) * size {
             return Event::Excused;
         }
         let full = if independent { (miss / rest / rest).max(0.0) } else { f64::INFINITY };
@@ -223,6 +226,6 @@ impl ActiveSet {
 
     /// Length of the part across the working rows at which a row counts as dependent on them.
     fn dependence(&self) -> f64 {
-        2.0 * self.scaled.noise
+        LEAST_DEPENDENCE.max(2.0 * self.scaled.noise)
     }
 }

@@ -34,8 +34,9 @@ impl Default for Settings {
 ///
 /// A solve rebuilds its factor from the working set, drops the rows whose multipliers have the
 /// wrong sign, and then adds violated rows one by one. `Solved` is said only after the residuals
-/// of the original problem have been measured. Working sets that share a normal (duplicate,
-/// tied or nearly parallel rows) never enter the factor together.
+/// of the original problem have been measured. Dependent rows (duplicates, ties) never stand in
+/// the factor together. Where many rows are parallel up to an angle of 1e-8 or less, double
+/// precision may not reach the promised residual; the verdict then is `IterationLimit`.
 ///
 /// After `IterationLimit` and `Infeasible` the solution is the last iterate, optimal for its
 /// working set but outside some row; after `NotFinite`, or if `lower > upper`, it is zero and

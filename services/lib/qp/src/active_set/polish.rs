@@ -22,15 +22,13 @@ impl ActiveSet {
         self.correct(bounds);
         let mut status = walked;
         if walked == QpStatus::Solved {
-            status = QpStatus::IterationLimit;
             self.evaluate();
             for _ in 0..MOST_REFINEMENTS {
                 self.refine(f, bounds);
                 self.evaluate();
                 let residual = self.residual(f, bounds);
-                if residual <= self.tolerance {
-                    status = QpStatus::Solved;
-                }
+                let kept = residual <= self.tolerance;
+                status = if kept { QpStatus::Solved } else { QpStatus::IterationLimit };
                 if residual <= self.tolerance * GOOD_ENOUGH {
                     break;
                 }
