@@ -13,6 +13,7 @@ mod noise;
 mod pose_fix;
 mod schedule;
 
+pub(crate) use config::finite_in;
 pub use config::{
     BiasStep, DropOut, ImuConfig, MAX_SENSOR_RATE_HZ, MorphEncoderConfig, PoseFixConfig,
     SensorError,
@@ -21,3 +22,4 @@ pub use imu::{Imu, ImuMemory, ImuSample};
 pub use morph_encoder::{MorphEncoder, MorphEncoderMemory};
 pub use noise::NoiseMemory;
 pub use pose_fix::{DELAY_LINE_LEN, Pose, PoseFix, PoseFixMemory, PoseSample};
+pub(crate) use schedule::ns_from_s;

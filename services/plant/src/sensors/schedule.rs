@@ -53,7 +53,7 @@ impl Schedule {
     clippy::cast_sign_loss,
     reason = "configured times are finite, not negative and below 1e6 s; `as` saturates anyway"
 )]
-pub(super) fn ns_from_s(time_s: f64) -> u64 {
+pub(crate) fn ns_from_s(time_s: f64) -> u64 {
     (time_s * 1e9).round() as u64
 }
 

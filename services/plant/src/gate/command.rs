@@ -1,0 +1,226 @@
+//! Which commands may reach the rotors.
+
+use vehicle::{MorphAngle, VehicleParameters, Wrench};
+
+use super::config::GateConfig;
+
+/// Commands at a bound must not fail by the rounding of a solver, whose residuals are below 1e-8.
+const SLACK: f64 = 1e-6;
+
+/// A wrench command that takes effect, with what the transport knows about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// Commanded wrench.
+    pub wrench: Wrench,
+    /// Who wrote it, as told by the transport.
+    pub author: u128,
+    /// Who owns the slot at `effective_ns`.
+    pub owner: u128,
+    /// Logical instant from which it is in effect \[ns\].
+    pub effective_ns: u64,
+    /// How long it stays valid from then on \[ns\]: two control periods.
+    pub validity_ns: u64,
+}
+
+/// What happened since start. The sums never go back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(C)]
+pub struct GateCounters {
+    /// Commands refused because their author did not own the slot.
+    pub refused_wrong_owner: u64,
+    /// Commands refused because a number was not finite.
+    pub refused_not_finite: u64,
+    /// Commands refused because they ask for more than the rotors can ever give.
+    pub refused_out_of_range: u64,
+    /// Commands refused because they were not yet in effect, no longer valid, or older than the one
+    /// in effect.
+    pub refused_out_of_time: u64,
+    /// Inertial readings ignored because they were not finite or beyond any sensor.
+    pub bad_readings: u64,
+    /// Times the gate left [`Mode::Normal`](super::Mode::Normal), each counted once however long it
+    /// lasted.
+    pub safe_mode_episodes: u64,
+}
+
+/// Why a command is refused; of several reasons the first in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Refusal {
+    WrongOwner,
+    NotFinite,
+    OutOfRange,
+    OutOfTime,
+}
+
+impl GateCounters {
+    pub(super) fn refuse(&mut self, refusal: Refusal) {
+        let counter = match refusal {
+            Refusal::WrongOwner => &mut self.refused_wrong_owner,
+            Refusal::NotFinite => &mut self.refused_not_finite,
+            Refusal::OutOfRange => &mut self.refused_out_of_range,
+            Refusal::OutOfTime => &mut self.refused_out_of_time,
+        };
+        *counter += 1;
+    }
+}
+
+/// What rotors can ever give, whatever the arms do.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CommandRange {
+    thrust_max: f64,
+    torque_max: [f64; 3],
+    validity_max_ns: u64,
+}
+
+impl CommandRange {
+    pub(super) fn new(config: &GateConfig, vehicle: &VehicleParameters) -> Self {
+        // L(β) by the degree: a replaced law may peak inside the range.
+        let arm = (45..=160)
+            .filter_map(|degrees| MorphAngle::from_degrees(f64::from(degrees)).ok())
+            .map(|beta| vehicle.geometry.arm_length_m(beta))
+            .fold(0.0, f64::max);
+        let factor = config.torque_range_factor * vehicle.rotor_thrust_max_n;
+        Self {
+            thrust_max: config.thrust_range_weights * vehicle.weight_n(),
+            // eq. (1): |τx| ≤ L F, |τy| ≤ L F, |τz| ≤ 2 k F with each rotor in [0, F].
+            torque_max: [arm, arm, 2.0 * vehicle.yaw_coefficient_m].map(|lever| lever * factor),
+            validity_max_ns: config.validity_max_ns(),
+        }
+    }
+
+    /// End of the command's validity; an absurd validity counts as the longest allowed.
+    pub(super) fn valid_until_ns(&self, command: &Command) -> u64 {
+        command.effective_ns.saturating_add(command.validity_ns.min(self.validity_max_ns))
+    }
+
+    /// The wrench to apply from `now_ns` on; `newest_ns` is the effective instant of the command in
+    /// effect.
+    pub(super) fn judge(
+        &self,
+        command: &Command,
+        now_ns: u64,
+        newest_ns: u64,
+    ) -> Result<Wrench, Refusal> {
+        let Wrench { thrust_n, torque_b_nm } = command.wrench;
+        if command.author != command.owner {
+            return Err(Refusal::WrongOwner);
+        }
+        if !command.wrench.is_finite() {
+            return Err(Refusal::NotFinite);
+        }
+        let slack = SLACK * self.thrust_max;
+        let thrust_in_range = (-slack..=self.thrust_max + slack).contains(&thrust_n);
+        let torque_in_range = torque_b_nm
+            .iter()
+            .zip(&self.torque_max)
+            .all(|(torque, max)| torque.abs() <= max * (1.0 + SLACK));
+        if !(thrust_in_range && torque_in_range) {
+            return Err(Refusal::OutOfRange);
+        }
+        let begun = command.effective_ns <= now_ns;
+        let ended = self.valid_until_ns(command) <= now_ns;
+        if !begun || ended || command.effective_ns < newest_ns {
+            return Err(Refusal::OutOfTime);
+        }
+        Ok(Wrench { thrust_n: thrust_n.clamp(0.0, self.thrust_max), torque_b_nm })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    fn good() -> Command {
+        Command {
+            wrench: Wrench { thrust_n: 1.0, torque_b_nm: Vector3::new(0.01, -0.01, 0.001) },
+            author: 7,
+            owner: 7,
+            effective_ns: 1000,
+            validity_ns: 20_000_000,
+        }
+    }
+
+    fn with(thrust_n: f64, torque: [f64; 3]) -> Command {
+        Command { wrench: Wrench { thrust_n, torque_b_nm: torque.into() }, ..good() }
+    }
+
+    fn verdict(command: &Command) -> Result<Wrench, Refusal> {
+        let vehicle = VehicleParameters::default();
+        CommandRange::new(&GateConfig::default(), &vehicle).judge(command, 1000, 500)
+    }
+
+    #[test]
+    fn the_owners_command_within_range_passes_unchanged() {
+        assert_eq!(verdict(&good()), Ok(good().wrench));
+    }
+
+    #[test]
+    fn a_stray_writer_is_refused_whatever_it_writes() {
+        let stray = Command { author: 8, ..with(f64::NAN, [0.0; 3]) };
+        assert_eq!(verdict(&stray), Err(Refusal::WrongOwner));
+    }
+
+    #[test]
+    fn each_component_that_is_not_finite_is_refused() {
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert_eq!(verdict(&with(bad, [0.0; 3])), Err(Refusal::NotFinite));
+            for axis in 0..3 {
+                let mut torque = [0.0; 3];
+                torque[axis] = bad;
+                assert_eq!(verdict(&with(1.0, torque)), Err(Refusal::NotFinite));
+            }
+        }
+    }
+
+    #[test]
+    fn what_four_rotors_at_their_limits_make_passes_and_any_more_is_refused() {
+        let vehicle = VehicleParameters::default();
+        let rotors = vehicle.allocator(MorphAngle::MAX);
+        let full = vehicle.rotor_thrust_max_n;
+        let extremes = [
+            [full; 4],
+            [0.0; 4],
+            [0.0, full, 0.0, 0.0],
+            [0.0, 0.0, 0.0, full],
+            [full, 0.0, 0.0, 0.0],
+            [0.0, 0.0, full, 0.0],
+            [full, 0.0, full, 0.0],
+            [0.0, full, 0.0, full],
+        ];
+        for thrusts in extremes {
+            let wrench = rotors.wrench(&thrusts);
+            assert_eq!(verdict(&Command { wrench, ..good() }), Ok(wrench));
+            let torque_b_nm = wrench.torque_b_nm * 1.001;
+            let thrust_n = if wrench.torque_b_nm.norm() > 0.0 {
+                wrench.thrust_n
+            } else {
+                wrench.thrust_n * 1.001 - 0.001
+            };
+            let beyond = Command { wrench: Wrench { thrust_n, torque_b_nm }, ..good() };
+            assert_eq!(verdict(&beyond), Err(Refusal::OutOfRange), "{thrusts:?}");
+        }
+    }
+
+    #[test]
+    fn rounding_at_the_bounds_passes_and_never_turns_a_rotor_backwards() {
+        let passed = verdict(&with(-1e-12, [0.0; 3])).map(|wrench| wrench.thrust_n);
+        assert_eq!(passed, Ok(0.0));
+    }
+
+    #[test]
+    fn future_expired_and_overtaken_commands_are_refused() {
+        let at = |effective_ns, validity_ns| Command { effective_ns, validity_ns, ..good() };
+        assert_eq!(verdict(&at(1001, 100)), Err(Refusal::OutOfTime));
+        assert_eq!(verdict(&at(900, 100)), Err(Refusal::OutOfTime));
+        assert_eq!(verdict(&at(499, 10_000)), Err(Refusal::OutOfTime));
+        assert!(verdict(&at(500, 10_000)).is_ok());
+    }
+
+    #[test]
+    fn an_absurd_validity_does_not_hold_a_command_for_ever() {
+        let range = CommandRange::new(&GateConfig::default(), &VehicleParameters::default());
+        let endless = Command { validity_ns: u64::MAX, ..good() };
+        assert_eq!(range.valid_until_ns(&endless), 1000 + 200_000_000);
+    }
+}

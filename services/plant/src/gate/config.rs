@@ -1,0 +1,82 @@
+//! Limits of the gate, as a scenario may set them.
+
+use garde::Validate;
+use serde::Deserialize;
+
+use crate::sensors::{finite_in, ns_from_s};
+
+/// Limits of the gate.
+#[derive(Debug, Clone, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct GateConfig {
+    /// Longest HOLD; the last command's validity, two control periods, may end it sooner.
+    #[garde(custom(finite_in(0.0, 1.0)))]
+    pub hold_max_s: f64,
+    /// Longest LEVEL.
+    #[garde(custom(finite_in(0.0, 60.0)))]
+    pub level_max_s: f64,
+    /// Tilt that LEVEL cannot recover from.
+    #[garde(custom(finite_in(0.1, 3.2)))]
+    pub tip_over_tilt_rad: f64,
+    /// How long that tilt may last.
+    #[garde(custom(finite_in(0.0, 10.0)))]
+    pub tip_over_s: f64,
+    /// Torque of LEVEL is at most this times m g L(β).
+    #[garde(custom(finite_in(0.0, 1.0)))]
+    pub level_torque_fraction: f64,
+    /// Undamped frequency of LEVEL's attitude loop; far below 1 / rotor lag.
+    #[garde(custom(finite_in(0.1, 50.0)))]
+    pub level_bandwidth_rad_s: f64,
+    /// Damping ratio of that loop.
+    #[garde(custom(finite_in(0.1, 5.0)))]
+    pub level_damping: f64,
+    /// Time constant with which the accelerometer corrects the gyro's tilt.
+    #[garde(custom(finite_in(0.1, 1e3)))]
+    pub filter_time_constant_s: f64,
+    /// Largest thrust that a command may ask for, in weights.
+    #[garde(custom(finite_in(0.0, 100.0)))]
+    pub thrust_range_weights: f64,
+    /// Largest torque that a command may ask for, relative to the most the rotors can ever give;
+    /// above 1 only for a plant without rotor limits.
+    #[garde(custom(finite_in(0.0, 1e3)))]
+    pub torque_range_factor: f64,
+    /// A command is never valid for longer.
+    #[garde(custom(finite_in(0.0, 10.0)))]
+    pub validity_max_s: f64,
+}
+
+impl Default for GateConfig {
+    fn default() -> Self {
+        Self {
+            hold_max_s: 0.020,
+            level_max_s: 2.0,
+            tip_over_tilt_rad: 1.2,
+            tip_over_s: 0.2,
+            level_torque_fraction: 0.25,
+            level_bandwidth_rad_s: 10.0,
+            level_damping: 1.0,
+            filter_time_constant_s: 3.0,
+            thrust_range_weights: 4.0,
+            torque_range_factor: 1.0,
+            validity_max_s: 0.2,
+        }
+    }
+}
+
+impl GateConfig {
+    pub(super) fn validity_max_ns(&self) -> u64 {
+        ns_from_s(self.validity_max_s)
+    }
+
+    pub(super) fn hold_max_ns(&self) -> u64 {
+        ns_from_s(self.hold_max_s)
+    }
+
+    pub(super) fn level_max_ns(&self) -> u64 {
+        ns_from_s(self.level_max_s)
+    }
+
+    pub(super) fn tip_over_ns(&self) -> u64 {
+        ns_from_s(self.tip_over_s)
+    }
+}

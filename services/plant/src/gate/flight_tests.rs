@@ -1,0 +1,145 @@
+//! The gate on the nonlinear vehicle with noisy sensors, after its controller fell silent.
+
+use nalgebra::Vector3;
+use vehicle::{
+    Actuation, Disturbance, NonlinearModel, PlantInputs, PlantModel, RigidBodyState, StepStatus,
+};
+
+use super::*;
+use crate::sensors::{Imu, ImuConfig};
+
+const MS: u64 = 1_000_000;
+
+/// Everything at one tick that the tests look at.
+struct Moment {
+    output: GateOutput,
+    tilt_rad: f64,
+    rate_rad_s: f64,
+}
+
+struct Flight {
+    model: NonlinearModel,
+    imu: Imu,
+    gate: Gate,
+    beta: MorphAngle,
+    tick: u64,
+}
+
+impl Flight {
+    fn new(config: &GateConfig, beta: MorphAngle, seed: u64) -> Self {
+        let vehicle = VehicleParameters::default();
+        let hover = RigidBodyState::hover(&vehicle, Vector3::zeros(), beta);
+        Self {
+            model: NonlinearModel::new(vehicle, None, hover).unwrap(),
+            imu: Imu::new(&ImuConfig::default(), seed).unwrap(),
+            gate: Gate::new(config, &vehicle).unwrap(),
+            beta,
+            tick: 0,
+        }
+    }
+
+    /// One millisecond; `wrench` is the controller's command, if it sends one.
+    fn step(&mut self, wrench: Option<Wrench>) -> Moment {
+        let now_ns = self.tick * MS;
+        self.tick += 1;
+        let inputs = |wrench| PlantInputs {
+            actuation: Actuation::Wrench(wrench),
+            morph_command_rad: self.beta.rad(),
+            disturbance: Disturbance::default(),
+        };
+        let truth = self.model.truth(&inputs(Wrench::thrust(0.0)));
+        let (omega, force) = (truth.state.omega_b, truth.specific_force_b_m_s2);
+        let command = wrench.map(|wrench| Command {
+            wrench,
+            author: 1,
+            owner: 1,
+            effective_ns: now_ns,
+            validity_ns: 20 * MS,
+        });
+        let output = self.gate.tick(&GateInput {
+            now_ns,
+            commands: command.as_slice(),
+            reading: self.imu.sample(now_ns, &omega, &force),
+            morph_angle_rad: self.beta.rad(),
+        });
+        assert_eq!(self.model.step(1e-3, &inputs(output.wrench)), StepStatus::Advanced);
+        let up = truth.state.q_wb * Vector3::z();
+        Moment { output, tilt_rad: up.angle(&Vector3::z()), rate_rad_s: omega.norm() }
+    }
+
+    /// Pushes the vehicle over about `axis` until it has `tilt_rad` and about 2 rad/s, then sends
+    /// one last command without torque.
+    fn upset(&mut self, axis: Vector3<f64>, tilt_rad: f64) -> Moment {
+        let weight = self.gate.vehicle.weight_n();
+        // From rest, ω² = 2 α φ.
+        let alpha = axis * (2.0 * 2.0 / (2.0 * tilt_rad));
+        let torque_b_nm = self.gate.vehicle.inertia_kg_m2(self.beta).component_mul(&alpha);
+        for _ in 0..3000 {
+            let moment = self.step(Some(Wrench { thrust_n: weight, torque_b_nm }));
+            if moment.tilt_rad >= tilt_rad {
+                break;
+            }
+        }
+        self.step(Some(Wrench::thrust(weight)))
+    }
+}
+
+#[test]
+fn level_recovers_from_0_3_rad_and_2_rad_s_at_every_size() {
+    let axes = [Vector3::x(), -Vector3::y(), Vector3::new(0.6, 0.8, 0.0)];
+    for beta in [MorphAngle::MIN, MorphAngle::MEDIUM, MorphAngle::MAX] {
+        for (axis, seed) in axes.into_iter().zip(1..) {
+            let mut flight = Flight::new(&GateConfig::default(), beta, seed);
+            let upset = flight.upset(axis, 0.3);
+            assert!(upset.tilt_rad >= 0.3 && upset.rate_rad_s > 1.9, "{}", upset.rate_rad_s);
+
+            let moments: Vec<Moment> = (0..2000).map(|_| flight.step(None)).collect();
+            let arm = flight.gate.vehicle.geometry.arm_length_m(beta);
+            let torque_max = 0.25 * flight.gate.vehicle.weight_n() * arm;
+            let worst = moments.iter().map(|m| m.tilt_rad).fold(0.0, f64::max);
+            assert!(worst < 0.5, "worst tilt {worst}");
+            for moment in &moments[45..] {
+                assert!(matches!(moment.output.mode, Mode::Level { .. }));
+                assert!(moment.output.wrench.torque_b_nm.norm() <= torque_max * (1.0 + 1e-12));
+            }
+            // A gyro bias of 0.01 rad/s (1 σ per axis) drifts by up to about 0.05 rad in 2 s.
+            for moment in &moments[1000..] {
+                assert!(moment.tilt_rad < 0.08, "tilt {}", moment.tilt_rad);
+                assert!(moment.rate_rad_s < 0.1, "rate {}", moment.rate_rad_s);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_that_cannot_be_turned_back_is_cut_after_the_tip_over_time() {
+    let powerless = GateConfig { level_torque_fraction: 0.0, ..GateConfig::default() };
+    let mut flight = Flight::new(&powerless, MorphAngle::MEDIUM, 1);
+    assert!(flight.upset(Vector3::x(), 1.8).tilt_rad >= 1.8);
+    let modes: Vec<Mode> = (0..1000).map(|_| flight.step(None).output.mode).collect();
+    let level = modes.iter().filter(|mode| matches!(mode, Mode::Level { .. })).count();
+    assert_eq!((level, modes.last()), (200, Some(&Mode::Cut)));
+}
+
+#[test]
+fn after_ten_seconds_of_flight_the_gate_still_knows_what_is_up() {
+    for seed in 1..=5 {
+        let mut flight = Flight::new(&GateConfig::default(), MorphAngle::MEDIUM, seed);
+        let weight = flight.gate.vehicle.weight_n();
+        for k in 0..10_000 {
+            // A rate loop on the truth, weaving to either side like a slow figure of eight.
+            let t = f64::from(k) * 1e-3;
+            let wish = Vector3::new(0.3 * libm::cos(2.0 * t), 0.3 * libm::cos(4.0 * t), 0.0);
+            let state = flight.model.state();
+            let gamma = vehicle::euler_from_quaternion(&state.q_wb);
+            let alpha = (wish - state.omega_b) * 20.0 - gamma * 2.0;
+            let torque_b_nm = flight.gate.vehicle.inertia_kg_m2(flight.beta).component_mul(&alpha);
+            let thrust_n = weight / (libm::cos(gamma.x) * libm::cos(gamma.y));
+            flight.step(Some(Wrench { thrust_n, torque_b_nm }));
+        }
+        let up = flight.model.state().q_wb.inverse_transform_vector(&Vector3::z());
+        let error = up.angle(&flight.gate.filter.up_b);
+        // Bias 0.01 rad/s times the time constant of 3 s, 1 σ per axis, and the turns in flight.
+        assert!(error < 0.12, "seed {seed}: {error} rad");
+    }
+}

@@ -1,0 +1,212 @@
+//! The gate's own idea of what is up, and the law that brings the vehicle level.
+
+use nalgebra::{UnitQuaternion, Vector3};
+use vehicle::{MorphAngle, VehicleParameters, Wrench};
+
+use super::config::GateConfig;
+use crate::sensors::ImuSample;
+
+/// Readings beyond these are a fault, not a motion: several times any sensor's range.
+const MAX_RATE_RAD_S: f64 = 100.0;
+const MAX_FORCE_M_S2: f64 = 1000.0;
+
+/// The accelerometer says something about up only while its length is near g.
+const FORCE_WINDOW: f64 = 0.25;
+
+/// Longest time that one prediction bridges \[s\].
+const MAX_STEP_S: f64 = 0.02;
+
+/// A rate older than this no longer damps anything \[ns\].
+const MAX_READING_AGE_NS: u64 = 20_000_000;
+
+/// Complementary filter for the direction of up, seen from the body.
+///
+/// d up/dt = −ω × up + (f/|f| − up) / time constant. A quadrotor's specific force lies along its
+/// own z axis over short times, so the time constant is long, and the correction rests in LEVEL,
+/// where the thrust is constant and the accelerometer would call every tilt level.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct UpFilter {
+    pub(super) up_b: Vector3<f64>,
+    pub(super) rate_b: Vector3<f64>,
+    pub(super) reading_ns: u64,
+}
+
+impl UpFilter {
+    /// Level and at rest.
+    pub(super) fn new() -> Self {
+        Self { up_b: Vector3::z(), rate_b: Vector3::zeros(), reading_ns: 0 }
+    }
+
+    /// Takes a reading over; false if it is a fault.
+    pub(super) fn read(&mut self, now_ns: u64, reading: &ImuSample) -> bool {
+        // NaN lies in no range.
+        let within = |v: &Vector3<f64>, max: f64| v.iter().all(|x| (-max..=max).contains(x));
+        let usable = within(&reading.gyro_b_rad_s, MAX_RATE_RAD_S)
+            && within(&reading.specific_force_b_m_s2, MAX_FORCE_M_S2);
+        if usable {
+            self.rate_b = reading.gyro_b_rad_s;
+            self.reading_ns = now_ns;
+        }
+        usable
+    }
+
+    /// Turns up by the last rate over `dt_s`.
+    pub(super) fn predict(&mut self, dt_s: f64) {
+        let turn = UnitQuaternion::from_scaled_axis(self.rate_b * -dt_s.min(MAX_STEP_S));
+        self.up_b = (turn * self.up_b).try_normalize(0.1).unwrap_or_else(Vector3::z);
+    }
+
+    /// Moves up by `share` towards a usable reading's specific force.
+    pub(super) fn correct(&mut self, force_b: &Vector3<f64>, gravity: f64, share: f64) {
+        let length = force_b.norm();
+        if (length / gravity - 1.0).abs() < FORCE_WINDOW {
+            let blend = self.up_b + (force_b / length - self.up_b) * share;
+            // Nothing to correct with, if the two point in opposite directions.
+            self.up_b = blend.try_normalize(0.1).unwrap_or(self.up_b);
+        }
+    }
+
+    /// Angle between body z and up \[rad\].
+    pub(super) fn tilt_rad(&self) -> f64 {
+        libm::atan2(libm::hypot(self.up_b.x, self.up_b.y), self.up_b.z)
+    }
+
+    /// Rotation vector that brings body z onto up: angle times ẑ × up / |ẑ × up|.
+    fn tilt_error(&self) -> Vector3<f64> {
+        let axis = Vector3::new(-self.up_b.y, self.up_b.x, 0.0);
+        axis.try_normalize(1e-9).map_or_else(Vector3::zeros, |axis| axis * self.tilt_rad())
+    }
+
+    pub(super) fn is_blind(&self, now_ns: u64) -> bool {
+        now_ns.saturating_sub(self.reading_ns) > MAX_READING_AGE_NS
+    }
+}
+
+/// α = ωₙ² e − 2 ζ ωₙ ω, τ = I(β) α, T = m g.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LevelLaw {
+    stiffness: f64,
+    damping: f64,
+    torque_fraction: f64,
+}
+
+impl LevelLaw {
+    pub(super) fn new(config: &GateConfig) -> Self {
+        let bandwidth = config.level_bandwidth_rad_s;
+        Self {
+            stiffness: bandwidth * bandwidth,
+            damping: 2.0 * config.level_damping * bandwidth,
+            torque_fraction: config.level_torque_fraction,
+        }
+    }
+
+    /// |τ| ≤ fraction · m g L(β), and of it yaw at most fraction · m g k; no torque while the filter
+    /// is blind.
+    pub(super) fn wrench(
+        &self,
+        vehicle: &VehicleParameters,
+        filter: &UpFilter,
+        beta: MorphAngle,
+        now_ns: u64,
+    ) -> Wrench {
+        let weight = vehicle.weight_n();
+        if filter.is_blind(now_ns) {
+            return Wrench::thrust(weight);
+        }
+        let alpha = filter.tilt_error() * self.stiffness - filter.rate_b * self.damping;
+        let mut tau = vehicle.inertia_kg_m2(beta).component_mul(&alpha);
+        let yaw_max = self.torque_fraction * weight * vehicle.yaw_coefficient_m;
+        tau.z = tau.z.clamp(-yaw_max, yaw_max);
+        let torque_max = self.torque_fraction * weight * vehicle.geometry.arm_length_m(beta);
+        Wrench { thrust_n: weight, torque_b_nm: tau.cap_magnitude(torque_max) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const G: f64 = 9.81;
+
+    fn reading(gyro: Vector3<f64>, force: Vector3<f64>) -> ImuSample {
+        ImuSample { gyro_b_rad_s: gyro, specific_force_b_m_s2: force, saturated: false }
+    }
+
+    fn up_at(roll: f64, pitch: f64) -> UpFilter {
+        let q_wb = vehicle::quaternion_from_euler(&Vector3::new(roll, pitch, 0.7));
+        UpFilter { up_b: q_wb.inverse_transform_vector(&Vector3::z()), ..UpFilter::new() }
+    }
+
+    fn torque(filter: &UpFilter, beta: MorphAngle) -> Vector3<f64> {
+        let law = LevelLaw::new(&GateConfig::default());
+        law.wrench(&VehicleParameters::default(), filter, beta, 0).torque_b_nm
+    }
+
+    #[test]
+    fn the_prediction_follows_a_coning_attitude() {
+        let mut filter = UpFilter::new();
+        let mut q_wb = UnitQuaternion::<f64>::identity();
+        for k in 0..2000 {
+            let t = f64::from(k) * 1e-3;
+            let omega = Vector3::new(libm::cos(7.0 * t), libm::sin(5.0 * t), 3.0);
+            q_wb *= UnitQuaternion::from_scaled_axis(omega * 1e-3);
+            assert!(filter.read(0, &reading(omega, Vector3::zeros())));
+            filter.predict(1e-3);
+        }
+        assert!((filter.up_b - q_wb.inverse_transform_vector(&Vector3::z())).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_accelerometer_corrects_with_its_time_constant_and_only_near_g() {
+        let mut filter = up_at(0.2, 0.0);
+        for _ in 0..3000 {
+            filter.correct(&Vector3::new(0.0, 0.0, G), G, 1e-3 / 3.0);
+        }
+        // One time constant leaves 1/e of a small tilt.
+        assert!((filter.tilt_rad() / 0.2 - (-1.0_f64).exp()).abs() < 0.01);
+
+        let mut filter = up_at(0.2, 0.0);
+        for force in [0.0, 0.7 * G, 1.3 * G, 100.0] {
+            filter.correct(&Vector3::new(0.0, 0.0, force), G, 0.5);
+        }
+        assert!((filter.tilt_rad() - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn faulty_readings_are_not_taken_over() {
+        let mut filter = UpFilter::new();
+        let z = Vector3::z();
+        assert!(filter.read(1, &reading(z * 2.0, z * G)));
+        for bad in [f64::NAN, f64::INFINITY, -1e300] {
+            assert!(!filter.read(2, &reading(z * bad, z * G)));
+            assert!(!filter.read(2, &reading(z, z * bad)));
+        }
+        assert_eq!((filter.rate_b, filter.reading_ns), (z * 2.0, 1));
+    }
+
+    #[test]
+    fn the_torque_turns_the_vehicle_back_and_stays_within_its_limit() {
+        for beta in [MorphAngle::MIN, MorphAngle::MAX] {
+            assert!(torque(&up_at(0.1, 0.0), beta).x < 0.0);
+            assert!(torque(&up_at(0.0, 0.1), beta).y < 0.0);
+            let spinning = UpFilter { rate_b: Vector3::new(3.0, -4.0, 5.0), ..UpFilter::new() };
+            let damping = torque(&spinning, beta);
+            assert!(damping.x < 0.0 && damping.y > 0.0 && damping.z < 0.0);
+
+            let arm = VehicleParameters::default().geometry.arm_length_m(beta);
+            let limit = 0.25 * VehicleParameters::default().weight_n() * arm;
+            let wild = UpFilter { rate_b: Vector3::repeat(90.0), ..up_at(1.0, -1.0) };
+            assert!((torque(&wild, beta).norm() / limit - 1.0).abs() < 1e-12);
+        }
+        assert_eq!(torque(&UpFilter::new(), MorphAngle::MIN), Vector3::zeros());
+    }
+
+    #[test]
+    fn without_a_recent_reading_there_is_thrust_but_no_torque() {
+        let law = LevelLaw::new(&GateConfig::default());
+        let (vehicle, filter) = (VehicleParameters::default(), up_at(0.3, 0.0));
+        let at = |now_ns| law.wrench(&vehicle, &filter, MorphAngle::MIN, now_ns);
+        assert!(at(MAX_READING_AGE_NS).torque_b_nm.norm() > 0.0);
+        assert_eq!(at(MAX_READING_AGE_NS + 1), Wrench::thrust(vehicle.weight_n()));
+    }
+}

@@ -1,0 +1,271 @@
+//! The last check before the rotors: who may command, what is in range, and what to do when nobody
+//! commands.
+//!
+//! The gate sees commands, the plant's own inertial readings and the morph angle, never the truth.
+//! It starts airborne at trim: hover thrust, valid for as long as a HOLD may last. Start with
+//! [`Mode`] for the state machine, then [`Gate::tick`].
+
+mod command;
+mod config;
+mod level;
+mod mode;
+
+use garde::Validate;
+use thiserror::Error;
+use vehicle::{MorphAngle, ParameterError, VehicleParameters, Wrench};
+
+pub use command::{Command, GateCounters};
+pub use config::GateConfig;
+pub use mode::Mode;
+
+use crate::sensors::ImuSample;
+use command::CommandRange;
+use level::{LevelLaw, UpFilter};
+use mode::{ModeLimits, Observation};
+
+/// Largest share of one reading in the filter, however long there was none before it.
+const MAX_CORRECTION: f64 = 0.1;
+
+/// A gate that cannot be built.
+#[derive(Debug, Error)]
+pub enum GateError {
+    /// A limit is out of its range.
+    #[error("the gate's configuration is not usable:\n{0}")]
+    Config(#[from] garde::Report),
+    /// No vehicle has these parameters.
+    #[error(transparent)]
+    Vehicle(#[from] ParameterError),
+}
+
+/// What the gate sees at one plant tick.
+#[derive(Debug, Clone, Copy)]
+pub struct GateInput<'a> {
+    /// The tick's logical instant \[ns\].
+    pub now_ns: u64,
+    /// Commands that took effect since the last tick, oldest first.
+    pub commands: &'a [Command],
+    /// The plant's own inertial reading, if there is a new one.
+    pub reading: Option<ImuSample>,
+    /// Measured β \[rad\]; the last usable one stands in for a NaN.
+    pub morph_angle_rad: f64,
+}
+
+/// What the gate decided.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GateOutput {
+    /// The wrench to allocate; always finite.
+    pub wrench: Wrench,
+    /// The mode.
+    pub mode: Mode,
+    /// Which of this tick's commands is now in effect; `None` if none of them is.
+    pub accepted: Option<usize>,
+    /// What happened since start.
+    pub counters: GateCounters,
+}
+
+/// A [`Gate`] as plain numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct GateMemory {
+    /// Mode: code, start, start of the tilt \[ns\].
+    pub mode: [u64; 3],
+    /// Last accepted wrench: T \[N\], τ \[N m\].
+    pub wrench: [f64; 4],
+    /// Effective instant of the last accepted command \[ns\].
+    pub effective_ns: u64,
+    /// End of its validity \[ns\].
+    pub valid_until_ns: u64,
+    /// How long it may be held after that \[ns\].
+    pub hold_ns: u64,
+    /// Up, seen from the body.
+    pub up_b: [f64; 3],
+    /// Last usable body rate \[rad/s\].
+    pub rate_b_rad_s: [f64; 3],
+    /// Instant of that reading \[ns\].
+    pub reading_ns: u64,
+    /// Last usable β \[rad\].
+    pub morph_angle_rad: f64,
+    /// Instant of the last tick \[ns\].
+    pub tick_ns: u64,
+    /// What happened since start.
+    pub counters: GateCounters,
+}
+
+/// The command in effect, or the last that was.
+#[derive(Debug, Clone, Copy)]
+struct Held {
+    wrench: Wrench,
+    effective_ns: u64,
+    valid_until_ns: u64,
+    hold_ns: u64,
+}
+
+/// The actuation gate.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    vehicle: VehicleParameters,
+    range: CommandRange,
+    limits: ModeLimits,
+    law: LevelLaw,
+    hold_max_ns: u64,
+    tip_over_tilt_rad: f64,
+    filter_time_constant_s: f64,
+    mode: Mode,
+    held: Held,
+    filter: UpFilter,
+    beta: MorphAngle,
+    tick_ns: u64,
+    counters: GateCounters,
+}
+
+impl Gate {
+    /// A gate at 0 ns, in NORMAL, with the vehicle in hover.
+    ///
+    /// # Errors
+    /// A limit out of its range, or a vehicle that cannot be.
+    pub fn new(config: &GateConfig, vehicle: &VehicleParameters) -> Result<Self, GateError> {
+        config.validate()?;
+        vehicle.validate()?;
+        let hold_max_ns = config.hold_max_ns();
+        let held = Held {
+            wrench: Wrench::thrust(vehicle.weight_n()),
+            effective_ns: 0,
+            valid_until_ns: hold_max_ns,
+            hold_ns: hold_max_ns,
+        };
+        Ok(Self {
+            vehicle: *vehicle,
+            range: CommandRange::new(config, vehicle),
+            limits: ModeLimits {
+                level_max_ns: config.level_max_ns(),
+                tip_over_ns: config.tip_over_ns(),
+            },
+            law: LevelLaw::new(config),
+            hold_max_ns,
+            tip_over_tilt_rad: config.tip_over_tilt_rad,
+            filter_time_constant_s: config.filter_time_constant_s,
+            mode: Mode::Normal,
+            held,
+            filter: UpFilter::new(),
+            beta: MorphAngle::MIN,
+            tick_ns: 0,
+            counters: GateCounters::default(),
+        })
+    }
+
+    /// One plant tick. Bounded by the number of commands; nothing in the input can make it panic or
+    /// let a number that is not finite through.
+    pub fn tick(&mut self, input: &GateInput<'_>) -> GateOutput {
+        self.beta = MorphAngle::saturating_from_rad(input.morph_angle_rad).unwrap_or(self.beta);
+        self.estimate_up(input);
+        let accepted = self.take_commands(input);
+        self.change_mode(input.now_ns, accepted.is_some());
+
+        let mut wrench = match self.mode {
+            Mode::Normal | Mode::Hold { .. } => self.held.wrench,
+            Mode::Level { .. } => {
+                self.law.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
+            }
+            Mode::Cut => Wrench::thrust(0.0),
+        };
+        // Only a damaged memory gets here with a NaN.
+        if !wrench.is_finite() {
+            self.mode = Mode::Cut;
+            wrench = Wrench::thrust(0.0);
+        }
+        GateOutput { wrench, mode: self.mode, accepted, counters: self.counters }
+    }
+
+    fn estimate_up(&mut self, input: &GateInput<'_>) {
+        let since_s = |then_ns: u64| input.now_ns.saturating_sub(then_ns) as f64 * 1e-9;
+        let (tick_s, reading_s) = (since_s(self.tick_ns), since_s(self.filter.reading_ns));
+        self.tick_ns = input.now_ns;
+        // Over the step that ends now the rate was the last one read.
+        self.filter.predict(tick_s);
+        let Some(reading) = &input.reading else { return };
+        if !self.filter.read(input.now_ns, reading) {
+            self.counters.bad_readings += 1;
+        } else if !matches!(self.mode, Mode::Level { .. }) {
+            let share = (reading_s / self.filter_time_constant_s).min(MAX_CORRECTION);
+            let gravity = self.vehicle.gravity_m_s2;
+            self.filter.correct(&reading.specific_force_b_m_s2, gravity, share);
+        }
+    }
+
+    fn take_commands(&mut self, input: &GateInput<'_>) -> Option<usize> {
+        let mut accepted = None;
+        for (index, command) in input.commands.iter().enumerate() {
+            match self.range.judge(command, input.now_ns, self.held.effective_ns) {
+                Ok(wrench) => {
+                    accepted = Some(index);
+                    self.held = Held {
+                        wrench,
+                        effective_ns: command.effective_ns,
+                        valid_until_ns: self.range.valid_until_ns(command),
+                        hold_ns: command.validity_ns.min(self.hold_max_ns),
+                    };
+                }
+                Err(refusal) => self.counters.refuse(refusal),
+            }
+        }
+        accepted
+    }
+
+    fn change_mode(&mut self, now_ns: u64, fresh: bool) {
+        let seen = Observation {
+            now_ns,
+            fresh,
+            valid_until_ns: self.held.valid_until_ns,
+            hold_ns: self.held.hold_ns,
+            tilted: self.filter.tilt_rad() > self.tip_over_tilt_rad,
+        };
+        let next = self.mode.next(&seen, &self.limits);
+        let leaves_normal = self.mode == Mode::Normal && next != Mode::Normal;
+        self.counters.safe_mode_episodes += u64::from(leaves_normal);
+        self.mode = next;
+    }
+
+    /// Everything that evolves.
+    #[must_use]
+    pub fn memory(&self) -> GateMemory {
+        let Wrench { thrust_n, torque_b_nm } = self.held.wrench;
+        GateMemory {
+            mode: self.mode.to_words(),
+            wrench: [thrust_n, torque_b_nm.x, torque_b_nm.y, torque_b_nm.z],
+            effective_ns: self.held.effective_ns,
+            valid_until_ns: self.held.valid_until_ns,
+            hold_ns: self.held.hold_ns,
+            up_b: self.filter.up_b.into(),
+            rate_b_rad_s: self.filter.rate_b.into(),
+            reading_ns: self.filter.reading_ns,
+            morph_angle_rad: self.beta.rad(),
+            tick_ns: self.tick_ns,
+            counters: self.counters,
+        }
+    }
+
+    /// Continues from a memory, bit for bit.
+    pub fn restore(&mut self, memory: &GateMemory) {
+        let [thrust_n, x, y, z] = memory.wrench;
+        self.mode = Mode::from_words(memory.mode);
+        self.held = Held {
+            wrench: Wrench { thrust_n, torque_b_nm: [x, y, z].into() },
+            effective_ns: memory.effective_ns,
+            valid_until_ns: memory.valid_until_ns,
+            hold_ns: memory.hold_ns,
+        };
+        self.filter = UpFilter {
+            up_b: memory.up_b.into(),
+            rate_b: memory.rate_b_rad_s.into(),
+            reading_ns: memory.reading_ns,
+        };
+        self.beta = MorphAngle::saturating_from_rad(memory.morph_angle_rad).unwrap_or(self.beta);
+        self.tick_ns = memory.tick_ns;
+        self.counters = memory.counters;
+    }
+}
+
+#[cfg(test)]
+mod flight_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,189 @@
+//! The gate's modes.
+//!
+//! ```text
+//!             the command's           held for its validity,
+//!             validity ends           at most hold_max
+//!   NORMAL ─────────────────▶ HOLD ──────────────────────────▶ LEVEL
+//!     ▲                        │                               │   │  level_max passed, or
+//!     │                        │                               │   │  tilted for tip_over
+//!     └────────────────────────┴──────── valid command ────────┘   ▼
+//!                                                                 CUT   (for good)
+//! ```
+//!
+//! At most one arrow is taken per tick.
+
+/// What the gate lets through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// A valid command is in effect.
+    Normal,
+    /// None is: the last one is held.
+    Hold {
+        /// End of the last command's validity \[ns\].
+        since_ns: u64,
+    },
+    /// Still none: the gate levels the vehicle by itself.
+    Level {
+        /// First tick in this mode \[ns\].
+        since_ns: u64,
+        /// Since when the tilt has been beyond the limit without a break \[ns\].
+        tilted_since_ns: Option<u64>,
+    },
+    /// Rotors off, for good.
+    Cut,
+}
+
+/// How long a mode may last \[ns\].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ModeLimits {
+    pub(super) level_max_ns: u64,
+    pub(super) tip_over_ns: u64,
+}
+
+/// What decides about the mode at one tick.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Observation {
+    pub(super) now_ns: u64,
+    /// A valid command took effect.
+    pub(super) fresh: bool,
+    /// End of the last command's validity.
+    pub(super) valid_until_ns: u64,
+    /// How long the last command may be held.
+    pub(super) hold_ns: u64,
+    /// The tilt is beyond the limit.
+    pub(super) tilted: bool,
+}
+
+impl Mode {
+    /// The mode at this tick.
+    pub(super) fn next(self, seen: &Observation, limits: &ModeLimits) -> Self {
+        let now_ns = seen.now_ns;
+        let elapsed = |since_ns: u64| now_ns.saturating_sub(since_ns);
+        match self {
+            Self::Cut => Self::Cut,
+            _ if seen.fresh => Self::Normal,
+            Self::Normal if now_ns < seen.valid_until_ns => self,
+            Self::Normal => Self::Hold { since_ns: seen.valid_until_ns },
+            Self::Hold { since_ns } if elapsed(since_ns) < seen.hold_ns => self,
+            Self::Hold { .. } => {
+                Self::Level { since_ns: now_ns, tilted_since_ns: seen.tilted.then_some(now_ns) }
+            }
+            Self::Level { since_ns, tilted_since_ns } => {
+                let tilted_since_ns = seen.tilted.then(|| tilted_since_ns.unwrap_or(now_ns));
+                let tipped = tilted_since_ns.is_some_and(|at| elapsed(at) >= limits.tip_over_ns);
+                if tipped || elapsed(since_ns) >= limits.level_max_ns {
+                    Self::Cut
+                } else {
+                    Self::Level { since_ns, tilted_since_ns }
+                }
+            }
+        }
+    }
+
+    /// 0 normal, 1 hold, 2 level, 3 cut, as on the wire.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::Normal => 0,
+            Self::Hold { .. } => 1,
+            Self::Level { .. } => 2,
+            Self::Cut => 3,
+        }
+    }
+
+    /// Code, start, start of the tilt; `u64::MAX` stands for none.
+    pub(super) fn to_words(self) -> [u64; 3] {
+        let (since, tilted) = match self {
+            Self::Normal | Self::Cut => (u64::MAX, None),
+            Self::Hold { since_ns } => (since_ns, None),
+            Self::Level { since_ns, tilted_since_ns } => (since_ns, tilted_since_ns),
+        };
+        [u64::from(self.code()), since, tilted.unwrap_or(u64::MAX)]
+    }
+
+    /// The mode of [`to_words`](Self::to_words); an unknown code cuts.
+    pub(super) fn from_words([code, since_ns, tilted]: [u64; 3]) -> Self {
+        match code {
+            0 => Self::Normal,
+            1 => Self::Hold { since_ns },
+            2 => Self::Level { since_ns, tilted_since_ns: (tilted != u64::MAX).then_some(tilted) },
+            _ => Self::Cut,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: ModeLimits = ModeLimits { level_max_ns: 2000, tip_over_ns: 200 };
+    const HOLD: Mode = Mode::Hold { since_ns: 100 };
+
+    fn at(now_ns: u64) -> Observation {
+        Observation { now_ns, fresh: false, valid_until_ns: 100, hold_ns: 20, tilted: false }
+    }
+
+    fn tilted_at(now_ns: u64) -> Observation {
+        Observation { tilted: true, ..at(now_ns) }
+    }
+
+    fn level(since_ns: u64, tilted_since_ns: Option<u64>) -> Mode {
+        Mode::Level { since_ns, tilted_since_ns }
+    }
+
+    #[test]
+    fn normal_stays_while_the_command_is_valid_however_tilted() {
+        assert_eq!(Mode::Normal.next(&at(99), &LIMITS), Mode::Normal);
+        assert_eq!(Mode::Normal.next(&tilted_at(99), &LIMITS), Mode::Normal);
+    }
+
+    #[test]
+    fn normal_becomes_hold_when_the_validity_ends_even_if_the_tick_is_late() {
+        assert_eq!(Mode::Normal.next(&at(100), &LIMITS), HOLD);
+        assert_eq!(Mode::Normal.next(&at(115), &LIMITS), HOLD);
+    }
+
+    #[test]
+    fn hold_becomes_level_when_its_time_is_over() {
+        assert_eq!(HOLD.next(&at(119), &LIMITS), HOLD);
+        assert_eq!(HOLD.next(&at(120), &LIMITS), level(120, None));
+        assert_eq!(HOLD.next(&tilted_at(120), &LIMITS), level(120, Some(120)));
+    }
+
+    #[test]
+    fn a_valid_command_returns_from_every_mode_but_cut() {
+        let fresh = Observation { fresh: true, ..tilted_at(3000) };
+        for mode in [Mode::Normal, HOLD, level(120, Some(130))] {
+            assert_eq!(mode.next(&fresh, &LIMITS), Mode::Normal);
+        }
+        assert_eq!(Mode::Cut.next(&fresh, &LIMITS), Mode::Cut);
+    }
+
+    #[test]
+    fn level_becomes_cut_after_its_longest_time() {
+        assert_eq!(level(120, None).next(&at(2119), &LIMITS), level(120, None));
+        assert_eq!(level(120, None).next(&at(2120), &LIMITS), Mode::Cut);
+    }
+
+    #[test]
+    fn level_becomes_cut_after_an_unbroken_tilt_only() {
+        let tilted = level(120, None).next(&tilted_at(300), &LIMITS);
+        assert_eq!(tilted, level(120, Some(300)));
+        assert_eq!(tilted.next(&tilted_at(499), &LIMITS), tilted);
+        assert_eq!(tilted.next(&tilted_at(500), &LIMITS), Mode::Cut);
+        assert_eq!(tilted.next(&at(499), &LIMITS), level(120, None));
+    }
+
+    #[test]
+    fn cut_stays() {
+        assert_eq!(Mode::Cut.next(&at(0), &LIMITS), Mode::Cut);
+    }
+
+    #[test]
+    fn words_bring_back_each_mode_and_unknown_words_cut() {
+        for mode in [Mode::Normal, HOLD, level(1, None), level(1, Some(2)), Mode::Cut] {
+            assert_eq!(Mode::from_words(mode.to_words()), mode);
+        }
+        assert_eq!(Mode::from_words([4, 0, 0]), Mode::Cut);
+    }
+}

@@ -1,0 +1,232 @@
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use super::*;
+
+const MS: u64 = 1_000_000;
+const OWNER: u128 = 1 << 100;
+
+fn gate() -> Gate {
+    Gate::new(&GateConfig::default(), &VehicleParameters::default()).unwrap()
+}
+
+fn command(effective_ns: u64) -> Command {
+    Command {
+        wrench: Wrench { thrust_n: 1.3, torque_b_nm: Vector3::new(0.004, -0.003, 0.0005) },
+        author: OWNER,
+        owner: OWNER,
+        effective_ns,
+        validity_ns: 20 * MS,
+    }
+}
+
+fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
+    let reading = ImuSample {
+        gyro_b_rad_s: Vector3::zeros(),
+        specific_force_b_m_s2: Vector3::new(0.0, 0.0, 9.81),
+        saturated: false,
+    };
+    gate.tick(&GateInput { now_ns, commands, reading: Some(reading), morph_angle_rad: 1.0 })
+}
+
+/// Ticks of 1 ms without commands over [from, until), which is not empty.
+fn silence(gate: &mut Gate, from_ms: u64, until_ms: u64) -> GateOutput {
+    (from_ms + 1..until_ms).fold(tick(gate, from_ms * MS, &[]), |_, ms| tick(gate, ms * MS, &[]))
+}
+
+#[test]
+fn it_starts_in_hover_and_waits_20_ms_for_the_first_command() {
+    let mut gate = gate();
+    let first = tick(&mut gate, 0, &[]);
+    let weight = VehicleParameters::default().weight_n();
+    assert_eq!((first.mode, first.wrench), (Mode::Normal, Wrench::thrust(weight)));
+    assert_eq!(silence(&mut gate, 1, 20).mode, Mode::Normal);
+    assert_eq!(tick(&mut gate, 20 * MS, &[]).mode, Mode::Hold { since_ns: 20 * MS });
+}
+
+#[test]
+fn without_commands_it_holds_the_last_one_then_levels_then_cuts_for_good() {
+    let mut gate = gate();
+    let last = command(5 * MS);
+    let taken = tick(&mut gate, 5 * MS, &[last]);
+    assert_eq!((taken.accepted, taken.wrench), (Some(0), last.wrench));
+
+    let normal = silence(&mut gate, 6, 25);
+    assert_eq!((normal.mode, normal.wrench), (Mode::Normal, last.wrench));
+    let hold = silence(&mut gate, 25, 45);
+    assert_eq!((hold.mode, hold.wrench), (Mode::Hold { since_ns: 25 * MS }, last.wrench));
+    let level = silence(&mut gate, 45, 2045);
+    let weight = VehicleParameters::default().weight_n();
+    assert!(matches!(level.mode, Mode::Level { since_ns, .. } if since_ns == 45 * MS));
+    assert_eq!(level.wrench, Wrench::thrust(weight));
+    let cut = tick(&mut gate, 2045 * MS, &[]);
+    assert_eq!((cut.mode, cut.wrench), (Mode::Cut, Wrench::thrust(0.0)));
+    let late = tick(&mut gate, 2046 * MS, &[command(2046 * MS)]);
+    assert_eq!((late.mode, late.wrench), (Mode::Cut, Wrench::thrust(0.0)));
+    assert_eq!(late.counters.safe_mode_episodes, 1);
+}
+
+#[test]
+fn a_fast_controller_is_held_for_two_of_its_own_periods_only() {
+    let mut gate = gate();
+    let fast = Command { validity_ns: 4 * MS, ..command(0) };
+    tick(&mut gate, 0, &[fast]);
+    assert_eq!(silence(&mut gate, 1, 8).mode, Mode::Hold { since_ns: 4 * MS });
+    assert!(matches!(tick(&mut gate, 8 * MS, &[]).mode, Mode::Level { .. }));
+}
+
+#[test]
+fn a_valid_command_ends_hold_and_level_and_each_episode_counts_once() {
+    let mut gate = gate();
+    tick(&mut gate, 0, &[command(0)]);
+    silence(&mut gate, 1, 30);
+    let back = tick(&mut gate, 30 * MS, &[command(30 * MS)]);
+    assert_eq!((back.mode, back.counters.safe_mode_episodes), (Mode::Normal, 1));
+    silence(&mut gate, 31, 500);
+    let back = tick(&mut gate, 500 * MS, &[command(499 * MS)]);
+    assert_eq!((back.mode, back.counters.safe_mode_episodes), (Mode::Normal, 2));
+}
+
+#[test]
+fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
+    let mut gate = gate();
+    tick(&mut gate, 0, &[command(0)]);
+    let mut last = None;
+    for now_ns in (1..60).map(|ms| ms * MS) {
+        let good = command(now_ns);
+        let refused = [
+            Command { author: 2, ..good },
+            Command { wrench: Wrench::thrust(f64::NAN), ..good },
+            Command { wrench: Wrench::thrust(-0.1), ..good },
+            Command { effective_ns: now_ns + 1, ..good },
+        ];
+        last = Some(tick(&mut gate, now_ns, &refused));
+    }
+    let last = last.unwrap();
+    assert!(matches!(last.mode, Mode::Level { .. }) && last.accepted.is_none());
+    let expected = GateCounters {
+        refused_wrong_owner: 59,
+        refused_not_finite: 59,
+        refused_out_of_range: 59,
+        refused_out_of_time: 59,
+        bad_readings: 0,
+        safe_mode_episodes: 1,
+    };
+    assert_eq!(last.counters, expected);
+}
+
+#[test]
+fn of_several_valid_commands_in_one_tick_the_newest_wins() {
+    let mut gate = gate();
+    let newest = Command { wrench: Wrench::thrust(1.0), ..command(3 * MS) };
+    let output = tick(&mut gate, 3 * MS, &[command(MS), newest, command(2 * MS)]);
+    assert_eq!((output.accepted, output.wrench), (Some(1), newest.wrench));
+    assert_eq!(output.counters.refused_out_of_time, 1);
+}
+
+#[test]
+fn a_damaged_memory_cuts_instead_of_flying_on_nan() {
+    let mut gate = gate();
+    let mut memory = gate.memory();
+    memory.wrench[2] = f64::NAN;
+    gate.restore(&memory);
+    let output = tick(&mut gate, 0, &[]);
+    assert_eq!((output.mode, output.wrench), (Mode::Cut, Wrench::thrust(0.0)));
+}
+
+#[test]
+fn limits_that_are_no_numbers_are_refused_by_name() {
+    let refused = |toml: &str| {
+        let config: GateConfig = toml::from_str(toml).unwrap();
+        Gate::new(&config, &VehicleParameters::default()).unwrap_err().to_string()
+    };
+    assert!(refused("level_max_s = nan").contains("level_max_s"));
+    assert!(refused("hold_max_s = -0.02").contains("hold_max_s"));
+    assert!(refused("thrust_range_weights = inf").contains("thrust_range_weights"));
+    assert!(toml::from_str::<GateConfig>("hold_s = 0.02").is_err());
+    let vehicle = VehicleParameters { mass_kg: f64::NAN, ..VehicleParameters::default() };
+    assert!(Gate::new(&GateConfig::default(), &vehicle).is_err());
+}
+
+/// Any bit pattern, with the troublesome ones as often as the harmless.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        any::<u64>().prop_map(f64::from_bits),
+        prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY), Just(-0.0)],
+        -2.0..6.0,
+    ]
+}
+
+fn vector() -> impl Strategy<Value = Vector3<f64>> {
+    [number(), number(), number()].prop_map(Vector3::from)
+}
+
+fn any_command() -> impl Strategy<Value = Command> {
+    let times = (0..60 * MS, prop_oneof![Just(u64::MAX), Just(0), 0..30 * MS]);
+    (number(), vector(), 0..3_u128, times).prop_map(
+        |(thrust_n, torque_b_nm, author, (effective_ns, validity_ns))| Command {
+            // Small enough for some to be accepted.
+            wrench: Wrench { thrust_n, torque_b_nm: torque_b_nm * 1e-3 },
+            author,
+            owner: 1,
+            effective_ns,
+            validity_ns,
+        },
+    )
+}
+
+fn any_reading() -> impl Strategy<Value = Option<ImuSample>> {
+    prop::option::of((vector(), vector()).prop_map(|(gyro_b_rad_s, specific_force_b_m_s2)| {
+        ImuSample { gyro_b_rad_s, specific_force_b_m_s2, saturated: false }
+    }))
+}
+
+type AnyTick = (Vec<Command>, Option<ImuSample>, f64, u64);
+
+fn any_tick() -> impl Strategy<Value = AnyTick> {
+    (prop::collection::vec(any_command(), 0..3), any_reading(), number(), 0..20 * MS)
+}
+
+proptest! {
+    #[test]
+    fn no_garbage_reaches_a_rotor(ticks in prop::collection::vec(any_tick(), 1..40)) {
+        let vehicle = VehicleParameters::default();
+        let (mut gate, mut twin) = (gate(), gate());
+        let (mut now_ns, mut was_cut) = (0, false);
+        for (commands, reading, morph_angle_rad, step_ns) in &ticks {
+            now_ns += step_ns;
+            let input = GateInput {
+                now_ns,
+                commands: commands.as_slice(),
+                reading: *reading,
+                morph_angle_rad: *morph_angle_rad,
+            };
+            twin.restore(&gate.memory());
+            let output = gate.tick(&input);
+            prop_assert_eq!(output, twin.tick(&input));
+            prop_assert_eq!(gate.memory(), twin.memory());
+
+            prop_assert!(output.wrench.is_finite());
+            prop_assert!((0.0..=4.0 * vehicle.weight_n()).contains(&output.wrench.thrust_n));
+            let allocation = vehicle.allocator(MorphAngle::MIN).allocate(&output.wrench);
+            let thrusts = allocation.map(|a| a.rotor_thrust_n);
+            prop_assert!(thrusts.is_some_and(|thrusts| thrusts
+                .iter()
+                .all(|f| (0.0..=vehicle.rotor_thrust_max_n).contains(f))));
+            prop_assert!(!was_cut || output.mode == Mode::Cut);
+            was_cut = output.mode == Mode::Cut;
+        }
+    }
+}
+
+#[test]
+fn a_tick_allocates_nothing() {
+    let mut gate = gate();
+    let count = allocation_counter::measure(|| {
+        for ms in 0..3000 {
+            let output = tick(&mut gate, ms * MS, &[command(ms.min(100) * MS)]);
+            assert!(output.wrench.is_finite());
+        }
+    });
+    assert_eq!(count.count_total, 0);
+}
