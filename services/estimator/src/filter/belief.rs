@@ -98,7 +98,7 @@ impl Belief {
         self.recentre(&theta);
     }
 
-    /// P ← G P Gᵀ with G = I except G_θθ = I − [½ δθ]× (Solà eq. 285–287).
+    /// P ← G P Gᵀ with G = I except `G_θθ` = I − [½ δθ]× (Solà eq. 285–287).
     fn recentre(&mut self, theta: &Vector3<f64>) {
         let half = theta * 0.5;
         for _ in 0..2 {

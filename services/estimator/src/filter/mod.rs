@@ -189,12 +189,12 @@ impl Filter {
         self.move_base(fix.captured_ns);
         let state = &mut self.state;
         state.last_fix_captured_ns = Some(fix.captured_ns);
-        let verdict = match pose_fix::innovation(&state.base, fix, &self.config) {
-            Some(innovation) => self.correct(&innovation),
-            None => {
-                self.reopen(0);
-                Verdict::Numerical
-            }
+        let innovation = pose_fix::innovation(&state.base, fix, &self.config);
+        let verdict = if let Some(innovation) = innovation {
+            self.correct(&innovation)
+        } else {
+            self.reopen(0);
+            Verdict::Numerical
         };
         let state = &mut self.state;
         if verdict == Verdict::Accepted {

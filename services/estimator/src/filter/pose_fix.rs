@@ -1,4 +1,4 @@
-//! Measurement model of a pose fix: y = (p + n_p, q ⊗ Exp(n_θ)).
+//! Measurement model of a pose fix: `y = (p + n_p, q ⊗ Exp(n_θ))`.
 
 use nalgebra::{Matrix6, SMatrix, Vector6};
 
@@ -34,7 +34,7 @@ pub(super) fn refusal(fix: &PoseFixSample, config: &FilterConfig) -> Option<Verd
     (!inside).then_some(Verdict::OutOfRange)
 }
 
-/// r = (y_p − p, Log(q⁻¹ ⊗ y_q)), H = [I at δp; I at δθ], S = H P Hᵀ + R. `None` if S is not
+/// `r = (y_p − p, Log(q⁻¹ ⊗ y_q))`, `H = [I at δp; I at δθ]`, `S = H P Hᵀ + R`. `None` if S is not
 /// positive definite.
 pub(super) fn innovation(
     belief: &Belief,

@@ -19,7 +19,7 @@ struct Transition {
     dt: f64,
     /// δθ → δv
     velocity_attitude: Matrix3<f64>,
-    /// δa_b → δv
+    /// `δa_b` → δv
     velocity_bias: Matrix3<f64>,
     /// δθ → δθ
     attitude: Matrix3<f64>,
@@ -36,8 +36,7 @@ impl Belief {
             self.open_over_gap(dt);
         } else {
             let transition = self.integrate(&start, &end, dt, config.gravity_m_s2);
-            self.covariance = transition.apply(&transition.apply(&self.covariance));
-            symmetrize(&mut self.covariance);
+            transition.apply(&mut self.covariance);
             add_noise(&mut self.covariance, dt, config);
         }
         self.time_ns = sample.time_ns;
@@ -77,17 +76,18 @@ impl Belief {
 }
 
 impl Transition {
-    /// (P Fᵀ)ᵀ = F Pᵀ. Applied twice to a symmetric P it is F P Fᵀ, at the cost of the blocks that
-    /// are not zero. F (Solà eq. 270, with the half-step terms of the trapezoid in δp):
+    /// P ← F P Fᵀ for a symmetric P, at the cost of the blocks of F that are not zero or I.
+    ///
+    /// F (Solà eq. 270, with the half-step terms of the trapezoid in δp):
     /// ```text
     /// δp ← δp + dt (δv + ½ w),  w = F_vθ δθ + F_va δa_b
     /// δv ← δv + w
     /// δθ ← F_θθ δθ − dt δω_b
     /// ```
-    #[inline(always)]
-    fn apply(&self, covariance: &Covariance) -> Covariance {
-        let p = &covariance.data.0; // columns, which for a symmetric matrix are also the rows
-        let mut out = *p;
+    fn apply(&self, covariance: &mut Covariance) {
+        let p = covariance.data.0; // by columns
+        let moved = &mut covariance.data.0;
+        // M = P Fᵀ combines columns of P; the columns of the biases stay.
         for i in 0..3 {
             for k in 0..STATE_DIMENSION {
                 let w = self.velocity_attitude[(i, 0)] * p[ATTITUDE][k]
@@ -96,21 +96,32 @@ impl Transition {
                     + self.velocity_bias[(i, 0)] * p[ACCEL_BIAS][k]
                     + self.velocity_bias[(i, 1)] * p[ACCEL_BIAS + 1][k]
                     + self.velocity_bias[(i, 2)] * p[ACCEL_BIAS + 2][k];
-                out[POSITION + i][k] += self.dt * (p[VELOCITY + i][k] + 0.5 * w);
-                out[VELOCITY + i][k] += w;
-                out[ATTITUDE + i][k] = self.attitude[(i, 0)] * p[ATTITUDE][k]
+                moved[POSITION + i][k] += self.dt * (p[VELOCITY + i][k] + 0.5 * w);
+                moved[VELOCITY + i][k] += w;
+                moved[ATTITUDE + i][k] = self.attitude[(i, 0)] * p[ATTITUDE][k]
                     + self.attitude[(i, 1)] * p[ATTITUDE + 1][k]
                     + self.attitude[(i, 2)] * p[ATTITUDE + 2][k]
                     - self.dt * p[GYRO_BIAS + i][k];
             }
         }
-        let mut transposed = *covariance;
-        for (column, values) in out.iter().enumerate() {
-            for (row, value) in values.iter().enumerate() {
-                transposed.data.0[row][column] = *value;
-            }
+        // F M, needed in the columns before the biases only: the lower triangle is mirrored.
+        for column in &mut moved[..GYRO_BIAS] {
+            self.advance(column);
         }
-        transposed
+        symmetrize(covariance);
+    }
+
+    /// x ← F x for one error state.
+    fn advance(&self, x: &mut [f64; STATE_DIMENSION]) {
+        let part = |block: usize| Vector3::new(x[block], x[block + 1], x[block + 2]);
+        let w = self.velocity_attitude * part(ATTITUDE) + self.velocity_bias * part(ACCEL_BIAS);
+        let travelled = (part(VELOCITY) + w * 0.5) * self.dt;
+        let attitude = self.attitude * part(ATTITUDE) - part(GYRO_BIAS) * self.dt;
+        for i in 0..3 {
+            x[POSITION + i] += travelled[i];
+            x[VELOCITY + i] += w[i];
+            x[ATTITUDE + i] = attitude[i];
+        }
     }
 }
 
@@ -184,7 +195,8 @@ mod tests {
         let root = Covariance::from_fn(|i, j| libm::sin((3 * i + 7 * j) as f64));
         let p = root * root.transpose();
         let wanted = f * p * f.transpose();
-        let got = transition.apply(&transition.apply(&p));
+        let mut got = p;
+        transition.apply(&mut got);
         // Left out: how a gyro bias moves the velocity, a dt²/2 = 6e-6, on a P of size 8.
         let worst = (got - wanted).abs().max();
         assert!(worst < 1e-4, "{worst:e}");

@@ -4,10 +4,10 @@ use estimator::{Filter, FilterConfig, InitialState, PoseFixSample, Verdict};
 
 use super::world::{STEP_NS, Sensors, Truth, figure_eight};
 
-fn filter_and_sensors(truth: &[Truth], seed: u64) -> (Filter, Sensors) {
+fn filter_and_sensors(truth: &[Truth], seed: usize) -> (Filter, Sensors) {
     let mut sensors = Sensors::new(seed, &InitialState::default());
     let initial = sensors.initial(&truth[0]);
-    (Filter::new(FilterConfig::default(), &initial).unwrap(), sensors)
+    (Filter::new(FilterConfig::default(), &initial).expect("default is valid"), sensors)
 }
 
 /// Largest difference of nominal states and covariances.
@@ -25,7 +25,7 @@ fn difference(left: &Filter, right: &Filter) -> f64 {
 
 #[test]
 fn a_late_fix_gives_what_an_undelayed_fix_and_propagation_give() {
-    let truth = figure_eight(3.0);
+    let truth = figure_eight(3);
     for latency in [1_usize, 10, 37, 63] {
         let (mut late, mut sensors) = filter_and_sensors(&truth, 8);
         let mut prompt = late.clone();
@@ -57,7 +57,7 @@ fn a_late_fix_gives_what_an_undelayed_fix_and_propagation_give() {
 #[test]
 fn a_fix_captured_between_two_samples_is_applied_at_its_own_instant() {
     // At 2 m/s half a sample is 1 mm: a filter that snaps to a sample would be biased by that.
-    let truth = figure_eight(6.0);
+    let truth = figure_eight(6);
     let (mut filter, mut sensors) = filter_and_sensors(&truth, 9);
     let mut sum = 0.0;
     let mut looks = 0.0;
@@ -83,7 +83,7 @@ fn a_fix_captured_between_two_samples_is_applied_at_its_own_instant() {
 
 #[test]
 fn fixes_out_of_order_too_old_or_from_the_future_are_refused_and_counted() {
-    let truth = figure_eight(1.0);
+    let truth = figure_eight(1);
     let (mut filter, mut sensors) = filter_and_sensors(&truth, 10);
     for (step, truth) in truth.iter().take(501).enumerate() {
         filter.on_imu(&sensors.imu(step, truth));

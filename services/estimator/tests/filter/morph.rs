@@ -19,7 +19,7 @@ fn swept(t: f64) -> (f64, f64) {
 
 #[test]
 fn a_fast_sweep_is_followed_and_rest_is_quiet() {
-    let truth = hover(2.5);
+    let truth = hover(3);
     let mut sensors = Sensors::new(11, &InitialState::default());
     let initial = sensors.initial(&truth[0]);
     let mut filter = Filter::new(FilterConfig::default(), &initial).unwrap();
@@ -28,7 +28,7 @@ fn a_fast_sweep_is_followed_and_rest_is_quiet() {
         let time_ns = step as u64 * STEP_NS;
         let (angle, rate) = swept(step as f64 * 1e-3);
         filter.on_imu(&sensors.imu(step, truth));
-        if step % 5 == 0 {
+        if step.is_multiple_of(5) {
             let angle_rad = angle + sensors.normal(SIGMA_RAD).x;
             filter.on_morph_angle(&MorphAngleSample { time_ns, angle_rad });
         }

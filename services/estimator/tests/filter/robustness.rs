@@ -9,10 +9,10 @@ use proptest::prelude::*;
 
 use super::world::{STEP_NS, STEPS_PER_FIX, Sensors, Truth, figure_eight};
 
-fn filter_and_sensors(truth: &[Truth], seed: u64) -> (Filter, Sensors) {
+fn filter_and_sensors(truth: &[Truth], seed: usize) -> (Filter, Sensors) {
     let mut sensors = Sensors::new(seed, &InitialState::default());
     let initial = sensors.initial(&truth[0]);
-    (Filter::new(FilterConfig::default(), &initial).unwrap(), sensors)
+    (Filter::new(FilterConfig::default(), &initial).expect("default is valid"), sensors)
 }
 
 /// One tick with everything: inertial sample, late fix, encoder.
@@ -23,7 +23,7 @@ fn tick(filters: &mut [&mut Filter], sensors: &mut Sensors, truth: &[Truth], ste
         (step % STEPS_PER_FIX == 3 && step > 20).then(|| sensors.fix(step - 10, &truth[step - 10]));
     for filter in filters {
         filter.on_imu(&sample);
-        if step % 5 == 0 {
+        if step.is_multiple_of(5) {
             filter.on_morph_angle(&MorphAngleSample { time_ns: sample.time_ns, angle_rad });
         }
         if let Some(fix) = &fix {
@@ -34,7 +34,7 @@ fn tick(filters: &mut [&mut Filter], sensors: &mut Sensors, truth: &[Truth], ste
 
 #[test]
 fn a_restored_filter_continues_bit_for_bit() {
-    let truth = figure_eight(2.0);
+    let truth = figure_eight(2);
     for cut in [0, 1, 7, 40, 63, 64, 65, 500, 1234] {
         let (mut original, mut sensors) = filter_and_sensors(&truth, 12);
         (0..cut).for_each(|step| tick(&mut [&mut original], &mut sensors, &truth, step));
@@ -58,7 +58,7 @@ fn the_memory_is_small_enough_to_publish_often() {
 
 #[test]
 fn no_step_allocates() {
-    let truth = figure_eight(1.0);
+    let truth = figure_eight(1);
     let (mut filter, mut sensors) = filter_and_sensors(&truth, 13);
     let counted = allocation_counter::measure(|| {
         (0..1000).for_each(|step| tick(&mut [&mut filter], &mut sensors, &truth, step));
@@ -71,7 +71,7 @@ fn no_step_allocates() {
 
 #[test]
 fn bad_samples_are_refused_counted_and_leave_the_estimate_alone() {
-    let truth = figure_eight(1.0);
+    let truth = figure_eight(1);
     let (mut filter, mut sensors) = filter_and_sensors(&truth, 14);
     (0..200).for_each(|step| tick(&mut [&mut filter], &mut sensors, &truth, step));
     let before = filter.estimate();
@@ -111,7 +111,7 @@ fn a_bad_configuration_names_the_parameter() {
 
 #[test]
 fn a_memory_of_another_configuration_is_refused_and_changes_nothing() {
-    let truth = figure_eight(1.0);
+    let truth = figure_eight(1);
     let (mut long, mut sensors) = filter_and_sensors(&truth, 15);
     (0..900).for_each(|step| tick(&mut [&mut long], &mut sensors, &truth, step));
     let config = FilterConfig { nis_window: 5, ..FilterConfig::default() };

@@ -46,9 +46,9 @@ fn figure_eight_attitude(t: f64) -> UnitQuaternion<f64> {
 }
 
 /// A figure eight, 4 m long, up to 2.8 m/s and 0.4 rad of tilt, at each IMU instant.
-pub(crate) fn figure_eight(seconds: f64) -> Vec<Truth> {
+pub(crate) fn figure_eight(seconds: usize) -> Vec<Truth> {
     let h = 1e-4;
-    (0..=(seconds * 1e3) as usize)
+    (0..=seconds * 1000)
         .map(|k| {
             let t = k as f64 * 1e-3;
             let [p, v, a] = figure_eight_position(t);
@@ -67,7 +67,7 @@ pub(crate) fn figure_eight(seconds: f64) -> Vec<Truth> {
         .collect()
 }
 
-pub(crate) fn hover(seconds: f64) -> Vec<Truth> {
+pub(crate) fn hover(seconds: usize) -> Vec<Truth> {
     let truth = Truth {
         p: Vector3::new(0.0, 0.0, 1.0),
         v: Vector3::zeros(),
@@ -77,13 +77,13 @@ pub(crate) fn hover(seconds: f64) -> Vec<Truth> {
         gyro_bias: Vector3::zeros(),
         accel_bias: Vector3::zeros(),
     };
-    vec![truth; (seconds * 1e3) as usize + 1]
+    vec![truth; seconds * 1000 + 1]
 }
 
 /// What happens in a flight besides the sensors' noise.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Script {
-    pub(crate) seed: u64,
+    pub(crate) seed: usize,
     /// No fix is captured from the first to before the second step.
     pub(crate) drop_out: (usize, usize),
     /// At this step the gyro bias jumps by this much.
@@ -92,7 +92,7 @@ pub(crate) struct Script {
 }
 
 impl Script {
-    pub(crate) fn nominal(seed: u64) -> Self {
+    pub(crate) fn nominal(seed: usize) -> Self {
         Self {
             seed,
             drop_out: (0, 0),
@@ -110,9 +110,9 @@ pub(crate) struct Sensors {
 }
 
 impl Sensors {
-    pub(crate) fn new(seed: u64, initial: &InitialState) -> Self {
+    pub(crate) fn new(seed: usize, initial: &InitialState) -> Self {
         let mut sensors = Self {
-            rng: ChaCha8Rng::seed_from_u64(seed),
+            rng: ChaCha8Rng::seed_from_u64(seed as u64),
             config: FilterConfig::default(),
             gyro_bias: Vector3::zeros(),
             accel_bias: Vector3::zeros(),

@@ -1,0 +1,123 @@
+//! The estimator as a process: IMU, pose fixes and morph angle in, state estimate out.
+
+use crate::filter::{
+    ConfigError, Estimate, Filter, FilterConfig, FilterMemory, ImuSample, InitialState,
+    MorphAngleSample, PoseFixSample,
+};
+use nalgebra::{Quaternion, UnitQuaternion};
+use runtime::{Service, inputs, outputs};
+use shared_types::{Flag, Imu, MorphAngle, PoseFix, StateEstimate, topics};
+
+inputs! {
+    /// What the estimator reads; its estimates descend from the IMU.
+    pub struct Inputs {
+        /// Rates and specific forces.
+        imu: Imu = topics::IMU,
+        /// Delayed poses.
+        pose_fix: PoseFix = topics::POSE_FIX,
+        /// Encoder of the deployable angle.
+        morph_angle: MorphAngle = topics::MORPH_ANGLE,
+    }
+}
+
+outputs! {
+    /// What the estimator writes.
+    pub struct Outputs {
+        /// Believed state.
+        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
+    }
+}
+
+/// The error-state filter between its ports.
+#[derive(Debug)]
+pub struct Estimator {
+    filter: Filter,
+}
+
+impl Estimator {
+    /// An estimator with a belief about the start.
+    ///
+    /// # Errors
+    /// The configuration is impossible.
+    pub fn new(config: FilterConfig, initial: &InitialState) -> Result<Self, ConfigError> {
+        Ok(Self { filter: Filter::new(config, initial)? })
+    }
+
+    /// Samples of one step in the order time, then topic: the IMU carries the belief to an
+    /// instant before a measurement of that instant corrects it.
+    fn take(&mut self, inputs: &Inputs) {
+        for stamped in inputs.imu.fresh() {
+            let sample = &stamped.sample;
+            self.filter.on_imu(&ImuSample {
+                time_ns: sample.header.valid_ns,
+                gyro_rad_s: sample.gyro_b_rad_s.into(),
+                accel_m_s2: sample.specific_force_b_m_s2.into(),
+            });
+        }
+        for stamped in inputs.pose_fix.fresh() {
+            let sample = &stamped.sample;
+            let q = &sample.q_wb;
+            self.filter.on_pose_fix(&PoseFixSample {
+                captured_ns: sample.captured_ns,
+                position_w: sample.position_w_m.into(),
+                q_wb: UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)),
+            });
+        }
+        for stamped in inputs.morph_angle.fresh() {
+            let sample = &stamped.sample;
+            self.filter.on_morph_angle(&MorphAngleSample {
+                time_ns: sample.header.valid_ns,
+                angle_rad: sample.angle_rad,
+            });
+        }
+    }
+}
+
+fn wire(estimate: &Estimate) -> StateEstimate {
+    let refused = &estimate.counters;
+    StateEstimate {
+        position_w_m: estimate.position_w.into(),
+        velocity_w_m_s: estimate.velocity_w.into(),
+        q_wb: quaternion(&estimate.q_wb),
+        body_rate_b_rad_s: estimate.body_rate_b.into(),
+        specific_force_b_m_s2: estimate.specific_force_b.into(),
+        gyro_bias_b_rad_s: estimate.gyro_bias_b.into(),
+        accelerometer_bias_b_m_s2: estimate.accel_bias_b.into(),
+        morph_angle_rad: estimate.beta_rad,
+        morph_rate_rad_s: estimate.beta_rate_rad_s,
+        sigma: estimate.sigmas,
+        pose_fix_nis: estimate.nis,
+        pose_fixes_gated: refused.pose_fix.gated,
+        covariance_reopened: refused.reopened,
+        samples_refused: refused.imu.refused()
+            + refused.pose_fix.refused()
+            + refused.morph_angle.refused(),
+        nis_alarm: Flag::from(estimate.alarms.nis),
+        ..StateEstimate::default()
+    }
+}
+
+fn quaternion(q: &UnitQuaternion<f64>) -> shared_types::Quaternion {
+    // One of two equal quaternions: w >= 0 on the wire.
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    shared_types::Quaternion { w: sign * q.w, x: sign * q.i, y: sign * q.j, z: sign * q.k }
+}
+
+impl Service for Estimator {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    type Memory = FilterMemory;
+
+    fn step(&mut self, _now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        self.take(inputs);
+        outputs.state_estimate.write(wire(&self.filter.estimate()));
+    }
+
+    fn memory(&self) -> FilterMemory {
+        self.filter.memory()
+    }
+
+    fn restore(&mut self, memory: &FilterMemory) -> Result<(), String> {
+        self.filter.restore(memory).map_err(|error| error.to_string())
+    }
+}
