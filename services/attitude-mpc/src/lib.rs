@@ -5,11 +5,14 @@
 //! morph angle). Equation numbers are those of Zhao et al., "Attitude Control for Morphing
 //! Quadrotor through Model Predictive Control with Constraints".
 
+#![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
+
 mod config;
 mod law;
 mod memory;
 mod ramp;
 mod schedule;
+pub mod settings;
 
 pub use config::{AttitudeLawConfig, ConfigError, HorizonChoice, TorqueBound};
 pub use law::{AttitudeLaw, Input, LawStatus, Output, Refusal, Setpoint};

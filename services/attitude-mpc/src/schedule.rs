@@ -14,6 +14,7 @@ pub(crate) type State = SVector<f64, 12>;
 
 /// The prediction engine, of the size its model needs.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "one per law, and it is never moved")]
 pub(crate) enum Engine {
     /// (8) as printed: x = \[γ, γ̇\].
     Bare(IncrementalMpc<6, 3, 3>),

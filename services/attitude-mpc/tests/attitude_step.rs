@@ -1,4 +1,5 @@
 //! Steps of 0.2 rad on the nonlinear vehicle, at every rate and size, with the flight defaults.
+#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 mod rig;
 
@@ -39,7 +40,7 @@ fn one_axis_at_a_time_settles_within_its_mark_at_every_rate_and_size() {
                 let case = format!("{rate} Hz, {beta:?}, axis {axis}: {all:?}");
                 assert!(settled <= settles_s && peaked <= peaks_rad, "{case}");
                 for other in (0..3).filter(|other| *other != axis) {
-                    assert_eq!(all[other].0, 0.0, "the others stay: {case}");
+                    assert!(all[other].0 <= 0.0, "the others stay: {case}");
                 }
             }
         }

@@ -11,7 +11,7 @@ use crate::memory::WORKING_SET_CAPACITY;
 pub struct PositionLawConfig {
     /// Control rate \[Hz\], up to 200.
     pub rate_hz: f64,
-    /// Np and Nc; below 0.4 s of look-ahead the loop loses its damping.
+    /// Np and Nc; below 0.4 s of look-ahead the loop loses its damping. {20, 3} at 50 Hz.
     pub horizon: Horizon,
     /// W of (15) on tilt increments \[m²/rad²\].
     pub tilt_weight: f64,
@@ -47,22 +47,23 @@ impl Default for PositionLawConfig {
 }
 
 impl PositionLawConfig {
-    /// For flight at `rate_hz` above an attitude loop of 100 Hz or more.
+    /// For flight at `rate_hz` above an attitude loop of 50 Hz or more.
     ///
-    /// Half a second of look-ahead, {50, 5} at 100 Hz, but {20, 3} at 50 Hz and below.
+    /// W answers the noise of an estimate (8 mm/s, 1 mrad white): a twentieth of it moves the
+    /// tilt by half its increment bound in every sample and has no room left for a failing
+    /// rotor; three times as much at 50 Hz makes the loop too slow for its horizon, and it rings.
+    /// The increments shrink with the period, so W grows with the square of the rate.
     #[must_use]
     pub fn flight(rate_hz: f64) -> Self {
-        let horizon = if rate_hz <= 50.0 {
-            Horizon { prediction: 20, control: 3 }
-        } else {
-            let prediction = (20..100).find(|n| f64::from(*n) >= 0.5 * rate_hz).unwrap_or(100_u16);
-            Horizon { prediction: prediction.into(), control: prediction.div_ceil(10).into() }
-        };
+        let prediction = (20..100).find(|n| f64::from(*n) >= 0.4 * rate_hz).unwrap_or(100_u16);
+        let control = prediction.div_ceil(10).max(3);
+        let horizon = Horizon { prediction: prediction.into(), control: control.into() };
+        let tilt_weight = 6.0 * (rate_hz / 50.0) * (rate_hz / 50.0);
         Self {
             rate_hz,
             horizon,
-            tilt_weight: 0.3,
-            thrust_weight: 0.03,
+            tilt_weight,
+            thrust_weight: 0.1 * tilt_weight,
             tilt_max_rad: 0.35,
             tilt_step_max_rad: 0.10,
             thrust_min_weights: 0.3,

@@ -5,11 +5,14 @@
 //! numbers are those of Zhao et al., "Attitude Control for Morphing Quadrotor through Model
 //! Predictive Control with Constraints".
 
+#![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
+
 mod config;
 mod heading;
 mod law;
 mod memory;
 mod model;
+pub mod settings;
 
 pub use config::{ConfigError, PositionLawConfig};
 pub use law::{Input, LawStatus, Output, PositionLaw, Refusal, Setpoint};

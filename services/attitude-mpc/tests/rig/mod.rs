@@ -14,9 +14,15 @@ use vehicle::{
 pub(crate) const MS: u64 = 1_000_000;
 pub(crate) const SIZES: [MorphAngle; 3] = [MorphAngle::MIN, MorphAngle::MEDIUM, MorphAngle::MAX];
 
+/// Whole nanoseconds of a time \[s\].
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 20 s here")]
+pub(crate) fn nanoseconds(seconds: f64) -> u64 {
+    (seconds * 1e9 + 1e-3) as u64
+}
+
 /// Release k of a loop, in integer nanoseconds.
 pub(crate) fn release_ns(k: u64, rate_hz: f64) -> u64 {
-    (k as f64 * 1e9 / rate_hz + 1e-6).floor() as u64
+    nanoseconds(k as f64 / rate_hz)
 }
 
 /// The vehicle with its command edge.
@@ -97,7 +103,7 @@ pub(crate) fn fly(
 ) -> Trace {
     let mut trace = Trace { t_s: vec![], gamma: vec![], outputs: vec![] };
     let mut k = 0;
-    let end = (seconds * 1e9) as u64;
+    let end = nanoseconds(seconds);
     let mut tick = 0;
     while tick * MS < end {
         let release = release_ns(k, rate_hz);

@@ -62,6 +62,21 @@ pub struct Move<const NU: usize> {
     pub active: u32,
 }
 
+/// The program min ½ xᵀ ζ x + ηᵀ x, lower <= A x <= upper, with x = ΔU by time, then input.
+#[derive(Debug, Clone, Copy)]
+pub struct Program<'a> {
+    /// ζ, square of NU Nc.
+    pub zeta: &'a DMatrix<f64>,
+    /// η, NU Nc.
+    pub eta: &'a DVector<f64>,
+    /// A, NU (2 Nc - 1) by NU Nc: levels, then increments from the second move on.
+    pub rows: &'a DMatrix<f64>,
+    /// Lower bounds of the rows.
+    pub lower: &'a DVector<f64>,
+    /// Upper bounds of the rows.
+    pub upper: &'a DVector<f64>,
+}
+
 impl<const NU: usize> Move<NU> {
     /// True if the move is not the optimum but what clipping left of an unfinished answer.
     #[must_use]
@@ -197,9 +212,15 @@ impl<const NX: usize, const NU: usize, const NY: usize> IncrementalMpc<NX, NU, N
         Ok(self.solver.set_working_set(set)?)
     }
 
-    /// ζ and η of (16) and the bounds of the rows, as last solved; for study and benchmarks.
+    /// The program (16) as last solved, for study and benchmarks.
     #[must_use]
-    pub fn program(&self) -> (&DMatrix<f64>, &DVector<f64>, &DMatrix<f64>, [&DVector<f64>; 2]) {
-        (&self.zeta, &self.eta, &self.rows, [&self.lower, &self.upper])
+    pub fn program(&self) -> Program<'_> {
+        Program {
+            zeta: &self.zeta,
+            eta: &self.eta,
+            rows: &self.rows,
+            lower: &self.lower,
+            upper: &self.upper,
+        }
     }
 }

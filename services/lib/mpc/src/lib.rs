@@ -8,6 +8,8 @@
 //!
 //! Reads and writes nothing; no step allocates. Open `engine.rs` next, then `prediction.rs`.
 
+#![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
+
 mod constraints;
 mod discretization;
 mod engine;
@@ -17,7 +19,7 @@ mod prediction;
 
 pub use constraints::{Bounds, FirstMove};
 pub use discretization::{LaggedAxis, double_integrator, lagged_double_integrator};
-pub use engine::{IncrementalMpc, Measured, Move, SolverKind};
+pub use engine::{IncrementalMpc, Measured, Move, Program, SolverKind};
 pub use error::MpcError;
 pub use model::{Horizon, Model, Weights};
 pub use qp::QpStatus;

@@ -1,8 +1,8 @@
 //! Prediction (11) of the incremental model (10), kept as step responses.
 //!
-//! With the integrator embedded, y(k+j) = y + Σ C A^i Δx + Σ S Δu, where S_j, the response j
-//! samples after a unit step of u, obeys S_j = S_{j-1} + C A^{j-1} B. H of (11) is the block
-//! Toeplitz matrix of the S_j and is never stored. F x(k) is propagated sample by sample: A moves
+//! With the integrator embedded, y(k+j) = y + Σ C Aⁱ Δx + Σ S Δu, where S(j), the response j
+//! samples after a unit step of u, obeys S(j) = S(j−1) + C A^(j−1) B. H of (11) is the block
+//! Toeplitz matrix of the S(j) and is never stored. F x(k) is propagated sample by sample: A moves
 //! with every change of the scheduling parameter, and Np products with Δx cost less than
 //! rebuilding F.
 
@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 use crate::{Model, Weights};
 
-/// Step responses S_1..S_Np of a model.
+/// Step responses S(1)..S(Np) of a model.
 #[derive(Debug, Clone)]
 pub(crate) struct StepResponse<const NU: usize, const NY: usize> {
     blocks: Vec<SMatrix<f64, NY, NU>>,
@@ -22,9 +22,9 @@ impl<const NU: usize, const NY: usize> StepResponse<NU, NY> {
         Self { blocks: vec![SMatrix::zeros(); prediction] }
     }
 
-    /// Recomputes S_1..S_Np in place.
+    /// Recomputes S(1)..S(Np) in place.
     pub(crate) fn rebuild<const NX: usize>(&mut self, model: &Model<NX, NU, NY>) {
-        let mut impulse = model.b; // A^{j-1} B
+        let mut impulse = model.b; // A^(j−1) B
         let mut step = SMatrix::<f64, NY, NU>::zeros();
         for block in &mut self.blocks {
             step += model.c * impulse;
@@ -33,7 +33,7 @@ impl<const NU: usize, const NY: usize> StepResponse<NU, NY> {
         }
     }
 
-    /// ζ = 2(HᵀQH + W) of (16), into `zeta` (NU Nc square, ordered by time, then input).
+    /// ζ = 2(Hᵀ Q H + W) of (16), into `zeta` (NU Nc square, ordered by time, then input).
     ///
     /// Toeplitz: block (i, j) is block (i+1, j+1) plus the one term that reaches the horizon.
     pub(crate) fn hessian(&self, weights: &Weights<NU, NY>, zeta: &mut DMatrix<f64>) {
@@ -62,7 +62,7 @@ impl<const NU: usize, const NY: usize> StepResponse<NU, NY> {
         }
     }
 
-    /// η = -2 HᵀQ (Rs - F x) of (16), from the errors of the free response.
+    /// η = -2 Hᵀ Q (Rs - F x) of (16), from the errors of the free response.
     pub(crate) fn gradient(
         &self,
         weights: &Weights<NU, NY>,
@@ -115,6 +115,10 @@ mod tests {
         }
     }
 
+    fn power(a: &DMatrix<f64>, exponent: usize) -> DMatrix<f64> {
+        (0..exponent).fold(DMatrix::identity(5, 5), |product, _| product * a)
+    }
+
     /// F and H of (11) from powers of the augmented matrices of (10), as printed.
     fn explicit() -> (DMatrix<f64>, DMatrix<f64>) {
         let Model { a, b, c } = model();
@@ -130,9 +134,9 @@ mod tests {
         let mut f = DMatrix::zeros(2 * PREDICTION, 5);
         let mut h = DMatrix::zeros(2 * PREDICTION, 2 * CONTROL);
         for j in 0..PREDICTION {
-            f.view_mut((2 * j, 0), (2, 5)).copy_from(&(&big_c * big_a.pow(j as u32 + 1)));
+            f.view_mut((2 * j, 0), (2, 5)).copy_from(&(&big_c * power(&big_a, j + 1)));
             for i in 0..=j.min(CONTROL - 1) {
-                let block = &big_c * big_a.pow((j - i) as u32) * &big_b;
+                let block = &big_c * power(&big_a, j - i) * &big_b;
                 h.view_mut((2 * j, 2 * i), (2, 2)).copy_from(&block);
             }
         }

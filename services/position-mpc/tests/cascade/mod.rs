@@ -7,7 +7,8 @@ mod rig;
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig};
 use nalgebra::Vector3;
 use position_mpc::{Input, LawStatus, Output, PositionLaw, PositionLawConfig, Setpoint};
-pub(crate) use rig::{Flight, MS, release_ns};
+pub(crate) use rig::Flight;
+use rig::{MS, nanoseconds, release_ns};
 use vehicle::{VehicleParameters, Wrench, euler_from_quaternion};
 
 /// Desired position \[m\] and heading \[rad\] at a time \[s\].
@@ -75,7 +76,7 @@ impl Cascade {
         let weight = VehicleParameters::default().weight_n();
         let mut in_effect = Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight };
         let mut coming: Option<(u64, Setpoint)> = None;
-        while tick * MS < (seconds * 1e9) as u64 {
+        while tick * MS < nanoseconds(seconds) {
             let next_p = release_ns(p, self.position_rate_hz);
             let next_a = release_ns(a, self.attitude_rate_hz);
             let next = next_p.min(next_a).min(tick * MS);
