@@ -69,7 +69,7 @@ crate::code! {
 
 sample! {
     /// What an incremental controller commanded and the bounds it obeyed, in its own coordinates:
-    /// (τx, τy, τz) [N m] for attitude, (φ, θ, T) [rad, rad, N] in the ψ = 0 frame for position.
+    /// (τx, τy, τz) [N m] for attitude, (θ, φ, T) [rad, rad, N] in the ψ = 0 frame for position.
     pub struct ControllerReport {
         /// Identity and time.
         pub header: Header,

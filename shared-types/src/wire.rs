@@ -182,7 +182,7 @@ impl Value for u64 {
     }
 }
 
-/// Widens a run of small integers on the stack, a few at a time.
+/// Shows a run of at most 512 small integers, widened on the stack.
 pub fn visit_widened<T: Copy + Into<u64>, V: Visitor>(
     values: &[T],
     field: &'static Field,
@@ -212,6 +212,20 @@ impl Value for u32 {
         let mut bytes = [0; 4];
         bytes.copy_from_slice(from);
         Self::from_le_bytes(bytes)
+    }
+}
+
+impl Value for bool {
+    const KIND: Kind = Kind::U32;
+    const PACKED_SIZE: usize = 1;
+    fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
+        visit_widened(values, field, visitor);
+    }
+    fn pack(&self, out: &mut [u8]) {
+        out[0] = u8::from(*self);
+    }
+    fn unpack(from: &[u8]) -> Self {
+        from[0] != 0
     }
 }
 
@@ -284,16 +298,16 @@ macro_rules! sample {
 }
 
 /// Declares a struct that is published in packed form as part of a service's state: reflection
-/// and packing, without a place of its own in shared memory.
+/// and packing, without a place of its own in shared memory. Fields may be private.
 #[macro_export]
 macro_rules! memory {
-    ($(#[$meta:meta])* pub struct $name:ident {
-        $($(#[$field_meta:meta])* pub $field:ident : $kind:ty),+ $(,)?
+    ($(#[$meta:meta])* $vis:vis struct $name:ident {
+        $($(#[$field_meta:meta])* $field_vis:vis $field:ident : $kind:ty),+ $(,)?
     }) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy)]
         #[repr(C)]
-        pub struct $name { $($(#[$field_meta])* pub $field: $kind),+ }
+        $vis struct $name { $($(#[$field_meta])* $field_vis $field: $kind),+ }
 
         $crate::reflect!($name { $($field: $kind),+ });
     };

@@ -1,4 +1,13 @@
 //! The simulated vehicle with its sensors and its actuation gate.
+//!
+//! [`component`] is the process (integrate, then look); [`gate`] decides which command reaches the
+//! rotors; [`sensors`] turn truth into readings. The plant is the only owner of the truth: it
+//! leaves for the recorder and for nobody else.
 
+pub mod component;
 pub mod gate;
+pub mod ports;
 pub mod sensors;
+pub mod settings;
+
+pub use component::{ModelKind, Plant, PlantConfig, PlantError, PlantMemory};

@@ -44,6 +44,7 @@ pub struct Input<T> {
     edge: Option<Edge>,
     pending: VecDeque<Stamped<T>>,
     fresh: Vec<Stamped<T>>,
+    before: Option<Stamped<T>>,
     latest: Option<Stamped<T>>,
     counts: InputCounts,
 }
@@ -66,6 +67,7 @@ impl<T: Sample> Default for Input<T> {
             edge: None,
             pending: VecDeque::with_capacity(READER_CAPACITY),
             fresh: Vec::with_capacity(READER_CAPACITY),
+            before: None,
             latest: None,
             counts: InputCounts::default(),
         }
@@ -113,6 +115,7 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh.clear();
+        self.before = self.latest;
         while let Some(stamped) = self
             .pending
             .front()
@@ -142,6 +145,12 @@ impl<T: Sample> Input<T> {
     #[must_use]
     pub fn fresh(&self) -> &[Stamped<T>] {
         &self.fresh
+    }
+
+    /// What was in effect before this step's fresh samples.
+    #[must_use]
+    pub fn before_fresh(&self) -> Option<&Stamped<T>> {
+        self.before.as_ref()
     }
 
     /// The latest sample in effect, with its writer.

@@ -100,7 +100,7 @@ impl LinearModel {
         gamma: &Vector3<f64>,
         beta: MorphAngle,
     ) -> Held {
-        let (m, g) = (self.parameters.mass_kg, self.parameters.gravity_m_s2);
+        let (m, g) = (self.parameters.mass_kg + d.payload_kg, self.parameters.gravity_m_s2);
         // [ẍ ÿ z̈] + [0 0 g] = [0 g 0; −g 0 0; 0 0 1/m] [φ θ T]   (3)
         let linear_w = Vector3::new(g * gamma.y, -g * gamma.x, wrench.thrust_n / m - g);
         // γ̈ = I⁻¹ τ   (6)

@@ -113,28 +113,33 @@ pub struct Disturbance {
     pub wind_w_m_s: Vector3<f64>,
     /// Produced over nominal thrust and drag torque of each rotor, 1 for a healthy one.
     pub rotor_efficiency: [f64; 4],
+    /// Mass \[kg\] attached at the centre of mass.
+    pub payload_kg: f64,
 }
 
 impl Default for Disturbance {
-    /// Calm air, healthy rotors.
+    /// Calm air, healthy rotors, no payload.
     fn default() -> Self {
         Self {
             force_w_n: Vector3::zeros(),
             torque_b_nm: Vector3::zeros(),
             wind_w_m_s: Vector3::zeros(),
             rotor_efficiency: [1.0; 4],
+            payload_kg: 0.0,
         }
     }
 }
 
 impl Disturbance {
-    /// True if every number is finite and no efficiency is negative.
+    /// True if every number is finite and neither payload nor an efficiency is negative.
     #[must_use]
     pub fn is_usable(&self) -> bool {
         [self.force_w_n, self.torque_b_nm, self.wind_w_m_s]
             .iter()
             .all(|v| v.iter().all(|x| x.is_finite()))
             && self.rotor_efficiency.iter().all(|e| *e >= 0.0 && e.is_finite())
+            && self.payload_kg >= 0.0
+            && self.payload_kg.is_finite()
     }
 }
 

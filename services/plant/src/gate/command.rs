@@ -22,24 +22,25 @@ pub struct Command {
     pub validity_ns: u64,
 }
 
-/// What happened since start. The sums never go back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(C)]
-pub struct GateCounters {
-    /// Commands refused because their author did not own the slot.
-    pub refused_wrong_owner: u64,
-    /// Commands refused because a number was not finite.
-    pub refused_not_finite: u64,
-    /// Commands refused because they ask for more than the rotors can ever give.
-    pub refused_out_of_range: u64,
-    /// Commands refused because they were not yet in effect, no longer valid, or older than the one
-    /// in effect.
-    pub refused_out_of_time: u64,
-    /// Inertial readings ignored because they were not finite or beyond any sensor.
-    pub bad_readings: u64,
-    /// Times the gate left [`Mode::Normal`](super::Mode::Normal), each counted once however long it
-    /// lasted.
-    pub safe_mode_episodes: u64,
+shared_types::memory! {
+    /// What happened since start. The sums never go back.
+    #[derive(PartialEq, Eq)]
+    pub struct GateCounters {
+        /// Commands refused because their author did not own the slot.
+        pub refused_wrong_owner: u64,
+        /// Commands refused because a number was not finite.
+        pub refused_not_finite: u64,
+        /// Commands refused because they ask for more than the rotors can ever give.
+        pub refused_out_of_range: u64,
+        /// Commands refused because they were not yet in effect, no longer valid, or older than the one
+        /// in effect.
+        pub refused_out_of_time: u64,
+        /// Inertial readings ignored because they were not finite or beyond any sensor.
+        pub bad_readings: u64,
+        /// Times the gate left [`Mode::Normal`](super::Mode::Normal), each counted once however long it
+        /// lasted.
+        pub safe_mode_episodes: u64,
+    }
 }
 
 /// Why a command is refused; of several reasons the first in this order.

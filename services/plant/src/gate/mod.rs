@@ -63,32 +63,33 @@ pub struct GateOutput {
     pub counters: GateCounters,
 }
 
-/// A [`Gate`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct GateMemory {
-    /// Mode: code, start, start of the tilt \[ns\].
-    pub mode: [u64; 3],
-    /// Last accepted wrench: T \[N\], τ \[N m\].
-    pub wrench: [f64; 4],
-    /// Effective instant of the last accepted command \[ns\].
-    pub effective_ns: u64,
-    /// End of its validity \[ns\].
-    pub valid_until_ns: u64,
-    /// How long it may be held after that \[ns\].
-    pub hold_ns: u64,
-    /// Up, seen from the body.
-    pub up_b: [f64; 3],
-    /// Last usable body rate \[rad/s\].
-    pub rate_b_rad_s: [f64; 3],
-    /// Instant of that reading \[ns\].
-    pub reading_ns: u64,
-    /// Last usable β \[rad\].
-    pub morph_angle_rad: f64,
-    /// Instant of the last tick \[ns\].
-    pub tick_ns: u64,
-    /// What happened since start.
-    pub counters: GateCounters,
+shared_types::memory! {
+    /// A [`Gate`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct GateMemory {
+        /// Mode: code, start, start of the tilt \[ns\].
+        pub mode: [u64; 3],
+        /// Last accepted wrench: T \[N\], τ \[N m\].
+        pub wrench: [f64; 4],
+        /// Effective instant of the last accepted command \[ns\].
+        pub effective_ns: u64,
+        /// End of its validity \[ns\].
+        pub valid_until_ns: u64,
+        /// How long it may be held after that \[ns\].
+        pub hold_ns: u64,
+        /// Up, seen from the body.
+        pub up_b: [f64; 3],
+        /// Last usable body rate \[rad/s\].
+        pub rate_b_rad_s: [f64; 3],
+        /// Instant of that reading \[ns\].
+        pub reading_ns: u64,
+        /// Last usable β \[rad\].
+        pub morph_angle_rad: f64,
+        /// Instant of the last tick \[ns\].
+        pub tick_ns: u64,
+        /// What happened since start.
+        pub counters: GateCounters,
+    }
 }
 
 /// The command in effect, or the last that was.

@@ -22,18 +22,19 @@ pub struct ImuSample {
     pub saturated: bool,
 }
 
-/// An [`Imu`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct ImuMemory {
-    /// Noise generator.
-    pub noise: NoiseMemory,
-    /// Index of the next sample.
-    pub next_index: u64,
-    /// Walking bias of the gyro \[rad/s\], without a scripted step.
-    pub gyro_bias_b_rad_s: [f64; 3],
-    /// Walking bias of the accelerometer \[m/s²\], without a scripted step.
-    pub accelerometer_bias_b_m_s2: [f64; 3],
+shared_types::memory! {
+    /// An [`Imu`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct ImuMemory {
+        /// Noise generator.
+        pub noise: NoiseMemory,
+        /// Index of the next sample.
+        pub next_index: u64,
+        /// Walking bias of the gyro \[rad/s\], without a scripted step.
+        pub gyro_bias_b_rad_s: [f64; 3],
+        /// Walking bias of the accelerometer \[m/s²\], without a scripted step.
+        pub accelerometer_bias_b_m_s2: [f64; 3],
+    }
 }
 
 /// Three axes of one kind.

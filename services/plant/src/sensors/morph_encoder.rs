@@ -9,14 +9,15 @@ use super::config::{MorphEncoderConfig, SensorError};
 use super::noise::{Noise, NoiseMemory};
 use super::schedule::Schedule;
 
-/// A [`MorphEncoder`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub struct MorphEncoderMemory {
-    /// Noise generator.
-    pub noise: NoiseMemory,
-    /// Index of the next reading.
-    pub next_index: u64,
+shared_types::memory! {
+    /// A [`MorphEncoder`] as plain numbers.
+    #[derive(PartialEq, Eq)]
+    pub struct MorphEncoderMemory {
+        /// Noise generator.
+        pub noise: NoiseMemory,
+        /// Index of the next reading.
+        pub next_index: u64,
+    }
 }
 
 /// Encoder of β.

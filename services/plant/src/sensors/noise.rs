@@ -13,14 +13,15 @@ use rand_chacha::ChaCha8Rng;
 /// Bytes of the key: eight of the seed, the rest for the source's name.
 const KEY_BYTES: usize = 32;
 
-/// A [`Noise`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub struct NoiseMemory {
-    /// Key: the seed and the source's name.
-    pub key: [u64; 4],
-    /// Words already drawn.
-    pub word_position: u64,
+shared_types::memory! {
+    /// A [`Noise`] as plain numbers.
+    #[derive(PartialEq, Eq)]
+    pub struct NoiseMemory {
+        /// Key: the seed and the source's name.
+        pub key: [u64; 4],
+        /// Words already drawn.
+        pub word_position: u64,
+    }
 }
 
 /// One source of noise: independent of every source of another name or another seed.

@@ -30,22 +30,23 @@ pub struct PoseSample {
     pub pose: Pose,
 }
 
-/// A [`PoseFix`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct PoseFixMemory {
-    /// Noise generator.
-    pub noise: NoiseMemory,
-    /// Index of the next capture.
-    pub next_index: u64,
-    /// Place of the oldest fix under way.
-    pub oldest: u64,
-    /// Fixes under way.
-    pub count: u64,
-    /// Capture instants by place \[ns\].
-    pub captured_ns: [u64; DELAY_LINE_LEN],
-    /// x, y, z \[m\], then q w, x, y, z, by place.
-    pub poses: [[f64; 7]; DELAY_LINE_LEN],
+shared_types::memory! {
+    /// A [`PoseFix`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct PoseFixMemory {
+        /// Noise generator.
+        pub noise: NoiseMemory,
+        /// Index of the next capture.
+        pub next_index: u64,
+        /// Place of the oldest fix under way.
+        pub oldest: u64,
+        /// Fixes under way.
+        pub count: u64,
+        /// Capture instants by place \[ns\].
+        pub captured_ns: [u64; DELAY_LINE_LEN],
+        /// x, y, z \[m\], then q w, x, y, z, by place.
+        pub poses: [[f64; 7]; DELAY_LINE_LEN],
+    }
 }
 
 /// Tracker.

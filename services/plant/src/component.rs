@@ -1,0 +1,582 @@
+//! The plant as a process: it owns what the controllers' model leaves out.
+//!
+//! The step at t integrates from the previous release to t, split wherever a command, disturbance
+//! or owner takes effect, and then lets the sensors look. Its samples at t therefore depend only
+//! on what was effective before t.
+
+use crate::gate::{Command, Gate, GateConfig, GateInput, GateMemory, GateOutput, Mode};
+use crate::ports::{Inputs, Outputs};
+use crate::sensors::{
+    Imu, ImuConfig, ImuMemory, ImuSample, MorphEncoder, MorphEncoderConfig, MorphEncoderMemory,
+    Pose, PoseFix, PoseFixConfig, PoseFixMemory,
+};
+use nalgebra::Vector3;
+use runtime::{InputSet as _, Service};
+use shared_types::{AppliedCommand, Author, Flag, GateMode, MorphCommand, Stamped, WrenchCommand};
+use thiserror::Error;
+use vehicle::{
+    Actuation, Allocation, Disturbance, GroundContact, LinearModel, MODEL_MEMORY_LEN, MorphAngle,
+    NonlinearModel, PlantInputs, PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
+};
+
+/// Longest integration step \[s\].
+const MAX_STEP_S: f64 = 1e-3;
+/// Commands that can take effect at one instant without reserving memory.
+const COMMAND_CAPACITY: usize = runtime::graph::READER_CAPACITY;
+
+/// Which equations of motion to integrate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModelKind {
+    /// Eqs. (1), (2), (4), (5) with rotor lag, drag, servo and ground.
+    Nonlinear {
+        /// Whether there is a ground at z = 0.
+        ground: bool,
+    },
+    /// The paper's linear model, eqs. (3) and (6); it takes the wrench itself.
+    Linear,
+}
+
+/// Everything a plant needs to be built.
+#[derive(Debug, Clone)]
+pub struct PlantConfig {
+    /// The vehicle as it really is.
+    pub vehicle: VehicleParameters,
+    /// Equations of motion.
+    pub model: ModelKind,
+    /// Inertial sensor.
+    pub imu: ImuConfig,
+    /// Pose tracker.
+    pub pose_fix: PoseFixConfig,
+    /// Morph encoder.
+    pub morph_encoder: MorphEncoderConfig,
+    /// Actuation gate.
+    pub gate: GateConfig,
+    /// Start position \[m\], at hover.
+    pub position_w_m: Vector3<f64>,
+    /// Start heading \[rad\].
+    pub yaw_rad: f64,
+    /// Start morph angle.
+    pub morph_angle: MorphAngle,
+    /// Seed of all sensors.
+    pub seed: u64,
+}
+
+/// Why a plant cannot be built.
+#[derive(Debug, Error)]
+pub enum PlantError {
+    /// The vehicle's numbers are impossible.
+    #[error(transparent)]
+    Vehicle(#[from] vehicle::ParameterError),
+    /// A sensor's numbers are impossible.
+    #[error(transparent)]
+    Sensor(#[from] crate::sensors::SensorError),
+    /// The gate's numbers are impossible.
+    #[error(transparent)]
+    Gate(#[from] crate::gate::GateError),
+}
+
+shared_types::memory! {
+    /// Everything that evolves.
+    pub struct PlantMemory {
+        /// Equations of motion.
+        pub model: [f64; MODEL_MEMORY_LEN],
+        /// Inertial sensor.
+        pub imu: ImuMemory,
+        /// Pose tracker with its delay line.
+        pub pose_fix: PoseFixMemory,
+        /// Morph encoder.
+        pub morph_encoder: MorphEncoderMemory,
+        /// Actuation gate.
+        pub gate: GateMemory,
+        /// Instant up to which the vehicle has been integrated \[ns\].
+        pub integrated_ns: u64,
+        /// Whether `reading` holds the inertial reading of that instant.
+        pub has_reading: bool,
+        /// Gyro \[rad/s\] and specific force \[m/s²\] of that reading.
+        pub reading: [f64; 6],
+        /// Last encoder reading \[rad\].
+        pub measured_morph_rad: f64,
+        /// Sequence of the last inertial sample.
+        pub imu_sequence: u64,
+        /// Sequence of the command in effect, its cause and its owner's epoch.
+        pub in_effect: [u64; 3],
+        /// Body-rate jump still to be applied \[rad/s\].
+        pub kick_b_rad_s: [f64; 3],
+    }
+}
+
+/// What the rotors are asked for over a stretch of time.
+#[derive(Debug, Clone, Copy)]
+struct Applied {
+    actuation: Actuation,
+    achieved: Wrench,
+    rotor_thrust_n: [f64; 4],
+    clipped: bool,
+    mode: Mode,
+}
+
+/// The simulated vehicle between its ports.
+#[derive(Debug)]
+pub struct Plant {
+    model: Box<dyn PlantModel>,
+    linear: bool,
+    vehicle: VehicleParameters,
+    imu: Imu,
+    pose_fix: PoseFix,
+    morph_encoder: MorphEncoder,
+    gate: Gate,
+    start_morph: MorphAngle,
+    commands: Vec<Command>,
+    integrated_ns: u64,
+    reading: Option<ImuSample>,
+    measured_morph_rad: f64,
+    imu_sequence: u64,
+    in_effect: InEffect,
+    kick_b_rad_s: Vector3<f64>,
+    last: Option<(Applied, PlantInputs, GateOutput)>,
+}
+
+/// Which command is in effect.
+#[derive(Debug, Clone, Copy, Default)]
+struct InEffect {
+    sequence: u64,
+    cause_sequence: u64,
+    epoch: u64,
+}
+
+impl Plant {
+    /// A vehicle at trim.
+    ///
+    /// # Errors
+    /// [`PlantError`] naming the impossible number.
+    pub fn new(config: &PlantConfig) -> Result<Self, PlantError> {
+        let vehicle = config.vehicle;
+        let mut state = RigidBodyState::hover(&vehicle, config.position_w_m, config.morph_angle);
+        state.q_wb =
+            vehicle::quaternion_from_euler(&Vector3::new(0.0, 0.0, config.yaw_rad));
+        let (model, linear): (Box<dyn PlantModel>, bool) = match config.model {
+            ModelKind::Nonlinear { ground } => {
+                let ground = ground.then(GroundContact::default);
+                (Box::new(NonlinearModel::new(vehicle, ground, state)?), false)
+            }
+            ModelKind::Linear => (Box::new(LinearModel::new(vehicle, &state)?), true),
+        };
+        Ok(Self {
+            model,
+            linear,
+            vehicle,
+            imu: Imu::new(&config.imu, config.seed)?,
+            pose_fix: PoseFix::new(&config.pose_fix, config.seed)?,
+            morph_encoder: MorphEncoder::new(&config.morph_encoder, config.seed)?,
+            gate: Gate::new(&config.gate, &vehicle)?,
+            start_morph: config.morph_angle,
+            commands: Vec::with_capacity(COMMAND_CAPACITY),
+            integrated_ns: 0,
+            reading: None,
+            measured_morph_rad: config.morph_angle.rad(),
+            imu_sequence: 0,
+            in_effect: InEffect::default(),
+            kick_b_rad_s: Vector3::zeros(),
+            last: None,
+        })
+    }
+
+    /// Integrates to `until_ns`, stopping at every instant at which something takes effect.
+    fn integrate(&mut self, until_ns: u64, inputs: &Inputs) {
+        let mut pending = Pending::new(inputs);
+        loop {
+            let from_ns = self.integrated_ns;
+            let held = self.take_effect(from_ns, inputs, &mut pending);
+            let to_ns = pending.next_ns(inputs).map_or(until_ns, |t| t.min(until_ns));
+            self.advance(to_ns - from_ns, &held);
+            self.integrated_ns = to_ns;
+            if to_ns >= until_ns {
+                break;
+            }
+        }
+    }
+
+    /// Runs the gate on the commands that take effect now; what to hold until the next instant.
+    fn take_effect(
+        &mut self,
+        now_ns: u64,
+        inputs: &Inputs,
+        pending: &mut Pending,
+    ) -> PlantInputs {
+        pending.advance(now_ns, inputs);
+        self.commands.clear();
+        let first = pending.commands_from;
+        for stamped in &inputs.wrench_command.fresh()[first..pending.commands_to] {
+            self.commands.push(command(stamped, pending.owner.map_or([0; 2], |o| o.1)));
+        }
+        if let Some(kick) = pending.take_kick(inputs) {
+            self.kick_b_rad_s += kick;
+        }
+        let output = self.gate.tick(&GateInput {
+            now_ns,
+            commands: &self.commands,
+            reading: self.reading.take(),
+            morph_angle_rad: self.measured_morph_rad,
+        });
+        if let Some(accepted) =
+            output.accepted.and_then(|i| inputs.wrench_command.fresh().get(first + i))
+        {
+            self.in_effect = InEffect {
+                sequence: accepted.sample.header.sequence,
+                cause_sequence: accepted.sample.header.cause_sequence,
+                epoch: pending.owner.map_or(0, |o| o.0),
+            };
+        }
+        let applied = self.allocate(&output);
+        let held = self.plant_inputs(now_ns, inputs, pending, &applied);
+        self.last = Some((applied, held, output));
+        held
+    }
+
+    fn allocate(&self, output: &GateOutput) -> Applied {
+        let morph = MorphAngle::saturating_from_rad(self.measured_morph_rad)
+            .unwrap_or(self.start_morph);
+        let off = Allocation {
+            rotor_thrust_n: [0.0; 4],
+            achieved: Wrench::thrust(0.0),
+            clipped: true,
+        };
+        // The gate's wrench is finite, so allocation has an answer; rotors off if it had none.
+        let allocation =
+            self.vehicle.allocator(morph).allocate(&output.wrench).unwrap_or(off);
+        let (actuation, achieved, clipped) = if self.linear {
+            (Actuation::Wrench(output.wrench), output.wrench, false)
+        } else {
+            let rotors = Actuation::Rotors(allocation.rotor_thrust_n);
+            (rotors, allocation.achieved, allocation.clipped)
+        };
+        Applied {
+            actuation,
+            achieved,
+            rotor_thrust_n: allocation.rotor_thrust_n,
+            clipped,
+            mode: output.mode,
+        }
+    }
+
+    fn plant_inputs(
+        &self,
+        now_ns: u64,
+        inputs: &Inputs,
+        pending: &Pending,
+        applied: &Applied,
+    ) -> PlantInputs {
+        PlantInputs {
+            actuation: applied.actuation,
+            morph_command_rad: pending
+                .morph(inputs)
+                .map_or(self.start_morph.rad(), |command| commanded_morph(command, now_ns)),
+            disturbance: pending.disturbance(inputs),
+        }
+    }
+
+    /// Integrates over a stretch with everything held, in steps of at most a millisecond.
+    fn advance(&mut self, stretch_ns: u64, held: &PlantInputs) {
+        let stretch_s = stretch_ns as f64 * 1e-9;
+        let steps = (stretch_s / MAX_STEP_S - 1e-9).ceil().max(1.0);
+        let dt_s = stretch_s / steps;
+        if dt_s <= 0.0 {
+            return;
+        }
+        let mut held = *held;
+        if self.kick_b_rad_s != Vector3::zeros() {
+            // A jump in body rate is an impulse: all of it in the first step.
+            let beta = self.model.truth(&held).state.beta;
+            let impulse = self.vehicle.inertia_kg_m2(beta).component_mul(&self.kick_b_rad_s);
+            held.disturbance.torque_b_nm += impulse / dt_s;
+            self.step_model(dt_s, &held);
+            held.disturbance.torque_b_nm -= impulse / dt_s;
+            self.kick_b_rad_s = Vector3::zeros();
+        } else {
+            self.step_model(dt_s, &held);
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small count")]
+        for _ in 1..steps as u32 {
+            self.step_model(dt_s, &held);
+        }
+    }
+
+    fn step_model(&mut self, dt_s: f64, held: &PlantInputs) {
+        // A refused step leaves the vehicle where it is: a diverged simulation stands still and
+        // finite instead of spreading NaN.
+        let _status = self.model.step(dt_s, held);
+    }
+
+    fn look(&mut self, now_ns: u64, outputs: &mut Outputs) {
+        let Some((applied, held, gate)) = self.last else { return };
+        let truth = self.model.truth(&held);
+        let state = &truth.state;
+        if let Some(sample) =
+            self.imu.sample(now_ns, &state.omega_b, &truth.specific_force_b_m_s2)
+        {
+            self.reading = Some(sample);
+            self.imu_sequence += 1;
+            outputs.imu.write(shared_types::Imu {
+                gyro_b_rad_s: sample.gyro_b_rad_s.into(),
+                specific_force_b_m_s2: sample.specific_force_b_m_s2.into(),
+                saturated: Flag::from(sample.saturated),
+                ..shared_types::Imu::default()
+            });
+        }
+        let pose = Pose { position_w_m: state.position_w, q_wb: state.q_wb };
+        self.pose_fix.capture(now_ns, &pose);
+        if let Some(fix) = self.pose_fix.deliver(now_ns) {
+            outputs.pose_fix.write(shared_types::PoseFix {
+                captured_ns: fix.captured_ns,
+                position_w_m: fix.pose.position_w_m.into(),
+                q_wb: crate::ports::quaternion(&fix.pose.q_wb),
+                ..shared_types::PoseFix::default()
+            });
+        }
+        if let Some(angle_rad) = self.morph_encoder.sample(now_ns, state.beta.rad()) {
+            self.measured_morph_rad = angle_rad;
+            outputs.morph_angle.write(shared_types::MorphAngle {
+                angle_rad,
+                ..shared_types::MorphAngle::default()
+            });
+        }
+        outputs.applied_command.write(self.applied_command(&applied, &gate));
+        self.write_truth(now_ns, &truth, &applied, &held, outputs);
+    }
+
+    fn applied_command(&self, applied: &Applied, gate: &GateOutput) -> AppliedCommand {
+        AppliedCommand {
+            command_sequence: self.in_effect.sequence,
+            command_cause_sequence: self.in_effect.cause_sequence,
+            epoch: self.in_effect.epoch,
+            thrust_n: applied.achieved.thrust_n,
+            torque_b_nm: applied.achieved.torque_b_nm.into(),
+            rotor_thrust_n: applied.rotor_thrust_n,
+            refused_not_finite: gate.counters.refused_not_finite,
+            refused_out_of_range: gate.counters.refused_out_of_range
+                + gate.counters.refused_out_of_time,
+            refused_wrong_owner: gate.counters.refused_wrong_owner,
+            safe_mode_episodes: gate.counters.safe_mode_episodes,
+            mode: GateMode(applied.mode.code()),
+            clipped: Flag::from(applied.clipped),
+            ..AppliedCommand::default()
+        }
+    }
+
+    fn write_truth(
+        &self,
+        now_ns: u64,
+        truth: &Truth,
+        applied: &Applied,
+        held: &PlantInputs,
+        outputs: &mut Outputs,
+    ) {
+        let state = &truth.state;
+        outputs.truth.write(shared_types::Truth {
+            position_w_m: state.position_w.into(),
+            velocity_w_m_s: state.velocity_w.into(),
+            q_wb: crate::ports::quaternion(&state.q_wb),
+            body_rate_b_rad_s: state.omega_b.into(),
+            morph_angle_rad: state.beta.rad(),
+            morph_rate_rad_s: state.beta_rate_rad_s,
+            gyro_bias_b_rad_s: self.imu.gyro_bias_b_rad_s(now_ns).into(),
+            accelerometer_bias_b_m_s2: self.imu.accelerometer_bias_b_m_s2(now_ns).into(),
+            ..shared_types::Truth::default()
+        });
+        let efficiency = held.disturbance.rotor_efficiency;
+        outputs.actuator_state.write(shared_types::ActuatorState {
+            rotor_thrust_n: core::array::from_fn(|i| state.rotor_thrust_n[i] * efficiency[i]),
+            rotor_command_n: applied.rotor_thrust_n,
+            morph_command_rad: held.morph_command_rad,
+            ..shared_types::ActuatorState::default()
+        });
+    }
+}
+
+fn command(stamped: &Stamped<WrenchCommand>, owner: Author) -> Command {
+    let sample = &stamped.sample;
+    Command {
+        wrench: Wrench { thrust_n: sample.thrust_n, torque_b_nm: sample.torque_b_nm.into() },
+        author: join(stamped.author),
+        owner: join(owner),
+        effective_ns: sample.header.valid_ns,
+        validity_ns: sample.validity_ns,
+    }
+}
+
+fn join([high, low]: Author) -> u128 {
+    (u128::from(high) << 64) | u128::from(low)
+}
+
+/// Commanded angle on the planned path, between its points.
+fn commanded_morph(command: &MorphCommand, now_ns: u64) -> f64 {
+    let age_ns = now_ns.saturating_sub(command.header.valid_ns);
+    let steps = age_ns as f64 / command.spacing_ns.max(1) as f64;
+    let in_use = usize::try_from(command.count)
+        .unwrap_or(usize::MAX)
+        .min(command.path_rad.len());
+    let path = &command.path_rad[..in_use];
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "non-negative")]
+    let index = steps as usize;
+    match (path.get(index), path.get(index + 1)) {
+        (Some(from), Some(to)) => from + (to - from) * (steps - index as f64),
+        _ => path.last().copied().unwrap_or(command.angle_rad),
+    }
+}
+
+/// Cursor over the samples that take effect within one step.
+struct Pending {
+    commands_from: usize,
+    commands_to: usize,
+    owners: usize,
+    disturbances: usize,
+    kicks: usize,
+    morphs: usize,
+    /// Epoch and identity of the owner now.
+    owner: Option<(u64, Author)>,
+}
+
+impl Pending {
+    fn new(inputs: &Inputs) -> Self {
+        // What was in effect before this step: the latest value, unless it is itself fresh.
+        let owner = inputs
+            .attitude_owner
+            .before_fresh()
+            .map(|record| (record.sample.epoch, record.sample.owner));
+        Self {
+            commands_from: 0,
+            commands_to: 0,
+            owners: 0,
+            disturbances: 0,
+            kicks: 0,
+            morphs: 0,
+            owner,
+        }
+    }
+
+    /// Moves past everything effective at or before `now_ns`; owners first, so that a command is
+    /// judged by the owner of its own instant.
+    fn advance(&mut self, now_ns: u64, inputs: &Inputs) {
+        let owners = inputs.attitude_owner.fresh();
+        self.owners = due(owners, self.owners, now_ns);
+        if let Some(record) = self.owners.checked_sub(1).and_then(|i| owners.get(i)) {
+            self.owner = Some((record.sample.epoch, record.sample.owner));
+        }
+        self.disturbances = due(inputs.disturbance.fresh(), self.disturbances, now_ns);
+        self.morphs = due(inputs.morph_command.fresh(), self.morphs, now_ns);
+        self.commands_from = self.commands_to;
+        self.commands_to = due(inputs.wrench_command.fresh(), self.commands_to, now_ns);
+    }
+
+    /// The next instant at which something takes effect.
+    fn next_ns(&self, inputs: &Inputs) -> Option<u64> {
+        [
+            valid_ns(inputs.attitude_owner.fresh(), self.owners),
+            valid_ns(inputs.disturbance.fresh(), self.disturbances),
+            valid_ns(inputs.morph_command.fresh(), self.morphs),
+            valid_ns(inputs.wrench_command.fresh(), self.commands_to),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    fn morph<'a>(&self, inputs: &'a Inputs) -> Option<&'a MorphCommand> {
+        let fresh = self.morphs.checked_sub(1).and_then(|i| inputs.morph_command.fresh().get(i));
+        fresh.or_else(|| inputs.morph_command.before_fresh()).map(|stamped| &stamped.sample)
+    }
+
+    fn disturbance(&self, inputs: &Inputs) -> Disturbance {
+        let fresh =
+            self.disturbances.checked_sub(1).and_then(|i| inputs.disturbance.fresh().get(i));
+        fresh.or_else(|| inputs.disturbance.before_fresh()).map_or_else(
+            Disturbance::default,
+            |stamped| {
+                let sample = &stamped.sample;
+                Disturbance {
+                    force_w_n: sample.force_w_n.into(),
+                    torque_b_nm: sample.torque_b_nm.into(),
+                    wind_w_m_s: sample.wind_w_m_s.into(),
+                    rotor_efficiency: sample.rotor_efficiency,
+                    payload_kg: sample.payload_kg,
+                }
+            },
+        )
+    }
+
+    /// Body-rate jumps of the disturbances that took effect at this stop.
+    fn take_kick(&mut self, inputs: &Inputs) -> Option<Vector3<f64>> {
+        let new = inputs.disturbance.fresh().get(self.kicks..self.disturbances)?;
+        self.kicks = self.disturbances;
+        new.iter().map(|s| Vector3::from(s.sample.body_rate_kick_b_rad_s)).reduce(|a, b| a + b)
+    }
+}
+
+fn due<T: shared_types::Sample>(fresh: &[Stamped<T>], from: usize, now_ns: u64) -> usize {
+    from + fresh[from..].iter().take_while(|s| s.sample.header().valid_ns <= now_ns).count()
+}
+
+fn valid_ns<T: shared_types::Sample>(fresh: &[Stamped<T>], index: usize) -> Option<u64> {
+    fresh.get(index).map(|s| s.sample.header().valid_ns)
+}
+
+impl Service for Plant {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    type Memory = PlantMemory;
+
+    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        self.integrate(now_ns, inputs);
+        self.look(now_ns, outputs);
+    }
+
+    fn cause_sequence(&self, _inputs: &Inputs) -> u64 {
+        self.imu_sequence
+    }
+
+    fn memory(&self) -> PlantMemory {
+        let reading = self.reading.map_or([0.0; 6], |r| {
+            let (g, f) = (r.gyro_b_rad_s, r.specific_force_b_m_s2);
+            [g.x, g.y, g.z, f.x, f.y, f.z]
+        });
+        PlantMemory {
+            model: self.model.memory(),
+            imu: self.imu.memory(),
+            pose_fix: self.pose_fix.memory(),
+            morph_encoder: self.morph_encoder.memory(),
+            gate: self.gate.memory(),
+            integrated_ns: self.integrated_ns,
+            has_reading: self.reading.is_some(),
+            reading,
+            measured_morph_rad: self.measured_morph_rad,
+            imu_sequence: self.imu_sequence,
+            in_effect: [
+                self.in_effect.sequence,
+                self.in_effect.cause_sequence,
+                self.in_effect.epoch,
+            ],
+            kick_b_rad_s: self.kick_b_rad_s.into(),
+        }
+    }
+
+    fn restore(&mut self, memory: &PlantMemory) -> Result<(), String> {
+        self.model.restore(&memory.model).ok_or("the vehicle state is not one of this model")?;
+        self.imu.restore(&memory.imu);
+        self.pose_fix.restore(&memory.pose_fix);
+        self.morph_encoder.restore(&memory.morph_encoder);
+        self.gate.restore(&memory.gate);
+        self.integrated_ns = memory.integrated_ns;
+        let [gx, gy, gz, fx, fy, fz] = memory.reading;
+        self.reading = memory.has_reading.then(|| ImuSample {
+            gyro_b_rad_s: Vector3::new(gx, gy, gz),
+            specific_force_b_m_s2: Vector3::new(fx, fy, fz),
+            saturated: false,
+        });
+        self.measured_morph_rad = memory.measured_morph_rad;
+        self.imu_sequence = memory.imu_sequence;
+        let [sequence, cause_sequence, epoch] = memory.in_effect;
+        self.in_effect = InEffect { sequence, cause_sequence, epoch };
+        self.kick_b_rad_s = memory.kick_b_rad_s.into();
+        Ok(())
+    }
+}

@@ -1,0 +1,46 @@
+//! What the plant reads and writes.
+
+use nalgebra::UnitQuaternion;
+use runtime::{inputs, outputs};
+use shared_types::{
+    ActuatorState, AppliedCommand, Disturbance, Imu, MorphAngle, MorphCommand, OwnerRecord, PoseFix,
+    Quaternion, Truth, WrenchCommand, topics,
+};
+
+inputs! {
+    /// What acts on the vehicle.
+    pub struct Inputs {
+        /// Commands to the attitude slot.
+        wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
+        /// Owner of the attitude slot.
+        attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
+        /// Wind, forces, payload, rotor faults.
+        disturbance: Disturbance = topics::DISTURBANCE,
+        /// Commanded deployable angle.
+        morph_command: MorphCommand = topics::MORPH_COMMAND,
+    }
+}
+
+outputs! {
+    /// What the vehicle's sensors say, what was applied, and the truth for the recorder.
+    pub struct Outputs {
+        /// Inertial measurement.
+        imu: Imu = topics::IMU,
+        /// Delayed pose.
+        pose_fix: PoseFix = topics::POSE_FIX,
+        /// Encoder reading.
+        morph_angle: MorphAngle = topics::MORPH_ANGLE,
+        /// What the gate applied.
+        applied_command: AppliedCommand = topics::APPLIED_COMMAND,
+        /// Real state.
+        truth: Truth = topics::TRUTH,
+        /// Real rotor thrusts.
+        actuator_state: ActuatorState = topics::ACTUATOR_STATE,
+    }
+}
+
+/// One of two equal quaternions: w >= 0 on the wire.
+pub(crate) fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    Quaternion { w: sign * q.w, x: sign * q.i, y: sign * q.j, z: sign * q.k }
+}
