@@ -64,6 +64,8 @@ pub struct AttitudeLawConfig {
     pub rotor_lag_s: f64,
     /// Time from a step to its command taking effect \[s\], at most one period.
     pub command_delay_s: f64,
+    /// Time between the plant's reports of the applied torque \[s\].
+    pub report_period_s: f64,
     /// Time over which a new setpoint is approached \[s\]: one period of the position loop.
     pub setpoint_ramp_s: f64,
     /// Change of the morph angle \[rad\] below which the matrices stay.
@@ -105,6 +107,7 @@ impl AttitudeLawConfig {
             torque_bound: TorqueBound::Rotors,
             rotor_lag_s: 0.015,
             command_delay_s: 0.001,
+            report_period_s: 0.001,
             setpoint_ramp_s: 0.02,
             rebuild_tolerance_rad: 0.0,
             solver: SolverKind::ActiveSet,
@@ -138,6 +141,7 @@ impl AttitudeLawConfig {
         within("yaw_weight_factor", self.yaw_weight_factor, 1e-6, 1e6)?;
         within("rotor_lag_s", self.rotor_lag_s, 0.0, 1.0)?;
         within("command_delay_s", self.command_delay_s, 0.0, self.period_s())?;
+        within("report_period_s", self.report_period_s, 0.0, 1.0)?;
         within("setpoint_ramp_s", self.setpoint_ramp_s, 0.0, 10.0)?;
         within("rebuild_tolerance_rad", self.rebuild_tolerance_rad, 0.0, 3.2)?;
         let horizon = self.horizon.samples(self.rate_hz)?;

@@ -9,6 +9,9 @@ use crate::memory::Memory;
 use crate::ramp::Ramp;
 use crate::schedule::{self, Engine, State};
 
+/// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
+const ROUNDING_S: f64 = 1e-9;
+
 /// What the position loop asks for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
@@ -119,22 +122,25 @@ impl AttitudeLaw {
 
     /// Brings actuator copy and u(k−1) to this sample from what the plant reported.
     ///
-    /// The report is of the instants just before t. A command with a delay below one period is
-    /// in effect by then, so the report is u(k−1); with a delay of one period it is u(k−2).
+    /// The report is of the plant's last whole tick. A command was in effect for all of it if
+    /// delay and tick fit into a period: then the report is u(k−1). With a delay of one period
+    /// it is u(k−2). In between it may be either, and is not used.
     fn follow_actuators(&mut self, input: &Input) {
         let memory = &mut self.memory;
-        if !memory.commanded {
-            return;
-        }
         let reported =
             input.applied_torque_nm.filter(|torque| torque.iter().all(|t| t.is_finite()));
-        let period = self.config.period_s();
-        let delay = self.config.command_delay_s;
+        if !memory.commanded {
+            // A successor starts from what its predecessor left in effect.
+            let start = reported.map_or(memory.torque_nm, Into::into);
+            (memory.torque_nm, memory.applied_nm, memory.actuator_nm) = (start, start, start);
+            return;
+        }
+        let (period, delay) = (self.config.period_s(), self.config.command_delay_s);
         let mut before = Vector3::from(memory.applied_nm);
         let mut latest = Vector3::from(memory.torque_nm);
-        if delay < period {
+        if delay + self.config.report_period_s <= period + ROUNDING_S {
             latest = reported.unwrap_or(latest);
-        } else {
+        } else if delay >= period {
             before = reported.unwrap_or(before);
         }
         let axis = schedule::actuator(&self.config);

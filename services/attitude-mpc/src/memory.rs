@@ -5,7 +5,7 @@ use crate::ramp::Ramp;
 /// Rows of the longest horizon, 3 (2 · 50 − 1), rounded up.
 pub const WORKING_SET_CAPACITY: usize = 300;
 
-/// What happened so far; never reset by a restore.
+/// What happened so far; carried over by a restore.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
     /// Steps taken, refused ones included.

@@ -152,12 +152,13 @@ fn the_horizon_in_seconds_gives_the_recommended_counts() {
 #[test]
 fn each_impossible_number_is_refused_by_name() {
     type Spoil = fn(&mut AttitudeLawConfig);
-    let cases: [(&str, Spoil); 7] = [
+    let cases: [(&str, Spoil); 8] = [
         ("rate_hz", |c| c.rate_hz = 1001.0),
         ("increment_weight", |c| c.increment_weight = 0.0),
         ("yaw_weight_factor", |c| c.yaw_weight_factor = f64::NAN),
         ("rotor_lag_s", |c| c.rotor_lag_s = -0.015),
         ("command_delay_s", |c| c.command_delay_s = 0.011),
+        ("report_period_s", |c| c.report_period_s = -1.0),
         ("setpoint_ramp_s", |c| c.setpoint_ramp_s = f64::INFINITY),
         ("horizon_s", |c| c.horizon = HorizonChoice::Seconds(0.0)),
     ];
@@ -171,4 +172,22 @@ fn each_impossible_number_is_refused_by_name() {
     let config = AttitudeLawConfig { horizon, ..AttitudeLawConfig::default() };
     let error = AttitudeLaw::new(config, &VehicleParameters::default()).unwrap_err();
     assert_eq!(error, ConfigError::ControlHorizon { control: 51 });
+}
+
+#[test]
+fn a_shadow_of_another_kind_starts_from_the_torque_in_effect() {
+    let mut shadow = law(AttitudeLawConfig::default());
+    let torque = Vector3::new(0.02, -0.01, 0.004);
+    // Where the vehicle is where it should be, nothing calls for a change.
+    let settled = Input {
+        gamma_rad: Vector3::zeros(),
+        body_rate_rad_s: Vector3::zeros(),
+        age_s: 0.0,
+        morph_angle: MorphAngle::MIN,
+        setpoint: Setpoint { gamma_rad: Vector3::zeros(), thrust_n: 1.2 },
+        applied_torque_nm: Some(torque),
+    };
+    for _ in 0..5 {
+        assert!((shadow.step(&settled).torque_nm - torque).amax() < 1e-12);
+    }
 }

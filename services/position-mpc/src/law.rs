@@ -121,7 +121,7 @@ impl PositionLaw {
     /// One sample: measure, Δx, program, u(k) = u(k−1) + Δu(k), rotate by the heading.
     pub fn step(&mut self, input: &Input<'_>) -> Output {
         self.memory.counters.steps += 1;
-        self.follow_applied(input.applied.as_ref());
+        self.follow_applied(input);
         if !is_finite(input) {
             return self.refuse();
         }
@@ -146,26 +146,31 @@ impl PositionLaw {
     }
 
     /// Brings u(k−1) and the thrust copy to this sample.
-    fn follow_applied(&mut self, reported: Option<&Setpoint>) {
+    fn follow_applied(&mut self, input: &Input<'_>) {
         let memory = &mut self.memory;
-        if !memory.commanded && reported.is_none() {
-            return;
-        }
         let [phi, theta, psi, thrust] = memory.setpoint;
         let own = Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n: thrust };
-        let foreign = reported.filter(|setpoint| {
+        let foreign = input.applied.filter(|setpoint| {
             // The law's own command keeps its bits instead of being rotated there and back.
-            **setpoint != own
+            *setpoint != own
                 && setpoint.gamma_rad.iter().chain([&setpoint.thrust_n]).all(|v| v.is_finite())
         });
+        let heading = if memory.commanded { memory.heading_rad } else { input.gamma_rad.z };
         let latest = foreign.map_or(Vector3::from(memory.command), |setpoint| {
             let gamma = &setpoint.gamma_rad;
-            input_of(gamma.x, gamma.y, memory.heading_rad, setpoint.thrust_n)
+            input_of(gamma.x, gamma.y, heading, setpoint.thrust_n)
         });
-        let (axis, before) = (&self.thrust_axis, memory.applied[2]);
-        let early = axis.actuator_after(memory.thrust_n, before, axis.delay_s);
-        let rest = self.config.period_s() - axis.delay_s;
-        memory.thrust_n = axis.actuator_after(early, latest.z, rest);
+        if memory.commanded {
+            let (axis, before) = (&self.thrust_axis, memory.applied[2]);
+            let early = axis.actuator_after(memory.thrust_n, before, axis.delay_s);
+            let rest = self.config.period_s() - axis.delay_s;
+            memory.thrust_n = axis.actuator_after(early, latest.z, rest);
+        } else if heading.is_finite() {
+            // A successor starts from what its predecessor left in effect.
+            memory.thrust_n = latest.z;
+        } else {
+            return;
+        }
         memory.applied = latest.into();
     }
 

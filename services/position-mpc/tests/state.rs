@@ -153,3 +153,24 @@ fn each_impossible_number_is_refused_by_name() {
     let error = PositionLaw::new(config, &VehicleParameters::default()).unwrap_err();
     assert_eq!(error, ConfigError::ControlHorizon { control: 51 });
 }
+
+#[test]
+fn a_shadow_of_another_kind_starts_from_the_setpoint_in_effect_at_its_heading() {
+    let mut shadow = law(PositionLawConfig::default());
+    let yaw = 2.2;
+    let inclined = Setpoint { gamma_rad: Vector3::new(0.1, -0.2, yaw), thrust_n: 1.3 };
+    // Where the vehicle is where it should be, nothing calls for a change.
+    for _ in 0..5 {
+        let output = shadow.step(&Input {
+            position_w_m: Vector3::zeros(),
+            velocity_w_m_s: Vector3::zeros(),
+            gamma_rad: inclined.gamma_rad,
+            age_s: 0.0,
+            reference_w_m: &[Vector3::zeros()],
+            reference_yaw_rad: yaw,
+            applied: Some(inclined),
+        });
+        assert!((output.setpoint.gamma_rad - inclined.gamma_rad).amax() < 1e-12);
+        assert!((output.setpoint.thrust_n - 1.3).abs() < 1e-12);
+    }
+}
