@@ -1,1 +1,19 @@
 //! Scripted wind, forces, torques and faults.
+//!
+//! A script is a list of events; their sum at each step is the disturbance that the plant suffers.
+//! The injector does not see the vehicle. Each event has its own noise, seeded by the scenario's
+//! seed and the event's place in the script, so that appending an event leaves the others as they
+//! were. Start with [`Event`] for what can be scripted, then [`Injector`].
+
+mod config;
+mod event;
+mod gust;
+mod injector;
+mod noise;
+
+pub use config::{InjectorConfig, InjectorError, MAX_EVENTS, MAX_RATE_HZ};
+pub use event::{
+    Constant, Event, Kick, Load, Payload, Pulse, Ramp, Rd, RotorEfficiency, Sine, Step, Wind,
+};
+pub use injector::{Disturbance, EventMemory, Injector, InjectorMemory};
+pub use noise::NoiseMemory;

@@ -1,0 +1,247 @@
+//! A script, played.
+
+use std::f64::consts::TAU;
+
+use garde::Validate;
+
+use crate::config::{InjectorConfig, InjectorError, MAX_EVENTS};
+use crate::event::{Event, Load};
+use crate::gust;
+use crate::noise::{Noise, NoiseMemory};
+
+/// What acts on the vehicle from a sample's instant until the next one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbance {
+    /// Wind velocity \[m/s\] in W.
+    pub wind_w_m_s: [f64; 3],
+    /// Force at the centre of mass \[N\] in W.
+    pub force_w_n: [f64; 3],
+    /// Torque \[N m\] in B.
+    pub torque_b_nm: [f64; 3],
+    /// Jump of the body rate \[rad/s\] in B, once, at the sample's instant.
+    pub body_rate_kick_b_rad_s: [f64; 3],
+    /// Mass attached at the centre of mass \[kg\].
+    pub payload_kg: f64,
+    /// Thrust of each rotor relative to a healthy one; 1 front, 2 left, 3 rear, 4 right.
+    pub rotor_efficiency: [f64; 4],
+}
+
+impl Disturbance {
+    /// Nothing acts.
+    pub const CALM: Self = Self {
+        wind_w_m_s: [0.0; 3],
+        force_w_n: [0.0; 3],
+        torque_b_nm: [0.0; 3],
+        body_rate_kick_b_rad_s: [0.0; 3],
+        payload_kg: 0.0,
+        rotor_efficiency: [1.0; 4],
+    };
+
+    fn add(&mut self, load: &Load, factor: f64) {
+        add(&mut self.wind_w_m_s, &load.wind_w_m_s, factor);
+        add(&mut self.force_w_n, &load.force_w_n, factor);
+        add(&mut self.torque_b_nm, &load.torque_b_nm, factor);
+    }
+}
+
+fn add(sum: &mut [f64; 3], vector: &[f64; 3], factor: f64) {
+    for (slot, x) in sum.iter_mut().zip(vector) {
+        *slot += factor * x;
+    }
+}
+
+/// One event's state as plain numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct EventMemory {
+    /// Samples it has contributed to.
+    pub emitted: u64,
+    /// Gust of unit variance, or the drawn rd.
+    pub values: [f64; 3],
+    /// Noise generator.
+    pub noise: NoiseMemory,
+}
+
+/// An [`Injector`] as plain numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct InjectorMemory {
+    /// Instant of the last step \[ns\].
+    pub last_ns: u64,
+    /// By place in the script; the rest is zero.
+    pub events: [EventMemory; MAX_EVENTS],
+}
+
+/// How many samples a burst has, and what keeps its impulse where they do not fill its length.
+#[derive(Debug, Clone, Copy)]
+struct Burst {
+    samples: u64,
+    stretch: f64,
+}
+
+impl Burst {
+    /// Samples in [`from_ns`, `from_ns` + length) at `rate_hz`, one at least.
+    fn new(from_ns: u64, length_s: f64, rate_hz: u32) -> Self {
+        // floor(k 10⁹ / r) ≥ t holds from k = ceil(t r / 10⁹) on.
+        let first_at = |t_ns: u64| (u128::from(t_ns) * u128::from(rate_hz)).div_ceil(1_000_000_000);
+        let count = first_at(from_ns.saturating_add(ns_from_s(length_s))) - first_at(from_ns);
+        let samples = u64::try_from(count).unwrap_or(u64::MAX).max(1);
+        Self { samples, stretch: length_s * f64::from(rate_hz) / samples as f64 }
+    }
+}
+
+/// An event on its way.
+#[derive(Debug, Clone)]
+struct Player {
+    event: Event,
+    from_ns: u64,
+    until_ns: u64,
+    burst: Option<Burst>,
+    emitted: u64,
+    values: [f64; 3],
+    noise: Noise,
+}
+
+impl Player {
+    fn new(event: Event, rate_hz: u32, seed: u64, place: u64) -> Self {
+        let (from_s, until_s) = event.span_s();
+        let from_ns = ns_from_s(from_s);
+        Self {
+            event,
+            from_ns,
+            until_ns: until_s.map_or(u64::MAX, ns_from_s),
+            burst: event.burst_s().map(|length_s| Burst::new(from_ns, length_s, rate_hz)),
+            emitted: 0,
+            values: [0.0; 3],
+            noise: Noise::new(seed, place),
+        }
+    }
+
+    fn is_live(&self, now_ns: u64) -> bool {
+        let unfinished = self.burst.is_none_or(|burst| self.emitted < burst.samples);
+        (self.from_ns..self.until_ns).contains(&now_ns) && unfinished
+    }
+
+    /// Adds what the event does at `now_ns`, `dt_s` after the last step.
+    fn play(&mut self, now_ns: u64, dt_s: f64, total: &mut Disturbance) {
+        if !self.is_live(now_ns) {
+            return;
+        }
+        self.draw(dt_s);
+        self.emitted += 1;
+        let age_s = (now_ns - self.from_ns) as f64 * 1e-9;
+        match &self.event {
+            Event::Constant(e) => total.add(&e.load, 1.0),
+            Event::Step(e) => total.add(&e.load, 1.0),
+            Event::Pulse(e) => total.add(&e.load, 1.0),
+            Event::Sine(e) => {
+                total.add(&e.load, libm::sin(TAU * e.frequency_hz * age_s + e.phase_rad));
+            }
+            Event::Ramp(e) => total.add(&e.load, (age_s / (e.until_s - e.at_s)).min(1.0)),
+            Event::Rd(e) => {
+                let stretch = self.burst.map_or(1.0, |burst| burst.stretch);
+                add(&mut total.torque_b_nm, &self.values, e.scale_nm * stretch);
+            }
+            Event::Kick(e) => add(&mut total.body_rate_kick_b_rad_s, &e.body_rate_b_rad_s, 1.0),
+            Event::Wind(e) => {
+                let gust = std::array::from_fn(|i| e.sigma_m_s[i] * self.values[i]);
+                add(&mut total.wind_w_m_s, &e.mean_w_m_s, 1.0);
+                add(&mut total.wind_w_m_s, &gust, 1.0);
+            }
+            Event::Payload(e) => total.payload_kg += e.mass_kg,
+            Event::RotorEfficiency(e) => {
+                if let Some(rotor) = total.rotor_efficiency.get_mut(usize::from(e.rotor) - 1) {
+                    *rotor *= e.efficiency;
+                }
+            }
+        }
+    }
+
+    /// Brings the random values of this sample.
+    fn draw(&mut self, dt_s: f64) {
+        let first = self.emitted == 0;
+        match &self.event {
+            Event::Rd(e) if first => {
+                let [x, y, z] = self.noise.normal3();
+                self.values = e.rd.unwrap_or([x, y, 0.1 * z]);
+            }
+            Event::Wind(_) if first => self.values = gust::start(&mut self.noise),
+            Event::Wind(e) => {
+                let airspeed = gust::airspeed(&e.mean_w_m_s);
+                let noise = &mut self.noise;
+                self.values = gust::advance(&self.values, dt_s, airspeed, &e.length_m, noise);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Plays a script.
+#[derive(Debug, Clone)]
+pub struct Injector {
+    players: Vec<Player>,
+    last_ns: u64,
+}
+
+impl Injector {
+    /// An injector at 0 ns.
+    ///
+    /// # Errors
+    /// [`InjectorError::Config`] for a value out of its range or more than [`MAX_EVENTS`] events.
+    pub fn new(config: &InjectorConfig, seed: u64) -> Result<Self, InjectorError> {
+        config.validate()?;
+        let script = (0..).zip(&config.script);
+        let players =
+            script.map(|(place, event)| Player::new(*event, config.rate_hz, seed, place)).collect();
+        Ok(Self { players, last_ns: 0 })
+    }
+
+    /// The disturbance at `now_ns`. To be called at each release of the configured rate, with
+    /// instants that never go back.
+    pub fn step(&mut self, now_ns: u64) -> Disturbance {
+        let dt_s = now_ns.saturating_sub(self.last_ns) as f64 * 1e-9;
+        self.last_ns = now_ns;
+        let mut total = Disturbance::CALM;
+        for player in &mut self.players {
+            player.play(now_ns, dt_s, &mut total);
+        }
+        total
+    }
+
+    /// Everything that evolves.
+    #[must_use]
+    pub fn memory(&self) -> InjectorMemory {
+        let noise = NoiseMemory { seed: 0, stream: 0, word_position: 0 };
+        let mut events = [EventMemory { emitted: 0, values: [0.0; 3], noise }; MAX_EVENTS];
+        for (slot, player) in events.iter_mut().zip(&self.players) {
+            let Player { emitted, values, .. } = *player;
+            *slot = EventMemory { emitted, values, noise: player.noise.memory() };
+        }
+        InjectorMemory { last_ns: self.last_ns, events }
+    }
+
+    /// Continues from a memory of the same script, bit for bit.
+    pub fn restore(&mut self, memory: &InjectorMemory) {
+        self.last_ns = memory.last_ns;
+        for (player, slot) in self.players.iter_mut().zip(&memory.events) {
+            player.emitted = slot.emitted;
+            player.values = slot.values;
+            player.noise.restore(&slot.noise);
+        }
+    }
+}
+
+/// Nanoseconds of a time in a script, to the nearest.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "scripted times are finite and not negative; `as` saturates anyway"
+)]
+fn ns_from_s(time_s: f64) -> u64 {
+    (time_s * 1e9).round() as u64
+}
+
+#[cfg(test)]
+mod gust_tests;
+#[cfg(test)]
+mod tests;
