@@ -87,22 +87,20 @@ impl AttitudeLawConfig {
 
     /// For flight at `rate_hz`.
     ///
-    /// `r_w` is what the steps and the robustness test in `tests/` ask for: at 100 Hz 5 rides
-    /// out a lag of 10 to 20 ms together with 0.8 to 1.5 times the inertia, where 0.25 limit
-    /// cycles; faster loops need less of it; at 50 Hz only a small one keeps three axes within
-    /// 0.21 rad when they saturate at once.
+    /// `r_w` is 5 at 100 Hz, where it rides out a lag of 10 to 20 ms together with 0.8 to 1.5
+    /// times the inertia; 0.25 limit cycles there and drives the large vehicle's torque by half
+    /// its bound from sample to sample with the noise of an estimate (10 mrad/s, 1 mrad). It
+    /// grows with the square of the rate, so that the cost is the same integral over e² and u̇².
+    /// Yaw has little authority and a large inertia: its `r_w` is larger, or its noise alone
+    /// clips the rotors in a third of the samples.
     #[must_use]
     pub fn flight(rate_hz: f64) -> Self {
-        let increment_weight = match rate_hz {
-            ..=75.0 => 0.25,
-            ..=125.0 => 5.0,
-            _ => 2.0,
-        };
+        let increment_weight = 5.0 * (rate_hz / 100.0) * (rate_hz / 100.0);
         Self {
             rate_hz,
             horizon: HorizonChoice::Seconds(0.12),
             increment_weight,
-            yaw_weight_factor: 0.25,
+            yaw_weight_factor: 8.0,
             scale_weight_with_inertia: true,
             torque_bound: TorqueBound::Rotors,
             rotor_lag_s: 0.015,
@@ -120,6 +118,7 @@ impl AttitudeLawConfig {
         Self {
             horizon: HorizonChoice::Samples(Horizon { prediction: 20, control: 3 }),
             increment_weight: 0.25,
+            yaw_weight_factor: 0.25,
             scale_weight_with_inertia: false,
             torque_bound: TorqueBound::Paper,
             rotor_lag_s: 0.0,

@@ -63,7 +63,7 @@ fn at_50_hz_one_of_them_may_be_wrong() {
         for (lag_s, scale) in [(0.010, 1.0), (0.020, 1.0), (0.015, 0.8), (0.015, 1.5)] {
             let (settled, peaked) = misjudged(50.0, beta, lag_s, scale);
             let case = format!("{beta:?} {lag_s} s x{scale}");
-            assert!(settled <= 0.45 && peaked <= 0.26, "{case}: {settled} s, {peaked} rad");
+            assert!(settled <= 0.5 && peaked <= 0.26, "{case}: {settled} s, {peaked} rad");
         }
     }
 }
