@@ -13,6 +13,7 @@
 //! Open `filter/mod.rs` next: it is the pipeline; then one file per measurement model.
 
 mod filter;
+pub mod settings;
 
 pub use filter::{
     AlarmFlags, BeliefMemory, ConfigError, Counters, Covariance, Estimate, Filter, FilterConfig,

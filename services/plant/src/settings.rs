@@ -4,6 +4,7 @@ use garde::Validate;
 use serde::Deserialize;
 use vehicle::VehicleParameters;
 
+use crate::ModelKind;
 use crate::gate::GateConfig;
 use crate::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
 
@@ -11,8 +12,8 @@ use crate::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
 #[derive(Debug, Clone, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Loop rate \[Hz\]; below 500 Hz the nonlinear model's step would be too long.
-    #[garde(range(min = 500.0, max = 10000.0))]
+    /// Loop rate \[Hz\]. Integration steps are shorter where they must be.
+    #[garde(range(min = 1.0, max = 10000.0))]
     pub rate_hz: f64,
     /// What is integrated.
     #[garde(skip)]
@@ -20,12 +21,9 @@ pub struct Settings {
     /// Steps from one published state to the next.
     #[garde(range(min = 1, max = 100000))]
     pub state_every: u32,
-    /// Ground at z = 0.
+    /// Ground at z = 0; the linear model has none.
     #[garde(skip)]
     pub ground: bool,
-    /// A test rig holds the vehicle's centre: it turns, and does not move.
-    #[garde(skip)]
-    pub rig: bool,
     /// How the real vehicle differs from the one that everybody models.
     #[garde(dive)]
     pub mismatch: Mismatch,
@@ -50,7 +48,6 @@ impl Default for Settings {
             model: Model::Nonlinear,
             state_every: 10,
             ground: true,
-            rig: false,
             mismatch: Mismatch::default(),
             imu: ImuConfig::default(),
             pose_fix: PoseFixConfig::default(),
@@ -64,10 +61,21 @@ impl Default for Settings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
-    /// [`vehicle::NonlinearModel`].
+    /// [`ModelKind::Nonlinear`].
     Nonlinear,
-    /// [`vehicle::LinearModel`], the paper's own.
+    /// [`ModelKind::Linear`], the paper's own.
     Linear,
+}
+
+impl Settings {
+    /// The equations of motion.
+    #[must_use]
+    pub fn model_kind(&self) -> ModelKind {
+        match self.model {
+            Model::Nonlinear => ModelKind::Nonlinear { ground: self.ground },
+            Model::Linear => ModelKind::Linear,
+        }
+    }
 }
 
 /// How the real vehicle differs from the modelled one.

@@ -1,0 +1,228 @@
+//! The section `[attitude_mpc]` of a scenario.
+//!
+//! Keys left out take the value that suits the rate and the model, see
+//! [`AttitudeLawConfig::flight`] and [`AttitudeLawConfig::paper`].
+
+use garde::Validate;
+use serde::Deserialize;
+
+use crate::{AttitudeLawConfig, ConfigError, Horizon, HorizonChoice, SolverKind, TorqueBound};
+
+/// What the attitude law is told by a scenario.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Control rate \[Hz\].
+    #[garde(range(min = 1.0, max = 1000.0))]
+    pub rate_hz: f64,
+    /// Which prediction model, and with it which set of defaults.
+    #[garde(skip)]
+    pub model: Model,
+    /// Look-ahead \[s\]; Np and Nc follow from the rate.
+    #[garde(range(min = 0.001, max = 10.0))]
+    pub horizon_s: Option<f64>,
+    /// Np in samples, instead of `horizon_s`.
+    #[garde(range(min = 1, max = 100))]
+    pub prediction_horizon: Option<u16>,
+    /// Nc in samples, beside `prediction_horizon`; a tenth of it, at least 3, if left out.
+    #[garde(range(min = 1, max = 50))]
+    pub control_horizon: Option<u16>,
+    /// `r_w` of roll and pitch \[rad²/(N m)²\].
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub increment_weight: Option<f64>,
+    /// Factor on `r_w` for yaw.
+    #[garde(range(min = 1e-6, max = 1e6))]
+    pub yaw_weight_factor: Option<f64>,
+    /// Keeps the loop in samples the same at every size.
+    #[garde(skip)]
+    pub scale_weight_with_inertia: Option<bool>,
+    /// Where the torque bounds come from.
+    #[garde(skip)]
+    pub torque_bound: Option<Bound>,
+    /// Rotor lag in the prediction model \[s\]; the vehicle's if left out.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub rotor_lag_s: Option<f64>,
+    /// Time over which a new setpoint is approached \[s\]; one position period if left out.
+    #[garde(range(min = 0.0, max = 10.0))]
+    pub setpoint_ramp_s: Option<f64>,
+    /// Change of the morph angle \[°\] below which the matrices stay.
+    #[garde(range(min = 0.0, max = 115.0))]
+    pub rebuild_tolerance_deg: f64,
+    /// Solver of (16).
+    #[garde(skip)]
+    pub solver: Solver,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            rate_hz: 100.0,
+            model: Model::Flight,
+            horizon_s: None,
+            prediction_horizon: None,
+            control_horizon: None,
+            increment_weight: None,
+            yaw_weight_factor: None,
+            scale_weight_with_inertia: None,
+            torque_bound: None,
+            rotor_lag_s: None,
+            setpoint_ramp_s: None,
+            rebuild_tolerance_deg: 0.0,
+            solver: Solver::ActiveSet,
+        }
+    }
+}
+
+/// Prediction model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Model {
+    /// With the rotors' lag and the command's delay.
+    Flight,
+    /// Model (8) alone, with the paper's bounds and weights.
+    Paper,
+}
+
+/// Source of the torque bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Bound {
+    /// [`TorqueBound::Rotors`].
+    Rotors,
+    /// [`TorqueBound::Paper`].
+    Paper,
+}
+
+/// Solver of the quadratic program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Solver {
+    /// [`SolverKind::ActiveSet`].
+    ActiveSet,
+    /// [`SolverKind::Hildreth`].
+    Hildreth,
+    /// [`SolverKind::HildrethConverged`].
+    HildrethConverged,
+}
+
+/// What the law must know of the flight around it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surroundings {
+    /// The vehicle's rotor lag \[s\].
+    pub rotor_lag_s: f64,
+    /// Declared latency of the wrench command \[s\].
+    pub wrench_latency_s: f64,
+    /// Period of the position loop \[s\]; 0 if setpoints come as steps.
+    pub setpoint_period_s: f64,
+}
+
+impl Settings {
+    /// The law's numbers, checked.
+    ///
+    /// # Errors
+    /// The first number that the law refuses.
+    pub fn law_config(&self, around: Surroundings) -> Result<AttitudeLawConfig, ConfigError> {
+        let flight = AttitudeLawConfig {
+            command_delay_s: around.wrench_latency_s,
+            rotor_lag_s: around.rotor_lag_s,
+            setpoint_ramp_s: around.setpoint_period_s,
+            ..AttitudeLawConfig::flight(self.rate_hz)
+        };
+        let paper = AttitudeLawConfig { rate_hz: self.rate_hz, ..AttitudeLawConfig::paper() };
+        let base = if self.model == Model::Paper { paper } else { flight };
+        let config = AttitudeLawConfig {
+            horizon: self.horizon().unwrap_or(base.horizon),
+            increment_weight: self.increment_weight.unwrap_or(base.increment_weight),
+            yaw_weight_factor: self.yaw_weight_factor.unwrap_or(base.yaw_weight_factor),
+            scale_weight_with_inertia: self
+                .scale_weight_with_inertia
+                .unwrap_or(base.scale_weight_with_inertia),
+            torque_bound: self.torque_bound.map_or(base.torque_bound, TorqueBound::from),
+            rotor_lag_s: self.rotor_lag_s.unwrap_or(base.rotor_lag_s),
+            setpoint_ramp_s: self.setpoint_ramp_s.unwrap_or(base.setpoint_ramp_s),
+            rebuild_tolerance_rad: self.rebuild_tolerance_deg.to_radians(),
+            solver: self.solver.into(),
+            ..base
+        };
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// How far `config` looks ahead \[s\].
+    ///
+    /// # Errors
+    /// A horizon that no rate can give.
+    pub fn look_ahead_s(config: &AttitudeLawConfig) -> Result<f64, ConfigError> {
+        let horizon = config.horizon.samples(config.rate_hz)?;
+        Ok(horizon.prediction as f64 * config.period_s())
+    }
+
+    fn horizon(&self) -> Option<HorizonChoice> {
+        let samples = self.prediction_horizon.map(|prediction| {
+            let control = self.control_horizon.unwrap_or(prediction.div_ceil(10).max(3));
+            HorizonChoice::Samples(Horizon {
+                prediction: prediction.into(),
+                control: control.into(),
+            })
+        });
+        samples.or(self.horizon_s.map(HorizonChoice::Seconds))
+    }
+}
+
+impl From<Bound> for TorqueBound {
+    fn from(bound: Bound) -> Self {
+        match bound {
+            Bound::Rotors => Self::Rotors,
+            Bound::Paper => Self::Paper,
+        }
+    }
+}
+
+impl From<Solver> for SolverKind {
+    fn from(solver: Solver) -> Self {
+        match solver {
+            Solver::ActiveSet => Self::ActiveSet,
+            Solver::Hildreth => Self::Hildreth,
+            Solver::HildrethConverged => Self::HildrethConverged,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AROUND: Surroundings =
+        Surroundings { rotor_lag_s: 0.015, wrench_latency_s: 0.001, setpoint_period_s: 0.02 };
+
+    fn settings(toml: &str) -> Settings {
+        toml::from_str(toml).unwrap()
+    }
+
+    #[test]
+    fn an_empty_section_flies_the_law_of_its_rate() {
+        for rate_hz in [50.0, 100.0, 150.0, 400.0, 1000.0] {
+            let settings = settings(&format!("rate_hz = {rate_hz}"));
+            assert_eq!(settings.law_config(AROUND), Ok(AttitudeLawConfig::flight(rate_hz)));
+        }
+    }
+
+    #[test]
+    fn the_paper_model_ignores_lag_delay_and_ramp_of_the_flight_around_it() {
+        let config = settings("model = \"paper\"").law_config(AROUND);
+        assert_eq!(config, Ok(AttitudeLawConfig::paper()));
+    }
+
+    #[test]
+    fn a_horizon_in_samples_overrides_the_one_in_seconds() {
+        let config = settings("prediction_horizon = 30\ncontrol_horizon = 4").law_config(AROUND);
+        let horizon = Horizon { prediction: 30, control: 4 };
+        assert_eq!(config.unwrap().horizon, HorizonChoice::Samples(horizon));
+    }
+
+    #[test]
+    fn more_moves_than_samples_are_refused() {
+        let config = settings("prediction_horizon = 3\ncontrol_horizon = 4").law_config(AROUND);
+        assert!(matches!(config, Err(ConfigError::Engine(_))));
+    }
+}
