@@ -125,6 +125,9 @@ impl BeliefMemory {
         finite("attitude", &self.q_wb)?;
         finite("covariance", self.covariance.as_flattened())?;
         let [w, x, y, z] = self.q_wb;
+        if (Quaternion::new(w, x, y, z).norm() - 1.0).abs() > 1e-6 {
+            return Err(MemoryError::OutOfRange("attitude"));
+        }
         let inertial = Inertial { gyro: self.gyro.into(), accel: self.accel.into() };
         Ok(Belief {
             time_ns: self.time_ns,

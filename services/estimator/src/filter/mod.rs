@@ -33,7 +33,7 @@ use memory::Evolving;
 use monitor::{Advice, Monitor};
 use morph_angle::MorphFilter;
 
-/// Error-state Kalman filter with delayed fixes; see the [module](self) and the crate.
+/// Error-state Kalman filter with delayed fixes; the pipeline is drawn in `filter/mod.rs`.
 ///
 /// A call allocates nothing, never panics and replays at most one history.
 #[derive(Debug, Clone)]
@@ -110,7 +110,7 @@ impl Filter {
             nis: monitor.last_nis,
             alarms: AlarmFlags {
                 nis: monitor.alarm,
-                fix_gated: monitor.rejections_in_row > 0,
+                fix_gated: monitor.last_nis > self.config.fix_gate,
                 fix_overdue: fix_age_ns > self.config.fix_timeout_ns,
             },
             counters: *counters,

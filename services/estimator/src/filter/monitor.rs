@@ -60,7 +60,7 @@ impl Monitor {
         self.window[self.next] = clipped;
         self.next = (self.next + 1) % config.nis_window;
         self.filled = (self.filled + 1).min(config.nis_window);
-        self.rejections_in_row = if gated { self.rejections_in_row + 1 } else { 0 };
+        self.rejections_in_row = if gated { self.rejections_in_row.saturating_add(1) } else { 0 };
         if !gated {
             self.reopen_level = 0;
         }

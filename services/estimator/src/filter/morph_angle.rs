@@ -1,8 +1,7 @@
 //! Measurement model of the morph angle's encoder: a Kalman filter of its own on (β, β̇).
 //!
-//! β̈ is taken for white noise (Bar-Shalom, Li, Kirubarajan 2001, section 6.2.2). A sweep starts
-//! and ends with far more acceleration than the noise allows for, so a few rejections in a row are
-//! read as a manoeuvre and open the covariance.
+//! β̈ is taken for white noise (Bar-Shalom, Li, Kirubarajan 2001, section 6.2.2), strong enough for
+//! the ends of a sweep to pass the gate.
 
 use super::config::{FilterConfig, InitialState};
 use super::sample::{MorphAngleSample, Verdict};
@@ -88,8 +87,8 @@ impl MorphFilter {
     }
 
     fn reject(&mut self, config: &FilterConfig) {
-        self.rejections_in_row += 1;
-        if self.rejections_in_row >= config.morph_reopen_after_rejections {
+        self.rejections_in_row = self.rejections_in_row.saturating_add(1);
+        if self.rejections_in_row >= config.reopen_after_rejections {
             self.rejections_in_row = 0;
             self.covariance = diagonal(REOPENED_SIGMA);
         }

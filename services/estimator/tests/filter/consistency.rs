@@ -70,8 +70,24 @@ pub(crate) fn assert_consistent(means: &Means, from_s: usize, to_s: usize, runs:
 
 #[test]
 fn nees_and_nis_stay_inside_their_bounds_in_nominal_flight() {
-    let means = means(&figure_eight(20), RUNS, Script::nominal, |_, _| {});
+    let mut alarms = 0;
+    let means = means(&figure_eight(20), RUNS, Script::nominal, |_, instant| {
+        if instant.step == 20_000 {
+            alarms += instant.filter.estimate().counters.nis_alarms;
+        }
+    });
     assert_consistent(&means, 0, 20, RUNS);
+    // 2e5 overlapping windows at two in a million: less than one false alarm is expected.
+    assert!(alarms <= 2, "{alarms} false alarms");
+}
+
+#[test]
+fn a_slower_imu_keeps_the_filter_consistent() {
+    // 200 Hz costs a fifth per run, so more of them bound the means more tightly.
+    const RUNS: usize = 300;
+    let script = |seed| Script { steps_per_imu: 5, ..Script::nominal(5000 + seed) };
+    let means = means(&figure_eight(10), RUNS, script, |_, _| {});
+    assert_consistent(&means, 0, 10, RUNS);
 }
 
 #[test]

@@ -45,6 +45,34 @@ fn a_drop_out_raises_the_flag_for_as_long_as_it_lasts() {
 }
 
 #[test]
+fn half_a_minute_without_fixes_is_survived() {
+    let truth = figure_eight(40);
+    let script = Script { drop_out: (6000, 36_000), ..Script::nominal(3500) };
+    fly(&truth, &script, |instant| {
+        if instant.step >= 38_000 {
+            assert!(error(instant).fixed_rows::<3>(0).norm() < 0.02);
+            assert!(error(instant).fixed_rows::<3>(6).norm() < 5e-3);
+        }
+    });
+}
+
+#[test]
+fn a_gap_in_the_inertial_samples_is_counted_and_recovered_from() {
+    let truth = figure_eight(10);
+    let script = Script { imu_gap: (5000, 5300), ..Script::nominal(3600) };
+    let end = fly(&truth, &script, |instant| {
+        if instant.step == 5310 || instant.step >= 7000 {
+            assert!(nees(instant)[0] < 50.0, "step {}", instant.step);
+        }
+        if instant.step >= 7000 {
+            assert!(error(instant).fixed_rows::<3>(0).norm() < 0.02);
+        }
+    });
+    assert_eq!(end.estimate().counters.imu_gaps, 1);
+    assert!(end.estimate().counters.pose_fix.ahead > 25);
+}
+
+#[test]
 fn a_jump_of_the_gyro_bias_alarms_reopens_and_is_learned_again() {
     const FLIP: usize = 10_000;
     const RUNS: usize = 50;

@@ -89,6 +89,10 @@ pub(crate) struct Script {
     /// At this step the gyro bias jumps by this much.
     pub(crate) flip: (usize, Vector3<f64>),
     pub(crate) latency_steps: usize,
+    /// Steps per inertial sample; divides the period of the fixes.
+    pub(crate) steps_per_imu: usize,
+    /// No inertial sample from the first to before the second step.
+    pub(crate) imu_gap: (usize, usize),
 }
 
 impl Script {
@@ -98,6 +102,8 @@ impl Script {
             drop_out: (0, 0),
             flip: (usize::MAX, Vector3::zeros()),
             latency_steps: LATENCY_STEPS,
+            steps_per_imu: 1,
+            imu_gap: (0, 0),
         }
     }
 }
@@ -105,6 +111,7 @@ impl Script {
 pub(crate) struct Sensors {
     rng: ChaCha8Rng,
     config: FilterConfig,
+    imu_period_s: f64,
     gyro_bias: Vector3<f64>,
     accel_bias: Vector3<f64>,
 }
@@ -114,6 +121,7 @@ impl Sensors {
         let mut sensors = Self {
             rng: ChaCha8Rng::seed_from_u64(seed as u64),
             config: FilterConfig::default(),
+            imu_period_s: STEP_NS as f64 * 1e-9,
             gyro_bias: Vector3::zeros(),
             accel_bias: Vector3::zeros(),
         };
@@ -142,7 +150,7 @@ impl Sensors {
     }
 
     pub(crate) fn imu(&mut self, step: usize, truth: &Truth) -> ImuSample {
-        let dt = STEP_NS as f64 * 1e-9;
+        let dt = self.imu_period_s;
         let c = self.config;
         let gyro_step = self.normal(c.gyro_walk_rad_s2_rthz * dt.sqrt());
         let accel_step = self.normal(c.accel_walk_m_s3_rthz * dt.sqrt());
@@ -179,6 +187,7 @@ pub(crate) struct Instant<'a> {
 /// Flies `truth` under `script` and shows each instant.
 pub(crate) fn fly(truth: &[Truth], script: &Script, mut see: impl FnMut(&Instant)) -> Filter {
     let mut sensors = Sensors::new(script.seed, &InitialState::default());
+    sensors.imu_period_s *= script.steps_per_imu as f64;
     let initial = sensors.initial(&truth[0]);
     let mut filter = Filter::new(FilterConfig::default(), &initial).expect("default is valid");
     let mut under_way = std::collections::VecDeque::new();
@@ -186,7 +195,13 @@ pub(crate) fn fly(truth: &[Truth], script: &Script, mut see: impl FnMut(&Instant
         if step == script.flip.0 {
             sensors.gyro_bias += script.flip.1;
         }
-        filter.on_imu(&sensors.imu(step, truth));
+        if step % script.steps_per_imu != 0 {
+            continue;
+        }
+        let sample = sensors.imu(step, truth);
+        if !(script.imu_gap.0..script.imu_gap.1).contains(&step) {
+            filter.on_imu(&sample);
+        }
         let dropped = (script.drop_out.0..script.drop_out.1).contains(&step);
         if step % STEPS_PER_FIX == 0 && !dropped {
             under_way.push_back((step + script.latency_steps, sensors.fix(step, truth)));
