@@ -10,10 +10,9 @@ struct Scenario {
 
 /// An injector from the entries of a script, without their headers.
 fn injector(rate_hz: u32, entries: &[&str], seed: u64) -> Result<Injector, String> {
-    let mut text = format!("[disturbance_injector]\nrate_hz = {rate_hz}\n");
-    for entry in entries {
-        text += &format!("[[disturbance_injector.script]]\n{entry}\n");
-    }
+    let header = "\n[[disturbance_injector.script]]\n";
+    let script: String = entries.iter().flat_map(|entry| [header, entry]).collect();
+    let text = format!("[disturbance_injector]\nrate_hz = {rate_hz}\n{script}");
     let scenario: Scenario = toml::from_str(&text).map_err(|e| e.to_string())?;
     Injector::new(&scenario.disturbance_injector, seed).map_err(|e| e.to_string())
 }
