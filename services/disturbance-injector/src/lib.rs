@@ -5,12 +5,15 @@
 //! seed and the event's place in the script, so that appending an event leaves the others as they
 //! were. Start with [`Event`] for what can be scripted, then [`Injector`].
 
+pub mod component;
 mod config;
 mod event;
 mod gust;
 mod injector;
 mod noise;
+pub mod settings;
 
+pub use component::DisturbanceInjector;
 pub use config::{InjectorConfig, InjectorError, MAX_EVENTS, MAX_RATE_HZ};
 pub use event::{
     Constant, Event, Kick, Load, Payload, Pulse, Ramp, Rd, RotorEfficiency, Sine, Step, Wind,
