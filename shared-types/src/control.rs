@@ -97,9 +97,13 @@ sample! {
 }
 
 impl ControllerReport {
-    /// Largest amount by which u(k) or Δu(k) leaves its bounds, in input units; 0 if inside.
+    /// Largest amount by which u(k) or Δu(k) leaves its bounds, in input units; 0 if inside,
+    /// infinite if the command is not finite.
     #[must_use]
     pub fn worst_violation(&self) -> f64 {
+        if !self.input.iter().all(|u| u.is_finite()) {
+            return f64::INFINITY;
+        }
         (0..3)
             .map(|i| {
                 let increment = (self.input[i] - self.previous_input[i]).abs();

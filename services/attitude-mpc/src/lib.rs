@@ -7,6 +7,7 @@
 
 #![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
 
+pub mod component;
 mod config;
 mod law;
 mod memory;
@@ -14,6 +15,7 @@ mod ramp;
 mod schedule;
 pub mod settings;
 
+pub use component::AttitudeMpc;
 pub use config::{AttitudeLawConfig, ConfigError, HorizonChoice, TorqueBound};
 pub use law::{AttitudeLaw, Input, LawStatus, Output, Refusal, Setpoint};
 pub use memory::{Counters, Memory, WORKING_SET_CAPACITY};

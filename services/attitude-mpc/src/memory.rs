@@ -5,52 +5,56 @@ use crate::ramp::Ramp;
 /// Rows of the longest horizon, 3 (2 · 50 − 1), rounded up.
 pub const WORKING_SET_CAPACITY: usize = 300;
 
-/// What happened so far; carried over by a restore.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counters {
-    /// Steps taken, refused ones included.
-    pub steps: u64,
-    /// Steps refused, see [`Refusal`](crate::Refusal).
-    pub refused: u64,
-    /// Steps whose move was clipped because the solver did not finish.
-    pub fallbacks: u64,
-    /// Steps in which an increment bound had to give way.
-    pub relaxed: u64,
+shared_types::memory! {
+    /// What happened so far; carried over by a restore.
+    #[derive(PartialEq, Eq)]
+    pub struct Counters {
+        /// Steps taken, refused ones included.
+        pub steps: u64,
+        /// Steps refused, see [`Refusal`](crate::Refusal).
+        pub refused: u64,
+        /// Steps whose move was clipped because the solver did not finish.
+        pub fallbacks: u64,
+        /// Steps in which an increment bound had to give way.
+        pub relaxed: u64,
+    }
 }
 
-/// The law's whole evolving memory: plain arrays, so that it can be published as it is.
-///
-/// An instance of the same configuration that restores it continues bit for bit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Memory {
-    /// False before the first step and after a refused one: Δx is then taken as zero.
-    pub primed: bool,
-    /// False until a torque was commanded.
-    pub commanded: bool,
-    /// γ(k−1) \[rad\].
-    pub gamma_rad: [f64; 3],
-    /// γ̇(k−1) \[rad/s\].
-    pub gamma_rate_rad_s: [f64; 3],
-    /// Open-loop copy of the actuators' torque at the last sample \[N m\].
-    pub actuator_nm: [f64; 3],
-    /// Torque applied when that sample came, before its command took effect \[N m\].
-    pub applied_nm: [f64; 3],
-    /// `actuator_nm` as it entered x(k−1) \[N m\].
-    pub previous_actuator_nm: [f64; 3],
-    /// `applied_nm` as it entered x(k−1) \[N m\].
-    pub previous_applied_nm: [f64; 3],
-    /// Last command, u(k−1) \[N m\].
-    pub torque_nm: [f64; 3],
-    /// Last commanded thrust \[N\].
-    pub thrust_n: f64,
-    /// Approach to the setpoint.
-    pub ramp: Ramp,
-    /// β \[rad\] the matrices were built for; NaN before the first step.
-    pub scheduled_rad: f64,
-    /// Bound each row of the program was held at.
-    pub working_set: [i8; WORKING_SET_CAPACITY],
-    /// What happened so far.
-    pub counters: Counters,
+shared_types::memory! {
+    /// The law's whole evolving memory: plain arrays, so that it can be published as it is.
+    ///
+    /// An instance of the same configuration that restores it continues bit for bit.
+    #[derive(PartialEq)]
+    pub struct Memory {
+        /// False before the first step and after a refused one: Δx is then taken as zero.
+        pub primed: bool,
+        /// False until a torque was commanded.
+        pub commanded: bool,
+        /// γ(k−1) \[rad\].
+        pub gamma_rad: [f64; 3],
+        /// γ̇(k−1) \[rad/s\].
+        pub gamma_rate_rad_s: [f64; 3],
+        /// Open-loop copy of the actuators' torque at the last sample \[N m\].
+        pub actuator_nm: [f64; 3],
+        /// Torque applied when that sample came, before its command took effect \[N m\].
+        pub applied_nm: [f64; 3],
+        /// `actuator_nm` as it entered x(k−1) \[N m\].
+        pub previous_actuator_nm: [f64; 3],
+        /// `applied_nm` as it entered x(k−1) \[N m\].
+        pub previous_applied_nm: [f64; 3],
+        /// Last command, u(k−1) \[N m\].
+        pub torque_nm: [f64; 3],
+        /// Last commanded thrust \[N\].
+        pub thrust_n: f64,
+        /// Approach to the setpoint.
+        pub ramp: Ramp,
+        /// β \[rad\] the matrices were built for; NaN before the first step.
+        pub scheduled_rad: f64,
+        /// Bound each row of the program was held at.
+        pub working_set: [i8; WORKING_SET_CAPACITY],
+        /// What happened so far.
+        pub counters: Counters,
+    }
 }
 
 impl Memory {

@@ -5,15 +5,17 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use vehicle::wrap_pi;
 
-/// A straight approach to the latest setpoint, in memory as plain arrays.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Ramp {
-    /// γ \[rad\] where the approach began.
-    pub from_rad: [f64; 3],
-    /// γ \[rad\] of the setpoint.
-    pub to_rad: [f64; 3],
-    /// Time since it began \[s\].
-    pub elapsed_s: f64,
+shared_types::memory! {
+    /// A straight approach to the latest setpoint, in memory as plain arrays.
+    #[derive(PartialEq)]
+    pub struct Ramp {
+        /// γ \[rad\] where the approach began.
+        pub from_rad: [f64; 3],
+        /// γ \[rad\] of the setpoint.
+        pub to_rad: [f64; 3],
+        /// Time since it began \[s\].
+        pub elapsed_s: f64,
+    }
 }
 
 impl Ramp {

@@ -50,26 +50,28 @@ fn add(sum: &mut [f64; 3], vector: &[f64; 3], factor: f64) {
     }
 }
 
-/// One event's state as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct EventMemory {
-    /// Samples it has contributed to.
-    pub emitted: u64,
-    /// Gust of unit variance, or the drawn rd.
-    pub values: [f64; 3],
-    /// Noise generator.
-    pub noise: NoiseMemory,
+shared_types::memory! {
+    /// One event's state as plain numbers.
+    #[derive(PartialEq)]
+    pub struct EventMemory {
+        /// Samples it has contributed to.
+        pub emitted: u64,
+        /// Gust of unit variance, or the drawn rd.
+        pub values: [f64; 3],
+        /// Noise generator.
+        pub noise: NoiseMemory,
+    }
 }
 
-/// An [`Injector`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct InjectorMemory {
-    /// Instant of the last step \[ns\].
-    pub last_ns: u64,
-    /// By place in the script; the rest is zero.
-    pub events: [EventMemory; MAX_EVENTS],
+shared_types::memory! {
+    /// An [`Injector`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct InjectorMemory {
+        /// Instant of the last step \[ns\].
+        pub last_ns: u64,
+        /// By place in the script; the rest is zero.
+        pub events: [EventMemory; MAX_EVENTS],
+    }
 }
 
 /// How many samples a burst has, and what keeps its impulse where they do not fill its length.

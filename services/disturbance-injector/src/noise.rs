@@ -12,16 +12,17 @@ use rand_chacha::ChaCha8Rng;
 /// Keeps these streams apart from those of other sources with the same seed.
 const SOURCE: &[u8; 24] = b"disturbance-injector\0\0\0\0";
 
-/// A [`Noise`] as plain numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub struct NoiseMemory {
-    /// The scenario's seed.
-    pub seed: u64,
-    /// Place of the event in the script.
-    pub stream: u64,
-    /// Words already drawn.
-    pub word_position: u64,
+shared_types::memory! {
+    /// A [`Noise`] as plain numbers.
+    #[derive(PartialEq, Eq)]
+    pub struct NoiseMemory {
+        /// The scenario's seed.
+        pub seed: u64,
+        /// Place of the event in the script.
+        pub stream: u64,
+        /// Words already drawn.
+        pub word_position: u64,
+    }
 }
 
 /// Noise of one event: independent of every other stream and of every other seed.

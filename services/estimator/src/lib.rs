@@ -12,9 +12,11 @@
 //!
 //! Open `filter/mod.rs` next: it is the pipeline; then one file per measurement model.
 
+pub mod component;
 mod filter;
 pub mod settings;
 
+pub use component::Estimator;
 pub use filter::{
     AlarmFlags, BeliefMemory, ConfigError, Counters, Covariance, Estimate, Filter, FilterConfig,
     FilterMemory, ImuMemory, ImuSample, InitialState, MAX_NIS_WINDOW, MemoryError,

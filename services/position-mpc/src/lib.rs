@@ -7,13 +7,16 @@
 
 #![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
 
+pub mod component;
 mod config;
 mod heading;
 mod law;
 mod memory;
 mod model;
+pub mod preview;
 pub mod settings;
 
+pub use component::PositionMpc;
 pub use config::{ConfigError, PositionLawConfig};
 pub use law::{Input, LawStatus, Output, PositionLaw, Refusal, Setpoint};
 pub use memory::{Counters, Memory, WORKING_SET_CAPACITY};

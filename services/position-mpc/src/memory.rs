@@ -3,46 +3,50 @@
 /// Rows of the longest horizon, 3 (2 · 50 − 1), rounded up.
 pub const WORKING_SET_CAPACITY: usize = 300;
 
-/// What happened so far; carried over by a restore.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counters {
-    /// Steps taken, refused ones included.
-    pub steps: u64,
-    /// Steps refused, see [`Refusal`](crate::Refusal).
-    pub refused: u64,
-    /// Steps whose move was clipped because the solver did not finish.
-    pub fallbacks: u64,
-    /// Steps in which an increment bound had to give way.
-    pub relaxed: u64,
+shared_types::memory! {
+    /// What happened so far; carried over by a restore.
+    #[derive(PartialEq, Eq)]
+    pub struct Counters {
+        /// Steps taken, refused ones included.
+        pub steps: u64,
+        /// Steps refused, see [`Refusal`](crate::Refusal).
+        pub refused: u64,
+        /// Steps whose move was clipped because the solver did not finish.
+        pub fallbacks: u64,
+        /// Steps in which an increment bound had to give way.
+        pub relaxed: u64,
+    }
 }
 
-/// The law's whole evolving memory: plain arrays, so that it can be published as it is.
-///
-/// An instance of the same configuration that restores it continues bit for bit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Memory {
-    /// False before the first step and after a refused one: Δx is then taken as zero.
-    pub primed: bool,
-    /// False until a setpoint was commanded.
-    pub commanded: bool,
-    /// x(k−1) = \[p, v, tilt and thrust, u(k−2)\], SI, W axes.
-    pub state: [f64; 12],
-    /// Open-loop copy of the thrust at the last sample \[N\].
-    pub thrust_n: f64,
-    /// Last command in the ψ = 0 frame: (θ₀, φ₀, T), \[rad, rad, N\].
-    pub command: [f64; 3],
-    /// In effect before it, as applied.
-    pub applied: [f64; 3],
-    /// ψ \[rad\] by which it was rotated.
-    pub heading_rad: f64,
-    /// Last setpoint (φ, θ, ψ, T), \[rad, rad, rad, N\].
-    pub setpoint: [f64; 4],
-    /// Position \[m\] to hold when the reference ends.
-    pub hold_w_m: [f64; 3],
-    /// Bound each row of the program was held at.
-    pub working_set: [i8; WORKING_SET_CAPACITY],
-    /// What happened so far.
-    pub counters: Counters,
+shared_types::memory! {
+    /// The law's whole evolving memory: plain arrays, so that it can be published as it is.
+    ///
+    /// An instance of the same configuration that restores it continues bit for bit.
+    #[derive(PartialEq)]
+    pub struct Memory {
+        /// False before the first step and after a refused one: Δx is then taken as zero.
+        pub primed: bool,
+        /// False until a setpoint was commanded.
+        pub commanded: bool,
+        /// x(k−1) = \[p, v, tilt and thrust, u(k−2)\], SI, W axes.
+        pub state: [f64; 12],
+        /// Open-loop copy of the thrust at the last sample \[N\].
+        pub thrust_n: f64,
+        /// Last command in the ψ = 0 frame: (θ₀, φ₀, T), \[rad, rad, N\].
+        pub command: [f64; 3],
+        /// In effect before it, as applied.
+        pub applied: [f64; 3],
+        /// ψ \[rad\] by which it was rotated.
+        pub heading_rad: f64,
+        /// Last setpoint (φ, θ, ψ, T), \[rad, rad, rad, N\].
+        pub setpoint: [f64; 4],
+        /// Position \[m\] to hold when the reference ends.
+        pub hold_w_m: [f64; 3],
+        /// Bound each row of the program was held at.
+        pub working_set: [i8; WORKING_SET_CAPACITY],
+        /// What happened so far.
+        pub counters: Counters,
+    }
 }
 
 impl Memory {

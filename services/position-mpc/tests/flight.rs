@@ -105,3 +105,23 @@ fn the_law_flies_at_every_heading() {
         assert!(late <= 0.005, "{degrees}: {late} m");
     }
 }
+
+#[test]
+fn the_noise_of_an_estimate_leaves_room_for_a_failing_rotor() {
+    for rates in [(50.0, 50.0), (50.0, 100.0), (100.0, 100.0), (100.0, 500.0)] {
+        for beta in SIZES {
+            let mut cascade = cascade(rates, beta);
+            cascade.noise_gain = 1.0;
+            let trace = cascade.fly(6.0, &stay, |t, flight| {
+                flight.disturbance.rotor_efficiency[0] = if t < 3.0 { 1.0 } else { 0.5 };
+            });
+            let worst = trace.worst_error_m(0.0);
+            assert!(worst <= 0.06, "{rates:?} {beta:?}: {worst} m");
+            let busy = trace.outputs.windows(2).map(|pair| {
+                (pair[1].command.x - pair[0].command.x).abs() / pair[1].increment_bound.x
+            });
+            let mean = busy.sum::<f64>() / (trace.outputs.len() - 1) as f64;
+            assert!(mean <= 0.25, "{rates:?} {beta:?}: {mean} of the increment bound on average");
+        }
+    }
+}

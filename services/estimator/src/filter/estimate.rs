@@ -5,26 +5,27 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::belief::STATE_DIMENSION;
 use super::sample::Verdict;
 
-/// How often each verdict fell on one kind of sample.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct VerdictCounts {
-    /// Used.
-    pub accepted: u64,
-    /// Refused by the innovation gate.
-    pub gated: u64,
-    /// Refused as not finite.
-    pub not_finite: u64,
-    /// Refused as out of the sensor's range.
-    pub out_of_range: u64,
-    /// Refused as not newer than the last.
-    pub out_of_order: u64,
-    /// Refused as older than the history reaches.
-    pub too_old: u64,
-    /// Refused as newer than the last inertial sample.
-    pub ahead: u64,
-    /// Refused because the innovation covariance was not positive definite.
-    pub numerical: u64,
+shared_types::memory! {
+    /// How often each verdict fell on one kind of sample.
+    #[derive(PartialEq, Eq)]
+    pub struct VerdictCounts {
+        /// Used.
+        pub accepted: u64,
+        /// Refused by the innovation gate.
+        pub gated: u64,
+        /// Refused as not finite.
+        pub not_finite: u64,
+        /// Refused as out of the sensor's range.
+        pub out_of_range: u64,
+        /// Refused as not newer than the last.
+        pub out_of_order: u64,
+        /// Refused as older than the history reaches.
+        pub too_old: u64,
+        /// Refused as newer than the last inertial sample.
+        pub ahead: u64,
+        /// Refused because the innovation covariance was not positive definite.
+        pub numerical: u64,
+    }
 }
 
 impl VerdictCounts {
@@ -55,22 +56,23 @@ impl VerdictCounts {
     }
 }
 
-/// Everything counted since the filter was made.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Inertial samples.
-    pub imu: VerdictCounts,
-    /// Pose fixes.
-    pub pose_fix: VerdictCounts,
-    /// Readings of the morph angle's encoder.
-    pub morph_angle: VerdictCounts,
-    /// Times the inertial samples were missing for longer than `max_imu_gap_ns`.
-    pub imu_gaps: u64,
-    /// Times the windowed NIS test failed.
-    pub nis_alarms: u64,
-    /// Times the covariance was re-opened, for whatever reason.
-    pub reopened: u64,
+shared_types::memory! {
+    /// Everything counted since the filter was made.
+    #[derive(PartialEq, Eq)]
+    pub struct Counters {
+        /// Inertial samples.
+        pub imu: VerdictCounts,
+        /// Pose fixes.
+        pub pose_fix: VerdictCounts,
+        /// Readings of the morph angle's encoder.
+        pub morph_angle: VerdictCounts,
+        /// Times the inertial samples were missing for longer than `max_imu_gap_ns`.
+        pub imu_gaps: u64,
+        /// Times the windowed NIS test failed.
+        pub nis_alarms: u64,
+        /// Times the covariance was re-opened, for whatever reason.
+        pub reopened: u64,
+    }
 }
 
 /// What is wrong right now.

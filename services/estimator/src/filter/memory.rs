@@ -11,56 +11,59 @@ use super::monitor::{MAX_NIS_WINDOW, Monitor};
 use super::morph_angle::MorphFilter;
 use super::sample::ImuSample;
 
-/// One belief, laid out flat. Quaternion in the order w, x, y, z; covariance by columns.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BeliefMemory {
-    time_ns: u64,
-    has_inertial: u64,
-    position_w: [f64; 3],
-    velocity_w: [f64; 3],
-    q_wb: [f64; 4],
-    gyro_bias: [f64; 3],
-    accel_bias: [f64; 3],
-    gyro: [f64; 3],
-    accel: [f64; 3],
-    covariance: [[f64; STATE_DIMENSION]; STATE_DIMENSION],
+shared_types::memory! {
+    /// One belief, laid out flat. Quaternion in the order w, x, y, z; covariance by columns.
+    #[derive(PartialEq)]
+    pub struct BeliefMemory {
+        time_ns: u64,
+        has_inertial: u64,
+        position_w: [f64; 3],
+        velocity_w: [f64; 3],
+        q_wb: [f64; 4],
+        gyro_bias: [f64; 3],
+        accel_bias: [f64; 3],
+        gyro: [f64; 3],
+        accel: [f64; 3],
+        covariance: [[f64; STATE_DIMENSION]; STATE_DIMENSION],
+    }
 }
 
-/// One inertial sample, laid out flat.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ImuMemory {
-    time_ns: u64,
-    gyro: [f64; 3],
-    accel: [f64; 3],
+shared_types::memory! {
+    /// One inertial sample, laid out flat.
+    #[derive(PartialEq)]
+    pub struct ImuMemory {
+        time_ns: u64,
+        gyro: [f64; 3],
+        accel: [f64; 3],
+    }
 }
 
-/// Everything that [`Filter::restore`](super::Filter::restore) needs to continue bit for bit under
-/// the same configuration. Fixed layout, 8-byte fields only, about 9 kB.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FilterMemory {
-    base: BeliefMemory,
-    head: BeliefMemory,
-    history: [ImuMemory; HISTORY_CAPACITY],
-    history_length: u64,
-    last_fix_captured_ns: u64,
-    has_fix: u64,
-    last_fix_accepted_ns: u64,
-    nis_window: [[f64; 6]; MAX_NIS_WINDOW],
-    nis_next: u64,
-    nis_filled: u64,
-    rejections_in_row: u64,
-    reopen_level: u64,
-    nis_alarm: u64,
-    last_nis: f64,
-    morph_time_ns: u64,
-    morph_started: u64,
-    morph_rejections_in_row: u64,
-    morph_state: [f64; 2],
-    morph_covariance: [f64; 3],
-    counters: Counters,
+shared_types::memory! {
+    /// Everything that [`Filter::restore`](super::Filter::restore) needs to continue bit for bit under
+    /// the same configuration. Fixed layout, 8-byte fields only, about 9 kB.
+    #[derive(PartialEq)]
+    pub struct FilterMemory {
+        base: BeliefMemory,
+        head: BeliefMemory,
+        history: [ImuMemory; HISTORY_CAPACITY],
+        history_length: u64,
+        last_fix_captured_ns: u64,
+        has_fix: u64,
+        last_fix_accepted_ns: u64,
+        nis_window: [[f64; 6]; MAX_NIS_WINDOW],
+        nis_next: u64,
+        nis_filled: u64,
+        rejections_in_row: u64,
+        reopen_level: u64,
+        nis_alarm: u64,
+        last_nis: f64,
+        morph_time_ns: u64,
+        morph_started: u64,
+        morph_rejections_in_row: u64,
+        morph_state: [f64; 2],
+        morph_covariance: [f64; 3],
+        counters: Counters,
+    }
 }
 
 /// A memory that no filter can have written.

@@ -14,7 +14,27 @@ use vehicle::{VehicleParameters, Wrench, euler_from_quaternion};
 /// Desired position \[m\] and heading \[rad\] at a time \[s\].
 pub(crate) type Reference<'a> = &'a dyn Fn(f64) -> (Vector3<f64>, f64);
 
+/// White noise on what the laws are told: 1 mm, 8 mm/s, 1 mrad, 10 mrad/s (1σ), an estimator's.
+pub(crate) struct Noise(u64);
+
+impl Noise {
+    /// Uniform in (−1, 1), a linear congruence (Knuth's constants).
+    fn uniform(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// Sums of three have unit variance and are normal enough.
+    fn vector(&mut self, sigma: f64) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| sigma * (self.uniform() + self.uniform() + self.uniform()))
+    }
+}
+
 pub(crate) struct Cascade {
+    /// Off (0) unless a test turns it on.
+    pub(crate) noise_gain: f64,
+    noise: Noise,
     pub(crate) flight: Flight,
     pub(crate) position: PositionLaw,
     pub(crate) attitude: AttitudeLaw,
@@ -55,6 +75,8 @@ impl Cascade {
             ..AttitudeLawConfig::flight(attitude_rate_hz)
         };
         Self {
+            noise_gain: 0.0,
+            noise: Noise(1),
             flight,
             position_rate_hz: position.rate_hz,
             attitude_rate_hz,
@@ -114,10 +136,11 @@ impl Cascade {
         let points: Vec<_> =
             (1..=self.preview).map(|j| reference(t + j as f64 * period).0).collect();
         let state = self.flight.sampled().0;
+        let gain = self.noise_gain;
         let output = self.position.step(&Input {
-            position_w_m: state.position_w,
-            velocity_w_m_s: state.velocity_w,
-            gamma_rad: euler_from_quaternion(&state.q_wb),
+            position_w_m: state.position_w + self.noise.vector(1e-3 * gain),
+            velocity_w_m_s: state.velocity_w + self.noise.vector(8e-3 * gain),
+            gamma_rad: euler_from_quaternion(&state.q_wb) + self.noise.vector(1e-3 * gain),
             age_s: (now % MS) as f64 * 1e-9,
             reference_w_m: &points,
             reference_yaw_rad: reference(t).1,
@@ -130,9 +153,10 @@ impl Cascade {
 
     fn attitude_step(&mut self, now: u64, setpoint: Setpoint) {
         let (state, applied) = self.flight.sampled();
+        let gain = self.noise_gain;
         let output = self.attitude.step(&attitude_mpc::Input {
-            gamma_rad: euler_from_quaternion(&state.q_wb),
-            body_rate_rad_s: state.omega_b,
+            gamma_rad: euler_from_quaternion(&state.q_wb) + self.noise.vector(1e-3 * gain),
+            body_rate_rad_s: state.omega_b + self.noise.vector(10e-3 * gain),
             age_s: (now % MS) as f64 * 1e-9,
             morph_angle: state.beta,
             setpoint: attitude_mpc::Setpoint {

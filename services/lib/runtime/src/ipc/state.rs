@@ -9,8 +9,6 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::{Author, Header};
 
-/// Largest state a service may publish [bytes].
-pub const STATE_CAPACITY: usize = 64 * 1024;
 
 type StateFactory = PortFactory<Ipc, [u8], Header>;
 

@@ -1,0 +1,205 @@
+//! The attitude MPC as a process: state estimate and set point in, wrench command out.
+
+use crate::law::{AttitudeLaw, Input, LawStatus, Output, Setpoint};
+use crate::memory::Memory;
+use crate::{AttitudeLawConfig, ConfigError};
+use mpc::QpStatus;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use runtime::{Service, inputs, outputs};
+use shared_types::{
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
+    SolveStatus, StateEstimate, WrenchCommand, topics,
+};
+use vehicle::{MorphAngle, VehicleParameters, euler_from_quaternion};
+
+inputs! {
+    /// What the attitude loop reads; its commands descend from the state estimate.
+    pub struct Inputs {
+        /// Believed state.
+        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
+        /// Target of the position slot's owner.
+        attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
+        /// What the plant's gate made of the last command.
+        applied_command: AppliedCommand = topics::APPLIED_COMMAND,
+        /// Planned path of the deployable angle.
+        morph_command: MorphCommand = topics::MORPH_COMMAND,
+        /// Owner of the position slot.
+        position_owner: OwnerRecord = topics::POSITION_OWNER,
+    }
+}
+
+outputs! {
+    /// What the attitude loop writes.
+    pub struct Outputs {
+        /// Wrench asked of the rotors.
+        wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
+        /// Set point in use.
+        applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
+        /// Bounds, verdict and effort.
+        attitude_report: ControllerReport = topics::ATTITUDE_REPORT,
+    }
+}
+
+shared_types::memory! {
+    /// Everything that evolves.
+    pub struct ComponentMemory {
+        /// The control law's memory.
+        pub law: Memory,
+        /// Set point in use: φ, θ, ψ [rad] and T [N].
+        pub setpoint: [f64; 4],
+        /// Sequence of the set point sample in use.
+        pub setpoint_sequence: u64,
+        /// Set points refused because they are not finite or their writer does not own the slot.
+        pub setpoints_refused: u64,
+    }
+}
+
+/// The attitude MPC between its ports.
+#[derive(Debug)]
+pub struct AttitudeMpc {
+    law: AttitudeLaw,
+    period_ns: u64,
+    setpoint: Setpoint,
+    setpoint_sequence: u64,
+    setpoints_refused: u64,
+}
+
+impl AttitudeMpc {
+    /// A controller at trim: level, at the start's heading, until the first set point.
+    ///
+    /// # Errors
+    /// The configuration is impossible.
+    pub fn new(
+        config: AttitudeLawConfig,
+        vehicle: &VehicleParameters,
+        start_yaw_rad: f64,
+    ) -> Result<Self, ConfigError> {
+        let rate_hz = config.rate_hz;
+        Ok(Self {
+            law: AttitudeLaw::new(config, vehicle)?,
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+            period_ns: (1e9 / rate_hz).ceil() as u64,
+            setpoint: Setpoint {
+                gamma_rad: Vector3::new(0.0, 0.0, start_yaw_rad),
+                thrust_n: vehicle.weight_n(),
+            },
+            setpoint_sequence: 0,
+            setpoints_refused: 0,
+        })
+    }
+
+    /// Takes the newest set point whose writer owns the position slot.
+    fn take_setpoint(&mut self, inputs: &Inputs) {
+        let owner = inputs.position_owner.sample().map(|record| record.owner);
+        for stamped in inputs.attitude_setpoint.fresh() {
+            let sample = &stamped.sample;
+            let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
+            if owner != Some(stamped.author) || !values.iter().all(|v| v.is_finite()) {
+                self.setpoints_refused += 1;
+                continue;
+            }
+            self.setpoint = Setpoint {
+                gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
+                thrust_n: sample.thrust_n,
+            };
+            self.setpoint_sequence = sample.header.sequence;
+        }
+    }
+
+    fn law_input(&self, now_ns: u64, inputs: &Inputs) -> Option<Input> {
+        let estimate = inputs.state_estimate.sample()?;
+        let q = &estimate.q_wb;
+        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+        let age_ns = now_ns.saturating_sub(estimate.header.valid_ns);
+        Some(Input {
+            gamma_rad: euler_from_quaternion(&attitude),
+            body_rate_rad_s: estimate.body_rate_b_rad_s.into(),
+            age_s: age_ns as f64 * 1e-9,
+            morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
+            setpoint: self.setpoint,
+            applied_torque_nm: inputs
+                .applied_command
+                .sample()
+                .filter(|applied| applied.command_sequence > 0)
+                .map(|applied| applied.torque_b_nm.into()),
+        })
+    }
+
+    fn report(&self, output: &Output) -> ControllerReport {
+        let mut report = ControllerReport {
+            input: output.torque_nm.into(),
+            previous_input: self.law.memory().previous_applied_nm,
+            input_min: (-output.torque_bound_nm).into(),
+            input_max: output.torque_bound_nm.into(),
+            increment_max: output.increment_bound_nm.into(),
+            relaxation: output.relaxation_nm.into(),
+            iterations: u64::from(output.iterations),
+            active_constraints: u64::from(output.active),
+            status: solve_status(output.status),
+            ..ControllerReport::default()
+        };
+        if report.status == SolveStatus::Refused {
+            // The last command is held: it obeyed the bounds of its own step.
+            report.previous_input = report.input;
+            report.input_min = report.input;
+            report.input_max = report.input;
+        }
+        report
+    }
+}
+
+fn solve_status(status: LawStatus) -> SolveStatus {
+    match status {
+        LawStatus::Solved => SolveStatus::Solved,
+        LawStatus::Fallback(QpStatus::Infeasible) => SolveStatus::Infeasible,
+        LawStatus::Fallback(QpStatus::NotFinite) => SolveStatus::NotFinite,
+        LawStatus::Fallback(_) => SolveStatus::IterationLimit,
+        LawStatus::Refused(_) => SolveStatus::Refused,
+    }
+}
+
+impl Service for AttitudeMpc {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    type Memory = ComponentMemory;
+
+    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        self.take_setpoint(inputs);
+        let Some(input) = self.law_input(now_ns, inputs) else { return };
+        let output = self.law.step(&input);
+        outputs.wrench_command.write(WrenchCommand {
+            thrust_n: output.thrust_n,
+            torque_b_nm: output.torque_nm.into(),
+            validity_ns: 2 * self.period_ns,
+            ..WrenchCommand::default()
+        });
+        outputs.applied_setpoint.write(AppliedSetpoint {
+            setpoint_sequence: self.setpoint_sequence,
+            thrust_n: output.thrust_n,
+            roll_rad: self.setpoint.gamma_rad.x,
+            pitch_rad: self.setpoint.gamma_rad.y,
+            yaw_rad: self.setpoint.gamma_rad.z,
+            ..AppliedSetpoint::default()
+        });
+        outputs.attitude_report.write(self.report(&output));
+    }
+
+    fn memory(&self) -> ComponentMemory {
+        let gamma = self.setpoint.gamma_rad;
+        ComponentMemory {
+            law: *self.law.memory(),
+            setpoint: [gamma.x, gamma.y, gamma.z, self.setpoint.thrust_n],
+            setpoint_sequence: self.setpoint_sequence,
+            setpoints_refused: self.setpoints_refused,
+        }
+    }
+
+    fn restore(&mut self, memory: &ComponentMemory) -> Result<(), String> {
+        self.law.restore(&memory.law).map_err(|error| error.to_string())?;
+        let [roll, pitch, yaw, thrust_n] = memory.setpoint;
+        self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
+        self.setpoint_sequence = memory.setpoint_sequence;
+        self.setpoints_refused = memory.setpoints_refused;
+        Ok(())
+    }
+}

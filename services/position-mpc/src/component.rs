@@ -1,0 +1,154 @@
+//! The position MPC as a process: reference and state estimate in, attitude set point out.
+
+use crate::law::{Input, LawStatus, Output, PositionLaw, Setpoint};
+use crate::memory::Memory;
+use crate::preview::{Landing, preview};
+use crate::{ConfigError, PositionLawConfig};
+use mpc::QpStatus;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use runtime::{Service, inputs, outputs};
+use shared_types::{
+    AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, Reference, SolveStatus,
+    StateEstimate, topics,
+};
+use vehicle::{VehicleParameters, euler_from_quaternion};
+
+inputs! {
+    /// What the position loop reads; its set points descend from the state estimate.
+    pub struct Inputs {
+        /// Believed state.
+        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
+        /// Trajectory to follow.
+        reference: Reference = topics::REFERENCE,
+        /// Set point in use at the attitude loop.
+        applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
+        /// Planned path of the deployable angle.
+        morph_command: MorphCommand = topics::MORPH_COMMAND,
+    }
+}
+
+outputs! {
+    /// What the position loop writes.
+    pub struct Outputs {
+        /// Thrust and Euler angles for the attitude loop.
+        attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
+        /// Bounds, verdict and effort.
+        position_report: ControllerReport = topics::POSITION_REPORT,
+    }
+}
+
+shared_types::memory! {
+    /// Everything that evolves.
+    pub struct ComponentMemory {
+        /// The control law's memory.
+        pub law: Memory,
+    }
+}
+
+/// The position MPC between its ports.
+#[derive(Debug)]
+pub struct PositionMpc {
+    law: PositionLaw,
+    period_s: f64,
+    landing: Landing,
+    /// Reference over the horizon, reused every step.
+    points: Vec<Vector3<f64>>,
+}
+
+impl PositionMpc {
+    /// A controller at trim.
+    ///
+    /// # Errors
+    /// The configuration is impossible.
+    pub fn new(
+        config: PositionLawConfig,
+        vehicle: &VehicleParameters,
+        landing: Landing,
+    ) -> Result<Self, ConfigError> {
+        let period_s = 1.0 / config.rate_hz;
+        let points = vec![Vector3::zeros(); config.horizon.prediction];
+        Ok(Self { law: PositionLaw::new(config, vehicle)?, period_s, landing, points })
+    }
+
+    fn report(&self, output: &Output) -> ControllerReport {
+        let state = &self.law.memory().state;
+        let mut report = ControllerReport {
+            input: output.command.into(),
+            previous_input: [state[9], state[10], state[11]],
+            input_min: output.command_min.into(),
+            input_max: output.command_max.into(),
+            increment_max: output.increment_bound.into(),
+            relaxation: output.relaxation.into(),
+            iterations: u64::from(output.iterations),
+            active_constraints: u64::from(output.active),
+            status: solve_status(output.status),
+            ..ControllerReport::default()
+        };
+        if report.status == SolveStatus::Refused {
+            // The last set point is held: it obeyed the bounds of its own step.
+            report.previous_input = report.input;
+            report.input_min = report.input;
+            report.input_max = report.input;
+        }
+        report
+    }
+}
+
+fn solve_status(status: LawStatus) -> SolveStatus {
+    match status {
+        LawStatus::Solved => SolveStatus::Solved,
+        LawStatus::Fallback(QpStatus::Infeasible) => SolveStatus::Infeasible,
+        LawStatus::Fallback(QpStatus::NotFinite) => SolveStatus::NotFinite,
+        LawStatus::Fallback(_) => SolveStatus::IterationLimit,
+        LawStatus::Refused(_) => SolveStatus::Refused,
+    }
+}
+
+fn applied(sample: &AppliedSetpoint) -> Option<Setpoint> {
+    (sample.setpoint_sequence > 0).then(|| Setpoint {
+        gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
+        thrust_n: sample.thrust_n,
+    })
+}
+
+impl Service for PositionMpc {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    type Memory = ComponentMemory;
+
+    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        let Some(estimate) = inputs.state_estimate.sample() else { return };
+        let Some(reference) = inputs.reference.sample() else { return };
+        let yaw_rad =
+            preview(reference, now_ns, self.period_s, &self.landing, &mut self.points);
+        let q = &estimate.q_wb;
+        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+        let age_ns = now_ns.saturating_sub(estimate.header.valid_ns);
+        let output = self.law.step(&Input {
+            position_w_m: estimate.position_w_m.into(),
+            velocity_w_m_s: estimate.velocity_w_m_s.into(),
+            gamma_rad: euler_from_quaternion(&attitude),
+            age_s: age_ns as f64 * 1e-9,
+            reference_w_m: &self.points,
+            reference_yaw_rad: yaw_rad,
+            applied: inputs.applied_setpoint.sample().and_then(applied),
+        });
+        let gamma = output.setpoint.gamma_rad;
+        outputs.attitude_setpoint.write(AttitudeSetpoint {
+            thrust_n: output.setpoint.thrust_n,
+            roll_rad: gamma.x,
+            pitch_rad: gamma.y,
+            yaw_rad: gamma.z,
+            ..AttitudeSetpoint::default()
+        });
+        outputs.position_report.write(self.report(&output));
+    }
+
+    fn memory(&self) -> ComponentMemory {
+        ComponentMemory { law: *self.law.memory() }
+    }
+
+    fn restore(&mut self, memory: &ComponentMemory) -> Result<(), String> {
+        self.law.restore(&memory.law).map_err(|error| error.to_string())
+    }
+}

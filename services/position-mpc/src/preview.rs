@@ -1,0 +1,132 @@
+//! The reference at the controller's own instants, and what to fly when no reference comes.
+
+use nalgebra::Vector3;
+use shared_types::guidance::REFERENCE_POINTS;
+use shared_types::{Reference, ReferencePoint};
+
+/// What to do when the reference has ended: hover at its last point, then land.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Landing {
+    /// Time without a new reference after which the descent begins \[s\].
+    pub after_s: f64,
+    /// Descent rate \[m/s\].
+    pub descent_m_s: f64,
+    /// Height at which the descent ends \[m\].
+    pub ground_m: f64,
+}
+
+impl Default for Landing {
+    /// Half a minute of hover, then half a metre per second: slow enough for the attitude loop to
+    /// carry, fast enough for a battery at its end.
+    fn default() -> Self {
+        Self { after_s: 30.0, descent_m_s: 0.5, ground_m: 0.0 }
+    }
+}
+
+/// Fills `points` with the reference at now + T, now + 2 T, ... and returns the heading for now
+/// \[rad\].
+pub fn preview(
+    reference: &Reference,
+    now_ns: u64,
+    period_s: f64,
+    landing: &Landing,
+    points: &mut [Vector3<f64>],
+) -> f64 {
+    let age_s = now_ns.saturating_sub(reference.header.valid_ns) as f64 * 1e-9;
+    for (i, point) in points.iter_mut().enumerate() {
+        let ahead_s = age_s + (i + 1) as f64 * period_s;
+        *point = position_at(reference, ahead_s);
+        let overdue_s = ahead_s - landing.after_s;
+        if overdue_s > 0.0 {
+            point.z = (point.z - landing.descent_m_s * overdue_s).max(landing.ground_m.min(point.z));
+        }
+    }
+    in_use(reference)
+        .get(segment(reference, age_s).0)
+        .map_or(0.0, |point| point.yaw_rad)
+}
+
+fn in_use(reference: &Reference) -> &[ReferencePoint] {
+    let count = usize::try_from(reference.count).unwrap_or(REFERENCE_POINTS);
+    &reference.points[..count.clamp(1, REFERENCE_POINTS)]
+}
+
+/// Index of the point at or before an instant and the fraction of the way to the next one.
+fn segment(reference: &Reference, ahead_s: f64) -> (usize, f64) {
+    let spacing_s = reference.spacing_ns.max(1) as f64 * 1e-9;
+    let last = in_use(reference).len() - 1;
+    let steps = ahead_s / spacing_s;
+    if steps >= last as f64 {
+        return (last, 0.0);
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0..=47")]
+    let index = steps.max(0.0) as usize;
+    (index, (steps - index as f64).clamp(0.0, 1.0))
+}
+
+/// Cubic Hermite through positions and velocities; past the last point it rests there.
+fn position_at(reference: &Reference, ahead_s: f64) -> Vector3<f64> {
+    let (index, s) = segment(reference, ahead_s);
+    let points = in_use(reference);
+    let from = &points[index];
+    let Some(to) = points.get(index + 1) else { return from.position_w_m.into() };
+    let h = reference.spacing_ns as f64 * 1e-9;
+    let (p0, p1) = (Vector3::from(from.position_w_m), Vector3::from(to.position_w_m));
+    let (v0, v1) = (Vector3::from(from.velocity_w_m_s), Vector3::from(to.velocity_w_m_s));
+    let (s2, s3) = (s * s, s * s * s);
+    p0 * (2.0 * s3 - 3.0 * s2 + 1.0)
+        + v0 * (h * (s3 - 2.0 * s2 + s))
+        + p1 * (3.0 * s2 - 2.0 * s3)
+        + v1 * (h * (s3 - s2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cubic, which Hermite interpolation must reproduce exactly.
+    fn cubic(t: f64) -> (f64, f64) {
+        (1.0 + t - 2.0 * t * t + 0.5 * t * t * t, 1.0 - 4.0 * t + 1.5 * t * t)
+    }
+
+    fn reference() -> Reference {
+        let mut reference = Reference { spacing_ns: 20_000_000, count: 48, ..Reference::default() };
+        reference.header.valid_ns = 1_000_000_000;
+        for (i, point) in reference.points.iter_mut().enumerate() {
+            let (p, v) = cubic(i as f64 * 0.02);
+            *point = ReferencePoint {
+                position_w_m: [p, -p, 2.0 * p],
+                velocity_w_m_s: [v, -v, 2.0 * v],
+                yaw_rad: i as f64,
+            };
+        }
+        reference
+    }
+
+    #[test]
+    fn a_cubic_path_is_met_between_the_points() {
+        let mut points = [Vector3::zeros(); 20];
+        let yaw = preview(&reference(), 1_013_000_000, 0.01, &Landing::default(), &mut points);
+        for (i, point) in points.iter().enumerate() {
+            let (p, _) = cubic(0.013 + (i + 1) as f64 * 0.01);
+            assert!((point - Vector3::new(p, -p, 2.0 * p)).norm() < 1e-12);
+        }
+        assert!((yaw - 0.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn after_the_last_point_it_hovers_and_then_lands() {
+        let landing = Landing { after_s: 5.0, descent_m_s: 0.5, ground_m: 0.0 };
+        let mut points = [Vector3::zeros(); 1];
+        let end = Vector3::from(reference().points[47].position_w_m);
+        let mut at = |t_s: f64| {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "test")]
+            let now_ns = 1_000_000_000 + (t_s * 1e9) as u64;
+            preview(&reference(), now_ns, 0.02, &landing, &mut points);
+            points[0]
+        };
+        assert!((at(4.0) - end).norm() < 1e-12);
+        assert!((at(6.0).z - (end.z - 0.5 * 1.02)).abs() < 1e-9);
+        assert!(at(600.0).z.abs() < 1e-12);
+    }
+}
