@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 const SOURCE: &[u8; 24] = b"disturbance-injector\0\0\0\0";
 
 shared_types::memory! {
-    /// A [`Noise`] as plain numbers.
+    /// A noise generator as plain numbers.
     #[derive(PartialEq, Eq)]
     pub struct NoiseMemory {
         /// The scenario's seed.

@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 const KEY_BYTES: usize = 32;
 
 shared_types::memory! {
-    /// A [`Noise`] as plain numbers.
+    /// A noise generator as plain numbers.
     #[derive(PartialEq, Eq)]
     pub struct NoiseMemory {
         /// Key: the seed and the source's name.
