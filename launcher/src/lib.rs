@@ -1,1 +1,3 @@
 //! The morphquad command: conductor, pilot, supervisor and recorder.
+
+pub mod pilot;

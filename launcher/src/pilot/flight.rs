@@ -1,0 +1,149 @@
+//! The pilot of a flight: reference and morph command, both with preview.
+
+use super::error::within;
+use super::{
+    DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, Trajectory, TrajectoryConfig,
+};
+use runtime::{Service, inputs, outputs};
+use shared_types::guidance::{MORPH_PATH_POINTS, REFERENCE_POINTS};
+use shared_types::{Header, MorphCommand, Reference, ReferencePoint, topics};
+use vehicle::{MorphAngle, VehicleParameters};
+
+inputs! {
+    /// A pilot reads nothing: its plan is a function of time.
+    pub struct PilotInputs {}
+}
+
+outputs! {
+    /// What the pilot writes.
+    pub struct PilotOutputs {
+        /// Trajectory to follow, with preview.
+        reference: Reference = topics::REFERENCE,
+        /// Commanded deployable angle, with its path.
+        morph_command: MorphCommand = topics::MORPH_COMMAND,
+    }
+}
+
+shared_types::memory! {
+    /// All that evolves in a pilot; what it publishes does not depend on it.
+    pub struct PilotMemory {
+        /// Steps run so far.
+        pub steps: u64,
+    }
+}
+
+/// A flight plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PilotConfig {
+    /// Where to fly.
+    pub trajectory: TrajectoryConfig,
+    /// How wide to spread the arms; see [`MorphSchedule`].
+    pub morph: Vec<MorphKnot>,
+    /// Time between two points of a preview \[ns\].
+    pub spacing_ns: u64,
+}
+
+impl PilotConfig {
+    /// A flight of the small vehicle along `trajectory`, without morphing.
+    #[must_use]
+    pub fn new(trajectory: TrajectoryConfig) -> Self {
+        let smallest = MorphKnot { t_s: 0.0, angle_rad: MorphAngle::MIN.rad() };
+        Self { trajectory, morph: vec![smallest], spacing_ns: DEFAULT_SPACING_NS }
+    }
+}
+
+/// Publishes where to fly and how wide to spread the arms.
+#[derive(Debug, Clone)]
+pub struct Pilot {
+    trajectory: Trajectory,
+    morph: MorphSchedule,
+    spacing_ns: u64,
+    steps: u64,
+}
+
+impl Pilot {
+    /// Checks a flight plan; of the vehicle only the servo's rate limit matters.
+    ///
+    /// # Errors
+    /// [`PilotError`] naming the parameter, its value and the remedy.
+    pub fn new(config: &PilotConfig, vehicle: &VehicleParameters) -> Result<Self, PilotError> {
+        check_spacing(config.spacing_ns)?;
+        Ok(Self {
+            trajectory: Trajectory::new(&config.trajectory)?,
+            morph: MorphSchedule::new(&config.morph, vehicle.servo_rate_limit_rad_s)?,
+            spacing_ns: config.spacing_ns,
+            steps: 0,
+        })
+    }
+
+    /// The trajectory, for a start on it and for checks of the whole scenario.
+    #[must_use]
+    pub fn trajectory(&self) -> &Trajectory {
+        &self.trajectory
+    }
+
+    /// The schedule of the deployable angle.
+    #[must_use]
+    pub fn morph(&self) -> &MorphSchedule {
+        &self.morph
+    }
+
+    fn reference(&self, now_ns: u64) -> Reference {
+        Reference {
+            header: Header::default(),
+            spacing_ns: self.spacing_ns,
+            count: REFERENCE_POINTS as u64,
+            points: core::array::from_fn(|i| {
+                let point = self.trajectory.at(due_ns(now_ns, self.spacing_ns, i));
+                ReferencePoint {
+                    position_w_m: point.position_w_m,
+                    velocity_w_m_s: point.velocity_w_m_s,
+                    yaw_rad: point.yaw_rad,
+                }
+            }),
+        }
+    }
+}
+
+impl Service for Pilot {
+    type Inputs = PilotInputs;
+    type Outputs = PilotOutputs;
+    type Memory = PilotMemory;
+
+    fn step(&mut self, now_ns: u64, _inputs: &PilotInputs, outputs: &mut PilotOutputs) {
+        self.steps += 1;
+        outputs.reference.write(self.reference(now_ns));
+        outputs.morph_command.write(morph_command(&self.morph, now_ns, self.spacing_ns));
+    }
+
+    fn memory(&self) -> PilotMemory {
+        PilotMemory { steps: self.steps }
+    }
+
+    fn restore(&mut self, memory: &PilotMemory) -> Result<(), String> {
+        self.steps = memory.steps;
+        Ok(())
+    }
+}
+
+/// Refuses a spacing of zero, or one whose preview would reach absurdly far.
+pub(super) fn check_spacing(spacing_ns: u64) -> Result<(), PilotError> {
+    within("spacing_ns", spacing_ns as f64, (1e5, 1e9))
+}
+
+/// The morph command of one instant.
+pub(super) fn morph_command(morph: &MorphSchedule, now_ns: u64, spacing_ns: u64) -> MorphCommand {
+    MorphCommand {
+        header: Header::default(),
+        angle_rad: morph.angle_rad(now_ns),
+        spacing_ns,
+        count: MORPH_PATH_POINTS as u64,
+        path_rad: core::array::from_fn(|i| morph.angle_rad(due_ns(now_ns, spacing_ns, i))),
+    }
+}
+
+/// Instant of point `index` of a preview. In integers, so that a point is the same bits in each
+/// preview that shows it.
+fn due_ns(now_ns: u64, spacing_ns: u64, index: usize) -> u64 {
+    now_ns.saturating_add(spacing_ns.saturating_mul(index as u64))
+}

@@ -1,0 +1,34 @@
+//! Where to fly and how wide to spread the arms, as functions of time alone.
+//!
+//! [`Pilot`] publishes a [`Trajectory`] with preview and a [`MorphSchedule`] with its path;
+//! [`RigPilot`] holds the position slot of a rig flight and steps the attitude instead. Open
+//! [`trajectory`] for the shapes, [`morph`] for the deployable angle, [`flight`] and [`rig`] for
+//! what is published.
+
+pub mod error;
+pub mod figure_eight;
+pub mod flight;
+pub mod morph;
+pub mod rig;
+#[cfg(test)]
+mod tests;
+mod time_scaling;
+pub mod trajectory;
+pub mod waypoints;
+
+pub use error::PilotError;
+pub use figure_eight::{FigureEightConfig, Heading};
+pub use flight::{Pilot, PilotConfig, PilotInputs, PilotMemory, PilotOutputs};
+pub use morph::{MorphKnot, MorphSchedule};
+pub use rig::{AttitudeStep, RigPilot, RigPilotConfig, RigPilotOutputs};
+pub use trajectory::{Trajectory, TrajectoryConfig, TrajectoryPoint};
+pub use waypoints::Waypoint;
+
+/// Time between two points of a reference or of a morph path \[ns\]: one position period at 50 Hz.
+pub const DEFAULT_SPACING_NS: u64 = 20_000_000;
+
+/// Seconds of an instant. A division, because it is rounded correctly: 300 000 000 ns is the same
+/// number as a configured 0.3 s.
+fn seconds(t_ns: u64) -> f64 {
+    t_ns as f64 / 1e9
+}

@@ -1,0 +1,63 @@
+//! The pilot as its readers see it.
+
+mod morphing;
+mod services;
+mod trajectories;
+
+use super::{FigureEightConfig, Heading, MorphKnot, TrajectoryConfig, Waypoint};
+use core::f64::consts::TAU;
+use vehicle::VehicleParameters;
+
+const MS: u64 = 1_000_000;
+
+fn figure(config: FigureEightConfig) -> TrajectoryConfig {
+    TrajectoryConfig::FigureEight(config)
+}
+
+fn along_path() -> FigureEightConfig {
+    FigureEightConfig {
+        heading: Heading::AlongPath,
+        phase_rad: 0.7,
+        ..FigureEightConfig::default()
+    }
+}
+
+fn waypoints() -> TrajectoryConfig {
+    let at = |t_s, position_w_m, yaw_rad| Waypoint { t_s, position_w_m, yaw_rad };
+    TrajectoryConfig::Waypoints(vec![
+        at(0.5, [0.0, 0.0, 1.0], 0.0),
+        at(2.5, [1.0, -0.5, 1.5], 1.0),
+        at(4.0, [1.0, 0.5, 1.2], -1.0),
+        at(7.0, [0.0, 0.0, 1.0], TAU),
+    ])
+}
+
+fn knots(list: &[(f64, f64)]) -> Vec<MorphKnot> {
+    list.iter()
+        .map(|(t_s, degrees)| MorphKnot { t_s: *t_s, angle_rad: degrees.to_radians() })
+        .collect()
+}
+
+fn sweeps() -> Vec<MorphKnot> {
+    knots(&[(1.0, 45.0), (1.3, 160.0), (2.0, 160.0), (3.0, 94.5), (3.5, 45.0)])
+}
+
+fn vehicle() -> VehicleParameters {
+    VehicleParameters::default()
+}
+
+fn shapes() -> [TrajectoryConfig; 5] {
+    let hover = TrajectoryConfig::Hover { position_w_m: [1.0, 2.0, 3.0], yaw_rad: 0.5 };
+    let endless = FigureEightConfig { duration_s: None, ..along_path() };
+    [
+        hover,
+        figure(FigureEightConfig::default()),
+        figure(along_path()),
+        figure(endless),
+        waypoints(),
+    ]
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max)
+}

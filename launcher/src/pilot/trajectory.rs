@@ -1,0 +1,99 @@
+//! The reference trajectory: position, its derivatives and heading as functions of time.
+
+use super::figure_eight::{FigureEight, FigureEightConfig};
+use super::waypoints::{self, Waypoint};
+use super::{PilotError, error, seconds};
+
+/// A trajectory as configured. World frame ENU, headings counter-clockwise from east.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TrajectoryConfig {
+    /// Stays where it is.
+    Hover {
+        /// Position \[m\].
+        position_w_m: [f64; 3],
+        /// Heading \[rad\].
+        yaw_rad: f64,
+    },
+    /// A three-dimensional figure eight, started from rest and, with a duration, ended at rest.
+    FigureEight(FigureEightConfig),
+    /// Minimum-jerk segments, at rest at each waypoint; the first and last are held.
+    Waypoints(Vec<Waypoint>),
+}
+
+/// The trajectory at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrajectoryPoint {
+    /// Position \[m\].
+    pub position_w_m: [f64; 3],
+    /// Velocity \[m/s\].
+    pub velocity_w_m_s: [f64; 3],
+    /// Acceleration \[m/s²\].
+    pub acceleration_w_m_s2: [f64; 3],
+    /// Heading, unwrapped \[rad\].
+    pub yaw_rad: f64,
+}
+
+impl TrajectoryPoint {
+    /// At rest.
+    pub(super) fn at_rest(position_w_m: [f64; 3], yaw_rad: f64) -> Self {
+        let zero = [0.0; 3];
+        Self { position_w_m, velocity_w_m_s: zero, acceleration_w_m_s2: zero, yaw_rad }
+    }
+}
+
+/// A checked trajectory: twice continuously differentiable, defined at every instant.
+#[derive(Debug, Clone)]
+pub struct Trajectory(Shape);
+
+#[derive(Debug, Clone)]
+enum Shape {
+    Hover(TrajectoryPoint),
+    FigureEight(FigureEight),
+    Waypoints(Vec<Waypoint>),
+}
+
+impl Trajectory {
+    /// Checks a configuration.
+    ///
+    /// # Errors
+    /// [`PilotError`] naming the first parameter that is not finite, out of range or out of order.
+    pub fn new(config: &TrajectoryConfig) -> Result<Self, PilotError> {
+        Ok(Self(match config {
+            TrajectoryConfig::Hover { position_w_m, yaw_rad } => {
+                error::position("trajectory.position_w_m", *position_w_m)?;
+                error::yaw("trajectory.yaw_rad", *yaw_rad)?;
+                Shape::Hover(TrajectoryPoint::at_rest(*position_w_m, *yaw_rad))
+            }
+            TrajectoryConfig::FigureEight(figure) => Shape::FigureEight(FigureEight::new(figure)?),
+            TrajectoryConfig::Waypoints(list) => {
+                waypoints::check(list)?;
+                Shape::Waypoints(list.clone())
+            }
+        }))
+    }
+
+    /// The trajectory at an instant of the flight.
+    #[must_use]
+    pub fn at(&self, t_ns: u64) -> TrajectoryPoint {
+        let t_s = seconds(t_ns);
+        match &self.0 {
+            Shape::Hover(point) => *point,
+            Shape::FigureEight(figure) => figure.at(t_s),
+            Shape::Waypoints(list) => waypoints::at(list, t_s),
+        }
+    }
+
+    /// Largest acceleration \[m/s²\] until `until_ns`, sampled every 5 ms: for the question whether
+    /// mean drag + 3 σ + m a stays well below what the tilt bound can give.
+    #[must_use]
+    pub fn peak_acceleration_m_s2(&self, until_ns: u64) -> f64 {
+        (0..=until_ns)
+            .step_by(5_000_000)
+            .map(|t_ns| {
+                let [x, y, z] = self.at(t_ns).acceleration_w_m_s2;
+                x * x + y * y + z * z
+            })
+            .fold(0.0, f64::max)
+            .sqrt()
+    }
+}
