@@ -1,0 +1,178 @@
+//! Counts what was recorded per topic and seat, from sequence numbers alone.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Totals of one producer seat of one topic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally {
+    /// Samples written.
+    pub count: u64,
+    /// Sequence of the first sample.
+    pub first: u64,
+    /// Sequence of the last sample.
+    pub last: u64,
+    /// Sequence numbers that never arrived between the first and the last sample.
+    pub gaps: u64,
+    /// Samples that came again and were not written.
+    pub repeated: u64,
+    /// Times the numbering fell back although logical time went on.
+    pub renumbered: u64,
+    /// Release of the last sample [ns].
+    last_release_ns: u64,
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { count, first, last, gaps, repeated, renumbered, .. } = self;
+        write!(f, r#"{{"count":{count},"first":{first},"last":{last},"gaps":{gaps},"#)?;
+        write!(f, r#""repeated":{repeated},"renumbered":{renumbered}}}"#)
+    }
+}
+
+/// What to do with a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// Write it.
+    New,
+    /// A restarted producer repeats a step: leave it out.
+    Repeated,
+}
+
+/// A channel under audit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stream(usize);
+
+/// Sequence audit of a whole recording.
+#[derive(Debug, Clone, Default)]
+pub struct SequenceAudit {
+    /// Name of each channel, and the totals of its seats.
+    streams: Vec<(String, BTreeMap<u32, Tally>)>,
+}
+
+impl SequenceAudit {
+    /// Puts a channel under audit.
+    pub fn register(&mut self, channel: impl Into<String>) -> Stream {
+        self.streams.push((channel.into(), BTreeMap::new()));
+        Stream(self.streams.len() - 1)
+    }
+
+    /// Takes note of a sample; `release_ns` is its logical time [ns].
+    ///
+    /// A number that does not grow is a repetition, unless its logical time does grow: then the
+    /// producer lost its count, and dropping its samples would lose data.
+    pub fn observe(
+        &mut self,
+        Stream(stream): Stream,
+        seat: u32,
+        sequence: u64,
+        release_ns: u64,
+    ) -> Verdict {
+        let Some((_, seats)) = self.streams.get_mut(stream) else { return Verdict::New };
+        let tally = seats.entry(seat).or_default();
+        if tally.count == 0 {
+            tally.first = sequence;
+        } else if sequence > tally.last {
+            tally.gaps += sequence - tally.last - 1;
+        } else if release_ns > tally.last_release_ns {
+            tally.renumbered += 1;
+        } else {
+            tally.repeated += 1;
+            return Verdict::Repeated;
+        }
+        tally.count += 1;
+        tally.last = sequence;
+        tally.last_release_ns = release_ns;
+        Verdict::New
+    }
+
+    /// Channel, seat and totals, in order of registration.
+    pub fn tallies(&self) -> impl Iterator<Item = (&str, u32, &Tally)> {
+        self.streams.iter().flat_map(|(channel, seats)| {
+            seats.iter().map(move |(seat, tally)| (channel.as_str(), *seat, tally))
+        })
+    }
+
+    /// As metadata: `channel#seat` -> totals in JSON.
+    #[must_use]
+    pub fn to_metadata(&self) -> BTreeMap<String, String> {
+        let entry = |(channel, seat, tally): (&str, u32, &Tally)| {
+            (format!("{channel}#{seat}"), tally.to_string())
+        };
+        self.tallies().map(entry).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SequenceAudit, Tally, Verdict};
+
+    fn only(audit: &SequenceAudit) -> Tally {
+        let mut tallies = audit.tallies();
+        let (_, _, tally) = tallies.next().unwrap_or_else(|| panic!("nothing observed"));
+        assert!(tallies.next().is_none());
+        *tally
+    }
+
+    #[test]
+    fn an_unbroken_stream_has_neither_gaps_nor_repetitions() {
+        let mut audit = SequenceAudit::default();
+        let imu = audit.register("/imu");
+        for sequence in 1..=1000 {
+            assert_eq!(audit.observe(imu, 0, sequence, sequence * 1000), Verdict::New);
+        }
+        let tally = only(&audit);
+        assert_eq!((tally.count, tally.first, tally.last), (1000, 1, 1000));
+        assert_eq!((tally.gaps, tally.repeated, tally.renumbered), (0, 0, 0));
+    }
+
+    #[test]
+    fn lost_numbers_are_counted_one_by_one() {
+        let mut audit = SequenceAudit::default();
+        let imu = audit.register("/imu");
+        for sequence in [3, 4, 8, 9, 11] {
+            audit.observe(imu, 0, sequence, sequence);
+        }
+        let tally = only(&audit);
+        assert_eq!((tally.count, tally.first, tally.last, tally.gaps), (5, 3, 11, 4));
+    }
+
+    #[test]
+    fn a_restarted_producer_repeats_its_last_steps_without_leaving_a_trace() {
+        let mut audit = SequenceAudit::default();
+        let imu = audit.register("/imu");
+        let steps = [1, 2, 3, 4, 3, 4, 5, 6];
+        let written: Vec<u64> = steps
+            .into_iter()
+            .filter(|&s| audit.observe(imu, 0, s, s * 1000) == Verdict::New)
+            .collect();
+        assert_eq!(written, [1, 2, 3, 4, 5, 6]);
+        let tally = only(&audit);
+        assert_eq!((tally.count, tally.gaps, tally.repeated), (6, 0, 2));
+    }
+
+    #[test]
+    fn a_producer_that_lost_its_count_is_still_recorded() {
+        let mut audit = SequenceAudit::default();
+        let imu = audit.register("/imu");
+        for (sequence, release_ns) in [(1, 10), (2, 20), (1, 30), (2, 40)] {
+            assert_eq!(audit.observe(imu, 0, sequence, release_ns), Verdict::New);
+        }
+        let tally = only(&audit);
+        assert_eq!((tally.count, tally.renumbered, tally.repeated), (4, 1, 0));
+    }
+
+    #[test]
+    fn seats_and_channels_are_counted_apart() {
+        let mut audit = SequenceAudit::default();
+        let (a, b) = (audit.register("/a"), audit.register("/b"));
+        for (channel, seat) in [(a, 1), (b, 0), (a, 0), (a, 1)] {
+            audit.observe(channel, seat, 7, 0);
+        }
+        let metadata = audit.to_metadata();
+        let keys: Vec<_> = metadata.keys().map(String::as_str).collect();
+        assert_eq!(keys, ["/a#0", "/a#1", "/b#0"]);
+        let expected = r#"{"count":1,"first":7,"last":7,"gaps":0,"repeated":1,"renumbered":0}"#;
+        assert_eq!(metadata["/a#1"], expected);
+    }
+}

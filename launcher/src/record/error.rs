@@ -1,0 +1,52 @@
+//! What can go wrong with a recording.
+
+use std::path::{Path, PathBuf};
+
+/// Failure of a recording; each names the file, the cause and the remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The file could not be created.
+    #[error("cannot create recording {}: {cause}; use --record DIR with a writable folder", path.display())]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// A write failed. The flight goes on; what is on disk so far can be read.
+    #[error("recording {} stopped: {}; free space or use --record DIR", path.display(), words(cause))]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system or the format's writer says.
+        cause: mcap::McapError,
+    },
+    /// Told at the end of a recording that had stopped earlier.
+    #[error(
+        "recording {} is incomplete: it stopped with \"{cause}\" and misses the last {unrecorded} \
+         records; free space or use --record DIR",
+        path.display()
+    )]
+    Incomplete {
+        /// The file.
+        path: PathBuf,
+        /// What was said when it stopped.
+        cause: String,
+        /// Samples, states and events since.
+        unrecorded: u64,
+    },
+}
+
+impl RecordError {
+    pub(super) fn write(path: &Path, cause: impl Into<mcap::McapError>) -> Self {
+        Self::Write { path: path.to_owned(), cause: cause.into() }
+    }
+}
+
+/// The cause in words; the format's writer hides what the system says behind a general phrase.
+pub(super) fn words(cause: &mcap::McapError) -> String {
+    match cause {
+        mcap::McapError::Io(system) => system.to_string(),
+        other => other.to_string(),
+    }
+}

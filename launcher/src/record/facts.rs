@@ -1,0 +1,108 @@
+//! Where a recording comes from: run, build and machine.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+/// How logical time maps to the time stamps in the file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Clock {
+    /// Stamps are logical time.
+    Lockstep,
+    /// Stamps are host time; `speed` is logical seconds per wall second.
+    Realtime {
+        /// Logical seconds per wall second, above zero.
+        speed: f64,
+    },
+}
+
+/// What a reader must know to judge or repeat a flight.
+#[derive(Debug, Clone)]
+pub struct Facts {
+    /// Name of the run.
+    pub run_id: String,
+    /// Name of the scenario.
+    pub scenario_name: String,
+    /// Text of the scenario, defaults filled in.
+    pub scenario_toml: String,
+    /// Seed of every noise source.
+    pub seed: u64,
+    /// Clock of the flight.
+    pub clock: Clock,
+    /// Unix time that stands for logical time 0 [ns].
+    pub epoch_unix_ns: u64,
+    /// Machine of the launcher.
+    pub machine: Machine,
+}
+
+/// The machine, as far as it matters for timing; its name stays out of the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Machine {
+    /// Release of the kernel.
+    pub kernel: String,
+    /// Model of the first processor.
+    pub cpu_model: String,
+}
+
+const UNKNOWN: &str = "unknown";
+
+impl Machine {
+    /// Reads `/proc`; what it does not tell is "unknown".
+    #[must_use]
+    pub fn read() -> Self {
+        let kernel = fs::read_to_string("/proc/sys/kernel/osrelease").ok();
+        let processors = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+        Self {
+            kernel: kernel.map_or_else(|| UNKNOWN.to_owned(), |text| text.trim().to_owned()),
+            cpu_model: cpu_model(&processors).unwrap_or(UNKNOWN).to_owned(),
+        }
+    }
+}
+
+fn cpu_model(processors: &str) -> Option<&str> {
+    let line = processors.lines().find(|line| line.starts_with("model name"))?;
+    line.split_once(':').map(|(_, model)| model.trim())
+}
+
+impl Facts {
+    /// Metadata `run` of the file.
+    #[must_use]
+    pub fn to_metadata(&self) -> BTreeMap<String, String> {
+        let (clock, speed) = match self.clock {
+            Clock::Lockstep => ("lockstep", None),
+            Clock::Realtime { speed } => ("realtime", Some(speed)),
+        };
+        let mut entries = vec![
+            ("run_id", self.run_id.clone()),
+            ("scenario", self.scenario_name.clone()),
+            ("seed", self.seed.to_string()),
+            ("clock", clock.to_owned()),
+            ("epoch_unix_ns", self.epoch_unix_ns.to_string()),
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("git", env!("MORPHQUAD_GIT").to_owned()),
+            ("crates", env!("MORPHQUAD_CRATES").to_owned()),
+            ("rustc", env!("MORPHQUAD_RUSTC").to_owned()),
+            ("kernel", self.machine.kernel.clone()),
+            ("cpu_model", self.machine.cpu_model.clone()),
+        ];
+        entries.extend(speed.map(|speed| ("speed", speed.to_string())));
+        entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Machine, cpu_model};
+
+    #[test]
+    fn the_processor_is_named_by_its_first_entry() {
+        let text = "processor\t: 0\nmodel name\t: Some CPU @ 2.0GHz\n\nmodel name\t: Other\n";
+        assert_eq!(cpu_model(text), Some("Some CPU @ 2.0GHz"));
+        assert_eq!(cpu_model("processor\t: 0\n"), None);
+    }
+
+    #[test]
+    fn the_kernel_release_is_one_word() {
+        let kernel = Machine::read().kernel;
+        assert!(!kernel.is_empty() && !kernel.contains(char::is_whitespace), "{kernel:?}");
+    }
+}

@@ -1,0 +1,150 @@
+//! The two kinds of record that are no topic: published states and events.
+
+use super::encode::{encode_bytes, encode_nested};
+use super::schema::{PACKAGE, add_message, empty_file, plain_field};
+use prost::encoding::{WireType, encode_key, encode_varint, uint64};
+use prost_types::field_descriptor_proto::Type;
+use prost_types::{
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
+    FileDescriptorProto, FileDescriptorSet,
+};
+use shared_types::Header;
+use shared_types::wire::Wire as _;
+
+/// Full name of the message on `/state/...`.
+pub(super) const STATE_NAME: &str = "morphquad.v1.ServiceState";
+/// Full name of the message on `/events`; viewers show it in their log panel.
+pub(super) const LOG_NAME: &str = "foxglove.Log";
+
+/// `ServiceState { Header header = 1; uint64 layout_hash = 2; bytes state = 3; }`
+pub(super) fn state_descriptor() -> FileDescriptorSet {
+    let mut file = empty_file("ServiceState");
+    add_message(&mut file, &Header::SCHEMA);
+    let header = FieldDescriptorProto {
+        type_name: Some(format!(".{PACKAGE}.Header")),
+        ..plain_field(1, "header", Type::Message, false)
+    };
+    let layout_hash = plain_field(2, "layout_hash", Type::Uint64, false);
+    let state = plain_field(3, "state", Type::Bytes, false);
+    file.message_type.push(message("ServiceState", vec![header, layout_hash, state]));
+    FileDescriptorSet { file: vec![file] }
+}
+
+pub(super) fn encode_state(header: &Header, layout_hash: u64, state: &[u8], out: &mut Vec<u8>) {
+    encode_nested(1, header, out);
+    uint64::encode(2, &layout_hash, out);
+    encode_bytes(3, state, out);
+}
+
+/// How bad an event is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Severity {
+    /// For developers.
+    Debug,
+    /// Worth knowing.
+    Info,
+    /// The flight goes on, but not as planned.
+    Warning,
+    /// Something failed.
+    Error,
+    /// The flight ends.
+    Fatal,
+}
+
+/// Something that happened in a flight, told in words.
+#[derive(Debug, Clone, Copy)]
+pub struct Event<'a> {
+    /// Logical instant [ns].
+    pub logical_ns: u64,
+    /// How bad it is.
+    pub severity: Severity,
+    /// Who tells it.
+    pub source: &'a str,
+    /// One sentence.
+    pub text: &'a str,
+}
+
+/// Levels of `foxglove.Log` in order of their number.
+const LEVELS: [&str; 6] = ["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"];
+
+impl Severity {
+    const fn level(self) -> u64 {
+        match self {
+            Self::Debug => 1,
+            Self::Info => 2,
+            Self::Warning => 3,
+            Self::Error => 4,
+            Self::Fatal => 5,
+        }
+    }
+}
+
+/// The well-known schema `foxglove.Log`, with the time stamp type it imports.
+pub(super) fn log_descriptor() -> FileDescriptorSet {
+    let timestamp = FileDescriptorProto {
+        name: Some("google/protobuf/timestamp.proto".to_owned()),
+        package: Some("google.protobuf".to_owned()),
+        syntax: Some("proto3".to_owned()),
+        message_type: vec![message(
+            "Timestamp",
+            vec![
+                plain_field(1, "seconds", Type::Int64, false),
+                plain_field(2, "nanos", Type::Int32, false),
+            ],
+        )],
+        ..FileDescriptorProto::default()
+    };
+    let typed = |number, name, kind, type_name: &str| FieldDescriptorProto {
+        type_name: Some(type_name.to_owned()),
+        ..plain_field(number, name, kind, false)
+    };
+    let mut log = message(
+        "Log",
+        vec![
+            typed(1, "timestamp", Type::Message, ".google.protobuf.Timestamp"),
+            typed(2, "level", Type::Enum, ".foxglove.Log.Level"),
+            plain_field(3, "message", Type::String, false),
+            plain_field(4, "name", Type::String, false),
+            plain_field(5, "file", Type::String, false),
+            plain_field(6, "line", Type::Fixed32, false),
+        ],
+    );
+    log.enum_type.push(EnumDescriptorProto {
+        name: Some("Level".to_owned()),
+        value: (0..).zip(LEVELS).map(|(number, name)| level_value(number, name)).collect(),
+        ..EnumDescriptorProto::default()
+    });
+    let file = FileDescriptorProto {
+        name: Some("foxglove/Log.proto".to_owned()),
+        package: Some("foxglove".to_owned()),
+        dependency: timestamp.name.iter().cloned().collect(),
+        message_type: vec![log],
+        syntax: Some("proto3".to_owned()),
+        ..FileDescriptorProto::default()
+    };
+    FileDescriptorSet { file: vec![timestamp, file] }
+}
+
+/// `stamp_ns` is Unix time. Fields 5 and 6 (source file and line) stay empty.
+pub(super) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
+    let mut timestamp = Vec::with_capacity(16);
+    uint64::encode(1, &(stamp_ns / 1_000_000_000), &mut timestamp);
+    uint64::encode(2, &(stamp_ns % 1_000_000_000), &mut timestamp);
+    encode_bytes(1, &timestamp, out);
+    encode_key(2, WireType::Varint, out);
+    encode_varint(event.severity.level(), out);
+    encode_bytes(3, event.text.as_bytes(), out);
+    encode_bytes(4, event.source.as_bytes(), out);
+}
+
+fn message(name: &str, field: Vec<FieldDescriptorProto>) -> DescriptorProto {
+    DescriptorProto { name: Some(name.to_owned()), field, ..DescriptorProto::default() }
+}
+
+fn level_value(number: i32, name: &str) -> EnumValueDescriptorProto {
+    EnumValueDescriptorProto {
+        name: Some(name.to_owned()),
+        number: Some(number),
+        ..EnumValueDescriptorProto::default()
+    }
+}

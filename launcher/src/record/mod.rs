@@ -1,0 +1,24 @@
+//! Recording of a flight: one MCAP file that any viewer opens, derived from the floor plan.
+//!
+//! [`Recording`] writes; [`descriptor_set`] and [`encode`] turn the reflection of a sample into
+//! protobuf;
+//! [`SequenceAudit`] proves that nothing is missing. A new topic needs no change here.
+
+mod audit;
+mod encode;
+mod error;
+mod facts;
+mod messages;
+mod recording;
+mod schema;
+mod sink;
+#[cfg(test)]
+mod tests;
+
+pub use audit::{SequenceAudit, Stream, Tally, Verdict};
+pub use encode::encode;
+pub use error::RecordError;
+pub use facts::{Clock, Facts, Machine};
+pub use messages::{Event, Severity};
+pub use recording::Recording;
+pub use schema::{PACKAGE, descriptor_set, full_name};
