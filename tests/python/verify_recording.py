@@ -1,0 +1,267 @@
+#!/usr/bin/env python3
+"""Checks a recording with readers that share no code with its writer.
+
+    verify_recording.py FILE [--expect-topics N] [--allow-gaps] [--negative-controls]
+
+Reads the file twice, in file order (every CRC, every record) and through its index, decodes every
+message by field name from the schemas in the file alone, counts again what the recorder says it
+counted, and prints the totals. Exit code 0: no problem; 1: problems; 2: wrong usage.
+"""
+
+import argparse
+import io
+import json
+import math
+import sys
+from collections import Counter
+from pathlib import Path
+
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.unknown_fields import UnknownFieldSet
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+
+TALLY_KEYS = ("count", "first", "last", "gaps", "repeated", "renumbered")
+
+
+class Problems(list):
+    """What is wrong, one line each; a flood of the same kind is cut."""
+
+    LIMIT = 50
+
+    def expect(self, condition, text):
+        if not condition and len(self) < self.LIMIT:
+            self.append(text)
+
+
+class Decoded:
+    """Totals over the values of all messages."""
+
+    def __init__(self):
+        self.values = 0
+        self.not_finite = Counter()
+
+    def walk(self, message, path, problems):
+        """Reads every field by its name, nested messages included."""
+        problems.expect(len(UnknownFieldSet(message)) == 0, f"{path}: bytes outside the schema")
+        for field in message.DESCRIPTOR.fields:
+            where = f"{path}.{field.name}"
+            value = getattr(message, field.name)
+            for item in value if is_repeated(field) else (value,):
+                if field.type == FieldDescriptor.TYPE_MESSAGE:
+                    self.walk(item, where, problems)
+                    continue
+                self.values += 1
+                if field.type == FieldDescriptor.TYPE_DOUBLE and not math.isfinite(item):
+                    self.not_finite[where] += 1
+                if field.type == FieldDescriptor.TYPE_ENUM:
+                    known = item in field.enum_type.values_by_number
+                    problems.expect(known, f"{where}: {item} is no {field.enum_type.name}")
+
+
+def is_repeated(field):
+    # Newer versions of the library replace `label` by a property.
+    repeated = getattr(field, "is_repeated", None)
+    return field.label == FieldDescriptor.LABEL_REPEATED if repeated is None else repeated
+
+
+class Audit:
+    """The recorder's sequence audit, counted again from headers alone."""
+
+    def __init__(self):
+        self.tallies = {}
+        self.last_release_ns = {}
+
+    def observe(self, topic, header, problems):
+        key = f"{topic}#{header.seat}"
+        sequence = header.sequence
+        tally = self.tallies.setdefault(key, dict.fromkeys(TALLY_KEYS, 0))
+        if tally["count"] == 0:
+            tally["first"] = sequence
+        elif sequence > tally["last"]:
+            tally["gaps"] += sequence - tally["last"] - 1
+        else:
+            went_on = header.release_ns > self.last_release_ns[key]
+            problems.expect(went_on, f"{key}: sequence {sequence} was recorded twice")
+            tally["renumbered"] += 1
+        tally["count"] += 1
+        tally["last"] = sequence
+        self.last_release_ns[key] = header.release_ns
+
+    def compare(self, recorded, allow_gaps, problems):
+        problems.expect(
+            recorded.keys() == self.tallies.keys(),
+            f"audit covers {sorted(recorded)}, the file holds {sorted(self.tallies)}",
+        )
+        for key, tally in sorted(self.tallies.items()):
+            told = json.loads(recorded.get(key, "{}"))
+            # Repetitions are left out of the file, so only the recorder can know them.
+            for name in TALLY_KEYS:
+                same = name == "repeated" or told.get(name) == tally[name]
+                problems.expect(same, f"{key}: {name} is {tally[name]}, audit says {told.get(name)}")
+            tally["repeated"] = told.get("repeated", 0)
+            problems.expect(allow_gaps or tally["gaps"] == 0, f"{key}: {tally['gaps']} samples lost")
+
+
+def read_in_file_order(data, allow_gaps, problems):
+    """Every record, every CRC. Returns messages per topic, and what was decoded."""
+    schemas, channels, decoders = {}, {}, {}
+    metadata, attachments = {}, {}
+    counts, decoded, audit = Counter(), Decoded(), Audit()
+    statistics = None
+    factory = DecoderFactory()
+    for record in StreamReader(io.BytesIO(data), validate_crcs=True).records:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Metadata):
+            metadata[record.name] = record.metadata
+        elif isinstance(record, Attachment):
+            attachments[record.name] = record.data
+        elif isinstance(record, Statistics):
+            statistics = record
+        elif isinstance(record, Message):
+            channel = channels[record.channel_id]
+            if channel.id not in decoders:
+                schema = schemas[channel.schema_id]
+                decoders[channel.id] = factory.decoder_for(channel.message_encoding, schema)
+            message = decoders[channel.id](record.data)
+            counts[channel.topic] += 1
+            decoded.walk(message, channel.topic, problems)
+            check_stamps(record, channel.topic, message, audit, problems)
+
+    for name in ("run", "summary", "audit"):
+        problems.expect(name in metadata, f"metadata {name} is missing")
+    problems.expect(attachments.get("scenario.toml"), "attachment scenario.toml is missing or empty")
+    audit.compare(metadata.get("audit", {}), allow_gaps, problems)
+    problems.expect(statistics is not None, "no statistics")
+    if statistics is not None:
+        by_topic = {channels[i].topic: n for i, n in statistics.channel_message_counts.items()}
+        problems.expect(by_topic == dict(counts), f"statistics say {by_topic}, found {dict(counts)}")
+    topics = {c.topic for c in channels.values() if "layout_hash" in c.metadata}
+    return counts, decoded, audit, metadata.get("run", {}), topics
+
+
+def check_stamps(record, topic, message, audit, problems):
+    late = record.log_time >= record.publish_time
+    problems.expect(late, f"{topic}: received at {record.log_time}, sent at {record.publish_time}")
+    if "header" not in message.DESCRIPTOR.fields_by_name:
+        return
+    problems.expect(
+        record.sequence == message.header.sequence & 0xFFFFFFFF,
+        f"{topic}: record {record.sequence} holds sample {message.header.sequence}",
+    )
+    audit.observe(topic, message.header, problems)
+
+
+def read_through_index(data, problems):
+    """The way viewers read. Returns messages per topic."""
+    reader = make_reader(io.BytesIO(data), validate_crcs=True)
+    summary = reader.get_summary()
+    problems.expect(summary is not None and summary.chunk_indexes, "the file has no index")
+    counts = Counter()
+    last_ns = 0
+    for _, channel, message in reader.iter_messages():
+        counts[channel.topic] += 1
+        problems.expect(message.log_time >= last_ns, f"{channel.topic}: index out of order")
+        last_ns = message.log_time
+    return counts
+
+
+def verify(data, options):
+    problems = Problems()
+    counts, decoded, audit, run, topics = read_in_file_order(data, options.allow_gaps, problems)
+    indexed = read_through_index(data, problems)
+    problems.expect(indexed == counts, f"index finds {dict(indexed)}, file holds {dict(counts)}")
+    heard = {topic for topic in topics if counts[topic] > 0}
+    if options.expect_topics is not None:
+        problems.expect(
+            len(heard) == options.expect_topics,
+            f"{len(heard)} topics with samples, expected {options.expect_topics}; "
+            f"silent: {sorted(topics - heard)}",
+        )
+
+    print(f"run {run.get('run_id')}: {run.get('scenario')}, seed {run.get('seed')}, {run.get('clock')}")
+    for key, tally in sorted(audit.tallies.items()):
+        print(f"  {key:32}", "  ".join(f"{name} {tally[name]}" for name in TALLY_KEYS))
+    print(f"  {'/events':32} count {counts['/events']}")
+    for where, count in sorted(decoded.not_finite.items()):
+        print(f"  note: {where} is not finite {count} times")
+    print(f"{sum(counts.values())} messages, {decoded.values} values, {len(heard)} topics with samples")
+    return problems
+
+
+def chunk_spans(data):
+    """Start and length of the compressed bytes of each chunk."""
+    spans = []
+    position = 8
+    while position + 9 <= len(data) - 8:
+        length = int.from_bytes(data[position + 1 : position + 9], "little")
+        if data[position] == Opcode.CHUNK:
+            reader = StreamReader(
+                io.BytesIO(data[position : position + 9 + length]), skip_magic=True, emit_chunks=True
+            )
+            chunk = next(iter(reader.records))
+            assert isinstance(chunk, Chunk)
+            spans.append((position + 9 + length - len(chunk.data), len(chunk.data)))
+        position += 9 + length
+    return spans
+
+
+def read_all(data, through_index):
+    if through_index:
+        for _ in make_reader(io.BytesIO(data), validate_crcs=True).iter_messages():
+            pass
+    else:
+        for _ in StreamReader(io.BytesIO(data), validate_crcs=True).records:
+            pass
+
+
+def negative_controls(data, problems):
+    """A check that accepts everything proves nothing: damaged copies must be rejected."""
+    spans = chunk_spans(data)
+    problems.expect(spans, "no chunk to damage")
+    copies = {"cut tail": data[: len(data) - 100], "cut in half": data[: len(data) // 2]}
+    for name, (start, length) in {
+        "flipped byte in the largest chunk": max(spans, key=lambda span: span[1]),
+        "flipped byte in the last chunk": spans[-1],
+    }.items():
+        copy = bytearray(data)
+        copy[start + length // 2] ^= 0x10
+        copies[name] = bytes(copy)
+    for name, copy in copies.items():
+        for through_index in (False, True):
+            how = "index" if through_index else "file order"
+            try:
+                read_all(copy, through_index)
+            except Exception as error:  # any refusal will do
+                print(f"  rejected as it should be: {name}, {how} ({type(error).__name__})")
+            else:
+                problems.expect(False, f"{name}: accepted when read through {how}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--expect-topics", type=int, metavar="N", help="topics with samples")
+    parser.add_argument("--allow-gaps", action="store_true", help="lost samples are no problem")
+    parser.add_argument("--negative-controls", action="store_true", help="damaged copies too")
+    options = parser.parse_args()
+    data = options.file.read_bytes()
+    try:
+        problems = verify(data, options)
+    except Exception as error:  # a reader's refusal is the finding
+        problems = Problems([f"not readable: {type(error).__name__}: {error}"])
+    if options.negative_controls and not problems:
+        negative_controls(data, problems)
+    for problem in problems:
+        print(f"PROBLEM {problem}", file=sys.stderr)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
