@@ -44,10 +44,10 @@ fn versions(lock: &str) -> Vec<String> {
             let line = package.lines().find_map(|line| line.strip_prefix(key))?;
             Some(line.trim_start_matches(" = ").trim_matches('"'))
         };
-        if let (Some(name), Some(version)) = (value("name"), value("version")) {
-            if CRATES.contains(&name) {
-                found.push(format!("{name} {version}"));
-            }
+        if let (Some(name), Some(version)) = (value("name"), value("version"))
+            && CRATES.contains(&name)
+        {
+            found.push(format!("{name} {version}"));
         }
     }
     found

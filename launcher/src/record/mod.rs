@@ -9,6 +9,7 @@ mod encode;
 mod error;
 mod facts;
 mod messages;
+mod open;
 mod recording;
 mod schema;
 mod sink;

@@ -133,6 +133,7 @@ fn shouting(name: &str) -> String {
 mod tests {
     use super::{add_enum, descriptor_set, empty_file};
     use prost_reflect::DescriptorPool;
+    use prost_types::DescriptorProto;
     use shared_types::header::Sample;
     use shared_types::topics::visit_all;
     use shared_types::wire::{EnumSchema, Kind, Schema, Wire as _};
@@ -202,7 +203,7 @@ mod tests {
     #[test]
     fn types_come_once_and_before_their_use() {
         let set = descriptor_set(&ControllerReport::SCHEMA);
-        let names: Vec<_> = set.file[0].message_type.iter().map(|m| m.name()).collect();
+        let names: Vec<_> = set.file[0].message_type.iter().map(DescriptorProto::name).collect();
         assert_eq!(names, ["Header", "ControllerReport"]);
         assert_eq!(set.file[0].enum_type[0].value[1].name(), "SOLVE_STATUS_ITERATION_LIMIT");
     }

@@ -1,0 +1,119 @@
+//! The head of a recording: facts, scenario and a channel for every topic of the floor plan.
+
+use super::sink::Sink;
+use super::{Facts, SequenceAudit, Stream, messages, schema};
+use mcap::records::Metadata;
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, McapResult, WriteOptions, Writer};
+use prost_types::FileDescriptorSet;
+use shared_types::topics::{Topic, TopicVisitor, visit_all};
+use shared_types::{Role, Sample};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::BufWriter;
+
+pub(super) type FileWriter = Writer<NoSeek<BufWriter<Sink>>>;
+
+/// A channel that carries headers, hence sequence numbers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Channel {
+    pub(super) id: u16,
+    pub(super) stream: Stream,
+}
+
+pub(super) struct Opened {
+    pub(super) writer: FileWriter,
+    /// By topic name.
+    pub(super) channels: BTreeMap<&'static str, Channel>,
+    /// By the label of the role.
+    pub(super) states: BTreeMap<&'static str, Channel>,
+    pub(super) events_id: u16,
+    pub(super) audit: SequenceAudit,
+}
+
+/// Starts the file and hands its head to the system.
+pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
+    let mut writer = WriteOptions::new()
+        .compression(Some(Compression::Zstd))
+        .compression_level(1)
+        .compression_threads(0)
+        .chunk_size(Some(1 << 20))
+        .disable_seeking(true)
+        .calculate_chunk_crcs(true)
+        .library(concat!("morphquad ", env!("CARGO_PKG_VERSION")))
+        .create(NoSeek::new(sink))?;
+    // First in the file, so that a crash keeps them.
+    writer.write_metadata(&Metadata { name: "run".to_owned(), metadata: facts.to_metadata() })?;
+    writer.attach(&Attachment {
+        log_time: facts.epoch_unix_ns,
+        create_time: facts.epoch_unix_ns,
+        name: "scenario.toml".to_owned(),
+        media_type: "application/toml".to_owned(),
+        data: Cow::Borrowed(facts.scenario_toml.as_bytes()),
+    })?;
+
+    let mut registry =
+        Registry { writer, audit: SequenceAudit::default(), channels: BTreeMap::new() };
+    visit_all(&mut registry)?;
+    let state = messages::state_descriptor();
+    let mut states = BTreeMap::new();
+    for role in Role::STEPPING {
+        let name = format!("/state/{}", role.label());
+        let about = BTreeMap::from([("from".to_owned(), role.label().to_owned())]);
+        let channel = registry.add(name, (messages::STATE_NAME, &state), &about)?;
+        states.insert(role.label(), channel);
+    }
+    let log = (messages::LOG_NAME, &messages::log_descriptor());
+    let events_id = registry.add_unaudited("/events", log, &BTreeMap::new())?;
+    let Registry { mut writer, audit, channels } = registry;
+    writer.flush()?;
+    Ok(Opened { writer, channels, states, events_id, audit })
+}
+
+/// Adds a channel for every topic.
+struct Registry {
+    writer: FileWriter,
+    audit: SequenceAudit,
+    channels: BTreeMap<&'static str, Channel>,
+}
+
+impl Registry {
+    fn add_unaudited(
+        &mut self,
+        name: &str,
+        (schema_name, set): (&str, &FileDescriptorSet),
+        about: &BTreeMap<String, String>,
+    ) -> McapResult<u16> {
+        let data = prost::Message::encode_to_vec(set);
+        let schema_id = self.writer.add_schema(schema_name, "protobuf", &data)?;
+        self.writer.add_channel(schema_id, name, "protobuf", about)
+    }
+
+    fn add(
+        &mut self,
+        name: String,
+        schema: (&str, &FileDescriptorSet),
+        about: &BTreeMap<String, String>,
+    ) -> McapResult<Channel> {
+        let id = self.add_unaudited(&name, schema, about)?;
+        Ok(Channel { id, stream: self.audit.register(name) })
+    }
+}
+
+impl TopicVisitor for Registry {
+    type Error = mcap::McapError;
+
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> McapResult<()> {
+        let info = &topic.info;
+        let layout = topic.schema();
+        let about = BTreeMap::from([
+            ("summary".to_owned(), info.summary.to_owned()),
+            ("from".to_owned(), info.from.label().to_owned()),
+            ("layout_hash".to_owned(), format!("{:016x}", layout.layout_hash)),
+        ]);
+        let (name, set) = (schema::full_name(&layout), schema::descriptor_set(&layout));
+        let channel = self.add(format!("/{}", info.name), (&name, &set), &about)?;
+        self.channels.insert(info.name, channel);
+        Ok(())
+    }
+}
