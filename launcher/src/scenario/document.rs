@@ -1,0 +1,242 @@
+//! The scenario's text with the command line's edits in it, and the way back from a value to the
+//! place that it comes from.
+//!
+//! Every text that contributes (the file, then each flag) owns a range of one virtual text: it is
+//! parsed behind as many blanks as there are characters before it. A byte range of the merged
+//! document therefore says by itself from which text it comes.
+
+use super::problem::{Place, Problem};
+use core::ops::Range;
+use miette::NamedSource;
+use serde::Deserialize;
+use std::borrow::Cow;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// A parsed table, with places.
+pub(super) type Table<'t> = DeTable<'t>;
+/// A parsed value, with its place.
+pub(super) type Value<'t> = Spanned<DeValue<'t>>;
+
+/// Sees path, place of the key and value of an entry.
+pub(super) type Visit<'v> = dyn FnMut(&str, Range<usize>, &Value<'_>) + 'v;
+
+/// An edit that the command line asks for.
+#[derive(Debug, Clone)]
+pub(super) struct Edit {
+    /// The flag as typed.
+    pub(super) shown: String,
+    /// Dotted key.
+    pub(super) key: String,
+    /// Value in TOML.
+    pub(super) value: String,
+}
+
+/// One contributing text.
+#[derive(Debug)]
+struct Text {
+    name: String,
+    shown: String,
+    start: usize,
+    /// What was parsed is a part of what is shown.
+    literal: bool,
+    padded: String,
+}
+
+/// The virtual text.
+#[derive(Debug)]
+pub(super) struct Texts(Vec<Text>);
+
+impl Texts {
+    /// The scenario itself and then the edits.
+    pub(super) fn new(name: &str, text: &str, edits: &[Edit]) -> Self {
+        let mut texts = Self(Vec::new());
+        texts.push(name, text, text);
+        for edit in edits {
+            texts.push("command line", &edit.shown, &format!("{}={}", edit.key, edit.value));
+        }
+        texts
+    }
+
+    fn push(&mut self, name: &str, shown: &str, parsed: &str) {
+        let start = self.0.last().map_or(0, |last| last.padded.len().max(last.start + 1) + 1);
+        let offset = shown.rfind(parsed);
+        let padded = " ".repeat(start + offset.unwrap_or(0)) + parsed;
+        let (name, shown) = (name.to_owned(), shown.to_owned());
+        self.0.push(Text { name, shown, start, literal: offset.is_some(), padded });
+    }
+
+    /// Where a byte range of the virtual text is.
+    fn place(&self, span: &Range<usize>) -> Option<Place> {
+        let text = self.0.iter().rfind(|text| text.start <= span.start)?;
+        let whole = 0..text.shown.len();
+        let clamp = |at: usize| (at - text.start).min(whole.end);
+        let span = if text.literal { clamp(span.start)..clamp(span.end) } else { whole };
+        let source = NamedSource::new(text.name.clone(), text.shown.clone());
+        Some(Place { source, span })
+    }
+}
+
+/// The merged document.
+#[derive(Debug)]
+pub(super) struct Document<'t> {
+    texts: &'t Texts,
+    root: Table<'t>,
+}
+
+impl<'t> Document<'t> {
+    /// Parses the scenario and puts each edit in place of what it says.
+    pub(super) fn parse(texts: &'t Texts, edits: &[Edit]) -> Result<Self, Problem> {
+        let mut document = Self { texts, root: Table::new() };
+        for (index, text) in texts.0.iter().enumerate() {
+            let table = DeTable::parse(&text.padded).map_err(|error| {
+                let place = error.span().and_then(|span| texts.place(&span));
+                let remedy = "write TOML: `key = value` under `[section]`, each key once";
+                Problem::new("", error.message(), remedy, place)
+            })?;
+            match index.checked_sub(1).and_then(|i| edits.get(i)) {
+                None => document.root = table.into_inner(),
+                Some(edit) => document.apply(edit, table.into_inner(), text)?,
+            }
+        }
+        Ok(document)
+    }
+
+    fn apply(&mut self, edit: &Edit, mut table: Table<'t>, text: &Text) -> Result<(), Problem> {
+        let keys: Vec<&str> = edit.key.split('.').map(str::trim).collect();
+        let place = self.texts.place(&(text.start..text.start + 1));
+        let Some(value) = take(&mut table, &keys) else {
+            let remedy = "write --set SECTION.KEY=VALUE with the value in TOML";
+            return Err(Problem::new(&*edit.key, "is not a plain dotted key", remedy, place));
+        };
+        put(&mut self.root, &keys, value).map_err(|blocking| {
+            let what = format!("`{blocking}` is a value and has no such entry");
+            Problem::new(&*edit.key, what, format!("set `{blocking}` itself"), place)
+        })
+    }
+
+    /// The merged document.
+    pub(super) fn root(&self) -> &Table<'t> {
+        &self.root
+    }
+
+    /// The merged document as plain values.
+    pub(super) fn to_table(&self) -> Result<toml::Table, toml::de::Error> {
+        let value = Spanned::new(0..0, DeValue::Table(self.root.clone()));
+        toml::Table::deserialize(toml::de::ValueDeserializer::from(value))
+    }
+
+    /// Where a byte range of the virtual text is.
+    pub(super) fn place(&self, span: &Range<usize>) -> Option<Place> {
+        self.texts.place(span)
+    }
+
+    /// Where the value at `path` is, or else the innermost section around it that exists.
+    pub(super) fn place_of(&self, path: &str) -> Option<Place> {
+        let mut found: Option<Range<usize>> = None;
+        let mut table = Some(&self.root);
+        let mut value: Option<&Value<'_>> = None;
+        for part in path.split(['.', '[', ']']).filter(|part| !part.is_empty()) {
+            if let Ok(index) = part.parse::<usize>() {
+                let array = value.and_then(|v| v.get_ref().as_array());
+                value = array.and_then(|array| array.get(index));
+            } else {
+                value = table.and_then(|t| t.get(part));
+            }
+            let Some(v) = value else { break };
+            found = Some(v.span());
+            table = v.get_ref().as_table();
+        }
+        found.and_then(|span| self.place(&span))
+    }
+
+    /// Dotted key of the value or key that a byte range belongs to.
+    pub(super) fn key_at(&self, span: &Range<usize>) -> String {
+        let mut best = (usize::MAX, String::new());
+        walk(&self.root, "", &mut |path, key, value| {
+            for own in [key, value.span()] {
+                if own.start <= span.start && span.end <= own.end && own.len() < best.0 {
+                    best = (own.len(), path.to_owned());
+                }
+            }
+        });
+        best.1
+    }
+
+    /// Calls `visit` with path, place of the key and value, for every entry of every table.
+    pub(super) fn walk(&self, visit: &mut Visit<'_>) {
+        walk(&self.root, "", visit);
+    }
+}
+
+fn take<'t>(table: &mut Table<'t>, keys: &[&str]) -> Option<Value<'t>> {
+    let (first, rest) = keys.split_first()?;
+    if rest.is_empty() {
+        return table.remove(*first);
+    }
+    match table.get_mut(*first)?.get_mut() {
+        DeValue::Table(inner) => take(inner, rest),
+        _ => None,
+    }
+}
+
+/// Puts `value` at `keys`; gives back the key that is in the way.
+fn put<'t>(table: &mut Table<'t>, keys: &[&str], value: Value<'t>) -> Result<(), String> {
+    let Some((first, rest)) = keys.split_first() else { return Ok(()) };
+    let span = value.span();
+    let key = Spanned::new(span.clone(), Cow::Owned((*first).to_owned()));
+    if rest.is_empty() {
+        table.insert(key, value);
+        return Ok(());
+    }
+    let entry =
+        table.entry(key).or_insert_with(|| Spanned::new(span, DeValue::Table(Table::new())));
+    put_into(entry.get_mut(), first, rest, value)
+}
+
+fn put_into<'t>(
+    target: &mut DeValue<'t>,
+    name: &str,
+    keys: &[&str],
+    value: Value<'t>,
+) -> Result<(), String> {
+    let index = keys.first().and_then(|key| key.parse::<usize>().ok());
+    match (target, index) {
+        (DeValue::Table(table), _) => put(table, keys, value),
+        (DeValue::Array(array), Some(index)) => {
+            let item = array.iter_mut().nth(index).ok_or_else(|| name.to_owned())?;
+            if keys.len() == 1 {
+                *item = value;
+                return Ok(());
+            }
+            put_into(item.get_mut(), name, &keys[1..], value)
+        }
+        _ => Err(name.to_owned()),
+    }
+}
+
+fn walk(table: &Table<'_>, prefix: &str, visit: &mut Visit<'_>) {
+    for (key, value) in table {
+        let path = if prefix.is_empty() {
+            key.get_ref().to_string()
+        } else {
+            format!("{prefix}.{}", key.get_ref())
+        };
+        visit(&path, key.span(), value);
+        walk_value(value, &path, visit);
+    }
+}
+
+fn walk_value(value: &Value<'_>, path: &str, visit: &mut Visit<'_>) {
+    match value.get_ref() {
+        DeValue::Table(table) => walk(table, path, visit),
+        DeValue::Array(array) => {
+            for (index, item) in array.iter().enumerate() {
+                let path = format!("{path}[{index}]");
+                visit(&path, item.span(), item);
+                walk_value(item, &path, visit);
+            }
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,239 @@
+//! What is flown: one TOML text, edited by the command line, typed, checked, wired.
+//!
+//! [`Scenario::load`] is the way in; every complaint ([`Problem`]) has a place, a key and a remedy.
+//! Open [`settings`] for the keys, [`pilot`] for the manoeuvres, `check` for the rules that span
+//! sections and [`wiring`] for the graph. Each service owns the type of its section.
+
+mod check;
+mod document;
+mod overrides;
+pub mod pilot;
+mod problem;
+pub mod settings;
+pub mod shipped;
+mod suggest;
+#[cfg(test)]
+mod tests;
+mod typed;
+pub mod wiring;
+
+pub use overrides::Override;
+pub use pilot::Plan;
+pub use problem::{Problem, ScenarioError};
+pub use settings::Settings;
+pub(crate) use suggest::remedy as suggestion;
+pub use wiring::WiringError;
+
+use attitude_mpc::AttitudeLawConfig;
+use attitude_mpc::settings::Surroundings;
+use document::{Document, Edit, Texts};
+use estimator::{FilterConfig, InitialState};
+use pilot::Frame;
+use position_mpc::PositionLawConfig;
+use runtime::Graph;
+use std::path::Path;
+use vehicle::{MorphAngle, ParameterError, VehicleParameters};
+
+/// A scenario that can be flown.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    settings: Settings,
+    effective: String,
+    warnings: Vec<Problem>,
+}
+
+impl Scenario {
+    /// Reads a shipped scenario by name, or a file by path, and applies `overrides` in order.
+    ///
+    /// # Errors
+    /// Everything that is wrong: an unknown name, an unreadable file, an unknown key, a wrong type,
+    /// a value out of range, or settings that do not fit one another.
+    pub fn load(name_or_path: &str, overrides: &[Override]) -> Result<Self, ScenarioError> {
+        let text = match shipped::text(name_or_path) {
+            Some(text) => text.to_owned(),
+            None => read(name_or_path)?,
+        };
+        Self::from_text(name_or_path, &text, overrides)
+    }
+
+    /// As [`load`](Self::load), from a text that complaints call `name`.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn from_text(
+        name: &str,
+        text: &str,
+        overrides: &[Override],
+    ) -> Result<Self, ScenarioError> {
+        let edits: Vec<Edit> = overrides.iter().map(|edit| edit.0.clone()).collect();
+        let texts = Texts::new(name, text, &edits);
+        let document = Document::parse(&texts, &edits)?;
+        let refuse = |problems| ScenarioError::from_problems(problems);
+        let settings = match typed::settings(&document) {
+            Ok(settings) => settings,
+            Err(problems) => return Err(refuse(problems).unwrap_or_else(|| unwritable(name))),
+        };
+        let effective = document.to_table().map_err(|_| unwritable(name))?;
+        let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
+        let mut scenario = Self { settings, effective, warnings: Vec::new() };
+        let (errors, warnings) = check::check(&scenario, &document);
+        refuse(errors).map_or(Ok(()), Err)?;
+        scenario.warnings = warnings;
+        Ok(scenario)
+    }
+
+    /// Every section, typed.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What can be flown, but perhaps not well.
+    #[must_use]
+    pub fn warnings(&self) -> &[Problem] {
+        &self.warnings
+    }
+
+    /// The text with every override in it, for the processes of a run to read back.
+    #[must_use]
+    pub fn to_toml(&self) -> &str {
+        &self.effective
+    }
+
+    /// Logical end of the flight \[ns\].
+    #[must_use]
+    pub fn duration_ns(&self) -> u64 {
+        ns_from_s(self.settings.scenario.duration_s)
+    }
+
+    /// Loops and arrows.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded, which checks this.
+    pub fn graph(&self) -> Result<Graph, WiringError> {
+        wiring::graph(&self.settings)
+    }
+
+    /// The vehicle as it is modelled.
+    #[must_use]
+    pub fn modelled_vehicle(&self) -> VehicleParameters {
+        self.settings.vehicle.parameters()
+    }
+
+    /// The vehicle as it is.
+    #[must_use]
+    pub fn real_vehicle(&self) -> VehicleParameters {
+        self.settings.plant.mismatch.real_vehicle(self.modelled_vehicle())
+    }
+
+    /// β at the start.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn start_morph_angle(&self) -> Result<MorphAngle, ParameterError> {
+        MorphAngle::from_degrees(self.settings.start.morph_angle_deg)
+    }
+
+    /// Heading at the start \[rad\].
+    #[must_use]
+    pub fn start_yaw_rad(&self) -> f64 {
+        self.settings.start.yaw_deg.to_radians()
+    }
+
+    /// What the plant is built from.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn plant_config(&self) -> Result<plant::PlantConfig, ParameterError> {
+        let settings = &self.settings.plant;
+        Ok(plant::PlantConfig {
+            vehicle: self.real_vehicle(),
+            model: settings.model_kind(),
+            imu: settings.imu.clone(),
+            pose_fix: settings.pose_fix.clone(),
+            morph_encoder: settings.morph_encoder.clone(),
+            gate: settings.gate.clone(),
+            position_w_m: self.settings.start.position_w_m.into(),
+            yaw_rad: self.start_yaw_rad(),
+            morph_angle: self.start_morph_angle()?,
+            seed: self.settings.scenario.seed,
+        })
+    }
+
+    /// What the estimator is built from.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn filter(&self) -> Result<(FilterConfig, InitialState), estimator::ConfigError> {
+        let Settings { estimator, plant, start, vehicle, .. } = &self.settings;
+        let config = estimator.filter_config(vehicle.gravity_m_s2, plant.imu.rate_hz.into())?;
+        let morph_angle_rad = start.morph_angle_deg.to_radians();
+        let yaw_rad = self.start_yaw_rad();
+        Ok((config, estimator.initial_state(start.position_w_m, yaw_rad, morph_angle_rad)))
+    }
+
+    /// What the attitude controller is built from.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn attitude_law(&self) -> Result<AttitudeLawConfig, attitude_mpc::ConfigError> {
+        let settings = &self.settings;
+        let rig = settings.pilot.is_rig();
+        settings.attitude_mpc.law_config(Surroundings {
+            rotor_lag_s: settings.vehicle.rotor_lag_s,
+            wrench_latency_s: settings.latency.wrench_command_s,
+            report_period_s: 1.0 / settings.plant.rate_hz,
+            setpoint_period_s: if rig { 0.0 } else { 1.0 / settings.position_mpc.rate_hz },
+        })
+    }
+
+    /// What the position controller is built from; it flies unless the pilot has a rig.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn position_law(&self) -> Result<PositionLawConfig, position_mpc::ConfigError> {
+        self.settings.position_mpc.law_config(self.settings.vehicle.rotor_lag_s)
+    }
+
+    /// What the pilot is built from.
+    #[must_use]
+    pub fn plan(&self) -> Plan {
+        let Settings { pilot, start, scenario, .. } = &self.settings;
+        pilot.plan(Frame {
+            position_w_m: start.position_w_m,
+            yaw_deg: start.yaw_deg,
+            morph_angle_deg: start.morph_angle_deg,
+            duration_s: scenario.duration_s,
+        })
+    }
+}
+
+fn read(path: &str) -> Result<String, ScenarioError> {
+    std::fs::read_to_string(path).map_err(|error| {
+        let is_name = !path.contains('/') && Path::new(path).extension().is_none();
+        if is_name && error.kind() == std::io::ErrorKind::NotFound {
+            let remedy = suggestion(path, shipped::names());
+            return Problem::new(path, "no scenario has this name", remedy, None).into();
+        }
+        let remedy = format!(
+            "give the path of a scenario file, or one of the shipped names {}",
+            shipped::names().collect::<Vec<_>>().join(", ")
+        );
+        Problem::new(path, format!("cannot be read: {error}"), remedy, None).into()
+    })
+}
+
+fn unwritable(name: &str) -> ScenarioError {
+    let remedy = "write times as numbers of seconds; dates have no place in a scenario";
+    Problem::new(name, "the scenario cannot be written back as TOML", remedy, None).into()
+}
+
+/// Nanoseconds of a configured time, to the nearest.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "configured times are finite, not negative and at most 1e6 s; `as` saturates anyway"
+)]
+fn ns_from_s(time_s: f64) -> u64 {
+    (time_s * 1e9).round() as u64
+}

@@ -1,0 +1,109 @@
+//! Edits of a scenario from the command line.
+
+use super::document::Edit;
+use super::problem::{Place, Problem, ScenarioError};
+use super::suggest;
+use miette::NamedSource;
+use shared_types::Role;
+
+/// Names under which a loop may be given to `--rate`, with the section that holds its rate.
+const LOOPS: [(&str, &str, Role); 6] = [
+    ("plant", "plant", Role::Plant),
+    ("estimator", "estimator", Role::Estimator),
+    ("position-mpc", "position_mpc", Role::Position),
+    ("attitude-mpc", "attitude_mpc", Role::Attitude),
+    ("disturbance-injector", "disturbance_injector", Role::Disturbance),
+    ("pilot", "pilot", Role::Pilot),
+];
+
+/// One edit of the scenario, remembered with the flag that asked for it.
+#[derive(Debug, Clone)]
+pub struct Override(pub(super) Edit);
+
+impl Override {
+    /// `--set KEY=VALUE`: any key. A value that is no TOML is taken for a string.
+    ///
+    /// # Errors
+    /// No `=`.
+    pub fn set(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--set {argument}");
+        let Some((key, value)) = argument.split_once('=') else {
+            let remedy = "write --set SECTION.KEY=VALUE, for example --set plant.rate_hz=2000";
+            return Err(refusal("--set", &shown, "has no `=`", remedy));
+        };
+        let (key, value) = (key.trim().to_owned(), value.trim());
+        let is_toml = toml::de::ValueDeserializer::parse(value).is_ok();
+        let value = if is_toml { value.to_owned() } else { format!("{value:?}") };
+        Ok(Self(Edit { shown, key, value }))
+    }
+
+    /// `--rate NAME=HZ`: the rate of one loop.
+    ///
+    /// # Errors
+    /// No `=`, an unknown name or no number.
+    pub fn rate(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--rate {argument}");
+        let Some((name, hz)) = argument.split_once('=') else {
+            let remedy = "write --rate NAME=HZ, for example --rate attitude-mpc=500";
+            return Err(refusal("--rate", &shown, "has no `=`", remedy));
+        };
+        let (name, hz) = (name.trim().replace('_', "-"), hz.trim());
+        let known = |(full, _, role): &&(&str, &str, Role)| name == *full || name == role.label();
+        let Some((_, section, _)) = LOOPS.iter().find(known) else {
+            let remedy = suggest::remedy(&name, LOOPS.iter().map(|(full, ..)| *full));
+            return Err(refusal("--rate", &shown, &format!("no loop is called `{name}`"), &remedy));
+        };
+        if hz.parse::<f64>().is_err() {
+            let remedy = "give the rate in Hz as a number, for example 500";
+            return Err(refusal("--rate", &shown, &format!("`{hz}` is not a number"), remedy));
+        }
+        Ok(Self(Edit { shown, key: format!("{section}.rate_hz"), value: toml_number(hz) }))
+    }
+
+    /// `--seed N`.
+    #[must_use]
+    pub fn seed(seed: u64) -> Self {
+        Self::flag("--seed", &seed.to_string(), "scenario.seed", seed.to_string())
+    }
+
+    /// `--for DURATION`.
+    #[must_use]
+    pub fn duration(duration: core::time::Duration) -> Self {
+        let seconds = duration.as_secs_f64();
+        Self::flag("--for", &format!("{seconds}s"), "scenario.duration_s", format!("{seconds:?}"))
+    }
+
+    /// `--clock lockstep|realtime`.
+    #[must_use]
+    pub fn clock(clock: &str) -> Self {
+        Self::flag("--clock", clock, "scenario.clock", format!("{clock:?}"))
+    }
+
+    /// `--speed N|max`.
+    #[must_use]
+    pub fn speed(speed: &str) -> Self {
+        let value =
+            if speed.parse::<f64>().is_ok() { toml_number(speed) } else { format!("{speed:?}") };
+        Self::flag("--speed", speed, "scenario.speed", value)
+    }
+
+    fn flag(flag: &str, argument: &str, key: &str, value: String) -> Self {
+        Self(Edit { shown: format!("{flag} {argument}"), key: key.to_owned(), value })
+    }
+}
+
+/// A number that Rust can read, as TOML writes it: `.5` and `NaN` are none.
+fn toml_number(number: &str) -> String {
+    if toml::de::ValueDeserializer::parse(number).is_ok() {
+        return number.to_owned();
+    }
+    number.parse::<f64>().map_or_else(
+        |_| format!("{number:?}"),
+        |value| if value.is_nan() { "nan".to_owned() } else { format!("{value:?}") },
+    )
+}
+
+fn refusal(flag: &str, shown: &str, what: &str, remedy: &str) -> ScenarioError {
+    let source = NamedSource::new("command line", shown.to_owned());
+    Problem::new(flag, what, remedy, Some(Place { source, span: 0..shown.len() })).into()
+}

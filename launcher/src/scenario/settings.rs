@@ -1,0 +1,413 @@
+//! The sections of a scenario that belong to no service, as types.
+
+use super::pilot::PilotSettings;
+use garde::Validate;
+use runtime::MissPolicy;
+use serde::Deserialize;
+use serde::de::{Deserializer, Visitor};
+use shared_types::{ClockMode, Role};
+use vehicle::{Geometry, Quadratic, VehicleParameters};
+
+/// A whole scenario.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// `[scenario]`.
+    pub scenario: ScenarioSettings,
+    /// `[vehicle]`.
+    pub vehicle: VehicleSettings,
+    /// `[start]`.
+    pub start: StartSettings,
+    /// `[pilot]`.
+    pub pilot: PilotSettings,
+    /// `[plant]`.
+    pub plant: plant::settings::Settings,
+    /// `[estimator]`.
+    pub estimator: estimator::settings::Settings,
+    /// `[position_mpc]`.
+    pub position_mpc: position_mpc::settings::Settings,
+    /// `[attitude_mpc]`.
+    pub attitude_mpc: attitude_mpc::settings::Settings,
+    /// `[disturbance_injector]`.
+    pub disturbance_injector: disturbance_injector::settings::Settings,
+    /// `[latency]`.
+    pub latency: LatencySettings,
+    /// `[realtime]`.
+    pub realtime: RealtimeSettings,
+    /// `[launcher]`.
+    pub launcher: LauncherSettings,
+}
+
+/// What is flown, for how long and on which clock.
+#[derive(Debug, Clone, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScenarioSettings {
+    /// One word.
+    #[garde(length(min = 1, max = 64))]
+    pub name: String,
+    /// One line.
+    #[garde(length(max = 200))]
+    pub description: String,
+    /// Logical time of the flight \[s\].
+    #[garde(range(min = 0.001, max = 1e6))]
+    pub duration_s: f64,
+    /// Seed of everything random.
+    #[garde(skip)]
+    pub seed: u64,
+    /// Clock.
+    #[garde(skip)]
+    pub clock: Clock,
+    /// Logical seconds per wall second; `max` on lockstep and 1 on realtime if left out.
+    #[garde(skip)]
+    pub speed: Option<Speed>,
+}
+
+impl Default for ScenarioSettings {
+    fn default() -> Self {
+        Self {
+            name: "unnamed".to_owned(),
+            description: String::new(),
+            duration_s: 20.0,
+            seed: 1,
+            clock: Clock::Lockstep,
+            speed: None,
+        }
+    }
+}
+
+impl ScenarioSettings {
+    /// Logical seconds per wall second; `None` for as fast as possible.
+    #[must_use]
+    pub fn pace(&self) -> Option<f64> {
+        match (self.speed, self.clock) {
+            (Some(Speed::Max), _) | (None, Clock::Lockstep) => None,
+            (Some(Speed::Times(factor)), _) => Some(factor),
+            (None, Clock::Realtime) => Some(1.0),
+        }
+    }
+}
+
+/// How the flight's clock runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Clock {
+    /// Simulated time.
+    Lockstep,
+    /// Logical time follows the wall clock.
+    Realtime,
+}
+
+impl From<Clock> for ClockMode {
+    fn from(clock: Clock) -> Self {
+        match clock {
+            Clock::Lockstep => Self::Lockstep,
+            Clock::Realtime => Self::Realtime,
+        }
+    }
+}
+
+/// Logical seconds per wall second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    /// As fast as the machine can.
+    Max,
+    /// This many.
+    Times(f64),
+}
+
+impl<'de> Deserialize<'de> for Speed {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(SpeedVisitor)
+    }
+}
+
+struct SpeedVisitor;
+
+impl Visitor<'_> for SpeedVisitor {
+    type Value = Speed;
+
+    fn expecting(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("a number from 0.001 to 1000 or \"max\"")
+    }
+
+    fn visit_f64<E: serde::de::Error>(self, factor: f64) -> Result<Speed, E> {
+        if (0.001..=1000.0).contains(&factor) {
+            Ok(Speed::Times(factor))
+        } else {
+            Err(E::invalid_value(serde::de::Unexpected::Float(factor), &self))
+        }
+    }
+
+    fn visit_i64<E: serde::de::Error>(self, factor: i64) -> Result<Speed, E> {
+        i32::try_from(factor).map_err(E::custom).and_then(|factor| self.visit_f64(factor.into()))
+    }
+
+    fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<Speed, E> {
+        if word == "max" {
+            Ok(Speed::Max)
+        } else {
+            Err(E::invalid_value(serde::de::Unexpected::Str(word), &self))
+        }
+    }
+}
+
+/// The vehicle as controllers and estimator model it.
+#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct VehicleSettings {
+    /// Mass \[kg\].
+    #[garde(range(min = 0.001, max = 100.0))]
+    pub mass_kg: f64,
+    /// Gravity \[m/s²\].
+    #[garde(range(min = 0.1, max = 100.0))]
+    pub gravity_m_s2: f64,
+    /// Rotor drag torque per thrust \[m\].
+    #[garde(range(min = 1e-6, max = 1.0))]
+    pub yaw_coefficient_m: f64,
+    /// Largest thrust of one rotor \[N\]; the weight if left out.
+    #[garde(range(min = 1e-6, max = 1e4))]
+    pub rotor_thrust_max_n: Option<f64>,
+    /// Rotor lag \[s\].
+    #[garde(range(min = 0.0001, max = 1.0))]
+    pub rotor_lag_s: f64,
+    /// Linear drag \[N s/m\].
+    #[garde(range(min = 0.0, max = 100.0))]
+    pub drag_n_s_m: f64,
+    /// Largest rate of the morph servo \[°/s\].
+    #[garde(range(min = 0.1, max = 1e5))]
+    pub servo_rate_limit_deg_s: f64,
+    /// Lag of the morph servo \[s\].
+    #[garde(range(min = 0.0001, max = 10.0))]
+    pub servo_lag_s: f64,
+    /// Arm length and inertia over β.
+    #[garde(skip)]
+    pub geometry: GeometrySettings,
+}
+
+impl Default for VehicleSettings {
+    fn default() -> Self {
+        let nominal = VehicleParameters::default();
+        Self {
+            mass_kg: nominal.mass_kg,
+            gravity_m_s2: nominal.gravity_m_s2,
+            yaw_coefficient_m: nominal.yaw_coefficient_m,
+            rotor_thrust_max_n: None,
+            rotor_lag_s: nominal.rotor_lag_s,
+            drag_n_s_m: nominal.drag_n_s_m,
+            // Said here in degrees: back and forth through radians would not be exact.
+            servo_rate_limit_deg_s: 700.0,
+            servo_lag_s: nominal.servo_lag_s,
+            geometry: GeometrySettings::default(),
+        }
+    }
+}
+
+impl VehicleSettings {
+    /// The modelled vehicle.
+    #[must_use]
+    pub fn parameters(&self) -> VehicleParameters {
+        VehicleParameters {
+            mass_kg: self.mass_kg,
+            gravity_m_s2: self.gravity_m_s2,
+            yaw_coefficient_m: self.yaw_coefficient_m,
+            rotor_thrust_max_n: self.rotor_thrust_max_n.unwrap_or(self.mass_kg * self.gravity_m_s2),
+            rotor_lag_s: self.rotor_lag_s,
+            drag_n_s_m: self.drag_n_s_m,
+            servo_rate_limit_rad_s: self.servo_rate_limit_deg_s.to_radians(),
+            servo_lag_s: self.servo_lag_s,
+            geometry: self.geometry.into(),
+            inertia_scale: 1.0,
+        }
+    }
+}
+
+/// `[c0, c1, c2]` of c0 + c1 β + c2 β², β in degrees.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GeometrySettings {
+    /// Arm length \[m\].
+    pub arm_length_m: [f64; 3],
+    /// Ixx \[kg m²\].
+    pub inertia_xx_kg_m2: [f64; 3],
+    /// Iyy \[kg m²\].
+    pub inertia_yy_kg_m2: [f64; 3],
+    /// Izz \[kg m²\].
+    pub inertia_zz_kg_m2: [f64; 3],
+}
+
+impl Default for GeometrySettings {
+    fn default() -> Self {
+        let nominal = Geometry::default();
+        let triple = |law: Quadratic| [law.c0, law.c1, law.c2];
+        Self {
+            arm_length_m: triple(nominal.arm_length_m),
+            inertia_xx_kg_m2: triple(nominal.inertia_xx_kg_m2),
+            inertia_yy_kg_m2: triple(nominal.inertia_yy_kg_m2),
+            inertia_zz_kg_m2: triple(nominal.inertia_zz_kg_m2),
+        }
+    }
+}
+
+impl From<GeometrySettings> for Geometry {
+    fn from(settings: GeometrySettings) -> Self {
+        let law = |[c0, c1, c2]: [f64; 3]| Quadratic { c0, c1, c2 };
+        Self {
+            arm_length_m: law(settings.arm_length_m),
+            inertia_xx_kg_m2: law(settings.inertia_xx_kg_m2),
+            inertia_yy_kg_m2: law(settings.inertia_yy_kg_m2),
+            inertia_zz_kg_m2: law(settings.inertia_zz_kg_m2),
+        }
+    }
+}
+
+/// Where the flight begins, in the air and at trim.
+#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartSettings {
+    /// Position \[m\].
+    #[garde(inner(range(min = -10000.0, max = 10000.0)))]
+    pub position_w_m: [f64; 3],
+    /// Heading \[°\].
+    #[garde(range(min = -360.0, max = 360.0))]
+    pub yaw_deg: f64,
+    /// β \[°\].
+    #[garde(range(min = 45.0, max = 160.0))]
+    pub morph_angle_deg: f64,
+}
+
+impl Default for StartSettings {
+    fn default() -> Self {
+        Self { position_w_m: [0.0, 0.0, 1.5], yaw_deg: 0.0, morph_angle_deg: 45.0 }
+    }
+}
+
+/// Declared latencies: from a step to its output taking effect.
+#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct LatencySettings {
+    /// Attitude controller to plant \[s\].
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub wrench_command_s: f64,
+    /// Position controller to attitude controller \[s\].
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub attitude_setpoint_s: f64,
+    /// Attitude controller back to position controller \[s\].
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub applied_setpoint_s: f64,
+}
+
+impl Default for LatencySettings {
+    fn default() -> Self {
+        Self { wrench_command_s: 0.001, attitude_setpoint_s: 0.001, applied_setpoint_s: 0.001 }
+    }
+}
+
+/// What each loop does when the wall clock gets ahead of it.
+#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct RealtimeSettings {
+    /// Plant.
+    #[garde(dive)]
+    pub plant: LoopSettings,
+    /// Estimator.
+    #[garde(dive)]
+    pub estimator: LoopSettings,
+    /// Position controller.
+    #[garde(dive)]
+    pub position_mpc: LoopSettings,
+    /// Attitude controller.
+    #[garde(dive)]
+    pub attitude_mpc: LoopSettings,
+    /// Disturbance injector.
+    #[garde(dive)]
+    pub disturbance_injector: LoopSettings,
+    /// Pilot.
+    #[garde(dive)]
+    pub pilot: LoopSettings,
+}
+
+/// One loop against the wall clock.
+#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoopSettings {
+    /// What to do about missed releases; what suits the loop if left out.
+    #[garde(skip)]
+    pub miss_policy: Option<Miss>,
+    /// Wait for inputs at most this long after the release \[s\].
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub input_deadline_s: Option<f64>,
+}
+
+/// What to do about missed releases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Miss {
+    /// [`MissPolicy::Skip`].
+    Skip,
+    /// [`MissPolicy::CatchUp`].
+    CatchUp,
+    /// [`MissPolicy::Hold`].
+    Hold,
+}
+
+impl From<Miss> for MissPolicy {
+    fn from(miss: Miss) -> Self {
+        match miss {
+            Miss::Skip => Self::Skip,
+            Miss::CatchUp => Self::CatchUp,
+            Miss::Hold => Self::Hold,
+        }
+    }
+}
+
+impl RealtimeSettings {
+    /// What the scenario says about the loop that fills `role`.
+    #[must_use]
+    pub fn of(&self, role: Role) -> LoopSettings {
+        match role {
+            Role::Plant => self.plant,
+            Role::Estimator => self.estimator,
+            Role::Position => self.position_mpc,
+            Role::Attitude => self.attitude_mpc,
+            Role::Disturbance => self.disturbance_injector,
+            Role::Pilot => self.pilot,
+            _ => LoopSettings::default(),
+        }
+    }
+}
+
+/// Patience of the launcher, in wall time.
+#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct LauncherSettings {
+    /// For all processes to be ready \[s\].
+    #[garde(range(min = 0.1, max = 600.0))]
+    pub startup_timeout_s: f64,
+    /// Lockstep: without progress for this long a process is killed \[s\].
+    #[garde(range(min = 0.1, max = 600.0))]
+    pub stall_timeout_s: f64,
+    /// How long the processes go on after the launcher's death \[s\].
+    #[garde(range(min = 0.0, max = 3600.0))]
+    pub launcher_grace_s: f64,
+    /// Pause before the first restart of a process \[s\]; doubled by each further one.
+    #[garde(range(min = 0.0, max = 60.0))]
+    pub restart_backoff_s: f64,
+    /// Longest pause before a restart \[s\].
+    #[garde(range(min = 0.0, max = 600.0))]
+    pub restart_backoff_max_s: f64,
+    /// Restarts of one process before the run is given up.
+    #[garde(range(max = 1000))]
+    pub restart_limit: u32,
+}
+
+impl Default for LauncherSettings {
+    fn default() -> Self {
+        Self {
+            startup_timeout_s: 10.0,
+            stall_timeout_s: 2.0,
+            launcher_grace_s: 30.0,
+            restart_backoff_s: 0.1,
+            restart_backoff_max_s: 5.0,
+            restart_limit: 10,
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! From a scenario to the flight's graph: loops with their rates, arrows with their latencies.
+
+use super::ns_from_s;
+use super::settings::{LatencySettings, Settings};
+use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
+use shared_types::{Role, TopicInfo, topics};
+use thiserror::Error;
+
+/// Realtime: how long a loop waits for its inputs unless the scenario says otherwise. Half of the
+/// shortest declared latency, so that the other half is left to compute.
+const INPUT_DEADLINE_S: f64 = 0.0005;
+
+/// Why a scenario has no graph.
+#[derive(Debug, Error)]
+pub enum WiringError {
+    /// A loop's rate.
+    #[error("{section}.rate_hz: {error}")]
+    Rate {
+        /// Section of the loop.
+        section: &'static str,
+        /// What is wrong.
+        error: RateError,
+    },
+    /// The wiring as a whole.
+    #[error(transparent)]
+    Graph(#[from] GraphError),
+}
+
+/// Section of a scenario that configures the loop of `role`.
+#[must_use]
+pub fn section(role: Role) -> &'static str {
+    match role {
+        Role::Plant => "plant",
+        Role::Estimator => "estimator",
+        Role::Position => "position_mpc",
+        Role::Attitude => "attitude_mpc",
+        Role::Disturbance => "disturbance_injector",
+        Role::Pilot => "pilot",
+        _ => "launcher",
+    }
+}
+
+/// The graph of a flight with these settings.
+pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
+    let rig = settings.pilot.is_rig();
+    let nodes = Role::STEPPING
+        .into_iter()
+        .filter(|role| !(rig && *role == Role::Position))
+        .map(|role| node(settings, role))
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?)
+}
+
+fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
+    let rate_hz = match role {
+        Role::Plant => settings.plant.rate_hz,
+        Role::Estimator => settings.estimator.rate_hz,
+        Role::Position => settings.position_mpc.rate_hz,
+        Role::Attitude => settings.attitude_mpc.rate_hz,
+        Role::Disturbance => settings.disturbance_injector.rate_hz.into(),
+        _ => settings.pilot.common.rate_hz,
+    };
+    let rate = Rate::from_hz(rate_hz)
+        .map_err(|error| WiringError::Rate { section: section(role), error })?;
+    let lead_ns = match role {
+        Role::Pilot => ns_from_s(settings.pilot.common.lead_s),
+        Role::Disturbance => rate.period_ns(),
+        _ => 0,
+    };
+    let own = settings.realtime.of(role);
+    let input_deadline_ns = ns_from_s(own.input_deadline_s.unwrap_or(INPUT_DEADLINE_S));
+    let miss_policy = own.miss_policy.map_or(default_policy(role), MissPolicy::from);
+    Ok(Node { role, rate, lead_ns, input_deadline_ns, miss_policy })
+}
+
+/// Physics, estimate and sources must not lose a step; a controller's old command is worth nothing.
+fn default_policy(role: Role) -> MissPolicy {
+    match role {
+        Role::Position | Role::Attitude => MissPolicy::Skip,
+        _ => MissPolicy::CatchUp,
+    }
+}
+
+fn latency_ns(latency: &LatencySettings, topic: &TopicInfo) -> u64 {
+    let declared = [
+        (topics::WRENCH_COMMAND.info.name, latency.wrench_command_s),
+        (topics::ATTITUDE_SETPOINT.info.name, latency.attitude_setpoint_s),
+        (topics::APPLIED_SETPOINT.info.name, latency.applied_setpoint_s),
+    ];
+    declared.into_iter().find(|(name, _)| *name == topic.name).map_or(0, |(_, s)| ns_from_s(s))
+}
