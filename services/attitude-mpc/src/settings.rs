@@ -112,6 +112,8 @@ pub struct Surroundings {
     pub rotor_lag_s: f64,
     /// Declared latency of the wrench command \[s\].
     pub wrench_latency_s: f64,
+    /// Period of the plant's reports of the applied torque \[s\].
+    pub report_period_s: f64,
     /// Period of the position loop \[s\]; 0 if setpoints come as steps.
     pub setpoint_period_s: f64,
 }
@@ -125,6 +127,7 @@ impl Settings {
         let flight = AttitudeLawConfig {
             command_delay_s: around.wrench_latency_s,
             rotor_lag_s: around.rotor_lag_s,
+            report_period_s: around.report_period_s,
             setpoint_ramp_s: around.setpoint_period_s,
             ..AttitudeLawConfig::flight(self.rate_hz)
         };
@@ -192,8 +195,12 @@ impl From<Solver> for SolverKind {
 mod tests {
     use super::*;
 
-    const AROUND: Surroundings =
-        Surroundings { rotor_lag_s: 0.015, wrench_latency_s: 0.001, setpoint_period_s: 0.02 };
+    const AROUND: Surroundings = Surroundings {
+        rotor_lag_s: 0.015,
+        wrench_latency_s: 0.001,
+        report_period_s: 0.001,
+        setpoint_period_s: 0.02,
+    };
 
     fn settings(toml: &str) -> Settings {
         toml::from_str(toml).unwrap()
