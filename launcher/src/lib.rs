@@ -1,3 +1,14 @@
 //! The morphquad command: conductor, pilot, supervisor and recorder.
+//!
+//! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
+//! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
+//! supervises, records and sums up a flight; [`pilot`] flies along in the launcher itself.
 
+pub mod cli;
+pub mod components;
+pub mod exit;
 pub mod pilot;
+pub mod process;
+pub mod record;
+pub mod run;
+pub mod scenario;

@@ -5,6 +5,7 @@
 //! sections and [`wiring`] for the graph. Each service owns the type of its section.
 
 mod check;
+mod clock;
 mod document;
 mod overrides;
 pub mod pilot;
@@ -15,6 +16,7 @@ mod suggest;
 #[cfg(test)]
 mod tests;
 mod typed;
+mod vehicle;
 pub mod wiring;
 
 pub use overrides::Override;
@@ -24,6 +26,7 @@ pub use settings::Settings;
 pub(crate) use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 
+use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
 use attitude_mpc::AttitudeLawConfig;
 use attitude_mpc::settings::Surroundings;
 use document::{Document, Edit, Texts};
@@ -32,7 +35,6 @@ use pilot::Frame;
 use position_mpc::PositionLawConfig;
 use runtime::Graph;
 use std::path::Path;
-use vehicle::{MorphAngle, ParameterError, VehicleParameters};
 
 /// A scenario that can be flown.
 #[derive(Debug, Clone)]

@@ -10,6 +10,10 @@ use thiserror::Error;
 /// shortest declared latency, so that the other half is left to compute.
 const INPUT_DEADLINE_S: f64 = 0.0005;
 
+/// An estimate without its inertial sample is worth nothing: the estimator waits for a stall of the
+/// plant to pass, and its consumers have deadlines of their own.
+const ESTIMATOR_DEADLINE_S: f64 = 0.02;
+
 /// Why a scenario has no graph.
 #[derive(Debug, Error)]
 pub enum WiringError {
@@ -64,11 +68,16 @@ fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
         .map_err(|error| WiringError::Rate { section: section(role), error })?;
     let lead_ns = match role {
         Role::Pilot => ns_from_s(settings.pilot.common.lead_s),
-        Role::Disturbance => rate.period_ns(),
+        // Far enough ahead that pacing it costs few wake-ups, near enough for live commands.
+        Role::Disturbance => 20 * rate.period_ns(),
         _ => 0,
     };
     let own = settings.realtime.of(role);
-    let input_deadline_ns = ns_from_s(own.input_deadline_s.unwrap_or(INPUT_DEADLINE_S));
+    let input_deadline_s = own.input_deadline_s.unwrap_or(match role {
+        Role::Estimator => ESTIMATOR_DEADLINE_S,
+        _ => INPUT_DEADLINE_S,
+    });
+    let input_deadline_ns = ns_from_s(input_deadline_s);
     let miss_policy = own.miss_policy.map_or(default_policy(role), MissPolicy::from);
     Ok(Node { role, rate, lead_ns, input_deadline_ns, miss_policy })
 }

@@ -11,7 +11,7 @@ use crate::sensors::{
     Pose, PoseFix, PoseFixConfig, PoseFixMemory,
 };
 use nalgebra::Vector3;
-use runtime::{InputSet as _, Service};
+use runtime::Service;
 use shared_types::{AppliedCommand, Author, Flag, GateMode, MorphCommand, Stamped, WrenchCommand};
 use thiserror::Error;
 use vehicle::{

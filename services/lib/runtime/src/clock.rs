@@ -11,6 +11,20 @@ pub fn mono_now_ns() -> u64 {
     u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000 + u64::try_from(now.tv_nsec).unwrap_or(0)
 }
 
+/// Unix time now [ns], for labels only.
+#[must_use]
+pub fn unix_now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Realtime);
+    u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000
+        + u64::try_from(now.tv_nsec).unwrap_or(0)
+}
+
+/// Processor that the calling thread runs on.
+#[must_use]
+pub fn current_cpu() -> usize {
+    rustix::thread::sched_getcpu()
+}
+
 /// Sleeps until an absolute instant of `CLOCK_MONOTONIC`; a signal ends the sleep early.
 pub fn sleep_until(mono_ns: u64) {
     let until = Timespec {

@@ -1,6 +1,6 @@
 //! Runs the releases of one component, one after the other, and publishes all it owes.
 
-use crate::graph::Node;
+use crate::graph::{MissPolicy, Node};
 use crate::input::InputSet;
 use crate::output::{Output, OutputSet};
 use crate::service::{
@@ -118,8 +118,8 @@ impl<S: Service> Executor<S> {
         let header = unpack_state(&mut self.service, &mut self.inputs, &mut self.outputs, state)?;
         self.next_index = header.release_index + 1;
         self.previous_ns = Some(header.release_ns);
-        self.state_sequence = header.release_index / self.state_every + 1;
-        self.stats.resume_after(header.release_ns / STATS_PERIOD_NS + 1);
+        self.state_sequence = header.state_sequence;
+        self.stats.resume_after(header.stats_sequence);
         self.counts = header;
         Ok(())
     }
@@ -160,9 +160,18 @@ impl<S: Service> Executor<S> {
         self.next_index = next.max(self.next_index);
     }
 
-    /// Counts a release that runs late.
-    pub fn count_caught_up(&mut self) {
-        self.counts.caught_up += 1;
+    /// Decides about releases that lie in the past at logical time `now_ns`, by the loop's miss
+    /// policy. A source that works ahead is never late.
+    pub fn apply_miss_policy(&mut self, now_ns: u64) {
+        let following_ns = self.node.rate.release_ns(self.next_index + 1);
+        if self.node.lead_ns > 0 || now_ns < following_ns {
+            return;
+        }
+        match self.node.miss_policy {
+            MissPolicy::CatchUp => self.counts.caught_up += 1,
+            MissPolicy::Skip => self.skip_to(now_ns),
+            MissPolicy::Hold => self.skip_past(now_ns),
+        }
     }
 
     /// Counts a step that starts without final inputs.
@@ -184,11 +193,20 @@ impl<S: Service> Executor<S> {
         }
     }
 
+    /// Publishes the totals of the whole flight.
+    pub fn finish(&mut self) {
+        let release_ns = self.previous_ns.unwrap_or(0);
+        self.send_stats(&step_header(release_ns, 0, self.generation));
+    }
+
     fn publish_stats(&mut self, header: &Header) {
         let due = |t_ns: u64| t_ns / STATS_PERIOD_NS;
-        if self.previous_ns.is_some_and(|p| due(p) == due(header.release_ns)) {
-            return;
+        if self.previous_ns.is_none_or(|p| due(p) != due(header.release_ns)) {
+            self.send_stats(header);
         }
+    }
+
+    fn send_stats(&mut self, header: &Header) {
         let inputs = self.inputs.counts();
         self.stats.write(LoopStats {
             steps: self.counts.steps,
@@ -211,6 +229,8 @@ impl<S: Service> Executor<S> {
             return;
         }
         self.state_sequence += 1;
+        self.counts.state_sequence = self.state_sequence;
+        self.counts.stats_sequence = self.stats.sequence();
         pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
         let header =
             Header { sequence: self.state_sequence, valid_ns: header.release_ns, ..*header };

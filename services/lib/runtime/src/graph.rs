@@ -89,7 +89,7 @@ impl Edge {
 pub enum GraphError {
     /// A loop of edges without any delay: nobody could ever start.
     #[error(
-        "zero-latency loop {0}: declare a latency above 0 on one of its edges, for example `[latency] wrench_command_s = 0.001`"
+        "zero-latency loop {0}: declare a latency above 0 on one of its edges, for example `[latency] attitude_setpoint_s = 0.001`"
     )]
     ZeroLatencyLoop(String),
     /// More samples can be in flight than a reader keeps.
@@ -200,6 +200,13 @@ impl Graph {
             || t_ns <= marks[Role::Plant.index()].saturating_add(node.lead_ns)
     }
 
+    /// True if `role` needs to know how far `on` has got.
+    #[must_use]
+    pub fn waits_for(&self, role: Role, on: Role) -> bool {
+        let paced = on == Role::Plant && self.node(role).is_some_and(|n| n.lead_ns > 0);
+        paced || self.edges.iter().any(|e| e.from == on && e.to == role)
+    }
+
     /// Roles worth waking when `from` moves its mark from `old_ns` to `new_ns`.
     pub fn wakes(&self, from: Role, old_ns: u64, new_ns: u64) -> impl Iterator<Item = Role> + '_ {
         self.nodes.iter().filter(move |n| self.wakes_node(n, from, old_ns, new_ns)).map(|n| n.role)
@@ -230,29 +237,90 @@ impl Graph {
             match next {
                 Some(role) => order.push(role),
                 None if order.len() == self.nodes.len() => return Ok(()),
-                None => {
-                    let stuck: Vec<_> = self
-                        .nodes
-                        .iter()
-                        .filter(|n| !order.contains(&n.role))
-                        .map(|n| n.role.label())
-                        .collect();
-                    return Err(GraphError::ZeroLatencyLoop(stuck.join(" -> ")));
-                }
+                None => return Err(GraphError::ZeroLatencyLoop(self.name_loop(&order))),
             }
         }
     }
 
+    /// Follows undelayed arrows upstream among the roles that `ordered` leaves out until one comes
+    /// again, and names that loop in the direction of the data.
+    fn name_loop(&self, ordered: &[Role]) -> String {
+        let mut path: Vec<Role> = Vec::new();
+        let mut next = self.nodes.iter().map(|n| n.role).find(|role| !ordered.contains(role));
+        while let Some(role) = next {
+            if let Some(start) = path.iter().position(|&r| r == role) {
+                path.drain(..start);
+                break;
+            }
+            path.push(role);
+            next = self
+                .edges
+                .iter()
+                .find(|e| {
+                    e.to == role && !e.strict && e.latency_ns == 0 && !ordered.contains(&e.from)
+                })
+                .map(|e| e.from);
+        }
+        path.reverse();
+        path.extend(path.first().copied());
+        path.iter().map(|r| r.label()).collect::<Vec<_>>().join(" -> ")
+    }
+
+    /// Furthest that the mark of `of` can ever be ahead of the mark of `over` [ns].
+    ///
+    /// Every arrow holds its consumer back to one period past the producer's mark plus the latency,
+    /// a lead does the same for a source, and allowed time ends [`CREDIT_NS`] ahead of the slowest
+    /// loop. The shortest way from one to the other is the bound.
+    #[must_use]
+    pub fn look_ahead_ns(&self, of: Role, over: Role) -> u64 {
+        let mut ahead = [u64::MAX; ROLES];
+        ahead[over.index()] = 0;
+        for _ in &self.nodes {
+            for node in &self.nodes {
+                let held_by = |e: &Edge| (e.to == node.role).then_some((e.from, e.latency_ns));
+                let lead = (node.lead_ns > 0).then_some((Role::Plant, node.lead_ns));
+                for (from, slack_ns) in self.edges.iter().filter_map(held_by).chain(lead) {
+                    let through = ahead[from.index()]
+                        .saturating_add(slack_ns)
+                        .saturating_add(node.rate.period_ns());
+                    let best = &mut ahead[node.role.index()];
+                    *best = through.min(*best);
+                }
+            }
+        }
+        let period_ns = self.node(of).map_or(0, |n| n.rate.period_ns());
+        ahead[of.index()].min(CREDIT_NS.saturating_add(period_ns))
+    }
+
+    /// Most samples of an arrow that can have been published and not be in effect `periods` steps
+    /// of the consumer after the last one it took in: what a reader must hold for one period, and
+    /// what a topic must keep for a consumer that restarts from a state so old.
+    #[must_use]
+    pub fn most_waiting(&self, edge: &Edge, periods: u64) -> u64 {
+        let (Some(from), Some(to)) = (self.node(edge.from), self.node(edge.to)) else { return 0 };
+        let window_ns = to
+            .rate
+            .period_ns()
+            .saturating_mul(periods)
+            .saturating_add(edge.latency_ns)
+            .saturating_add(self.look_ahead_ns(edge.from, edge.to));
+        from.rate.first_at_or_after(window_ns).saturating_add(1)
+    }
+
+    /// The first input whose topic keeps too little for `role` to restart exactly, if it publishes
+    /// its state every `state_every` steps; with the samples that would be needed.
+    #[must_use]
+    pub fn too_short_history(&self, role: Role, state_every: u64) -> Option<(&Edge, u64)> {
+        self.edges
+            .iter()
+            .filter(|e| e.to == role)
+            .map(|e| (e, self.most_waiting(e, state_every.max(1))))
+            .find(|(e, needed)| *needed > e.topic.history as u64)
+    }
+
     fn refuse_overflow(&self) -> Result<(), GraphError> {
-        let slowest_ns = self.nodes.iter().map(|n| n.rate.period_ns()).max().unwrap_or(0);
         for edge in &self.edges {
-            let (Some(from), Some(to)) = (self.node(edge.from), self.node(edge.to)) else {
-                continue;
-            };
-            // A producer outruns a consumer by at most the look-ahead that closes the loop: the
-            // slowest period plus the edge's latency, or a source's lead.
-            let ahead_ns = slowest_ns.max(to.rate.period_ns()) + edge.latency_ns + from.lead_ns;
-            let needed = from.rate.first_at_or_after(2 * ahead_ns) + 1;
+            let needed = self.most_waiting(edge, 1);
             if needed > READER_CAPACITY as u64 {
                 return Err(GraphError::BufferTooSmall {
                     topic: edge.topic.name,
@@ -266,6 +334,9 @@ impl Graph {
         Ok(())
     }
 }
+
+/// Furthest that the end of allowed time lies ahead of the slowest loop's mark [ns].
+pub const CREDIT_NS: u64 = 250_000_000;
 
 /// Samples a flying reader keeps, queued and pending together.
 pub const READER_CAPACITY: usize = 1024;

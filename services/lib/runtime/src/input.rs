@@ -76,7 +76,7 @@ impl<T: Sample> Default for Input<T> {
 
 impl<T: Sample> Input<T> {
     /// Connects the input. Without an edge (a topic outside the waiting graph, like owner records)
-    /// samples take effect strictly after their instant.
+    /// samples take effect at their instant.
     pub fn connect(&mut self, source: Box<dyn Source<T>>, edge: Option<Edge>) {
         self.source = Some(source);
         self.edge = edge;
@@ -139,6 +139,12 @@ impl<T: Sample> Input<T> {
 
     fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
         self.edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
+    }
+
+    /// Number of samples that have been taken in and are not in effect yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.pending.len()
     }
 
     /// Samples that took effect since the previous step, in order.

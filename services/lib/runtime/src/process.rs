@@ -2,7 +2,7 @@
 
 use crate::clock::{WallMap, mono_now_ns, sleep_until};
 use crate::executor::{Executor, StepStamps};
-use crate::graph::{Edge, Graph, MissPolicy, ROLES};
+use crate::graph::{Edge, Graph, ROLES};
 use crate::input::InputSet as _;
 use crate::ipc::{
     Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
@@ -89,10 +89,8 @@ impl<S: Service> Process<S> {
         executor.connect_state(Box::new(state));
         let mut neighbours = Vec::new();
         for node in graph.nodes().iter().filter(|n| n.role != role) {
-            let upstream = graph.edges().iter().any(|e| e.from == node.role && e.to == role)
-                || (node.role == Role::Plant && executor.node().lead_ns > 0);
-            let downstream = graph.edges().iter().any(|e| e.from == role && e.to == node.role)
-                || (role == Role::Plant && node.lead_ns > 0);
+            let upstream = graph.waits_for(role, node.role);
+            let downstream = graph.waits_for(node.role, role);
             let progress = upstream
                 .then(|| LatestPort::open(bus, ServiceKind::Progress(node.role)))
                 .transpose()?;
@@ -174,6 +172,7 @@ impl<S: Service> Process<S> {
         } else {
             self.run_realtime(WallMap::new(&record))
         };
+        self.executor.finish();
         if ending == Ending::Finished {
             // Nothing will ever follow: whoever still waits for this process need not.
             self.announce(self.executor.mark_ns(), u64::MAX);
@@ -231,12 +230,19 @@ impl<S: Service> Process<S> {
             } else if !self.await_inputs(due_mono_ns) {
                 continue;
             }
-            self.apply_miss_policy(&wall);
-            if self.executor.mark_ns() < end_ns && mono_now_ns() >= self.due_mono_ns(&wall) {
-                let release_mono_ns = self.due_mono_ns(&wall);
-                self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
+            self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
+            let due_mono_ns = self.due_mono_ns(&wall);
+            if self.executor.mark_ns() < end_ns && mono_now_ns() >= due_mono_ns {
+                let stamps =
+                    StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
+                self.executor.run_step(stamps);
             }
-            self.announce(before_ns, self.executor.mark_ns());
+            if self.executor.mark_ns() > before_ns {
+                self.announce(before_ns, self.executor.mark_ns());
+            } else {
+                // Final before it is due: a release between two releases of the producer.
+                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+            }
         }
     }
 
@@ -273,21 +279,6 @@ impl<S: Service> Process<S> {
         false
     }
 
-    /// Decides about releases that lie in the past when the loop gets to run.
-    fn apply_miss_policy(&mut self, wall: &WallMap) {
-        let node = *self.executor.node();
-        let now_ns = wall.logical_ns(mono_now_ns()).saturating_add(node.lead_ns);
-        let following = node.rate.first_at_or_after(self.executor.mark_ns() + 1);
-        if node.lead_ns > 0 || now_ns < node.rate.release_ns(following) {
-            return;
-        }
-        match node.miss_policy {
-            MissPolicy::CatchUp => self.executor.count_caught_up(),
-            MissPolicy::Skip => self.executor.skip_to(now_ns),
-            MissPolicy::Hold => self.executor.skip_past(now_ns),
-        }
-    }
-
     fn may_run(&self, allowed_ns: u64) -> bool {
         let node = self.executor.node();
         self.graph.runnable(node, self.executor.mark_ns(), &self.marks, allowed_ns)
@@ -299,16 +290,20 @@ impl<S: Service> Process<S> {
 
     fn read_marks(&mut self) {
         for neighbour in &mut self.neighbours {
-            if let Some(progress) = neighbour.progress.as_mut().and_then(LatestPort::latest) {
-                // A restarted producer starts again below what its predecessor finished.
+            if let Some(progress) = &mut neighbour.progress {
+                // A restarted producer starts again below what its predecessor finished, and the
+                // words of both may be waiting here in any order.
                 let mark = &mut self.marks[neighbour.role.index()];
-                *mark = progress.mark_ns.max(*mark);
+                progress.for_each_new(|p| *mark = p.mark_ns.max(*mark));
             }
         }
     }
 
     /// Publishes the mark and wakes those whose next release it may unblock.
     fn announce(&mut self, before_ns: u64, after_ns: u64) {
+        // A reader that has just joined must not learn of the mark before it has the history of
+        // topics that were not sent in this interval.
+        self.executor.serve_late_joiners();
         self.send_progress(after_ns);
         let role = self.executor.node().role;
         for woken in self.graph.wakes(role, before_ns, after_ns) {
@@ -322,6 +317,7 @@ impl<S: Service> Process<S> {
     /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
     /// what the predecessor had already announced.
     fn publish_progress(&mut self) {
+        self.executor.serve_late_joiners();
         self.send_progress(self.executor.mark_ns());
         for neighbour in &self.neighbours {
             if let Some(wake) = &neighbour.wake {

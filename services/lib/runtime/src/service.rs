@@ -40,7 +40,7 @@ pub trait Service {
 shared_types::memory! {
     /// First part of a published state: where in the flight it was taken.
     pub struct StateHeader {
-        /// Layout of memory, latches and sequences together.
+        /// Layout of this header, memory, latches and sequences together.
         pub layout_hash: u64,
         /// Index of the release that has just run.
         pub release_index: u64,
@@ -54,6 +54,10 @@ shared_types::memory! {
         pub caught_up: u64,
         /// Steps started without final inputs so far.
         pub input_deadline_misses: u64,
+        /// Sequence of this state.
+        pub state_sequence: u64,
+        /// Sequence of the last loop statistics.
+        pub stats_sequence: u64,
     }
 }
 
@@ -87,6 +91,7 @@ pub enum RestoreError {
 #[must_use]
 pub fn state_layout<S: Service>() -> u64 {
     let hash = hash_bytes(S::Inputs::LAYOUT_HASH, &S::Memory::SCHEMA.layout_hash.to_le_bytes());
+    let hash = hash_bytes(hash, &StateHeader::SCHEMA.layout_hash.to_le_bytes());
     hash_bytes(hash, &(S::Outputs::COUNT as u64).to_le_bytes())
 }
 

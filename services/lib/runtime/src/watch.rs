@@ -80,6 +80,11 @@ impl StopFlags {
         self.signalled() || self.grace_over()
     }
 
+    /// Asks a thread that holds these flags to stop, as a signal would.
+    pub fn request(&self) {
+        self.signalled.store(true, Ordering::Release);
+    }
+
     /// Clears a signal that has been handled, so that a second one can be told from it.
     pub fn take_signal(&self) -> bool {
         self.signalled.swap(false, Ordering::AcqRel)

@@ -114,10 +114,17 @@ impl<T: Wire + ZeroCopySend> LatestPort<T> {
 
     /// The newest sample, if there ever was one.
     pub fn latest(&mut self) -> Option<&T> {
+        self.for_each_new(|_| {});
+        self.latest.as_ref()
+    }
+
+    /// Shows everything that has arrived since the last look. Two writers (a process and its
+    /// successor) come in no particular order.
+    pub fn for_each_new(&mut self, mut show: impl FnMut(&T)) {
         while let Some(stamped) = self.source.receive() {
+            show(&stamped.sample);
             self.latest = Some(stamped.sample);
         }
-        self.latest.as_ref()
     }
 }
 
@@ -132,6 +139,17 @@ impl Bus {
         capacity: usize,
     ) -> Result<TopicFactory<T>, PortError> {
         self.create::<T>(&kind.name(), capacity, 1)
+    }
+
+    /// Opens a service that is not a topic.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn open_service<T: Wire + ZeroCopySend>(
+        &self,
+        kind: ServiceKind,
+    ) -> Result<TopicFactory<T>, PortError> {
+        self.open::<T>(&kind.name())
     }
 
     /// Opens a service that is not a topic for writing.

@@ -1,0 +1,126 @@
+//! The one table that turns a scenario into components: a new built-in service is a line here.
+
+use crate::pilot::{Pilot, RigPilot};
+use crate::scenario::{Plan, Scenario};
+use attitude_mpc::AttitudeMpc;
+use disturbance_injector::DisturbanceInjector;
+use estimator::Estimator;
+use plant::Plant;
+use position_mpc::PositionMpc;
+use position_mpc::preview::Landing;
+use runtime::Service;
+use shared_types::Role;
+
+/// A service with what the runtime needs to run it.
+#[derive(Debug)]
+pub struct Component<S> {
+    /// The pure component.
+    pub service: S,
+    /// Steps from one published state to the next.
+    pub state_every: u64,
+}
+
+/// Does something with a component of whatever type.
+pub trait ComponentVisitor {
+    /// What comes of it.
+    type Output;
+    /// Called with the component built.
+    fn visit<S: Service>(self, component: Component<S>) -> Self::Output;
+}
+
+/// Why a component cannot be built although its scenario is valid.
+pub type BuildError = Box<dyn std::error::Error>;
+
+/// Processes and the roles they fill, in data-flow order.
+const PROCESSES: [(&str, Role); 5] = [
+    ("plant", Role::Plant),
+    ("estimator", Role::Estimator),
+    ("position-mpc", Role::Position),
+    ("attitude-mpc", Role::Attitude),
+    ("disturbance-injector", Role::Disturbance),
+];
+
+/// Names of all built-in services.
+#[must_use]
+pub fn names() -> [&'static str; 5] {
+    PROCESSES.map(|(name, _)| name)
+}
+
+/// Role that a service fills.
+#[must_use]
+pub fn role_of(name: &str) -> Option<Role> {
+    PROCESSES.iter().find(|(n, _)| *n == name).map(|(_, role)| *role)
+}
+
+/// Name of the service that fills a role by default.
+#[must_use]
+pub fn name_of(role: Role) -> Option<&'static str> {
+    PROCESSES.iter().find(|(_, r)| *r == role).map(|(name, _)| *name)
+}
+
+/// Thread names hold 15 characters.
+#[must_use]
+pub fn thread_name(name: &str) -> &str {
+    match name {
+        "disturbance-injector" => "disturbance",
+        other => other,
+    }
+}
+
+/// Builds the component that fills `role` and hands it to the visitor.
+///
+/// # Errors
+/// The component refuses its configuration.
+pub fn build<V: ComponentVisitor>(
+    role: Role,
+    scenario: &Scenario,
+    visitor: V,
+) -> Result<V::Output, BuildError> {
+    let settings = scenario.settings();
+    let vehicle = scenario.modelled_vehicle();
+    Ok(match role {
+        Role::Plant => visitor.visit(Component {
+            service: Plant::new(&scenario.plant_config()?)?,
+            state_every: settings.plant.state_every.into(),
+        }),
+        Role::Estimator => {
+            let (config, initial) = scenario.filter()?;
+            visitor.visit(Component {
+                service: Estimator::new(config, &initial)?,
+                state_every: settings.estimator.state_every.into(),
+            })
+        }
+        Role::Position => {
+            let after_s = settings.launcher.launcher_grace_s;
+            let landing = Landing { after_s, ..Landing::default() };
+            let service = PositionMpc::new(scenario.position_law()?, &vehicle, landing)?;
+            visitor.visit(Component { service, state_every: 1 })
+        }
+        Role::Attitude => {
+            let yaw_rad = scenario.start_yaw_rad();
+            let service = AttitudeMpc::new(scenario.attitude_law()?, &vehicle, yaw_rad)?;
+            visitor.visit(Component { service, state_every: 1 })
+        }
+        Role::Disturbance => {
+            let section = &settings.disturbance_injector;
+            let config = section.injector_config();
+            visitor.visit(Component {
+                service: DisturbanceInjector::new(&config, settings.scenario.seed)?,
+                state_every: section.state_every.into(),
+            })
+        }
+        _ => match scenario.plan() {
+            Plan::Flight(config) => {
+                let service = Pilot::new(&config, &vehicle)?;
+                visitor.visit(Component { service, state_every: PILOT_STATE_EVERY })
+            }
+            Plan::Rig(config) => {
+                let service = RigPilot::new(&config, &vehicle)?;
+                visitor.visit(Component { service, state_every: PILOT_STATE_EVERY })
+            }
+        },
+    })
+}
+
+/// The pilot is a function of time; its state is a counter.
+const PILOT_STATE_EVERY: u64 = 50;

@@ -1,0 +1,14 @@
+//! Exit codes of the `morphquad` command.
+
+/// All went well.
+pub const PASS: u8 = 0;
+/// A gate failed.
+pub const GATE_FAILED: u8 = 1;
+/// Wrong usage or configuration.
+pub const USAGE: u8 = 2;
+/// The environment is unfit or busy.
+pub const UNFIT: u8 = 3;
+/// A process under test crashed.
+pub const CRASHED: u8 = 4;
+/// Interrupted by the user.
+pub const INTERRUPTED: u8 = 130;

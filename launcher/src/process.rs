@@ -1,0 +1,147 @@
+//! One flying process: joins its run, opens its ports, flies, leaves.
+
+use crate::components::{self, Component, ComponentVisitor};
+use crate::exit;
+use crate::scenario::Scenario;
+use crate::scenario::settings::Clock;
+use runtime::connect::connect;
+use runtime::ipc::{Bus, PortError};
+use runtime::namespace::Membership;
+use runtime::watch::StopFlags;
+use runtime::{Ending, Executor, Graph, Node, Process, ProcessError, Service};
+use rustix::thread::{CpuSet, sched_setaffinity, set_name};
+use shared_types::Role;
+use std::ffi::CString;
+use std::path::PathBuf;
+
+/// How a process is started by the launcher.
+#[derive(Debug, Clone)]
+pub struct ProcOptions {
+    /// Service to run.
+    pub service: String,
+    /// Folder of the run to join.
+    pub run: PathBuf,
+    /// Restarts so far.
+    pub generation: u32,
+    /// Process to watch: the flight ends when it is gone.
+    pub launcher_pid: u32,
+    /// Continue from the predecessor's last state.
+    pub restore: bool,
+    /// Processor to stay on.
+    pub cpu: Option<usize>,
+}
+
+/// Logical time a plant is given to put the vehicle down after the grace period [s].
+const LANDING_S: f64 = 15.0;
+
+/// Runs one process of a flight to its end and returns its exit code.
+#[must_use]
+pub fn run_process(options: &ProcOptions) -> u8 {
+    match fly(options) {
+        Ok(Ending::Finished) => exit::PASS,
+        Ok(Ending::Signalled) => {
+            eprintln!("{}: stopped by a signal", options.service);
+            exit::INTERRUPTED
+        }
+        Ok(Ending::LauncherGone) => {
+            eprintln!("{}: the launcher is gone, leaving", options.service);
+            exit::CRASHED
+        }
+        Err(error) => {
+            eprintln!("{}: {error}", options.service);
+            exit::UNFIT
+        }
+    }
+}
+
+fn fly(options: &ProcOptions) -> Result<Ending, Box<dyn std::error::Error>> {
+    let role = components::role_of(&options.service)
+        .ok_or_else(|| format!("unknown service; known are {}", components::names().join(", ")))?;
+    name_thread(&options.service);
+    if let Some(cpu) = options.cpu {
+        stay_on(cpu);
+    }
+    let stop = StopFlags::watch_signals()?;
+    // Declared first, dropped last: the last process to leave wipes the run's folder, and by then
+    // its own ports must be closed.
+    let membership = Membership::join(&options.run)?;
+    let file = options.run.join("scenario.toml");
+    let scenario = Scenario::load(&file.to_string_lossy(), &[])?;
+    let grace_s = scenario.settings().launcher.launcher_grace_s;
+    let realtime = scenario.settings().scenario.clock == Clock::Realtime;
+    let lands = realtime && grace_s > 0.0;
+    stop.watch_launcher(options.launcher_pid, if lands { grace_s + LANDING_S } else { grace_s })?;
+    let bus = Bus::join(&membership.ipc_config(), &options.service)?;
+    let graph = scenario.graph()?;
+    let node = *graph.node(role).ok_or("this flight has no such process")?;
+    let flight = Fly { bus: &bus, graph, node, stop, options };
+    components::build(role, &scenario, flight)?
+}
+
+/// Connects and flies whatever component it is given.
+struct Fly<'a> {
+    bus: &'a Bus,
+    graph: Graph,
+    node: Node,
+    stop: StopFlags,
+    options: &'a ProcOptions,
+}
+
+impl ComponentVisitor for Fly<'_> {
+    type Output = Result<Ending, Box<dyn std::error::Error>>;
+    fn visit<S: Service>(self, component: Component<S>) -> Self::Output {
+        let options = self.options;
+        let seat = SeatOptions { generation: options.generation, restore: options.restore };
+        Ok(fly_service(self.bus, self.graph, self.node, self.stop, component, seat)?)
+    }
+}
+
+/// How a service takes its seat.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SeatOptions {
+    pub(crate) generation: u32,
+    pub(crate) restore: bool,
+}
+
+/// Opens every port of a component, says hello and flies; also used for the pilot, which lives in
+/// the launcher's own process.
+pub(crate) fn fly_service<S: Service>(
+    bus: &Bus,
+    graph: Graph,
+    node: Node,
+    stop: StopFlags,
+    component: Component<S>,
+    seat: SeatOptions,
+) -> Result<Ending, ProcessError> {
+    let mut executor =
+        Executor::new(component.service, node, seat.generation, component.state_every);
+    let author = connect(bus, &graph, &mut executor)?;
+    let mut process = Process::open(bus, executor, graph, stop, seat.generation)?;
+    // Held until the end: a dropped writer's last sample may not have been read yet.
+    let _hello = process.say_hello(bus, author).map_err(|e: PortError| ProcessError::from(e))?;
+    if seat.restore {
+        process.take_over(bus)?;
+    }
+    Ok(process.run())
+}
+
+/// Name in `ps -L`, `top -H` and debuggers.
+pub(crate) fn name_thread(name: &str) {
+    if let Ok(name) = CString::new(components::thread_name(name)) {
+        // A missing name disturbs nobody.
+        let _ = set_name(&name);
+    }
+}
+
+/// Keeps the calling thread on one processor; without permission it stays where it is.
+pub(crate) fn stay_on(cpu: usize) {
+    let mut set = CpuSet::new();
+    set.set(cpu);
+    let _ = sched_setaffinity(None, &set);
+}
+
+/// True if `role` is filled by a process of its own.
+#[must_use]
+pub fn has_process(role: Role) -> bool {
+    role != Role::Pilot
+}

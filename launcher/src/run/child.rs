@@ -1,0 +1,121 @@
+//! One child process: started under its own name, its last words kept.
+
+use std::collections::VecDeque;
+use std::io::{self, BufRead, BufReader};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+/// Lines of standard error kept for the obituary.
+const LAST_WORDS: usize = 12;
+
+/// What to start.
+#[derive(Debug, Clone)]
+pub(super) struct ChildSpec {
+    /// Service name, and the process's name in `ps` and `top`.
+    pub(super) name: &'static str,
+    /// Executable.
+    pub(super) executable: PathBuf,
+    /// Processor to stay on, if any.
+    pub(super) cpu: Option<usize>,
+}
+
+/// A running child.
+#[derive(Debug)]
+pub(super) struct RunningChild {
+    child: Child,
+    last_words: Arc<Mutex<VecDeque<String>>>,
+    listener: Option<thread::JoinHandle<()>>,
+}
+
+impl RunningChild {
+    /// Starts `morphquad proc NAME` with its own process group, so that a Ctrl-C at the terminal
+    /// reaches the launcher alone.
+    pub(super) fn start(
+        spec: &ChildSpec,
+        folder: &Path,
+        generation: u32,
+        restore: bool,
+    ) -> io::Result<Self> {
+        let mut command = Command::new(&spec.executable);
+        command
+            .arg0(spec.name)
+            .arg("proc")
+            .arg(spec.name)
+            .arg("--run")
+            .arg(folder)
+            .args(["--generation", &generation.to_string()])
+            .args(["--launcher-pid", &std::process::id().to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .process_group(0);
+        if let Some(cpu) = spec.cpu {
+            command.args(["--cpu", &cpu.to_string()]);
+        }
+        if restore {
+            command.arg("--restore");
+        }
+        let mut child = command.spawn()?;
+        let last_words = Arc::new(Mutex::new(VecDeque::with_capacity(LAST_WORDS)));
+        let listener = child.stderr.take().map(|pipe| {
+            let words = Arc::clone(&last_words);
+            thread::spawn(move || listen(BufReader::new(pipe), &words))
+        });
+        Ok(Self { child, last_words, listener })
+    }
+
+    pub(super) fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// The exit status, once there is one.
+    pub(super) fn exited(&mut self) -> Option<ExitStatus> {
+        self.child.try_wait().ok().flatten()
+    }
+
+    /// Ends the child at once.
+    pub(super) fn kill(&mut self) {
+        // It may have ended by itself in the meantime.
+        let _ = self.child.kill();
+    }
+
+    /// What the child said last; call after it has exited.
+    pub(super) fn last_words(&mut self) -> String {
+        if let Some(listener) = self.listener.take() {
+            let _ = listener.join();
+        }
+        let words = self.last_words.lock().unwrap_or_else(PoisonError::into_inner);
+        words.iter().cloned().collect::<Vec<_>>().join("\n")
+    }
+}
+
+impl Drop for RunningChild {
+    fn drop(&mut self) {
+        self.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn listen(mut pipe: impl BufRead, words: &Mutex<VecDeque<String>>) {
+    let mut line = Vec::new();
+    while pipe.read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
+        let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+        if words.len() == LAST_WORDS {
+            words.pop_front();
+        }
+        words.push_back(String::from_utf8_lossy(&line).trim_end().to_owned());
+        line.clear();
+    }
+}
+
+/// `exit status 3` or `killed by signal 9`.
+pub(super) fn describe(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exit status {code}"),
+        (None, Some(signal)) => format!("killed by signal {signal}"),
+        (None, None) => "unknown exit".to_owned(),
+    }
+}

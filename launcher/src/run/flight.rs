@@ -1,0 +1,439 @@
+//! One flight from founding its run to its last word.
+
+use super::Pin;
+use super::child::ChildSpec;
+use super::conductor::{Conductor, Speed, drained_ns, stalled};
+use super::metrics::Metrics;
+use super::pilot_thread::{self, PilotEnd};
+use super::services::{HeldServices, Wakers};
+use super::summary::Summary;
+use super::supervisor::{FlightError, RestartPolicy, Supervisor};
+use super::tap::Tap;
+use crate::components;
+use crate::process::has_process;
+use crate::record::{Clock, Event, Facts, Machine, RecordError, Recording};
+use crate::scenario::Scenario;
+use runtime::Graph;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::ipc::{Bus, PortError, ServiceKind};
+use runtime::namespace::{Membership, NamespaceError, sweep_dead_runs};
+use runtime::watch::StopFlags;
+use shared_types::{ClockMode, Hello, Role};
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+use thiserror::Error;
+
+/// Wall time between two looks around [ns].
+const LOOK_EVERY_NS: u64 = 1_000_000;
+/// How long processes may take to leave after the end of the flight [ns].
+const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
+/// From the announcement of a realtime flight to its start [ns].
+const COUNTDOWN_NS: u64 = 50_000_000;
+
+/// What to fly and how.
+#[derive(Debug, Clone)]
+pub struct RunOptions {
+    /// What to fly.
+    pub scenario: Scenario,
+    /// Pace.
+    pub speed: Speed,
+    /// Folder for the recording; none for no recording.
+    pub record: Option<PathBuf>,
+    /// Processor choice.
+    pub pin: Pin,
+    /// Whether to show progress on standard error.
+    pub progress: bool,
+}
+
+/// Why a flight could not be started.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The run's folder.
+    #[error(transparent)]
+    Namespace(#[from] NamespaceError),
+    /// The transport.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The recording.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// Something of the operating system.
+    #[error("cannot {action}: {source}")]
+    System {
+        /// What was tried.
+        action: String,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// The scenario cannot be wired.
+    #[error("{0}")]
+    Wiring(String),
+    /// The processes did not get ready.
+    #[error("{0}")]
+    NotReady(String),
+}
+
+fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunError {
+    let action = action.into();
+    move |source| RunError::System { action, source }
+}
+
+/// How the flight's main loop ended.
+enum Outcome {
+    Flown,
+    Interrupted,
+    Killed,
+    Lost(String),
+}
+
+/// Flies a scenario and returns what came of it.
+///
+/// # Errors
+/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
+    let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
+    for folder in sweep_dead_runs() {
+        eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
+    }
+    let id = run_id();
+    let recording_path =
+        options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
+    let recording = recording_path
+        .as_deref()
+        .map(|path| Recording::create(path, &facts(&id, options)))
+        .transpose()?;
+    // Declared before everything that uses the transport, so that it is dropped last and wipes.
+    let membership = Membership::found(&id)?;
+    let scenario_file = membership.folder().join("scenario.toml");
+    std::fs::write(&scenario_file, options.scenario.to_toml())
+        .map_err(system(format!("write {}", scenario_file.display())))?;
+    let mut flight = Flight::prepare(options, &membership, stop, recording)?;
+    let started = flight.start(&membership, options);
+    let outcome = match started {
+        Ok(()) => flight.fly(),
+        Err(error) => {
+            flight.abort();
+            return Err(error);
+        }
+    };
+    Ok(flight.conclude(outcome, options, &id, recording_path))
+}
+
+struct Flight {
+    graph: Graph,
+    supervisor: Supervisor,
+    conductor: Conductor,
+    tap: Tap,
+    wakers: Wakers,
+    pilot: Option<JoinHandle<PilotEnd>>,
+    pilot_stop: StopFlags,
+    stop: StopFlags,
+    bus: Bus,
+    _services: HeldServices,
+    stall_limit_ns: u64,
+    progress_at: (u64, u64),
+    progress: Option<indicatif::ProgressBar>,
+    notices: Vec<String>,
+}
+
+impl Flight {
+    fn prepare(
+        options: &RunOptions,
+        membership: &Membership,
+        stop: StopFlags,
+        recording: Option<Recording>,
+    ) -> Result<Self, RunError> {
+        let scenario = &options.scenario;
+        let graph = scenario.graph().map_err(|error| RunError::Wiring(format!("{error}")))?;
+        let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        let services = HeldServices::create(&bus)?;
+        let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
+        let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
+        let executable = std::env::current_exe().map_err(system("find the own executable"))?;
+        let cpu = pinned_cpu(options.pin, clock_of(scenario));
+        let specs = roles
+            .iter()
+            .filter(|role| has_process(**role))
+            .filter_map(|&role| {
+                let name = components::name_of(role)?;
+                Some((role, ChildSpec { name, executable: executable.clone(), cpu }))
+            })
+            .collect();
+        let patience = &scenario.settings().launcher;
+        let policy = RestartPolicy {
+            backoff_ns: seconds(patience.restart_backoff_s),
+            backoff_max_ns: seconds(patience.restart_backoff_max_s),
+            limit: patience.restart_limit as usize,
+        };
+        let supervisor =
+            Supervisor::new(&bus, membership.folder().to_path_buf(), specs, &hello, policy)?;
+        let duration_ns = scenario.duration_ns();
+        Ok(Self {
+            tap: Tap::open(&bus, &roles, recording, Metrics::default())?,
+            conductor: Conductor::new(&bus, clock_of(scenario), options.speed, duration_ns)?,
+            wakers: Wakers::open(&bus, &roles)?,
+            supervisor,
+            graph,
+            pilot: None,
+            pilot_stop: StopFlags::default(),
+            stop,
+            bus,
+            _services: services,
+            stall_limit_ns: seconds(scenario.settings().launcher.stall_timeout_s),
+            progress_at: (0, 0),
+            progress: options.progress.then(|| progress_bar(duration_ns)),
+            notices: Vec::new(),
+        })
+    }
+
+    /// Starts everybody and waits until all are ready, then starts the clock.
+    fn start(&mut self, membership: &Membership, options: &RunOptions) -> Result<(), RunError> {
+        let scenario = &options.scenario;
+        let not_ready = |error: FlightError| RunError::NotReady(error.to_string());
+        self.supervisor.start_all().map_err(not_ready)?;
+        let pilot = pilot_thread::start(
+            scenario.clone(),
+            self.graph.clone(),
+            &membership.ipc_config(),
+            self.pilot_stop.clone(),
+            pinned_cpu(options.pin, clock_of(scenario)),
+        );
+        self.pilot = Some(pilot.map_err(system("start the pilot"))?);
+        let limit_s = scenario.settings().launcher.startup_timeout_s;
+        let deadline_ns = mono_now_ns() + seconds(limit_s);
+        while !self.supervisor.await_ready(&self.graph).map_err(not_ready)? {
+            if self.stop.signalled() {
+                return Err(RunError::NotReady("interrupted before the start".to_owned()));
+            }
+            if mono_now_ns() > deadline_ns {
+                let names = self.supervisor.not_ready();
+                return Err(not_ready(FlightError::StartupTimeout { names, limit_s }));
+            }
+            sleep_until(mono_now_ns() + LOOK_EVERY_NS);
+        }
+        let realtime = self.conductor.mode() == ClockMode::Realtime;
+        let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };
+        if let Some(recording) = &mut self.tap.consumers.recording {
+            recording.set_start(start_ns);
+        }
+        self.conductor.start(start_ns);
+        self.wakers.wake_all();
+        self.progress_at = (mono_now_ns(), 0);
+        Ok(())
+    }
+
+    /// The launcher's main loop: drain, conduct, look after everybody.
+    fn fly(&mut self) -> Outcome {
+        let mut interrupted = false;
+        let mut leave_by_ns = u64::MAX;
+        loop {
+            let now_ns = mono_now_ns();
+            self.tap.drain(now_ns);
+            let drained = drained_ns(&self.graph, &self.tap.marks);
+            if self.conductor.extend(drained, now_ns) {
+                self.wakers.wake_all();
+            }
+            self.conductor.serve_late_joiners();
+            let looked_after =
+                self.supervisor.look_after(&self.bus, &self.graph, &self.tap.last_states, now_ns);
+            self.publish_notices(drained);
+            if let Err(error) = looked_after {
+                return Outcome::Lost(error.to_string());
+            }
+            if self.supervisor.all_finished() {
+                self.tap.drain(mono_now_ns());
+                return if interrupted { Outcome::Interrupted } else { Outcome::Flown };
+            }
+            if self.stop.take_signal() {
+                if interrupted {
+                    return Outcome::Killed;
+                }
+                interrupted = true;
+                self.end_early(now_ns);
+            }
+            if drained >= self.conductor.end_ns() && leave_by_ns == u64::MAX {
+                leave_by_ns = now_ns + LEAVE_LIMIT_NS;
+            }
+            if now_ns > leave_by_ns {
+                let names = self.supervisor.unfinished().join(", ");
+                return Outcome::Lost(format!("{names} did not leave after the end of the flight"));
+            }
+            self.watch_progress(drained, now_ns);
+            sleep_until(now_ns + LOOK_EVERY_NS);
+        }
+    }
+
+    fn end_early(&mut self, now_ns: u64) {
+        self.notice("interrupted: ending the flight in order (once more to stop at once)");
+        let elapsed_ns = now_ns.saturating_sub(self.conductor.start_mono_ns());
+        self.conductor.end_early(elapsed_ns);
+        self.wakers.wake_all();
+    }
+
+    /// Kills whoever could step and has not for too long.
+    fn watch_progress(&mut self, drained: u64, now_ns: u64) {
+        if let Some(bar) = &self.progress {
+            bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
+        }
+        let total: u64 = self.tap.marks.iter().fold(0, |sum, m| sum.wrapping_add(*m));
+        if total != self.progress_at.1 || self.paced_out(now_ns) {
+            self.progress_at = (now_ns, total);
+        } else if now_ns.saturating_sub(self.progress_at.0) > self.stall_limit_ns {
+            self.progress_at.0 = now_ns;
+            let allowed_ns = self.conductor.allowed_ns();
+            let end_ns = self.conductor.end_ns();
+            let roles = stalled(&self.graph, &self.tap.marks, allowed_ns, end_ns);
+            self.supervisor.kill_stalled(&roles);
+        }
+    }
+
+    /// True before the start of a realtime flight, when nobody is expected to move.
+    fn paced_out(&self, now_ns: u64) -> bool {
+        now_ns < self.conductor.start_mono_ns()
+    }
+
+    fn publish_notices(&mut self, logical_ns: u64) {
+        for notice in core::mem::take(&mut self.supervisor.notices) {
+            if let Some(recording) = &mut self.tap.consumers.recording {
+                let event = Event {
+                    logical_ns,
+                    severity: crate::record::Severity::Warning,
+                    source: notice.source,
+                    text: &notice.text,
+                };
+                if let Err(error) = recording.write_event(&event) {
+                    self.tap.consumers.fail_recording(&error.to_string());
+                }
+            }
+            self.notice(&notice.text);
+        }
+    }
+
+    fn notice(&mut self, text: &str) {
+        match &self.progress {
+            Some(bar) => bar.suspend(|| eprintln!("morphquad: {text}")),
+            None => eprintln!("morphquad: {text}"),
+        }
+        self.notices.push(text.to_owned());
+    }
+
+    /// Stops a flight that never started.
+    fn abort(&mut self) {
+        self.supervisor.kill_all();
+        self.stop_pilot();
+        self.bus.sweep_dead_processes();
+    }
+
+    fn stop_pilot(&mut self) -> Option<String> {
+        self.pilot_stop.request();
+        let ended = self.pilot.take()?.join();
+        match ended {
+            Ok(Ok(_)) => None,
+            Ok(Err(error)) => Some(format!("pilot: {error}")),
+            Err(_) => Some("pilot: panicked".to_owned()),
+        }
+    }
+
+    fn conclude(
+        mut self,
+        outcome: Outcome,
+        options: &RunOptions,
+        id: &str,
+        recording_path: Option<PathBuf>,
+    ) -> Summary {
+        let wall_ns = mono_now_ns().saturating_sub(self.conductor.start_mono_ns());
+        if matches!(outcome, Outcome::Killed | Outcome::Lost(_)) {
+            self.supervisor.kill_all();
+        }
+        let pilot_error = self.stop_pilot();
+        self.tap.drain(mono_now_ns());
+        self.bus.sweep_dead_processes();
+        if let Some(bar) = &self.progress {
+            bar.finish_and_clear();
+        }
+        let flown_ns = drained_ns(&self.graph, &self.tap.marks).min(self.conductor.end_ns());
+        self.tap.consumers.metrics.finish();
+        let mut summary = Summary {
+            run_id: id.to_owned(),
+            scenario: options.scenario.settings().scenario.name.clone(),
+            clock: self.conductor.mode(),
+            seed: options.scenario.settings().scenario.seed,
+            flown_ns,
+            planned_ns: options.scenario.duration_ns(),
+            wall_ns,
+            processes: self.graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
+            hash: self.tap.consumers.hash.hex(),
+            metrics: core::mem::take(&mut self.tap.consumers.metrics),
+            audit: self.tap.consumers.audit.clone(),
+            recovered: self.supervisor.recovered,
+            notices: core::mem::take(&mut self.notices),
+            lost: pilot_error,
+            interrupted: false,
+            cut_short: self.conductor.is_cut_short(),
+            recording: recording_path,
+            recording_error: self.tap.consumers.recording_error.take(),
+        };
+        match outcome {
+            Outcome::Flown => {}
+            Outcome::Interrupted | Outcome::Killed => summary.interrupted = true,
+            Outcome::Lost(reason) => summary.lost = Some(reason),
+        }
+        if let Some(recording) = self.tap.consumers.recording.take()
+            && let Err(error) = recording.finish(&summary.to_metadata())
+        {
+            summary.recording_error.get_or_insert_with(|| error.to_string());
+        }
+        summary
+    }
+}
+
+/// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.
+fn run_id() -> String {
+    format!("{:04x}{:06x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xff_ffff)
+}
+
+fn recording_path(dir: &Path, id: &str) -> Result<PathBuf, RunError> {
+    std::fs::create_dir_all(dir)
+        .map_err(system(format!("create the recording folder {}", dir.display())))?;
+    Ok(dir.join(format!("{id}.mcap")))
+}
+
+fn facts(id: &str, options: &RunOptions) -> Facts {
+    let scenario = &options.scenario;
+    let times = if let Speed::Times(times) = options.speed { times } else { 1.0 };
+    Facts {
+        run_id: id.to_owned(),
+        scenario_name: scenario.settings().scenario.name.clone(),
+        scenario_toml: scenario.to_toml().to_owned(),
+        seed: scenario.settings().scenario.seed,
+        clock: match clock_of(scenario) {
+            ClockMode::Realtime => Clock::Realtime { speed: times },
+            _ => Clock::Lockstep,
+        },
+        epoch_unix_ns: runtime::clock::unix_now_ns(),
+        machine: Machine::read(),
+    }
+}
+
+fn clock_of(scenario: &Scenario) -> ClockMode {
+    scenario.settings().scenario.clock.into()
+}
+
+fn pinned_cpu(pin: Pin, clock: ClockMode) -> Option<usize> {
+    match pin {
+        Pin::None => None,
+        Pin::Cpu(cpu) => Some(cpu),
+        Pin::Auto => (clock == ClockMode::Lockstep).then(runtime::clock::current_cpu),
+    }
+}
+
+fn progress_bar(duration_ns: u64) -> indicatif::ProgressBar {
+    let style = indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} ms flown {elapsed}")
+        .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
+    indicatif::ProgressBar::new(duration_ns / 1_000_000).with_style(style)
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "validated range")]
+fn seconds(s: f64) -> u64 {
+    (s * 1e9) as u64
+}

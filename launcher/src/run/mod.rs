@@ -1,0 +1,30 @@
+//! `morphquad run`: from a scenario to a flown flight, a summary and a recording.
+
+mod child;
+mod conductor;
+mod flight;
+mod hash;
+mod metrics;
+mod pilot_thread;
+mod services;
+mod summary;
+mod supervisor;
+mod tap;
+
+pub use conductor::Speed;
+pub use flight::{RunError, RunOptions, run};
+pub use hash::FlightHash;
+pub use metrics::{Effort, Metrics, Tracking, VIOLATION_TOLERANCE};
+pub use summary::Summary;
+
+/// Which processor a flight's processes stay on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pin {
+    /// One processor for all in lockstep, where waking a neighbour on the same one is cheapest;
+    /// free in realtime.
+    Auto,
+    /// Wherever the system puts them.
+    None,
+    /// This one.
+    Cpu(usize),
+}

@@ -1,0 +1,50 @@
+//! The pilot: a flying component like the others, on a thread of the launcher.
+
+use crate::components::{self, Component, ComponentVisitor};
+use crate::process::{SeatOptions, fly_service, name_thread, stay_on};
+use crate::scenario::Scenario;
+use runtime::ipc::Bus;
+use runtime::watch::StopFlags;
+use runtime::{Ending, Graph, Service};
+use shared_types::Role;
+use std::path::Path;
+use std::thread::{self, JoinHandle};
+
+/// Outcome of the pilot, as text if it failed.
+pub(super) type PilotEnd = Result<Ending, String>;
+
+struct FlyPilot<'a> {
+    bus: &'a Bus,
+    graph: Graph,
+    stop: StopFlags,
+}
+
+impl ComponentVisitor for FlyPilot<'_> {
+    type Output = PilotEnd;
+    fn visit<S: Service>(self, component: Component<S>) -> PilotEnd {
+        let node = *self.graph.node(Role::Pilot).ok_or("this flight has no pilot")?;
+        let seat = SeatOptions { generation: 0, restore: false };
+        fly_service(self.bus, self.graph, node, self.stop, component, seat)
+            .map_err(|error| error.to_string())
+    }
+}
+
+/// Starts the pilot; it has its own connection, because ports stay on their thread.
+pub(super) fn start(
+    scenario: Scenario,
+    graph: Graph,
+    ipc_config: &Path,
+    stop: StopFlags,
+    cpu: Option<usize>,
+) -> std::io::Result<JoinHandle<PilotEnd>> {
+    let ipc_config = ipc_config.to_path_buf();
+    thread::Builder::new().name("pilot".to_owned()).spawn(move || {
+        name_thread("pilot");
+        if let Some(cpu) = cpu {
+            stay_on(cpu);
+        }
+        let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
+        components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop })
+            .map_err(|error| error.to_string())?
+    })
+}

@@ -1,0 +1,69 @@
+//! Every service of a run, created and held by the launcher for as long as it lives.
+
+use runtime::ipc::{Bus, PortError, ServiceKind, WakeNotifier};
+use shared_types::{
+    ClockRecord, Hello, Progress, Role, Sample, Topic, TopicInfo, TopicVisitor, topics,
+};
+use std::any::Any;
+
+/// Keeps the services alive; children only open what is held here.
+pub(super) struct HeldServices {
+    _factories: Vec<Box<dyn Any>>,
+}
+
+struct Creator<'a> {
+    bus: &'a Bus,
+    factories: Vec<Box<dyn Any>>,
+}
+
+impl TopicVisitor for Creator<'_> {
+    type Error = PortError;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
+        self.factories.push(Box::new(self.bus.create_topic(topic)?));
+        Ok(())
+    }
+}
+
+impl HeldServices {
+    /// Creates the topics of the floor plan and the services beside them.
+    pub(super) fn create(bus: &Bus) -> Result<Self, PortError> {
+        let mut creator = Creator { bus, factories: Vec::new() };
+        topics::visit_all(&mut creator)?;
+        let mut factories = creator.factories;
+        for role in Role::STEPPING {
+            let progress = bus.create_service::<Progress>(ServiceKind::Progress(role), 4)?;
+            factories.push(Box::new(progress));
+            factories.push(Box::new(bus.create_wake_service(role)?));
+            factories.push(Box::new(bus.create_state_service(ServiceKind::State(role))?));
+            factories.push(Box::new(bus.create_state_service(ServiceKind::Handover(role))?));
+        }
+        factories.push(Box::new(bus.create_service::<ClockRecord>(ServiceKind::Clock, 4)?));
+        factories.push(Box::new(bus.create_service::<Hello>(ServiceKind::Hello, 64)?));
+        Ok(Self { _factories: factories })
+    }
+}
+
+/// Wakes any role.
+pub(super) struct Wakers {
+    wakers: Vec<WakeNotifier>,
+}
+
+impl Wakers {
+    pub(super) fn open(bus: &Bus, roles: &[Role]) -> Result<Self, PortError> {
+        let wakers = roles.iter().map(|&r| WakeNotifier::open(bus, r)).collect::<Result<_, _>>()?;
+        Ok(Self { wakers })
+    }
+
+    pub(super) fn wake_all(&self) {
+        for waker in &self.wakers {
+            waker.wake();
+        }
+    }
+}
+
+/// True if a topic's samples belong to a flight in which `roles` take part.
+pub(super) fn is_flown(topic: &TopicInfo, roles: &[Role]) -> bool {
+    topic.from == Role::Supervisor
+        || roles.contains(&topic.from)
+        || (topic.from == Role::Position && roles.contains(&Role::Pilot))
+}

@@ -1,0 +1,272 @@
+//! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
+
+use super::metrics::Metrics;
+use crate::exit;
+use crate::record::SequenceAudit;
+use hdrhistogram::Histogram;
+use shared_types::{ClockMode, Role};
+use std::collections::BTreeMap;
+use std::fmt::{self, Write as _};
+use std::path::PathBuf;
+
+/// What came of a flight.
+#[derive(Debug)]
+pub struct Summary {
+    /// Name of the run.
+    pub run_id: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Clock of the flight.
+    pub clock: ClockMode,
+    /// Seed of every noise source.
+    pub seed: u64,
+    /// Logical time through which every loop is complete [ns].
+    pub flown_ns: u64,
+    /// Logical time planned [ns].
+    pub planned_ns: u64,
+    /// Wall time from start to the last sample [ns].
+    pub wall_ns: u64,
+    /// Loops and their rates [Hz].
+    pub processes: Vec<(Role, f64)>,
+    /// Flight hash.
+    pub hash: String,
+    /// What the samples say.
+    pub metrics: Metrics,
+    /// Sequence audit of every topic.
+    pub audit: SequenceAudit,
+    /// Crashes that a restart made good.
+    pub recovered: u64,
+    /// What happened on the way.
+    pub notices: Vec<String>,
+    /// Why the flight ended before its time, if it crashed.
+    pub lost: Option<String>,
+    /// The user ended it.
+    pub interrupted: bool,
+    /// The end was moved forward.
+    pub cut_short: bool,
+    /// Where the recording is.
+    pub recording: Option<PathBuf>,
+    /// Why the recording is incomplete.
+    pub recording_error: Option<String>,
+}
+
+/// Counters that must be zero in a good flight.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Misses {
+    /// Releases skipped, and steps without final inputs.
+    pub ticks: u64,
+    /// Commands and set points that came after the step they were for.
+    pub late: u64,
+    /// Samples that a reader never saw, the recorder included.
+    pub dropped: u64,
+}
+
+impl Summary {
+    /// Exit code: 0, or 1 for a violated bound, 4 for a crash, 130 for an interrupt.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        if self.lost.is_some() {
+            exit::CRASHED
+        } else if self.interrupted {
+            exit::INTERRUPTED
+        } else if self.recording_error.is_some() {
+            exit::UNFIT
+        } else if self.violations() > 0 {
+            exit::GATE_FAILED
+        } else {
+            exit::PASS
+        }
+    }
+
+    /// Commands outside their bounds.
+    #[must_use]
+    pub fn violations(&self) -> u64 {
+        self.metrics.efforts().values().map(|e| e.violations).sum()
+    }
+
+    /// Totals over all loops and topics.
+    #[must_use]
+    pub fn misses(&self) -> Misses {
+        let mut misses = Misses::default();
+        for (role, _) in &self.processes {
+            if let Some(stats) = self.metrics.loop_stats(*role) {
+                misses.ticks += stats.skipped + stats.input_deadline_misses;
+                misses.late += stats.late_samples;
+                misses.dropped += stats.lost_samples;
+            }
+        }
+        misses.dropped += self.audit.tallies().map(|(_, _, tally)| tally.gaps).sum::<u64>();
+        misses
+    }
+
+    /// Logical seconds per wall second.
+    #[must_use]
+    pub fn real_time_factor(&self) -> f64 {
+        self.flown_ns as f64 / self.wall_ns.max(1) as f64
+    }
+
+    /// Key figures as text, for the recording and for machines.
+    #[must_use]
+    pub fn to_metadata(&self) -> BTreeMap<String, String> {
+        let tracking = self.metrics.tracking();
+        let misses = self.misses();
+        let mut map = BTreeMap::new();
+        let mut put = |key: &str, value: String| {
+            map.insert(key.to_owned(), value);
+        };
+        put("hash", self.hash.clone());
+        put("outcome", self.verdict());
+        put("flown_s", format!("{:.3}", self.flown_ns as f64 * 1e-9));
+        put("real_time_factor", format!("{:.2}", self.real_time_factor()));
+        put("position_rms_m", format!("{:.6}", tracking.rms_m));
+        put("position_max_m", format!("{:.6}", tracking.max_m));
+        put("position_last_second_m", format!("{:.6}", tracking.last_second_m));
+        put("constraint_violations", self.violations().to_string());
+        put("missed_ticks", misses.ticks.to_string());
+        put("late_samples", misses.late.to_string());
+        put("dropped_samples", misses.dropped.to_string());
+        put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
+        put("recovered_crashes", self.recovered.to_string());
+        map
+    }
+
+    /// The summary as one JSON object.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let mut object: BTreeMap<String, serde_json::Value> = self
+            .to_metadata()
+            .into_iter()
+            .map(|(key, text)| {
+                let number = text.parse::<f64>().ok().filter(|_| key != "hash");
+                (key, number.map_or_else(|| text.into(), Into::into))
+            })
+            .collect();
+        object.insert("run".to_owned(), self.run_id.clone().into());
+        object.insert("scenario".to_owned(), self.scenario.clone().into());
+        object.insert("seed".to_owned(), self.seed.into());
+        let recording = self.recording.as_ref().map(|p| p.display().to_string());
+        object.insert("recording".to_owned(), recording.into());
+        object.insert("notices".to_owned(), self.notices.clone().into());
+        serde_json::Value::from_iter(object).to_string()
+    }
+
+    fn verdict(&self) -> String {
+        if let Some(reason) = &self.lost {
+            format!("lost: {}", reason.lines().next().unwrap_or_default())
+        } else if self.interrupted {
+            "interrupted".to_owned()
+        } else if self.violations() > 0 {
+            "flown, with violated bounds".to_owned()
+        } else {
+            "flown".to_owned()
+        }
+    }
+
+    fn write_loops(&self, out: &mut String) -> fmt::Result {
+        writeln!(
+            out,
+            "  {:<12} {:>7} {:>8} {:>8} {:>6} {:>6} {:>24}",
+            "loop", "Hz", "steps", "skipped", "missed", "late", "step p50 / p99 / max us"
+        )?;
+        for (role, rate_hz) in &self.processes {
+            let Some(stats) = self.metrics.loop_stats(*role) else { continue };
+            let compute = self.metrics.compute().get(role.label()).map(quantiles);
+            writeln!(
+                out,
+                "  {:<12} {:>7} {:>8} {:>8} {:>6} {:>6} {:>24}",
+                role.label(),
+                rate_hz,
+                stats.steps,
+                stats.skipped,
+                stats.input_deadline_misses,
+                stats.late_samples,
+                compute.unwrap_or_else(|| "-".to_owned()),
+            )?;
+        }
+        Ok(())
+    }
+
+    fn write_flight(&self, out: &mut String) -> fmt::Result {
+        let tracking = self.metrics.tracking();
+        let (ticks, clipped, safe) = self.metrics.ticks();
+        let gate = self.metrics.gate();
+        if tracking.samples > 0 {
+            writeln!(
+                out,
+                "  tracking     rms {:.1} mm, max {:.1} mm, last second {:.1} mm",
+                tracking.rms_m * 1e3,
+                tracking.max_m * 1e3,
+                tracking.last_second_m * 1e3
+            )?;
+        }
+        let relaxed: u64 = self.metrics.efforts().values().map(|e| e.relaxed).sum();
+        let unsolved: u64 = self.metrics.efforts().values().map(|e| e.unsolved).sum();
+        writeln!(
+            out,
+            "  constraints  {} violations, {relaxed} relaxed, {unsolved} unsolved; rotors clipped in {:.2} % of ticks",
+            self.violations(),
+            100.0 * clipped as f64 / ticks.max(1) as f64
+        )?;
+        writeln!(
+            out,
+            "  gate         {} safe-mode episodes ({safe} ticks), refused {} not finite, {} out of range, {} wrong owner",
+            gate.safe_mode_episodes,
+            gate.refused_not_finite,
+            gate.refused_out_of_range,
+            gate.refused_wrong_owner
+        )
+    }
+
+    fn write_all(&self, out: &mut String) -> fmt::Result {
+        let clock = if self.clock == ClockMode::Realtime { "realtime" } else { "lockstep" };
+        let misses = self.misses();
+        writeln!(
+            out,
+            "run {}  {}  {clock}  seed {}  {}",
+            self.run_id,
+            self.scenario,
+            self.seed,
+            self.verdict()
+        )?;
+        writeln!(
+            out,
+            "  {:.3} s flown of {:.3} s in {:.2} s ({:.1}x real time)",
+            self.flown_ns as f64 * 1e-9,
+            self.planned_ns as f64 * 1e-9,
+            self.wall_ns as f64 * 1e-9,
+            self.real_time_factor()
+        )?;
+        self.write_flight(out)?;
+        writeln!(
+            out,
+            "  timing       {} missed ticks, {} late samples, {} dropped samples",
+            misses.ticks, misses.late, misses.dropped
+        )?;
+        self.write_loops(out)?;
+        for notice in &self.notices {
+            writeln!(out, "  event        {}", notice.replace('\n', "\n               "))?;
+        }
+        if let Some(reason) = &self.lost {
+            writeln!(out, "  lost         {}", reason.replace('\n', "\n               "))?;
+        }
+        match (&self.recording, &self.recording_error) {
+            (_, Some(error)) => writeln!(out, "  recording    INCOMPLETE: {error}")?,
+            (Some(path), None) => writeln!(out, "  recording    {}", path.display())?,
+            (None, None) => writeln!(out, "  recording    none")?,
+        }
+        writeln!(out, "hash {}", self.hash)
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut text = String::new();
+        self.write_all(&mut text)?;
+        f.write_str(&text)
+    }
+}
+
+fn quantiles(histogram: &Histogram<u64>) -> String {
+    let us = |q: f64| histogram.value_at_quantile(q) as f64 * 1e-3;
+    format!("{:.1} / {:.1} / {:.0}", us(0.5), us(0.99), histogram.max() as f64 * 1e-3)
+}
