@@ -204,7 +204,7 @@ fn put_into<'t>(
     match (target, index) {
         (DeValue::Table(table), _) => put(table, keys, value),
         (DeValue::Array(array), Some(index)) => {
-            let item = array.iter_mut().nth(index).ok_or_else(|| name.to_owned())?;
+            let item = array.get_mut(index).ok_or_else(|| name.to_owned())?;
             if keys.len() == 1 {
                 *item = value;
                 return Ok(());

@@ -5,7 +5,10 @@ use miette::{Diagnostic, LabeledSpan, NamedSource, Severity, SourceCode};
 
 /// One thing that is wrong, or doubtful, at one place.
 #[derive(Debug, Clone)]
-pub struct Problem {
+pub struct Problem(Box<Facts>);
+
+#[derive(Debug, Clone)]
+struct Facts {
     key: String,
     what: String,
     remedy: String,
@@ -28,29 +31,30 @@ impl Problem {
         place: Option<Place>,
     ) -> Self {
         let (key, what, remedy) = (key.into(), what.into(), remedy.into());
-        Self { key, what, remedy, place, severity: Severity::Error }
+        Self(Box::new(Facts { key, what, remedy, place, severity: Severity::Error }))
     }
 
-    pub(super) fn into_warning(self) -> Self {
-        Self { severity: Severity::Warning, ..self }
+    pub(super) fn into_warning(mut self) -> Self {
+        self.0.severity = Severity::Warning;
+        self
     }
 
     /// Dotted key, flag or name that the problem is about.
     #[must_use]
     pub fn key(&self) -> &str {
-        &self.key
+        &self.0.key
     }
 
     /// Name of the file, or `command line`; `None` if no text could be read at all.
     #[must_use]
     pub fn file(&self) -> Option<&str> {
-        self.place.as_ref().map(|place| place.source.name())
+        self.0.place.as_ref().map(|place| place.source.name())
     }
 
     /// Line, counted from 1.
     #[must_use]
     pub fn line(&self) -> Option<usize> {
-        let place = self.place.as_ref()?;
+        let place = self.0.place.as_ref()?;
         let before = place.source.inner().get(..place.span.start)?;
         Some(before.matches('\n').count() + 1)
     }
@@ -58,16 +62,16 @@ impl Problem {
     /// What to do about it.
     #[must_use]
     pub fn remedy(&self) -> &str {
-        &self.remedy
+        &self.0.remedy
     }
 }
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.key.is_empty() {
-            write!(f, "{}", self.what)
+        if self.0.key.is_empty() {
+            write!(f, "{}", self.0.what)
         } else {
-            write!(f, "{}: {}", self.key, self.what)
+            write!(f, "{}: {}", self.0.key, self.0.what)
         }
     }
 }
@@ -76,19 +80,19 @@ impl core::error::Error for Problem {}
 
 impl Diagnostic for Problem {
     fn severity(&self) -> Option<Severity> {
-        Some(self.severity)
+        Some(self.0.severity)
     }
 
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        Some(Box::new(&self.remedy))
+        Some(Box::new(&self.0.remedy))
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.place.as_ref().map(|place| &place.source as &dyn SourceCode)
+        self.0.place.as_ref().map(|place| &place.source as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let span = self.place.as_ref()?.span.clone();
+        let span = self.0.place.as_ref()?.span.clone();
         Some(Box::new(core::iter::once(LabeledSpan::underline(span))))
     }
 }

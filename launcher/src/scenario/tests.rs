@@ -268,9 +268,17 @@ fn too_much_wind_for_the_tilt_bound_is_a_warning() {
 }
 
 #[test]
-fn the_rig_flies_the_papers_controller_and_the_figure_the_flight_one() {
-    let rig = Scenario::load("attitude-step", &[]).unwrap().attitude_law().unwrap();
-    assert_eq!(rig, attitude_mpc::AttitudeLawConfig::paper());
+fn the_figure_flies_the_flight_controller_and_the_rig_can_fly_the_papers() {
+    let edits = [
+        set("attitude_mpc.model=\"paper\""),
+        set("attitude_mpc.increment_weight=0.25"),
+        set("attitude_mpc.setpoint_ramp_s=0"),
+        set("latency.wrench_command_s=0"),
+        set("plant.model=linear"),
+    ];
+    let rig = Scenario::load("attitude-step", &edits).unwrap();
+    assert_eq!(rig.attitude_law().unwrap(), attitude_mpc::AttitudeLawConfig::paper());
+    assert_eq!(rig.plant_config().unwrap().model, plant::ModelKind::Linear);
     let flight = Scenario::load("figure8-morph", &[]).unwrap().attitude_law().unwrap();
     assert_eq!(flight, attitude_mpc::AttitudeLawConfig::flight(100.0));
 }

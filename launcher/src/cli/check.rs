@@ -1,0 +1,126 @@
+//! `morphquad check`: what a scenario would fly.
+
+use crate::scenario::Scenario;
+use crate::scenario::pilot::Manoeuvre;
+use crate::scenario::settings::Clock;
+use disturbance_injector::Event;
+use runtime::{Graph, MissPolicy, Node};
+use shared_types::Edge;
+use std::io::{self, Write};
+
+/// Prints the scenario and, since it has been loaded, `ok`.
+///
+/// # Errors
+/// Those of `out`.
+pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let graph = scenario.graph().map_err(io::Error::other)?;
+    summary(scenario, out)?;
+    loops(&graph, out)?;
+    arrows(&graph, out)?;
+    world(scenario, out)?;
+    writeln!(out, "ok")
+}
+
+fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let settings = &scenario.settings().scenario;
+    let clock = match settings.clock {
+        Clock::Lockstep => "lockstep",
+        Clock::Realtime => "realtime",
+    };
+    let speed = settings.pace().map_or("max".to_owned(), |factor| format!("{factor}x"));
+    writeln!(out, "{}: {}", settings.name, settings.description)?;
+    writeln!(
+        out,
+        "clock {clock}, speed {speed}, {} s, seed {}\n",
+        settings.duration_s, settings.seed
+    )
+}
+
+fn loops(graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(
+        out,
+        "{:<14}{:>10}{:>12}{:>10}{:>16}  MISSED",
+        "LOOP", "RATE", "PERIOD", "LEAD", "INPUT DEADLINE"
+    )?;
+    for node in graph.nodes() {
+        writeln!(
+            out,
+            "{:<14}{:>10}{:>12}{:>10}{:>16}  {}",
+            node.role.label(),
+            format!("{} Hz", node.rate.hz()),
+            milliseconds(node.rate.period_ns()),
+            milliseconds(node.lead_ns),
+            milliseconds(node.input_deadline_ns),
+            missed(node)
+        )?;
+    }
+    writeln!(out)
+}
+
+fn missed(node: &Node) -> &'static str {
+    match node.miss_policy {
+        MissPolicy::Skip => "skip",
+        MissPolicy::CatchUp => "catch up",
+        MissPolicy::Hold => "hold",
+    }
+}
+
+fn arrows(graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "{:<20}{:<14}{:<14}{:>10}  WAITED FOR", "TOPIC", "FROM", "TO", "LATENCY")?;
+    for edge in graph.edges() {
+        let deadline_ns = graph.node(edge.to).map_or(0, |node| node.input_deadline_ns);
+        let waited = match edge.topic.edge {
+            Edge::Delayed => "until it takes effect".to_owned(),
+            Edge::ZeroLatency | Edge::RecordOnly => {
+                format!("{} after release", milliseconds(deadline_ns))
+            }
+        };
+        writeln!(
+            out,
+            "{:<20}{:<14}{:<14}{:>10}  {waited}",
+            edge.topic.name,
+            edge.from.label(),
+            edge.to.label(),
+            milliseconds(edge.latency_ns)
+        )?;
+    }
+    writeln!(out)
+}
+
+fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let settings = scenario.settings();
+    let manoeuvre = match settings.pilot.manoeuvre {
+        Manoeuvre::Hover(_) => "hover",
+        Manoeuvre::Figure8(_) => "figure eight",
+        Manoeuvre::Waypoints(_) => "waypoints",
+        Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
+    };
+    writeln!(out, "flight  {manoeuvre}")?;
+    let knots = settings.pilot.common.morph.iter();
+    let path: Vec<String> =
+        knots.map(|[t_s, angle_deg]| format!("{angle_deg} deg at {t_s} s")).collect();
+    if path.is_empty() {
+        writeln!(out, "morph   {} deg throughout", settings.start.morph_angle_deg)?;
+    } else {
+        writeln!(out, "morph   {}", path.join(", "))?;
+    }
+    let script = &settings.disturbance_injector.script;
+    for event in script {
+        match event {
+            Event::Wind(wind) => writeln!(
+                out,
+                "wind    mean {:?} m/s, sigma {:?} m/s",
+                wind.mean_w_m_s, wind.sigma_m_s
+            )?,
+            other => writeln!(out, "event   {other:?}")?,
+        }
+    }
+    if script.is_empty() {
+        writeln!(out, "wind    none")?;
+    }
+    Ok(())
+}
+
+fn milliseconds(ns: u64) -> String {
+    if ns == 0 { "-".to_owned() } else { format!("{} ms", ns as f64 / 1e6) }
+}

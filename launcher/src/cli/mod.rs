@@ -1,0 +1,146 @@
+//! The command line: what can be asked for, and the way from an argument to an exit code.
+//!
+//! Results go to stdout, everything else to stderr. [`options`] is the grammar; [`check`] and
+//! [`list`] are whole commands, the others are handed on.
+
+pub mod check;
+pub mod list;
+pub mod options;
+
+pub use options::{Format, ProcArguments, RunArguments, ScenarioArguments};
+
+use crate::scenario::{Scenario, ScenarioError};
+use crate::{exit, process, run};
+use clap::Parser as _;
+use options::{Cli, Command};
+use std::ffi::OsString;
+use std::io::{self, Write};
+
+/// Runs one command and gives its exit code.
+pub fn execute(
+    arguments: impl Iterator<Item = OsString>,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> u8 {
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Clap knows whether this is help or a complaint; a closed pipe changes neither.
+            let _ = error.print();
+            return if error.use_stderr() { exit::USAGE } else { exit::PASS };
+        }
+    };
+    // The only errors left are those of writing: nobody is there to read a complaint.
+    dispatch(cli.command, out, diagnostics).unwrap_or(exit::PASS)
+}
+
+fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> io::Result<u8> {
+    match command {
+        Command::List => list::list(out).map(|()| exit::PASS),
+        Command::Check(arguments) => match load(&arguments, diagnostics)? {
+            Some(scenario) => check::print(&scenario, out).map(|()| exit::PASS),
+            None => Ok(exit::USAGE),
+        },
+        Command::Run(arguments) => match load(&arguments.scenario, diagnostics)? {
+            Some(scenario) => fly(scenario, &arguments, out, diagnostics),
+            None => Ok(exit::USAGE),
+        },
+        Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
+    }
+}
+
+/// Flies and says how it went; a summary that nobody reads changes nothing of it.
+fn fly(
+    scenario: Scenario,
+    arguments: &RunArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> io::Result<u8> {
+    match run::run(&arguments.options(scenario)) {
+        Ok(summary) => {
+            let _ = match arguments.format {
+                Format::Text => writeln!(out, "{summary}"),
+                Format::Json => writeln!(out, "{}", summary.to_json()),
+            };
+            Ok(summary.exit_code())
+        }
+        Err(error) => {
+            writeln!(diagnostics, "morphquad: {error}")?;
+            Ok(exit::UNFIT)
+        }
+    }
+}
+
+/// Loads a scenario; `None` after saying what is wrong with it.
+fn load(
+    arguments: &ScenarioArguments,
+    diagnostics: &mut dyn Write,
+) -> io::Result<Option<Scenario>> {
+    match load_quietly(arguments) {
+        Ok(scenario) => {
+            for warning in scenario.warnings() {
+                writeln!(diagnostics, "{:?}", miette::Report::new(warning.clone()))?;
+            }
+            Ok(Some(scenario))
+        }
+        Err(error) => {
+            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
+            Ok(None)
+        }
+    }
+}
+
+fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
+    Scenario::load(&arguments.scenario, &arguments.overrides()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn morphquad(arguments: &str) -> (u8, String, String) {
+        let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
+        let words = std::iter::once("morphquad").chain(arguments.split_whitespace());
+        let code = execute(words.map(OsString::from), &mut out, &mut diagnostics);
+        (code, String::from_utf8(out).unwrap(), String::from_utf8(diagnostics).unwrap())
+    }
+
+    #[test]
+    fn list_names_every_shipped_scenario_on_stdout_alone() {
+        let (code, out, diagnostics) = morphquad("list");
+        assert_eq!((code, diagnostics.as_str()), (exit::PASS, ""));
+        for name in crate::scenario::shipped::names() {
+            assert!(out.lines().any(|line| line.starts_with(name)), "{out}");
+        }
+    }
+
+    #[test]
+    fn check_shows_loops_arrows_and_overrides_and_ends_with_ok() {
+        let (code, out, diagnostics) =
+            morphquad("check figure8-morph --rate attitude-mpc=500 --seed 7 --for 1500ms");
+        assert_eq!(code, exit::PASS, "{diagnostics}");
+        assert!(out.contains("500 Hz") && out.contains("seed 7") && out.contains("1.5 s"), "{out}");
+        assert!(out.contains("wrench_command") && out.contains("1 ms"), "{out}");
+        assert!(out.ends_with("ok\n"));
+    }
+
+    #[test]
+    fn a_scenario_that_does_not_fly_ends_with_2_and_an_empty_stdout() {
+        for bad in ["check hoover", "check hover --rate rotor=5", "run hover --set plant.rate=5"] {
+            let (code, out, diagnostics) = morphquad(bad);
+            assert_eq!((code, out.as_str()), (exit::USAGE, ""));
+            assert!(diagnostics.contains("help:"), "{diagnostics}");
+        }
+    }
+
+    #[test]
+    fn durations_may_be_written_in_minutes_seconds_and_milliseconds() {
+        for (text, shown) in
+            [("20s", "20 s"), ("500ms", "0.5 s"), ("2m", "120 s"), ("1.5s", "1.5 s")]
+        {
+            let (code, out, diagnostics) = morphquad(&format!("check hover --for {text}"));
+            assert_eq!(code, exit::PASS, "{diagnostics}");
+            assert!(out.contains(shown), "{out}");
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! The grammar of the command line.
+
+use crate::process::ProcOptions;
+use crate::run::{Pin, RunOptions, Speed};
+use crate::scenario::{Override, Scenario, ScenarioError};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use core::time::Duration;
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+
+/// Fly a morphing quadrotor as a set of real processes over shared memory.
+#[derive(Debug, Parser)]
+#[command(name = "morphquad", version, about, max_term_width = 100)]
+pub(super) struct Cli {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Fly a scenario
+    Run(RunArguments),
+    /// Name the scenarios inside the executable
+    List,
+    /// Show what a scenario would fly, or what is wrong with it
+    Check(ScenarioArguments),
+    /// Be one process of a run
+    #[command(hide = true)]
+    Proc(ProcArguments),
+}
+
+/// A scenario and what to change in it.
+#[derive(Debug, Clone, Args)]
+pub struct ScenarioArguments {
+    /// Name of a shipped scenario, or path of a scenario file
+    #[arg(default_value = "figure8-morph")]
+    pub scenario: String,
+    /// Simulated time, or logical time that follows the wall clock
+    #[arg(long, value_name = "lockstep|realtime")]
+    pub clock: Option<String>,
+    /// Logical time of the flight: 20s, 500ms, 2m
+    #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration)]
+    pub duration: Option<Duration>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Rate of one loop, for example `attitude-mpc=500`
+    #[arg(long, value_name = "NAME=HZ")]
+    pub rate: Vec<String>,
+    /// Any key of the scenario, for example `start.morph_angle_deg=120`
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Logical seconds per wall second
+    #[arg(long, value_name = "N|max")]
+    pub speed: Option<String>,
+}
+
+impl ScenarioArguments {
+    /// The flags as edits: the particular ones after `--set`, so that they win.
+    ///
+    /// # Errors
+    /// A flag that is no edit of any scenario.
+    pub fn overrides(&self) -> Result<Vec<Override>, ScenarioError> {
+        let set = self.set.iter().map(|argument| Override::set(argument));
+        let rate = self.rate.iter().map(|argument| Override::rate(argument));
+        let mut overrides = set.chain(rate).collect::<Result<Vec<_>, _>>()?;
+        overrides.extend(self.clock.as_deref().map(Override::clock));
+        overrides.extend(self.duration.map(Override::duration));
+        overrides.extend(self.seed.map(Override::seed));
+        overrides.extend(self.speed.as_deref().map(Override::speed));
+        Ok(overrides)
+    }
+}
+
+/// What to fly and how.
+#[derive(Debug, Clone, Args)]
+pub struct RunArguments {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Folder for the recording
+    #[arg(long, value_name = "DIR", default_value = "recordings", conflicts_with = "no_record")]
+    pub record: PathBuf,
+    /// Record nothing
+    #[arg(long)]
+    pub no_record: bool,
+    /// Where the processes run
+    #[arg(long, value_name = "auto|none|CPU", default_value = "auto", value_parser = pin)]
+    pub pin: Pin,
+    /// Form of the summary
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+impl RunArguments {
+    pub(super) fn options(&self, scenario: Scenario) -> RunOptions {
+        let speed = scenario.settings().scenario.pace().map_or(Speed::Max, Speed::Times);
+        let record = (!self.no_record).then(|| self.record.clone());
+        let progress = std::io::stderr().is_terminal();
+        RunOptions { scenario, speed, record, pin: self.pin, progress }
+    }
+}
+
+/// Form of a command's result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people
+    Text,
+    /// For machines
+    Json,
+}
+
+fn pin(text: &str) -> Result<Pin, String> {
+    match text {
+        "auto" => Ok(Pin::Auto),
+        "none" => Ok(Pin::None),
+        cpu => cpu
+            .parse()
+            .map(Pin::Cpu)
+            .map_err(|_| format!("`{cpu}` is no CPU: write auto, none or a number from 0")),
+    }
+}
+
+/// Everything one process of a run is told.
+#[derive(Debug, Clone, Args)]
+pub struct ProcArguments {
+    /// Which service to be
+    pub service: String,
+    /// Folder of the run
+    #[arg(long, value_name = "FOLDER")]
+    pub run: PathBuf,
+    /// How many times this service has been restarted
+    #[arg(long, value_name = "N")]
+    pub generation: u32,
+    /// Process to outlive by the grace period at most
+    #[arg(long, value_name = "PID")]
+    pub launcher_pid: u32,
+    /// Continue from the predecessor's state
+    #[arg(long)]
+    pub restore: bool,
+    /// Processor to stay on
+    #[arg(long, value_name = "CPU")]
+    pub cpu: Option<usize>,
+}
+
+impl ProcArguments {
+    pub(super) fn options(&self) -> ProcOptions {
+        ProcOptions {
+            service: self.service.clone(),
+            run: self.run.clone(),
+            generation: self.generation,
+            launcher_pid: self.launcher_pid,
+            restore: self.restore,
+            cpu: self.cpu,
+        }
+    }
+}
