@@ -15,6 +15,8 @@ use toml::de::{DeTable, DeValue};
 
 /// A parsed table, with places.
 pub(super) type Table<'t> = DeTable<'t>;
+/// A key, with its place.
+type Key<'t> = Spanned<Cow<'t, str>>;
 /// A parsed value, with its place.
 pub(super) type Value<'t> = Spanned<DeValue<'t>>;
 
@@ -105,11 +107,11 @@ impl<'t> Document<'t> {
     fn apply(&mut self, edit: &Edit, mut table: Table<'t>, text: &Text) -> Result<(), Problem> {
         let keys: Vec<&str> = edit.key.split('.').map(str::trim).collect();
         let place = self.texts.place(&(text.start..text.start + 1));
-        let Some(value) = take(&mut table, &keys) else {
+        let Some((key, value)) = take(&mut table, &keys) else {
             let remedy = "write --set SECTION.KEY=VALUE with the value in TOML";
             return Err(Problem::new(&*edit.key, "is not a plain dotted key", remedy, place));
         };
-        put(&mut self.root, &keys, value).map_err(|blocking| {
+        put(&mut self.root, &keys, &key.span(), value).map_err(|blocking| {
             let what = format!("`{blocking}` is a value and has no such entry");
             Problem::new(&*edit.key, what, format!("set `{blocking}` itself"), place)
         })
@@ -155,7 +157,7 @@ impl<'t> Document<'t> {
         let mut best = (usize::MAX, String::new());
         walk(&self.root, "", &mut |path, key, value| {
             for own in [key, value.span()] {
-                if own.start <= span.start && span.end <= own.end && own.len() < best.0 {
+                if own.start <= span.start && span.end <= own.end && own.len() <= best.0 {
                     best = (own.len(), path.to_owned());
                 }
             }
@@ -169,10 +171,10 @@ impl<'t> Document<'t> {
     }
 }
 
-fn take<'t>(table: &mut Table<'t>, keys: &[&str]) -> Option<Value<'t>> {
+fn take<'t>(table: &mut Table<'t>, keys: &[&str]) -> Option<(Key<'t>, Value<'t>)> {
     let (first, rest) = keys.split_first()?;
     if rest.is_empty() {
-        return table.remove(*first);
+        return table.remove_entry(*first);
     }
     match table.get_mut(*first)?.get_mut() {
         DeValue::Table(inner) => take(inner, rest),
@@ -180,38 +182,45 @@ fn take<'t>(table: &mut Table<'t>, keys: &[&str]) -> Option<Value<'t>> {
     }
 }
 
-/// Puts `value` at `keys`; gives back the key that is in the way.
-fn put<'t>(table: &mut Table<'t>, keys: &[&str], value: Value<'t>) -> Result<(), String> {
+/// Puts `value` at `keys`, which stand at `span`; gives back the key that is in the way.
+fn put<'t>(
+    table: &mut Table<'t>,
+    keys: &[&str],
+    span: &Range<usize>,
+    value: Value<'t>,
+) -> Result<(), String> {
     let Some((first, rest)) = keys.split_first() else { return Ok(()) };
-    let span = value.span();
     let key = Spanned::new(span.clone(), Cow::Owned((*first).to_owned()));
     if rest.is_empty() {
+        // A key that was there keeps its old place unless it is taken out first.
+        table.remove(*first);
         table.insert(key, value);
         return Ok(());
     }
-    let entry =
-        table.entry(key).or_insert_with(|| Spanned::new(span, DeValue::Table(Table::new())));
-    put_into(entry.get_mut(), first, rest, value)
+    let section = || Spanned::new(span.clone(), DeValue::Table(Table::new()));
+    put_into(table.entry(key).or_insert_with(section).get_mut(), keys, span, value)
 }
 
+/// As [`put`], below the first of `keys`.
 fn put_into<'t>(
     target: &mut DeValue<'t>,
-    name: &str,
     keys: &[&str],
+    span: &Range<usize>,
     value: Value<'t>,
 ) -> Result<(), String> {
-    let index = keys.first().and_then(|key| key.parse::<usize>().ok());
+    let Some((name, rest)) = keys.split_first() else { return Ok(()) };
+    let index = rest.first().and_then(|key| key.parse::<usize>().ok());
     match (target, index) {
-        (DeValue::Table(table), _) => put(table, keys, value),
+        (DeValue::Table(table), _) => put(table, rest, span, value),
         (DeValue::Array(array), Some(index)) => {
-            let item = array.get_mut(index).ok_or_else(|| name.to_owned())?;
-            if keys.len() == 1 {
+            let item = array.get_mut(index).ok_or_else(|| (*name).to_owned())?;
+            if rest.len() == 1 {
                 *item = value;
                 return Ok(());
             }
-            put_into(item.get_mut(), name, &keys[1..], value)
+            put_into(item.get_mut(), rest, span, value)
         }
-        _ => Err(name.to_owned()),
+        _ => Err((*name).to_owned()),
     }
 }
 

@@ -13,7 +13,7 @@ const LEAST_SIMILARITY: f64 = 0.75;
 pub(crate) fn remedy<'a>(given: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
     let stem = without_unit(given);
     if let Some(key) = known.clone().find(|key| !stem.is_empty() && without_unit(key) == stem) {
-        return format!("write `{key}`: the unit is part of the key, and the value is in it");
+        return format!("write `{key}`: the unit is part of the key, so give the value in it");
     }
     let list = known.clone().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
     closest(given, known).map_or_else(

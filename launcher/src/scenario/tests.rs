@@ -211,6 +211,9 @@ fn an_override_at_fault_is_named_with_its_flag() {
     assert!(shown(&problem.into()).contains("--set plant.rate_hz=-5"));
     for (edit, key, flag) in [
         (set("plant.rate_khz=1"), "plant.rate_khz", "--set plant.rate_khz=1"),
+        (set("vehicle.mass_g=120"), "vehicle.mass_g", "--set vehicle.mass_g=120"),
+        (set("plant.imu.rate=1000"), "plant.imu.rate", "--set plant.imu.rate=1000"),
+        (set("scenario.name.first=1"), "scenario.name.first", "--set scenario.name.first=1"),
         (set("scenario.clock=sundial"), "scenario.clock", "--set scenario.clock=sundial"),
         (Override::rate("plant=nan").unwrap(), "plant.rate_hz", "--rate plant=nan"),
         (Override::rate("plant=0").unwrap(), "plant.rate_hz", "--rate plant=0"),
