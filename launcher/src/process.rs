@@ -12,6 +12,7 @@ use runtime::{Ending, Executor, Graph, Node, Process, ProcessError, Service};
 use rustix::thread::{CpuSet, sched_setaffinity, set_name};
 use shared_types::Role;
 use std::ffi::CString;
+use std::io;
 use std::path::PathBuf;
 
 /// How a process is started by the launcher.
@@ -31,8 +32,8 @@ pub struct ProcOptions {
     pub cpu: Option<usize>,
 }
 
-/// Logical time a plant is given to put the vehicle down after the grace period [s].
-const LANDING_S: f64 = 15.0;
+/// Wall time that a realtime flight is given to land after the grace period [s].
+const LANDING_S: f64 = 4.0;
 
 /// Runs one process of a flight to its end and returns its exit code.
 #[must_use]
@@ -40,18 +41,20 @@ pub fn run_process(options: &ProcOptions) -> u8 {
     match fly(options) {
         Ok(Ending::Finished) => exit::PASS,
         Ok(Ending::Signalled) => {
-            eprintln!("{}: stopped by a signal", options.service);
+            say(&mut io::stderr(), &format!("{}: stopped by a signal", options.service));
             exit::INTERRUPTED
         }
-        Ok(Ending::LauncherGone) => {
-            eprintln!("{}: the launcher is gone, leaving", options.service);
-            exit::CRASHED
-        }
+        Ok(Ending::LauncherGone) => exit::CRASHED,
         Err(error) => {
-            eprintln!("{}: {error}", options.service);
+            say(&mut io::stderr(), &format!("{}: {error}", options.service));
             exit::UNFIT
         }
     }
+}
+
+/// Writes a line that nobody may be left to read.
+fn say(to: &mut dyn io::Write, line: &str) {
+    let _ = writeln!(to, "{line}");
 }
 
 fn fly(options: &ProcOptions) -> Result<Ending, Box<dyn std::error::Error>> {
@@ -70,7 +73,16 @@ fn fly(options: &ProcOptions) -> Result<Ending, Box<dyn std::error::Error>> {
     let grace_s = scenario.settings().launcher.launcher_grace_s;
     let realtime = scenario.settings().scenario.clock == Clock::Realtime;
     let lands = realtime && grace_s > 0.0;
-    stop.watch_launcher(options.launcher_pid, if lands { grace_s + LANDING_S } else { grace_s })?;
+    let leave_s = if lands { grace_s + LANDING_S } else { grace_s };
+    let run = membership.folder().display().to_string();
+    stop.watch_launcher(options.launcher_pid, leave_s, move || {
+        if role == Role::Plant {
+            // A child's standard output is the launcher's standard error; its own may be closed.
+            let what = if realtime { "the vehicle hovers, then lands" } else { "time stands still" };
+            let line = format!("morphquad: the launcher of {run} died; {what}, all leave in {leave_s} s");
+            say(&mut io::stdout(), &line);
+        }
+    })?;
     let bus = Bus::join(&membership.ipc_config(), &options.service)?;
     let graph = scenario.graph()?;
     let node = *graph.node(role).ok_or("this flight has no such process")?;

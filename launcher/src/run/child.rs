@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader};
+use std::os::fd::AsFd as _;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -49,7 +50,7 @@ impl RunningChild {
             .args(["--generation", &generation.to_string()])
             .args(["--launcher-pid", &std::process::id().to_string()])
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(launcher_stderr())
             .stderr(Stdio::piped())
             .process_group(0);
         if let Some(cpu) = spec.cpu {
@@ -97,6 +98,11 @@ impl Drop for RunningChild {
         self.kill();
         let _ = self.child.wait();
     }
+}
+
+/// For words that must reach the user even when the launcher no longer can.
+fn launcher_stderr() -> Stdio {
+    io::stderr().as_fd().try_clone_to_owned().map_or_else(|_| Stdio::null(), Stdio::from)
 }
 
 fn listen(mut pipe: impl BufRead, words: &Mutex<VecDeque<String>>) {

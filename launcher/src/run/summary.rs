@@ -57,7 +57,9 @@ pub struct Misses {
     pub ticks: u64,
     /// Commands and set points that came after the step they were for.
     pub late: u64,
-    /// Samples that a reader never saw, the recorder included.
+    /// Samples that a loop never saw, most of them while it was being restarted.
+    pub unseen: u64,
+    /// Samples that the recorder never saw.
     pub dropped: u64,
 }
 
@@ -92,11 +94,17 @@ impl Summary {
             if let Some(stats) = self.metrics.loop_stats(*role) {
                 misses.ticks += stats.skipped + stats.input_deadline_misses;
                 misses.late += stats.late_samples;
-                misses.dropped += stats.lost_samples;
+                misses.unseen += stats.lost_samples;
             }
         }
         misses.dropped += self.audit.tallies().map(|(_, _, tally)| tally.gaps).sum::<u64>();
         misses
+    }
+
+    /// Samples that the recorder took.
+    #[must_use]
+    pub fn recorded(&self) -> u64 {
+        self.audit.tallies().map(|(_, _, tally)| tally.count).sum()
     }
 
     /// Logical seconds per wall second.
@@ -124,7 +132,9 @@ impl Summary {
         put("constraint_violations", self.violations().to_string());
         put("missed_ticks", misses.ticks.to_string());
         put("late_samples", misses.late.to_string());
+        put("unseen_samples", misses.unseen.to_string());
         put("dropped_samples", misses.dropped.to_string());
+        put("recorded_samples", self.recorded().to_string());
         put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
         put("recovered_crashes", self.recovered.to_string());
         map
@@ -239,8 +249,14 @@ impl Summary {
         self.write_flight(out)?;
         writeln!(
             out,
-            "  timing       {} missed ticks, {} late samples, {} dropped samples",
-            misses.ticks, misses.late, misses.dropped
+            "  timing       {} missed ticks, {} late samples, {} samples unseen by a loop",
+            misses.ticks, misses.late, misses.unseen
+        )?;
+        writeln!(
+            out,
+            "  samples      {} taken, {} dropped",
+            self.recorded(),
+            misses.dropped
         )?;
         self.write_loops(out)?;
         for notice in &self.notices {

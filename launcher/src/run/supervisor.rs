@@ -298,7 +298,8 @@ impl Supervisor {
         let last = &last_states[role.index()];
         let effective_ns = match (last.header(), graph.node(role)) {
             (Some(header), Some(node)) if self.seats[joined.seat].restored => {
-                node.rate.release_ns(header.release_index + 1)
+                // Its first command takes effect a latency after its first release.
+                node.rate.release_ns(header.release_index + 1) + command_latency_ns(graph, role)
             }
             _ => 0,
         };
@@ -346,6 +347,15 @@ impl Supervisor {
 
 /// Largest state that can be handed over [bytes].
 const HANDOVER_CAPACITY: usize = 64 * 1024;
+
+/// Latency of the command by which a role fills its slot; 0 for roles without one [ns].
+fn command_latency_ns(graph: &Graph, role: Role) -> u64 {
+    match role {
+        Role::Attitude => graph.latency_ns(&topics::WRENCH_COMMAND.info),
+        Role::Position => graph.latency_ns(&topics::ATTITUDE_SETPOINT.info),
+        _ => 0,
+    }
+}
 
 /// Who commands a slot in this flight.
 fn owner_role(graph: &Graph, slot: Role) -> Option<Role> {

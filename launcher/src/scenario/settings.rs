@@ -231,8 +231,8 @@ impl Default for LauncherSettings {
         Self {
             startup_timeout_s: 10.0,
             stall_timeout_s: 2.0,
-            launcher_grace_s: 30.0,
-            restart_backoff_s: 0.1,
+            launcher_grace_s: 2.0,
+            restart_backoff_s: 0.01,
             restart_backoff_max_s: 5.0,
             restart_limit: 10,
         }

@@ -16,10 +16,9 @@ pub struct Landing {
 }
 
 impl Default for Landing {
-    /// Half a minute of hover, then half a metre per second: slow enough for the attitude loop to
-    /// carry, fast enough for a battery at its end.
+    /// Two seconds of hover, then half a metre per second.
     fn default() -> Self {
-        Self { after_s: 30.0, descent_m_s: 0.5, ground_m: 0.0 }
+        Self { after_s: 2.0, descent_m_s: 0.5, ground_m: 0.0 }
     }
 }
 

@@ -15,8 +15,7 @@ pub fn mono_now_ns() -> u64 {
 #[must_use]
 pub fn unix_now_ns() -> u64 {
     let now = clock_gettime(ClockId::Realtime);
-    u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000
-        + u64::try_from(now.tv_nsec).unwrap_or(0)
+    u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000 + u64::try_from(now.tv_nsec).unwrap_or(0)
 }
 
 /// Processor that the calling thread runs on.

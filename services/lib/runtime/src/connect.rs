@@ -1,7 +1,7 @@
 //! Opens every port that a service declares.
 
 use crate::executor::Executor;
-use crate::graph::Graph;
+use crate::graph::{Edge, Graph};
 use crate::input::{Input, InputSet as _, InputVisitor};
 use crate::ipc::{Bus, PortError};
 use crate::output::{Output, OutputSet as _, OutputVisitor};
@@ -22,7 +22,8 @@ impl InputVisitor for Readers<'_> {
         input: &mut Input<T>,
     ) -> Result<(), PortError> {
         let edge = self.graph.edge(&topic.info, self.role).copied();
-        input.connect(Box::new(self.bus.reader(topic)?), edge);
+        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
+        input.connect(Box::new(self.bus.reader(topic)?), Some(edge));
         Ok(())
     }
 }

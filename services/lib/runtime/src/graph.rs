@@ -57,6 +57,13 @@ pub struct Edge {
 }
 
 impl Edge {
+    /// An arrow from outside the waiting graph, like an owner record's: samples take effect at
+    /// their instant, and nobody waits for them.
+    #[must_use]
+    pub fn unwaited(topic: &'static TopicInfo, to: Role) -> Self {
+        Self { topic, from: topic.from, to, latency_ns: 0, strict: to == Role::Plant }
+    }
+
     /// True if the consumer's step at `t_ns` may run as far as this edge is concerned.
     #[must_use]
     pub fn permits(&self, t_ns: u64, mark_ns: u64) -> bool {

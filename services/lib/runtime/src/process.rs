@@ -233,8 +233,7 @@ impl<S: Service> Process<S> {
             self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
             let due_mono_ns = self.due_mono_ns(&wall);
             if self.executor.mark_ns() < end_ns && mono_now_ns() >= due_mono_ns {
-                let stamps =
-                    StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
+                let stamps = StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
                 self.executor.run_step(stamps);
             }
             if self.executor.mark_ns() > before_ns {

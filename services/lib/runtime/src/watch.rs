@@ -30,24 +30,31 @@ impl StopFlags {
         Ok(flags)
     }
 
-    /// Watches a process from a thread of its own; `grace_s` after its death the flight must end.
+    /// Watches a process from a thread of its own: calls `on_death` when it is gone, and `grace_s`
+    /// later the flight must end.
     ///
     /// # Errors
     /// The process is already gone, or cannot be watched.
-    pub fn watch_launcher(&self, pid: u32, grace_s: f64) -> io::Result<()> {
+    pub fn watch_launcher(
+        &self,
+        pid: u32,
+        grace_s: f64,
+        on_death: impl FnOnce() + Send + 'static,
+    ) -> io::Result<()> {
         let pid =
             i32::try_from(pid).ok().and_then(Pid::from_raw).ok_or(io::ErrorKind::InvalidInput)?;
         let launcher = pidfd_open(pid, PidfdFlags::empty())?;
         let flags = self.clone();
         thread::Builder::new()
             .name("watch".to_owned())
-            .spawn(move || flags.wait_for_death(&launcher, grace_s))?;
+            .spawn(move || flags.wait_for_death(&launcher, grace_s, on_death))?;
         Ok(())
     }
 
-    fn wait_for_death(&self, launcher: &OwnedFd, grace_s: f64) {
+    fn wait_for_death(&self, launcher: &OwnedFd, grace_s: f64, on_death: impl FnOnce()) {
         while !readable(launcher, None) {}
         self.launcher_gone.store(true, Ordering::Release);
+        on_death();
         let grace =
             Timespec::try_from(core::time::Duration::from_secs_f64(grace_s.clamp(0.0, 1e6)))
                 .unwrap_or(Timespec { tv_sec: 0, tv_nsec: 0 });

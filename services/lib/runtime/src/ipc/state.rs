@@ -9,7 +9,6 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::{Author, Header};
 
-
 type StateFactory = PortFactory<Ipc, [u8], Header>;
 
 impl Bus {
