@@ -10,11 +10,11 @@ sample! {
         pub header: Header,
         /// Collective thrust [N].
         pub thrust_n: f64,
-        /// Roll φ_d [rad].
+        /// Roll `φ_d` [rad].
         pub roll_rad: f64,
-        /// Pitch θ_d [rad].
+        /// Pitch `θ_d` [rad].
         pub pitch_rad: f64,
-        /// Yaw ψ_d [rad].
+        /// Yaw `ψ_d` [rad].
         pub yaw_rad: f64,
     }
 }

@@ -77,7 +77,11 @@ impl AttitudeMpc {
         let rate_hz = config.rate_hz;
         Ok(Self {
             law: AttitudeLaw::new(config, vehicle)?,
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "positive"
+            )]
             period_ns: (1e9 / rate_hz).ceil() as u64,
             setpoint: Setpoint {
                 gamma_rad: Vector3::new(0.0, 0.0, start_yaw_rad),

@@ -1,6 +1,6 @@
 //! The injector as a process: a script in, the disturbance in effect out.
 
-use crate::{InjectorConfig, InjectorError, Injector, InjectorMemory};
+use crate::{Injector, InjectorConfig, InjectorError, InjectorMemory};
 use runtime::{Service, inputs, outputs};
 use shared_types::{Disturbance, topics};
 

@@ -152,8 +152,7 @@ impl Plant {
     pub fn new(config: &PlantConfig) -> Result<Self, PlantError> {
         let vehicle = config.vehicle;
         let mut state = RigidBodyState::hover(&vehicle, config.position_w_m, config.morph_angle);
-        state.q_wb =
-            vehicle::quaternion_from_euler(&Vector3::new(0.0, 0.0, config.yaw_rad));
+        state.q_wb = vehicle::quaternion_from_euler(&Vector3::new(0.0, 0.0, config.yaw_rad));
         let (model, linear): (Box<dyn PlantModel>, bool) = match config.model {
             ModelKind::Nonlinear { ground } => {
                 let ground = ground.then(GroundContact::default);
@@ -197,12 +196,7 @@ impl Plant {
     }
 
     /// Runs the gate on the commands that take effect now; what to hold until the next instant.
-    fn take_effect(
-        &mut self,
-        now_ns: u64,
-        inputs: &Inputs,
-        pending: &mut Pending,
-    ) -> PlantInputs {
+    fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, pending: &mut Pending) -> PlantInputs {
         pending.advance(now_ns, inputs);
         self.commands.clear();
         let first = pending.commands_from;
@@ -234,16 +228,12 @@ impl Plant {
     }
 
     fn allocate(&self, output: &GateOutput) -> Applied {
-        let morph = MorphAngle::saturating_from_rad(self.measured_morph_rad)
-            .unwrap_or(self.start_morph);
-        let off = Allocation {
-            rotor_thrust_n: [0.0; 4],
-            achieved: Wrench::thrust(0.0),
-            clipped: true,
-        };
+        let morph =
+            MorphAngle::saturating_from_rad(self.measured_morph_rad).unwrap_or(self.start_morph);
+        let off =
+            Allocation { rotor_thrust_n: [0.0; 4], achieved: Wrench::thrust(0.0), clipped: true };
         // The gate's wrench is finite, so allocation has an answer; rotors off if it had none.
-        let allocation =
-            self.vehicle.allocator(morph).allocate(&output.wrench).unwrap_or(off);
+        let allocation = self.vehicle.allocator(morph).allocate(&output.wrench).unwrap_or(off);
         let (actuation, achieved, clipped) = if self.linear {
             (Actuation::Wrench(output.wrench), output.wrench, false)
         } else {
@@ -284,7 +274,9 @@ impl Plant {
             return;
         }
         let mut held = *held;
-        if self.kick_b_rad_s != Vector3::zeros() {
+        if self.kick_b_rad_s == Vector3::zeros() {
+            self.step_model(dt_s, &held);
+        } else {
             // A jump in body rate is an impulse: all of it in the first step.
             let beta = self.model.truth(&held).state.beta;
             let impulse = self.vehicle.inertia_kg_m2(beta).component_mul(&self.kick_b_rad_s);
@@ -292,8 +284,6 @@ impl Plant {
             self.step_model(dt_s, &held);
             held.disturbance.torque_b_nm -= impulse / dt_s;
             self.kick_b_rad_s = Vector3::zeros();
-        } else {
-            self.step_model(dt_s, &held);
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small count")]
         for _ in 1..steps as u32 {
@@ -311,8 +301,7 @@ impl Plant {
         let Some((applied, held, gate)) = self.last else { return };
         let truth = self.model.truth(&held);
         let state = &truth.state;
-        if let Some(sample) =
-            self.imu.sample(now_ns, &state.omega_b, &truth.specific_force_b_m_s2)
+        if let Some(sample) = self.imu.sample(now_ns, &state.omega_b, &truth.specific_force_b_m_s2)
         {
             self.reading = Some(sample);
             self.imu_sequence += 1;
@@ -412,9 +401,7 @@ fn join([high, low]: Author) -> u128 {
 fn commanded_morph(command: &MorphCommand, now_ns: u64) -> f64 {
     let age_ns = now_ns.saturating_sub(command.header.valid_ns);
     let steps = age_ns as f64 / command.spacing_ns.max(1) as f64;
-    let in_use = usize::try_from(command.count)
-        .unwrap_or(usize::MAX)
-        .min(command.path_rad.len());
+    let in_use = usize::try_from(command.count).unwrap_or(usize::MAX).min(command.path_rad.len());
     let path = &command.path_rad[..in_use];
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "non-negative")]
     let index = steps as usize;

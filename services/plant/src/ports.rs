@@ -3,8 +3,8 @@
 use nalgebra::UnitQuaternion;
 use runtime::{inputs, outputs};
 use shared_types::{
-    ActuatorState, AppliedCommand, Disturbance, Imu, MorphAngle, MorphCommand, OwnerRecord, PoseFix,
-    Quaternion, Truth, WrenchCommand, topics,
+    ActuatorState, AppliedCommand, Disturbance, Imu, MorphAngle, MorphCommand, OwnerRecord,
+    PoseFix, Quaternion, Truth, WrenchCommand, topics,
 };
 
 inputs! {

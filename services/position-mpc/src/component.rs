@@ -119,8 +119,7 @@ impl Service for PositionMpc {
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         let Some(estimate) = inputs.state_estimate.sample() else { return };
         let Some(reference) = inputs.reference.sample() else { return };
-        let yaw_rad =
-            preview(reference, now_ns, self.period_s, &self.landing, &mut self.points);
+        let yaw_rad = preview(reference, now_ns, self.period_s, &self.landing, &mut self.points);
         let q = &estimate.q_wb;
         let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
         let age_ns = now_ns.saturating_sub(estimate.header.valid_ns);

@@ -37,12 +37,11 @@ pub fn preview(
         *point = position_at(reference, ahead_s);
         let overdue_s = ahead_s - landing.after_s;
         if overdue_s > 0.0 {
-            point.z = (point.z - landing.descent_m_s * overdue_s).max(landing.ground_m.min(point.z));
+            point.z =
+                (point.z - landing.descent_m_s * overdue_s).max(landing.ground_m.min(point.z));
         }
     }
-    in_use(reference)
-        .get(segment(reference, age_s).0)
-        .map_or(0.0, |point| point.yaw_rad)
+    in_use(reference).get(segment(reference, age_s).0).map_or(0.0, |point| point.yaw_rad)
 }
 
 fn in_use(reference: &Reference) -> &[ReferencePoint] {

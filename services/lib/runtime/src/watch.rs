@@ -93,6 +93,7 @@ impl StopFlags {
     }
 
     /// Clears a signal that has been handled, so that a second one can be told from it.
+    #[must_use]
     pub fn take_signal(&self) -> bool {
         self.signalled.swap(false, Ordering::AcqRel)
     }

@@ -55,7 +55,8 @@ impl Surroundings<'_> {
         }
         let (inertia, omega) = (&actuators.inertia, &body.omega_b);
         // m v̇ = −m g e₃ + R (0, 0, T) + drag + contact + disturbance   (2)
-        let linear_w = force_w / (p.mass_kg + d.payload_kg) - Vector3::new(0.0, 0.0, p.gravity_m_s2);
+        let linear_w =
+            force_w / (p.mass_kg + d.payload_kg) - Vector3::new(0.0, 0.0, p.gravity_m_s2);
         // I ω̇ = τ − İ ω − ω × I ω   (4) and the İ ω that it leaves out
         let spin = inertia.component_mul(omega);
         let rhs = torque_b - actuators.inertia_rate.component_mul(omega) - omega.cross(&spin);
