@@ -28,11 +28,11 @@ sample! {
         pub command_cause_sequence: u64,
         /// Epoch of the owner whose command is in effect.
         pub epoch: u64,
-        /// Allocated collective thrust, after rotor limits [N].
+        /// Allocated collective thrust, after rotor limits \[N\].
         pub thrust_n: f64,
-        /// Allocated torque, after rotor limits [N m].
+        /// Allocated torque, after rotor limits \[N m\].
         pub torque_b_nm: [f64; 3],
-        /// Commanded thrust of rotors 1 (front), 2 (left), 3 (rear), 4 (right) [N].
+        /// Commanded thrust of rotors 1 (front), 2 (left), 3 (rear), 4 (right) \[N\].
         pub rotor_thrust_n: [f64; 4],
         /// Commands refused because a number was not finite.
         pub refused_not_finite: u64,
@@ -54,19 +54,19 @@ sample! {
     pub struct Truth {
         /// Identity and time.
         pub header: Header,
-        /// Position [m].
+        /// Position \[m\].
         pub position_w_m: [f64; 3],
-        /// Velocity [m/s].
+        /// Velocity \[m/s\].
         pub velocity_w_m_s: [f64; 3],
         /// Attitude, body to world.
         pub q_wb: Quaternion,
-        /// Body rate [rad/s].
+        /// Body rate \[rad/s\].
         pub body_rate_b_rad_s: [f64; 3],
-        /// Deployable angle [rad].
+        /// Deployable angle \[rad\].
         pub morph_angle_rad: f64,
-        /// Rate of the deployable angle [rad/s].
+        /// Rate of the deployable angle \[rad/s\].
         pub morph_rate_rad_s: f64,
-        /// Gyro bias [rad/s].
+        /// Gyro bias \[rad/s\].
         pub gyro_bias_b_rad_s: [f64; 3],
         /// Accelerometer bias [m/s^2].
         pub accelerometer_bias_b_m_s2: [f64; 3],
@@ -78,11 +78,11 @@ sample! {
     pub struct ActuatorState {
         /// Identity and time.
         pub header: Header,
-        /// Thrust the rotors give, lag and efficiency included [N].
+        /// Thrust the rotors give, lag and efficiency included \[N\].
         pub rotor_thrust_n: [f64; 4],
-        /// Thrust the rotors were asked for [N].
+        /// Thrust the rotors were asked for \[N\].
         pub rotor_command_n: [f64; 4],
-        /// Morph servo's commanded angle [rad].
+        /// Morph servo's commanded angle \[rad\].
         pub morph_command_rad: f64,
     }
 }

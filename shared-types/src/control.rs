@@ -8,13 +8,13 @@ sample! {
     pub struct AttitudeSetpoint {
         /// Identity and time.
         pub header: Header,
-        /// Collective thrust [N].
+        /// Collective thrust \[N\].
         pub thrust_n: f64,
-        /// Roll `φ_d` [rad].
+        /// Roll `φ_d` \[rad\].
         pub roll_rad: f64,
-        /// Pitch `θ_d` [rad].
+        /// Pitch `θ_d` \[rad\].
         pub pitch_rad: f64,
-        /// Yaw `ψ_d` [rad].
+        /// Yaw `ψ_d` \[rad\].
         pub yaw_rad: f64,
     }
 }
@@ -26,13 +26,13 @@ sample! {
         pub header: Header,
         /// Sequence of the set point sample in use; 0 before the first.
         pub setpoint_sequence: u64,
-        /// Collective thrust [N].
+        /// Collective thrust \[N\].
         pub thrust_n: f64,
-        /// Roll [rad].
+        /// Roll \[rad\].
         pub roll_rad: f64,
-        /// Pitch [rad].
+        /// Pitch \[rad\].
         pub pitch_rad: f64,
-        /// Yaw [rad].
+        /// Yaw \[rad\].
         pub yaw_rad: f64,
     }
 }
@@ -42,11 +42,11 @@ sample! {
     pub struct WrenchCommand {
         /// Identity and time.
         pub header: Header,
-        /// Collective thrust along body z [N].
+        /// Collective thrust along body z \[N\].
         pub thrust_n: f64,
-        /// Torque about the body axes [N m].
+        /// Torque about the body axes \[N m\].
         pub torque_b_nm: [f64; 3],
-        /// How long past its effective instant the command stays valid [ns].
+        /// How long past its effective instant the command stays valid \[ns\].
         pub validity_ns: u64,
     }
 }
@@ -69,7 +69,7 @@ crate::code! {
 
 sample! {
     /// What an incremental controller commanded and the bounds it obeyed, in its own coordinates:
-    /// (τx, τy, τz) [N m] for attitude, (θ, φ, T) [rad, rad, N] in the ψ = 0 frame for position.
+    /// (τx, τy, τz) \[N m\] for attitude, (θ, φ, T) [rad, rad, N] in the ψ = 0 frame for position.
     pub struct ControllerReport {
         /// Identity and time.
         pub header: Header,

@@ -8,25 +8,25 @@ sample! {
     pub struct StateEstimate {
         /// Identity and time; valid at the IMU sample it descends from.
         pub header: Header,
-        /// Position [m].
+        /// Position \[m\].
         pub position_w_m: [f64; 3],
-        /// Velocity [m/s].
+        /// Velocity \[m/s\].
         pub velocity_w_m_s: [f64; 3],
         /// Attitude, body to world.
         pub q_wb: Quaternion,
-        /// Body rate, gyro bias removed [rad/s].
+        /// Body rate, gyro bias removed \[rad/s\].
         pub body_rate_b_rad_s: [f64; 3],
         /// Specific force, accelerometer bias removed [m/s^2].
         pub specific_force_b_m_s2: [f64; 3],
-        /// Gyro bias [rad/s].
+        /// Gyro bias \[rad/s\].
         pub gyro_bias_b_rad_s: [f64; 3],
         /// Accelerometer bias [m/s^2].
         pub accelerometer_bias_b_m_s2: [f64; 3],
-        /// Deployable angle [rad].
+        /// Deployable angle \[rad\].
         pub morph_angle_rad: f64,
-        /// Rate of the deployable angle [rad/s].
+        /// Rate of the deployable angle \[rad/s\].
         pub morph_rate_rad_s: f64,
-        /// One-sigma errors: position [m], velocity [m/s], attitude [rad, body], gyro bias [rad/s],
+        /// One-sigma errors: position \[m\], velocity \[m/s\], attitude [rad, body], gyro bias \[rad/s\],
         /// accelerometer bias [m/s^2].
         pub sigma: [f64; 15],
         /// Normalised innovation squared of the last pose fix (6 degrees of freedom).

@@ -11,11 +11,11 @@ pub const MORPH_PATH_POINTS: usize = 48;
 sample! {
     /// One point of a reference trajectory.
     pub struct ReferencePoint {
-        /// Position [m].
+        /// Position \[m\].
         pub position_w_m: [f64; 3],
-        /// Velocity [m/s].
+        /// Velocity \[m/s\].
         pub velocity_w_m_s: [f64; 3],
-        /// Heading, counter-clockwise from east [rad].
+        /// Heading, counter-clockwise from east \[rad\].
         pub yaw_rad: f64,
     }
 }
@@ -25,7 +25,7 @@ sample! {
     pub struct Reference {
         /// Identity and time.
         pub header: Header,
-        /// Time between points [ns].
+        /// Time between points \[ns\].
         pub spacing_ns: u64,
         /// Number of points in use, at least 1.
         pub count: u64,
@@ -39,13 +39,13 @@ sample! {
     pub struct MorphCommand {
         /// Identity and time.
         pub header: Header,
-        /// Commanded angle now [rad].
+        /// Commanded angle now \[rad\].
         pub angle_rad: f64,
-        /// Time between points of the path [ns].
+        /// Time between points of the path \[ns\].
         pub spacing_ns: u64,
         /// Number of points in use.
         pub count: u64,
-        /// Angle planned at `valid_ns + i * spacing_ns` [rad].
+        /// Angle planned at `valid_ns + i * spacing_ns` \[rad\].
         pub path_rad: [f64; MORPH_PATH_POINTS],
     }
 }

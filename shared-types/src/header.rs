@@ -12,17 +12,17 @@ sample! {
     pub struct Header {
         /// Counts up by one per topic and producer seat, from 1.
         pub sequence: u64,
-        /// Logical instant of the producing step [ns].
+        /// Logical instant of the producing step \[ns\].
         pub release_ns: u64,
-        /// Logical instant from which the sample is in effect [ns].
+        /// Logical instant from which the sample is in effect \[ns\].
         pub valid_ns: u64,
         /// Sequence of the IMU sample this one descends from; 0 if none.
         pub cause_sequence: u64,
-        /// Intended release on `CLOCK_MONOTONIC` [ns]; in lockstep the instant the step became due.
+        /// Intended release on `CLOCK_MONOTONIC` \[ns\]; in lockstep the instant the step became due.
         pub release_mono_ns: u64,
-        /// Start of the producing step on `CLOCK_MONOTONIC` [ns].
+        /// Start of the producing step on `CLOCK_MONOTONIC` \[ns\].
         pub start_mono_ns: u64,
-        /// Publication on `CLOCK_MONOTONIC` [ns].
+        /// Publication on `CLOCK_MONOTONIC` \[ns\].
         pub publish_mono_ns: u64,
         /// Seat of the producer within its slot; 0 where a topic has one producer.
         pub seat: u32,

@@ -8,7 +8,7 @@ sample! {
     pub struct Imu {
         /// Identity and time.
         pub header: Header,
-        /// Angular rate of the body [rad/s].
+        /// Angular rate of the body \[rad/s\].
         pub gyro_b_rad_s: [f64; 3],
         /// Specific force (acceleration minus gravity) [m/s^2].
         pub specific_force_b_m_s2: [f64; 3],
@@ -24,9 +24,9 @@ sample! {
     pub struct PoseFix {
         /// Identity and time; `valid_ns` is the arrival.
         pub header: Header,
-        /// Logical instant at which the pose was true [ns].
+        /// Logical instant at which the pose was true \[ns\].
         pub captured_ns: u64,
-        /// Position [m].
+        /// Position \[m\].
         pub position_w_m: [f64; 3],
         /// Attitude, body to world.
         pub q_wb: Quaternion,
@@ -38,7 +38,7 @@ sample! {
     pub struct MorphAngle {
         /// Identity and time.
         pub header: Header,
-        /// Deployable angle of the arms [rad].
+        /// Deployable angle of the arms \[rad\].
         pub angle_rad: f64,
     }
 }

@@ -69,7 +69,7 @@ sample! {
         pub owner: [u64; 2],
         /// Publisher that takes over when the owner falls silent; zeros for none.
         pub fallback: [u64; 2],
-        /// Control period of the owner [ns].
+        /// Control period of the owner \[ns\].
         pub period_ns: u64,
         /// Slot the record is about: [`Role::Position`] or [`Role::Attitude`].
         pub slot: Role,
@@ -119,11 +119,11 @@ code! {
 sample! {
     /// The conductor's word on time. Published seldom; the last one counts.
     pub struct ClockRecord {
-        /// Lockstep: steps at or after this instant may not run yet [ns].
+        /// Lockstep: steps at or after this instant may not run yet \[ns\].
         pub allowed_ns: u64,
-        /// Steps at or after this instant never run [ns].
+        /// Steps at or after this instant never run \[ns\].
         pub end_ns: u64,
-        /// Realtime: `CLOCK_MONOTONIC` at logical time 0 [ns].
+        /// Realtime: `CLOCK_MONOTONIC` at logical time 0 \[ns\].
         pub start_mono_ns: u64,
         /// Realtime: logical seconds per wall second.
         pub speed: f64,
@@ -137,11 +137,11 @@ sample! {
 sample! {
     /// How far a process has got: everything released before `mark_ns` is final.
     pub struct Progress {
-        /// Instant of the first release not completely published [ns].
+        /// Instant of the first release not completely published \[ns\].
         pub mark_ns: u64,
         /// Steps run.
         pub steps: u64,
-        /// `CLOCK_MONOTONIC` when the mark was published [ns].
+        /// `CLOCK_MONOTONIC` when the mark was published \[ns\].
         pub publish_mono_ns: u64,
         /// Restarts of the process.
         pub generation: u32,

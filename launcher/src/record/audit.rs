@@ -18,7 +18,7 @@ pub struct Tally {
     pub repeated: u64,
     /// Times the numbering fell back although logical time went on.
     pub renumbered: u64,
-    /// Release of the last sample [ns].
+    /// Release of the last sample \[ns\].
     last_release_ns: u64,
 }
 
@@ -57,7 +57,7 @@ impl SequenceAudit {
         Stream(self.streams.len() - 1)
     }
 
-    /// Takes note of a sample; `release_ns` is its logical time [ns].
+    /// Takes note of a sample; `release_ns` is its logical time \[ns\].
     ///
     /// A number that does not grow is a repetition, unless its logical time does grow: then the
     /// producer lost its count, and dropping its samples would lose data.

@@ -7,7 +7,7 @@ use super::schema::PADDING;
 use prost::encoding::{WireType, double, encode_key, encode_varint, encoded_len_varint, uint64};
 use shared_types::wire::{Field, Kind, Visitor, Wire};
 
-/// Appends the protobuf form of `value` to `out`; numbering as in [`super::schema`].
+/// Appends the protobuf form of `value` to `out`; numbering as in `schema.rs`.
 pub fn encode<T: Wire>(value: &T, out: &mut Vec<u8>) {
     value.visit(&mut Encoder { out, fields: T::SCHEMA.fields, at: 0 });
 }

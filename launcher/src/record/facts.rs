@@ -28,7 +28,7 @@ pub struct Facts {
     pub seed: u64,
     /// Clock of the flight.
     pub clock: Clock,
-    /// Unix time that stands for logical time 0 [ns].
+    /// Unix time that stands for logical time 0 \[ns\].
     pub epoch_unix_ns: u64,
     /// Machine of the launcher.
     pub machine: Machine,

@@ -54,7 +54,7 @@ pub enum Severity {
 /// Something that happened in a flight, told in words.
 #[derive(Debug, Clone, Copy)]
 pub struct Event<'a> {
-    /// Logical instant [ns].
+    /// Logical instant \[ns\].
     pub logical_ns: u64,
     /// How bad it is.
     pub severity: Severity,

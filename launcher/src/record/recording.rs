@@ -14,7 +14,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Longest time that a killed recorder can lose [ns].
+/// Longest time that a killed recorder can lose \[ns\].
 const FLUSH_EVERY_NS: u64 = 250_000_000;
 
 /// An open recording. It never ends silently: [`Recording::finish`] completes the file and tells
@@ -46,7 +46,7 @@ impl std::fmt::Debug for Recording {
     }
 }
 
-/// Time stamps of one record, Unix time [ns].
+/// Time stamps of one record, Unix time \[ns\].
 struct Stamps {
     log_ns: u64,
     publish_ns: u64,
@@ -94,13 +94,13 @@ impl Recording {
         })
     }
 
-    /// Realtime: tells `CLOCK_MONOTONIC` at logical time 0 [ns], before the first sample.
+    /// Realtime: tells `CLOCK_MONOTONIC` at logical time 0 \[ns\], before the first sample.
     pub fn set_start(&mut self, start_mono_ns: u64) {
         self.start_mono_ns = start_mono_ns;
     }
 
     /// Records a sample unless its producer repeats itself. `receipt_mono_ns` is the recorder's
-    /// `CLOCK_MONOTONIC` when it took the sample [ns]; lockstep ignores it.
+    /// `CLOCK_MONOTONIC` when it took the sample \[ns\]; lockstep ignores it.
     ///
     /// # Errors
     /// [`RecordError::Write`], once; later samples are counted as missing.

@@ -18,11 +18,11 @@ const WAITING_CAPACITY: usize = 1 << 16;
 pub struct Tracking {
     /// Truth samples compared.
     pub samples: u64,
-    /// Root mean square over the flight [m].
+    /// Root mean square over the flight \[m\].
     pub rms_m: f64,
-    /// Largest [m].
+    /// Largest \[m\].
     pub max_m: f64,
-    /// Mean over the last second [m].
+    /// Mean over the last second \[m\].
     pub last_second_m: f64,
 }
 
@@ -191,7 +191,7 @@ impl Metrics {
         &self.efforts
     }
 
-    /// Time from start of step to publication by loop [ns].
+    /// Time from start of step to publication by loop \[ns\].
     #[must_use]
     pub fn compute(&self) -> &BTreeMap<&'static str, Histogram<u64>> {
         &self.compute

@@ -20,13 +20,13 @@ pub struct Summary {
     pub clock: ClockMode,
     /// Seed of every noise source.
     pub seed: u64,
-    /// Logical time through which every loop is complete [ns].
+    /// Logical time through which every loop is complete \[ns\].
     pub flown_ns: u64,
-    /// Logical time planned [ns].
+    /// Logical time planned \[ns\].
     pub planned_ns: u64,
-    /// Wall time from start to the last sample [ns].
+    /// Wall time from start to the last sample \[ns\].
     pub wall_ns: u64,
-    /// Loops and their rates [Hz].
+    /// Loops and their rates \[Hz\].
     pub processes: Vec<(Role, f64)>,
     /// Flight hash.
     pub hash: String,

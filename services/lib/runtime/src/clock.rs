@@ -4,14 +4,14 @@ use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use shared_types::ClockRecord;
 
-/// `CLOCK_MONOTONIC` now [ns].
+/// `CLOCK_MONOTONIC` now \[ns\].
 #[must_use]
 pub fn mono_now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000_000 + u64::try_from(now.tv_nsec).unwrap_or(0)
 }
 
-/// Unix time now [ns], for labels only.
+/// Unix time now \[ns\], for labels only.
 #[must_use]
 pub fn unix_now_ns() -> u64 {
     let now = clock_gettime(ClockId::Realtime);
@@ -49,7 +49,7 @@ impl WallMap {
         Self { start_mono_ns: record.start_mono_ns, speed }
     }
 
-    /// Host instant of a logical one, which may lie before the start [ns].
+    /// Host instant of a logical one, which may lie before the start \[ns\].
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "non-negative")]
     pub fn mono_ns(&self, logical_ns: u64) -> u64 {
@@ -59,7 +59,7 @@ impl WallMap {
         self.start_mono_ns.saturating_add((logical_ns as f64 / self.speed) as u64)
     }
 
-    /// Logical instant of a host one; 0 before the start [ns].
+    /// Logical instant of a host one; 0 before the start \[ns\].
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "non-negative")]
     pub fn logical_ns(&self, mono_ns: u64) -> u64 {

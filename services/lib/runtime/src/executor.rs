@@ -9,7 +9,7 @@ use crate::service::{
 };
 use shared_types::{Header, LoopStats};
 
-/// Logical time between two [`LoopStats`] [ns].
+/// Logical time between two [`LoopStats`] \[ns\].
 const STATS_PERIOD_NS: u64 = 100_000_000;
 
 /// Where packed states go.
@@ -23,7 +23,7 @@ pub trait StateSink {
 /// Host instants of one step.
 #[derive(Debug, Clone, Copy)]
 pub struct StepStamps {
-    /// Intended release on the host clock [ns].
+    /// Intended release on the host clock \[ns\].
     pub release_mono_ns: u64,
     /// Reads the host clock; only stamps come from it.
     pub now_mono_ns: fn() -> u64,
@@ -98,7 +98,7 @@ impl<S: Service> Executor<S> {
         &self.service
     }
 
-    /// Instant of the next release: everything before it is final [ns].
+    /// Instant of the next release: everything before it is final \[ns\].
     #[must_use]
     pub fn mark_ns(&self) -> u64 {
         self.node.rate.release_ns(self.next_index)

@@ -12,7 +12,7 @@ use thiserror::Error;
 /// Number of roles that step.
 pub const ROLES: usize = Role::STEPPING.len();
 
-/// Marks of all roles [ns], indexed by [`Role::index`].
+/// Marks of all roles \[ns\], indexed by [`Role::index`].
 pub type Marks = [u64; ROLES];
 
 /// What a loop does about releases it finds in the past (realtime only).
@@ -33,9 +33,9 @@ pub struct Node {
     pub role: Role,
     /// Its release grid.
     pub rate: Rate,
-    /// A source runs this far ahead of the plant [ns]; 0 for everyone else.
+    /// A source runs this far ahead of the plant \[ns\]; 0 for everyone else.
     pub lead_ns: u64,
-    /// Realtime: wall time after the release at which a step starts even without final inputs [ns].
+    /// Realtime: wall time after the release at which a step starts even without final inputs \[ns\].
     pub input_deadline_ns: u64,
     /// Realtime: what to do about missed releases.
     pub miss_policy: MissPolicy,
@@ -50,7 +50,7 @@ pub struct Edge {
     pub from: Role,
     /// Consumer.
     pub to: Role,
-    /// Declared latency from release to effect [ns].
+    /// Declared latency from release to effect \[ns\].
     pub latency_ns: u64,
     /// The consumer's step at t depends only on samples effective *before* t.
     pub strict: bool,
@@ -124,7 +124,7 @@ pub struct Graph {
     edges: Vec<Edge>,
 }
 
-/// Declared latency of each delayed topic, by topic name [ns].
+/// Declared latency of each delayed topic, by topic name \[ns\].
 pub type Latency<'a> = &'a dyn Fn(&TopicInfo) -> u64;
 
 impl Graph {
@@ -184,7 +184,7 @@ impl Graph {
         self.edges.iter().find(|e| e.to == to && e.topic.name == topic.name)
     }
 
-    /// Declared latency of a topic, 0 if nobody in the flight reads it [ns].
+    /// Declared latency of a topic, 0 if nobody in the flight reads it \[ns\].
     #[must_use]
     pub fn latency_ns(&self, topic: &TopicInfo) -> u64 {
         self.edges.iter().find(|e| e.topic.name == topic.name).map_or(0, |e| e.latency_ns)
@@ -273,7 +273,7 @@ impl Graph {
         path.iter().map(|r| r.label()).collect::<Vec<_>>().join(" -> ")
     }
 
-    /// Furthest that the mark of `of` can ever be ahead of the mark of `over` [ns].
+    /// Furthest that the mark of `of` can ever be ahead of the mark of `over` \[ns\].
     ///
     /// Every arrow holds its consumer back to one period past the producer's mark plus the latency,
     /// a lead does the same for a source, and allowed time ends [`CREDIT_NS`] ahead of the slowest
@@ -342,7 +342,7 @@ impl Graph {
     }
 }
 
-/// Furthest that the end of allowed time lies ahead of the slowest loop's mark [ns].
+/// Furthest that the end of allowed time lies ahead of the slowest loop's mark \[ns\].
 pub const CREDIT_NS: u64 = 250_000_000;
 
 /// Samples a flying reader keeps, queued and pending together.

@@ -22,7 +22,7 @@ pub enum Link<'a, T> {
     Stale {
         /// The last value.
         last: &'a T,
-        /// Time since it became effective [ns].
+        /// Time since it became effective \[ns\].
         age_ns: u64,
     },
 }

@@ -17,7 +17,7 @@ use thiserror::Error;
 
 /// Wall-clock limit of every wait, after which shared memory is read again.
 const WAIT_LIMIT: Duration = Duration::from_millis(20);
-/// Longest wait for a hand-over state [ns].
+/// Longest wait for a hand-over state \[ns\].
 const HANDOVER_LIMIT_NS: u64 = 5_000_000_000;
 
 /// How a process left its loop.

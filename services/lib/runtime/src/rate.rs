@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// Highest rate a loop may ask for [Hz].
+/// Highest rate a loop may ask for \[Hz\].
 pub const MAX_RATE_HZ: f64 = 10_000.0;
 
 /// A loop rate, exact to a thousandth of a hertz so that 150 Hz keeps an exact grid.
@@ -35,19 +35,19 @@ impl Rate {
         Ok(Self { millihertz: millihertz as u64 })
     }
 
-    /// The rate [Hz].
+    /// The rate \[Hz\].
     #[must_use]
     pub fn hz(self) -> f64 {
         self.millihertz as f64 / 1e3
     }
 
-    /// Length of the longest interval between two releases [ns].
+    /// Length of the longest interval between two releases \[ns\].
     #[must_use]
     pub fn period_ns(self) -> u64 {
         1_000_000_000_000_u64.div_ceil(self.millihertz)
     }
 
-    /// Instant of release `k` [ns].
+    /// Instant of release `k` \[ns\].
     #[must_use]
     pub fn release_ns(self, k: u64) -> u64 {
         let instant = u128::from(k) * 1_000_000_000_000 / u128::from(self.millihertz);

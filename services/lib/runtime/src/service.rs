@@ -44,7 +44,7 @@ shared_types::memory! {
         pub layout_hash: u64,
         /// Index of the release that has just run.
         pub release_index: u64,
-        /// Its instant [ns].
+        /// Its instant \[ns\].
         pub release_ns: u64,
         /// Steps run so far.
         pub steps: u64,
