@@ -1,0 +1,202 @@
+//! What has arrived, what is in effect, what is new, and what is counted.
+
+use core::cell::RefCell;
+use proptest::prelude::*;
+use runtime::graph::{Edge, READER_CAPACITY};
+use runtime::{Input, InputCounts, Link, Source};
+use shared_types::{Header, Imu, Role, Stamped, topics};
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+#[derive(Clone, Default)]
+struct Queue(Rc<RefCell<VecDeque<Stamped<Imu>>>>);
+
+impl Source<Imu> for Queue {
+    fn receive(&mut self) -> Option<Stamped<Imu>> {
+        self.0.borrow_mut().pop_front()
+    }
+}
+
+impl Queue {
+    fn push(&self, valid_ns: u64, seat: u32, sequence: u64, author: u64) {
+        let header = Header { valid_ns, seat, sequence, ..Header::default() };
+        let sample = Imu { header, ..Imu::default() };
+        self.0.borrow_mut().push_back(Stamped { sample, author: [author, 0] });
+    }
+}
+
+fn edge(strict: bool) -> Edge {
+    let topic = &topics::IMU.info;
+    Edge { topic, from: Role::Plant, to: Role::Estimator, latency_ns: 0, strict }
+}
+
+fn input(strict: bool) -> (Input<Imu>, Queue) {
+    let (mut input, queue) = (Input::default(), Queue::default());
+    input.connect(Box::new(queue.clone()), Some(edge(strict)));
+    (input, queue)
+}
+
+fn fresh(input: &Input<Imu>) -> Vec<(u64, u32, u64)> {
+    let key = |h: &Header| (h.valid_ns, h.seat, h.sequence);
+    input.fresh().iter().map(|s| key(&s.sample.header)).collect()
+}
+
+proptest! {
+    #[test]
+    fn samples_take_effect_in_order_of_time_seat_and_sequence_whatever_the_arrival(
+        mut keys in prop::collection::btree_set((0..20_u64, 0..3_u32, 1..50_u64), 1..60)
+            .prop_map(|set| set.into_iter().collect::<Vec<_>>()).prop_shuffle(),
+        chunks in prop::collection::vec(1..10_usize, 60),
+    ) {
+        let (mut input, queue) = input(false);
+        let mut rest = &keys[..];
+        for size in chunks {
+            let (now, later) = rest.split_at(size.min(rest.len()));
+            for &(valid, seat, sequence) in now {
+                queue.push(valid, seat, sequence, 0);
+            }
+            input.receive();
+            rest = later;
+        }
+        input.accept(100, None);
+        let seen = fresh(&input);
+        keys.sort_unstable();
+        prop_assert_eq!(seen, keys);
+    }
+}
+
+#[test]
+fn a_strict_arrow_excludes_the_instant_itself_and_the_others_include_it() {
+    for (strict, expected) in [(true, 1), (false, 2)] {
+        let (mut input, queue) = input(strict);
+        queue.push(9, 0, 1, 0);
+        queue.push(10, 0, 2, 0);
+        queue.push(11, 0, 3, 0);
+        input.receive();
+        input.accept(10, None);
+        assert_eq!(input.fresh().len(), expected);
+        assert_eq!(input.waiting(), 3 - expected);
+    }
+}
+
+#[test]
+fn a_topic_outside_the_waiting_graph_takes_effect_at_its_instant() {
+    let (mut input, queue) = (Input::<Imu>::default(), Queue::default());
+    input.connect(Box::new(queue.clone()), None);
+    queue.push(10, 0, 1, 0);
+    input.receive();
+    input.accept(9, None);
+    assert!(input.sample().is_none());
+    input.accept(10, Some(9));
+    assert_eq!(input.fresh().len(), 1);
+}
+
+#[test]
+fn fresh_before_and_latest_are_told_apart() {
+    let (mut input, queue) = input(false);
+    queue.push(1, 0, 1, 0);
+    queue.push(2, 0, 2, 0);
+    input.receive();
+    input.accept(2, None);
+    assert!(input.before_fresh().is_none());
+    queue.push(3, 0, 3, 0);
+    input.receive();
+    input.accept(3, Some(2));
+    assert_eq!(fresh(&input), [(3, 0, 3)]);
+    assert_eq!(input.before_fresh().unwrap().sample.header.sequence, 2);
+    input.accept(4, Some(3));
+    assert!(input.fresh().is_empty());
+    assert_eq!(input.latest().unwrap().sample.header.sequence, 3);
+}
+
+#[test]
+fn a_sample_is_late_if_the_step_before_should_have_had_it() {
+    let (mut input, queue) = input(false);
+    input.accept(10, None);
+    queue.push(10, 0, 1, 0);
+    queue.push(11, 0, 2, 0);
+    input.receive();
+    input.accept(20, Some(10));
+    assert_eq!(input.counts(), InputCounts { late: 1, ..InputCounts::default() });
+    assert_eq!(input.fresh().len(), 2, "late, but not refused");
+}
+
+#[test]
+fn a_gap_in_the_sequence_of_one_seat_is_counted_as_lost() {
+    let (mut input, queue) = input(false);
+    for (valid, seat, sequence) in [(1, 0, 1), (2, 0, 4), (3, 1, 9), (4, 1, 10)] {
+        queue.push(valid, seat, sequence, 0);
+    }
+    input.receive();
+    input.accept(10, None);
+    assert_eq!(input.counts(), InputCounts { lost: 2, ..InputCounts::default() });
+}
+
+#[test]
+fn a_repeated_sample_replaces_the_waiting_one_and_is_ignored_once_in_effect() {
+    let (mut input, queue) = input(false);
+    queue.push(5, 0, 1, 1);
+    input.receive();
+    queue.push(5, 0, 1, 2);
+    input.receive();
+    assert_eq!(input.waiting(), 1);
+    input.accept(5, None);
+    assert_eq!(input.latest().unwrap().author, [2, 0]);
+    queue.push(5, 0, 1, 3);
+    input.receive();
+    input.accept(6, Some(5));
+    assert!(input.fresh().is_empty());
+    assert_eq!(input.latest().unwrap().author, [2, 0]);
+    assert_eq!(input.counts(), InputCounts::default());
+}
+
+#[test]
+fn a_full_reader_counts_what_it_cannot_hold_and_keeps_the_older() {
+    let (mut input, queue) = input(false);
+    let capacity = READER_CAPACITY as u64;
+    for sequence in 1..=capacity + 3 {
+        queue.push(1_000 + sequence, 0, sequence, 0);
+    }
+    input.receive();
+    assert_eq!(input.counts(), InputCounts { overflowed: 3, ..InputCounts::default() });
+    input.accept(1_000_000, None);
+    assert_eq!(input.fresh().len(), READER_CAPACITY);
+    assert_eq!(input.latest().unwrap().sample.header.sequence, capacity);
+}
+
+#[test]
+fn a_link_is_silent_then_fresh_then_stale() {
+    let (mut input, queue) = input(false);
+    assert!(matches!(input.link(0, 10), Link::Silent));
+    queue.push(100, 0, 1, 0);
+    input.receive();
+    input.accept(100, None);
+    assert!(matches!(input.link(100, 0), Link::Fresh(_)));
+    assert!(matches!(input.link(110, 10), Link::Fresh(_)));
+    assert!(matches!(input.link(111, 10), Link::Stale { age_ns: 11, .. }));
+}
+
+#[test]
+fn a_latch_survives_packing_with_its_author_and_hides_what_came_before() {
+    let (mut input, queue) = input(false);
+    let mut bytes = vec![1; Input::<Imu>::LATCH_SIZE];
+    input.pack_latch(&mut bytes);
+    let mut twin = Input::<Imu>::default();
+    twin.unpack_latch(&bytes);
+    assert!(twin.latest().is_none());
+    queue.push(3, 0, 7, 42);
+    input.receive();
+    input.accept(3, None);
+    input.pack_latch(&mut bytes);
+    let again = Queue::default();
+    twin.connect(Box::new(again.clone()), Some(edge(false)));
+    twin.unpack_latch(&bytes);
+    assert_eq!(twin.latest().unwrap().author, [42, 0]);
+    again.push(2, 0, 6, 42);
+    again.push(3, 0, 7, 42);
+    again.push(4, 0, 8, 42);
+    twin.receive();
+    twin.accept(4, Some(3));
+    assert_eq!(fresh(&twin), [(4, 0, 8)]);
+    assert_eq!(twin.counts(), InputCounts::default());
+}

@@ -1,0 +1,5 @@
+//! The rules of one component: what its inputs mean, what its state holds, when it may not run.
+
+mod inputs;
+mod state;
+mod wiring;

@@ -1,0 +1,124 @@
+//! What the graph permits, refuses and wakes.
+
+use proptest::prelude::*;
+use runtime::graph::{Edge, ROLES};
+use runtime::{Graph, GraphError, MissPolicy, Node, Rate};
+use shared_types::{Role, topics};
+
+fn node(role: Role, hz: f64, lead_ns: u64) -> Node {
+    let rate = Rate::from_hz(hz).expect("a possible rate");
+    Node { role, rate, lead_ns, input_deadline_ns: 0, miss_policy: MissPolicy::CatchUp }
+}
+
+fn nodes() -> Vec<Node> {
+    vec![
+        node(Role::Plant, 1000.0, 0),
+        node(Role::Estimator, 1000.0, 0),
+        node(Role::Position, 150.0, 0),
+        node(Role::Attitude, 500.0, 0),
+        node(Role::Disturbance, 200.0, 5_000_000),
+        node(Role::Pilot, 100.0, 200_000_000),
+    ]
+}
+
+#[test]
+fn a_loop_without_delay_is_refused_by_the_names_on_it_and_no_others() {
+    let error = Graph::new(nodes(), &|_| 0).unwrap_err();
+    let GraphError::ZeroLatencyLoop(path) = &error else { panic!("{error}") };
+    assert!(
+        ["position -> attitude -> position", "attitude -> position -> attitude"]
+            .contains(&path.as_str()),
+        "{path}"
+    );
+    assert!(error.to_string().contains("attitude_setpoint_s"), "{error}");
+}
+
+#[test]
+fn one_delay_on_the_loop_or_no_position_loop_is_enough() {
+    for delayed in ["attitude_setpoint", "applied_setpoint"] {
+        Graph::new(nodes(), &|t| u64::from(t.name == delayed)).unwrap();
+    }
+    let rig: Vec<_> = nodes().into_iter().filter(|n| n.role != Role::Position).collect();
+    let graph = Graph::new(rig, &|_| 0).unwrap();
+    let setpoint = graph.edge(&topics::ATTITUDE_SETPOINT.info, Role::Attitude).unwrap();
+    assert_eq!(setpoint.from, Role::Pilot);
+    assert!(graph.edge(&topics::STATE_ESTIMATE.info, Role::Position).is_none());
+}
+
+#[test]
+fn a_latency_or_a_lead_that_overflows_a_reader_is_refused_by_name() {
+    let late = Graph::new(
+        nodes()
+            .into_iter()
+            .map(|n| if n.role == Role::Attitude { node(n.role, 10_000.0, 0) } else { n })
+            .collect(),
+        &|t| if t.name == "wrench_command" { 200_000_000 } else { 1_000_000 },
+    );
+    let Err(GraphError::BufferTooSmall { topic, producer, consumer, needed, capacity }) = late
+    else {
+        panic!("accepted")
+    };
+    assert_eq!((topic, producer, consumer), ("wrench_command", "attitude", "plant"));
+    assert!(needed > capacity);
+    let eager = nodes()
+        .into_iter()
+        .map(|n| if n.role == Role::Pilot { node(n.role, 5_000.0, 240_000_000) } else { n });
+    let error = Graph::new(eager.collect(), &|_| 1_000_000).unwrap_err();
+    assert!(matches!(error, GraphError::BufferTooSmall { producer: "pilot", .. }), "{error}");
+}
+
+#[test]
+fn the_plant_starts_alone_even_without_any_latency() {
+    let rig: Vec<_> = nodes().into_iter().filter(|n| n.role != Role::Position).collect();
+    let graph = Graph::new(rig, &|_| 0).unwrap();
+    let plant = graph.node(Role::Plant).unwrap();
+    assert!(graph.runnable(plant, 0, &[0; ROLES], 1));
+    assert!(!graph.runnable(plant, 1_000_000, &[0; ROLES], u64::MAX));
+    assert!(!graph.runnable(plant, 0, &[0; ROLES], 0), "nothing is allowed yet");
+}
+
+#[test]
+fn a_source_stays_within_its_lead_of_the_plant() {
+    let graph = Graph::new(nodes(), &|_| 1_000_000).unwrap();
+    let pilot = graph.node(Role::Pilot).unwrap();
+    let mut marks = [0; ROLES];
+    assert!(graph.runnable(pilot, 200_000_000, &marks, u64::MAX));
+    assert!(!graph.runnable(pilot, 210_000_000, &marks, u64::MAX));
+    marks[Role::Plant.index()] = 10_000_000;
+    assert!(graph.runnable(pilot, 210_000_000, &marks, u64::MAX));
+}
+
+proptest! {
+    /// Unblocking is the difference of two permissions, over every release of the consumer.
+    #[test]
+    fn a_wake_up_is_sent_exactly_if_a_release_becomes_permitted(
+        millihertz in 1_000..10_000_000_u32, latency_ns in 0..20_000_000_u64, strict: bool,
+        k in 0..1_000_u64, old_off_ns in 0..4_u64, step_ns in prop_oneof![0..4_u64, 0..30_000_000_u64],
+    ) {
+        let consumer = Rate::from_hz(f64::from(millihertz) / 1e3).unwrap();
+        let topic = &topics::WRENCH_COMMAND.info;
+        let edge = Edge { topic, from: Role::Attitude, to: Role::Plant, latency_ns, strict };
+        // Marks close to where a permission changes, and any distance from there.
+        let old_ns = (consumer.release_ns(k) + old_off_ns).saturating_sub(latency_ns + 2);
+        let new_ns = old_ns + step_ns;
+        // No release outside this window can change.
+        let first = consumer.first_at_or_after(old_ns).saturating_sub(1);
+        let last = consumer.first_at_or_after(new_ns + latency_ns + 2) + 1;
+        let becomes_permitted = (first..=last).map(|k| consumer.release_ns(k)).any(|t_ns| {
+            edge.permits(t_ns, new_ns) && !edge.permits(t_ns, old_ns)
+        });
+        prop_assert_eq!(edge.unblocks(consumer, old_ns, new_ns), becomes_permitted);
+    }
+
+    /// What a permitted step needs is final, and one nanosecond less would not do.
+    #[test]
+    fn permission_is_given_exactly_when_nothing_in_effect_can_still_come(
+        latency_ns in 0..50_u64, strict: bool, t_ns in 0..100_u64, mark_ns in 0..100_u64,
+    ) {
+        let topic = &topics::WRENCH_COMMAND.info;
+        let edge = Edge { topic, from: Role::Attitude, to: Role::Plant, latency_ns, strict };
+        // Anything still to come is released at or after the mark.
+        let may_come = edge.in_effect(mark_ns + latency_ns, t_ns);
+        prop_assert_eq!(edge.permits(t_ns, mark_ns), !may_come);
+    }
+}

@@ -1,0 +1,155 @@
+//! Services whose outputs are hashes of everything they see and remember, so that a sample which
+//! comes a step early, late, twice or in another order changes all that follows.
+
+use runtime::{Input, Service, inputs, outputs};
+use shared_types::{
+    ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport,
+    Disturbance, Imu, MorphAngle, MorphCommand, PoseFix, Reference, Sample, StateEstimate, Truth,
+    WrenchCommand, topics,
+};
+
+/// Steps a hash by one word.
+pub(crate) fn mix(hash: u64, word: u64) -> u64 {
+    let mut z = (hash ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A sample that can carry a hash in one of its numbers.
+trait Carrier: Sample {
+    fn number(&mut self) -> &mut f64;
+}
+
+macro_rules! carrier {
+    ($($sample:ident => |$s:ident| $place:expr),+ $(,)?) => { $(
+        impl Carrier for $sample {
+            fn number(&mut self) -> &mut f64 {
+                let $s = self;
+                &mut $place
+            }
+        }
+    )+ };
+}
+
+carrier!(
+    Imu => |s| s.gyro_b_rad_s[0],
+    PoseFix => |s| s.position_w_m[0],
+    MorphAngle => |s| s.angle_rad,
+    AppliedCommand => |s| s.thrust_n,
+    Truth => |s| s.position_w_m[0],
+    ActuatorState => |s| s.morph_command_rad,
+    StateEstimate => |s| s.position_w_m[0],
+    Reference => |s| s.points[0].yaw_rad,
+    MorphCommand => |s| s.angle_rad,
+    AttitudeSetpoint => |s| s.thrust_n,
+    AppliedSetpoint => |s| s.thrust_n,
+    WrenchCommand => |s| s.thrust_n,
+    ControllerReport => |s| s.input[0],
+    Disturbance => |s| s.payload_kg,
+);
+
+fn absorb<T: Carrier>(hash: u64, input: &Input<T>) -> u64 {
+    let one = |hash, sample: &T| {
+        let mut sample = *sample;
+        let header = *sample.header();
+        [header.sequence, header.valid_ns, header.cause_sequence, sample.number().to_bits()]
+            .into_iter()
+            .fold(hash, mix)
+    };
+    let hash = mix(hash, input.fresh().len() as u64);
+    let hash = input.fresh().iter().fold(hash, |hash, s| one(hash, &s.sample));
+    let hash = input.before_fresh().map_or(hash, |s| one(hash, &s.sample));
+    input.sample().map_or(mix(hash, 7), |s| one(hash, s))
+}
+
+shared_types::memory! {
+    /// What a toy remembers.
+    pub(crate) struct ToyMemory {
+        /// Hash of everything so far.
+        pub(crate) mixed: u64,
+        /// Steps run.
+        pub(crate) steps: u64,
+    }
+}
+
+/// `one_in` 1 publishes every step, n about every n-th, as the hash decides.
+macro_rules! toy {
+    ($name:ident, [$($input:ident : $in_sample:ident = $in_topic:ident),*],
+        [$($output:ident : $out_sample:ident = $out_topic:ident / $one_in:literal),*]) => {
+        pub(crate) mod $name {
+            use super::{Carrier as _, Service, ToyMemory, inputs, mix, outputs, topics};
+
+            inputs! {
+                /// What the toy reads.
+                pub struct Inputs { $($input : super::$in_sample = topics::$in_topic),* }
+            }
+            outputs! {
+                /// What the toy writes.
+                pub struct Outputs { $($output : super::$out_sample = topics::$out_topic),* }
+            }
+
+            /// The toy.
+            #[derive(Debug, Default)]
+            pub(crate) struct Toy {
+                memory: ToyMemory,
+            }
+
+            impl Service for Toy {
+                type Inputs = Inputs;
+                type Outputs = Outputs;
+                type Memory = ToyMemory;
+
+                fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+                    let mut hash = mix(self.memory.mixed, now_ns);
+                    $(hash = super::absorb(hash, &inputs.$input);)*
+                    let _ = inputs;
+                    self.memory = ToyMemory { mixed: hash, steps: self.memory.steps + 1 };
+                    $(
+                        hash = mix(hash, stringify!($output).len() as u64);
+                        if hash.is_multiple_of($one_in) {
+                            let mut sample = super::$out_sample::default();
+                            *sample.number() = (hash >> 11) as f64;
+                            outputs.$output.write(sample);
+                        }
+                    )*
+                }
+
+                fn memory(&self) -> ToyMemory {
+                    self.memory
+                }
+
+                fn restore(&mut self, memory: &ToyMemory) -> Result<(), String> {
+                    self.memory = *memory;
+                    if memory.steps == u64::MAX { Err("no toy lives so long".into()) } else { Ok(()) }
+                }
+            }
+        }
+    };
+}
+
+toy!(plant,
+    [wrench_command: WrenchCommand = WRENCH_COMMAND, disturbance: Disturbance = DISTURBANCE,
+     morph_command: MorphCommand = MORPH_COMMAND],
+    [imu: Imu = IMU / 1, pose_fix: PoseFix = POSE_FIX / 10, morph_angle: MorphAngle = MORPH_ANGLE / 2,
+     applied_command: AppliedCommand = APPLIED_COMMAND / 1, truth: Truth = TRUTH / 1,
+     actuator_state: ActuatorState = ACTUATOR_STATE / 3]);
+toy!(estimator,
+    [imu: Imu = IMU, pose_fix: PoseFix = POSE_FIX, morph_angle: MorphAngle = MORPH_ANGLE],
+    [state_estimate: StateEstimate = STATE_ESTIMATE / 1]);
+toy!(position,
+    [state_estimate: StateEstimate = STATE_ESTIMATE, reference: Reference = REFERENCE,
+     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, morph_command: MorphCommand = MORPH_COMMAND],
+    [attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT / 1,
+     position_report: ControllerReport = POSITION_REPORT / 2]);
+toy!(attitude,
+    [state_estimate: StateEstimate = STATE_ESTIMATE, attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT,
+     applied_command: AppliedCommand = APPLIED_COMMAND, morph_command: MorphCommand = MORPH_COMMAND],
+    [wrench_command: WrenchCommand = WRENCH_COMMAND / 1,
+     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT / 1,
+     attitude_report: ControllerReport = ATTITUDE_REPORT / 1]);
+toy!(disturbance, [], [disturbance: Disturbance = DISTURBANCE / 2]);
+toy!(pilot, [], [reference: Reference = REFERENCE / 1, morph_command: MorphCommand = MORPH_COMMAND / 1]);
+toy!(rig_pilot, [],
+    [attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT / 1,
+     morph_command: MorphCommand = MORPH_COMMAND / 2]);
