@@ -1,0 +1,55 @@
+//! The documents name what the code has, no more and no less.
+
+use launcher::components;
+use launcher::scenario::shipped;
+use shared_types::{Edge, Role, TopicInfo, topics};
+
+const ARCHITECTURE: &str = include_str!("../ARCHITECTURE.md");
+const README: &str = include_str!("../README.md");
+
+/// First cells of a table's rows, without quotes.
+fn first_cells(heading: &str) -> Vec<&'static str> {
+    let (_, section) = ARCHITECTURE.split_once(heading).expect("the section is there");
+    let rows = section.lines().skip_while(|line| !line.starts_with("| `"));
+    rows.take_while(|line| line.starts_with("| `"))
+        .filter_map(|row| row.split('`').nth(1))
+        .collect()
+}
+
+fn row(topic: &TopicInfo) -> String {
+    let to: Vec<_> = topic.to.iter().map(|role| role.label()).collect();
+    let to = if to.is_empty() { "recorder only".to_owned() } else { to.join(", ") };
+    let edge = match topic.edge {
+        Edge::ZeroLatency => "zero latency",
+        Edge::Delayed => "delayed",
+        Edge::RecordOnly => "none",
+    };
+    let TopicInfo { name, from, history, summary, .. } = topic;
+    let hashed = if topic.in_flight_hash { "yes" } else { "" };
+    let from = from.label();
+    format!("| `{name}` | {from} | {to} | {edge} | {history} | {hashed} | {summary} |")
+}
+
+#[test]
+fn the_topic_table_of_the_architecture_is_the_one_of_the_code() {
+    let rows: Vec<_> = topics::all().into_iter().map(row).collect();
+    let missing: Vec<_> = rows.iter().filter(|row| !ARCHITECTURE.contains(*row)).collect();
+    assert!(missing.is_empty(), "ARCHITECTURE.md lacks these rows:\n{missing:#?}");
+    assert_eq!(first_cells("## Topics"), topics::all().map(|topic| topic.name));
+}
+
+#[test]
+fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
+    assert_eq!(first_cells("## Processes"), components::names());
+    for name in components::names() {
+        let role = components::role_of(name).map_or("none", Role::label);
+        assert!(ARCHITECTURE.contains(&format!("| `{name}` | {role} |")), "{name} fills {role}");
+    }
+}
+
+#[test]
+fn the_readme_names_every_shipped_scenario() {
+    for name in shipped::names() {
+        assert!(README.contains(&format!("`{name}`")), "{name}");
+    }
+}
