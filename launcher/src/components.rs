@@ -25,7 +25,7 @@ pub trait ComponentVisitor {
     /// What comes of it.
     type Output;
     /// Called with the component built.
-    fn visit<S: Service>(self, component: Component<S>) -> Self::Output;
+    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output;
 }
 
 /// Why a component cannot be built although its scenario is valid.

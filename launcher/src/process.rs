@@ -32,7 +32,7 @@ pub struct ProcOptions {
     pub cpu: Option<usize>,
 }
 
-/// Wall time that a realtime flight is given to land after the grace period [s].
+/// Wall time that a realtime flight is given to land after the grace period \[s\].
 const LANDING_S: f64 = 4.0;
 
 /// Runs one process of a flight to its end and returns its exit code.

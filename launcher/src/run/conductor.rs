@@ -1,13 +1,20 @@
 //! The conductor: says when the flight starts, how far time may go, and where it ends.
 
-use runtime::graph::Marks;
-use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
-use runtime::{Graph, Sink as _};
+use runtime::clock::WallMap;
+use runtime::graph::{CREDIT_NS, Marks};
+use runtime::ipc::{Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, ServiceKind};
+use runtime::{Graph, Node, Sink as _};
 use shared_types::{ClockMode, ClockRecord, Flag, Role};
 
-/// How far ahead of the drained recording lockstep time may go [ns]. Half of the shallowest
-/// reader of the tap at the highest loop rate fits in it many times over.
-const CREDIT_NS: u64 = 250_000_000;
+/// Most that lockstep time may go ahead of the drained recording \[ns\].
+
+/// How long loops may stand still, and what time it is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Patience {
+    pub(super) now_mono_ns: u64,
+    pub(super) stall_ns: u64,
+    pub(super) lag_ns: u64,
+}
 
 /// Pace of logical time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +31,7 @@ pub(super) struct Conductor {
     record: ClockRecord,
     speed: Speed,
     duration_ns: u64,
+    credit_ns: u64,
 }
 
 impl Conductor {
@@ -32,6 +40,7 @@ impl Conductor {
         mode: ClockMode,
         speed: Speed,
         duration_ns: u64,
+        graph: &Graph,
     ) -> Result<Self, PortError> {
         let record = ClockRecord {
             end_ns: duration_ns,
@@ -40,7 +49,7 @@ impl Conductor {
             ..ClockRecord::default()
         };
         let sink = bus.open_writer(ServiceKind::Clock)?;
-        Ok(Self { sink, record, speed, duration_ns })
+        Ok(Self { sink, record, speed, duration_ns, credit_ns: credit_ns(graph) })
     }
 
     /// Starts the flight: logical time 0 is at `start_mono_ns`.
@@ -48,7 +57,7 @@ impl Conductor {
         self.record.start_mono_ns = start_mono_ns;
         self.record.started = Flag::Yes;
         self.record.allowed_ns =
-            if self.record.mode == ClockMode::Lockstep { CREDIT_NS } else { u64::MAX };
+            if self.record.mode == ClockMode::Lockstep { self.credit_ns } else { u64::MAX };
         self.sink.send(self.record);
     }
 
@@ -75,14 +84,14 @@ impl Conductor {
         if self.record.mode != ClockMode::Lockstep {
             return false;
         }
-        let mut allowed_ns = drained_ns.saturating_add(CREDIT_NS);
-        let mut step_ns = CREDIT_NS / 2;
+        let mut allowed_ns = drained_ns.saturating_add(self.credit_ns);
+        let mut step_ns = self.credit_ns / 2;
         if let Speed::Times(times) = self.speed {
             let elapsed_ns = now_mono_ns.saturating_sub(self.record.start_mono_ns) as f64 * times;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
             let paced_ns = elapsed_ns as u64;
             allowed_ns = allowed_ns.min(paced_ns);
-            step_ns = 5_000_000;
+            step_ns = step_ns.min(5_000_000);
         }
         if allowed_ns < self.record.allowed_ns.saturating_add(step_ns) {
             return false;
@@ -109,26 +118,40 @@ impl Conductor {
     }
 }
 
+/// Half of what the tap's shallowest reader holds of the fastest loop: no sample and no state can
+/// be overwritten before it is drained.
+fn credit_ns(graph: &Graph) -> u64 {
+    let depth = RECORDER_CAPACITY.min(STATE_DEPTH) as u64;
+    let fastest_ns = graph.nodes().iter().map(|n| n.rate.period_ns()).min().unwrap_or(1);
+    (depth / 2 * fastest_ns).min(CREDIT_NS)
+}
+
 /// Instant through which every loop is final and drained.
 pub(super) fn drained_ns(graph: &Graph, marks: &Marks) -> u64 {
     graph.nodes().iter().map(|n| marks[n.role.index()]).min().unwrap_or(0)
 }
 
-/// Loops that have permission to step and do not: the ones to blame when time stands still.
-pub(super) fn stalled(graph: &Graph, marks: &Marks, allowed_ns: u64, end_ns: u64) -> Vec<Role> {
-    graph
-        .nodes()
-        .iter()
-        .filter(|n| {
-            let t_ns = marks[n.role.index()];
-            t_ns < end_ns && graph.runnable(n, t_ns, marks, allowed_ns)
-        })
-        .map(|n| n.role)
-        .collect()
-}
-
 impl Conductor {
-    pub(super) fn allowed_ns(&self) -> u64 {
-        self.record.allowed_ns
+    /// Loops to blame for standing still. Lockstep, once nobody has moved for long enough: whoever
+    /// has permission to step. Realtime: whoever lags behind the plant by more than `lag_ns`, or the
+    /// plant, if it lags behind the wall clock by more than `stall_ns`; a machine that stalls as a
+    /// whole stalls all of them, and only the longer patience applies.
+    pub(super) fn stalled(&self, graph: &Graph, marks: &Marks, patience: Patience) -> Vec<Role> {
+        let record = &self.record;
+        let wall_ns = WallMap::new(record).logical_ns(patience.now_mono_ns);
+        let plant_ns = marks[Role::Plant.index()].min(record.end_ns);
+        let is_stalled = |node: &Node| {
+            let mark_ns = marks[node.role.index()];
+            if mark_ns >= record.end_ns {
+                false
+            } else if record.mode == ClockMode::Lockstep {
+                graph.runnable(node, mark_ns, marks, record.allowed_ns)
+            } else if node.role == Role::Plant {
+                mark_ns.saturating_add(patience.stall_ns) < wall_ns
+            } else {
+                mark_ns.saturating_add(patience.lag_ns) < plant_ns
+            }
+        };
+        graph.nodes().iter().filter(|n| is_stalled(n)).map(|n| n.role).collect()
     }
 }

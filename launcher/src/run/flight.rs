@@ -2,7 +2,7 @@
 
 use super::Pin;
 use super::child::ChildSpec;
-use super::conductor::{Conductor, Speed, drained_ns, stalled};
+use super::conductor::{Conductor, Patience, Speed, drained_ns};
 use super::metrics::Metrics;
 use super::pilot_thread::{self, PilotEnd};
 use super::services::{HeldServices, Wakers};
@@ -16,18 +16,20 @@ use crate::scenario::Scenario;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, PortError, ServiceKind};
-use runtime::namespace::{Membership, NamespaceError, sweep_dead_runs};
+use runtime::namespace::{BASE, Membership, NamespaceError, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Hello, Role};
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use thiserror::Error;
 
-/// Wall time between two looks around [ns].
+/// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
-/// How long processes may take to leave after the end of the flight [ns].
+/// How long processes may take to leave after the end of the flight \[ns\].
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
-/// From the announcement of a realtime flight to its start [ns].
+/// What the rings of a flight add up to once every one has gone round \[MB\].
+const NEEDED_SHARED_MEMORY_MB: u64 = 160;
+/// From the announcement of a realtime flight to its start \[ns\].
 const COUNTDOWN_NS: u64 = 50_000_000;
 
 /// What to fly and how.
@@ -57,6 +59,14 @@ pub enum RunError {
     /// The recording.
     #[error(transparent)]
     Record(#[from] RecordError),
+    /// Too little shared memory.
+    #[error("{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`")]
+    SharedMemory {
+        /// Free space \[MB\].
+        free_mb: u64,
+        /// Space a flight may touch \[MB\].
+        needed_mb: u64,
+    },
     /// Something of the operating system.
     #[error("cannot {action}: {source}")]
     System {
@@ -95,6 +105,7 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     for folder in sweep_dead_runs() {
         eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
     }
+    require_shared_memory()?;
     let id = run_id();
     let recording_path =
         options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
@@ -131,6 +142,7 @@ struct Flight {
     bus: Bus,
     _services: HeldServices,
     stall_limit_ns: u64,
+    lag_limit_ns: u64,
     progress_at: (u64, u64),
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
@@ -170,7 +182,7 @@ impl Flight {
         let duration_ns = scenario.duration_ns();
         Ok(Self {
             tap: Tap::open(&bus, &roles, recording, Metrics::default())?,
-            conductor: Conductor::new(&bus, clock_of(scenario), options.speed, duration_ns)?,
+            conductor: Conductor::new(&bus, clock_of(scenario), options.speed, duration_ns, &graph)?,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             graph,
@@ -180,6 +192,7 @@ impl Flight {
             bus,
             _services: services,
             stall_limit_ns: seconds(scenario.settings().launcher.stall_timeout_s),
+            lag_limit_ns: seconds(scenario.settings().launcher.lag_timeout_s),
             progress_at: (0, 0),
             progress: options.progress.then(|| progress_bar(duration_ns)),
             notices: Vec::new(),
@@ -276,20 +289,25 @@ impl Flight {
             bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
         }
         let total: u64 = self.tap.marks.iter().fold(0, |sum, m| sum.wrapping_add(*m));
-        if total != self.progress_at.1 || self.paced_out(now_ns) {
+        let realtime = self.conductor.mode() == ClockMode::Realtime;
+        let (since_ns, last_total) = self.progress_at;
+        if !realtime && total != last_total {
             self.progress_at = (now_ns, total);
-        } else if now_ns.saturating_sub(self.progress_at.0) > self.stall_limit_ns {
-            self.progress_at.0 = now_ns;
-            let allowed_ns = self.conductor.allowed_ns();
-            let end_ns = self.conductor.end_ns();
-            let roles = stalled(&self.graph, &self.tap.marks, allowed_ns, end_ns);
-            self.supervisor.kill_stalled(&roles);
         }
-    }
-
-    /// True before the start of a realtime flight, when nobody is expected to move.
-    fn paced_out(&self, now_ns: u64) -> bool {
-        now_ns < self.conductor.start_mono_ns()
+        // In realtime a successor gets as long to catch up as it may then lag.
+        let patience_ns = if realtime { 2 * self.lag_limit_ns } else { self.stall_limit_ns };
+        if now_ns.saturating_sub(since_ns) > patience_ns {
+            let patience = Patience {
+                now_mono_ns: now_ns,
+                stall_ns: self.stall_limit_ns,
+                lag_ns: self.lag_limit_ns,
+            };
+            let roles = self.conductor.stalled(&self.graph, &self.tap.marks, patience);
+            if !roles.is_empty() {
+                self.progress_at.0 = now_ns;
+                self.supervisor.kill_stalled(&roles);
+            }
+        }
     }
 
     fn publish_notices(&mut self, logical_ns: u64) {
@@ -385,6 +403,17 @@ impl Flight {
         }
         summary
     }
+}
+
+/// A process that touches shared memory which is not there dies of SIGBUS, so look first.
+fn require_shared_memory() -> Result<(), RunError> {
+    let stat = rustix::fs::statvfs(BASE)
+        .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
+    let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
+    if free_mb < NEEDED_SHARED_MEMORY_MB {
+        return Err(RunError::SharedMemory { free_mb, needed_mb: NEEDED_SHARED_MEMORY_MB });
+    }
+    Ok(())
 }
 
 /// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.

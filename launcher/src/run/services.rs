@@ -1,6 +1,6 @@
 //! Every service of a run, created and held by the launcher for as long as it lives.
 
-use runtime::ipc::{Bus, PortError, ServiceKind, WakeNotifier};
+use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
 use shared_types::{
     ClockRecord, Hello, Progress, Role, Sample, Topic, TopicInfo, TopicVisitor, topics,
 };
@@ -34,8 +34,9 @@ impl HeldServices {
             let progress = bus.create_service::<Progress>(ServiceKind::Progress(role), 4)?;
             factories.push(Box::new(progress));
             factories.push(Box::new(bus.create_wake_service(role)?));
-            factories.push(Box::new(bus.create_state_service(ServiceKind::State(role))?));
-            factories.push(Box::new(bus.create_state_service(ServiceKind::Handover(role))?));
+            factories.push(Box::new(bus.create_state_service(ServiceKind::State(role), STATE_DEPTH)?));
+            let handover = bus.create_state_service(ServiceKind::Handover(role), HANDOVER_DEPTH)?;
+            factories.push(Box::new(handover));
         }
         factories.push(Box::new(bus.create_service::<ClockRecord>(ServiceKind::Clock, 4)?));
         factories.push(Box::new(bus.create_service::<Hello>(ServiceKind::Hello, 64)?));

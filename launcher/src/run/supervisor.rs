@@ -9,15 +9,15 @@ use shared_types::{Author, Header, Hello, OwnerRecord, Role, topics};
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Restarts older than this no longer count against a process [ns].
+/// Restarts older than this no longer count against a process \[ns\].
 const RESTART_WINDOW_NS: u64 = 60_000_000_000;
 
 /// What to do about crashes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RestartPolicy {
-    /// Pause before the first restart; doubles with every further one [ns].
+    /// Pause before the first restart; doubles with every further one \[ns\].
     pub(super) backoff_ns: u64,
-    /// Longest pause [ns].
+    /// Longest pause \[ns\].
     pub(super) backoff_max_ns: u64,
     /// Restarts of one process within a minute before the flight is given up.
     pub(super) limit: usize,
@@ -55,9 +55,9 @@ struct Seat {
     generation: u32,
     ready: bool,
     finished: bool,
-    /// Instant of each restart [ns].
+    /// Instant of each restart \[ns\].
     restarts: Vec<u64>,
-    /// When to start the successor [ns].
+    /// When to start the successor \[ns\].
     restart_at_ns: Option<u64>,
     restored: bool,
     handover: StatePublisher,
@@ -345,10 +345,10 @@ impl Supervisor {
     }
 }
 
-/// Largest state that can be handed over [bytes].
+/// Largest state that can be handed over \[bytes\].
 const HANDOVER_CAPACITY: usize = 64 * 1024;
 
-/// Latency of the command by which a role fills its slot; 0 for roles without one [ns].
+/// Latency of the command by which a role fills its slot; 0 for roles without one \[ns\].
 fn command_latency_ns(graph: &Graph, role: Role) -> u64 {
     match role {
         Role::Attitude => graph.latency_ns(&topics::WRENCH_COMMAND.info),

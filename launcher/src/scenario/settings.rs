@@ -212,6 +212,10 @@ pub struct LauncherSettings {
     /// Lockstep: without progress for this long a process is killed \[s\].
     #[garde(range(min = 0.1, max = 600.0))]
     pub stall_timeout_s: f64,
+    /// Realtime: a process that lags behind the plant by more than this is killed \[s\]. Shorter than
+    /// the gate's patience, so that a successor still finds the vehicle in the air.
+    #[garde(range(min = 0.05, max = 600.0))]
+    pub lag_timeout_s: f64,
     /// How long the processes go on after the launcher's death \[s\].
     #[garde(range(min = 0.0, max = 3600.0))]
     pub launcher_grace_s: f64,
@@ -231,6 +235,7 @@ impl Default for LauncherSettings {
         Self {
             startup_timeout_s: 10.0,
             stall_timeout_s: 2.0,
+            lag_timeout_s: 0.3,
             launcher_grace_s: 2.0,
             restart_backoff_s: 0.01,
             restart_backoff_max_s: 5.0,

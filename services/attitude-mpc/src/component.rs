@@ -5,12 +5,16 @@ use crate::memory::Memory;
 use crate::{AttitudeLawConfig, ConfigError};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Service, inputs, outputs};
+use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
     SolveStatus, StateEstimate, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters, euler_from_quaternion};
+
+/// An estimate older than this, and than two periods, is flown no more: the command lapses and the
+/// plant's gate, which has a gyro of its own, takes over \[ns\].
+const STALE_NS: u64 = 20_000_000;
 
 inputs! {
     /// What the attitude loop reads; its commands descend from the state estimate.
@@ -111,7 +115,10 @@ impl AttitudeMpc {
     }
 
     fn law_input(&self, now_ns: u64, inputs: &Inputs) -> Option<Input> {
-        let estimate = inputs.state_estimate.sample()?;
+        let limit_ns = (2 * self.period_ns).max(STALE_NS);
+        let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, limit_ns) else {
+            return None;
+        };
         let q = &estimate.q_wb;
         let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
         let age_ns = now_ns.saturating_sub(estimate.header.valid_ns);
@@ -169,7 +176,10 @@ impl Service for AttitudeMpc {
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take_setpoint(inputs);
-        let Some(input) = self.law_input(now_ns, inputs) else { return };
+        let Some(input) = self.law_input(now_ns, inputs) else {
+            self.law.miss();
+            return;
+        };
         let output = self.law.step(&input);
         outputs.wrench_command.write(WrenchCommand {
             thrust_n: output.thrust_n,

@@ -275,6 +275,12 @@ impl AttitudeLaw {
         }
     }
 
+    /// A sample without a usable estimate: nothing is commanded, and the next good one starts with
+    /// Δx = 0.
+    pub fn miss(&mut self) {
+        self.memory.primed = false;
+    }
+
     /// The whole evolving memory.
     #[must_use]
     pub fn memory(&self) -> &Memory {

@@ -6,7 +6,7 @@ use crate::preview::{Landing, preview};
 use crate::{ConfigError, PositionLawConfig};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Service, inputs, outputs};
+use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, Reference, SolveStatus,
     StateEstimate, topics,
@@ -50,6 +50,7 @@ shared_types::memory! {
 pub struct PositionMpc {
     law: PositionLaw,
     period_s: f64,
+    period_ns: u64,
     landing: Landing,
     /// Reference over the horizon, reused every step.
     points: Vec<Vector3<f64>>,
@@ -67,7 +68,10 @@ impl PositionMpc {
     ) -> Result<Self, ConfigError> {
         let period_s = 1.0 / config.rate_hz;
         let points = vec![Vector3::zeros(); config.horizon.prediction];
-        Ok(Self { law: PositionLaw::new(config, vehicle)?, period_s, landing, points })
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        let period_ns = (1e9 * period_s).ceil() as u64;
+        let law = PositionLaw::new(config, vehicle)?;
+        Ok(Self { law, period_s, period_ns, landing, points })
     }
 
     fn report(&self, output: &Output) -> ControllerReport {
@@ -117,8 +121,12 @@ impl Service for PositionMpc {
     type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        let Some(estimate) = inputs.state_estimate.sample() else { return };
-        let Some(reference) = inputs.reference.sample() else { return };
+        let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
+        let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.sample()) else {
+            // The attitude loop keeps the last set point.
+            self.law.miss();
+            return;
+        };
         let yaw_rad = preview(reference, now_ns, self.period_s, &self.landing, &mut self.points);
         let q = &estimate.q_wb;
         let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));

@@ -254,6 +254,12 @@ impl PositionLaw {
         Output { status: LawStatus::Refused(Refusal::NotFinite), ..self.output(&held, setpoint) }
     }
 
+    /// A sample without a usable estimate: nothing is commanded, and the next good one starts with
+    /// Δx = 0.
+    pub fn miss(&mut self) {
+        self.memory.primed = false;
+    }
+
     /// The whole evolving memory.
     #[must_use]
     pub fn memory(&self) -> &Memory {

@@ -32,6 +32,10 @@ pub type TopicFactory<T> = PortFactory<Ipc, T, ()>;
 
 /// Samples a recorder's reader keeps.
 pub const RECORDER_CAPACITY: usize = 2048;
+/// Published states that a recorder's reader keeps.
+pub const STATE_DEPTH: usize = 512;
+/// States offered to a successor that wait for it.
+pub const HANDOVER_DEPTH: usize = 2;
 const LAYOUT_KEY: &str = "layout";
 /// Processes of a run, its launcher, observers and restarts on the way out.
 const MAX_NODES: usize = 32;
@@ -201,7 +205,7 @@ impl Bus {
             .static_details
             .attributes()
             .key_value(&key, 0)
-            .map_or_else(|| "unknown".to_owned(), |value| value.to_string()))
+            .map_or_else(|| "unknown".to_owned(), ToString::to_string))
     }
 }
 

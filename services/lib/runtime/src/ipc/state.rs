@@ -12,11 +12,15 @@ use shared_types::{Author, Header};
 type StateFactory = PortFactory<Ipc, [u8], Header>;
 
 impl Bus {
-    /// Creates a state or hand-over service (launcher only).
+    /// Creates a state or hand-over service whose readers keep `depth` states (launcher only).
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn create_state_service(&self, kind: ServiceKind) -> Result<StateFactory, PortError> {
+    pub fn create_state_service(
+        &self,
+        kind: ServiceKind,
+        depth: usize,
+    ) -> Result<StateFactory, PortError> {
         let service = kind.name();
         self.node
             .service_builder(&service_name(&service)?)
@@ -25,7 +29,7 @@ impl Bus {
             .max_publishers(8)
             .max_subscribers(4)
             .max_nodes(super::MAX_NODES)
-            .subscriber_max_buffer_size(256)
+            .subscriber_max_buffer_size(depth)
             .history_size(1)
             .enable_safe_overflow(true)
             .create()
