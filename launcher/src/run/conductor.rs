@@ -6,8 +6,6 @@ use runtime::ipc::{Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, Serv
 use runtime::{Graph, Node, Sink as _};
 use shared_types::{ClockMode, ClockRecord, Flag, Role};
 
-/// Most that lockstep time may go ahead of the drained recording \[ns\].
-
 /// How long loops may stand still, and what time it is.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patience {

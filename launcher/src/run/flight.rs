@@ -179,9 +179,11 @@ impl Flight {
         };
         let supervisor =
             Supervisor::new(&bus, membership.folder().to_path_buf(), specs, &hello, policy)?;
+        let rig = scenario.settings().pilot.is_rig();
+        let metrics = if rig { Metrics::of_rig() } else { Metrics::default() };
         let duration_ns = scenario.duration_ns();
         Ok(Self {
-            tap: Tap::open(&bus, &roles, recording, Metrics::default())?,
+            tap: Tap::open(&bus, &roles, recording, metrics)?,
             conductor: Conductor::new(&bus, clock_of(scenario), options.speed, duration_ns, &graph)?,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,

@@ -1,5 +1,6 @@
 //! What the flight achieved, from the samples alone.
 
+use super::response::{AxisResponse, StepResponse};
 use hdrhistogram::Histogram;
 use shared_types::{
     AppliedCommand, AttitudeSetpoint, ControllerReport, GateMode, LoopStats, Reference, Role,
@@ -58,6 +59,7 @@ pub struct Metrics {
     clipped_ticks: u64,
     ticks: u64,
     safe_ticks: u64,
+    response: Option<StepResponse>,
 }
 
 impl Default for Metrics {
@@ -75,11 +77,24 @@ impl Default for Metrics {
             clipped_ticks: 0,
             ticks: 0,
             safe_ticks: 0,
+            response: None,
         }
     }
 }
 
 impl Metrics {
+    /// Metrics of a flight whose pilot writes attitudes: tracking is of attitude, not position.
+    #[must_use]
+    pub fn of_rig() -> Self {
+        Self { response: Some(StepResponse::default()), ..Self::default() }
+    }
+
+    /// Answer to the last attitude step of a rig flight.
+    #[must_use]
+    pub fn step_response(&self) -> Option<[AxisResponse; 3]> {
+        self.response.as_ref().and_then(StepResponse::axes)
+    }
+
     /// Takes note of a sample.
     pub fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         let any: &dyn Any = sample;
@@ -98,8 +113,11 @@ impl Metrics {
             self.loops.insert(stats.role.0, *stats);
         } else if any.is::<WrenchCommand>() {
             self.time("attitude", sample);
-        } else if any.is::<AttitudeSetpoint>() {
+        } else if let Some(setpoint) = any.downcast_ref::<AttitudeSetpoint>() {
             self.time("position", sample);
+            if let Some(response) = &mut self.response {
+                response.observe_setpoint(setpoint);
+            }
         }
     }
 
@@ -112,6 +130,10 @@ impl Metrics {
 
     fn observe_truth(&mut self, truth: &Truth) {
         self.time("plant", truth);
+        if let Some(response) = &mut self.response {
+            response.observe_truth(truth);
+            return;
+        }
         if self.waiting.len() < WAITING_CAPACITY {
             self.waiting.push_back((truth.header.valid_ns, truth.position_w_m));
         }

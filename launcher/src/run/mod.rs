@@ -6,6 +6,7 @@ mod flight;
 mod hash;
 mod metrics;
 mod pilot_thread;
+mod response;
 mod services;
 mod summary;
 mod supervisor;
@@ -15,6 +16,7 @@ pub use conductor::Speed;
 pub use flight::{RunError, RunOptions, run};
 pub use hash::FlightHash;
 pub use metrics::{Effort, Metrics, Tracking, VIOLATION_TOLERANCE};
+pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
 pub use summary::Summary;
 
 /// Which processor a flight's processes stay on.

@@ -9,6 +9,9 @@ use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
 use std::path::PathBuf;
 
+/// Names of the attitude's axes.
+const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+
 /// What came of a flight.
 #[derive(Debug)]
 pub struct Summary {
@@ -129,6 +132,12 @@ impl Summary {
         put("position_rms_m", format!("{:.6}", tracking.rms_m));
         put("position_max_m", format!("{:.6}", tracking.max_m));
         put("position_last_second_m", format!("{:.6}", tracking.last_second_m));
+        for (name, axis) in AXES.iter().zip(self.metrics.step_response().into_iter().flatten()) {
+            let settled = axis.settling_s.map_or("never".to_owned(), |s| format!("{s:.4}"));
+            put(&format!("{name}_settling_s"), settled);
+            put(&format!("{name}_peak_rad"), format!("{:.5}", axis.peak_rad));
+            put(&format!("{name}_final_error_rad"), format!("{:.3e}", axis.final_error_rad));
+        }
         put("constraint_violations", self.violations().to_string());
         put("missed_ticks", misses.ticks.to_string());
         put("late_samples", misses.late.to_string());
@@ -207,6 +216,14 @@ impl Summary {
                 tracking.rms_m * 1e3,
                 tracking.max_m * 1e3,
                 tracking.last_second_m * 1e3
+            )?;
+        }
+        for (name, axis) in AXES.iter().zip(self.metrics.step_response().into_iter().flatten()) {
+            let settled = axis.settling_s.map_or("never".to_owned(), |s| format!("{s:.3} s"));
+            writeln!(
+                out,
+                "  {name:<12} to {:.3} rad: settled {settled}, peak {:.4} rad, final error {:.1e} rad",
+                axis.target_rad, axis.peak_rad, axis.final_error_rad
             )?;
         }
         let relaxed: u64 = self.metrics.efforts().values().map(|e| e.relaxed).sum();
