@@ -78,8 +78,10 @@ fn fly(options: &ProcOptions) -> Result<Ending, Box<dyn std::error::Error>> {
     stop.watch_launcher(options.launcher_pid, leave_s, move || {
         if role == Role::Plant {
             // A child's standard output is the launcher's standard error; its own may be closed.
-            let what = if realtime { "the vehicle hovers, then lands" } else { "time stands still" };
-            let line = format!("morphquad: the launcher of {run} died; {what}, all leave in {leave_s} s");
+            let what =
+                if realtime { "the vehicle hovers, then lands" } else { "time stands still" };
+            let line =
+                format!("morphquad: the launcher of {run} died; {what}, all leave in {leave_s} s");
             say(&mut io::stdout(), &line);
         }
     })?;

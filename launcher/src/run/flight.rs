@@ -60,7 +60,9 @@ pub enum RunError {
     #[error(transparent)]
     Record(#[from] RecordError),
     /// Too little shared memory.
-    #[error("{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`")]
+    #[error(
+        "{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`"
+    )]
     SharedMemory {
         /// Free space \[MB\].
         free_mb: u64,
@@ -184,7 +186,13 @@ impl Flight {
         let duration_ns = scenario.duration_ns();
         Ok(Self {
             tap: Tap::open(&bus, &roles, recording, metrics)?,
-            conductor: Conductor::new(&bus, clock_of(scenario), options.speed, duration_ns, &graph)?,
+            conductor: Conductor::new(
+                &bus,
+                clock_of(scenario),
+                options.speed,
+                duration_ns,
+                &graph,
+            )?,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             graph,

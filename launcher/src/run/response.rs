@@ -112,10 +112,8 @@ mod tests {
         response.observe_setpoint(&setpoint);
         setpoint.roll_rad = 0.2;
         response.observe_setpoint(&setpoint);
-        response.observe_truth(&Truth {
-            q_wb: shared_types::Quaternion::IDENTITY,
-            ..Truth::default()
-        });
+        response
+            .observe_truth(&Truth { q_wb: shared_types::Quaternion::IDENTITY, ..Truth::default() });
         assert_eq!(response.axes().unwrap()[0].settling_s, None);
     }
 }

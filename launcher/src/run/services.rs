@@ -34,7 +34,8 @@ impl HeldServices {
             let progress = bus.create_service::<Progress>(ServiceKind::Progress(role), 4)?;
             factories.push(Box::new(progress));
             factories.push(Box::new(bus.create_wake_service(role)?));
-            factories.push(Box::new(bus.create_state_service(ServiceKind::State(role), STATE_DEPTH)?));
+            factories
+                .push(Box::new(bus.create_state_service(ServiceKind::State(role), STATE_DEPTH)?));
             let handover = bus.create_state_service(ServiceKind::Handover(role), HANDOVER_DEPTH)?;
             factories.push(Box::new(handover));
         }

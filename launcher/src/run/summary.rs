@@ -269,12 +269,7 @@ impl Summary {
             "  timing       {} missed ticks, {} late samples, {} samples unseen by a loop",
             misses.ticks, misses.late, misses.unseen
         )?;
-        writeln!(
-            out,
-            "  samples      {} taken, {} dropped",
-            self.recorded(),
-            misses.dropped
-        )?;
+        writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), misses.dropped)?;
         self.write_loops(out)?;
         for notice in &self.notices {
             writeln!(out, "  event        {}", notice.replace('\n', "\n               "))?;

@@ -8,7 +8,8 @@ use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use crate::pilot::{Pilot, PilotError, RigPilot};
 use disturbance_injector::Event;
-use runtime::GraphError;
+use runtime::{Graph, GraphError};
+use shared_types::{Role, TopicInfo};
 use vehicle::ParameterError;
 
 /// An attitude prediction shorter than this many rotor lags does not see what its torque does.
@@ -242,9 +243,32 @@ impl<'s> Checker<'s> {
         }
     }
 
+    /// A restarted process fetches what it missed from the history of its inputs.
+    fn resumable(&mut self, graph: &Graph) {
+        let settings = self.settings();
+        let restarted = [
+            (Role::Estimator, u64::from(settings.estimator.state_every)),
+            (Role::Position, 1),
+            (Role::Attitude, 1),
+        ];
+        for (role, state_every) in restarted {
+            if let Some((edge, needed)) = graph.too_short_history(role, state_every) {
+                let TopicInfo { name, history, .. } = edge.topic;
+                let what = format!(
+                    "after a crash it would need the last {needed} samples of {name}, and {history} are kept"
+                );
+                let remedy = format!(
+                    "lower {}.rate_hz, its lead or its latency, or accept that a restart is not exact",
+                    wiring::section(edge.from)
+                );
+                self.warn(&format!("{}.rate_hz", wiring::section(role)), what, remedy);
+            }
+        }
+    }
+
     fn graph(&mut self) {
         match self.scenario.graph() {
-            Ok(_) => {}
+            Ok(graph) => self.resumable(&graph),
             Err(WiringError::Rate { section, error }) => {
                 let remedy = "write a rate with at most three decimals";
                 self.error(&format!("{section}.rate_hz"), error.to_string(), remedy);
@@ -253,9 +277,8 @@ impl<'s> Checker<'s> {
                 let key = match &error {
                     GraphError::ZeroLatencyLoop(_) => "latency".to_owned(),
                     GraphError::BufferTooSmall { producer, .. } => {
-                        let role = shared_types::Role::STEPPING
-                            .into_iter()
-                            .find(|role| role.label() == *producer);
+                        let role =
+                            Role::STEPPING.into_iter().find(|role| role.label() == *producer);
                         role.map_or_else(String::new, |r| format!("{}.rate_hz", wiring::section(r)))
                     }
                 };
