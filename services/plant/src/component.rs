@@ -4,18 +4,18 @@
 //! or owner takes effect, and then lets the sensors look. Its samples at t therefore depend only
 //! on what was effective before t.
 
-use crate::gate::{Command, Gate, GateConfig, GateInput, GateMemory, GateOutput, Mode};
+use crate::config::{ModelKind, PlantConfig, PlantError};
+use crate::effects::{Effects, command, commanded_morph};
+use crate::gate::{Command, Gate, GateInput, GateMemory, GateOutput, Mode};
 use crate::ports::{Inputs, Outputs};
 use crate::sensors::{
-    Imu, ImuConfig, ImuMemory, ImuSample, MorphEncoder, MorphEncoderConfig, MorphEncoderMemory,
-    Pose, PoseFix, PoseFixConfig, PoseFixMemory,
+    Imu, ImuMemory, ImuSample, MorphEncoder, MorphEncoderMemory, Pose, PoseFix, PoseFixMemory,
 };
 use nalgebra::Vector3;
 use runtime::Service;
-use shared_types::{AppliedCommand, Author, Flag, GateMode, MorphCommand, Stamped, WrenchCommand};
-use thiserror::Error;
+use shared_types::{AppliedCommand, Flag, GateMode};
 use vehicle::{
-    Actuation, Allocation, Disturbance, GroundContact, LinearModel, MODEL_MEMORY_LEN, MorphAngle,
+    Actuation, Allocation, GroundContact, LinearModel, MODEL_MEMORY_LEN, MorphAngle,
     NonlinearModel, PlantInputs, PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
 };
 
@@ -23,57 +23,6 @@ use vehicle::{
 const MAX_STEP_S: f64 = 1e-3;
 /// Commands that can take effect at one instant without reserving memory.
 const COMMAND_CAPACITY: usize = runtime::graph::READER_CAPACITY;
-
-/// Which equations of motion to integrate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ModelKind {
-    /// Eqs. (1), (2), (4), (5) with rotor lag, drag, servo and ground.
-    Nonlinear {
-        /// Whether there is a ground at z = 0.
-        ground: bool,
-    },
-    /// The paper's linear model, eqs. (3) and (6); it takes the wrench itself.
-    Linear,
-}
-
-/// Everything a plant needs to be built.
-#[derive(Debug, Clone)]
-pub struct PlantConfig {
-    /// The vehicle as it really is.
-    pub vehicle: VehicleParameters,
-    /// Equations of motion.
-    pub model: ModelKind,
-    /// Inertial sensor.
-    pub imu: ImuConfig,
-    /// Pose tracker.
-    pub pose_fix: PoseFixConfig,
-    /// Morph encoder.
-    pub morph_encoder: MorphEncoderConfig,
-    /// Actuation gate.
-    pub gate: GateConfig,
-    /// Start position \[m\], at hover.
-    pub position_w_m: Vector3<f64>,
-    /// Start heading \[rad\].
-    pub yaw_rad: f64,
-    /// Start morph angle.
-    pub morph_angle: MorphAngle,
-    /// Seed of all sensors.
-    pub seed: u64,
-}
-
-/// Why a plant cannot be built.
-#[derive(Debug, Error)]
-pub enum PlantError {
-    /// The vehicle's numbers are impossible.
-    #[error(transparent)]
-    Vehicle(#[from] vehicle::ParameterError),
-    /// A sensor's numbers are impossible.
-    #[error(transparent)]
-    Sensor(#[from] crate::sensors::SensorError),
-    /// The gate's numbers are impossible.
-    #[error(transparent)]
-    Gate(#[from] crate::gate::GateError),
-}
 
 shared_types::memory! {
     /// Everything that evolves.
@@ -182,11 +131,11 @@ impl Plant {
 
     /// Integrates to `until_ns`, stopping at every instant at which something takes effect.
     fn integrate(&mut self, until_ns: u64, inputs: &Inputs) {
-        let mut pending = Pending::new(inputs);
+        let mut effects = Effects::new(inputs);
         loop {
             let from_ns = self.integrated_ns;
-            let held = self.take_effect(from_ns, inputs, &mut pending);
-            let to_ns = pending.next_ns(inputs).map_or(until_ns, |t| t.min(until_ns));
+            let held = self.take_effect(from_ns, inputs, &mut effects);
+            let to_ns = effects.next_ns(inputs).map_or(until_ns, |t| t.min(until_ns));
             self.advance(to_ns - from_ns, &held);
             self.integrated_ns = to_ns;
             if to_ns >= until_ns {
@@ -196,14 +145,14 @@ impl Plant {
     }
 
     /// Runs the gate on the commands that take effect now; what to hold until the next instant.
-    fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, pending: &mut Pending) -> PlantInputs {
-        pending.advance(now_ns, inputs);
+    fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, effects: &mut Effects) -> PlantInputs {
+        effects.advance(now_ns, inputs);
         self.commands.clear();
-        let first = pending.commands_from;
-        for stamped in &inputs.wrench_command.fresh()[first..pending.commands_to] {
-            self.commands.push(command(stamped, pending.owner.map_or([0; 2], |o| o.1)));
+        let first = effects.commands_from;
+        for stamped in &inputs.wrench_command.fresh()[first..effects.commands_to] {
+            self.commands.push(command(stamped, effects.owner.map_or([0; 2], |o| o.1)));
         }
-        if let Some(kick) = pending.take_kick(inputs) {
+        if let Some(kick) = effects.take_kick(inputs) {
             self.kick_b_rad_s += kick;
         }
         let output = self.gate.tick(&GateInput {
@@ -218,11 +167,11 @@ impl Plant {
             self.in_effect = InEffect {
                 sequence: accepted.sample.header.sequence,
                 cause_sequence: accepted.sample.header.cause_sequence,
-                epoch: pending.owner.map_or(0, |o| o.0),
+                epoch: effects.owner.map_or(0, |o| o.0),
             };
         }
         let applied = self.allocate(&output);
-        let held = self.plant_inputs(now_ns, inputs, pending, &applied);
+        let held = self.plant_inputs(now_ns, inputs, effects, &applied);
         self.last = Some((applied, held, output));
         held
     }
@@ -253,15 +202,15 @@ impl Plant {
         &self,
         now_ns: u64,
         inputs: &Inputs,
-        pending: &Pending,
+        effects: &Effects,
         applied: &Applied,
     ) -> PlantInputs {
         PlantInputs {
             actuation: applied.actuation,
-            morph_command_rad: pending
+            morph_command_rad: effects
                 .morph(inputs)
                 .map_or(self.start_morph.rad(), |command| commanded_morph(command, now_ns)),
-            disturbance: pending.disturbance(inputs),
+            disturbance: effects.disturbance(inputs),
         }
     }
 
@@ -380,131 +329,6 @@ impl Plant {
             ..shared_types::ActuatorState::default()
         });
     }
-}
-
-fn command(stamped: &Stamped<WrenchCommand>, owner: Author) -> Command {
-    let sample = &stamped.sample;
-    Command {
-        wrench: Wrench { thrust_n: sample.thrust_n, torque_b_nm: sample.torque_b_nm.into() },
-        author: join(stamped.author),
-        owner: join(owner),
-        effective_ns: sample.header.valid_ns,
-        validity_ns: sample.validity_ns,
-    }
-}
-
-fn join([high, low]: Author) -> u128 {
-    (u128::from(high) << 64) | u128::from(low)
-}
-
-/// Commanded angle on the planned path, between its points.
-fn commanded_morph(command: &MorphCommand, now_ns: u64) -> f64 {
-    let age_ns = now_ns.saturating_sub(command.header.valid_ns);
-    let steps = age_ns as f64 / command.spacing_ns.max(1) as f64;
-    let in_use = usize::try_from(command.count).unwrap_or(usize::MAX).min(command.path_rad.len());
-    let path = &command.path_rad[..in_use];
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "non-negative")]
-    let index = steps as usize;
-    match (path.get(index), path.get(index + 1)) {
-        (Some(from), Some(to)) => from + (to - from) * (steps - index as f64),
-        _ => path.last().copied().unwrap_or(command.angle_rad),
-    }
-}
-
-/// Cursor over the samples that take effect within one step.
-struct Pending {
-    commands_from: usize,
-    commands_to: usize,
-    owners: usize,
-    disturbances: usize,
-    kicks: usize,
-    morphs: usize,
-    /// Epoch and identity of the owner now.
-    owner: Option<(u64, Author)>,
-}
-
-impl Pending {
-    fn new(inputs: &Inputs) -> Self {
-        // What was in effect before this step: the latest value, unless it is itself fresh.
-        let owner = inputs
-            .attitude_owner
-            .before_fresh()
-            .map(|record| (record.sample.epoch, record.sample.owner));
-        Self {
-            commands_from: 0,
-            commands_to: 0,
-            owners: 0,
-            disturbances: 0,
-            kicks: 0,
-            morphs: 0,
-            owner,
-        }
-    }
-
-    /// Moves past everything effective at or before `now_ns`; owners first, so that a command is
-    /// judged by the owner of its own instant.
-    fn advance(&mut self, now_ns: u64, inputs: &Inputs) {
-        let owners = inputs.attitude_owner.fresh();
-        self.owners = due(owners, self.owners, now_ns);
-        if let Some(record) = self.owners.checked_sub(1).and_then(|i| owners.get(i)) {
-            self.owner = Some((record.sample.epoch, record.sample.owner));
-        }
-        self.disturbances = due(inputs.disturbance.fresh(), self.disturbances, now_ns);
-        self.morphs = due(inputs.morph_command.fresh(), self.morphs, now_ns);
-        self.commands_from = self.commands_to;
-        self.commands_to = due(inputs.wrench_command.fresh(), self.commands_to, now_ns);
-    }
-
-    /// The next instant at which something takes effect.
-    fn next_ns(&self, inputs: &Inputs) -> Option<u64> {
-        [
-            valid_ns(inputs.attitude_owner.fresh(), self.owners),
-            valid_ns(inputs.disturbance.fresh(), self.disturbances),
-            valid_ns(inputs.morph_command.fresh(), self.morphs),
-            valid_ns(inputs.wrench_command.fresh(), self.commands_to),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
-    }
-
-    fn morph<'a>(&self, inputs: &'a Inputs) -> Option<&'a MorphCommand> {
-        let fresh = self.morphs.checked_sub(1).and_then(|i| inputs.morph_command.fresh().get(i));
-        fresh.or_else(|| inputs.morph_command.before_fresh()).map(|stamped| &stamped.sample)
-    }
-
-    fn disturbance(&self, inputs: &Inputs) -> Disturbance {
-        let fresh =
-            self.disturbances.checked_sub(1).and_then(|i| inputs.disturbance.fresh().get(i));
-        fresh.or_else(|| inputs.disturbance.before_fresh()).map_or_else(
-            Disturbance::default,
-            |stamped| {
-                let sample = &stamped.sample;
-                Disturbance {
-                    force_w_n: sample.force_w_n.into(),
-                    torque_b_nm: sample.torque_b_nm.into(),
-                    wind_w_m_s: sample.wind_w_m_s.into(),
-                    rotor_efficiency: sample.rotor_efficiency,
-                    payload_kg: sample.payload_kg,
-                }
-            },
-        )
-    }
-
-    /// Body-rate jumps of the disturbances that took effect at this stop.
-    fn take_kick(&mut self, inputs: &Inputs) -> Option<Vector3<f64>> {
-        let new = inputs.disturbance.fresh().get(self.kicks..self.disturbances)?;
-        self.kicks = self.disturbances;
-        new.iter().map(|s| Vector3::from(s.sample.body_rate_kick_b_rad_s)).reduce(|a, b| a + b)
-    }
-}
-
-fn due<T: shared_types::Sample>(fresh: &[Stamped<T>], from: usize, now_ns: u64) -> usize {
-    from + fresh[from..].iter().take_while(|s| s.sample.header().valid_ns <= now_ns).count()
-}
-
-fn valid_ns<T: shared_types::Sample>(fresh: &[Stamped<T>], index: usize) -> Option<u64> {
-    fresh.get(index).map(|s| s.sample.header().valid_ns)
 }
 
 impl Service for Plant {

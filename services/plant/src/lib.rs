@@ -5,9 +5,12 @@
 //! leaves for the recorder and for nobody else.
 
 pub mod component;
+mod config;
+mod effects;
 pub mod gate;
 pub mod ports;
 pub mod sensors;
 pub mod settings;
 
-pub use component::{ModelKind, Plant, PlantConfig, PlantError, PlantMemory};
+pub use component::{Plant, PlantMemory};
+pub use config::{ModelKind, PlantConfig, PlantError};
