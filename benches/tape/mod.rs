@@ -1,0 +1,237 @@
+//! One flight in one process, kept as a tape: what each loop was given, to be given again.
+
+use core::cell::{Cell, RefCell};
+use core::time::Duration;
+use launcher::components::{self, Component, ComponentVisitor};
+use launcher::scenario::Scenario;
+use runtime::clock::mono_now_ns;
+use runtime::graph::{Edge, ROLES};
+use runtime::{
+    Executor, Graph, Input, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
+    OutputVisitor, Service, Sink, Source, StateSink, StepStamps,
+};
+use shared_types::{Author, Header, OwnerRecord, Role, Sample, Stamped, Topic, topics};
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+type Log<T> = RefCell<Vec<Stamped<T>>>;
+
+/// Every sample of a flight by topic, in the order published.
+#[derive(Clone, Default)]
+pub(crate) struct Tape {
+    logs: Rc<RefCell<BTreeMap<&'static str, Rc<dyn Any>>>>,
+    /// Samples in effect later than this are not shown to readers \[ns\].
+    until_ns: Rc<Cell<u64>>,
+}
+
+impl Tape {
+    fn log<T: Sample>(&self, topic: &Topic<T>) -> Rc<Log<T>> {
+        let mut logs = self.logs.borrow_mut();
+        let log = logs.entry(topic.info.name).or_insert_with(|| Rc::new(Log::<T>::default()));
+        Rc::clone(log).downcast().expect("a topic has one sample type")
+    }
+
+    /// Gives each slot to the loop that fills it.
+    fn own_slots(&self, graph: &Graph) {
+        let slots =
+            [(&topics::ATTITUDE_OWNER, Role::Attitude), (&topics::POSITION_OWNER, Role::Position)];
+        for (topic, slot) in slots {
+            let header = Header { sequence: 1, ..Header::default() };
+            let period_ns = graph.node(slot).map_or(0, |node| node.rate.period_ns());
+            let owner = author(slot);
+            let sample =
+                OwnerRecord { header, epoch: 1, owner, period_ns, slot, ..OwnerRecord::default() };
+            self.log(topic).borrow_mut().push(Stamped { sample, author: author(Role::Supervisor) });
+        }
+    }
+}
+
+fn author(role: Role) -> Author {
+    [1, u64::from(role.0)]
+}
+
+struct Reader<T> {
+    log: Rc<Log<T>>,
+    next: usize,
+    until_ns: Rc<Cell<u64>>,
+}
+
+impl<T: Sample> Source<T> for Reader<T> {
+    fn receive(&mut self) -> Option<Stamped<T>> {
+        let log = self.log.borrow();
+        let shown = |s: &&Stamped<T>| s.sample.header().valid_ns <= self.until_ns.get();
+        let stamped = log.get(self.next).filter(shown).copied()?;
+        self.next += 1;
+        Some(stamped)
+    }
+}
+
+struct Writer<T> {
+    log: Rc<Log<T>>,
+    author: Author,
+}
+
+impl<T: Sample> Sink<T> for Writer<T> {
+    fn send(&mut self, sample: T) {
+        self.log.borrow_mut().push(Stamped { sample, author: self.author });
+    }
+    fn serve_late_joiners(&mut self) {}
+}
+
+/// Packs states as in flight and forgets them.
+struct NoReader;
+
+impl StateSink for NoReader {
+    fn send(&mut self, _header: &Header, _state: &[u8]) {}
+    fn serve_late_joiners(&mut self) {}
+}
+
+/// Puts a component between the tape's ports.
+struct Wiring<'a> {
+    tape: &'a Tape,
+    graph: &'a Graph,
+    node: Node,
+    records: bool,
+}
+
+impl InputVisitor for Wiring<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        input: &mut Input<T>,
+    ) -> Result<(), Infallible> {
+        let role = self.node.role;
+        let edge = self.graph.edge(&topic.info, role).copied();
+        let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, role));
+        let until_ns = Rc::clone(&self.tape.until_ns);
+        let reader = Reader { log: self.tape.log(topic), next: 0, until_ns };
+        input.connect(Box::new(reader), Some(edge));
+        Ok(())
+    }
+}
+
+impl OutputVisitor for Wiring<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        output: &mut Output<T>,
+    ) -> Result<(), Infallible> {
+        if self.records {
+            let writer = Writer { log: self.tape.log(topic), author: author(self.node.role) };
+            output.connect(Box::new(writer), self.graph.latency_ns(&topic.info));
+        }
+        Ok(())
+    }
+}
+
+impl ComponentVisitor for Wiring<'_> {
+    type Output = Box<dyn Loop>;
+    fn visit<S: Service + 'static>(mut self, component: Component<S>) -> Box<dyn Loop> {
+        let mut executor = Executor::new(component.service, self.node, 0, component.state_every);
+        let Ok(()) = executor.inputs.visit(&mut self);
+        let Ok(()) = executor.outputs.visit(&mut self);
+        executor.connect_state(Box::new(NoReader));
+        Box::new(executor)
+    }
+}
+
+/// A loop of whatever component.
+trait Loop {
+    fn node(&self) -> Node;
+    fn mark_ns(&self) -> u64;
+    /// Takes in what is shown and runs the next release.
+    fn step(&mut self);
+}
+
+impl<S: Service> Loop for Executor<S> {
+    fn node(&self) -> Node {
+        *Executor::node(self)
+    }
+    fn mark_ns(&self) -> u64 {
+        Executor::mark_ns(self)
+    }
+    fn step(&mut self) {
+        self.inputs.receive();
+        self.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    }
+}
+
+/// A flight that has been flown once.
+pub(crate) struct Flight {
+    scenario: Scenario,
+    pub(crate) graph: Graph,
+    tape: Tape,
+    end_ns: u64,
+}
+
+impl Flight {
+    /// Flies a shipped scenario in this process.
+    pub(crate) fn fly(name: &str) -> Result<Self, Box<dyn std::error::Error>> {
+        let scenario = Scenario::load(name, &[])?;
+        let graph = scenario.graph()?;
+        let end_ns = scenario.duration_ns();
+        let flight = Self { scenario, graph, tape: Tape::default(), end_ns };
+        flight.tape.own_slots(&flight.graph);
+        flight.tape.until_ns.set(u64::MAX);
+        let mut loops = Vec::new();
+        for node in flight.graph.nodes() {
+            loops.push(flight.build(*node, true)?);
+        }
+        let mut marks = [0; ROLES];
+        let may_run = |one: &dyn Loop, marks: &[u64; ROLES]| {
+            one.mark_ns() < end_ns
+                && flight.graph.runnable(&one.node(), one.mark_ns(), marks, end_ns)
+        };
+        while loops.iter().any(|one| may_run(one.as_ref(), &marks)) {
+            for one in &mut loops {
+                while may_run(one.as_ref(), &marks) {
+                    one.step();
+                    marks[one.node().role.index()] = one.mark_ns();
+                }
+            }
+        }
+        Ok(flight)
+    }
+
+    fn build(&self, node: Node, records: bool) -> Result<Box<dyn Loop>, components::BuildError> {
+        let wiring = Wiring { tape: &self.tape, graph: &self.graph, node, records };
+        components::build(node.role, &self.scenario, wiring)
+    }
+
+    /// One loop of the flight, to be run again from its start.
+    pub(crate) fn replay(&self, node: Node) -> Result<Replay<'_>, components::BuildError> {
+        Ok(Replay { flight: self, node, current: self.build(node, false)? })
+    }
+}
+
+/// One loop on the tape, over and over.
+pub(crate) struct Replay<'a> {
+    flight: &'a Flight,
+    node: Node,
+    current: Box<dyn Loop>,
+}
+
+impl Replay<'_> {
+    /// Time that this many steps take, with taking in samples and packing states.
+    pub(crate) fn run(&mut self, steps: u64) -> Duration {
+        let Flight { tape, end_ns, .. } = self.flight;
+        let (mut left, mut spent_ns) = (steps, 0);
+        while left > 0 {
+            if self.current.mark_ns() >= *end_ns {
+                self.current = self.flight.build(self.node, false).expect("it was built before");
+            }
+            let start_ns = mono_now_ns();
+            while left > 0 && self.current.mark_ns() < *end_ns {
+                tape.until_ns.set(self.current.mark_ns());
+                self.current.step();
+                left -= 1;
+            }
+            spent_ns += mono_now_ns() - start_ns;
+        }
+        Duration::from_nanos(spent_ns)
+    }
+}
