@@ -16,6 +16,7 @@ pub mod disturbance;
 pub mod estimate;
 pub mod guidance;
 pub mod header;
+mod macros;
 pub mod sensors;
 pub mod supervision;
 pub mod topics;

@@ -1,0 +1,163 @@
+//! How samples, codes and memories are declared: the struct once, the rest derived.
+
+/// Declares a fixed-layout struct that may live in shared memory, with its reflection.
+///
+/// The caller's module imports [`ZeroCopySend`](crate::ZeroCopySend) for the derive.
+#[macro_export]
+macro_rules! sample {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$field_meta:meta])* pub $field:ident : $kind:ty),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy, ZeroCopySend)]
+        #[repr(C)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $kind),+ }
+
+        $crate::reflect!($name { $($field: $kind),+ });
+    };
+}
+
+/// Declares a struct that is published in packed form as part of a service's state: reflection
+/// and packing, without a place of its own in shared memory. Fields may be private.
+#[macro_export]
+macro_rules! memory {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident {
+        $($(#[$field_meta:meta])* $field_vis:vis $field:ident : $kind:ty),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Clone, Copy)]
+        #[repr(C)]
+        $vis struct $name { $($(#[$field_meta])* $field_vis $field: $kind),+ }
+
+        $crate::reflect!($name { $($field: $kind),+ });
+    };
+}
+
+/// Reflection, packing and an all-zero `Default` for a `repr(C)` struct; used by
+/// [`sample!`](crate::sample) and [`memory!`](crate::memory).
+#[macro_export]
+macro_rules! reflect {
+    ($name:ident { $($field:ident : $kind:ty),+ }) => {
+        impl $name {
+            const FIELDS: &'static [$crate::wire::Field] = &[$($crate::wire::Field {
+                name: stringify!($field),
+                kind: <$kind as $crate::wire::Value>::KIND,
+                count: <$kind as $crate::wire::Value>::COUNT,
+                repeated: <$kind as $crate::wire::Value>::REPEATED,
+                offset: core::mem::offset_of!($name, $field),
+            }),+];
+        }
+
+        impl $crate::wire::Wire for $name {
+            const SCHEMA: $crate::wire::Schema = $crate::wire::Schema {
+                name: stringify!($name),
+                fields: Self::FIELDS,
+                size: core::mem::size_of::<$name>(),
+                layout_hash: $crate::wire::layout_hash(
+                    stringify!($name), Self::FIELDS, core::mem::size_of::<$name>()),
+            };
+            fn visit<V: $crate::wire::Visitor>(&self, visitor: &mut V) {
+                let mut fields = Self::FIELDS.iter();
+                $(if let Some(field) = fields.next() {
+                    <$kind as $crate::wire::Value>::visit_run(
+                        core::slice::from_ref(&self.$field), field, visitor);
+                })+
+            }
+        }
+
+        impl $crate::wire::Value for $name {
+            const KIND: $crate::wire::Kind =
+                $crate::wire::Kind::Message(&<$name as $crate::wire::Wire>::SCHEMA);
+            const PACKED_SIZE: usize = 0 $(+ <$kind as $crate::wire::Value>::PACKED_SIZE)+;
+            fn visit_run<V: $crate::wire::Visitor>(
+                values: &[Self], field: &'static $crate::wire::Field, visitor: &mut V,
+            ) {
+                for value in values {
+                    visitor.message(field, value);
+                }
+            }
+            fn pack(&self, out: &mut [u8]) {
+                let rest = out;
+                $(let (head, rest) =
+                    rest.split_at_mut(<$kind as $crate::wire::Value>::PACKED_SIZE);
+                <$kind as $crate::wire::Value>::pack(&self.$field, head);)+
+                debug_assert!(rest.is_empty());
+            }
+            fn unpack(from: &[u8]) -> Self {
+                let rest = from;
+                $(let (head, rest) = rest.split_at(<$kind as $crate::wire::Value>::PACKED_SIZE);
+                let $field = <$kind as $crate::wire::Value>::unpack(head);)+
+                debug_assert!(rest.is_empty());
+                Self { $($field),+ }
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                <Self as $crate::wire::Value>::unpack(
+                    &[0; <Self as $crate::wire::Value>::PACKED_SIZE])
+            }
+        }
+    };
+}
+
+/// Declares a named 32-bit code. Any bit pattern is a valid value, so a foreign writer cannot
+/// cause undefined behaviour; unknown codes show as their number.
+#[macro_export]
+macro_rules! code {
+    ($(#[$meta:meta])* pub enum $name:ident {
+        $($(#[$variant_meta:meta])* $variant:ident = $value:literal),+ $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+        #[repr(C)]
+        pub struct $name(pub u32);
+
+        #[allow(non_upper_case_globals, reason = "the constants stand for enum variants")]
+        impl $name {
+            $($(#[$variant_meta])* pub const $variant: Self = Self($value);)+
+            const VARIANTS: &'static [(&'static str, u32)] = &[$((stringify!($variant), $value)),+];
+
+            /// Name of the code, if it is a known one.
+            #[must_use]
+            pub fn name(self) -> Option<&'static str> {
+                Self::VARIANTS.iter().find(|(_, code)| *code == self.0).map(|(name, _)| *name)
+            }
+        }
+
+        impl core::fmt::Debug for $name {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                match self.name() {
+                    Some(name) => f.write_str(name),
+                    None => write!(f, concat!(stringify!($name), "({})"), self.0),
+                }
+            }
+        }
+
+        impl From<$name> for u64 {
+            fn from(code: $name) -> Self {
+                Self::from(code.0)
+            }
+        }
+
+        impl $crate::wire::Value for $name {
+            const KIND: $crate::wire::Kind =
+                $crate::wire::Kind::Enum(&$crate::wire::EnumSchema {
+                    name: stringify!($name),
+                    variants: Self::VARIANTS,
+                });
+            const PACKED_SIZE: usize = 4;
+            fn visit_run<V: $crate::wire::Visitor>(
+                values: &[Self], field: &'static $crate::wire::Field, visitor: &mut V,
+            ) {
+                $crate::wire::visit_widened(values, field, visitor);
+            }
+            fn pack(&self, out: &mut [u8]) {
+                self.0.pack(out);
+            }
+            fn unpack(from: &[u8]) -> Self {
+                Self(u32::unpack(from))
+            }
+        }
+    };
+}
