@@ -1,0 +1,137 @@
+//! What the tests share: the real executable, its summary, its recording, its processes.
+
+#![allow(dead_code, reason = "every test file uses its own part of this")]
+
+pub(crate) mod processes;
+pub(crate) mod recording;
+
+use recording::Recording;
+use runtime::clock::mono_now_ns;
+use serde_json::Value;
+use std::ffi::OsStr;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tempfile::TempDir;
+
+/// Flights of one test file take turns, so that few cores are not asked for more than they have.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// Holds the machine until dropped.
+pub(crate) fn turn() -> MutexGuard<'static, ()> {
+    // A failed test has spoilt nothing for the next.
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// How often to repeat what must hold every time.
+pub(crate) fn rounds(default: usize) -> usize {
+    std::env::var("MORPHQUAD_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// The executable under test.
+pub(crate) fn morphquad<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_morphquad"));
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// A run that has ended.
+pub(crate) struct Flown {
+    pub(crate) code: Option<i32>,
+    pub(crate) stderr: String,
+    summary: Value,
+    /// Holds the recording.
+    folder: TempDir,
+}
+
+impl Flown {
+    pub(crate) fn new(output: &Output, folder: TempDir) -> Self {
+        let summary = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        Self { code: output.status.code(), stderr, summary, folder }
+    }
+
+    /// A number of the summary.
+    pub(crate) fn number(&self, key: &str) -> f64 {
+        let number = self.summary[key].as_f64();
+        number.unwrap_or_else(|| panic!("no {key} in {}, {}", self.summary, self.stderr))
+    }
+
+    /// A word of the summary.
+    pub(crate) fn word(&self, key: &str) -> &str {
+        let word = self.summary[key].as_str();
+        word.unwrap_or_else(|| panic!("no {key} in {}, {}", self.summary, self.stderr))
+    }
+
+    pub(crate) fn hash(&self) -> &str {
+        self.word("hash")
+    }
+
+    /// Everything that was said, on both channels.
+    pub(crate) fn said(&self) -> String {
+        format!("{}\n{}", self.summary, self.stderr)
+    }
+
+    pub(crate) fn recording_path(&self) -> PathBuf {
+        self.word("recording").into()
+    }
+
+    pub(crate) fn recording(&self) -> Recording {
+        Recording::read(&self.recording_path())
+    }
+
+    /// Exit code 0, nothing lost, nothing late, no bound violated.
+    pub(crate) fn assert_clean(&self) {
+        assert_eq!(self.code, Some(0), "{}", self.said());
+        for key in [
+            "dropped_samples",
+            "late_samples",
+            "missed_ticks",
+            "unseen_samples",
+            "constraint_violations",
+            "safe_mode_episodes",
+            "recovered_crashes",
+        ] {
+            assert!(self.number(key) == 0.0, "{key}: {}", self.said());
+        }
+    }
+}
+
+/// Flies with a recording, from start to end.
+pub(crate) fn fly(arguments: &[&str]) -> Flown {
+    fly_with(&[], arguments)
+}
+
+/// As [`fly`], through another command such as `nice`.
+pub(crate) fn fly_with(through: &[&str], arguments: &[&str]) -> Flown {
+    let folder = TempDir::new().expect("a folder for the recording");
+    let executable = env!("CARGO_BIN_EXE_morphquad");
+    let mut words = through.iter().copied().chain([executable]);
+    let mut command = Command::new(words.next().expect("the executable at least"));
+    command.args(words).arg("run").args(arguments).args(["--format", "json"]);
+    if !arguments.contains(&"--no-record") {
+        command.arg("--record").arg(folder.path());
+    }
+    let output = command.stdin(Stdio::null()).output().expect("the executable starts");
+    Flown::new(&output, folder)
+}
+
+/// Roll, pitch and yaw of a Hamilton quaternion (w, x, y, z), intrinsic z-y-x.
+pub(crate) fn euler_rad(q: &[f64]) -> [f64; 3] {
+    let [w, x, y, z] = *q else { panic!("four numbers, not {q:?}") };
+    [
+        (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y)),
+        (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin(),
+        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)),
+    ]
+}
+
+/// Euclidean distance of two points.
+pub(crate) fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Seconds on the host's clock, for limits on waiting.
+pub(crate) fn host_s() -> f64 {
+    mono_now_ns() as f64 * 1e-9
+}

@@ -1,0 +1,151 @@
+//! A run in the air and its processes, seen from outside through /proc and /dev/shm.
+
+use super::{Flown, host_s, morphquad};
+use runtime::clock::{mono_now_ns, sleep_until};
+use rustix::process::{Pid, Signal, kill_process};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Output};
+use std::thread;
+use tempfile::TempDir;
+
+/// Longest that anything here may take before the test gives up.
+const PATIENCE_S: f64 = 60.0;
+
+/// Looks every few milliseconds until `done` says so.
+pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
+    let begin_s = host_s();
+    while !done() {
+        assert!(host_s() - begin_s < PATIENCE_S, "waited in vain: {what}");
+        pause_ms(3);
+    }
+}
+
+pub(crate) fn pause_ms(ms: u64) {
+    sleep_until(mono_now_ns() + ms * 1_000_000);
+}
+
+/// Sends a signal to one process; false if it is gone.
+pub(crate) fn kill(pid: u32, signal: Signal) -> bool {
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw).expect("a process id");
+    kill_process(pid, signal).is_ok()
+}
+
+/// One process of a run.
+#[derive(Debug, Clone)]
+pub(crate) struct Process {
+    pub(crate) pid: u32,
+    pub(crate) comm: String,
+    pub(crate) arguments: Vec<String>,
+}
+
+/// Every living process, other than its launcher, that was told to join run `id`.
+pub(crate) fn processes_of(id: &str) -> Vec<Process> {
+    let folder = format!("/dev/shm/mq-{id}");
+    all_processes().filter(|p| p.arguments.contains(&folder)).collect()
+}
+
+fn all_processes() -> impl Iterator<Item = Process> {
+    let entries = fs::read_dir("/proc").expect("/proc").flatten();
+    entries.filter_map(|entry| {
+        let pid = entry.file_name().to_str()?.parse().ok()?;
+        // Whoever has gone in the meantime has no files; a zombie has no command line.
+        let line = fs::read_to_string(entry.path().join("cmdline")).ok()?;
+        let comm = fs::read_to_string(entry.path().join("comm")).ok()?.trim_end().to_owned();
+        let arguments = line.split_terminator('\0').map(str::to_owned).collect::<Vec<_>>();
+        (!arguments.is_empty()).then_some(Process { pid, comm, arguments })
+    })
+}
+
+/// Everything that a run has in shared memory.
+pub(crate) fn left_in_shared_memory(id: &str) -> Vec<PathBuf> {
+    let (folder, object) = (format!("mq-{id}"), format!("mqshm-{id}_"));
+    let entries = fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+    let paths = entries.map(|entry| entry.path()).filter(|path| {
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+        name.is_some_and(|name| name.contains(&folder) || name.starts_with(&object))
+    });
+    paths.collect()
+}
+
+/// A run in the air. Nothing of it survives the test.
+pub(crate) struct Running {
+    launcher: Option<Child>,
+    pid: u32,
+    folder: Option<TempDir>,
+    id: String,
+}
+
+impl Running {
+    /// Starts a run and waits until it has its processes.
+    pub(crate) fn start(arguments: &[&str]) -> Self {
+        let folder = TempDir::new().expect("a folder for the recording");
+        let mut command = morphquad(["run"]);
+        command.args(arguments).args(["--format", "json", "--record"]).arg(folder.path());
+        let launcher = command.spawn().expect("the executable starts");
+        let pid = launcher.id();
+        let mut running =
+            Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new() };
+        wait_until("the recording exists", || running.recording_path().is_some());
+        let path = running.recording_path().expect("just seen");
+        running.id = path.file_stem().expect("a name").to_string_lossy().into_owned();
+        running
+    }
+
+    /// As [`Running::start`], and waits until samples are being recorded.
+    pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
+        let running = Self::start(arguments);
+        wait_until("five processes", || processes_of(&running.id).len() == 5);
+        let size = || running.recording_path().and_then(|p| fs::metadata(p).ok()).map(|m| m.len());
+        let at_first = size();
+        wait_until("the first samples", || size() > at_first);
+        running
+    }
+
+    pub(crate) fn id(&self) -> &str {
+        &self.id
+    }
+
+    pub(crate) fn launcher_pid(&self) -> u32 {
+        self.pid
+    }
+
+    pub(crate) fn recording_path(&self) -> Option<PathBuf> {
+        let folder: &Path = self.folder.as_ref()?.path();
+        fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).next()
+    }
+
+    /// The process that fills a service now, if any.
+    pub(crate) fn process(&self, name: &str) -> Option<Process> {
+        processes_of(&self.id).into_iter().find(|p| p.arguments[0] == name)
+    }
+
+    /// Sends a signal to the process of a service.
+    pub(crate) fn signal(&self, name: &str, signal: Signal) -> u32 {
+        let process = self.process(name).unwrap_or_else(|| panic!("no {name}"));
+        assert!(kill(process.pid, signal), "{name} had gone");
+        process.pid
+    }
+
+    /// Waits for the end of the launcher.
+    pub(crate) fn wait(&mut self) -> Flown {
+        let launcher = self.launcher.take().expect("waited for once");
+        // A child that keeps the pipes open must not make the test wait for ever.
+        let waiting = thread::spawn(move || launcher.wait_with_output());
+        wait_until("the launcher leaves", || waiting.is_finished());
+        let output: Output = waiting.join().expect("no panic").expect("an exit status");
+        Flown::new(&output, self.folder.take().expect("there until now"))
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(launcher) = &mut self.launcher {
+            let _ = launcher.kill();
+            let _ = launcher.wait();
+        }
+        for process in processes_of(&self.id) {
+            kill(process.pid, Signal::KILL);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! A recording, read by field name with a reader that shares no code with the writer.
+
+use mcap::MessageStream;
+use prost_reflect::{
+    DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage as _, Value,
+};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// One sample: its instant and the numbers of the fields asked for, in order.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Row {
+    pub(crate) t_s: f64,
+    pub(crate) values: Vec<f64>,
+}
+
+/// A whole MCAP file.
+pub(crate) struct Recording(Vec<u8>);
+
+impl Recording {
+    pub(crate) fn read(path: &Path) -> Self {
+        let bytes = std::fs::read(path);
+        Self(bytes.unwrap_or_else(|error| panic!("{}: {error}", path.display())))
+    }
+
+    /// Checks that the file is complete, its checksums included, and counts its messages.
+    pub(crate) fn count_messages_of_a_complete_file(&self) -> u64 {
+        let summary = mcap::Summary::read(&self.0).expect("a readable end").expect("a summary");
+        let counted = summary.stats.expect("statistics").message_count;
+        let messages = MessageStream::new(&self.0).expect("a readable start");
+        let read = messages.map(|message| message.expect("an unbroken message")).count() as u64;
+        assert_eq!(read, counted);
+        counted
+    }
+
+    /// Counts the messages before the place where a killed writer left off.
+    pub(crate) fn count_messages_of_a_cut_file(&self) -> usize {
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let messages = MessageStream::new_with_options(&self.0, options);
+        messages.expect("a readable start").map_while(Result::ok).count()
+    }
+
+    /// Samples of a topic, with the numbers of `fields`; nested messages are laid flat.
+    pub(crate) fn series(&self, topic: &str, fields: &[&str]) -> Vec<Row> {
+        let topic = format!("/{topic}");
+        let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();
+        let mut rows = Vec::new();
+        for message in MessageStream::new(&self.0).expect("a readable start") {
+            let message = message.expect("an unbroken message");
+            if message.channel.topic != topic {
+                continue;
+            }
+            let descriptor = types.entry(message.channel.id).or_insert_with(|| {
+                let schema = message.channel.schema.as_ref().expect("a schema");
+                let pool = DescriptorPool::decode(&*schema.data).expect("a descriptor set");
+                pool.get_message_by_name(&schema.name).expect("the message in its schema")
+            });
+            let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);
+            rows.push(row(&sample.expect("a message of its schema"), fields));
+        }
+        assert!(!rows.is_empty(), "nothing on {topic}");
+        rows
+    }
+}
+
+fn row(sample: &DynamicMessage, fields: &[&str]) -> Row {
+    let header = sample.get_field_by_name("header").expect("a header");
+    let header = header.as_message().expect("a nested header");
+    let mut valid_ns = Vec::new();
+    flatten(&header.get_field_by_name("valid_ns").expect("an instant"), &mut valid_ns);
+    let mut values = Vec::new();
+    for field in fields {
+        let value = sample.get_field_by_name(field);
+        flatten(&value.unwrap_or_else(|| panic!("no field {field}")), &mut values);
+    }
+    Row { t_s: valid_ns[0] * 1e-9, values }
+}
+
+fn flatten(value: &Value, into: &mut Vec<f64>) {
+    match value {
+        Value::F64(number) => into.push(*number),
+        Value::U64(number) => into.push(*number as f64),
+        Value::U32(number) => into.push(f64::from(*number)),
+        Value::EnumNumber(number) => into.push(f64::from(*number)),
+        Value::List(list) => list.iter().for_each(|value| flatten(value, into)),
+        Value::Message(message) => {
+            let descriptor = message.descriptor();
+            descriptor.fields().for_each(|field| flatten(&message.get_field(&field), into));
+        }
+        other => panic!("no number: {other:?}"),
+    }
+}
