@@ -1,0 +1,108 @@
+//! Dependencies point one way. The rule is a table; the facts come from cargo.
+
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+
+/// Crates of this workspace that each of them may depend on.
+const ALLOWED: [(&str, &[&str]); 12] = [
+    ("shared-types", &[]),
+    ("qp", &[]),
+    ("mpc", &["qp"]),
+    ("vehicle", &[]),
+    ("runtime", &["shared-types"]),
+    ("plant", &["runtime", "shared-types", "vehicle"]),
+    ("estimator", &["runtime", "shared-types", "vehicle"]),
+    ("position-mpc", &["runtime", "shared-types", "vehicle", "mpc"]),
+    ("attitude-mpc", &["runtime", "shared-types", "vehicle", "mpc"]),
+    ("disturbance-injector", &["runtime", "shared-types"]),
+    (
+        "launcher",
+        &[
+            "runtime",
+            "shared-types",
+            "vehicle",
+            "plant",
+            "estimator",
+            "position-mpc",
+            "attitude-mpc",
+            "disturbance-injector",
+        ],
+    ),
+    ("morphquad", &["launcher"]),
+];
+
+/// What pure mathematics may know of the rest of the world.
+const MATHEMATICS: [&str; 4] = ["nalgebra", "faer", "libm", "thiserror"];
+
+/// One dependency as its crate declares it.
+struct Dependency {
+    name: String,
+    /// False for dependencies of tests.
+    shipped: bool,
+}
+
+/// Dependencies of every crate of the workspace.
+fn workspace() -> BTreeMap<String, Vec<Dependency>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--offline", "--format-version", "1"])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo writes JSON");
+    let text = |value: &Value| value.as_str().expect("a name").to_owned();
+    let packages = metadata["packages"].as_array().expect("packages").iter();
+    packages
+        .map(|package| {
+            let declared = package["dependencies"].as_array().expect("dependencies").iter();
+            let dependencies = declared.map(|dependency| Dependency {
+                name: text(&dependency["name"]),
+                shipped: dependency["kind"].is_null(),
+            });
+            (text(&package["name"]), dependencies.collect())
+        })
+        .collect()
+}
+
+#[test]
+fn every_crate_depends_only_on_crates_further_up_the_stream() {
+    let workspace = workspace();
+    let ours: BTreeSet<&str> = workspace.keys().map(String::as_str).collect();
+    let allowed = BTreeMap::from(ALLOWED);
+    assert_eq!(ours, allowed.keys().copied().collect(), "a crate without a place in the table");
+    for (name, dependencies) in &workspace {
+        for dependency in dependencies.iter().filter(|d| d.shipped) {
+            let inside = ours.contains(dependency.name.as_str());
+            let fine = !inside || allowed[name.as_str()].contains(&dependency.name.as_str());
+            assert!(fine, "{name} depends on {}", dependency.name);
+        }
+    }
+}
+
+#[test]
+fn nobody_but_the_launcher_knows_the_plant_not_even_in_tests() {
+    for (name, dependencies) in workspace() {
+        let knows = dependencies.iter().any(|d| d.name == "plant");
+        assert_eq!(knows, name == "launcher", "{name}");
+    }
+}
+
+#[test]
+fn solver_controller_and_vehicle_mathematics_know_nothing_but_mathematics() {
+    let workspace = workspace();
+    for name in ["qp", "mpc", "vehicle"] {
+        for dependency in workspace[name].iter().filter(|d| d.shipped) {
+            let known = dependency.name.as_str();
+            let fine = MATHEMATICS.contains(&known) || (name == "mpc" && known == "qp");
+            assert!(fine, "{name} depends on {known}");
+        }
+    }
+}
+
+#[test]
+fn only_shared_types_runtime_and_tests_know_the_transport() {
+    for (name, dependencies) in workspace() {
+        let knows = dependencies.iter().any(|d| d.name == "iceoryx2" && d.shipped);
+        assert!(!knows || ["shared-types", "runtime"].contains(&name.as_str()), "{name}");
+    }
+}
