@@ -42,7 +42,7 @@ pub struct ScenarioArguments {
     #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration)]
     pub duration: Option<Duration>,
     /// Seed of everything random
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Rate of one loop, for example `attitude-mpc=500`
     #[arg(long, value_name = "NAME=HZ")]
