@@ -1,27 +1,28 @@
 //! One flight from founding its run to its last word.
 
-use super::Pin;
 use super::child::ChildSpec;
-use super::conductor::{Conductor, Patience, Speed, drained_ns};
+use super::conductor::{Conductor, Patience, drained_ns};
 use super::metrics::Metrics;
 use super::pilot_thread::{self, PilotEnd};
 use super::services::{HeldServices, Wakers};
+use super::setup::{
+    RunError, RunOptions, clock_of, facts, pinned_cpu, progress_bar, recording_path,
+    require_shared_memory, run_id, seconds, system,
+};
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
 use super::tap::Tap;
 use crate::components;
 use crate::process::has_process;
-use crate::record::{Clock, Event, Facts, Machine, RecordError, Recording};
-use crate::scenario::Scenario;
+use crate::record::{Event, Recording};
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
-use runtime::ipc::{Bus, PortError, ServiceKind};
-use runtime::namespace::{BASE, Membership, NamespaceError, sweep_dead_runs};
+use runtime::ipc::{Bus, ServiceKind};
+use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Hello, Role};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::thread::JoinHandle;
-use thiserror::Error;
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;

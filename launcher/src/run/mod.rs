@@ -8,15 +8,17 @@ mod metrics;
 mod pilot_thread;
 mod response;
 mod services;
+mod setup;
 mod summary;
 mod supervisor;
 mod tap;
 
 pub use conductor::Speed;
-pub use flight::{RunError, RunOptions, run};
+pub use flight::run;
 pub use hash::FlightHash;
 pub use metrics::{Effort, Metrics, Tracking, VIOLATION_TOLERANCE};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
+pub use setup::{RunError, RunOptions};
 pub use summary::Summary;
 
 /// Which processor a flight's processes stay on.

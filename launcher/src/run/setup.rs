@@ -1,0 +1,135 @@
+//! What a flight needs before it starts: options, facts, folder, processor, room in memory.
+
+use super::Pin;
+use super::conductor::Speed;
+use crate::record::{Clock, Facts, Machine, RecordError};
+use crate::scenario::Scenario;
+use runtime::clock::mono_now_ns;
+use runtime::ipc::PortError;
+use runtime::namespace::{BASE, NamespaceError};
+use shared_types::ClockMode;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// What the rings of a flight add up to once every one has gone round \[MB\].
+const NEEDED_SHARED_MEMORY_MB: u64 = 160;
+
+/// What to fly and how.
+#[derive(Debug, Clone)]
+pub struct RunOptions {
+    /// What to fly.
+    pub scenario: Scenario,
+    /// Pace.
+    pub speed: Speed,
+    /// Folder for the recording; none for no recording.
+    pub record: Option<PathBuf>,
+    /// Processor choice.
+    pub pin: Pin,
+    /// Whether to show progress on standard error.
+    pub progress: bool,
+}
+
+/// Why a flight could not be started.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The run's folder.
+    #[error(transparent)]
+    Namespace(#[from] NamespaceError),
+    /// The transport.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The recording.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// Too little shared memory.
+    #[error(
+        "{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`"
+    )]
+    SharedMemory {
+        /// Free space \[MB\].
+        free_mb: u64,
+        /// Space a flight may touch \[MB\].
+        needed_mb: u64,
+    },
+    /// Something of the operating system.
+    #[error("cannot {action}: {source}")]
+    System {
+        /// What was tried.
+        action: String,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// The scenario cannot be wired.
+    #[error("{0}")]
+    Wiring(String),
+    /// The processes did not get ready.
+    #[error("{0}")]
+    NotReady(String),
+}
+
+pub(super) fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunError {
+    let action = action.into();
+    move |source| RunError::System { action, source }
+}
+
+/// A process that touches shared memory which is not there dies of SIGBUS, so look first.
+pub(super) fn require_shared_memory() -> Result<(), RunError> {
+    let stat = rustix::fs::statvfs(BASE)
+        .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
+    let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
+    if free_mb < NEEDED_SHARED_MEMORY_MB {
+        return Err(RunError::SharedMemory { free_mb, needed_mb: NEEDED_SHARED_MEMORY_MB });
+    }
+    Ok(())
+}
+
+/// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.
+pub(super) fn run_id() -> String {
+    format!("{:04x}{:06x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xff_ffff)
+}
+
+pub(super) fn recording_path(dir: &Path, id: &str) -> Result<PathBuf, RunError> {
+    std::fs::create_dir_all(dir)
+        .map_err(|cause| RecordError::Create { path: dir.to_owned(), cause })?;
+    Ok(dir.join(format!("{id}.mcap")))
+}
+
+pub(super) fn facts(id: &str, options: &RunOptions) -> Facts {
+    let scenario = &options.scenario;
+    let times = if let Speed::Times(times) = options.speed { times } else { 1.0 };
+    Facts {
+        run_id: id.to_owned(),
+        scenario_name: scenario.settings().scenario.name.clone(),
+        scenario_toml: scenario.to_toml().to_owned(),
+        seed: scenario.settings().scenario.seed,
+        clock: match clock_of(scenario) {
+            ClockMode::Realtime => Clock::Realtime { speed: times },
+            _ => Clock::Lockstep,
+        },
+        epoch_unix_ns: runtime::clock::unix_now_ns(),
+        machine: Machine::read(),
+    }
+}
+
+pub(super) fn clock_of(scenario: &Scenario) -> ClockMode {
+    scenario.settings().scenario.clock.into()
+}
+
+pub(super) fn pinned_cpu(pin: Pin, clock: ClockMode) -> Option<usize> {
+    match pin {
+        Pin::None => None,
+        Pin::Cpu(cpu) => Some(cpu),
+        Pin::Auto => (clock == ClockMode::Lockstep).then(runtime::clock::current_cpu),
+    }
+}
+
+pub(super) fn progress_bar(duration_ns: u64) -> indicatif::ProgressBar {
+    let style = indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} ms flown {elapsed}")
+        .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
+    indicatif::ProgressBar::new(duration_ns / 1_000_000).with_style(style)
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "validated range")]
+pub(super) fn seconds(s: f64) -> u64 {
+    (s * 1e9) as u64
+}
