@@ -40,10 +40,10 @@ impl PositionSample {
     }
 }
 
-/// A figure eight of 4 s, which asks for more tilt than is allowed at its fastest.
+/// A figure eight of 5 s, which needs almost all the tilt that is allowed at its fastest.
 fn reference(t_s: f64) -> Vector3<f64> {
-    let phase = TAU * t_s / 4.0;
-    Vector3::new(phase.sin(), 0.5 * (2.0 * phase).sin(), 1.5)
+    let phase = TAU * t_s / 5.0;
+    Vector3::new(phase.sin(), 0.5 * (2.0 * phase).sin(), 0.0)
 }
 
 /// The arms sweep once from small to large and back in 8 s.
@@ -79,6 +79,8 @@ fn fly() -> (Vec<AttitudeInput>, Vec<PositionSample>) {
         let t_s = k as f64 / RATE_HZ;
         flight.advance(release_ns(k, RATE_HZ));
         flight.morph_command = morph(t_s);
+        // A pulse of one period each second, as in the paper's Test III.
+        flight.disturbance.torque_b_nm.x = if k % 100 == 0 { 0.1 } else { 0.0 };
         let (state, torque) = flight.sampled();
         let gamma = euler_from_quaternion(&state.q_wb);
         let input = AttitudeInput {
