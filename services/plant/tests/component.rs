@@ -93,10 +93,8 @@ fn a_command_takes_effect_at_its_instant_and_not_at_the_next_tick() {
 
 #[test]
 fn a_stranger_never_moves_a_rotor_and_is_counted() {
-    let commands = vec![
-        at(command(0.01), 1, 1_000_000, STRANGER),
-        at(command(0.02), 2, 2_000_000, STRANGER),
-    ];
+    let commands =
+        vec![at(command(0.01), 1, 1_000_000, STRANGER), at(command(0.02), 2, 2_000_000, STRANGER)];
     let mut plant = plant(ModelKind::Nonlinear { ground: false });
     let outputs = fly(&mut plant, &mut inputs(commands), 0, 10);
     let applied = outputs.applied_command.written().unwrap();
@@ -132,9 +130,8 @@ fn a_plant_restored_in_flight_continues_bit_for_bit() {
     second_inputs.accept(47_000_000, None);
     let first = fly(&mut first, &mut first_inputs, 48, 90);
     let second = fly(&mut second, &mut second_inputs, 48, 90);
-    let shown = |outputs: &Outputs| {
-        format!("{:?} {:?}", outputs.truth.written(), outputs.imu.written())
-    };
+    let shown =
+        |outputs: &Outputs| format!("{:?} {:?}", outputs.truth.written(), outputs.imu.written());
     assert!(first.truth.written().is_some());
     assert_eq!(shown(&first), shown(&second));
 }
