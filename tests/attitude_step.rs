@@ -1,5 +1,7 @@
 //! The rigs of the paper's tests with the flight controller, judged on the recorded truth.
 
+#![allow(clippy::print_stdout, reason = "the numbers reached, for `--nocapture`")]
+
 mod common;
 
 use common::recording::{Recording, Row};

@@ -28,7 +28,8 @@ impl Recording {
         let summary = mcap::Summary::read(&self.0).expect("a readable end").expect("a summary");
         let counted = summary.stats.expect("statistics").message_count;
         let messages = MessageStream::new(&self.0).expect("a readable start");
-        let read = messages.map(|message| message.expect("an unbroken message")).count() as u64;
+        let read =
+            messages.inspect(|message| assert!(message.is_ok(), "{message:?}")).count() as u64;
         assert_eq!(read, counted);
         counted
     }
