@@ -67,7 +67,8 @@ pub struct Misses {
 }
 
 impl Summary {
-    /// Exit code: 0, or 1 for a violated bound, 4 for a crash, 130 for an interrupt.
+    /// Exit code: 0, or 1 for a violated bound or a sample that the recorder lost, 3 for an
+    /// incomplete recording, 4 for a crash, 130 for an interrupt.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         if self.lost.is_some() {
@@ -76,7 +77,7 @@ impl Summary {
             exit::INTERRUPTED
         } else if self.recording_error.is_some() {
             exit::UNFIT
-        } else if self.violations() > 0 {
+        } else if self.violations() > 0 || self.misses().dropped > 0 {
             exit::GATE_FAILED
         } else {
             exit::PASS
@@ -176,6 +177,8 @@ impl Summary {
             "interrupted".to_owned()
         } else if self.violations() > 0 {
             "flown, with violated bounds".to_owned()
+        } else if self.misses().dropped > 0 {
+            "flown, but the recorder lost samples".to_owned()
         } else {
             "flown".to_owned()
         }
