@@ -143,7 +143,7 @@ fn an_unknown_service_does_not_start_and_names_the_known_ones() {
         .output()
         .expect("the executable starts");
     let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+    assert_eq!(output.status.code(), Some(USAGE), "{said}");
     assert!(said.contains("attitude-lqg") && said.contains("attitude-mpc"), "{said}");
 }
 

@@ -38,7 +38,13 @@ const LANDING_S: f64 = 4.0;
 /// Runs one process of a flight to its end and returns its exit code.
 #[must_use]
 pub fn run_process(options: &ProcOptions) -> u8 {
-    match fly(options) {
+    let Some(role) = components::role_of(&options.service) else {
+        let known = components::names().join(", ");
+        let line = format!("{}: no such service; there are {known}", options.service);
+        say(&mut io::stderr(), &line);
+        return exit::USAGE;
+    };
+    match fly(role, options) {
         Ok(Ending::Finished) => exit::PASS,
         Ok(Ending::Signalled) => {
             say(&mut io::stderr(), &format!("{}: stopped by a signal", options.service));
@@ -57,9 +63,7 @@ fn say(to: &mut dyn io::Write, line: &str) {
     let _ = writeln!(to, "{line}");
 }
 
-fn fly(options: &ProcOptions) -> Result<Ending, Box<dyn std::error::Error>> {
-    let role = components::role_of(&options.service)
-        .ok_or_else(|| format!("unknown service; known are {}", components::names().join(", ")))?;
+fn fly(role: Role, options: &ProcOptions) -> Result<Ending, Box<dyn std::error::Error>> {
     name_thread(&options.service);
     if let Some(cpu) = options.cpu {
         stay_on(cpu);
