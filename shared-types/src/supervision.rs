@@ -131,6 +131,11 @@ sample! {
         pub mode: ClockMode,
         /// Zero until the flight has started.
         pub started: Flag,
+        /// Set once everything has been drained: until then a finished process keeps its ports,
+        /// for readers that have not connected to them yet.
+        pub may_leave: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
     }
 }
 

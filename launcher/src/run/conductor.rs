@@ -110,6 +110,16 @@ impl Conductor {
         self.sink.send(self.record);
     }
 
+    /// Tells finished processes that everything has been drained. True if they did not know.
+    pub(super) fn let_leave(&mut self) -> bool {
+        let news = !self.record.may_leave.is_set();
+        if news {
+            self.record.may_leave = Flag::Yes;
+            self.sink.send(self.record);
+        }
+        news
+    }
+
     /// Lets processes that have just joined see the clock.
     pub(super) fn serve_late_joiners(&mut self) {
         self.sink.serve_late_joiners();

@@ -213,10 +213,12 @@ impl Flight {
                     return Outcome::Killed;
                 }
                 interrupted = true;
+                leave_by_ns = now_ns + LEAVE_LIMIT_NS;
                 self.end_early(now_ns);
             }
-            if drained >= self.conductor.end_ns() && leave_by_ns == u64::MAX {
-                leave_by_ns = now_ns + LEAVE_LIMIT_NS;
+            if drained >= self.conductor.end_ns() && self.conductor.let_leave() {
+                self.wakers.wake_all();
+                leave_by_ns = leave_by_ns.min(now_ns + LEAVE_LIMIT_NS);
             }
             if now_ns > leave_by_ns {
                 let names = self.supervisor.unfinished().join(", ");
@@ -290,7 +292,6 @@ impl Flight {
     fn abort(&mut self) {
         self.supervisor.kill_all();
         self.stop_pilot();
-        self.bus.sweep_dead_processes();
     }
 
     fn stop_pilot(&mut self) -> Option<String> {

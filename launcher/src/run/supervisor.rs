@@ -4,6 +4,7 @@ use super::child::{ChildSpec, RunningChild, describe};
 use super::tap::LastState;
 use runtime::Graph;
 use runtime::ipc::{Bus, IpcSink, IpcSource, PortError, ServiceKind, StatePublisher, TopicFactory};
+use runtime::namespace::remove_unborn_objects;
 use runtime::{Sink as _, Source as _, StateSink as _};
 use shared_types::{Author, Header, Hello, OwnerRecord, Role, topics};
 use std::path::PathBuf;
@@ -216,6 +217,7 @@ impl Supervisor {
         let how = describe(status);
         let words = words(seat);
         seat.child = None;
+        remove_unborn_objects(&self.folder);
         bus.sweep_dead_processes();
         let lost = |reason: String| {
             Err(FlightError::Lost { name, how: how.clone(), words: words.clone(), reason })

@@ -131,11 +131,35 @@ fn older_than_a_minute(path: &Path) -> bool {
         .is_ok_and(|t| t.elapsed().is_ok_and(|age| age.as_secs() > 60))
 }
 
+/// Removes shared-memory objects that a process killed while creating them left empty: the
+/// transport would wait for them forever. An object that somebody is creating right now gets its
+/// size within microseconds.
+pub fn remove_unborn_objects(folder: &Path) {
+    let prefix = ipc_prefix(&run_id(folder));
+    let empty = || {
+        fs::read_dir(BASE).into_iter().flatten().flatten().filter(|entry| {
+            entry.file_name().to_string_lossy().starts_with(&prefix)
+                && entry.metadata().is_ok_and(|m| m.len() == 0)
+        })
+    };
+    let suspects: Vec<_> = empty().map(|entry| entry.path()).collect();
+    if suspects.is_empty() {
+        return;
+    }
+    crate::clock::sleep_until(crate::clock::mono_now_ns() + 20_000_000);
+    for entry in empty().filter(|entry| suspects.contains(&entry.path())) {
+        let _ = fs::remove_file(entry.path());
+    }
+}
+
+fn run_id(folder: &Path) -> String {
+    let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    name.trim_start_matches('.').trim_start_matches(FOLDER_PREFIX).to_owned()
+}
+
 /// Removes a run's shared-memory objects, then its folder (lock file last, with the folder).
 fn wipe(folder: &Path) {
-    let id = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let id = id.trim_start_matches('.').trim_start_matches(FOLDER_PREFIX);
-    let prefix = ipc_prefix(id);
+    let prefix = ipc_prefix(&run_id(folder));
     if let Ok(entries) = fs::read_dir(BASE) {
         for entry in entries.flatten() {
             if entry.file_name().to_string_lossy().starts_with(&prefix) {

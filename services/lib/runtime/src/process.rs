@@ -176,6 +176,9 @@ impl<S: Service> Process<S> {
         if ending == Ending::Finished {
             // Nothing will ever follow: whoever still waits for this process need not.
             self.announce(self.executor.mark_ns(), u64::MAX);
+            while self.stop_requested().is_none() && !self.read_clock().may_leave.is_set() {
+                self.wait(WAIT_LIMIT);
+            }
         }
         ending
     }
