@@ -57,6 +57,10 @@ mod other_build {
             pub mode: u32,
             /// As in the real one, untyped.
             pub started: u32,
+            /// As in the real one, untyped.
+            pub may_leave: u32,
+            /// As in the real one.
+            pub reserved: u32,
         }
     }
     sample! {
