@@ -203,3 +203,25 @@ fn realtime_as_fast_as_possible_is_a_contradiction() {
     assert_refused(&["hover", "--clock", "sundial"], &["clock", "sundial", "lockstep", "realtime"]);
     assert_refused(&["hover", "--pin", "left"], &["--pin", "left", "auto"]);
 }
+
+#[test]
+fn a_processor_that_is_not_there_is_refused_with_those_that_are() {
+    let output = morphquad(["run", "hover", "--pin", "1023"]).output().expect("it starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{said}");
+    assert!(said.contains("--pin 1023") && said.contains('0'), "{said}");
+}
+
+#[test]
+fn a_result_that_cannot_be_written_is_an_error() {
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").expect("Linux has it");
+    for command in [&["list"][..], &["run", "hover", "--for", "100ms", "--no-record"]] {
+        let output = morphquad(command)
+            .stdout(full.try_clone().expect("a descriptor"))
+            .output()
+            .expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+        assert!(said.contains("cannot write the result"), "{said}");
+    }
+}

@@ -121,3 +121,21 @@ fn the_attitude_loop_flies_at_any_rate_and_the_position_loop_at_100_hz_too() {
         assert_tracks(&flown, 0.05, 0.15);
     }
 }
+
+/// They used to hang: sources had left before their readers had connected.
+#[test]
+fn the_shortest_flights_end() {
+    let _turn = turn();
+    for duration in ["1ms", "10ms", "20ms", "50ms", "100ms", "150ms"] {
+        fly(&["hover", "--for", duration]).assert_clean();
+    }
+}
+
+#[test]
+fn a_vehicle_that_ends_off_its_path_fails_the_run_although_no_process_crashed() {
+    let _turn = turn();
+    // Seven estimates a second cannot hold a vehicle.
+    let flown = fly(&["hover", "--rate", "estimator=7"]);
+    assert_eq!(flown.code, Some(1), "{}", flown.said());
+    assert!(flown.said().contains("vehicle lost"), "{}", flown.said());
+}

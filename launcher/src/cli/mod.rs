@@ -9,6 +9,7 @@ pub mod options;
 
 pub use options::{Format, ProcArguments, RunArguments, ScenarioArguments};
 
+use crate::run::RunError;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
 use clap::Parser as _;
@@ -30,8 +31,15 @@ pub fn execute(
             return if error.use_stderr() { exit::USAGE } else { exit::PASS };
         }
     };
-    // The only errors left are those of writing: nobody is there to read a complaint.
-    dispatch(cli.command, out, diagnostics).unwrap_or(exit::PASS)
+    match dispatch(cli.command, out, diagnostics) {
+        Ok(code) => code,
+        // A reader that has seen enough, such as `head`, is no failure.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::PASS,
+        Err(error) => {
+            let _ = writeln!(diagnostics, "morphquad: cannot write the result: {error}");
+            exit::UNFIT
+        }
+    }
 }
 
 fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> io::Result<u8> {
@@ -49,7 +57,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
     }
 }
 
-/// Flies and says how it went; a summary that nobody reads changes nothing of it.
+/// Flies and says how it went; a reader that has gone away changes nothing of it.
 fn fly(
     scenario: Scenario,
     arguments: &RunArguments,
@@ -58,15 +66,23 @@ fn fly(
 ) -> io::Result<u8> {
     match run::run(&arguments.options(scenario)) {
         Ok(summary) => {
-            let _ = match arguments.format {
+            let written = match arguments.format {
                 Format::Text => writeln!(out, "{summary}"),
                 Format::Json => writeln!(out, "{}", summary.to_json()),
             };
-            Ok(summary.exit_code())
+            let code = summary.exit_code();
+            match written.and_then(|()| out.flush()) {
+                Err(error) if code == exit::PASS => Err(error),
+                _ => Ok(code),
+            }
         }
         Err(error) => {
             writeln!(diagnostics, "morphquad: {error}")?;
-            Ok(exit::UNFIT)
+            Ok(match error {
+                RunError::Interrupted => exit::INTERRUPTED,
+                RunError::NoSuchProcessor { .. } => exit::USAGE,
+                _ => exit::UNFIT,
+            })
         }
     }
 }

@@ -7,7 +7,7 @@ use super::pilot_thread::{self, PilotEnd};
 use super::services::{HeldServices, Wakers};
 use super::setup::{
     RunError, RunOptions, clock_of, facts, pinned_cpu, progress_bar, recording_path,
-    require_shared_memory, run_id, seconds, system,
+    require_processor, require_shared_memory, run_id, seconds, system,
 };
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
@@ -48,6 +48,7 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     for folder in sweep_dead_runs() {
         eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
     }
+    require_processor(options.pin)?;
     require_shared_memory()?;
     let id = run_id();
     let recording_path =
@@ -167,7 +168,7 @@ impl Flight {
         let deadline_ns = mono_now_ns() + seconds(limit_s);
         while !self.supervisor.await_ready(&self.graph).map_err(not_ready)? {
             if self.stop.signalled() {
-                return Err(RunError::NotReady("interrupted before the start".to_owned()));
+                return Err(RunError::Interrupted);
             }
             if mono_now_ns() > deadline_ns {
                 let names = self.supervisor.not_ready();

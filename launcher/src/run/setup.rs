@@ -62,6 +62,17 @@ pub enum RunError {
     /// The scenario cannot be wired.
     #[error("{0}")]
     Wiring(String),
+    /// The user asked to stop before the start.
+    #[error("interrupted before the start: nothing was flown")]
+    Interrupted,
+    /// A processor that this machine, or this process, does not have.
+    #[error("--pin {cpu}: this process may run on processor {allowed} only")]
+    NoSuchProcessor {
+        /// As asked for.
+        cpu: usize,
+        /// As possible, separated by commas.
+        allowed: String,
+    },
     /// The processes did not get ready.
     #[error("{0}")]
     NotReady(String),
@@ -113,6 +124,20 @@ pub(super) fn facts(id: &str, options: &RunOptions) -> Facts {
 
 pub(super) fn clock_of(scenario: &Scenario) -> ClockMode {
     scenario.settings().scenario.clock.into()
+}
+
+/// Refuses a processor that the children could not be moved to.
+pub(super) fn require_processor(pin: Pin) -> Result<(), RunError> {
+    let Pin::Cpu(cpu) = pin else { return Ok(()) };
+    let allowed = rustix::thread::sched_getaffinity(None)
+        .map_err(|error| system("look at the processors")(error.into()))?;
+    let allowed: Vec<usize> =
+        (0..rustix::thread::CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).collect();
+    if allowed.contains(&cpu) {
+        return Ok(());
+    }
+    let allowed = allowed.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    Err(RunError::NoSuchProcessor { cpu, allowed })
 }
 
 pub(super) fn pinned_cpu(pin: Pin, clock: ClockMode) -> Option<usize> {

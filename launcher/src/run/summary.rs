@@ -4,13 +4,17 @@ use super::metrics::Metrics;
 use crate::exit;
 use crate::record::SequenceAudit;
 use hdrhistogram::Histogram;
-use shared_types::{ClockMode, Role};
+use shared_types::{ClockMode, GateMode, Role};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
 use std::path::PathBuf;
 
 /// Names of the attitude's axes.
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+
+/// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own
+/// size and more, far beyond what wind or a failing rotor does to one that is under control.
+const LOST_M: f64 = 1.0;
 
 /// What came of a flight.
 #[derive(Debug)]
@@ -67,8 +71,8 @@ pub struct Misses {
 }
 
 impl Summary {
-    /// Exit code: 0, or 1 for a violated bound or a sample that the recorder lost, 3 for an
-    /// incomplete recording, 4 for a crash, 130 for an interrupt.
+    /// Exit code: 0, or 1 for a violated bound, a lost vehicle or a sample that the recorder lost,
+    /// 3 for an incomplete recording, 4 for a crash, 130 for an interrupt.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         if self.lost.is_some() {
@@ -77,11 +81,18 @@ impl Summary {
             exit::INTERRUPTED
         } else if self.recording_error.is_some() {
             exit::UNFIT
-        } else if self.violations() > 0 || self.misses().dropped > 0 {
+        } else if self.violations() > 0 || self.vehicle_lost() || self.misses().dropped > 0 {
             exit::GATE_FAILED
         } else {
             exit::PASS
         }
+    }
+
+    /// The vehicle ended far from its path or with its rotors off, whatever the processes did.
+    #[must_use]
+    pub fn vehicle_lost(&self) -> bool {
+        let on_path = self.metrics.tracking().last_second_m <= LOST_M;
+        !on_path || self.metrics.gate().mode == GateMode::Cut
     }
 
     /// Commands outside their bounds.
@@ -175,6 +186,8 @@ impl Summary {
             format!("lost: {}", reason.lines().next().unwrap_or_default())
         } else if self.interrupted {
             "interrupted".to_owned()
+        } else if self.vehicle_lost() {
+            "vehicle lost: off its path, or rotors cut, at the end".to_owned()
         } else if self.violations() > 0 {
             "flown, with violated bounds".to_owned()
         } else if self.misses().dropped > 0 {
