@@ -236,6 +236,23 @@ mod tests {
         assert!(living.folder().exists());
     }
 
+    /// The transport waits for ever for an object whose maker died before giving it a size.
+    #[test]
+    fn an_object_that_stays_empty_is_removed_and_a_filled_one_and_another_runs_stay() {
+        let run = Membership::found(&id("unborn")).unwrap();
+        let other = id("unborn-other");
+        let object = |id: &str, name| Path::new(BASE).join(format!("{}{name}", ipc_prefix(id)));
+        let [empty, filled] = ["empty", "filled"].map(|name| object(&id("unborn"), name));
+        let foreign = object(&other, "empty");
+        fs::write(&empty, "").unwrap();
+        fs::write(&filled, "segment").unwrap();
+        fs::write(&foreign, "").unwrap();
+        remove_unborn_objects(run.folder());
+        let left = [&empty, &filled, &foreign].map(|path| path.exists());
+        fs::remove_file(&foreign).unwrap();
+        assert_eq!(left, [false, true, true]);
+    }
+
     #[test]
     fn nobody_else_may_look_into_a_run() {
         let run = Membership::found(&id("private")).unwrap();
