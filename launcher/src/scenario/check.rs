@@ -89,7 +89,10 @@ impl<'s> Checker<'s> {
             Ok(config) => config,
             Err(attitude_mpc::ConfigError::OutOfRange { name, value, least, most }) => {
                 let key = match name {
-                    "command_delay_s" => "latency.wrench_command_s".to_owned(),
+                    "command_delay_s" if law.command_delay_s.is_none() => {
+                        "latency.wrench_command_s".to_owned()
+                    }
+                    "command_latency_s" => "latency.wrench_command_s".to_owned(),
                     "report_period_s" => "plant.rate_hz".to_owned(),
                     name => format!("attitude_mpc.{name}"),
                 };

@@ -2,7 +2,7 @@
 
 use mpc::{Horizon, MpcError, SolverKind};
 use thiserror::Error;
-use vehicle::ParameterError;
+use vehicle::{MorphAngle, ParameterError};
 
 use crate::memory::WORKING_SET_CAPACITY;
 
@@ -62,14 +62,20 @@ pub struct AttitudeLawConfig {
     pub torque_bound: TorqueBound,
     /// Rotor lag in the prediction model \[s\]; 0 with no delay is the paper's model (8).
     pub rotor_lag_s: f64,
-    /// Time from a step to its command taking effect \[s\], at most one period.
+    /// Time from a step to its command taking effect \[s\] in the prediction model, at most one
+    /// period.
     pub command_delay_s: f64,
+    /// The same as it is outside the model \[s\]: it tells of which command a report is.
+    pub command_latency_s: f64,
     /// Time between the plant's reports of the applied torque \[s\].
     pub report_period_s: f64,
     /// Time over which a new setpoint is approached \[s\]: one period of the position loop.
     pub setpoint_ramp_s: f64,
     /// Change of the morph angle \[rad\] below which the matrices stay.
     pub rebuild_tolerance_rad: f64,
+    /// Angle that model, weights and bounds are made for whatever is measured: the law that is not
+    /// scheduled, for comparison.
+    pub fixed_morph_angle: Option<MorphAngle>,
     /// Solver of (16).
     pub solver: SolverKind,
 }
@@ -105,9 +111,11 @@ impl AttitudeLawConfig {
             torque_bound: TorqueBound::Rotors,
             rotor_lag_s: 0.015,
             command_delay_s: 0.001,
+            command_latency_s: 0.001,
             report_period_s: 0.001,
             setpoint_ramp_s: 0.02,
             rebuild_tolerance_rad: 0.0,
+            fixed_morph_angle: None,
             solver: SolverKind::ActiveSet,
         }
     }
@@ -140,6 +148,7 @@ impl AttitudeLawConfig {
         within("yaw_weight_factor", self.yaw_weight_factor, 1e-6, 1e6)?;
         within("rotor_lag_s", self.rotor_lag_s, 0.0, 1.0)?;
         within("command_delay_s", self.command_delay_s, 0.0, self.period_s())?;
+        within("command_latency_s", self.command_latency_s, 0.0, 1.0)?;
         within("report_period_s", self.report_period_s, 0.0, 1.0)?;
         within("setpoint_ramp_s", self.setpoint_ramp_s, 0.0, 10.0)?;
         within("rebuild_tolerance_rad", self.rebuild_tolerance_rad, 0.0, 3.2)?;

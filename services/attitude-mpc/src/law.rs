@@ -135,14 +135,15 @@ impl AttitudeLaw {
             (memory.torque_nm, memory.applied_nm, memory.actuator_nm) = (start, start, start);
             return;
         }
-        let (period, delay) = (self.config.period_s(), self.config.command_delay_s);
+        let (period, latency) = (self.config.period_s(), self.config.command_latency_s);
         let mut before = Vector3::from(memory.applied_nm);
         let mut latest = Vector3::from(memory.torque_nm);
-        if delay + self.config.report_period_s <= period + ROUNDING_S {
+        if latency + self.config.report_period_s <= period + ROUNDING_S {
             latest = reported.unwrap_or(latest);
-        } else if delay >= period {
+        } else if latency >= period {
             before = reported.unwrap_or(before);
         }
+        let delay = self.config.command_delay_s;
         let axis = schedule::actuator(&self.config);
         for i in 0..3 {
             let early = axis.actuator_after(memory.actuator_nm[i], before[i], delay);
@@ -163,7 +164,7 @@ impl AttitudeLaw {
         // From the instant of the estimate to this one by (6): Δx must span whole periods.
         let age = age_s.clamp(0.0, self.config.period_s());
         let torque = Vector3::from(self.memory.actuator_nm);
-        let acceleration = torque.component_div(&self.vehicle.inertia_kg_m2(input.morph_angle));
+        let acceleration = torque.component_div(&self.vehicle.inertia_kg_m2(self.angle(input)));
         let mut x = State::zeros();
         x.fixed_rows_mut::<3>(0).copy_from(&(gamma + (rate + acceleration * (0.5 * age)) * age));
         x.fixed_rows_mut::<3>(3).copy_from(&(rate + acceleration * age));
@@ -172,7 +173,13 @@ impl AttitudeLaw {
         Ok(x)
     }
 
+    /// β of model, weights and bounds.
+    fn angle(&self, input: &Input) -> MorphAngle {
+        self.config.fixed_morph_angle.unwrap_or(input.morph_angle)
+    }
+
     fn control(&mut self, input: &Input, x: &State) -> Output {
+        let beta = self.angle(input);
         let (config, vehicle) = (&self.config, &self.vehicle);
         let ramp_s = config.setpoint_ramp_s;
         let thrust = input.setpoint.thrust_n.clamp(0.0, 4.0 * vehicle.rotor_thrust_max_n);
@@ -182,8 +189,8 @@ impl AttitudeLaw {
         }
         ramp.aim(&input.setpoint.gamma_rad, ramp_s);
 
-        self.engine.schedule(config, vehicle, input.morph_angle);
-        let bounds = schedule::bounds(config, vehicle, input.morph_angle, thrust);
+        self.engine.schedule(config, vehicle, beta);
+        let bounds = schedule::bounds(config, vehicle, beta, thrust);
         let now = self.measured(x);
         let reference = ramp.value(0.0, ramp_s);
         // Whole turns that bring the yaw error at k into (−π, π], the same over the horizon.
@@ -199,7 +206,7 @@ impl AttitudeLaw {
 
         ramp.advance(period, ramp_s);
         self.memory.ramp = ramp;
-        self.remember(x, &chosen, input.morph_angle, thrust);
+        self.remember(x, &chosen, beta, thrust);
         Output {
             torque_nm: chosen.u,
             thrust_n: thrust,

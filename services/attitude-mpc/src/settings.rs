@@ -5,6 +5,7 @@
 
 use garde::Validate;
 use serde::Deserialize;
+use vehicle::MorphAngle;
 
 use crate::{AttitudeLawConfig, ConfigError, Horizon, HorizonChoice, SolverKind, TorqueBound};
 
@@ -42,12 +43,18 @@ pub struct Settings {
     /// Rotor lag in the prediction model \[s\]; the vehicle's if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub rotor_lag_s: Option<f64>,
+    /// Command delay in the prediction model \[s\]; the wrench command's latency if left out.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub command_delay_s: Option<f64>,
     /// Time over which a new setpoint is approached \[s\]; one position period if left out.
     #[garde(range(min = 0.0, max = 10.0))]
     pub setpoint_ramp_s: Option<f64>,
     /// Change of the morph angle \[°\] below which the matrices stay.
     #[garde(range(min = 0.0, max = 115.0))]
     pub rebuild_tolerance_deg: f64,
+    /// Angle \[°\] of model, weights and bounds instead of the measured one.
+    #[garde(range(min = 45.0, max = 160.0))]
+    pub fixed_morph_angle_deg: Option<f64>,
     /// Solver of (16).
     #[garde(skip)]
     pub solver: Solver,
@@ -66,8 +73,10 @@ impl Default for Settings {
             scale_weight_with_inertia: None,
             torque_bound: None,
             rotor_lag_s: None,
+            command_delay_s: None,
             setpoint_ramp_s: None,
             rebuild_tolerance_deg: 0.0,
+            fixed_morph_angle_deg: None,
             solver: Solver::ActiveSet,
         }
     }
@@ -126,12 +135,18 @@ impl Settings {
     pub fn law_config(&self, around: Surroundings) -> Result<AttitudeLawConfig, ConfigError> {
         let flight = AttitudeLawConfig {
             command_delay_s: around.wrench_latency_s,
+            command_latency_s: around.wrench_latency_s,
             rotor_lag_s: around.rotor_lag_s,
             report_period_s: around.report_period_s,
             setpoint_ramp_s: around.setpoint_period_s,
             ..AttitudeLawConfig::flight(self.rate_hz)
         };
-        let paper = AttitudeLawConfig { rate_hz: self.rate_hz, ..AttitudeLawConfig::paper() };
+        let paper = AttitudeLawConfig {
+            rate_hz: self.rate_hz,
+            command_latency_s: around.wrench_latency_s,
+            report_period_s: around.report_period_s,
+            ..AttitudeLawConfig::paper()
+        };
         let base = if self.model == Model::Paper { paper } else { flight };
         let config = AttitudeLawConfig {
             horizon: self.horizon().unwrap_or(base.horizon),
@@ -142,8 +157,12 @@ impl Settings {
                 .unwrap_or(base.scale_weight_with_inertia),
             torque_bound: self.torque_bound.map_or(base.torque_bound, TorqueBound::from),
             rotor_lag_s: self.rotor_lag_s.unwrap_or(base.rotor_lag_s),
+            command_delay_s: self.command_delay_s.unwrap_or(base.command_delay_s),
             setpoint_ramp_s: self.setpoint_ramp_s.unwrap_or(base.setpoint_ramp_s),
             rebuild_tolerance_rad: self.rebuild_tolerance_deg.to_radians(),
+            fixed_morph_angle: self
+                .fixed_morph_angle_deg
+                .and_then(|angle| MorphAngle::saturating_from_rad(angle.to_radians())),
             solver: self.solver.into(),
             ..base
         };
@@ -218,6 +237,19 @@ mod tests {
     fn the_paper_model_ignores_lag_delay_and_ramp_of_the_flight_around_it() {
         let config = settings("model = \"paper\"").law_config(AROUND);
         assert_eq!(config, Ok(AttitudeLawConfig::paper()));
+    }
+
+    #[test]
+    fn lag_delay_and_schedule_can_be_left_out_of_the_flight_model() {
+        let toml = "rotor_lag_s = 0.0\ncommand_delay_s = 0.0\nfixed_morph_angle_deg = 94.5";
+        let config = settings(toml).law_config(AROUND).unwrap();
+        let bare = AttitudeLawConfig {
+            rotor_lag_s: 0.0,
+            command_delay_s: 0.0,
+            fixed_morph_angle: Some(MorphAngle::MEDIUM),
+            ..AttitudeLawConfig::flight(100.0)
+        };
+        assert_eq!(config, bare);
     }
 
     #[test]

@@ -96,3 +96,23 @@ fn a_morph_sweep_leaves_no_trace_in_hover() {
     let worst = late.map(|(_, gamma)| gamma.amax()).fold(0.0, f64::max);
     assert!(worst < 5e-3, "{worst}");
 }
+
+#[test]
+fn a_law_that_is_not_scheduled_is_the_scheduled_one_at_its_own_angle_and_another_elsewhere() {
+    let fixed = AttitudeLawConfig {
+        fixed_morph_angle: Some(MorphAngle::MEDIUM),
+        ..AttitudeLawConfig::flight(100.0)
+    };
+    let vehicle = VehicleParameters::default();
+    let [same, other] = [MorphAngle::MEDIUM, MorphAngle::MAX].map(|beta| {
+        let last = |mut law: AttitudeLaw| {
+            let mut flight = Flight::hover(vehicle, beta);
+            let target = hover(Vector3::new(0.2, 0.0, 0.0));
+            *fly(&mut flight, &mut law, 100.0, 0.1, |_, _| target).outputs.last().unwrap()
+        };
+        (last(law(100.0)), last(AttitudeLaw::new(fixed, &vehicle).unwrap()))
+    });
+    assert_eq!(same.0, same.1);
+    assert_ne!(other.0.torque_bound_nm, other.1.torque_bound_nm);
+    assert_ne!(other.0.torque_nm, other.1.torque_nm);
+}
