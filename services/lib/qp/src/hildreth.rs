@@ -79,8 +79,8 @@ impl Hildreth {
         Ok(Self {
             settings,
             scaled: ScaledProblem::new(n, m),
-            gradient: vec![0.0; n],
-            y: vec![0.0; n],
+            gradient: vec![0.0; n + m],
+            y: vec![0.0; n + m],
             curved: vec![0.0; n],
             pull: vec![0.0; n],
             values: vec![0.0; m],
@@ -93,19 +93,20 @@ impl Hildreth {
     /// One sweep over the scaled rows, y = -g - N multipliers; returns the largest change.
     fn sweep(&mut self, lower: &[f64], upper: &[f64]) -> f64 {
         let mut largest = 0.0_f64;
+        let y = &mut self.y[..self.scaled.dim()];
         for row in 0..self.set.len() {
             let length = self.scaled.length[row];
             let normal = self.scaled.normal(row);
             let multiplier = &mut self.multipliers[row];
             // The row's value without its own multiplier; unit normals make its pivot one.
-            let free = dot(normal, &self.y) + *multiplier;
+            let free = dot(normal, y) + *multiplier;
             let held = if length > 0.0 {
                 free - (upper[row] / length).min(free.max(lower[row] / length))
             } else {
                 0.0
             };
             let change = held - *multiplier;
-            axpy(-change, normal, &mut self.y);
+            axpy(-change, normal, y);
             *multiplier = held;
             largest = largest.max(change.abs());
         }
@@ -114,21 +115,22 @@ impl Hildreth {
 
     fn finish(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> QpStatus {
         self.scaled.unscale(&mut self.y);
-        self.x.as_mut_slice().copy_from_slice(&self.y);
+        let y = &self.y[..self.x.len()];
+        self.x.as_mut_slice().copy_from_slice(y);
         self.pull.fill(0.0);
         for row in 0..self.set.len() {
             if self.scaled.length[row] > 0.0 {
                 self.multipliers[row] /= self.scaled.length[row];
             }
             axpy(self.multipliers[row], self.scaled.row(row), &mut self.pull);
-            self.values[row] = self.scaled.value(row, &self.y);
+            self.values[row] = self.scaled.value(row, y, self.multipliers[row]);
         }
         if !self.x.iter().chain(&self.multipliers).all(|value| value.is_finite()) {
             self.x.fill(0.0);
             self.multipliers.fill(0.0);
             return QpStatus::IterationLimit;
         }
-        self.scaled.curved(&self.y, &mut self.curved);
+        self.scaled.curved(y, &mut self.curved);
         let residuals = Evaluated {
             d: &self.scaled.d,
             reach: &self.scaled.reach,
@@ -160,19 +162,30 @@ impl QpSolver for Hildreth {
         self.scaled.set(hessian, rows)
     }
 
+    fn set_hessian(&mut self, hessian: &DMatrix<f64>) -> Result<(), QpError> {
+        self.scaled.set_hessian(hessian)
+    }
+
+    fn set_compliance(&mut self, compliance: &[f64]) -> Result<(), QpError> {
+        self.scaled.set_compliance(compliance)
+    }
+
     fn solve(&mut self, f: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> QpOutcome {
         let (f, lower, upper) = (f.as_slice(), lower.as_slice(), upper.as_slice());
         self.x.fill(0.0);
         self.multipliers.fill(0.0);
-        if let Err(status) = self.scaled.check(f, lower, upper, &mut self.gradient) {
+        let dim = self.scaled.dim();
+        if let Err(status) = self.scaled.check(f, lower, upper, &mut self.gradient[..dim]) {
             return self.outcome(status, 0);
         }
-        self.y.iter_mut().zip(&self.gradient).for_each(|(y, g)| *y = -g);
+        self.y[..dim].iter_mut().zip(&self.gradient).for_each(|(y, g)| *y = -g);
         let mut sweeps = 0;
         while sweeps < self.settings.max_sweeps {
             sweeps += 1;
             let change = self.sweep(lower, upper);
-            if change <= self.settings.tolerance * (norm(&self.y) + norm(&self.gradient)) {
+            if change
+                <= self.settings.tolerance * (norm(&self.y[..dim]) + norm(&self.gradient[..dim]))
+            {
                 break;
             }
         }

@@ -41,6 +41,31 @@ pub fn kkt_residuals(
     x: &DVector<f64>,
     multipliers: &DVector<f64>,
 ) -> KktResiduals {
+    let hard = DVector::zeros(rows.nrows());
+    soft_kkt_residuals(hessian, rows, hard.as_slice(), f, lower, upper, x, multipliers)
+}
+
+/// As [`kkt_residuals`], with rows of the given `compliance` (`m`, zero for a hard row): a row is
+/// judged at `aᵢ x - compliance[i] multiplierᵢ`.
+///
+/// # Panics
+/// If the shapes do not fit together.
+#[must_use]
+#[expect(clippy::too_many_arguments, reason = "the six parts of a QP and the two of its answer")]
+pub fn soft_kkt_residuals(
+    hessian: &DMatrix<f64>,
+    rows: &DMatrix<f64>,
+    compliance: &[f64],
+    f: &DVector<f64>,
+    lower: &DVector<f64>,
+    upper: &DVector<f64>,
+    x: &DVector<f64>,
+    multipliers: &DVector<f64>,
+) -> KktResiduals {
+    let given = DVector::from_iterator(
+        rows.nrows(),
+        compliance.iter().zip(multipliers).map(|(c, multiplier)| c * multiplier),
+    );
     let d = hessian.diagonal().map(|h| 1.0 / h.sqrt());
     Evaluated {
         d: d.as_slice(),
@@ -51,7 +76,7 @@ pub fn kkt_residuals(
         .as_slice(),
         curved: (hessian * x).as_slice(),
         pull: rows.tr_mul(multipliers).as_slice(),
-        values: (rows * x).as_slice(),
+        values: (rows * x - given).as_slice(),
         f: f.as_slice(),
         lower: lower.as_slice(),
         upper: upper.as_slice(),
@@ -73,7 +98,7 @@ pub(crate) struct Evaluated<'a> {
     pub(crate) curved: &'a [f64],
     /// A' multipliers.
     pub(crate) pull: &'a [f64],
-    /// A x.
+    /// A x, less compliance times multiplier.
     pub(crate) values: &'a [f64],
     pub(crate) f: &'a [f64],
     pub(crate) lower: &'a [f64],

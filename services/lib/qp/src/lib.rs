@@ -15,5 +15,5 @@ mod solver;
 
 pub use active_set::{ActiveSet, Settings};
 pub use hildreth::{Hildreth, HildrethSettings};
-pub use kkt::{KktResiduals, kkt_residuals};
+pub use kkt::{KktResiduals, kkt_residuals, soft_kkt_residuals};
 pub use solver::{QpError, QpOutcome, QpSolver, QpStatus};

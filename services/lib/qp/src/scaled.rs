@@ -2,13 +2,14 @@
 //!
 //! With D = diag(H)^-1/2, D H D = L L' and x = D L'⁻¹ y the cost is 1/2 |y|² + g'y, g = L⁻¹ D f,
 //! and row i reads nᵢ'y with nᵢ = L⁻¹ D aᵢ / sᵢ, sᵢ = |L⁻¹ D aᵢ|.
+//!
+//! A soft row of compliance cᵢ is a hard one with a variable of its own, tᵢ = √cᵢ multiplierᵢ: the
+//! cost grows by 1/2 tᵢ², the row reads aᵢ'x - √cᵢ tᵢ. With any soft row y has `n + m` entries.
 
 use nalgebra::DMatrix;
 
-use crate::linear::{
-    cholesky, column, column_mut, dot, norm, solve_lower, solve_lower_transposed, times,
-};
-use crate::solver::{QpError, QpStatus};
+use crate::linear::{cholesky, column, dot, norm, solve_lower, solve_lower_transposed, times};
+use crate::solver::{QpError, QpStatus, check_compliance};
 
 /// Entries may differ from their mirror by this much of √(`H_ii` `H_jj`): rounding of a product.
 const SYMMETRY: f64 = 1e-8;
@@ -29,8 +30,12 @@ pub(crate) struct ScaledProblem {
     /// L, and the memory for the next one: a refused Hessian leaves this one in force.
     factor: DMatrix<f64>,
     spare: DMatrix<f64>,
-    /// Unit normals nᵢ as columns, `n x m`; zero for a zero row.
-    normals: DMatrix<f64>,
+    /// Compliance per row, zero for a hard one.
+    pub(crate) compliance: Vec<f64>,
+    /// Entries of y: `n`, or `n + m` with soft rows.
+    dim: usize,
+    /// Unit normals nᵢ, `dim` entries each; zero for a zero row.
+    normals: Vec<f64>,
     /// sᵢ; zero for a zero row.
     pub(crate) length: Vec<f64>,
     /// Sum and maximum of |aᵢⱼ| dⱼ per row.
@@ -49,7 +54,9 @@ impl ScaledProblem {
             d: vec![1.0; n],
             factor: DMatrix::zeros(n, n),
             spare: DMatrix::zeros(n, n),
-            normals: DMatrix::zeros(n, m),
+            compliance: vec![0.0; m],
+            dim: n,
+            normals: vec![0.0; (n + m) * m],
             length: vec![0.0; m],
             reach: vec![0.0; m],
             peak: vec![0.0; m],
@@ -59,8 +66,48 @@ impl ScaledProblem {
 
     pub(crate) fn set(&mut self, h: &DMatrix<f64>, a: &DMatrix<f64>) -> Result<(), QpError> {
         let (n, m) = self.rows.shape();
-        check_matrix("hessian", h, n, n)?;
         check_matrix("rows", a, m, n)?;
+        self.factorise(h)?;
+        for i in 0..m {
+            for j in 0..n {
+                self.rows[(j, i)] = a[(i, j)];
+            }
+        }
+        self.ready = true;
+        self.set_normals();
+        Ok(())
+    }
+
+    pub(crate) fn set_hessian(&mut self, h: &DMatrix<f64>) -> Result<(), QpError> {
+        if !self.ready {
+            return Err(QpError::NoRows);
+        }
+        self.factorise(h)?;
+        self.set_normals();
+        Ok(())
+    }
+
+    pub(crate) fn set_compliance(&mut self, compliance: &[f64]) -> Result<(), QpError> {
+        check_compliance(compliance, self.compliance.len())?;
+        self.compliance.copy_from_slice(compliance);
+        let (n, m) = self.rows.shape();
+        let soft = compliance.iter().any(|c| *c > 0.0);
+        self.dim = if soft { n + m } else { n };
+        if self.ready {
+            self.set_normals();
+        }
+        Ok(())
+    }
+
+    /// Entries of y and of the unit normals.
+    pub(crate) fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Checks H and computes D and L; on refusal the old ones stay.
+    fn factorise(&mut self, h: &DMatrix<f64>) -> Result<(), QpError> {
+        let n = self.d.len();
+        check_matrix("hessian", h, n, n)?;
         check_symmetric(h)?;
         for j in 0..n {
             for i in 0..n {
@@ -75,20 +122,22 @@ impl ScaledProblem {
         for j in 0..n {
             self.d[j] = 1.0 / h[(j, j)].sqrt();
         }
-        for i in 0..m {
-            for j in 0..n {
-                self.rows[(j, i)] = a[(i, j)];
-            }
-            self.set_normal(i);
-        }
         let least = (0..n).map(|j| self.factor[(j, j)]).fold(1.0, f64::min);
         self.noise = 8.0 * f64::EPSILON / least;
-        self.ready = true;
         Ok(())
     }
 
+    fn set_normals(&mut self) {
+        for i in 0..self.length.len() {
+            self.set_normal(i);
+        }
+    }
+
     fn set_normal(&mut self, i: usize) {
-        let normal = column_mut(&mut self.normals, i);
+        let whole = &mut self.normals[i * self.dim..][..self.dim];
+        whole.fill(0.0);
+        let softness = self.compliance[i].sqrt();
+        let (normal, slack) = whole.split_at_mut(self.d.len());
         for ((entry, a), d) in normal.iter_mut().zip(column(&self.rows, i)).zip(&self.d) {
             *entry = a * d;
         }
@@ -98,22 +147,29 @@ impl ScaledProblem {
         self.peak[i] = largest;
         if largest < f64::MIN_POSITIVE {
             normal.fill(0.0);
-            self.length[i] = 0.0;
+            self.length[i] = softness;
+            if softness > 0.0 {
+                slack[i] = -1.0;
+            }
             return;
         }
         for entry in normal.iter_mut() {
             *entry /= largest;
         }
         solve_lower(&self.factor, normal);
-        let length = norm(normal);
+        let across = softness / largest;
+        let length = libm::hypot(norm(normal), across);
         for entry in normal.iter_mut() {
             *entry /= length;
+        }
+        if softness > 0.0 {
+            slack[i] = -across / length;
         }
         self.length[i] = length * largest;
     }
 
     pub(crate) fn normal(&self, i: usize) -> &[f64] {
-        column(&self.normals, i)
+        &self.normals[i * self.dim..][..self.dim]
     }
 
     /// Checks the vectors of a solve and writes g; says how the solve ends if it ends here.
@@ -143,16 +199,19 @@ impl ScaledProblem {
         if feasible { Ok(()) } else { Err(QpStatus::Infeasible) }
     }
 
-    /// g = L⁻¹ D f.
+    /// g = L⁻¹ D f, zero for the variables of soft rows.
     pub(crate) fn gradient(&self, f: &[f64], g: &mut [f64]) {
+        let (g, slack) = g.split_at_mut(self.d.len());
+        slack.fill(0.0);
         for ((g, f), d) in g.iter_mut().zip(f).zip(&self.d) {
             *g = f * d;
         }
         solve_lower(&self.factor, g);
     }
 
-    /// x = D L'⁻¹ y, in place.
+    /// x = D L'⁻¹ y, in place, in the first `n` entries.
     pub(crate) fn unscale(&self, y: &mut [f64]) {
+        let y = &mut y[..self.d.len()];
         solve_lower_transposed(&self.factor, y);
         y.iter_mut().zip(&self.d).for_each(|(x, d)| *x *= d);
     }
@@ -162,9 +221,9 @@ impl ScaledProblem {
         times(&self.hessian, x, out);
     }
 
-    /// aᵢ'x.
-    pub(crate) fn value(&self, i: usize, x: &[f64]) -> f64 {
-        dot(column(&self.rows, i), x)
+    /// aᵢ'x - cᵢ multiplier: what a row compares with its bounds.
+    pub(crate) fn value(&self, i: usize, x: &[f64], multiplier: f64) -> f64 {
+        dot(column(&self.rows, i), x) - self.compliance[i] * multiplier
     }
 
     /// Row i of A.

@@ -100,6 +100,25 @@ pub enum QpError {
         /// The entry.
         value: i8,
     },
+    /// A Hessian was given before the first rows.
+    #[error("no rows are set; call set_matrices once before set_hessian")]
+    NoRows,
+    /// Compliances of another length than the number of rows.
+    #[error("compliance has {got} entries, the solver has {expected} rows")]
+    ComplianceLength {
+        /// Entries given.
+        got: usize,
+        /// Rows of the solver.
+        expected: usize,
+    },
+    /// A compliance that is negative or not finite.
+    #[error("compliance of row {row} is {value:e}; use 0 for a hard row, above 0 for a soft one")]
+    ComplianceEntry {
+        /// Row of the entry.
+        row: usize,
+        /// The entry.
+        value: f64,
+    },
     /// A setting outside its range.
     #[error("setting {name} = {value:e} must lie in {range}")]
     BadSetting {
@@ -126,6 +145,22 @@ pub trait QpSolver: core::fmt::Debug + Send {
     /// definite. The matrices before the call then stay in force.
     fn set_matrices(&mut self, hessian: &DMatrix<f64>, rows: &DMatrix<f64>) -> Result<(), QpError>;
 
+    /// Takes a new `hessian` (`n x n`) for the rows in force, for a model that changes in every
+    /// tick. The working set is kept.
+    ///
+    /// # Errors
+    /// As [`Self::set_matrices`], and if no rows were set before.
+    fn set_hessian(&mut self, hessian: &DMatrix<f64>) -> Result<(), QpError>;
+
+    /// Softens rows: row i may miss its bound by `s`, at the cost of `s² / (2 compliance[i])`.
+    /// Zero (the default) makes a hard row. A row kept at its bound then satisfies
+    /// `aᵢ x - compliance[i] multiplierᵢ = bound`, so soft rows never make a problem infeasible
+    /// (`lower > upper` in one row still does). Stays in force with new matrices.
+    ///
+    /// # Errors
+    /// A length other than `m`, an entry that is negative or not finite; the old ones then stay.
+    fn set_compliance(&mut self, compliance: &[f64]) -> Result<(), QpError>;
+
     /// Solves for `f` (`n`) and the bounds (`m` each), in a bounded number of steps, starting
     /// from the current working set.
     ///
@@ -136,7 +171,7 @@ pub trait QpSolver: core::fmt::Debug + Send {
     /// The last iterate (`n`), always finite; zeros before the first solve and where none exists.
     fn solution(&self) -> &DVector<f64>;
 
-    /// Row multipliers (`m`) with `H x + f + A' multipliers = 0`: positive at an upper bound,
+    /// Row multipliers (`m`) with `H x + f + A' multipliers = 0`, soft or hard: positive at an upper bound,
     /// negative at a lower one.
     fn multipliers(&self) -> &DVector<f64>;
 
@@ -151,6 +186,17 @@ pub trait QpSolver: core::fmt::Debug + Send {
 
     /// Forgets working set, solution and multipliers; keeps the matrices.
     fn clear(&mut self);
+}
+
+/// Checks compliances before they are taken over.
+pub(crate) fn check_compliance(compliance: &[f64], rows: usize) -> Result<(), QpError> {
+    if compliance.len() != rows {
+        return Err(QpError::ComplianceLength { got: compliance.len(), expected: rows });
+    }
+    match compliance.iter().position(|c| !c.is_finite() || *c < 0.0) {
+        Some(row) => Err(QpError::ComplianceEntry { row, value: compliance[row] }),
+        None => Ok(()),
+    }
 }
 
 /// Checks a working set before it is taken over.

@@ -62,7 +62,7 @@ impl ActiveSet {
 
     /// Factors the working set, in the order of the rows, without the rows that cannot stay.
     fn rebuild(&mut self) {
-        self.working.clear();
+        self.working.clear(self.scaled.dim());
         for row in 0..self.set.len() {
             let side = self.set[row];
             if side == 0 {
@@ -105,29 +105,33 @@ impl ActiveSet {
     /// Recomputes y and the working multipliers from the factor, with the multiplier of an
     /// entering row held.
     fn relocate(&mut self, entering: Option<&Entering>) {
-        self.scratch.copy_from_slice(&self.gradient);
+        let dim = self.scaled.dim();
+        let scratch = &mut self.scratch[..dim];
+        scratch.copy_from_slice(&self.gradient[..dim]);
         if let Some(p) = entering {
             let push = p.multiplier * f64::from(p.side);
-            axpy(push, self.scaled.normal(p.row), &mut self.scratch);
+            axpy(push, self.scaled.normal(p.row), scratch);
         }
         let (set, lower, upper) = (&self.set, &self.lower, &self.upper);
         let target = |row: usize| if set[row] < 0 { lower[row] } else { upper[row] };
-        self.working.point(&self.scratch, target, &mut self.y);
+        self.working.point(scratch, target, &mut self.y[..dim]);
     }
 
     /// The row outside the working set that y misses by most.
     fn most_violated(&self, iterations: u32) -> Option<(usize, i8)> {
         // Rounding can only cycle where violations are tiny: late walks overlook more of them.
-        let patience = 5 * (self.y.len() + self.set.len()).max(25);
+        let patience = 5 * (self.x.len() + self.set.len()).max(25);
         let late = iterations as usize > patience;
         let satisfied = if late { SATISFIED_LATE } else { SATISFIED };
-        let size = norm(&self.y) + norm(&self.gradient);
+        let dim = self.scaled.dim();
+        let y = &self.y[..dim];
+        let size = norm(y) + norm(&self.gradient[..dim]);
         let mut worst = (0.0, None);
         for row in 0..self.set.len() {
             if self.set[row] != 0 || self.excused[row] {
                 continue;
             }
-            let value = dot(self.scaled.normal(row), &self.y);
+            let value = dot(self.scaled.normal(row), y);
             let (below, above) = (self.lower[row] - value, value - self.upper[row]);
             let (miss, side) = if above > below { (above, 1) } else { (below, -1) };
             let floor = satisfied * (size + self.bound(row, side).abs());
@@ -173,10 +177,12 @@ impl ActiveSet {
         let growth = norm(ratio);
         let side = f64::from(p.side);
         let bound = self.bound(p.row, p.side);
-        let miss = side * (dot(self.scaled.normal(p.row), &self.y) - bound);
+        let dim = self.scaled.dim();
+        let (y, gradient) = (&self.y[..dim], &self.gradient[..dim]);
+        let miss = side * (dot(self.scaled.normal(p.row), y) - bound);
         let noise = self.scaled.noise * (2.0 + growth);
         let independent = rest > self.dependence().max(noise.min(MOST_NOISE));
-        let size = norm(&self.y) + norm(&self.gradient) + bound.abs();
+        let size = norm(y) + norm(gradient) + bound.abs();
         if !independent && miss <= (rest + noise) * size {
             return Event::Excused;
         }

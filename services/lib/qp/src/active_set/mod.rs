@@ -50,7 +50,7 @@ pub struct ActiveSet {
     /// Bounds in scaled coordinates; infinite for zero rows.
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// g, then y and two vectors of scratch, all of length n.
+    /// g, then y and two vectors of scratch, for up to n + m entries.
     gradient: Vec<f64>,
     y: Vec<f64>,
     scratch: Vec<f64>,
@@ -89,9 +89,9 @@ impl ActiveSet {
             working: WorkingFactor::new(n, m),
             lower: vec![0.0; m],
             upper: vec![0.0; m],
-            gradient: vec![0.0; n],
-            y: vec![0.0; n],
-            scratch: vec![0.0; n],
+            gradient: vec![0.0; n + m],
+            y: vec![0.0; n + m],
+            scratch: vec![0.0; n + m],
             pull: vec![0.0; n],
             values: vec![0.0; m],
             excused: vec![false; m],
@@ -103,7 +103,8 @@ impl ActiveSet {
 
     /// Checks and scales the inputs; says how the solve ends if it ends here.
     fn load(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(), QpStatus> {
-        self.scaled.check(f, lower, upper, &mut self.gradient)?;
+        let dim = self.scaled.dim();
+        self.scaled.check(f, lower, upper, &mut self.gradient[..dim])?;
         for (i, &length) in self.scaled.length.iter().enumerate() {
             (self.lower[i], self.upper[i]) = if length > 0.0 {
                 (lower[i] / length, upper[i] / length)
@@ -123,6 +124,14 @@ impl ActiveSet {
 impl QpSolver for ActiveSet {
     fn set_matrices(&mut self, hessian: &DMatrix<f64>, rows: &DMatrix<f64>) -> Result<(), QpError> {
         self.scaled.set(hessian, rows)
+    }
+
+    fn set_hessian(&mut self, hessian: &DMatrix<f64>) -> Result<(), QpError> {
+        self.scaled.set_hessian(hessian)
+    }
+
+    fn set_compliance(&mut self, compliance: &[f64]) -> Result<(), QpError> {
+        self.scaled.set_compliance(compliance)
     }
 
     fn solve(&mut self, f: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> QpOutcome {

@@ -45,7 +45,7 @@ impl ActiveSet {
     /// x += D L'⁻¹ y and multipliers += their scaled counterparts; signs kept right.
     fn correct(&mut self, (lower, upper): (&[f64], &[f64])) {
         self.scaled.unscale(&mut self.y);
-        axpy(1.0, &self.y, self.x.as_mut_slice());
+        axpy(1.0, &self.y[..self.x.len()], self.x.as_mut_slice());
         for (position, &row) in self.working.rows().iter().enumerate() {
             let multiplier = &mut self.multipliers[row];
             *multiplier += self.working.multipliers[position] / self.scaled.length[row];
@@ -61,34 +61,36 @@ impl ActiveSet {
 
     /// H x, A' multipliers and A x.
     fn evaluate(&mut self) {
-        self.scaled.curved(self.x.as_slice(), &mut self.scratch);
+        self.scaled.curved(self.x.as_slice(), &mut self.scratch[..self.x.len()]);
         self.pull.fill(0.0);
         for &row in self.working.rows() {
             axpy(self.multipliers[row], self.scaled.row(row), &mut self.pull);
         }
         for row in 0..self.values.len() {
-            self.values[row] = self.scaled.value(row, self.x.as_slice());
+            let multiplier = self.multipliers[row];
+            self.values[row] = self.scaled.value(row, self.x.as_slice(), multiplier);
         }
     }
 
     /// One step of iterative refinement: the equality problem of the residuals.
     fn refine(&mut self, f: &[f64], bounds: (&[f64], &[f64])) {
-        for (j, entry) in self.y.iter_mut().enumerate() {
+        let (n, dim) = (self.x.len(), self.scaled.dim());
+        for (j, entry) in self.y[..n].iter_mut().enumerate() {
             *entry = self.scratch[j] + f[j] + self.pull[j];
         }
-        self.scaled.gradient(&self.y, &mut self.gradient);
+        self.scaled.gradient(&self.y[..n], &mut self.gradient[..dim]);
         let (set, values, length) = (&self.set, &self.values, &self.scaled.length);
         let target = |row: usize| {
             let bound = if set[row] < 0 { bounds.0[row] } else { bounds.1[row] };
             (bound - values[row]) / length[row]
         };
-        self.working.point(&self.gradient, target, &mut self.y);
+        self.working.point(&self.gradient[..dim], target, &mut self.y[..dim]);
         self.correct(bounds);
     }
 
     fn residual(&self, f: &[f64], (lower, upper): (&[f64], &[f64])) -> f64 {
         let (x, multipliers) = (self.x.as_slice(), self.multipliers.as_slice());
-        let (curved, pull, values) = (&self.scratch, &self.pull, &self.values);
+        let (curved, pull, values) = (&self.scratch[..x.len()], &self.pull, &self.values);
         let (d, reach, peak) = (&self.scaled.d, &self.scaled.reach, &self.scaled.peak);
         Evaluated { d, reach, peak, curved, pull, values, f, lower, upper, x, multipliers }
             .residuals()

@@ -4,11 +4,14 @@
 
 use nalgebra::DMatrix;
 
-use crate::linear::{axpy, column, column_mut, dot, norm, solve_upper, solve_upper_transposed};
+use crate::linear::{axpy, column_mut, dot, norm, solve_upper, solve_upper_transposed};
 
 #[derive(Debug, Clone)]
 pub(super) struct WorkingFactor {
-    q: DMatrix<f64>,
+    /// Columns of Q, `dim` entries each.
+    q: Vec<f64>,
+    dim: usize,
+    most: usize,
     r: DMatrix<f64>,
     /// The rows of the problem in the order of the columns of N.
     rows: Vec<usize>,
@@ -24,13 +27,16 @@ pub(super) struct WorkingFactor {
 
 impl WorkingFactor {
     pub(super) fn new(n: usize, m: usize) -> Self {
-        let most = n.min(m);
+        // With soft rows all rows may stand in the factor.
+        let most = m;
         Self {
-            q: DMatrix::zeros(n, most),
+            q: vec![0.0; (n + m) * most],
+            dim: n,
+            most: n.min(m),
             r: DMatrix::zeros(most, most),
             rows: Vec::with_capacity(most),
             along: vec![0.0; most],
-            across: vec![0.0; n],
+            across: vec![0.0; n + m],
             ratio: vec![0.0; most],
             multipliers: vec![0.0; most],
             targets: vec![0.0; most],
@@ -41,33 +47,38 @@ impl WorkingFactor {
         &self.rows
     }
 
-    pub(super) fn clear(&mut self) {
+    /// Forgets all rows; the next ones have `dim` entries.
+    pub(super) fn clear(&mut self, dim: usize) {
         self.rows.clear();
+        self.dim = dim;
+        self.most = dim.min(self.multipliers.len());
     }
 
     /// Splits `normal` into its part along the working rows and the rest; returns the length of
     /// the rest, zero when no further row fits.
     pub(super) fn project(&mut self, normal: &[f64]) -> f64 {
         let count = self.rows.len();
-        self.across.copy_from_slice(normal);
+        let across = &mut self.across[..self.dim];
+        across.copy_from_slice(normal);
         self.along[..count].fill(0.0);
         // The second pass removes what rounding left of the first ("twice is enough").
         for _ in 0..2 {
             for k in 0..count {
-                let share = dot(column(&self.q, k), &self.across);
-                axpy(-share, column(&self.q, k), &mut self.across);
+                let direction = &self.q[k * self.dim..][..self.dim];
+                let share = dot(direction, across);
+                axpy(-share, direction, across);
                 self.along[k] += share;
             }
         }
         self.ratio[..count].copy_from_slice(&self.along[..count]);
         solve_upper(&self.r, &mut self.ratio[..count]);
-        if count == self.q.ncols() { 0.0 } else { norm(&self.across) }
+        if count == self.most { 0.0 } else { norm(&self.across[..self.dim]) }
     }
 
     /// Appends the row last projected, whose `rest` must be positive.
     pub(super) fn push(&mut self, row: usize, rest: f64) {
         let k = self.rows.len();
-        let direction = column_mut(&mut self.q, k);
+        let direction = &mut self.q[k * self.dim..][..self.dim];
         for (entry, across) in direction.iter_mut().zip(&self.across) {
             *entry = across / rest;
         }
@@ -95,10 +106,9 @@ impl WorkingFactor {
                 self.r[(j, l)] = cos * up + sin * down;
                 self.r[(j + 1, l)] = cos * down - sin * up;
             }
-            for i in 0..self.q.nrows() {
-                let (left, right) = (self.q[(i, j)], self.q[(i, j + 1)]);
-                self.q[(i, j)] = cos * left + sin * right;
-                self.q[(i, j + 1)] = cos * right - sin * left;
+            let (left, right) = self.q[j * self.dim..][..2 * self.dim].split_at_mut(self.dim);
+            for (left, right) in left.iter_mut().zip(right) {
+                (*left, *right) = (cos * *left + sin * *right, cos * *right - sin * *left);
             }
         }
         row
@@ -116,8 +126,9 @@ impl WorkingFactor {
         y.iter_mut().zip(g).for_each(|(y, g)| *y = -g);
         for (k, target) in targets.iter().enumerate() {
             // One column after the other, each on what is left: error-free to first order.
-            let excess = dot(column(&self.q, k), y) - target;
-            axpy(-excess, column(&self.q, k), y);
+            let direction = &self.q[k * self.dim..][..self.dim];
+            let excess = dot(direction, y) - target;
+            axpy(-excess, direction, y);
             self.multipliers[k] = excess;
         }
         solve_upper(&self.r, &mut self.multipliers[..count]);

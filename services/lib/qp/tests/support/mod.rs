@@ -120,6 +120,20 @@ impl Problem {
         more
     }
 
+    /// The same problem with one more variable per soft row, `s / √compliance`.
+    pub(crate) fn with_slacks(&self, compliance: &[f64]) -> Self {
+        let mut more = self.clone();
+        for (i, c) in compliance.iter().enumerate().filter(|(_, c)| **c > 0.0) {
+            let n = more.n();
+            more.hessian = more.hessian.resize(n + 1, n + 1, 0.0);
+            more.hessian[(n, n)] = 1.0;
+            more.rows = more.rows.resize_horizontally(n + 1, 0.0);
+            more.rows[(i, n)] = -c.sqrt();
+            more.f = more.f.resize_vertically(n + 1, 0.0);
+        }
+        more
+    }
+
     /// The same problem in other units: variable j times `columns[j]`, row i times `rows[i]`.
     pub(crate) fn rescaled(&self, columns: &DVector<f64>, rows: &DVector<f64>) -> Self {
         let inverse = DMatrix::from_diagonal(&columns.map(|c| 1.0 / c));
