@@ -7,8 +7,10 @@
 pub mod cli;
 pub mod components;
 pub mod exit;
+pub mod figure;
 pub mod pilot;
 pub mod process;
 pub mod record;
+pub mod results;
 pub mod run;
 pub mod scenario;

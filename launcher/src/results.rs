@@ -1,0 +1,193 @@
+//! What a study leaves behind: tables on the terminal, files in a folder.
+
+use crate::figure::Figure;
+use serde::Serialize;
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Columns with a heading each. Cells are text: who fills them knows how many digits count.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Table {
+    headings: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+/// The folder that takes the results.
+#[derive(Debug)]
+pub struct ResultsFolder {
+    path: PathBuf,
+    written: Vec<PathBuf>,
+}
+
+/// A result that could not be written.
+#[derive(Debug, thiserror::Error, miette::Diagnostic)]
+#[error("cannot {action} `{}`: {source}", path.display())]
+#[diagnostic(help("name a folder on a disk with room that you may write to: --out DIR"))]
+pub struct ResultsError {
+    action: &'static str,
+    path: PathBuf,
+    source: io::Error,
+}
+
+impl Table {
+    /// With these headings and no row.
+    #[must_use]
+    pub fn new<H: Into<String>>(headings: impl IntoIterator<Item = H>) -> Self {
+        let headings = headings.into_iter().map(Into::into).collect();
+        Self { headings, rows: Vec::new() }
+    }
+
+    /// Adds a row; missing cells are empty, surplus ones are dropped.
+    pub fn push<C: ToString>(&mut self, cells: impl IntoIterator<Item = C>) {
+        let mut row: Vec<String> = cells.into_iter().map(|cell| cell.to_string()).collect();
+        row.resize(self.headings.len(), String::new());
+        self.rows.push(row);
+    }
+
+    /// Comma-separated, one line per row after the headings, each ending with a line feed.
+    #[must_use]
+    pub fn to_csv(&self) -> Vec<u8> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        for row in std::iter::once(&self.headings).chain(&self.rows) {
+            // Memory takes everything, and all rows are as long as the headings.
+            let _ = writer.write_record(row);
+        }
+        writer.into_inner().unwrap_or_default()
+    }
+}
+
+/// Aligned for people: numbers to the right, words to the left.
+impl fmt::Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = |column: usize| {
+            let cells = std::iter::once(&self.headings).chain(&self.rows).map(|row| &row[column]);
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let numeric = |column: usize| {
+            let mut cells =
+                self.rows.iter().map(|row| row[column].trim()).filter(|c| !c.is_empty());
+            cells.all(|cell| cell.starts_with(|c: char| c.is_ascii_digit() || "+-".contains(c)))
+        };
+        let columns: Vec<(usize, bool)> =
+            (0..self.headings.len()).map(|column| (width(column), numeric(column))).collect();
+        for row in std::iter::once(&self.headings).chain(&self.rows) {
+            let mut line = String::new();
+            for (cell, (width, right)) in row.iter().zip(&columns) {
+                let cell =
+                    if *right { format!("{cell:>width$}") } else { format!("{cell:<width$}") };
+                line.push_str(&cell);
+                line.push_str("  ");
+            }
+            writeln!(f, "{}", line.trim_end())?;
+        }
+        Ok(())
+    }
+}
+
+impl ResultsFolder {
+    /// Makes the folder, and those above it, if there is none.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn create(path: &Path) -> Result<Self, ResultsError> {
+        let failed = |source| ResultsError { action: "make", path: path.to_owned(), source };
+        fs::create_dir_all(path).map_err(failed)?;
+        Ok(Self { path: path.to_owned(), written: Vec::new() })
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Everything written so far.
+    #[must_use]
+    pub fn written(&self) -> &[PathBuf] {
+        &self.written
+    }
+
+    /// Writes `name` as it is, in place of what was there.
+    ///
+    /// # Errors
+    /// It cannot be written in full.
+    pub fn write(&mut self, name: &str, content: &[u8]) -> Result<(), ResultsError> {
+        let path = self.path.join(name);
+        match fs::write(&path, content) {
+            Ok(()) => {
+                self.written.push(path);
+                Ok(())
+            }
+            Err(source) => Err(ResultsError { action: "write", path, source }),
+        }
+    }
+
+    /// Writes a table as `name`.csv.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`].
+    pub fn table(&mut self, name: &str, table: &Table) -> Result<(), ResultsError> {
+        self.write(&format!("{name}.csv"), &table.to_csv())
+    }
+
+    /// Writes anything as `name`.json.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`], and a value that JSON cannot hold.
+    pub fn json(&mut self, name: &str, value: &impl Serialize) -> Result<(), ResultsError> {
+        let name = format!("{name}.json");
+        let mut text = serde_json::to_vec_pretty(value).map_err(|error| ResultsError {
+            action: "write",
+            path: self.path.join(&name),
+            source: error.into(),
+        })?;
+        text.push(b'\n');
+        self.write(&name, &text)
+    }
+
+    /// Writes a picture as `name`.svg.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`].
+    pub fn figure(&mut self, name: &str, figure: &Figure) -> Result<(), ResultsError> {
+        self.write(&format!("{name}.svg"), figure.to_svg().as_bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_aligns_numbers_to_the_right_and_quotes_commas_in_csv() {
+        let mut table = Table::new(["horizon", "time [s]"]);
+        table.push(["{20, 3}", "0.07"]);
+        table.push(["{30, 3}", "-10.25"]);
+        assert_eq!(table.to_string(), "horizon  time [s]\n{20, 3}      0.07\n{30, 3}    -10.25\n");
+        let csv = String::from_utf8(table.to_csv()).unwrap();
+        assert_eq!(csv, "horizon,time [s]\n\"{20, 3}\",0.07\n\"{30, 3}\",-10.25\n");
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_is_named_with_the_remedy() {
+        let error = ResultsFolder::create(Path::new("/dev/null/results")).unwrap_err();
+        assert!(error.to_string().contains("/dev/null/results"), "{error}");
+        let report = format!("{:?}", miette::Report::new(error));
+        assert!(report.contains("--out DIR"), "{report}");
+    }
+
+    #[test]
+    fn what_is_written_is_there_and_a_full_disk_is_an_error() {
+        let scratch = tempfile::tempdir().unwrap();
+        let mut folder = ResultsFolder::create(&scratch.path().join("a/b")).unwrap();
+        folder.json("summary", &[1, 2]).unwrap();
+        let text = fs::read_to_string(scratch.path().join("a/b/summary.json")).unwrap();
+        assert_eq!(text, "[\n  1,\n  2\n]\n");
+        std::os::unix::fs::symlink("/dev/full", folder.path().join("full.csv")).unwrap();
+        let error = folder.table("full", &Table::new(["a"])).unwrap_err();
+        assert!(error.to_string().contains("full.csv"), "{error}");
+        assert_eq!(folder.written().len(), 1);
+    }
+}
