@@ -2,12 +2,17 @@
 //! queues: no step allocates, and the flight is the one of the real processes, bit for bit.
 
 mod common;
-mod one_process;
 
 use common::{fly, turn};
 use core::time::Duration;
+use launcher::in_process::{InProcess, Observer, StateSource};
+use launcher::run::FlightHash;
 use launcher::scenario::{Override, Scenario};
-use one_process::{Cockpit, Order};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use shared_types::{Sample, StateEstimate, Topic, Truth};
+use std::any::Any;
+use std::collections::BTreeMap;
 
 /// Logical time in which buffers may still grow [ns].
 const WARM_UP_NS: u64 = 500_000_000;
@@ -18,17 +23,57 @@ fn scenario(name: &str, duration_ms: u64, set: &[&str]) -> Scenario {
     Scenario::load(name, &edits).expect("a scenario that flies")
 }
 
+/// Which of the steps that may run does run.
+#[derive(Debug, Clone, Copy)]
+enum Order {
+    /// Any.
+    Random(u64),
+    /// One loop until it must wait, then the next, upstream last.
+    AsFarAsPossible,
+}
+
+/// Positions by topic, in the order published.
+#[derive(Default)]
+struct Positions {
+    truth: Vec<[f64; 3]>,
+    state_estimate: Vec<[f64; 3]>,
+}
+
+impl Observer for Positions {
+    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        if let Some(truth) = any.downcast_ref::<Truth>() {
+            self.truth.push(truth.position_w_m);
+        } else if let Some(estimate) = any.downcast_ref::<StateEstimate>() {
+            self.state_estimate.push(estimate.position_w_m);
+        }
+    }
+}
+
+fn start<O: Observer>(scenario: &Scenario, observer: O) -> InProcess<O> {
+    InProcess::new(scenario, StateSource::Estimator, observer).expect("a flight")
+}
+
+fn hash_of(mut flight: InProcess<FlightHash>) -> String {
+    flight.fly_until(u64::MAX).expect("a flight to the end");
+    flight.seen(|hash| hash.hex())
+}
+
 /// Flies on and asserts that nothing but the warm-up allocates.
 fn assert_no_step_allocates(scenario: &Scenario) {
-    let mut cockpit = Cockpit::new(scenario);
-    cockpit.fly_until(WARM_UP_NS, Order::Time);
-    let steps = cockpit.steps();
-    for (role, allocations) in cockpit.fly_until(scenario.duration_ns(), Order::Time) {
-        assert_eq!(allocations, 0, "{role} allocates");
+    let mut flight = start(scenario, FlightHash::default());
+    flight.fly_until(WARM_UP_NS).expect("a flight");
+    let mut steps = BTreeMap::<_, u64>::new();
+    while let Some(next) = flight.runnable(u64::MAX).min_by_key(|&l| flight.mark_ns(l)) {
+        let measured = allocation_counter::measure(|| flight.step(next));
+        let role = flight.role(next).label();
+        assert_eq!(measured.count_total, 0, "{role} allocates");
+        *steps.entry(role).or_default() += 1;
     }
-    let states = cockpit.states();
-    assert!(cockpit.steps() - steps > 2 * 2000, "plant and estimator alone step more often");
-    assert!(states.values().all(|states| *states > 0), "{states:?}");
+    assert!(steps.values().sum::<u64>() > 2 * 2000, "plant and estimator alone step more often");
+    for (role, _, states) in flight.progress() {
+        assert!(states > 0, "{} publishes no state", role.label());
+    }
 }
 
 #[test]
@@ -57,26 +102,27 @@ fn no_step_of_a_rig_allocates_where_the_pilot_writes_the_set_points() {
 fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
     let _turn = turn();
     for name in launcher::scenario::shipped::names() {
-        let mut cockpit = Cockpit::new(&scenario(name, 4_000, &[]));
-        cockpit.fly_until(u64::MAX, Order::Time);
+        let hash = hash_of(start(&scenario(name, 4_000, &[]), FlightHash::default()));
         let flown = fly(&[name, "--for", "4s", "--no-record"]);
         flown.assert_clean();
-        assert_eq!(cockpit.hash(), flown.hash(), "{name}");
+        assert_eq!(hash, flown.hash(), "{name}");
     }
 }
 
 #[test]
 fn the_recorded_positions_and_estimates_are_those_of_one_process() {
     let _turn = turn();
-    let mut cockpit = Cockpit::new(&scenario("figure8-morph", 4_000, &[]));
-    cockpit.fly_until(u64::MAX, Order::Time);
+    let mut flight = start(&scenario("figure8-morph", 4_000, &[]), Positions::default());
+    flight.fly_until(u64::MAX).expect("a flight to the end");
+    let positions = flight.seen(core::mem::take);
     let recording = fly(&["figure8-morph", "--for", "4s"]).recording();
-    for topic in ["truth", "state_estimate"] {
+    for (topic, flown) in
+        [("truth", &positions.truth), ("state_estimate", &positions.state_estimate)]
+    {
         let recorded = recording.series(topic, &["position_w_m"]);
-        let flown = cockpit.positions(topic);
         assert_eq!(recorded.len(), 4000);
         assert_eq!(recorded.len(), flown.len());
-        for (index, (row, position)) in recorded.iter().zip(&flown).enumerate() {
+        for (index, (row, position)) in recorded.iter().zip(flown).enumerate() {
             assert_eq!(row.values, position, "{topic} {index}");
         }
     }
@@ -84,15 +130,38 @@ fn the_recorded_positions_and_estimates_are_those_of_one_process() {
 
 #[test]
 fn the_order_in_which_permitted_steps_run_changes_no_byte() {
-    let flight = scenario("figure8-morph", 3_000, &["attitude_mpc.rate_hz=150"]);
-    let hash = |order| {
-        let mut cockpit = Cockpit::new(&flight);
-        cockpit.fly_until(u64::MAX, order);
-        cockpit.hash()
-    };
-    let expected = hash(Order::Time);
-    for seed in 0..4 {
-        assert_eq!(hash(Order::Random(seed)), expected, "seed {seed}");
+    let scenario = scenario("figure8-morph", 3_000, &["attitude_mpc.rate_hz=150"]);
+    let expected = hash_of(start(&scenario, FlightHash::default()));
+    for order in [0, 1, 2, 3].map(Order::Random).into_iter().chain([Order::AsFarAsPossible]) {
+        let mut flight = start(&scenario, FlightHash::default());
+        fly_in(&mut flight, order);
+        assert_eq!(hash_of(flight), expected, "{order:?}");
     }
-    assert_eq!(hash(Order::AsFarAsPossible), expected);
+}
+
+/// Flies to the end in an order of its own.
+fn fly_in(flight: &mut InProcess<FlightHash>, order: Order) {
+    let mut rng = ChaCha8Rng::seed_from_u64(if let Order::Random(seed) = order { seed } else { 0 });
+    let mut last = 0;
+    loop {
+        let runnable: Vec<_> = flight.runnable(u64::MAX).collect();
+        let Some(&upstream) = runnable.last() else { return };
+        last = match order {
+            Order::Random(_) => runnable[rng.random_range(0..runnable.len())],
+            Order::AsFarAsPossible if runnable.contains(&last) => last,
+            Order::AsFarAsPossible => upstream,
+        };
+        flight.step(last);
+    }
+}
+
+#[test]
+fn with_the_truth_as_state_every_estimate_is_the_truth_of_its_instant() {
+    let scenario = scenario("figure8-morph", 3_000, &[]);
+    let mut flight =
+        InProcess::new(&scenario, StateSource::Truth, Positions::default()).expect("a flight");
+    flight.fly_until(u64::MAX).expect("a flight to the end");
+    let positions = flight.seen(core::mem::take);
+    assert_eq!(positions.truth.len(), 3000);
+    assert_eq!(positions.truth, positions.state_estimate);
 }

@@ -2,12 +2,14 @@
 //!
 //! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
-//! supervises, records and sums up a flight; [`pilot`] flies along in the launcher itself.
+//! supervises, records and sums up a flight; [`in_process`] flies one in a single thread;
+//! [`pilot`] flies along in the launcher itself.
 
 pub mod cli;
 pub mod components;
 pub mod exit;
 pub mod figure;
+pub mod in_process;
 pub mod pilot;
 pub mod process;
 pub mod record;

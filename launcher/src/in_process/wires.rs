@@ -1,26 +1,19 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
-use launcher::run::FlightHash;
+use super::Observer;
+use core::cell::RefCell;
+use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::input::{Input, InputSet as _, InputVisitor};
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::{Executor, Graph, Service, Sink, Source};
-use shared_types::{
-    Author, Header, OwnerRecord, Role, Sample, Stamped, StateEstimate, Topic, Truth, topics,
-};
+use shared_types::{Author, Header, OwnerRecord, Role, Sample, Stamped, Topic, topics};
 use std::any::Any;
-use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
-use std::convert::Infallible;
 use std::rc::Rc;
 
 type Queue<T> = Rc<RefCell<VecDeque<Stamped<T>>>>;
 type Readers<T> = Rc<RefCell<Vec<Queue<T>>>>;
-type Hash = Rc<RefCell<FlightHash>>;
-type Positions = Rc<RefCell<Vec<[f64; 3]>>>;
-
-/// Room for the positions of a flight, so that keeping them is no allocation.
-const POSITIONS: usize = 1 << 15;
 
 struct QueueSource<T>(Queue<T>);
 
@@ -30,20 +23,16 @@ impl<T: Sample> Source<T> for QueueSource<T> {
     }
 }
 
-struct QueueSink<T: Sample> {
+struct QueueSink<T: Sample, O> {
     topic: &'static Topic<T>,
     readers: Readers<T>,
     author: Author,
-    hash: Hash,
-    positions: Option<Positions>,
+    observer: Rc<RefCell<O>>,
 }
 
-impl<T: Sample> Sink<T> for QueueSink<T> {
+impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
     fn send(&mut self, sample: T) {
-        self.hash.borrow_mut().add(&self.topic.info, &sample);
-        if let (Some(kept), Some(position)) = (&self.positions, position_of(&sample)) {
-            kept.borrow_mut().push(position);
-        }
+        self.observer.borrow_mut().observe(self.topic, &sample);
         for reader in self.readers.borrow().iter() {
             reader.borrow_mut().push_back(Stamped { sample, author: self.author });
         }
@@ -51,47 +40,30 @@ impl<T: Sample> Sink<T> for QueueSink<T> {
     fn serve_late_joiners(&mut self) {}
 }
 
-fn position_of<T: Sample>(sample: &T) -> Option<[f64; 3]> {
-    let any: &dyn Any = sample;
-    let truth = any.downcast_ref::<Truth>().map(|truth| truth.position_w_m);
-    truth.or_else(|| any.downcast_ref::<StateEstimate>().map(|estimate| estimate.position_w_m))
-}
-
 /// Identity under which a role's samples appear.
 fn author_of(role: Role) -> Author {
-    [u64::from(role.0) + 1, 77]
+    [u64::from(role.0) + 1, 0]
 }
 
 /// All queues of a flight.
-pub(super) struct Wires {
+pub(super) struct Wires<O> {
     /// [`Readers`] by topic name.
     readers: BTreeMap<&'static str, Box<dyn Any>>,
-    positions: BTreeMap<&'static str, Positions>,
-    hash: Hash,
+    observer: Rc<RefCell<O>>,
 }
 
-impl Wires {
-    pub(super) fn new(hash: Hash) -> Self {
-        let kept = [topics::TRUTH.info.name, topics::STATE_ESTIMATE.info.name];
-        let empty = || Rc::new(RefCell::new(Vec::with_capacity(POSITIONS)));
-        let positions = kept.into_iter().map(|name| (name, empty())).collect();
-        Self { readers: BTreeMap::new(), positions, hash }
-    }
-
-    pub(super) fn hash(&self) -> String {
-        self.hash.borrow().hex()
-    }
-
-    pub(super) fn positions(&self, topic: &str) -> Vec<[f64; 3]> {
-        self.positions[topic].borrow().clone()
+impl<O: Observer> Wires<O> {
+    pub(super) fn new(observer: Rc<RefCell<O>>) -> Self {
+        Self { readers: BTreeMap::new(), observer }
     }
 
     fn readers<T: Sample>(&mut self, topic: &'static Topic<T>) -> Readers<T> {
-        let readers = self
+        let any = self
             .readers
             .entry(topic.info.name)
             .or_insert_with(|| Box::new(Readers::<T>::default()));
-        Rc::clone(readers.downcast_ref().expect("one type per topic"))
+        any.downcast_ref::<Readers<T>>()
+            .map_or_else(|| unreachable!("a topic has one sample type"), Rc::clone)
     }
 
     /// Connects every port of a component.
@@ -107,10 +79,9 @@ impl Wires {
     pub(super) fn own(&mut self, graph: &Graph, slot: Role, owner: Role) {
         let topic =
             if slot == Role::Attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
-        let header = Header { sequence: 1, ..Header::default() };
         let node = graph.node(owner).filter(|node| node.role == slot);
         let sample = OwnerRecord {
-            header,
+            header: Header { sequence: 1, ..Header::default() },
             epoch: 1,
             owner: author_of(owner),
             period_ns: node.map_or(0, |node| node.rate.period_ns()),
@@ -124,13 +95,13 @@ impl Wires {
     }
 }
 
-struct Connect<'a> {
-    wires: &'a mut Wires,
+struct Connect<'a, O> {
+    wires: &'a mut Wires<O>,
     graph: &'a Graph,
     role: Role,
 }
 
-impl InputVisitor for Connect<'_> {
+impl<O: Observer> InputVisitor for Connect<'_, O> {
     type Error = Infallible;
     fn visit<T: Sample>(
         &mut self,
@@ -146,7 +117,7 @@ impl InputVisitor for Connect<'_> {
     }
 }
 
-impl OutputVisitor for Connect<'_> {
+impl<O: Observer> OutputVisitor for Connect<'_, O> {
     type Error = Infallible;
     fn visit<T: Sample>(
         &mut self,
@@ -157,8 +128,7 @@ impl OutputVisitor for Connect<'_> {
             topic,
             readers: self.wires.readers(topic),
             author: author_of(self.role),
-            hash: Rc::clone(&self.wires.hash),
-            positions: self.wires.positions.get(topic.info.name).cloned(),
+            observer: Rc::clone(&self.wires.observer),
         };
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));
         Ok(())
