@@ -232,7 +232,7 @@ impl ScaledProblem {
     }
 }
 
-fn check_matrix(
+pub(crate) fn check_matrix(
     what: &'static str,
     matrix: &DMatrix<f64>,
     expected_rows: usize,
@@ -251,7 +251,7 @@ fn check_matrix(
     }
 }
 
-fn check_symmetric(h: &DMatrix<f64>) -> Result<(), QpError> {
+pub(crate) fn check_symmetric(h: &DMatrix<f64>) -> Result<(), QpError> {
     for j in 0..h.ncols() {
         let pivot = h[(j, j)];
         // Below the smallest normal number its inverse root times itself is no longer one.

@@ -1,17 +1,24 @@
-//! Dual active-set method after Goldfarb and Idnani (1983), warm-started.
-//!
-//! `scaled` changes coordinates, `working` holds the factor of the working rows, `dual` walks
-//! from working set to working set, `polish` turns the end point into a certified answer.
+//! The solver to fly. `structure` finds what the matrices are made of, `blocks` holds the numbers,
+//! `walk` finds the working set of one block on the `factor` of its Gram matrix. What that cannot
+//! settle beyond doubt goes to the `goldfarb` module, which is slower and gives the verdicts.
 
-mod dual;
-mod polish;
-mod working;
+mod blocks;
+mod factor;
+mod inverse;
+mod structure;
+mod walk;
 
+use core::cmp::Ordering;
 use nalgebra::{DMatrix, DVector};
 
-use crate::scaled::ScaledProblem;
-use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_working_set};
-use working::WorkingFactor;
+use crate::goldfarb::Goldfarb;
+use crate::scaled::{check_matrix, check_symmetric};
+use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_compliance, check_working_set};
+use blocks::Blocks;
+use walk::Doubt;
+
+/// From g'H⁻¹g above this the squares of the methods overflow.
+const LARGEST_DEPTH: f64 = 1e280;
 
 /// Limits of the active-set solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,36 +37,49 @@ impl Default for Settings {
     }
 }
 
-/// The solver to fly: a dual active-set method, warm-started from its working set.
+/// Who can work with the matrices in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Matrices {
+    Missing,
+    /// So close to singular that only one of two factorisations found them definite.
+    SafeOnly,
+    InBlocks,
+}
+
+/// The solver to fly: a dual active-set method in the space of the rows, warm-started from its
+/// working set.
 ///
-/// A solve rebuilds its factor from the working set, drops the rows whose multipliers have the
-/// wrong sign, and then adds violated rows one by one. `Solved` is said only after the residuals
-/// of the original problem have been measured. Dependent rows (duplicates, ties) never stand in
-/// the factor together. Where many rows are parallel up to an angle of 1e-8 or less, double
-/// precision may not reach the promised residual; the verdict then is `IterationLimit`.
+/// Variables that share neither cost nor row are solved for apart, rows with the same normal are
+/// one. A solve whose free minimum lies within all bounds ends there. Otherwise it drops the rows
+/// of the working set whose multipliers have the wrong sign, and then adds violated rows one by
+/// one. Ill-conditioned Hessians have their residuals measured and corrected in every solve.
+/// Whatever is doubtful there (dependent rows that matter, infeasible or unusual input, a residual
+/// above the promise) is solved again, from the same working set, by an orthogonal factorisation
+/// in the space of the variables, some ten times as long; it says `Solved` only after the
+/// residuals of the original problem have been measured. Where many rows are parallel up to an
+/// angle of 1e-8 or less, double precision may not reach the promised residual; the verdict then
+/// is `IterationLimit`.
 ///
 /// After `IterationLimit` and `Infeasible` the solution is the last iterate, optimal for its
 /// working set but outside some row; after `NotFinite`, or if `lower > upper`, it is zero and
 /// the working set is kept for the next solve.
 #[derive(Debug, Clone)]
 pub struct ActiveSet {
-    tolerance: f64,
     max_iterations: u32,
-    scaled: ScaledProblem,
-    working: WorkingFactor,
-    /// Bounds in scaled coordinates; infinite for zero rows.
-    lower: Vec<f64>,
-    upper: Vec<f64>,
-    /// g, then y and two vectors of scratch, for up to n + m entries.
-    gradient: Vec<f64>,
-    y: Vec<f64>,
-    scratch: Vec<f64>,
-    pull: Vec<f64>,
-    /// Scratch per row: its value at x.
-    values: Vec<f64>,
-    /// Rows that miss their bound by no more than their dependence on working rows explains.
-    excused: Vec<bool>,
+    matrices: Matrices,
+    /// The safe solver has the matrices in force.
+    informed: bool,
+    /// The blocks know the working set; multipliers of rows outside it are zero.
+    adopted: bool,
+    hessian: DMatrix<f64>,
+    /// A', `n x m`.
+    rows: DMatrix<f64>,
+    compliance: Vec<f64>,
+    blocks: Blocks,
+    safe: Goldfarb,
     set: Vec<i8>,
+    /// Rows in it, if adopted.
+    active: u32,
     x: DVector<f64>,
     multipliers: DVector<f64>,
 }
@@ -70,79 +90,174 @@ impl ActiveSet {
     /// # Errors
     /// `n` of zero or a setting out of its range.
     pub fn new(n: usize, m: usize, settings: Settings) -> Result<Self, QpError> {
-        if n == 0 {
-            return Err(QpError::NoVariables);
-        }
-        if !(1e-12..=1e-2).contains(&settings.tolerance) {
-            let (name, range) = ("tolerance", "[1e-12, 1e-2]");
-            return Err(QpError::BadSetting { name, value: settings.tolerance, range });
-        }
-        if settings.max_iterations == Some(0) {
-            let (name, range) = ("max_iterations", "[1, 4294967295]");
-            return Err(QpError::BadSetting { name, value: 0.0, range });
-        }
         let most = u32::try_from(10 * (n + m) + 50).unwrap_or(u32::MAX);
         Ok(Self {
-            tolerance: settings.tolerance,
             max_iterations: settings.max_iterations.unwrap_or(most),
-            scaled: ScaledProblem::new(n, m),
-            working: WorkingFactor::new(n, m),
-            lower: vec![0.0; m],
-            upper: vec![0.0; m],
-            gradient: vec![0.0; n + m],
-            y: vec![0.0; n + m],
-            scratch: vec![0.0; n + m],
-            pull: vec![0.0; n],
-            values: vec![0.0; m],
-            excused: vec![false; m],
+            matrices: Matrices::Missing,
+            informed: false,
+            adopted: false,
+            hessian: DMatrix::zeros(n, n),
+            rows: DMatrix::zeros(n, m),
+            compliance: vec![0.0; m],
+            blocks: Blocks::new(n, m, settings.tolerance),
+            safe: Goldfarb::new(n, m, settings)?,
             set: vec![0; m],
+            active: 0,
             x: DVector::zeros(n),
             multipliers: DVector::zeros(m),
         })
     }
 
-    /// Checks and scales the inputs; says how the solve ends if it ends here.
-    fn load(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(), QpStatus> {
-        let dim = self.scaled.dim();
-        self.scaled.check(f, lower, upper, &mut self.gradient[..dim])?;
-        for (i, &length) in self.scaled.length.iter().enumerate() {
-            (self.lower[i], self.upper[i]) = if length > 0.0 {
-                (lower[i] / length, upper[i] / length)
-            } else {
-                (f64::NEG_INFINITY, f64::INFINITY)
-            };
-        }
-        Ok(())
+    /// Takes matrices that the safe solver has accepted.
+    fn restructure(&mut self) {
+        let set = self.blocks.set(&self.hessian, &self.rows, &self.compliance);
+        self.matrices = if set.is_ok() { Matrices::InBlocks } else { Matrices::SafeOnly };
+        self.adopted = false;
     }
 
-    fn outcome(&self, status: QpStatus, iterations: u32) -> QpOutcome {
-        let active = self.set.iter().fold(0, |count, &side| count + u32::from(side != 0));
-        QpOutcome { status, iterations, active }
+    /// Solves block by block; returns the changes and the size of the working set.
+    fn quick(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(u32, u32), Doubt> {
+        if !self.adopted {
+            self.blocks.adopt(&self.set);
+        }
+        let empty = self.blocks.structure.empty_rows.iter().map(|&row| row as usize);
+        if !empty.into_iter().all(|row| lower[row] <= 0.0 && 0.0 <= upper[row]) {
+            return Err(Doubt);
+        }
+        let (mut changes, mut active) = (0, 0);
+        for index in 0..self.blocks.structure.shapes.len() {
+            let mut block = self.blocks.block(index);
+            block.release(f);
+            // NaN and infinity are not less.
+            if block.depth().abs().partial_cmp(&LARGEST_DEPTH) != Some(Ordering::Less) {
+                return Err(Doubt);
+            }
+            let free = block.rows_held() == 0 && block.is_inside(lower, upper);
+            if !free {
+                changes += block.walk(lower, upper, self.max_iterations.saturating_sub(changes))?;
+                active += block.rows_held();
+            }
+            *block.walked = !free;
+            for (x, &j) in block.x.iter().zip(block.variables()) {
+                self.x[j as usize] = *x;
+            }
+        }
+        Ok((changes, active))
+    }
+
+    /// Copies working set and multipliers of the blocks that have walked.
+    fn publish(&mut self) {
+        if !self.adopted {
+            self.set.fill(0);
+            self.multipliers.fill(0.0);
+            self.adopted = true;
+        }
+        for index in 0..self.blocks.structure.shapes.len() {
+            let block = self.blocks.block(index);
+            if !*block.walked {
+                continue;
+            }
+            for member in block.members() {
+                self.set[member.row as usize] = 0;
+                self.multipliers[member.row as usize] = 0.0;
+            }
+            for (&row, multiplier) in block.factor.rows().iter().zip(block.multipliers.iter()) {
+                let k = row as usize;
+                let side = block.sides[k];
+                let bounded = if side < 0 { block.lower_row[k] } else { block.upper_row[k] };
+                self.set[bounded as usize] = side;
+                self.multipliers[bounded as usize] = *multiplier;
+            }
+        }
+    }
+
+    /// Has the safe solver do it all.
+    fn careful(
+        &mut self,
+        f: &DVector<f64>,
+        lower: &DVector<f64>,
+        upper: &DVector<f64>,
+    ) -> QpOutcome {
+        if !self.informed && self.matrices != Matrices::Missing {
+            // The blocks have accepted this Hessian by the same measure; rounding aside it passes.
+            self.informed = self.safe.set_hessian(&self.hessian).is_ok();
+        }
+        self.safe.take_over(&self.set);
+        let outcome = self.safe.solve(f, lower, upper);
+        self.set.copy_from_slice(self.safe.working_set());
+        self.x.copy_from(self.safe.solution());
+        self.multipliers.copy_from(self.safe.multipliers());
+        self.adopted = false;
+        outcome
     }
 }
 
 impl QpSolver for ActiveSet {
     fn set_matrices(&mut self, hessian: &DMatrix<f64>, rows: &DMatrix<f64>) -> Result<(), QpError> {
-        self.scaled.set(hessian, rows)
+        if self.matrices != Matrices::Missing
+            && rows.shape() == (self.rows.ncols(), self.rows.nrows())
+        {
+            let pairs = rows.column_iter().zip(self.rows.row_iter());
+            if pairs.into_iter().all(|(new, old)| new.iter().eq(old.iter())) {
+                return self.set_hessian(hessian);
+            }
+        }
+        self.safe.set_matrices(hessian, rows)?;
+        self.hessian.copy_from(hessian);
+        rows.transpose_to(&mut self.rows);
+        self.informed = true;
+        self.restructure();
+        Ok(())
     }
 
     fn set_hessian(&mut self, hessian: &DMatrix<f64>) -> Result<(), QpError> {
-        self.scaled.set_hessian(hessian)
+        if self.matrices == Matrices::Missing {
+            return Err(QpError::NoRows);
+        }
+        let n = self.x.len();
+        check_matrix("hessian", hessian, n, n)?;
+        check_symmetric(hessian)?;
+        if self.matrices == Matrices::InBlocks && self.blocks.structure.fits(hessian, &self.rows) {
+            self.blocks
+                .refactor(hessian)
+                .map_err(|(index, pivot)| QpError::NotPositiveDefinite { index, pivot })?;
+            self.informed = false;
+            self.hessian.copy_from(hessian);
+        } else {
+            self.safe.set_hessian(hessian)?;
+            self.informed = true;
+            self.hessian.copy_from(hessian);
+            self.restructure();
+        }
+        Ok(())
     }
 
     fn set_compliance(&mut self, compliance: &[f64]) -> Result<(), QpError> {
-        self.scaled.set_compliance(compliance)
+        check_compliance(compliance, self.compliance.len())?;
+        if self.compliance != compliance {
+            self.safe.set_compliance(compliance)?;
+            self.compliance.copy_from_slice(compliance);
+            if self.matrices != Matrices::Missing {
+                self.restructure();
+            }
+        }
+        Ok(())
     }
 
     fn solve(&mut self, f: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> QpOutcome {
-        self.x.fill(0.0);
-        self.multipliers.fill(0.0);
-        if let Err(status) = self.load(f.as_slice(), lower.as_slice(), upper.as_slice()) {
-            return self.outcome(status, 0);
+        let m = self.set.len();
+        let fits = (f.len(), lower.len(), upper.len()) == (self.x.len(), m, m);
+        if self.matrices == Matrices::InBlocks && fits {
+            let quick = self.quick(f.as_slice(), lower.as_slice(), upper.as_slice());
+            if let Ok((iterations, active)) = quick {
+                if active > 0 || self.active > 0 || !self.adopted {
+                    self.publish();
+                }
+                self.active = active;
+                return QpOutcome { status: QpStatus::Solved, iterations, active };
+            }
         }
-        let (walked, iterations) = self.walk();
-        let status = self.polish(walked, f.as_slice(), (lower.as_slice(), upper.as_slice()));
-        self.outcome(status, iterations)
+        self.careful(f, lower, upper)
     }
 
     fn solution(&self) -> &DVector<f64> {
@@ -160,6 +275,7 @@ impl QpSolver for ActiveSet {
     fn set_working_set(&mut self, set: &[i8]) -> Result<(), QpError> {
         check_working_set(set, self.set.len())?;
         self.set.copy_from_slice(set);
+        self.adopted = false;
         Ok(())
     }
 
@@ -167,5 +283,6 @@ impl QpSolver for ActiveSet {
         self.set.fill(0);
         self.x.fill(0.0);
         self.multipliers.fill(0.0);
+        self.adopted = false;
     }
 }

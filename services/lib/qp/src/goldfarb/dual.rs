@@ -6,7 +6,7 @@
 //! way by `ratio` (partial step: the first to reach zero leaves). The dual cost grows with every
 //! full step, so no working set returns; rounding could break that, hence the iteration bound.
 
-use super::ActiveSet;
+use super::Goldfarb;
 use crate::linear::{axpy, dot, norm};
 use crate::solver::QpStatus;
 
@@ -39,7 +39,7 @@ enum Event {
     Blocked,
 }
 
-impl ActiveSet {
+impl Goldfarb {
     /// Walks to the optimal working set; leaves y, multipliers and set of the last one.
     pub(super) fn walk(&mut self) -> (QpStatus, u32) {
         self.rebuild();

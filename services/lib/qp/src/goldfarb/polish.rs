@@ -1,7 +1,7 @@
 //! From the end of the walk to an answer in the caller's coordinates: iterative refinement on
 //! the working set, then the residuals decide whether `Solved` may be said.
 
-use super::ActiveSet;
+use super::Goldfarb;
 use crate::kkt::Evaluated;
 use crate::linear::axpy;
 use crate::solver::QpStatus;
@@ -11,7 +11,7 @@ const MOST_REFINEMENTS: usize = 3;
 /// Residual, relative to the promised one, that needs no further refinement.
 const GOOD_ENOUGH: f64 = 1e-3;
 
-impl ActiveSet {
+impl Goldfarb {
     /// Writes solution and multipliers; confirms or withdraws the verdict of the walk.
     pub(super) fn polish(
         &mut self,

@@ -1,0 +1,369 @@
+//! The memory of all blocks, and one block as the walk sees it.
+
+use nalgebra::DMatrix;
+
+use super::factor::Factor;
+use super::inverse::{invert, times};
+use super::structure::{LANES, Member, Shape, Structure, padded};
+use crate::linear::column;
+
+/// Up to this product of a diagonal entry of H and of its inverse, products with the inverse are
+/// accurate enough; above it they are corrected by their residuals.
+const TRUSTED: f64 = 1e4;
+/// Residuals that they have without correction.
+const EASY: f64 = 1e-10;
+
+/// What the walk remembers of a block.
+#[derive(Debug, Clone, Copy, Default)]
+struct Memory {
+    /// Rows in the working set, and how many of them have a factor that a rebuild would give.
+    count: usize,
+    clean: usize,
+    /// Row lengths are known for the Hessian in force.
+    measured: bool,
+    /// Products with the inverse are accurate without correction.
+    trusted: bool,
+    walked: bool,
+}
+
+/// All blocks: vectors lie one block behind the other, as the shapes tell.
+#[derive(Debug, Clone)]
+pub(super) struct Blocks {
+    tolerance: f64,
+    pub(super) structure: Structure,
+    memory: Vec<Memory>,
+    /// H and its inverse by padded rows; the memory of the next inverse and of its making.
+    hessian: Vec<f64>,
+    inverse: Vec<f64>,
+    spare: Vec<f64>,
+    work: Vec<f64>,
+    spare_trust: Vec<bool>,
+    /// Columns of M H⁻¹ M', as far as they were needed.
+    gram: Vec<f64>,
+    known: Vec<bool>,
+    /// Per variable 1/√`H_jj`; per row its length in these units.
+    d: Vec<f64>,
+    reach: Vec<f64>,
+    f: Vec<f64>,
+    x: Vec<f64>,
+    /// Values of all rows without working rows, and with them.
+    free: Vec<f64>,
+    values: Vec<f64>,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    lower_row: Vec<u32>,
+    upper_row: Vec<u32>,
+    sides: Vec<i8>,
+    order: Vec<u32>,
+    multipliers: Vec<f64>,
+    l: Vec<f64>,
+    pivots: Vec<f64>,
+    inverse_pivots: Vec<f64>,
+    /// For one block at a time: bounds widened by the tolerance, and scratch.
+    low: Vec<f64>,
+    high: Vec<f64>,
+    direction: Vec<f64>,
+    scratch: [Vec<f64>; 4],
+}
+
+/// One block.
+#[derive(Debug)]
+pub(super) struct Block<'a> {
+    pub(super) shape: Shape,
+    pub(super) structure: &'a Structure,
+    pub(super) hessian: &'a [f64],
+    pub(super) inverse: &'a [f64],
+    pub(super) compliance: &'a [f64],
+    pub(super) trusted: bool,
+    pub(super) tolerance: f64,
+    measured: &'a mut bool,
+    /// The last solve needed a walk.
+    pub(super) walked: &'a mut bool,
+    pub(super) gram: &'a mut [f64],
+    known: &'a mut [bool],
+    pub(super) d: &'a mut [f64],
+    pub(super) reach: &'a mut [f64],
+    pub(super) f: &'a mut [f64],
+    pub(super) x: &'a mut [f64],
+    pub(super) free: &'a mut [f64],
+    pub(super) values: &'a mut [f64],
+    pub(super) lower: &'a mut [f64],
+    pub(super) upper: &'a mut [f64],
+    /// The rows of the problem that the bounds come from.
+    pub(super) lower_row: &'a mut [u32],
+    pub(super) upper_row: &'a mut [u32],
+    pub(super) sides: &'a mut [i8],
+    pub(super) factor: Factor<'a>,
+    pub(super) multipliers: &'a mut [f64],
+    pub(super) low: &'a mut [f64],
+    pub(super) high: &'a mut [f64],
+    pub(super) direction: &'a mut [f64],
+    pub(super) scratch: [&'a mut [f64]; 4],
+}
+
+impl Blocks {
+    pub(super) fn new(n: usize, m: usize, tolerance: f64) -> Self {
+        let wide = padded(n) + (LANES - 1) * n;
+        let tall = padded(m + n) + (LANES - 1) * n;
+        let all = m + n;
+        Self {
+            tolerance,
+            structure: Structure::new(n, m),
+            memory: Vec::with_capacity(n),
+            hessian: vec![0.0; wide * n],
+            inverse: vec![0.0; wide * n],
+            spare: vec![0.0; wide * n],
+            work: vec![0.0; wide * n],
+            spare_trust: Vec::with_capacity(n),
+            gram: vec![0.0; tall * all],
+            known: vec![false; all],
+            d: vec![0.0; wide],
+            reach: vec![0.0; tall],
+            f: vec![0.0; wide],
+            x: vec![0.0; wide],
+            free: vec![0.0; tall],
+            values: vec![0.0; tall],
+            lower: vec![0.0; tall],
+            upper: vec![0.0; tall],
+            lower_row: vec![0; tall],
+            upper_row: vec![0; tall],
+            sides: vec![0; tall],
+            order: vec![0; m],
+            multipliers: vec![0.0; m],
+            l: vec![0.0; m * m],
+            pivots: vec![0.0; m],
+            inverse_pivots: vec![0.0; m],
+            low: vec![0.0; tall],
+            high: vec![0.0; tall],
+            direction: vec![0.0; tall],
+            scratch: core::array::from_fn(|_| vec![0.0; tall]),
+        }
+    }
+
+    /// Takes new matrices that are known to be valid.
+    pub(super) fn set(
+        &mut self,
+        h: &DMatrix<f64>,
+        rows: &DMatrix<f64>,
+        compliance: &[f64],
+    ) -> Result<(), (usize, f64)> {
+        self.structure.analyse(h, rows, compliance);
+        self.memory.clear();
+        self.memory.resize(self.structure.shapes.len(), Memory::default());
+        self.refactor(h)
+    }
+
+    /// Takes a new Hessian with the blocks in force; on refusal, with the variable and the ratio
+    /// of its pivot, the old one stays.
+    pub(super) fn refactor(&mut self, h: &DMatrix<f64>) -> Result<(), (usize, f64)> {
+        let least = 4.0 * h.nrows() as f64 * f64::EPSILON;
+        self.spare_trust.clear();
+        for shape in &self.structure.shapes {
+            let variables = self.structure.variables(shape);
+            let size = shape.n * shape.wide;
+            let target = &mut self.spare[shape.at_inverse..][..size];
+            let work = &mut self.work[..size];
+            for (row, &j) in work.chunks_exact_mut(shape.wide).zip(variables) {
+                let source = column(h, j as usize);
+                for (entry, &i) in row.iter_mut().zip(variables) {
+                    *entry = source[i as usize];
+                }
+                row[shape.n..].fill(0.0);
+            }
+            let diagonal = &mut self.scratch[0][..shape.n];
+            invert(work, target, shape.n, shape.wide, diagonal, least)
+                .map_err(|(local, ratio)| (variables[local] as usize, ratio))?;
+            let inflation = target
+                .chunks_exact(shape.wide)
+                .zip(diagonal.iter())
+                .enumerate()
+                .fold(0.0_f64, |most, (j, (row, entry))| most.max(row[j] * entry));
+            // A promise beyond what the inverse gives needs the residuals.
+            self.spare_trust.push(inflation <= TRUSTED && self.tolerance >= EASY);
+        }
+        core::mem::swap(&mut self.inverse, &mut self.spare);
+        for (memory, trusted) in self.memory.iter_mut().zip(&self.spare_trust) {
+            *memory = Memory { clean: 0, measured: false, trusted: *trusted, ..*memory };
+        }
+        for shape in &self.structure.shapes {
+            let variables = self.structure.variables(shape);
+            let target = &mut self.hessian[shape.at_inverse..][..shape.n * shape.wide];
+            for (row, &j) in target.chunks_exact_mut(shape.wide).zip(variables) {
+                let source = column(h, j as usize);
+                for (entry, &i) in row.iter_mut().zip(variables) {
+                    *entry = source[i as usize];
+                }
+                row[shape.n..].fill(0.0);
+            }
+        }
+        self.known.fill(false);
+        Ok(())
+    }
+
+    /// Takes a working set of the whole problem.
+    pub(super) fn adopt(&mut self, set: &[i8]) {
+        self.sides.fill(0);
+        for (shape, memory) in self.structure.shapes.iter().zip(&mut self.memory) {
+            let sides = &mut self.sides[shape.at_tall..][..shape.tall];
+            for member in self.structure.members(shape) {
+                let side = &mut sides[member.merged as usize];
+                *side = if *side == 0 { set[member.row as usize] } else { *side };
+            }
+            let order = &mut self.order[shape.at_order..][..shape.most];
+            let held = (0..).zip(sides.iter_mut()).filter(|(_, side)| **side != 0);
+            (memory.count, memory.clean) = (0, 0);
+            for (row, side) in held {
+                match order.get_mut(memory.count) {
+                    Some(place) => {
+                        *place = row;
+                        memory.count += 1;
+                    }
+                    None => *side = 0,
+                }
+            }
+        }
+    }
+
+    pub(super) fn block(&mut self, index: usize) -> Block<'_> {
+        let shape = self.structure.shapes[index];
+        let Shape { n, m, wide, tall, most, .. } = shape;
+        let (at_wide, at_tall, at_order) = (shape.at_wide, shape.at_tall, shape.at_order);
+        let Memory { count, clean, measured, trusted, walked } = &mut self.memory[index];
+        let [a, b, c, d] = &mut self.scratch;
+        Block {
+            shape,
+            structure: &self.structure,
+            hessian: &self.hessian[shape.at_inverse..][..n * wide],
+            inverse: &self.inverse[shape.at_inverse..][..n * wide],
+            compliance: &self.structure.compliance[shape.first_row..][..m],
+            trusted: *trusted,
+            tolerance: self.tolerance,
+            measured,
+            walked,
+            gram: &mut self.gram[shape.at_gram..][..m * tall],
+            known: &mut self.known[shape.first_row..][..m],
+            d: &mut self.d[at_wide..][..wide],
+            reach: &mut self.reach[at_tall..][..tall],
+            f: &mut self.f[at_wide..][..wide],
+            x: &mut self.x[at_wide..][..wide],
+            free: &mut self.free[at_tall..][..tall],
+            values: &mut self.values[at_tall..][..tall],
+            lower: &mut self.lower[at_tall..][..tall],
+            upper: &mut self.upper[at_tall..][..tall],
+            lower_row: &mut self.lower_row[at_tall..][..m],
+            upper_row: &mut self.upper_row[at_tall..][..m],
+            sides: &mut self.sides[at_tall..][..m],
+            factor: Factor {
+                count,
+                clean,
+                order: &mut self.order[at_order..][..most],
+                l: &mut self.l[shape.at_factor..][..most * most],
+                most,
+                d: &mut self.pivots[at_order..][..most],
+                inverse: &mut self.inverse_pivots[at_order..][..most],
+            },
+            multipliers: &mut self.multipliers[at_order..][..most],
+            low: &mut self.low[..tall],
+            high: &mut self.high[..tall],
+            direction: &mut self.direction[..tall],
+            scratch: [a, b, c, d],
+        }
+    }
+}
+
+impl Block<'_> {
+    pub(super) fn members(&self) -> &[Member] {
+        self.structure.members(&self.shape)
+    }
+
+    pub(super) fn variables(&self) -> &[u32] {
+        self.structure.variables(&self.shape)
+    }
+
+    /// Rows in the working set.
+    pub(super) fn rows_held(&self) -> u32 {
+        u32::try_from(*self.factor.count).unwrap_or(u32::MAX)
+    }
+
+    /// The minimum without any row, and the values of all rows there. `f` of the whole problem.
+    pub(super) fn release(&mut self, f: &[f64]) {
+        for (local, &j) in self.f.iter_mut().zip(self.structure.variables(&self.shape)) {
+            *local = -f[j as usize];
+        }
+        times(self.inverse, &self.f[..self.shape.n], self.x);
+        if !self.trusted {
+            self.correct_free();
+        }
+        self.structure.values(&self.shape, self.x, self.free);
+    }
+
+    /// One step of iterative refinement of the free minimum; `f` holds the negative gradient.
+    fn correct_free(&mut self) {
+        let (n, wide) = (self.shape.n, self.shape.wide);
+        let [rest, step, ..] = &mut self.scratch;
+        let (rest, step) = (&mut rest[..wide], &mut step[..wide]);
+        times(self.hessian, &self.x[..n], rest);
+        for (rest, f) in rest.iter_mut().zip(self.f.iter()).take(n) {
+            *rest = f - *rest;
+        }
+        times(self.inverse, &rest[..n], step);
+        for (x, step) in self.x.iter_mut().zip(step.iter()).take(n) {
+            *x += step;
+        }
+    }
+
+    /// True if the free minimum is within the bounds of the whole problem, which are numbers then.
+    pub(super) fn is_inside(&self, lower: &[f64], upper: &[f64]) -> bool {
+        let mut inside = true;
+        for member in self.members() {
+            let (row, value) = (member.row as usize, self.free[member.merged as usize]);
+            inside &= lower[row] <= value && value <= upper[row];
+        }
+        inside
+    }
+
+    /// g'H⁻¹g of the free minimum: twice what the unconstrained cost gains.
+    pub(super) fn depth(&self) -> f64 {
+        self.f.iter().zip(self.x.iter()).take(self.shape.n).map(|(f, x)| f * x).sum()
+    }
+
+    /// Lengths of rows and variables, on demand.
+    pub(super) fn measure(&mut self) {
+        if *self.measured {
+            return;
+        }
+        let wide = self.shape.wide;
+        let rows = self.hessian.chunks_exact(wide).enumerate();
+        for (d, (j, row)) in self.d.iter_mut().zip(rows) {
+            *d = 1.0 / row[j].sqrt();
+        }
+        for k in 0..self.shape.m {
+            let terms = self.structure.normal(&self.shape, k);
+            let lengths = terms.iter().map(|t| t.coefficient.abs() * self.d[t.variable as usize]);
+            self.reach[k] = lengths.sum();
+        }
+        self.reach[self.shape.m..].fill(1.0);
+        *self.measured = true;
+    }
+
+    /// Makes sure that column `row` of the Gram matrix is there.
+    pub(super) fn need(&mut self, row: usize) {
+        if self.known[row] {
+            return;
+        }
+        self.known[row] = true;
+        let (wide, tall) = (self.shape.wide, self.shape.tall);
+        let terms = self.structure.normal(&self.shape, row);
+        let image = &mut self.scratch[3][..wide];
+        image.fill(0.0);
+        for term in terms {
+            let source = &self.inverse[term.variable as usize * wide..][..wide];
+            for (entry, source) in image.iter_mut().zip(source) {
+                *entry += term.coefficient * source;
+            }
+        }
+        let target = &mut self.gram[row * tall..][..tall];
+        target[self.shape.m..].fill(0.0);
+        self.structure.values(&self.shape, image, target);
+    }
+}

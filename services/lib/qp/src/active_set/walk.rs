@@ -1,0 +1,373 @@
+//! The walk of one block from working set to working set, in the space of its rows.
+//!
+//! With P = M H⁻¹ M', M the rows and r⁰ their values at the free minimum, working rows W at bounds
+//! b have multipliers λ from (`P_WW` + C) λ = `r⁰_W` - b, C their compliance, and all values are
+//! r = r⁰ - `P_:W` λ. A violated row p enters with a growing multiplier, the working ones give way
+//! (Goldfarb and Idnani, 1983): the dual cost grows with every full step, so no working set
+//! returns. Whatever rounding could make doubtful is left to the slower, safer method.
+
+use super::blocks::Block;
+use super::inverse::times;
+use crate::linear::axpy;
+
+/// Violation, relative to bound and size of the problem, up to which a row counts as satisfied.
+const SATISFIED: f64 = 2e-13;
+/// Rounding of a pivot, relative to the numbers it was computed from.
+const NOISE: f64 = 64.0 * f64::EPSILON;
+/// Residuals below this need no correction.
+const EXACT: f64 = 1e-11;
+/// Corrections of an answer whose residual is measured.
+const MOST_CORRECTIONS: usize = 4;
+
+/// The safer method must decide.
+#[derive(Debug)]
+pub(super) struct Doubt;
+
+impl Block<'_> {
+    /// Walks to the optimal working set, starting from the one in force; at most `most` changes.
+    /// Returns their number. `lower` and `upper` are those of the whole problem.
+    pub(super) fn walk(&mut self, lower: &[f64], upper: &[f64], most: u32) -> Result<u32, Doubt> {
+        self.measure();
+        self.gather(lower, upper)?;
+        self.rebuild();
+        let mut changes = 0;
+        loop {
+            self.evaluate();
+            let dropped = self.drop_wrong();
+            changes += dropped;
+            if dropped > 0 {
+                continue;
+            }
+            let Some(mut row) = self.most_violated() else { break };
+            loop {
+                self.enter(row, &mut changes, most)?;
+                match self.most_violated() {
+                    Some(next) => row = next,
+                    None => break,
+                }
+            }
+        }
+        if !self.trusted {
+            self.polish()?;
+        }
+        self.finish();
+        Ok(changes)
+    }
+
+    /// Collects the bounds of the merged rows, and the same widened by the tolerance.
+    fn gather(&mut self, lower: &[f64], upper: &[f64]) -> Result<(), Doubt> {
+        self.lower.fill(f64::NEG_INFINITY);
+        self.upper.fill(f64::INFINITY);
+        for member in self.structure.members(&self.shape) {
+            let (k, row) = (member.merged as usize, member.row as usize);
+            let (low, high) = (lower[row], upper[row]);
+            // NaN and what no value satisfies fail here.
+            let possible = low <= high && low < f64::INFINITY && high > f64::NEG_INFINITY;
+            if !possible {
+                return Err(Doubt);
+            }
+            if low > self.lower[k] {
+                (self.lower[k], self.lower_row[k]) = (low, member.row);
+            }
+            if high < self.upper[k] {
+                (self.upper[k], self.upper_row[k]) = (high, member.row);
+            }
+        }
+        let mut size = 0.0_f64;
+        for ((x, f), d) in self.x.iter().zip(self.f.iter()).zip(self.d.iter()).take(self.shape.n) {
+            size = size.max((x / d).abs()).max((f * d).abs());
+        }
+        let bounds = self.lower.iter().zip(self.upper.iter());
+        let widened = self.low.iter_mut().zip(self.high.iter_mut()).zip(self.reach.iter());
+        for (((low, high), reach), (lower, upper)) in widened.zip(bounds) {
+            *low = lower - SATISFIED * (reach * size + lower.abs());
+            *high = upper + SATISFIED * (reach * size + upper.abs());
+            // An infinite bound less infinity.
+            *low = if lower.is_finite() { *low } else { f64::NEG_INFINITY };
+            *high = if upper.is_finite() { *high } else { f64::INFINITY };
+        }
+        if self.lower.iter().zip(self.upper.iter()).all(|(low, high)| low <= high) {
+            Ok(())
+        } else {
+            Err(Doubt)
+        }
+    }
+
+    /// The bound that a working row is held at.
+    fn bound(&self, row: usize) -> f64 {
+        if self.sides[row] < 0 { self.lower[row] } else { self.upper[row] }
+    }
+
+    fn is_equality(&self, row: usize) -> bool {
+        self.lower[row] >= self.upper[row]
+    }
+
+    /// Brings the factor to the order of the rows, without rows that cannot stay.
+    fn rebuild(&mut self) {
+        let (first, last) = self.factor.settle();
+        let mut unusable = 0;
+        for position in first..last {
+            let row = self.factor.order[position];
+            let k = row as usize;
+            let pivot = self.project(k);
+            let stays = *self.factor.count < self.factor.most && pivot.is_some();
+            match pivot {
+                Some(pivot) if stays => {
+                    let count = *self.factor.count;
+                    self.factor.push(row, pivot, &self.scratch[0][..count]);
+                }
+                _ => self.sides[k] = 0,
+            }
+        }
+        // The clean part may hold rows whose bound has gone.
+        for position in (0..*self.factor.count).rev() {
+            let k = self.factor.order[position] as usize;
+            if !self.bound(k).is_finite() {
+                self.remove(position);
+                unusable += 1;
+            }
+        }
+        if unusable > 0 {
+            self.rebuild();
+        }
+    }
+
+    /// Splits row `k` along the working rows: scratch 0 is for the factor, scratch 1 the shares.
+    /// Returns the pivot, or `None` if the row depends on the working ones.
+    fn project(&mut self, k: usize) -> Option<f64> {
+        self.need(k);
+        let count = *self.factor.count;
+        let gram = &self.gram[k * self.shape.tall..][..self.shape.tall];
+        let own = gram[k] + self.compliance[k];
+        let [y, ratio, ..] = &mut self.scratch;
+        for (y, &row) in y.iter_mut().zip(self.factor.rows()) {
+            *y = gram[row as usize];
+        }
+        let pivot = self.factor.project(own, &mut y[..count], &mut ratio[..count]);
+        let growth = 1.0 + ratio[..count].iter().map(|r| r.abs()).sum::<f64>();
+        (pivot > NOISE * own * growth * growth).then_some(pivot)
+    }
+
+    /// Multipliers and values of the working set, from the factor.
+    fn evaluate(&mut self) {
+        let count = *self.factor.count;
+        for (position, &row) in self.factor.rows().iter().enumerate() {
+            let k = row as usize;
+            let bound = if self.sides[k] < 0 { self.lower[k] } else { self.upper[k] };
+            self.multipliers[position] = self.free[k] - bound;
+        }
+        self.factor.solve(&mut self.multipliers[..count]);
+        self.values.copy_from_slice(self.free);
+        let tall = self.shape.tall;
+        for (&row, multiplier) in self.factor.rows().iter().zip(self.multipliers.iter()) {
+            axpy(-multiplier, &self.gram[(row as usize) * tall..][..tall], self.values);
+        }
+    }
+
+    /// Drops all working rows that push the wrong way.
+    fn drop_wrong(&mut self) -> u32 {
+        let count = *self.factor.count;
+        let multipliers = &self.multipliers[..count];
+        let largest = multipliers.iter().fold(0.0_f64, |largest, by| largest.max(by.abs()));
+        let mut dropped = 0;
+        for position in (0..count).rev() {
+            let row = self.factor.order[position] as usize;
+            let push = self.multipliers[position] * f64::from(self.sides[row]);
+            if push < -f64::EPSILON * largest && !self.is_equality(row) {
+                self.remove(position);
+                dropped += 1;
+            }
+        }
+        dropped
+    }
+
+    fn remove(&mut self, position: usize) {
+        let row = self.factor.order[position] as usize;
+        self.sides[row] = 0;
+        let count = *self.factor.count;
+        self.multipliers.copy_within(position + 1..count, position);
+        let [w, beta, ..] = &mut self.scratch;
+        self.factor.remove(position, w, beta);
+    }
+
+    /// The row outside the working set that misses its bound by most, for its length.
+    fn most_violated(&self) -> Option<usize> {
+        let mut worst = (0.0, None);
+        for k in 0..self.shape.m {
+            let value = self.values[k];
+            let miss = (self.low[k] - value).max(value - self.high[k]);
+            if miss > 0.0 && miss > worst.0 * self.reach[k] && self.sides[k] == 0 {
+                worst = (miss / self.reach[k], Some(k));
+            }
+        }
+        worst.1
+    }
+
+    /// Brings one violated row in, dropping those that must give way.
+    fn enter(&mut self, row: usize, changes: &mut u32, most: u32) -> Result<(), Doubt> {
+        let above = self.values[row] > self.high[row];
+        let (side, bound) = if above { (1, self.upper[row]) } else { (-1, self.lower[row]) };
+        let sign = f64::from(side);
+        let mut multiplier = 0.0;
+        loop {
+            *changes += 1;
+            if *changes > most {
+                return Err(Doubt);
+            }
+            let pivot = self.project(row);
+            let count = *self.factor.count;
+            let value = self.values[row] - self.compliance[row] * multiplier;
+            let full = match pivot {
+                Some(pivot) if count < self.factor.most => {
+                    (sign * (value - bound) / pivot).max(0.0)
+                }
+                _ => f64::INFINITY,
+            };
+            let leaving = self.first_to_leave(sign);
+            let step = leaving.map_or(full, |(_, step)| step.min(full));
+            if !step.is_finite() {
+                return Err(Doubt);
+            }
+            self.advance(row, sign * step);
+            multiplier += sign * step;
+            match (leaving, pivot) {
+                (Some((position, soonest)), _) if soonest < full => self.remove(position),
+                (_, Some(pivot)) => {
+                    self.multipliers[count] = multiplier;
+                    self.sides[row] = side;
+                    let row = u32::try_from(row).map_err(|_| Doubt)?;
+                    self.factor.push(row, pivot, &self.scratch[0][..count]);
+                    return Ok(());
+                }
+                _ => return Err(Doubt),
+            }
+        }
+    }
+
+    /// The working inequality whose multiplier reaches zero first; of equals the one with the
+    /// larger share, which leaves the better-conditioned factor.
+    fn first_to_leave(&self, sign: f64) -> Option<(usize, f64)> {
+        let mut first: Option<(usize, f64, f64)> = None;
+        for (position, &row) in self.factor.rows().iter().enumerate() {
+            let row = row as usize;
+            let own = f64::from(self.sides[row]);
+            let yields = own * sign * self.scratch[1][position];
+            if yields <= NOISE || self.is_equality(row) {
+                continue;
+            }
+            let step = (own * self.multipliers[position]).max(0.0) / yields;
+            let sooner =
+                first.is_none_or(|(_, best, by)| step < best || (step <= best && yields > by));
+            if sooner {
+                first = Some((position, step, yields));
+            }
+        }
+        first.map(|(position, step, _)| (position, step))
+    }
+
+    /// Moves values and multipliers for `step` more of the entering row's multiplier.
+    fn advance(&mut self, row: usize, step: f64) {
+        let count = *self.factor.count;
+        let tall = self.shape.tall;
+        axpy(-step, &self.gram[row * tall..][..tall], self.values);
+        for position in 0..count {
+            let share = step * self.scratch[1][position];
+            self.multipliers[position] -= share;
+            let other = self.factor.order[position] as usize;
+            axpy(share, &self.gram[other * tall..][..tall], self.values);
+        }
+    }
+
+    /// Writes the solution.
+    fn finish(&mut self) {
+        for (position, &row) in self.factor.rows().iter().enumerate() {
+            let k = row as usize;
+            let multiplier = self.multipliers[position];
+            if self.is_equality(k) {
+                self.sides[k] = if multiplier < 0.0 { -1 } else { 1 };
+            }
+            let bound = if self.sides[k] < 0 { self.lower[k] } else { self.upper[k] };
+            let pressed = if self.sides[k] > 0 { multiplier.max(0.0) } else { multiplier.min(0.0) };
+            self.multipliers[position] = pressed;
+            self.values[k] = bound + self.compliance[k] * pressed;
+        }
+        for (x, &unit) in self.x.iter_mut().zip(self.structure.units(&self.shape)) {
+            *x = self.values[unit as usize];
+        }
+    }
+
+    /// Measures the residuals of the walk's end in the original problem and corrects them.
+    fn polish(&mut self) -> Result<(), Doubt> {
+        let (n, wide, count) = (self.shape.n, self.shape.wide, *self.factor.count);
+        for (x, &unit) in self.x.iter_mut().zip(self.structure.units(&self.shape)) {
+            *x = self.values[unit as usize];
+        }
+        let mut left = f64::INFINITY;
+        for _ in 0..MOST_CORRECTIONS {
+            left = self.residual();
+            if left <= EXACT.min(1e-2 * self.tolerance) || left.is_nan() {
+                break;
+            }
+            // The equality problem of the residuals: rest in scratch 2, misses in `direction`.
+            let [step, change, rest, image] = &mut self.scratch;
+            let (step, rest) = (&mut step[..wide], &mut rest[..wide]);
+            times(self.inverse, &rest[..n], step);
+            self.structure.values(&self.shape, step, image);
+            for (change, &row) in change.iter_mut().zip(self.factor.rows()) {
+                *change = self.direction[row as usize] - image[row as usize];
+            }
+            self.factor.solve(&mut change[..count]);
+            for (position, &row) in self.factor.rows().iter().enumerate() {
+                self.multipliers[position] += change[position];
+                for term in self.structure.normal(&self.shape, row as usize) {
+                    rest[term.variable as usize] += term.coefficient * change[position];
+                }
+            }
+            times(self.inverse, &rest[..n], step);
+            for (x, step) in self.x.iter_mut().zip(step.iter()).take(n) {
+                *x -= step;
+            }
+        }
+        self.structure.values(&self.shape, self.x, self.values);
+        let largest = self.multipliers[..count].iter().fold(0.0_f64, |most, by| most.max(by.abs()));
+        let signs = self.factor.rows().iter().zip(self.multipliers.iter()).all(|(&row, by)| {
+            by * f64::from(self.sides[row as usize]) >= -EXACT * largest
+                || self.is_equality(row as usize)
+        });
+        let settled = left <= (0.2 * self.tolerance) && signs && self.most_violated().is_none();
+        if settled { Ok(()) } else { Err(Doubt) }
+    }
+
+    /// The largest relative residual; leaves those of the cost in scratch 2, of the working rows
+    /// in `direction`.
+    fn residual(&mut self) -> f64 {
+        let (n, wide) = (self.shape.n, self.shape.wide);
+        let [pull, _, rest, _] = &mut self.scratch;
+        let (pull, rest) = (&mut pull[..wide], &mut rest[..wide]);
+        pull.fill(0.0);
+        for (&row, multiplier) in self.factor.rows().iter().zip(self.multipliers.iter()) {
+            for term in self.structure.normal(&self.shape, row as usize) {
+                pull[term.variable as usize] += term.coefficient * multiplier;
+            }
+        }
+        times(self.hessian, &self.x[..n], rest);
+        let (mut terms, mut size, mut worst) = (f64::MIN_POSITIVE, 0.0_f64, 0.0_f64);
+        for j in 0..n {
+            let (d, f, curved) = (self.d[j], self.f[j], rest[j]);
+            terms = terms.max(d * (curved.abs() + f.abs() + pull[j].abs()));
+            size = size.max(self.x[j].abs() / d).max(d * f.abs());
+            rest[j] = curved - f + pull[j];
+            worst = worst.max(d * rest[j].abs());
+        }
+        worst /= terms;
+        self.structure.values(&self.shape, self.x, self.direction);
+        for (&row, multiplier) in self.factor.rows().iter().zip(self.multipliers.iter()) {
+            let k = row as usize;
+            let bound = if self.sides[k] < 0 { self.lower[k] } else { self.upper[k] };
+            let miss = self.direction[k] - self.compliance[k] * multiplier - bound;
+            self.direction[k] = miss;
+            worst = worst.max(miss.abs() / (self.reach[k] * size + bound.abs()));
+        }
+        worst
+    }
+}
