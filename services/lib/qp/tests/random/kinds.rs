@@ -1,0 +1,256 @@
+//! Programs with a certificate by construction: built around a known solution, or around a
+//! combination of rows that no point satisfies.
+
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use crate::support::{Problem, hessian, mpc, sample, vector};
+
+/// What is known of a program.
+#[derive(Debug, Clone)]
+pub(crate) enum Truth {
+    /// The one solution, and how far an answer may be from it, in the energy norm.
+    Solution(DVector<f64>, f64),
+    /// A solution exists.
+    Feasible,
+    /// A positive combination of its rows is contradictory.
+    Infeasible,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct Case {
+    pub(crate) kind: &'static str,
+    pub(crate) problem: Problem,
+    /// Per row, zero if hard.
+    pub(crate) compliance: Vec<f64>,
+    pub(crate) truth: Truth,
+}
+
+type Kind = (&'static str, fn(&mut ChaCha8Rng, usize) -> Case);
+
+const KINDS: [Kind; 12] = [
+    ("known solution", |random, n| Known::any(random, n).case(random)),
+    ("ill-conditioned", |random, n| Known { digits: 8.0, ..Known::any(random, n) }.case(random)),
+    ("degenerate", |random, n| {
+        Known { active: 0.9, without_force: 0.5, ..Known::any(random, n) }.case(random)
+    }),
+    ("duplicates", |random, n| {
+        let case = Known::with_rows(random, n).case(random);
+        let copies = random.random_range(1..=n + 2);
+        let problem = case.problem.with_duplicates(random, copies);
+        let compliance = vec![0.0; problem.m()];
+        Case { problem, compliance, ..case }
+    }),
+    ("nearly parallel", nearly_parallel),
+    ("equalities", |random, n| Known { equal: 0.4, ..Known::any(random, n) }.case(random)),
+    ("badly scaled", |random, n| {
+        let case = Known::any(random, n).case(random);
+        rescaled(random, case)
+    }),
+    ("badly scaled, degenerate", |random, n| {
+        let known = Known { active: 0.8, without_force: 0.3, ..Known::any(random, n) };
+        let case = known.case(random);
+        rescaled(random, case)
+    }),
+    ("soft", |random, n| Known { soft: 0.5, ..Known::any(random, n) }.case(random)),
+    ("contradiction", contradiction),
+    ("badly scaled contradiction", |random, n| {
+        let case = contradiction(random, n);
+        rescaled(random, case)
+    }),
+    ("tied control moves", |random, n| {
+        let ratio = f64::from(random.random_range(1..5_u8));
+        let problem = mpc(random, n.min(40), ratio);
+        let compliance = vec![0.0; problem.m()];
+        Case { kind: "", problem, compliance, truth: Truth::Feasible }
+    }),
+];
+
+/// The case of a seed; small ones are as frequent as large ones, up to `n` = 60.
+pub(crate) fn case(seed: u64) -> Case {
+    let mut random = crate::support::generator(seed);
+    let largest = [4, 12, 30, 60][random.random_range(0..4_usize)];
+    let n = random.random_range(1..=largest);
+    let (kind, build) = KINDS[random.random_range(0..KINDS.len())];
+    Case { kind, ..build(&mut random, n) }
+}
+
+fn chance(random: &mut ChaCha8Rng, share: f64) -> bool {
+    random.random_range(0.0..1.0) < share
+}
+
+/// Ten to a power between the two.
+fn magnitude(random: &mut ChaCha8Rng, least: f64, most: f64) -> f64 {
+    10.0_f64.powf(random.random_range(least..most))
+}
+
+/// A program around a solution: rows, which of them hold it, and how strongly.
+#[derive(Debug)]
+struct Known {
+    n: usize,
+    m: usize,
+    /// Condition of the Hessian, at most, in decimal digits.
+    digits: f64,
+    /// Shares of rows.
+    active: f64,
+    equal: f64,
+    soft: f64,
+    /// Share of active rows whose multiplier is zero.
+    without_force: f64,
+}
+
+impl Known {
+    fn any(random: &mut ChaCha8Rng, n: usize) -> Self {
+        let m = random.random_range(0..=3 * n);
+        let active = random.random_range(0.0..0.6);
+        Self { n, m, digits: 4.0, active, equal: 0.03, soft: 0.0, without_force: 0.1 }
+    }
+
+    fn with_rows(random: &mut ChaCha8Rng, n: usize) -> Self {
+        let known = Self::any(random, n);
+        Self { m: known.m.max(1), ..known }
+    }
+
+    fn case(&self, random: &mut ChaCha8Rng) -> Case {
+        let (n, m) = (self.n, self.m);
+        let cond = magnitude(random, 0.0, self.digits);
+        let hessian = hessian(random, n, cond);
+        let rows = rows(random, m, n);
+        let x = vector(random, n) * 2.0;
+        let values = &rows * &x;
+        let (mut lower, mut upper) = (values.clone(), values);
+        let (mut force, mut compliance) = (DVector::zeros(m), vec![0.0; m]);
+        let strength = hessian.diagonal().mean();
+        let mut equalities = 0;
+        for i in 0..m {
+            if equalities < n && chance(random, self.equal) {
+                equalities += 1;
+                force[i] = sample(random) * strength;
+                continue;
+            }
+            let side = if chance(random, 0.5) { 1.0 } else { -1.0 };
+            let room = if chance(random, 0.3) { f64::INFINITY } else { gap(random) };
+            if chance(random, self.active) {
+                if !chance(random, self.without_force) {
+                    force[i] = side * strength * random.random_range(0.01..1.0);
+                }
+                if chance(random, self.soft) {
+                    compliance[i] = magnitude(random, -4.0, 2.0) / strength;
+                }
+                let given = compliance[i] * force[i];
+                (lower[i], upper[i]) = (lower[i] - given, upper[i] - given);
+                if side > 0.0 { lower[i] -= room } else { upper[i] += room }
+            } else {
+                lower[i] -= if side > 0.0 { room } else { gap(random) };
+                upper[i] += if side > 0.0 { gap(random) } else { room };
+            }
+        }
+        let f = -(&hessian * &x + rows.tr_mul(&force));
+        let problem = Problem { hessian, rows, f, lower, upper };
+        Case { kind: "", problem, compliance, truth: Truth::Solution(x, 1e-6) }
+    }
+}
+
+fn gap(random: &mut ChaCha8Rng) -> f64 {
+    magnitude(random, -3.0, 0.5)
+}
+
+/// Dense rows, boxes, running sums or mostly zeros.
+fn rows(random: &mut ChaCha8Rng, m: usize, n: usize) -> DMatrix<f64> {
+    let style = random.random_range(0..4_u8);
+    let mut rows = DMatrix::zeros(m, n);
+    for i in 0..m {
+        let at = random.random_range(0..n);
+        let style = if style == 3 { random.random_range(0..3_u8) } else { style };
+        for j in 0..n {
+            rows[(i, j)] = match style {
+                0 => sample(random),
+                1 => f64::from(u8::from(at == j)),
+                _ if j == at => 1.0,
+                _ if chance(random, 0.2) => sample(random),
+                _ => 0.0,
+            };
+        }
+    }
+    rows
+}
+
+/// Rows that differ from others by angles down to 1e-12, about as tight as these. Their crossing
+/// is as uncertain as rounding divided by the angle, so only the conditions are judged.
+fn nearly_parallel(random: &mut ChaCha8Rng, n: usize) -> Case {
+    let known = Known::with_rows(random, n.max(2));
+    let Case { kind, problem, .. } = known.case(random);
+    let Problem { hessian, mut rows, mut f, mut lower, mut upper } = problem;
+    let (m, count) = (rows.nrows(), random.random_range(1..=4));
+    let x = vector(random, known.n);
+    rows = rows.resize_vertically(m + count, 0.0);
+    lower = lower.resize_vertically(m + count, 0.0);
+    upper = upper.resize_vertically(m + count, 0.0);
+    for k in m..m + count {
+        let source = random.random_range(0..m);
+        let angle = magnitude(random, -12.0, -6.0);
+        let turn = vector(random, known.n).transpose() * angle;
+        let turned = rows.row(source) + turn;
+        rows.set_row(k, &turned);
+    }
+    // All bounds anew around one point, so that the program stays feasible.
+    let values = &rows * &x;
+    // Enough that the point itself is feasible whatever the rounding of its row values.
+    let rounding = rows.abs() * x.abs() * (f64::EPSILON * known.n as f64);
+    for (i, value) in values.iter().enumerate() {
+        let slack = |random: &mut ChaCha8Rng| match random.random_range(0..3_u8) {
+            0 => 0.0,
+            1 => magnitude(random, -12.0, -3.0),
+            _ => gap(random),
+        };
+        lower[i] = value - slack(random) - rounding[i];
+        upper[i] = value + slack(random) + rounding[i];
+    }
+    f += &hessian * vector(random, known.n);
+    let problem = Problem { hessian, rows, f, lower, upper };
+    let compliance = vec![0.0; m + count];
+    Case { kind, problem, compliance, truth: Truth::Feasible }
+}
+
+/// One row is a positive combination of others and asked to be beyond what their bounds allow.
+fn contradiction(random: &mut ChaCha8Rng, n: usize) -> Case {
+    let known = Known::with_rows(random, n);
+    let case = known.case(random);
+    let mut problem = case.problem;
+    let (m, at) = (problem.m(), random.random_range(0..problem.m()));
+    let (mut row, mut most, mut size) = (problem.rows.row(at) * 0.0, 0.0, 0.0);
+    for _ in 0..random.random_range(1..=n.min(m)) {
+        let i = random.random_range(0..m);
+        let (side, bound) = if problem.upper[i].is_finite() {
+            (1.0, problem.upper[i])
+        } else {
+            (-1.0, problem.lower[i])
+        };
+        let weight = side * random.random_range(0.1..1.0);
+        row += problem.rows.row(i) * weight;
+        most += weight * bound;
+        size += (weight * bound).abs() + weight.abs() * problem.rows.row(i).abs().sum();
+    }
+    let asked = most + size * magnitude(random, -5.0, 0.0);
+    let sign = if chance(random, 0.5) { 1.0 } else { -1.0 };
+    problem.rows = problem.rows.insert_row(at, 0.0);
+    problem.rows.set_row(at, &(row * sign));
+    let (low, high) = if sign > 0.0 { (asked, f64::INFINITY) } else { (f64::NEG_INFINITY, -asked) };
+    problem.lower = problem.lower.insert_row(at, low);
+    problem.upper = problem.upper.insert_row(at, high);
+    Case { kind: "", problem, compliance: vec![0.0; m + 1], truth: Truth::Infeasible }
+}
+
+/// The same program in units that are up to 1e8 apart.
+fn rescaled(random: &mut ChaCha8Rng, case: Case) -> Case {
+    let scales = |random: &mut ChaCha8Rng, count: usize| {
+        DVector::from_fn(count, |_, _| magnitude(random, -4.0, 4.0))
+    };
+    let (columns, rows) = (scales(random, case.problem.n()), scales(random, case.problem.m()));
+    let truth = match case.truth {
+        Truth::Solution(x, room) => Truth::Solution(x.component_mul(&columns), room),
+        other => other,
+    };
+    Case { problem: case.problem.rescaled(&columns, &rows), truth, ..case }
+}
