@@ -3,13 +3,14 @@
 use nalgebra::DMatrix;
 
 use super::factor::Factor;
+use super::front::Front;
 use super::inverse::{invert, times};
 use super::structure::{LANES, Member, Shape, Structure, padded};
 use crate::linear::column;
 
 /// Up to this product of a diagonal entry of H and of its inverse, products with the inverse are
 /// accurate enough; above it they are corrected by their residuals.
-const TRUSTED: f64 = 1e4;
+const TRUSTED: f64 = 3e5;
 /// Residuals that they have without correction.
 const EASY: f64 = 1e-10;
 
@@ -31,6 +32,9 @@ struct Memory {
 pub(super) struct Blocks {
     tolerance: f64,
     pub(super) structure: Structure,
+    pub(super) front: Front,
+    /// Every product with the inverse is accurate without correction.
+    all_trusted: bool,
     memory: Vec<Memory>,
     /// H and its inverse by padded rows; the memory of the next inverse and of its making.
     hessian: Vec<f64>,
@@ -109,6 +113,8 @@ impl Blocks {
         Self {
             tolerance,
             structure: Structure::new(n, m),
+            front: Front::new(n, m),
+            all_trusted: false,
             memory: Vec::with_capacity(n),
             hessian: vec![0.0; wide * n],
             inverse: vec![0.0; wide * n],
@@ -148,6 +154,7 @@ impl Blocks {
         compliance: &[f64],
     ) -> Result<(), (usize, f64)> {
         self.structure.analyse(h, rows, compliance);
+        self.front.set_rows(&self.structure, rows);
         self.memory.clear();
         self.memory.resize(self.structure.shapes.len(), Memory::default());
         self.refactor(h)
@@ -197,7 +204,56 @@ impl Blocks {
             }
         }
         self.known.fill(false);
+        self.all_trusted = self.memory.iter().all(|memory| memory.trusted);
+        self.front.set_inverse(&self.structure, &self.inverse);
         Ok(())
+    }
+
+    /// Writes the free minimum of the whole problem to the front, and the values of all rows.
+    pub(super) fn release(&mut self, f: &[f64]) {
+        if self.all_trusted && self.front.is_joint(&self.structure) {
+            self.front.release(f);
+        } else {
+            for (index, shape) in self.structure.shapes.iter().enumerate() {
+                let (n, wide) = (shape.n, shape.wide);
+                let variables = self.structure.variables(shape);
+                let own_f = &mut self.f[shape.at_wide..][..wide];
+                let x = &mut self.x[shape.at_wide..][..wide];
+                for (own, &j) in own_f.iter_mut().zip(variables) {
+                    *own = -f[j as usize];
+                }
+                let inverse = &self.inverse[shape.at_inverse..][..n * wide];
+                times(inverse, &own_f[..n], x);
+                if !self.memory[index].trusted {
+                    let hessian = &self.hessian[shape.at_inverse..][..n * wide];
+                    let [rest, step, ..] = &mut self.scratch;
+                    let (rest, step) = (&mut rest[..wide], &mut step[..wide]);
+                    times(hessian, &x[..n], rest);
+                    for (rest, f) in rest.iter_mut().zip(own_f.iter()) {
+                        *rest = f - *rest;
+                    }
+                    times(inverse, &rest[..n], step);
+                    for (x, step) in x.iter_mut().zip(step.iter()) {
+                        *x += step;
+                    }
+                }
+                for (x, &j) in x.iter().zip(variables) {
+                    self.front.x[j as usize] = *x;
+                }
+            }
+        }
+        self.front.evaluate();
+    }
+
+    /// True if block `index` holds no row and its free minimum is within the bounds.
+    pub(super) fn is_free(&self, index: usize, lower: &[f64], upper: &[f64]) -> bool {
+        let mut inside = self.memory[index].count == 0;
+        for member in self.structure.members(&self.structure.shapes[index]) {
+            let row = member.row as usize;
+            let value = self.front.values[row];
+            inside &= lower[row] <= value && value <= upper[row];
+        }
+        inside
     }
 
     /// Takes a working set of the whole problem.
@@ -285,46 +341,13 @@ impl Block<'_> {
         u32::try_from(*self.factor.count).unwrap_or(u32::MAX)
     }
 
-    /// The minimum without any row, and the values of all rows there. `f` of the whole problem.
-    pub(super) fn release(&mut self, f: &[f64]) {
-        for (local, &j) in self.f.iter_mut().zip(self.structure.variables(&self.shape)) {
-            *local = -f[j as usize];
-        }
-        times(self.inverse, &self.f[..self.shape.n], self.x);
-        if !self.trusted {
-            self.correct_free();
+    /// Takes over the free minimum; both of the whole problem.
+    pub(super) fn start(&mut self, f: &[f64], x: &[f64]) {
+        let variables = self.structure.variables(&self.shape).iter();
+        for ((own_f, own_x), &j) in self.f.iter_mut().zip(self.x.iter_mut()).zip(variables) {
+            (*own_f, *own_x) = (-f[j as usize], x[j as usize]);
         }
         self.structure.values(&self.shape, self.x, self.free);
-    }
-
-    /// One step of iterative refinement of the free minimum; `f` holds the negative gradient.
-    fn correct_free(&mut self) {
-        let (n, wide) = (self.shape.n, self.shape.wide);
-        let [rest, step, ..] = &mut self.scratch;
-        let (rest, step) = (&mut rest[..wide], &mut step[..wide]);
-        times(self.hessian, &self.x[..n], rest);
-        for (rest, f) in rest.iter_mut().zip(self.f.iter()).take(n) {
-            *rest = f - *rest;
-        }
-        times(self.inverse, &rest[..n], step);
-        for (x, step) in self.x.iter_mut().zip(step.iter()).take(n) {
-            *x += step;
-        }
-    }
-
-    /// True if the free minimum is within the bounds of the whole problem, which are numbers then.
-    pub(super) fn is_inside(&self, lower: &[f64], upper: &[f64]) -> bool {
-        let mut inside = true;
-        for member in self.members() {
-            let (row, value) = (member.row as usize, self.free[member.merged as usize]);
-            inside &= lower[row] <= value && value <= upper[row];
-        }
-        inside
-    }
-
-    /// g'H⁻¹g of the free minimum: twice what the unconstrained cost gains.
-    pub(super) fn depth(&self) -> f64 {
-        self.f.iter().zip(self.x.iter()).take(self.shape.n).map(|(f, x)| f * x).sum()
     }
 
     /// Lengths of rows and variables, on demand.

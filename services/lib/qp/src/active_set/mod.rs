@@ -4,6 +4,7 @@
 
 mod blocks;
 mod factor;
+mod front;
 mod inverse;
 mod structure;
 mod walk;
@@ -124,20 +125,28 @@ impl ActiveSet {
         if !empty.into_iter().all(|row| lower[row] <= 0.0 && 0.0 <= upper[row]) {
             return Err(Doubt);
         }
+        self.blocks.release(f);
+        // NaN and infinity are not less.
+        let depth = self.blocks.front.depth(f);
+        if depth.partial_cmp(&LARGEST_DEPTH) != Some(Ordering::Less) {
+            return Err(Doubt);
+        }
+        let n = self.x.len();
+        self.x.as_mut_slice().copy_from_slice(&self.blocks.front.x[..n]);
+        if self.adopted && self.active == 0 && self.blocks.front.is_inside(lower, upper) {
+            return Ok((0, 0));
+        }
         let (mut changes, mut active) = (0, 0);
         for index in 0..self.blocks.structure.shapes.len() {
+            let free = self.blocks.is_free(index, lower, upper);
             let mut block = self.blocks.block(index);
-            block.release(f);
-            // NaN and infinity are not less.
-            if block.depth().abs().partial_cmp(&LARGEST_DEPTH) != Some(Ordering::Less) {
-                return Err(Doubt);
-            }
-            let free = block.rows_held() == 0 && block.is_inside(lower, upper);
-            if !free {
-                changes += block.walk(lower, upper, self.max_iterations.saturating_sub(changes))?;
-                active += block.rows_held();
-            }
             *block.walked = !free;
+            if free {
+                continue;
+            }
+            block.start(f, self.x.as_slice());
+            changes += block.walk(lower, upper, self.max_iterations.saturating_sub(changes))?;
+            active += block.rows_held();
             for (x, &j) in block.x.iter().zip(block.variables()) {
                 self.x[j as usize] = *x;
             }

@@ -10,9 +10,9 @@ use nalgebra::DMatrix;
 use crate::linear::column;
 
 /// A row without a predecessor to continue.
-const NONE: u32 = u32::MAX;
+pub(super) const NONE: u32 = u32::MAX;
 /// How far back the predecessor of a row is looked for: the inputs of a step and some more.
-const LOOK_BACK: usize = 8;
+pub(super) const LOOK_BACK: usize = 8;
 
 /// One row of a block: the value of an earlier row of it, if any, plus a few terms. The running
 /// sums of an increment need one addition each this way.
@@ -255,34 +255,17 @@ impl Structure {
     }
 
     fn add_step(&mut self, row: usize, shape: &Shape, rows: &DMatrix<f64>) {
-        let normal = column(rows, row);
         let variables = &self.variables[shape.first_variable..];
-        let mut least = variables.iter().filter(|&&j| normal[j as usize] != 0.0).count();
-        let mut base = NONE;
-        for k in self.origin.len().saturating_sub(LOOK_BACK)..self.origin.len() {
-            let other = column(rows, self.origin[k] as usize);
-            let pairs = variables.iter().map(|&j| (other[j as usize], normal[j as usize]));
-            let changed = pairs.filter(|(old, new)| old != new);
-            // Only what appears or vanishes is exact; a changed coefficient is not.
-            let count =
-                changed.map(|(old, new)| if old * new == 0.0 { 1 } else { rows.nrows() + 1 });
-            let count = count.sum();
-            if count < least {
-                (least, base) = (count, index(k));
-            }
-        }
+        let start = self.origin.len().saturating_sub(LOOK_BACK);
+        let earlier = &self.origin[start..];
+        let found = continuation(row, earlier.iter().map(|&k| k as usize), rows, variables);
+        let base = found.map_or(NONE, |position| index(start + position));
         for &j in variables {
-            let new = normal[j as usize];
-            let old =
-                self.origin.get(base as usize).map_or(0.0, |&k| rows[(j as usize, k as usize)]);
+            let old = found.map_or(0.0, |position| rows[(j as usize, earlier[position] as usize)]);
+            let new = rows[(j as usize, row)];
             let variable = self.local[j as usize];
-            if new != old {
-                let coefficient = if old == 0.0 { new } else { -old };
-                self.terms.push(Term { variable, coefficient });
-            }
-            if new != 0.0 {
-                self.normals.push(Term { variable, coefficient: new });
-            }
+            self.terms.extend(Term::change(variable, old, new));
+            self.normals.extend(Term::change(variable, 0.0, new));
         }
         self.steps.push(Step { base, terms: index(self.terms.len() - shape.first_term) });
         self.normal_ends.push(index(self.normals.len()));
@@ -350,6 +333,37 @@ impl Structure {
     }
 }
 
-fn index(value: usize) -> u32 {
+impl Term {
+    /// What leads from one coefficient to another.
+    pub(super) fn change(variable: u32, old: f64, new: f64) -> Option<Self> {
+        let coefficient = if old == 0.0 { new } else { -old };
+        (new != old).then_some(Self { variable, coefficient })
+    }
+}
+
+/// The one of some `earlier` rows that needs the fewest terms to become `row`, by its position;
+/// `None` if the row itself has no more. Only coefficients that appear or vanish are exact.
+pub(super) fn continuation(
+    row: usize,
+    earlier: impl Iterator<Item = usize>,
+    rows: &DMatrix<f64>,
+    variables: &[u32],
+) -> Option<usize> {
+    let normal = column(rows, row);
+    let mut least = variables.iter().filter(|&&j| normal[j as usize] != 0.0).count();
+    let mut found = None;
+    for (position, other) in earlier.enumerate() {
+        let other = column(rows, other);
+        let pairs = || variables.iter().map(|&j| (other[j as usize], normal[j as usize]));
+        let exact = pairs().all(|(old, new)| old == new || old == 0.0 || new == 0.0);
+        let count = pairs().filter(|(old, new)| old != new).count();
+        if exact && count < least {
+            (least, found) = (count, Some(position));
+        }
+    }
+    found
+}
+
+pub(super) fn index(value: usize) -> u32 {
     u32::try_from(value).unwrap_or(NONE)
 }
