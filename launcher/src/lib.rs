@@ -10,6 +10,7 @@ pub mod components;
 pub mod exit;
 pub mod figure;
 pub mod in_process;
+pub mod paper;
 pub mod pilot;
 pub mod process;
 pub mod record;

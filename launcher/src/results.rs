@@ -46,11 +46,40 @@ impl Table {
         self.rows.push(row);
     }
 
+    /// A list with one object per row, by heading; what reads as a number becomes one.
+    ///
+    /// A heading that comes twice is told apart by the heading before it.
+    #[must_use]
+    pub fn to_json(&self) -> serde_json::Value {
+        let value = |cell: &String| match cell.parse::<f64>() {
+            Ok(number) if number.is_finite() => number.into(),
+            _ if cell == "-" || cell.is_empty() => serde_json::Value::Null,
+            _ => cell.clone().into(),
+        };
+        let names = self.unique_headings();
+        let object = |row: &Vec<String>| names.iter().cloned().zip(row.iter().map(value)).collect();
+        self.rows.iter().map(|row| serde_json::Value::Object(object(row))).collect()
+    }
+
+    fn unique_headings(&self) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        let mut group = "";
+        for heading in &self.headings {
+            if let Some((before, _)) = heading.split_once(": ") {
+                group = before;
+            }
+            let repeated = self.headings.iter().filter(|other| *other == heading).count() > 1;
+            let named = repeated && !group.is_empty() && !heading.starts_with(group);
+            names.push(if named { format!("{group}: {heading}") } else { heading.clone() });
+        }
+        names
+    }
+
     /// Comma-separated, one line per row after the headings, each ending with a line feed.
     #[must_use]
     pub fn to_csv(&self) -> Vec<u8> {
         let mut writer = csv::Writer::from_writer(Vec::new());
-        for row in std::iter::once(&self.headings).chain(&self.rows) {
+        for row in std::iter::once(&self.unique_headings()).chain(&self.rows) {
             // Memory takes everything, and all rows are as long as the headings.
             let _ = writer.write_record(row);
         }

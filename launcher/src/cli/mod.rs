@@ -6,8 +6,9 @@
 pub mod check;
 pub mod list;
 pub mod options;
+mod paper;
 
-pub use options::{Format, ProcArguments, RunArguments, ScenarioArguments};
+pub use options::{Format, PaperArguments, ProcArguments, RunArguments, ScenarioArguments};
 
 use crate::run::RunError;
 use crate::scenario::{Scenario, ScenarioError};
@@ -53,6 +54,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             Some(scenario) => fly(scenario, &arguments, out, diagnostics),
             None => Ok(exit::USAGE),
         },
+        Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
         Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
     }
 }

@@ -24,6 +24,8 @@ pub(super) enum Command {
     List,
     /// Show what a scenario would fly, or what is wrong with it
     Check(ScenarioArguments),
+    /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
+    Paper(PaperArguments),
     /// Be one process of a run
     #[command(hide = true)]
     Proc(ProcArguments),
@@ -99,6 +101,20 @@ impl RunArguments {
         let progress = std::io::stderr().is_terminal();
         RunOptions { scenario, speed, record, pin: self.pin, progress }
     }
+}
+
+/// What to reproduce.
+#[derive(Debug, Clone, Args)]
+pub struct PaperArguments {
+    /// Folder for tables, trajectories and pictures
+    #[arg(long, value_name = "DIR", default_value = "paper")]
+    pub out: PathBuf,
+    /// One test alone: 1 rates, 2 horizons, 3 sizes and disturbance
+    #[arg(long, value_name = "1|2|3", value_parser = clap::value_parser!(u8).range(1..=3))]
+    pub test: Option<u8>,
+    /// Form of what is printed
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
 }
 
 /// Form of a command's result.

@@ -280,7 +280,11 @@ fn the_figure_flies_the_flight_controller_and_the_rig_can_fly_the_papers() {
         set("plant.model=linear"),
     ];
     let rig = Scenario::load("attitude-step", &edits).unwrap();
-    assert_eq!(rig.attitude_law().unwrap(), attitude_mpc::AttitudeLawConfig::paper());
+    let prompt = attitude_mpc::AttitudeLawConfig {
+        command_latency_s: 0.0,
+        ..attitude_mpc::AttitudeLawConfig::paper()
+    };
+    assert_eq!(rig.attitude_law().unwrap(), prompt);
     assert_eq!(rig.plant_config().unwrap().model, plant::ModelKind::Linear);
     let flight = Scenario::load("figure8-morph", &[]).unwrap().attitude_law().unwrap();
     assert_eq!(flight, attitude_mpc::AttitudeLawConfig::flight(100.0));

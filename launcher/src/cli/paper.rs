@@ -1,0 +1,78 @@
+//! `morphquad paper`: the paper's tests, printed and written.
+
+use super::{Format, PaperArguments};
+use crate::exit;
+use crate::paper::{Findings, PaperError, Test, report};
+use crate::results::{ResultsError, ResultsFolder};
+use miette::Report;
+use std::io::{self, Write};
+
+/// Runs the tests asked for and gives the exit code.
+///
+/// # Errors
+/// Those of `out` and `diagnostics`.
+pub(super) fn reproduce(
+    arguments: &PaperArguments,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> io::Result<u8> {
+    // Before the work: a folder that cannot be is known at once.
+    let mut folder = match ResultsFolder::create(&arguments.out) {
+        Ok(folder) => folder,
+        Err(error) => return unwritable(error, diagnostics),
+    };
+    let findings = match run(arguments) {
+        Ok(findings) => findings,
+        Err(error) => {
+            writeln!(diagnostics, "morphquad: {error}")?;
+            return Ok(exit::USAGE);
+        }
+    };
+    if let Err(error) = write(&findings, &mut folder) {
+        return unwritable(error, diagnostics);
+    }
+    print(&findings, &folder, arguments.format, out)?;
+    Ok(if report::holds(&findings) { exit::PASS } else { exit::GATE_FAILED })
+}
+
+fn run(arguments: &PaperArguments) -> Result<Vec<Findings>, PaperError> {
+    let asked = |test: &Test| arguments.test.is_none_or(|number| number == test.number());
+    Test::ALL.into_iter().filter(asked).map(Test::run).collect()
+}
+
+fn write(findings: &[Findings], folder: &mut ResultsFolder) -> Result<(), ResultsError> {
+    for found in findings {
+        report::write(found, folder)?;
+    }
+    folder.json("summary", &report::summary(findings))
+}
+
+fn print(
+    findings: &[Findings],
+    folder: &ResultsFolder,
+    format: Format,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    match format {
+        Format::Json => writeln!(out, "{:#}", report::summary(findings))?,
+        Format::Text => {
+            for found in findings {
+                writeln!(out, "{found}")?;
+            }
+            let pictures = findings.iter().flat_map(|found| &found.figures);
+            let pictures: Vec<String> = pictures.map(|(name, _)| format!("{name}.svg")).collect();
+            let (count, path) = (folder.written().len(), folder.path().display());
+            writeln!(
+                out,
+                "{count} files in {path}: {}, tables, trajectories",
+                pictures.join(", ")
+            )?;
+        }
+    }
+    out.flush()
+}
+
+fn unwritable(error: ResultsError, diagnostics: &mut dyn Write) -> io::Result<u8> {
+    writeln!(diagnostics, "{:?}", Report::new(error))?;
+    Ok(exit::UNFIT)
+}
