@@ -6,6 +6,7 @@ use super::factor::Factor;
 use super::front::Front;
 use super::inverse::{invert, times};
 use super::structure::{LANES, Member, Shape, Structure, padded};
+use super::tableau::MOST_ROWS;
 use crate::linear::column;
 
 /// Up to this product of a diagonal entry of H and of its inverse, products with the inverse are
@@ -55,8 +56,7 @@ pub(super) struct Blocks {
     values: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    lower_row: Vec<u32>,
-    upper_row: Vec<u32>,
+    tableau: Vec<f64>,
     sides: Vec<i8>,
     order: Vec<u32>,
     multipliers: Vec<f64>,
@@ -93,9 +93,8 @@ pub(super) struct Block<'a> {
     pub(super) values: &'a mut [f64],
     pub(super) lower: &'a mut [f64],
     pub(super) upper: &'a mut [f64],
-    /// The rows of the problem that the bounds come from.
-    pub(super) lower_row: &'a mut [u32],
-    pub(super) upper_row: &'a mut [u32],
+    /// Rows of the tableau of a small block.
+    pub(super) tableau: &'a mut [f64],
     pub(super) sides: &'a mut [i8],
     pub(super) factor: Factor<'a>,
     pub(super) multipliers: &'a mut [f64],
@@ -131,8 +130,7 @@ impl Blocks {
             values: vec![0.0; tall],
             lower: vec![0.0; tall],
             upper: vec![0.0; tall],
-            lower_row: vec![0; tall],
-            upper_row: vec![0; tall],
+            tableau: vec![0.0; m * MOST_ROWS],
             sides: vec![0; tall],
             order: vec![0; m],
             multipliers: vec![0.0; m],
@@ -306,8 +304,7 @@ impl Blocks {
             values: &mut self.values[at_tall..][..tall],
             lower: &mut self.lower[at_tall..][..tall],
             upper: &mut self.upper[at_tall..][..tall],
-            lower_row: &mut self.lower_row[at_tall..][..m],
-            upper_row: &mut self.upper_row[at_tall..][..m],
+            tableau: &mut self.tableau[at_order * MOST_ROWS..][..most * MOST_ROWS],
             sides: &mut self.sides[at_tall..][..m],
             factor: Factor {
                 count,
@@ -348,6 +345,15 @@ impl Block<'_> {
             (*own_f, *own_x) = (-f[j as usize], x[j as usize]);
         }
         self.structure.values(&self.shape, self.x, self.free);
+    }
+
+    /// The largest of gradient and free minimum, each in its unit.
+    pub(super) fn size(&self) -> f64 {
+        let mut size = 0.0_f64;
+        for ((x, f), d) in self.x.iter().zip(self.f.iter()).zip(self.d.iter()).take(self.shape.n) {
+            size = size.max((x / d).abs()).max((f * d).abs());
+        }
+        size
     }
 
     /// Lengths of rows and variables, on demand.

@@ -7,6 +7,7 @@ mod factor;
 mod front;
 mod inverse;
 mod structure;
+mod tableau;
 mod walk;
 
 use core::cmp::Ordering;
@@ -155,7 +156,7 @@ impl ActiveSet {
     }
 
     /// Copies working set and multipliers of the blocks that have walked.
-    fn publish(&mut self) {
+    fn publish(&mut self, lower: &[f64], upper: &[f64]) {
         if !self.adopted {
             self.set.fill(0);
             self.multipliers.fill(0.0);
@@ -172,10 +173,19 @@ impl ActiveSet {
             }
             for (&row, multiplier) in block.factor.rows().iter().zip(block.multipliers.iter()) {
                 let k = row as usize;
-                let side = block.sides[k];
-                let bounded = if side < 0 { block.lower_row[k] } else { block.upper_row[k] };
-                self.set[bounded as usize] = side;
-                self.multipliers[bounded as usize] = *multiplier;
+                let (bounds, bound) = if block.sides[k] < 0 {
+                    (lower, block.lower[k])
+                } else {
+                    (upper, block.upper[k])
+                };
+                // Of rows with one normal the one whose bound it is; the first, if several.
+                let holds =
+                    |row: u32| bounds[row as usize] <= bound && bound <= bounds[row as usize];
+                let mut members = block.members().iter().filter(|member| member.merged == row);
+                if let Some(holder) = members.find(|member| holds(member.row)) {
+                    self.set[holder.row as usize] = block.sides[k];
+                    self.multipliers[holder.row as usize] = *multiplier;
+                }
             }
         }
     }
@@ -260,7 +270,7 @@ impl QpSolver for ActiveSet {
             let quick = self.quick(f.as_slice(), lower.as_slice(), upper.as_slice());
             if let Ok((iterations, active)) = quick {
                 if active > 0 || self.active > 0 || !self.adopted {
-                    self.publish();
+                    self.publish(lower.as_slice(), upper.as_slice());
                 }
                 self.active = active;
                 return QpOutcome { status: QpStatus::Solved, iterations, active };

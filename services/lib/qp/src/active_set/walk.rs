@@ -8,12 +8,13 @@
 
 use super::blocks::Block;
 use super::inverse::times;
+use super::tableau::{MOST_ROWS, walk_small};
 use crate::linear::axpy;
 
 /// Violation, relative to bound and size of the problem, up to which a row counts as satisfied.
-const SATISFIED: f64 = 2e-13;
+pub(super) const SATISFIED: f64 = 2e-13;
 /// Rounding of a pivot, relative to the numbers it was computed from.
-const NOISE: f64 = 64.0 * f64::EPSILON;
+pub(super) const NOISE: f64 = 64.0 * f64::EPSILON;
 /// Residuals below this need no correction.
 const EXACT: f64 = 1e-11;
 /// Corrections of an answer whose residual is measured.
@@ -27,6 +28,9 @@ impl Block<'_> {
     /// Walks to the optimal working set, starting from the one in force; at most `most` changes.
     /// Returns their number. `lower` and `upper` are those of the whole problem.
     pub(super) fn walk(&mut self, lower: &[f64], upper: &[f64], most: u32) -> Result<u32, Doubt> {
+        if self.shape.tall <= MOST_ROWS {
+            return walk_small(self, lower, upper, most);
+        }
         self.measure();
         self.gather(lower, upper)?;
         self.rebuild();
@@ -66,25 +70,15 @@ impl Block<'_> {
             if !possible {
                 return Err(Doubt);
             }
-            if low > self.lower[k] {
-                (self.lower[k], self.lower_row[k]) = (low, member.row);
-            }
-            if high < self.upper[k] {
-                (self.upper[k], self.upper_row[k]) = (high, member.row);
-            }
+            self.lower[k] = low.max(self.lower[k]);
+            self.upper[k] = high.min(self.upper[k]);
         }
-        let mut size = 0.0_f64;
-        for ((x, f), d) in self.x.iter().zip(self.f.iter()).zip(self.d.iter()).take(self.shape.n) {
-            size = size.max((x / d).abs()).max((f * d).abs());
-        }
+        let size = self.size();
         let bounds = self.lower.iter().zip(self.upper.iter());
         let widened = self.low.iter_mut().zip(self.high.iter_mut()).zip(self.reach.iter());
         for (((low, high), reach), (lower, upper)) in widened.zip(bounds) {
             *low = lower - SATISFIED * (reach * size + lower.abs());
             *high = upper + SATISFIED * (reach * size + upper.abs());
-            // An infinite bound less infinity.
-            *low = if lower.is_finite() { *low } else { f64::NEG_INFINITY };
-            *high = if upper.is_finite() { *high } else { f64::INFINITY };
         }
         if self.lower.iter().zip(self.upper.iter()).all(|(low, high)| low <= high) {
             Ok(())
@@ -279,7 +273,7 @@ impl Block<'_> {
     }
 
     /// Writes the solution.
-    fn finish(&mut self) {
+    pub(super) fn finish(&mut self) {
         for (position, &row) in self.factor.rows().iter().enumerate() {
             let k = row as usize;
             let multiplier = self.multipliers[position];
@@ -297,11 +291,13 @@ impl Block<'_> {
     }
 
     /// Measures the residuals of the walk's end in the original problem and corrects them.
-    fn polish(&mut self) -> Result<(), Doubt> {
+    pub(super) fn polish(&mut self) -> Result<(), Doubt> {
         let (n, wide, count) = (self.shape.n, self.shape.wide, *self.factor.count);
         for (x, &unit) in self.x.iter_mut().zip(self.structure.units(&self.shape)) {
             *x = self.values[unit as usize];
         }
+        let tall = self.shape.tall;
+        let small = tall <= MOST_ROWS;
         let mut left = f64::INFINITY;
         for _ in 0..MOST_CORRECTIONS {
             left = self.residual();
@@ -316,7 +312,11 @@ impl Block<'_> {
             for (change, &row) in change.iter_mut().zip(self.factor.rows()) {
                 *change = self.direction[row as usize] - image[row as usize];
             }
-            self.factor.solve(&mut change[..count]);
+            if small {
+                solve_small(self.tableau, tall, self.factor.rows(), &mut change[..count]);
+            } else {
+                self.factor.solve(&mut change[..count]);
+            }
             for (position, &row) in self.factor.rows().iter().enumerate() {
                 self.multipliers[position] += change[position];
                 for term in self.structure.normal(&self.shape, row as usize) {
@@ -369,5 +369,18 @@ impl Block<'_> {
             worst = worst.max(miss.abs() / (self.reach[k] * size + bound.abs()));
         }
         worst
+    }
+}
+
+/// b <- `K_WW`⁻¹ b, from the tableau of a small block.
+fn solve_small(tableau: &[f64], tall: usize, working: &[u32], b: &mut [f64]) {
+    let mut sums = [0.0; MOST_ROWS];
+    for (row, b) in tableau.chunks_exact(tall).zip(b.iter()) {
+        for (sum, &k) in sums.iter_mut().zip(working) {
+            *sum += row[k as usize] * b;
+        }
+    }
+    for (b, sum) in b.iter_mut().zip(&sums) {
+        *b = *sum;
     }
 }
