@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 use super::factor::Factor;
 use super::front::Front;
 use super::inverse::{invert, times};
-use super::structure::{LANES, Member, Shape, Structure, padded};
+use super::structure::{LANES, Shape, Structure, padded};
 use super::tableau::MOST_ROWS;
 use crate::linear::column;
 
@@ -17,57 +17,58 @@ const EASY: f64 = 1e-10;
 
 /// What the walk remembers of a block.
 #[derive(Debug, Clone, Copy, Default)]
-struct Memory {
+pub(super) struct Memory {
     /// Rows in the working set, and how many of them have a factor that a rebuild would give.
-    count: usize,
-    clean: usize,
+    pub(super) count: usize,
+    pub(super) clean: usize,
     /// Row lengths are known for the Hessian in force.
-    measured: bool,
+    pub(super) measured: bool,
     /// Products with the inverse are accurate without correction.
-    trusted: bool,
-    walked: bool,
+    pub(super) trusted: bool,
 }
 
 /// All blocks: vectors lie one block behind the other, as the shapes tell.
 #[derive(Debug, Clone)]
 pub(super) struct Blocks {
-    tolerance: f64,
+    pub(super) tolerance: f64,
     pub(super) structure: Structure,
     pub(super) front: Front,
     /// Every product with the inverse is accurate without correction.
-    all_trusted: bool,
-    memory: Vec<Memory>,
+    pub(super) all_trusted: bool,
+    pub(super) memory: Vec<Memory>,
     /// H and its inverse by padded rows; the memory of the next inverse and of its making.
-    hessian: Vec<f64>,
-    inverse: Vec<f64>,
-    spare: Vec<f64>,
-    work: Vec<f64>,
-    spare_trust: Vec<bool>,
+    pub(super) hessian: Vec<f64>,
+    pub(super) inverse: Vec<f64>,
+    pub(super) spare: Vec<f64>,
+    pub(super) work: Vec<f64>,
+    pub(super) spare_trust: Vec<bool>,
     /// Columns of M H⁻¹ M', as far as they were needed.
-    gram: Vec<f64>,
-    known: Vec<bool>,
+    pub(super) gram: Vec<f64>,
+    pub(super) known: Vec<bool>,
+    /// √`H_jj` of all variables.
+    pub(super) units: Vec<f64>,
     /// Per variable 1/√`H_jj`; per row its length in these units.
-    d: Vec<f64>,
-    reach: Vec<f64>,
-    f: Vec<f64>,
-    x: Vec<f64>,
+    pub(super) d: Vec<f64>,
+    pub(super) reach: Vec<f64>,
+    pub(super) f: Vec<f64>,
+    pub(super) x: Vec<f64>,
     /// Values of all rows without working rows, and with them.
-    free: Vec<f64>,
-    values: Vec<f64>,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
-    tableau: Vec<f64>,
-    sides: Vec<i8>,
-    order: Vec<u32>,
-    multipliers: Vec<f64>,
-    l: Vec<f64>,
-    pivots: Vec<f64>,
-    inverse_pivots: Vec<f64>,
+    pub(super) free: Vec<f64>,
+    pub(super) values: Vec<f64>,
+    pub(super) lower: Vec<f64>,
+    pub(super) upper: Vec<f64>,
+    pub(super) tableau: Vec<f64>,
+    pub(super) sides: Vec<i8>,
+    pub(super) order: Vec<u32>,
+    pub(super) multipliers: Vec<f64>,
+    pub(super) l: Vec<f64>,
+    pub(super) pivots: Vec<f64>,
+    pub(super) inverse_pivots: Vec<f64>,
     /// For one block at a time: bounds widened by the tolerance, and scratch.
-    low: Vec<f64>,
-    high: Vec<f64>,
-    direction: Vec<f64>,
-    scratch: [Vec<f64>; 4],
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
+    pub(super) direction: Vec<f64>,
+    pub(super) scratch: [Vec<f64>; 4],
 }
 
 /// One block.
@@ -81,8 +82,6 @@ pub(super) struct Block<'a> {
     pub(super) trusted: bool,
     pub(super) tolerance: f64,
     measured: &'a mut bool,
-    /// The last solve needed a walk.
-    pub(super) walked: &'a mut bool,
     pub(super) gram: &'a mut [f64],
     known: &'a mut [bool],
     pub(super) d: &'a mut [f64],
@@ -122,6 +121,7 @@ impl Blocks {
             spare_trust: Vec::with_capacity(n),
             gram: vec![0.0; tall * all],
             known: vec![false; all],
+            units: vec![0.0; n],
             d: vec![0.0; wide],
             reach: vec![0.0; tall],
             f: vec![0.0; wide],
@@ -201,6 +201,9 @@ impl Blocks {
                 row[shape.n..].fill(0.0);
             }
         }
+        for (j, unit) in self.units.iter_mut().enumerate() {
+            *unit = h[(j, j)].sqrt();
+        }
         self.known.fill(false);
         self.all_trusted = self.memory.iter().all(|memory| memory.trusted);
         self.front.set_inverse(&self.structure, &self.inverse);
@@ -278,11 +281,26 @@ impl Blocks {
         }
     }
 
+    /// Rows in the working set of block `index`.
+    pub(super) fn rows_held(&self, index: usize) -> u32 {
+        super::structure::index(self.memory[index].count)
+    }
+
+    /// The largest entry of the free minimum, each in its unit.
+    pub(super) fn size(&self) -> f64 {
+        let mut size = 0.0;
+        for (x, unit) in self.front.x.iter().zip(&self.units) {
+            let entry = x.abs() * unit;
+            size = if entry > size { entry } else { size };
+        }
+        size
+    }
+
     pub(super) fn block(&mut self, index: usize) -> Block<'_> {
         let shape = self.structure.shapes[index];
         let Shape { n, m, wide, tall, most, .. } = shape;
         let (at_wide, at_tall, at_order) = (shape.at_wide, shape.at_tall, shape.at_order);
-        let Memory { count, clean, measured, trusted, walked } = &mut self.memory[index];
+        let Memory { count, clean, measured, trusted } = &mut self.memory[index];
         let [a, b, c, d] = &mut self.scratch;
         Block {
             shape,
@@ -293,7 +311,6 @@ impl Blocks {
             trusted: *trusted,
             tolerance: self.tolerance,
             measured,
-            walked,
             gram: &mut self.gram[shape.at_gram..][..m * tall],
             known: &mut self.known[shape.first_row..][..m],
             d: &mut self.d[at_wide..][..wide],
@@ -325,19 +342,6 @@ impl Blocks {
 }
 
 impl Block<'_> {
-    pub(super) fn members(&self) -> &[Member] {
-        self.structure.members(&self.shape)
-    }
-
-    pub(super) fn variables(&self) -> &[u32] {
-        self.structure.variables(&self.shape)
-    }
-
-    /// Rows in the working set.
-    pub(super) fn rows_held(&self) -> u32 {
-        u32::try_from(*self.factor.count).unwrap_or(u32::MAX)
-    }
-
     /// Takes over the free minimum; both of the whole problem.
     pub(super) fn start(&mut self, f: &[f64], x: &[f64]) {
         let variables = self.structure.variables(&self.shape).iter();
@@ -345,15 +349,6 @@ impl Block<'_> {
             (*own_f, *own_x) = (-f[j as usize], x[j as usize]);
         }
         self.structure.values(&self.shape, self.x, self.free);
-    }
-
-    /// The largest of gradient and free minimum, each in its unit.
-    pub(super) fn size(&self) -> f64 {
-        let mut size = 0.0_f64;
-        for ((x, f), d) in self.x.iter().zip(self.f.iter()).zip(self.d.iter()).take(self.shape.n) {
-            size = size.max((x / d).abs()).max((f * d).abs());
-        }
-        size
     }
 
     /// Lengths of rows and variables, on demand.

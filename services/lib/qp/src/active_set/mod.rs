@@ -2,6 +2,7 @@
 //! `walk` finds the working set of one block on the `factor` of its Gram matrix. What that cannot
 //! settle beyond doubt goes to the `goldfarb` module, which is slower and gives the verdicts.
 
+mod answer;
 mod blocks;
 mod factor;
 mod front;
@@ -16,7 +17,9 @@ use nalgebra::{DMatrix, DVector};
 use crate::goldfarb::Goldfarb;
 use crate::scaled::{check_matrix, check_symmetric};
 use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_compliance, check_working_set};
+use answer::Answer;
 use blocks::Blocks;
+use tableau::Tick;
 use walk::Doubt;
 
 /// From g'H⁻¹g above this the squares of the methods overflow.
@@ -80,6 +83,8 @@ pub struct ActiveSet {
     blocks: Blocks,
     safe: Goldfarb,
     set: Vec<i8>,
+    /// The set that the solve at hand started from.
+    start: Vec<i8>,
     /// Rows in it, if adopted.
     active: u32,
     x: DVector<f64>,
@@ -104,6 +109,7 @@ impl ActiveSet {
             blocks: Blocks::new(n, m, settings.tolerance),
             safe: Goldfarb::new(n, m, settings)?,
             set: vec![0; m],
+            start: vec![0; m],
             active: 0,
             x: DVector::zeros(n),
             multipliers: DVector::zeros(m),
@@ -119,9 +125,6 @@ impl ActiveSet {
 
     /// Solves block by block; returns the changes and the size of the working set.
     fn quick(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(u32, u32), Doubt> {
-        if !self.adopted {
-            self.blocks.adopt(&self.set);
-        }
         let empty = self.blocks.structure.empty_rows.iter().map(|&row| row as usize);
         if !empty.into_iter().all(|row| lower[row] <= 0.0 && 0.0 <= upper[row]) {
             return Err(Doubt);
@@ -137,57 +140,25 @@ impl ActiveSet {
         if self.adopted && self.active == 0 && self.blocks.front.is_inside(lower, upper) {
             return Ok((0, 0));
         }
-        let (mut changes, mut active) = (0, 0);
-        for index in 0..self.blocks.structure.shapes.len() {
-            let free = self.blocks.is_free(index, lower, upper);
-            let mut block = self.blocks.block(index);
-            *block.walked = !free;
-            if free {
-                continue;
-            }
-            block.start(f, self.x.as_slice());
-            changes += block.walk(lower, upper, self.max_iterations.saturating_sub(changes))?;
-            active += block.rows_held();
-            for (x, &j) in block.x.iter().zip(block.variables()) {
-                self.x[j as usize] = *x;
-            }
-        }
-        Ok((changes, active))
-    }
-
-    /// Copies working set and multipliers of the blocks that have walked.
-    fn publish(&mut self, lower: &[f64], upper: &[f64]) {
         if !self.adopted {
             self.set.fill(0);
             self.multipliers.fill(0.0);
-            self.adopted = true;
         }
+        let tick = Tick { f, lower, upper, size: self.blocks.size() };
+        let mut answer = Answer {
+            x: self.x.as_mut_slice(),
+            set: &mut self.set,
+            multipliers: self.multipliers.as_mut_slice(),
+        };
+        let (mut changes, mut active) = (0, 0);
         for index in 0..self.blocks.structure.shapes.len() {
-            let block = self.blocks.block(index);
-            if !*block.walked {
-                continue;
-            }
-            for member in block.members() {
-                self.set[member.row as usize] = 0;
-                self.multipliers[member.row as usize] = 0.0;
-            }
-            for (&row, multiplier) in block.factor.rows().iter().zip(block.multipliers.iter()) {
-                let k = row as usize;
-                let (bounds, bound) = if block.sides[k] < 0 {
-                    (lower, block.lower[k])
-                } else {
-                    (upper, block.upper[k])
-                };
-                // Of rows with one normal the one whose bound it is; the first, if several.
-                let holds =
-                    |row: u32| bounds[row as usize] <= bound && bound <= bounds[row as usize];
-                let mut members = block.members().iter().filter(|member| member.merged == row);
-                if let Some(holder) = members.find(|member| holds(member.row)) {
-                    self.set[holder.row as usize] = block.sides[k];
-                    self.multipliers[holder.row as usize] = *multiplier;
-                }
+            if !self.blocks.is_free(index, lower, upper) {
+                let most = self.max_iterations.saturating_sub(changes);
+                changes += self.blocks.walk(index, &tick, most, &mut answer)?;
+                active += self.blocks.rows_held(index);
             }
         }
+        Ok((changes, active))
     }
 
     /// Has the safe solver do it all.
@@ -267,14 +238,16 @@ impl QpSolver for ActiveSet {
         let m = self.set.len();
         let fits = (f.len(), lower.len(), upper.len()) == (self.x.len(), m, m);
         if self.matrices == Matrices::InBlocks && fits {
+            if !self.adopted {
+                self.blocks.adopt(&self.set);
+            }
+            self.start.copy_from_slice(&self.set);
             let quick = self.quick(f.as_slice(), lower.as_slice(), upper.as_slice());
             if let Ok((iterations, active)) = quick {
-                if active > 0 || self.active > 0 || !self.adopted {
-                    self.publish(lower.as_slice(), upper.as_slice());
-                }
-                self.active = active;
+                (self.adopted, self.active) = (true, active);
                 return QpOutcome { status: QpStatus::Solved, iterations, active };
             }
+            self.set.copy_from_slice(&self.start);
         }
         self.careful(f, lower, upper)
     }

@@ -317,6 +317,16 @@ impl Structure {
         &self.normals[start..self.normal_ends[at] as usize]
     }
 
+    /// Values of all rows of a block, from those of the problem's rows and variables.
+    pub(super) fn gather(&self, shape: &Shape, values: &[f64], x: &[f64], out: &mut [f64]) {
+        for member in self.members(shape) {
+            out[member.merged as usize] = values[member.row as usize];
+        }
+        for (&j, &unit) in self.variables(shape).iter().zip(self.units(shape)) {
+            out[unit as usize] = x[j as usize];
+        }
+    }
+
     /// Values of all rows of a block at `x`.
     pub(super) fn values(&self, shape: &Shape, x: &[f64], out: &mut [f64]) {
         let steps = &self.steps[shape.first_row..][..shape.m];

@@ -7,43 +7,52 @@
 //! A tableau depends on the way to it, so the result is taken from one built anew from P, the rows
 //! in their order; it serves the next solve if that starts from the same set.
 
-use super::blocks::Block;
-use super::structure::Shape;
+use super::blocks::Memory;
+use super::structure::{Shape, Structure, index};
 use super::walk::{Doubt, NOISE, SATISFIED};
 
 /// The largest block: rows, units included, and lanes.
 pub(super) const MOST_ROWS: usize = 16;
 
-/// A solve of one small block with `M` lanes.
-struct Small<'b, 'a, const M: usize> {
-    block: &'b mut Block<'a>,
-    lower: [f64; M],
-    upper: [f64; M],
-    /// The bounds widened by what counts as satisfied.
-    low: [f64; M],
-    high: [f64; M],
-    /// Values of all rows less compliance times multiplier, multipliers of the working ones.
-    values: [f64; M],
-    multipliers: [f64; M],
-    /// `K_p:` less its shares, for the row that was last projected.
-    across: [f64; M],
-    changes: u32,
-    most: u32,
+/// What a solve is about, for the whole problem.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tick<'a> {
+    pub(super) f: &'a [f64],
+    pub(super) lower: &'a [f64],
+    pub(super) upper: &'a [f64],
+    /// The free minimum, the largest entry in its unit.
+    pub(super) size: f64,
 }
 
-/// Walks a block of at most [`MOST_ROWS`] rows, as [`Block::walk`] does.
-pub(super) fn walk_small(
-    block: &mut Block<'_>,
-    lower: &[f64],
-    upper: &[f64],
-    most: u32,
-) -> Result<u32, Doubt> {
-    match block.shape.tall {
-        4 => Small::<4>::new(block, most).walk(lower, upper),
-        8 => Small::<8>::new(block, most).walk(lower, upper),
-        12 => Small::<12>::new(block, most).walk(lower, upper),
-        _ => Small::<MOST_ROWS>::new(block, most).walk(lower, upper),
-    }
+/// A solve of one small block with `M` lanes.
+pub(super) struct Small<'a, const M: usize> {
+    pub(super) structure: &'a Structure,
+    pub(super) shape: &'a Shape,
+    pub(super) memory: &'a mut Memory,
+    /// H⁻¹ by padded rows.
+    pub(super) inverse: &'a [f64],
+    /// Columns of P as far as they are known.
+    pub(super) gram: &'a mut [[f64; M]],
+    pub(super) known: &'a mut [bool],
+    pub(super) tableau: &'a mut [[f64; M]],
+    pub(super) order: &'a mut [u32],
+    pub(super) sides: &'a mut [i8; M],
+    pub(super) reach: &'a [f64; M],
+    pub(super) compliance: &'a [f64],
+    /// Values at the free minimum.
+    pub(super) free: [f64; M],
+    pub(super) lower: [f64; M],
+    pub(super) upper: [f64; M],
+    /// The bounds widened by what counts as satisfied.
+    pub(super) low: [f64; M],
+    pub(super) high: [f64; M],
+    /// Values of all rows less compliance times multiplier, multipliers of the working ones.
+    pub(super) values: [f64; M],
+    pub(super) multipliers: [f64; M],
+    /// `K_p:` less its shares, for the row that was last projected.
+    pub(super) across: [f64; M],
+    pub(super) changes: u32,
+    pub(super) most: u32,
 }
 
 /// target -= share * source.
@@ -53,26 +62,11 @@ fn reduce<const M: usize>(target: &mut [f64; M], share: f64, source: &[f64; M]) 
     }
 }
 
-impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
-    fn new(block: &'b mut Block<'a>, most: u32) -> Self {
-        Self {
-            block,
-            lower: [f64::NEG_INFINITY; M],
-            upper: [f64::INFINITY; M],
-            low: [0.0; M],
-            high: [0.0; M],
-            values: [0.0; M],
-            multipliers: [0.0; M],
-            across: [0.0; M],
-            changes: 0,
-            most,
-        }
-    }
-
-    fn walk(&mut self, lower: &[f64], upper: &[f64]) -> Result<u32, Doubt> {
-        self.block.measure();
-        self.gather(lower, upper)?;
-        if *self.block.factor.clean < *self.block.factor.count {
+impl<const M: usize> Small<'_, M> {
+    /// Walks to the optimal working set, starting from the one in force.
+    pub(super) fn walk(&mut self, tick: &Tick<'_>) -> Result<(), Doubt> {
+        self.gather(tick)?;
+        if self.memory.clean < self.memory.count {
             self.rebuild();
         }
         self.release_unbounded();
@@ -90,7 +84,7 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
                         None => break,
                     }
                 }
-            } else if *self.block.factor.clean == *self.block.factor.count {
+            } else if self.memory.clean == self.memory.count {
                 break;
             }
             self.rebuild();
@@ -98,25 +92,24 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
                 return Err(Doubt);
             }
         }
-        self.hand_over()?;
-        Ok(self.changes)
+        self.finish();
+        Ok(())
     }
 
     /// Collects the bounds of the merged rows, and the same widened by the tolerance.
-    fn gather(&mut self, lower: &[f64], upper: &[f64]) -> Result<(), Doubt> {
+    fn gather(&mut self, tick: &Tick<'_>) -> Result<(), Doubt> {
         let mut possible = true;
-        for member in self.block.structure.members(&self.block.shape) {
+        for member in self.structure.members(self.shape) {
             let (k, row) = (member.merged as usize, member.row as usize);
-            let (low, high) = (lower[row], upper[row]);
+            let (low, high) = (tick.lower[row], tick.upper[row]);
             // NaN and what no value satisfies fail here.
             possible &= low <= high && low < f64::INFINITY && high > f64::NEG_INFINITY;
             self.lower[k] = if low > self.lower[k] { low } else { self.lower[k] };
             self.upper[k] = if high < self.upper[k] { high } else { self.upper[k] };
         }
-        let size = self.block.size();
         for k in 0..M {
             let (low, high) = (self.lower[k], self.upper[k]);
-            let reach = self.block.reach[k] * size;
+            let reach = self.reach[k] * tick.size;
             possible &= low <= high;
             // Infinite bounds stay infinite.
             self.low[k] = low - SATISFIED * (reach + low.abs());
@@ -126,7 +119,7 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
     }
 
     fn bound(&self, k: usize) -> f64 {
-        if self.block.sides[k] < 0 { self.lower[k] } else { self.upper[k] }
+        if self.sides[k] < 0 { self.lower[k] } else { self.upper[k] }
     }
 
     fn is_equality(&self, k: usize) -> bool {
@@ -135,22 +128,22 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
 
     /// Builds the tableau of the rows that have a side, without those that depend on others.
     fn rebuild(&mut self) {
-        *self.block.factor.count = 0;
-        for k in 0..self.block.shape.m {
-            if self.block.sides[k] != 0 {
+        self.memory.count = 0;
+        for k in 0..self.shape.m {
+            if self.sides[k] != 0 {
                 match self.project(k) {
                     Some(pivot) => self.push(k, pivot),
-                    None => self.block.sides[k] = 0,
+                    None => self.sides[k] = 0,
                 }
             }
         }
-        *self.block.factor.clean = *self.block.factor.count;
+        self.memory.clean = self.memory.count;
     }
 
     /// Drops working rows whose bound has gone.
     fn release_unbounded(&mut self) {
-        for position in (0..*self.block.factor.count).rev() {
-            let k = self.block.factor.order[position] as usize;
+        for position in (0..self.memory.count).rev() {
+            let k = self.order[position] as usize;
             if !self.bound(k).is_finite() {
                 self.remove(position);
             }
@@ -160,35 +153,35 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
     /// Splits row `p` along the working rows into `across`. Returns the pivot, or `None` if the
     /// row depends on the working ones or there is no room.
     fn project(&mut self, p: usize) -> Option<f64> {
-        self.block.need(p);
-        let Some(gram) = self.block.gram[p * M..].first_chunk::<M>() else { return None };
+        self.need(p);
+        let gram = &self.gram[p];
         self.across = *gram;
         let mut growth = 1.0;
-        let count = *self.block.factor.count;
-        let (rows, _) = self.block.tableau.as_chunks::<M>();
-        for (row, &k) in rows.iter().zip(self.block.factor.rows()) {
+        let count = self.memory.count;
+        let rows = &self.tableau;
+        for (row, &k) in rows.iter().zip(self.order.iter().take(self.memory.count)) {
             reduce(&mut self.across, gram[k as usize], row);
             growth += row[p].abs();
         }
-        for &k in self.block.factor.rows() {
+        for &k in self.order.iter().take(self.memory.count) {
             // They stay at their bounds.
             self.across[k as usize] = 0.0;
         }
-        let softness = self.block.compliance[p];
+        let softness = self.compliance[p];
         let pivot = self.across[p] + softness;
         let own = gram[p] + softness;
         let independent = pivot > NOISE * own * growth * growth;
-        (independent && count < self.block.factor.most).then_some(pivot)
+        (independent && count < self.shape.most).then_some(pivot)
     }
 
     /// Takes in the row last projected.
     fn push(&mut self, p: usize, pivot: f64) {
-        let count = *self.block.factor.count;
+        let count = self.memory.count;
         let inverse = 1.0 / pivot;
         let mut new = self.across.map(|entry| entry * inverse);
-        let (rows, _) = self.block.tableau.as_chunks_mut::<M>();
+        let rows = &mut self.tableau;
         let (rows, rest) = rows.split_at_mut(count);
-        for (row, &k) in rows.iter().zip(self.block.factor.order.iter()) {
+        for (row, &k) in rows.iter().zip(self.order.iter()) {
             new[k as usize] = -row[p] * inverse;
         }
         new[p] = inverse;
@@ -198,16 +191,15 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
             reduce(row, share, &new);
         }
         rest[0] = new;
-        // Fits: a small block has at most 16 rows.
-        self.block.factor.order[count] = p as u32;
-        *self.block.factor.count = count + 1;
+        self.order[count] = index(p);
+        self.memory.count = count + 1;
     }
 
     /// Takes out the working row at `position`.
     fn remove(&mut self, position: usize) {
-        let count = *self.block.factor.count;
-        let l = self.block.factor.order[position] as usize;
-        let (rows, _) = self.block.tableau.as_chunks_mut::<M>();
+        let count = self.memory.count;
+        let l = self.order[position] as usize;
+        let rows = &mut self.tableau;
         let inverse = 1.0 / rows[position][l];
         let mut gone = rows[position].map(|entry| entry * inverse);
         gone[l] = inverse;
@@ -217,27 +209,27 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
             row[l] = 0.0;
             reduce(row, share, &gone);
         }
-        self.block.factor.order.copy_within(position + 1..count, position);
-        self.block.sides[l] = 0;
+        self.order.copy_within(position + 1..count, position);
+        self.sides[l] = 0;
         self.multipliers[l] = 0.0;
-        *self.block.factor.count = count - 1;
+        self.memory.count = count - 1;
         // Never equal to the count again until the tableau is rebuilt.
-        *self.block.factor.clean = usize::MAX;
+        self.memory.clean = usize::MAX;
     }
 
     /// Multipliers and values of the working set.
     fn evaluate(&mut self) {
         let mut sum = [0.0; M];
-        let (rows, _) = self.block.tableau.as_chunks::<M>();
-        for (row, &k) in rows.iter().zip(self.block.factor.rows()) {
+        let rows = &self.tableau;
+        for (row, &k) in rows.iter().zip(self.order.iter().take(self.memory.count)) {
             let k = k as usize;
-            reduce(&mut sum, self.bound(k) - self.block.free[k], row);
+            reduce(&mut sum, self.bound(k) - self.free[k], row);
         }
-        for ((value, free), sum) in self.values.iter_mut().zip(self.block.free.iter()).zip(&sum) {
+        for ((value, free), sum) in self.values.iter_mut().zip(self.free.iter()).zip(&sum) {
             *value = free - sum;
         }
-        for position in 0..*self.block.factor.count {
-            let k = self.block.factor.order[position] as usize;
+        for position in 0..self.memory.count {
+            let k = self.order[position] as usize;
             self.values[k] = self.bound(k);
         }
         self.multipliers = sum;
@@ -245,15 +237,16 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
 
     /// Drops all working rows that push the wrong way; true if there were any.
     fn drop_wrong(&mut self) -> bool {
-        let count = *self.block.factor.count;
+        let count = self.memory.count;
         let mut largest = 0.0_f64;
-        for &k in self.block.factor.rows() {
-            largest = largest.max(self.multipliers[k as usize].abs());
+        for &k in self.order.iter().take(self.memory.count) {
+            let size = self.multipliers[k as usize].abs();
+            largest = if size > largest { size } else { largest };
         }
         let mut dropped = false;
         for position in (0..count).rev() {
-            let k = self.block.factor.order[position] as usize;
-            let push = self.multipliers[k] * f64::from(self.block.sides[k]);
+            let k = self.order[position] as usize;
+            let push = self.multipliers[k] * f64::from(self.sides[k]);
             if push < -f64::EPSILON * largest && !self.is_equality(k) {
                 self.remove(position);
                 self.changes += 1;
@@ -266,15 +259,20 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
     /// The row outside the working set that misses its bound by most, for its length.
     fn most_violated(&self) -> Option<usize> {
         let mut misses = [0.0; M];
-        for k in 0..M {
+        let mut any = false;
+        for (k, miss) in misses.iter_mut().enumerate() {
             let value = self.values[k];
             let (below, above) = (self.low[k] - value, value - self.high[k]);
-            misses[k] = if below > above { below } else { above };
+            *miss = if below > above { below } else { above };
+            any |= *miss > 0.0;
+        }
+        if !any {
+            return None;
         }
         let mut worst = (0.0, None);
-        for (k, side) in self.block.sides.iter().enumerate() {
-            if misses[k] > 0.0 && *side == 0 && misses[k] > worst.0 * self.block.reach[k] {
-                worst = (misses[k] / self.block.reach[k], Some(k));
+        for (k, side) in self.sides.iter().enumerate() {
+            if misses[k] > 0.0 && *side == 0 && misses[k] > worst.0 * self.reach[k] {
+                worst = (misses[k] / self.reach[k], Some(k));
             }
         }
         worst.1
@@ -285,7 +283,7 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
         let above = self.values[p] > self.high[p];
         let (side, bound) = if above { (1, self.upper[p]) } else { (-1, self.lower[p]) };
         let sign = f64::from(side);
-        let softness = self.block.compliance[p];
+        let softness = self.compliance[p];
         let mut multiplier = 0.0;
         loop {
             self.changes += 1;
@@ -300,8 +298,8 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
             if !step.is_finite() {
                 return Err(Doubt);
             }
-            let (rows, _) = self.block.tableau.as_chunks::<M>();
-            for (row, &k) in rows.iter().zip(self.block.factor.rows()) {
+            let rows = &self.tableau;
+            for (row, &k) in rows.iter().zip(self.order.iter().take(self.memory.count)) {
                 self.multipliers[k as usize] -= step * row[p];
             }
             let across = self.across;
@@ -311,9 +309,9 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
                 (Some((position, soonest)), _) if soonest < full => self.remove(position),
                 (_, Some(pivot)) => {
                     self.multipliers[p] = multiplier;
-                    self.block.sides[p] = side;
+                    self.sides[p] = side;
                     self.push(p, pivot);
-                    *self.block.factor.clean = usize::MAX;
+                    self.memory.clean = usize::MAX;
                     return Ok(());
                 }
                 _ => return Err(Doubt),
@@ -325,10 +323,12 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
     /// the one with the larger share.
     fn first_to_leave(&self, p: usize, sign: f64) -> Option<(usize, f64)> {
         let mut first: Option<(usize, f64, f64)> = None;
-        let (rows, _) = self.block.tableau.as_chunks::<M>();
-        for (position, (row, &k)) in rows.iter().zip(self.block.factor.rows()).enumerate() {
+        let rows = &self.tableau;
+        for (position, (row, &k)) in
+            rows.iter().zip(self.order.iter().take(self.memory.count)).enumerate()
+        {
             let k = k as usize;
-            let own = f64::from(self.block.sides[k]);
+            let own = f64::from(self.sides[k]);
             let yields = own * sign * row[p];
             if yields <= NOISE || self.is_equality(k) {
                 continue;
@@ -343,22 +343,35 @@ impl<'b, 'a, const M: usize> Small<'b, 'a, M> {
         first.map(|(position, step, _)| (position, step))
     }
 
-    /// Writes bounds, values and multipliers to the block and has it finish.
-    fn hand_over(&mut self) -> Result<(), Doubt> {
-        let Shape { m, .. } = self.block.shape;
-        self.block.lower[..m].copy_from_slice(&self.lower[..m]);
-        self.block.upper[..m].copy_from_slice(&self.upper[..m]);
-        self.block.values[..m].copy_from_slice(&self.values[..m]);
-        for position in 0..*self.block.factor.count {
-            let k = self.block.factor.order[position] as usize;
-            self.block.multipliers[position] = self.multipliers[k];
+    /// Makes sure that column `p` of the Gram matrix is there.
+    fn need(&mut self, p: usize) {
+        if self.known[p] {
+            return;
         }
-        if !self.block.trusted {
-            self.block.low[..m].copy_from_slice(&self.low[..m]);
-            self.block.high[..m].copy_from_slice(&self.high[..m]);
-            self.block.polish()?;
+        self.known[p] = true;
+        let mut image = [0.0; M];
+        let image = &mut image[..self.shape.wide.min(M)];
+        for term in self.structure.normal(self.shape, p) {
+            let source = self.inverse[term.variable as usize * self.shape.wide..].iter();
+            for (entry, source) in image.iter_mut().zip(source) {
+                *entry += term.coefficient * source;
+            }
         }
-        self.block.finish();
-        Ok(())
+        self.gram[p] = [0.0; M];
+        self.structure.values(self.shape, image, &mut self.gram[p]);
+    }
+
+    /// Brings values and multipliers of the working rows to what they are without rounding.
+    fn finish(&mut self) {
+        for position in 0..self.memory.count {
+            let k = self.order[position] as usize;
+            let multiplier = self.multipliers[k];
+            if self.is_equality(k) {
+                self.sides[k] = if multiplier < 0.0 { -1 } else { 1 };
+            }
+            let wrong = multiplier * f64::from(self.sides[k]) < 0.0;
+            self.multipliers[k] = if wrong { 0.0 } else { multiplier };
+            self.values[k] = self.bound(k) + self.compliance[k] * self.multipliers[k];
+        }
     }
 }

@@ -8,7 +8,7 @@
 
 use super::blocks::Block;
 use super::inverse::times;
-use super::tableau::{MOST_ROWS, walk_small};
+use super::tableau::{MOST_ROWS, Tick};
 use crate::linear::axpy;
 
 /// Violation, relative to bound and size of the problem, up to which a row counts as satisfied.
@@ -26,13 +26,10 @@ pub(super) struct Doubt;
 
 impl Block<'_> {
     /// Walks to the optimal working set, starting from the one in force; at most `most` changes.
-    /// Returns their number. `lower` and `upper` are those of the whole problem.
-    pub(super) fn walk(&mut self, lower: &[f64], upper: &[f64], most: u32) -> Result<u32, Doubt> {
-        if self.shape.tall <= MOST_ROWS {
-            return walk_small(self, lower, upper, most);
-        }
+    /// Returns their number.
+    pub(super) fn walk(&mut self, tick: &Tick<'_>, most: u32) -> Result<u32, Doubt> {
         self.measure();
-        self.gather(lower, upper)?;
+        self.gather(tick)?;
         self.rebuild();
         let mut changes = 0;
         loop {
@@ -59,12 +56,12 @@ impl Block<'_> {
     }
 
     /// Collects the bounds of the merged rows, and the same widened by the tolerance.
-    fn gather(&mut self, lower: &[f64], upper: &[f64]) -> Result<(), Doubt> {
+    fn gather(&mut self, tick: &Tick<'_>) -> Result<(), Doubt> {
         self.lower.fill(f64::NEG_INFINITY);
         self.upper.fill(f64::INFINITY);
         for member in self.structure.members(&self.shape) {
             let (k, row) = (member.merged as usize, member.row as usize);
-            let (low, high) = (lower[row], upper[row]);
+            let (low, high) = (tick.lower[row], tick.upper[row]);
             // NaN and what no value satisfies fail here.
             let possible = low <= high && low < f64::INFINITY && high > f64::NEG_INFINITY;
             if !possible {
@@ -73,7 +70,7 @@ impl Block<'_> {
             self.lower[k] = low.max(self.lower[k]);
             self.upper[k] = high.min(self.upper[k]);
         }
-        let size = self.size();
+        let size = tick.size;
         let bounds = self.lower.iter().zip(self.upper.iter());
         let widened = self.low.iter_mut().zip(self.high.iter_mut()).zip(self.reach.iter());
         for (((low, high), reach), (lower, upper)) in widened.zip(bounds) {
