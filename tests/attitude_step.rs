@@ -12,7 +12,7 @@ const STEP_AT_S: f64 = 0.2;
 const STEP_RAD: f64 = 0.2;
 /// Half width of the band in which the angle counts as settled.
 const BAND_RAD: f64 = 0.004;
-const RATES_HZ: [&str; 3] = ["50", "100", "150"];
+const RATES_HZ: [&str; 6] = ["50", "100", "150", "200", "500", "1000"];
 const MORPH_ANGLES_DEG: [&str; 3] = ["45", "94.5", "160"];
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 

@@ -85,6 +85,18 @@ sample! {
         pub increment_max: [f64; 3],
         /// By how much the increment bound was relaxed because the input bounds shrank.
         pub relaxation: [f64; 3],
+        /// Collective thrust that went with u(k) \[N\]; attitude only.
+        pub thrust_n: f64,
+        /// Arm length \[m\] in the bounds; attitude only.
+        pub arm_length_m: f64,
+        /// Rotor torque per thrust \[m\] in the bounds; attitude only.
+        pub yaw_coefficient_m: f64,
+        /// Bound on each rotor's thrust \[N\]; infinite or 0 if rotors are not bounded here.
+        pub rotor_thrust_max_n: f64,
+        /// Steps so far whose move was clipped because the solver did not finish.
+        pub fallbacks: u64,
+        /// Steps so far that were refused.
+        pub refused: u64,
         /// Iterations of the optimiser.
         pub iterations: u64,
         /// Active constraints at the solution.
@@ -111,6 +123,26 @@ impl ControllerReport {
                     .max(self.input[i] - self.input_max[i])
                     .max(increment - self.increment_max[i])
             })
+            .fold(self.worst_rotor_violation(), f64::max)
+    }
+
+    /// Largest amount \[N\] by which a rotor's share of thrust and torque leaves its bounds.
+    fn worst_rotor_violation(&self) -> f64 {
+        let most = self.rotor_thrust_max_n;
+        if !(most > 0.0 && most.is_finite()) || self.status == SolveStatus::Refused {
+            return 0.0;
+        }
+        let roll = self.input[0] / (2.0 * self.arm_length_m);
+        let pitch = self.input[1] / (2.0 * self.arm_length_m);
+        let yaw = self.input[2] / (4.0 * self.yaw_coefficient_m);
+        let share = 0.25 * self.thrust_n;
+        [share - yaw - pitch, share + yaw + roll, share - yaw + pitch, share + yaw - roll]
+            .into_iter()
+            .map(
+                |thrust| {
+                    if thrust.is_finite() { (-thrust).max(thrust - most) } else { f64::INFINITY }
+                },
+            )
             .fold(0.0, f64::max)
     }
 }

@@ -7,6 +7,7 @@ use super::settings::{Clock, Settings};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use crate::pilot::{Pilot, PilotError, RigPilot};
+use attitude_mpc::MpcError;
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
 use shared_types::{Role, TopicInfo};
@@ -14,6 +15,8 @@ use vehicle::ParameterError;
 
 /// An attitude prediction shorter than this many rotor lags does not see what its torque does.
 const LEAST_ROTOR_LAGS: f64 = 5.0;
+/// Rates at which the steps of 0.2 rad are tested \[Hz\].
+const TESTED_RATES_HZ: core::ops::RangeInclusive<f64> = 50.0..=1000.0;
 /// Share of the lateral force at full tilt that wind and trajectory may claim.
 const TILT_SHARE: f64 = 0.8;
 
@@ -87,7 +90,12 @@ impl<'s> Checker<'s> {
         }
         let config = match self.scenario.attitude_law() {
             Ok(config) => config,
-            Err(attitude_mpc::ConfigError::OutOfRange { name, value, least, most }) => {
+            Err(attitude_mpc::ConfigError::Engine(MpcError::OutOfRange {
+                name,
+                value,
+                least,
+                most,
+            })) => {
                 let key = match name {
                     "command_delay_s" if law.command_delay_s.is_none() => {
                         "latency.wrench_command_s".to_owned()
@@ -98,8 +106,14 @@ impl<'s> Checker<'s> {
                 };
                 return self.out_of_range(&key, value, least, most);
             }
-            Err(error) => return self.horizons("attitude_mpc", &error.to_string()),
+            Err(error) => return self.refused("attitude_mpc", &error.to_string()),
         };
+        if !TESTED_RATES_HZ.contains(&law.rate_hz) {
+            let what =
+                format!("{} Hz is slower than any attitude loop that is tested", law.rate_hz);
+            let remedy = "fly at 50 Hz or more, or look at attitude-step first";
+            self.warn("attitude_mpc.rate_hz", what, remedy);
+        }
         let look_ahead_s = attitude_mpc::settings::Settings::look_ahead_s(&config);
         let needed_s = LEAST_ROTOR_LAGS * config.rotor_lag_s;
         if let Some(look_ahead_s) = look_ahead_s.ok().filter(|&s| s < needed_s) {
@@ -128,10 +142,15 @@ impl<'s> Checker<'s> {
         }
         match self.scenario.position_law() {
             Ok(_) => {}
-            Err(position_mpc::ConfigError::OutOfRange { name, value, least, most }) => {
+            Err(position_mpc::ConfigError::Engine(MpcError::OutOfRange {
+                name,
+                value,
+                least,
+                most,
+            })) => {
                 self.out_of_range(&format!("position_mpc.{name}"), value, least, most);
             }
-            Err(error) => self.horizons("position_mpc", &error.to_string()),
+            Err(error) => self.refused("position_mpc", &error.to_string()),
         }
     }
 
@@ -140,9 +159,16 @@ impl<'s> Checker<'s> {
         self.error(key, what, format!("write a number from {least} to {most}"));
     }
 
-    fn horizons(&mut self, section: &str, what: &str) {
-        let key = format!("{section}.control_horizon");
-        self.error(&key, what, "let 1 <= control_horizon <= prediction_horizon <= 100");
+    /// Complains about what the laws' engine refuses and a range of numbers cannot tell.
+    fn refused(&mut self, section: &str, what: &str) {
+        let (key, remedy) = if what.starts_with("laguerre_pole") {
+            ("laguerre_pole", "let 0 <= pole < 1 for each input; 0 is the classic form")
+        } else if what.starts_with("laguerre_terms") {
+            ("laguerre_terms", "give each input 1 to 50 functions")
+        } else {
+            ("control_horizon", "let 1 <= control_horizon <= 50 and <= prediction_horizon <= 200")
+        };
+        self.error(&format!("{section}.{key}"), what, remedy);
     }
 
     fn estimator(&mut self) {

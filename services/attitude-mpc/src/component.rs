@@ -2,6 +2,7 @@
 
 use crate::law::{AttitudeLaw, Input, LawStatus, Output, Setpoint};
 use crate::memory::Memory;
+use crate::preview::MorphPlan;
 use crate::{AttitudeLawConfig, ConfigError};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -63,6 +64,7 @@ shared_types::memory! {
 pub struct AttitudeMpc {
     law: AttitudeLaw,
     period_ns: u64,
+    yaw_coefficient_m: f64,
     setpoint: Setpoint,
     setpoint_sequence: u64,
     setpoints_refused: u64,
@@ -87,6 +89,7 @@ impl AttitudeMpc {
                 reason = "positive"
             )]
             period_ns: (1e9 / rate_hz).ceil() as u64,
+            yaw_coefficient_m: vehicle.yaw_coefficient_m,
             setpoint: Setpoint {
                 gamma_rad: Vector3::new(0.0, 0.0, start_yaw_rad),
                 thrust_n: vehicle.weight_n(),
@@ -146,6 +149,12 @@ impl AttitudeMpc {
             relaxation: output.relaxation_nm.into(),
             iterations: u64::from(output.iterations),
             active_constraints: u64::from(output.active),
+            thrust_n: output.thrust_n,
+            arm_length_m: output.arm_length_m,
+            yaw_coefficient_m: self.yaw_coefficient_m,
+            rotor_thrust_max_n: output.rotor_bound_n,
+            fallbacks: self.law.memory().counters.fallbacks,
+            refused: self.law.memory().counters.refused,
             status: solve_status(output.status),
             ..ControllerReport::default()
         };
@@ -156,6 +165,19 @@ impl AttitudeMpc {
             report.input_max = report.input;
         }
         report
+    }
+}
+
+/// The path of a command, or its angle if it has none.
+fn plan(command: &MorphCommand, now_ns: u64) -> MorphPlan<'_> {
+    let count = usize::try_from(command.count).unwrap_or(0).min(command.path_rad.len());
+    MorphPlan {
+        path_rad: match count {
+            0 => core::slice::from_ref(&command.angle_rad),
+            _ => &command.path_rad[..count],
+        },
+        spacing_s: command.spacing_ns.max(1) as f64 * 1e-9,
+        age_s: now_ns.saturating_sub(command.header.valid_ns) as f64 * 1e-9,
     }
 }
 
@@ -180,7 +202,8 @@ impl Service for AttitudeMpc {
             self.law.miss();
             return;
         };
-        let output = self.law.step(&input);
+        let plan = inputs.morph_command.sample().map(|command| plan(command, now_ns));
+        let output = self.law.step_along(&input, plan.as_ref());
         outputs.wrench_command.write(WrenchCommand {
             thrust_n: output.thrust_n,
             torque_b_nm: output.torque_nm.into(),

@@ -1,17 +1,17 @@
 //! The law's numbers, each with its reason, and what is refused.
 
-use mpc::{Horizon, MpcError, SolverKind};
+use mpc::{Basis, Horizon, MpcError, SolverKind, within};
 use thiserror::Error;
 use vehicle::{MorphAngle, ParameterError};
 
-use crate::memory::WORKING_SET_CAPACITY;
+use crate::schedule;
 
 /// How far the law looks ahead.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum HorizonChoice {
     /// Np and Nc in samples, as the paper gives them.
     Samples(Horizon),
-    /// At least this long \[s\]: Np = 20..=100 samples, Nc a tenth of it but at least 3.
+    /// At least this long \[s\]: Np = 20..=200 samples, Nc a tenth of it but at least 3.
     ///
     /// 20 samples suffice up to 150 Hz; 40 ms of look-ahead against 15 ms of rotor lag do not fly.
     Seconds(f64),
@@ -24,7 +24,7 @@ impl HorizonChoice {
             Self::Seconds(seconds) => {
                 within("horizon_s", seconds, 1e-3, 10.0)?;
                 let wanted = (seconds * rate_hz - 1e-9).ceil();
-                let prediction = (20..100).find(|n| f64::from(*n) >= wanted).unwrap_or(100_u16);
+                let prediction = (20..200).find(|n| f64::from(*n) >= wanted).unwrap_or(200_u16);
                 let control = prediction.div_ceil(10).max(3);
                 Ok(Horizon { prediction: prediction.into(), control: control.into() })
             }
@@ -33,7 +33,8 @@ impl HorizonChoice {
 }
 
 /// Where the bounds on the torque come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum TorqueBound {
     /// Roll and pitch m g L min(1/2, T/(2 m g)), what the rotors can give at the present thrust;
     /// yaw k m g.
@@ -41,6 +42,8 @@ pub enum TorqueBound {
     /// Roll and pitch m g L, yaw 2 m g L: our reading of the paper, which prints none. Yaw then
     /// moves like roll on the linear model, as in its figures.
     Paper,
+    /// 0 <= F <= `F_max` for each rotor at the given thrust: the axes share what there is.
+    RotorThrusts,
 }
 
 /// Everything the attitude law is told before it flies. [`Default`] is for flight.
@@ -53,13 +56,35 @@ pub struct AttitudeLawConfig {
     /// `r_w` of roll and pitch \[rad²/(N m)²\] in (15); at [`Self::REFERENCE_INERTIA_KG_M2`] if
     /// it is scaled.
     pub increment_weight: f64,
+    /// Factor on `r_w` for pitch.
+    pub pitch_weight_factor: f64,
     /// Factor on `r_w` for yaw; (Ixx/Izz)² = 1/4 makes the axes alike.
     pub yaw_weight_factor: f64,
     /// Scales `r_w` with 1/Ixx(β)², so that ρ = `r_w` (I/dt²)² and with it the loop in samples is
     /// the same at every size. A fixed `r_w` makes the large vehicle sluggish.
     pub scale_weight_with_inertia: bool,
+    /// Q of roll, pitch and yaw; 1 in the paper.
+    pub output_weight: [f64; 3],
+    /// Factor on Q at the last sample of the horizon; 1 in the paper.
+    pub terminal_factor: f64,
+    /// Laguerre functions of each torque instead of one unknown per move.
+    pub laguerre: Option<[Basis; 3]>,
     /// Torque bounds; the increment bound of one sample equals them.
     pub torque_bound: TorqueBound,
+    /// Price of leaving the torque bounds, see [`mpc::Hardness::Soft`]; `None` forbids it.
+    pub level_penalty: Option<f64>,
+    /// Whether increments are bounded at all.
+    pub increment_bound: bool,
+    /// Price of leaving the increment bounds; `None` forbids it.
+    pub increment_penalty: Option<f64>,
+    /// Bound on predicted |φ| and |θ| \[rad\].
+    pub angle_max_rad: Option<f64>,
+    /// Bound on predicted |γ̇| \[rad/s\].
+    pub rate_max_rad_s: Option<f64>,
+    /// Price of leaving these two; `None` forbids it, and what cannot be met is then infeasible.
+    pub state_penalty: Option<f64>,
+    /// Whether a commanded morph is followed along the horizon.
+    pub morph_preview: bool,
     /// Rotor lag in the prediction model \[s\]; 0 with no delay is the paper's model (8).
     pub rotor_lag_s: f64,
     /// Time from a step to its command taking effect \[s\] in the prediction model, at most one
@@ -106,9 +131,20 @@ impl AttitudeLawConfig {
             rate_hz,
             horizon: HorizonChoice::Seconds(0.12),
             increment_weight,
+            pitch_weight_factor: 1.0,
             yaw_weight_factor: 8.0,
             scale_weight_with_inertia: true,
+            output_weight: [1.0; 3],
+            terminal_factor: 1.0,
+            laguerre: None,
             torque_bound: TorqueBound::Rotors,
+            level_penalty: None,
+            increment_bound: true,
+            increment_penalty: None,
+            angle_max_rad: None,
+            rate_max_rad_s: None,
+            state_penalty: None,
+            morph_preview: true,
             rotor_lag_s: 0.015,
             command_delay_s: 0.001,
             command_latency_s: 0.001,
@@ -129,6 +165,7 @@ impl AttitudeLawConfig {
             yaw_weight_factor: 0.25,
             scale_weight_with_inertia: false,
             torque_bound: TorqueBound::Paper,
+            morph_preview: false,
             rotor_lag_s: 0.0,
             command_delay_s: 0.0,
             setpoint_ramp_s: 0.0,
@@ -145,6 +182,7 @@ impl AttitudeLawConfig {
     pub(crate) fn validate(&self) -> Result<(), ConfigError> {
         within("rate_hz", self.rate_hz, 1.0, 1000.0)?;
         within("increment_weight", self.increment_weight, 1e-9, 1e9)?;
+        within("pitch_weight_factor", self.pitch_weight_factor, 1e-6, 1e6)?;
         within("yaw_weight_factor", self.yaw_weight_factor, 1e-6, 1e6)?;
         within("rotor_lag_s", self.rotor_lag_s, 0.0, 1.0)?;
         within("command_delay_s", self.command_delay_s, 0.0, self.period_s())?;
@@ -152,49 +190,31 @@ impl AttitudeLawConfig {
         within("report_period_s", self.report_period_s, 0.0, 1.0)?;
         within("setpoint_ramp_s", self.setpoint_ramp_s, 0.0, 10.0)?;
         within("rebuild_tolerance_rad", self.rebuild_tolerance_rad, 0.0, 3.2)?;
-        let horizon = self.horizon.samples(self.rate_hz)?;
-        horizon.check()?;
-        let rows = 3 * (2 * horizon.control - 1);
-        if rows > WORKING_SET_CAPACITY {
-            return Err(ConfigError::ControlHorizon { control: horizon.control });
+        for weight in self.output_weight {
+            within("output_weight", weight, 0.0, 1e9)?;
         }
-        Ok(())
+        within("terminal_factor", self.terminal_factor, 0.0, 1e9)?;
+        let optional = [
+            ("level_penalty", self.level_penalty, 1e-9),
+            ("increment_penalty", self.increment_penalty, 1e-9),
+            ("state_penalty", self.state_penalty, 1e-9),
+            ("angle_max_rad", self.angle_max_rad, 1e-3),
+            ("rate_max_rad_s", self.rate_max_rad_s, 1e-3),
+        ];
+        for (name, value, least) in optional {
+            within(name, value.unwrap_or(1.0), least, 1e9)?;
+        }
+        Ok(schedule::design(self)?.check()?)
     }
 }
 
 /// A configuration the law refuses.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ConfigError {
-    /// A number outside its range.
-    #[error("{name} = {value} must lie in {least}..={most}")]
-    OutOfRange {
-        /// The key.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// Least value accepted.
-        least: f64,
-        /// Largest value accepted.
-        most: f64,
-    },
-    /// More moves than the law's memory holds.
-    #[error("control horizon {control} must not exceed 50 samples")]
-    ControlHorizon {
-        /// Nc as given.
-        control: usize,
-    },
-    /// The engine refused the set-up.
+    /// A number outside its range, or a set-up that the engine refuses.
     #[error(transparent)]
     Engine(#[from] MpcError),
     /// The vehicle is impossible.
     #[error(transparent)]
     Vehicle(#[from] ParameterError),
-}
-
-fn within(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ConfigError> {
-    if (least..=most).contains(&value) {
-        Ok(())
-    } else {
-        Err(ConfigError::OutOfRange { name, value, least, most })
-    }
 }

@@ -1,16 +1,20 @@
 //! One step of the attitude law, (8)-(17), in the order of the paper.
 
-use mpc::{Measured, QpStatus};
-use nalgebra::Vector3;
+use mpc::{IncrementalMpc, Measured, QpStatus};
+use nalgebra::{SVector, Vector3};
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
 
-use crate::config::{AttitudeLawConfig, ConfigError};
+use crate::config::{AttitudeLawConfig, ConfigError, TorqueBound};
 use crate::memory::Memory;
+use crate::preview::{MorphPlan, Preview, mean_gain};
 use crate::ramp::Ramp;
-use crate::schedule::{self, Engine, State};
+use crate::schedule::{self, StepLimits};
 
 /// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
 const ROUNDING_S: f64 = 1e-9;
+
+/// x = \[γ, γ̇, τ, u(k−1)\]; without lag and delay the last two do not matter.
+type State = SVector<f64, 12>;
 
 /// What the position loop asks for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,6 +87,10 @@ pub struct Output {
     pub iterations: u32,
     /// Rows at a bound.
     pub active: u32,
+    /// L \[m\] of the bounds.
+    pub arm_length_m: f64,
+    /// Bound on each rotor's thrust \[N\]; infinite if torques are bounded instead.
+    pub rotor_bound_n: f64,
 }
 
 /// The attitude MPC.
@@ -90,7 +98,8 @@ pub struct Output {
 pub struct AttitudeLaw {
     config: AttitudeLawConfig,
     vehicle: VehicleParameters,
-    engine: Engine,
+    engine: IncrementalMpc<3>,
+    preview: Preview,
     memory: Memory,
 }
 
@@ -105,17 +114,24 @@ impl AttitudeLaw {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         vehicle.validate()?;
-        let engine = Engine::new(&config, config.horizon.samples(config.rate_hz)?)?;
+        let design = schedule::design(&config)?;
+        let engine = IncrementalMpc::new(&design, config.solver)?;
+        let preview = Preview::new(design.horizon);
         let memory = Memory::at_trim(vehicle.weight_n());
-        Ok(Self { config, vehicle: *vehicle, engine, memory })
+        Ok(Self { config, vehicle: *vehicle, engine, preview, memory })
     }
 
     /// One sample: measure, Δx, program, u(k) = u(k−1) + Δu(k).
     pub fn step(&mut self, input: &Input) -> Output {
+        self.step_along(input, None)
+    }
+
+    /// As [`Self::step`], with the morph that is commanded.
+    pub fn step_along(&mut self, input: &Input, plan: Option<&MorphPlan<'_>>) -> Output {
         self.memory.counters.steps += 1;
         self.follow_actuators(input);
         match self.state(input) {
-            Ok(state) => self.control(input, &state),
+            Ok(state) => self.control(input, &state, plan),
             Err(refusal) => self.refuse(refusal),
         }
     }
@@ -178,10 +194,18 @@ impl AttitudeLaw {
         self.config.fixed_morph_angle.unwrap_or(input.morph_angle)
     }
 
-    fn control(&mut self, input: &Input, x: &State) -> Output {
+    /// β of gains and weights, which stay until it has moved by the tolerance.
+    fn scheduled(&self, beta: MorphAngle) -> MorphAngle {
+        let last = self.memory.scheduled_rad;
+        let stays = (beta.rad() - last).abs() <= self.config.rebuild_tolerance_rad;
+        MorphAngle::saturating_from_rad(last).filter(|_| stays).unwrap_or(beta)
+    }
+
+    fn control(&mut self, input: &Input, x: &State, plan: Option<&MorphPlan<'_>>) -> Output {
         let beta = self.angle(input);
+        let scheduled = self.scheduled(beta);
         let (config, vehicle) = (&self.config, &self.vehicle);
-        let ramp_s = config.setpoint_ramp_s;
+        let (period, ramp_s) = (config.period_s(), config.setpoint_ramp_s);
         let thrust = input.setpoint.thrust_n.clamp(0.0, 4.0 * vehicle.rotor_thrust_max_n);
         let mut ramp = self.memory.ramp;
         if !self.memory.commanded {
@@ -189,64 +213,64 @@ impl AttitudeLaw {
         }
         ramp.aim(&input.setpoint.gamma_rad, ramp_s);
 
-        self.engine.schedule(config, vehicle, beta);
-        let bounds = schedule::bounds(config, vehicle, beta, thrust);
-        let now = self.measured(x);
+        let plan = plan.filter(|_| config.morph_preview && config.fixed_morph_angle.is_none());
+        let morphing = plan.is_some_and(|plan| self.preview.follow(plan, beta, vehicle, period));
+        let unit = schedule::unit(config, vehicle, scheduled);
+        let operating = schedule::operating(config, vehicle, scheduled, &unit);
+        let bound = schedule::torque_bounds(config, vehicle, beta, thrust);
+        let limits = StepLimits::new(config, vehicle, &bound, &unit, thrust);
+        let now = measured(&self.memory, x, &unit, morphing.then_some((vehicle, beta)));
         let reference = ramp.value(0.0, ramp_s);
         // Whole turns that bring the yaw error at k into (−π, π], the same over the horizon.
         let error = reference.z - now.output.z;
         let turns = wrap_pi(error) - error;
-        let period = config.period_s();
         let desired = |ahead: usize| {
             let mut gamma = ramp.value(ahead as f64 * period, ramp_s);
             gamma.z += turns;
             gamma
         };
-        let chosen = self.engine.step(&now, desired, &bounds);
+        let ahead = morphing.then(|| self.preview.ahead(config, vehicle, &unit, thrust));
+        let limits = limits.limits(config);
+        let chosen = self.engine.step(&now, &operating, desired, &limits, ahead.as_ref());
 
-        ramp.advance(period, ramp_s);
-        self.memory.ramp = ramp;
-        self.remember(x, &chosen, beta, thrust);
-        Output {
-            torque_nm: chosen.u,
+        // Rounding of the units may leave a bound by its last bit.
+        let clipped = config.level_penalty.is_none();
+        let torque = chosen.u.component_mul(&unit);
+        let torque = if clipped { torque.sup(&-bound).inf(&bound) } else { torque };
+        let relaxation = chosen.relaxation.component_mul(&unit);
+        let by_rotor = config.torque_bound == TorqueBound::RotorThrusts;
+        let unbounded = Vector3::repeat(f64::INFINITY);
+        let stepwise = config.increment_bound && config.increment_penalty.is_none();
+        let output = Output {
+            torque_nm: torque,
             thrust_n: thrust,
             status: match chosen.status {
                 QpStatus::Solved => LawStatus::Solved,
                 unfinished => LawStatus::Fallback(unfinished),
             },
             reference_rad: reference,
-            torque_bound_nm: bounds.u_max,
-            increment_bound_nm: bounds.du_max + chosen.relaxation,
-            relaxation_nm: chosen.relaxation,
-            violation_nm: chosen.violation,
+            torque_bound_nm: if clipped { bound } else { unbounded },
+            increment_bound_nm: if stepwise { bound + relaxation } else { unbounded },
+            relaxation_nm: relaxation,
+            violation_nm: chosen.violation * unit.max(),
             iterations: chosen.iterations,
             active: chosen.active,
-        }
+            arm_length_m: vehicle.geometry.arm_length_m(beta),
+            rotor_bound_n: if by_rotor && clipped {
+                vehicle.rotor_thrust_max_n
+            } else {
+                f64::INFINITY
+            },
+        };
+        ramp.advance(period, ramp_s);
+        self.memory.ramp = ramp;
+        self.memory.scheduled_rad = scheduled.rad();
+        self.memory.morph_angle_rad = beta.rad();
+        self.remember(x, &output);
+        output
     }
 
-    /// Δx(k), y(k) and u(k−1); Δx = 0 where there is no sample k−1.
-    fn measured(&self, x: &State) -> Measured<12, 3, 3> {
-        let memory = &self.memory;
-        let mut increment = State::zeros();
-        if memory.primed {
-            let parts = [memory.gamma_rad, memory.gamma_rate_rad_s];
-            for (i, previous) in parts.iter().flatten().enumerate() {
-                increment[i] = x[i] - previous;
-            }
-            increment[2] = wrap_pi(increment[2]);
-            let parts = [memory.previous_actuator_nm, memory.previous_applied_nm];
-            for (i, previous) in parts.iter().flatten().enumerate() {
-                increment[6 + i] = x[6 + i] - previous;
-            }
-        }
-        Measured {
-            state_increment: increment,
-            output: x.fixed_rows::<3>(0).into_owned(),
-            u_previous: x.fixed_rows::<3>(9).into_owned(),
-        }
-    }
-
-    fn remember(&mut self, x: &State, chosen: &mpc::Move<3>, beta: MorphAngle, thrust: f64) {
+    fn remember(&mut self, x: &State, output: &Output) {
         let memory = &mut self.memory;
         memory.primed = true;
         memory.commanded = true;
@@ -254,13 +278,11 @@ impl AttitudeLaw {
         memory.gamma_rate_rad_s.copy_from_slice(x.fixed_rows::<3>(3).as_slice());
         memory.previous_actuator_nm = memory.actuator_nm;
         memory.previous_applied_nm = memory.applied_nm;
-        memory.torque_nm = chosen.u.into();
-        memory.thrust_n = thrust;
-        memory.scheduled_rad = self.engine.scheduled().unwrap_or(beta.rad());
-        let set = self.engine.working_set();
-        memory.working_set[..set.len()].copy_from_slice(set);
-        memory.counters.fallbacks += u64::from(chosen.is_fallback());
-        memory.counters.relaxed += u64::from(chosen.relaxation.max() > 0.0);
+        memory.torque_nm = output.torque_nm.into();
+        memory.thrust_n = output.thrust_n;
+        self.engine.pack_working_set(&mut memory.working_set);
+        memory.counters.fallbacks += u64::from(output.status != LawStatus::Solved);
+        memory.counters.relaxed += u64::from(output.relaxation_nm.max() > 0.0);
     }
 
     /// Holds the last command; the next good sample starts with Δx = 0.
@@ -279,6 +301,8 @@ impl AttitudeLaw {
             violation_nm: 0.0,
             iterations: 0,
             active: 0,
+            arm_length_m: 0.0,
+            rotor_bound_n: f64::INFINITY,
         }
     }
 
@@ -301,10 +325,48 @@ impl AttitudeLaw {
     /// A working set that no solver can have; nothing is taken over then.
     pub fn restore(&mut self, memory: &Memory) -> Result<(), ConfigError> {
         self.engine.restore(&memory.working_set)?;
-        if let Some(beta) = MorphAngle::saturating_from_rad(memory.scheduled_rad) {
-            self.engine.schedule(&self.config, &self.vehicle, beta);
-        }
         self.memory = *memory;
         Ok(())
     }
+}
+
+/// Δx(k), y(k) and u(k−1) in torques of `unit`; Δx = 0 where there is no sample k−1.
+///
+/// While the arms move, the rate stands for the momentum I ω and Δγ for what the momentum turned,
+/// both over the inertia of now.
+fn measured(
+    memory: &Memory,
+    x: &State,
+    unit: &Vector3<f64>,
+    morphing: Option<(&VehicleParameters, MorphAngle)>,
+) -> Measured<3> {
+    let part = |i: usize| x.fixed_rows::<3>(3 * i).into_owned();
+    let torque = |nm: Vector3<f64>| nm.component_div(unit);
+    let mut now = Measured {
+        output: part(0),
+        output_increment: Vector3::zeros(),
+        rate: part(1),
+        rate_increment: Vector3::zeros(),
+        actuator_increment: Vector3::zeros(),
+        input_increment: Vector3::zeros(),
+        u_previous: torque(part(3)),
+    };
+    if !memory.primed {
+        return now;
+    }
+    now.output_increment = part(0) - Vector3::from(memory.gamma_rad);
+    now.output_increment.z = wrap_pi(now.output_increment.z);
+    let mut previous_rate = Vector3::from(memory.gamma_rate_rad_s);
+    let before = MorphAngle::saturating_from_rad(memory.morph_angle_rad);
+    if let (Some((vehicle, beta)), Some(before)) = (morphing, before) {
+        let inertia = vehicle.inertia_kg_m2(beta);
+        let ratio = vehicle.inertia_kg_m2(before).component_div(&inertia);
+        previous_rate.component_mul_assign(&ratio);
+        let mean = mean_gain(vehicle, before, beta).component_mul(&inertia);
+        now.output_increment.component_div_assign(&mean);
+    }
+    now.rate_increment = part(1) - previous_rate;
+    now.actuator_increment = torque(part(2) - Vector3::from(memory.previous_actuator_nm));
+    now.input_increment = torque(part(3) - Vector3::from(memory.previous_applied_nm));
+    now
 }

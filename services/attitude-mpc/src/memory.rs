@@ -1,9 +1,7 @@
 //! Everything the law remembers from one sample to the next.
 
 use crate::ramp::Ramp;
-
-/// Rows of the longest horizon, 3 (2 · 50 − 1), rounded up.
-pub const WORKING_SET_CAPACITY: usize = 300;
+use mpc::ROW_CAPACITY;
 
 shared_types::memory! {
     /// What happened so far; carried over by a restore.
@@ -50,8 +48,10 @@ shared_types::memory! {
         pub ramp: Ramp,
         /// β \[rad\] the matrices were built for; NaN before the first step.
         pub scheduled_rad: f64,
-        /// Bound each row of the program was held at.
-        pub working_set: [i8; WORKING_SET_CAPACITY],
+        /// β(k−1) \[rad\].
+        pub morph_angle_rad: f64,
+        /// Bound each row of the program was held at, packed.
+        pub working_set: [u64; ROW_CAPACITY / 32],
         /// What happened so far.
         pub counters: Counters,
     }
@@ -73,7 +73,8 @@ impl Memory {
             thrust_n,
             ramp: Ramp::default(),
             scheduled_rad: f64::NAN,
-            working_set: [0; WORKING_SET_CAPACITY],
+            morph_angle_rad: f64::NAN,
+            working_set: [0; ROW_CAPACITY / 32],
             counters: Counters::default(),
         }
     }

@@ -7,7 +7,9 @@ use garde::Validate;
 use serde::Deserialize;
 use vehicle::MorphAngle;
 
-use crate::{AttitudeLawConfig, ConfigError, Horizon, HorizonChoice, SolverKind, TorqueBound};
+use crate::{
+    AttitudeLawConfig, Basis, ConfigError, Horizon, HorizonChoice, SolverKind, TorqueBound,
+};
 
 /// What the attitude law is told by a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
@@ -23,7 +25,7 @@ pub struct Settings {
     #[garde(range(min = 0.001, max = 10.0))]
     pub horizon_s: Option<f64>,
     /// Np in samples, instead of `horizon_s`.
-    #[garde(range(min = 1, max = 100))]
+    #[garde(range(min = 1, max = 200))]
     pub prediction_horizon: Option<u16>,
     /// Nc in samples, beside `prediction_horizon`; a tenth of it, at least 3, if left out.
     #[garde(range(min = 1, max = 50))]
@@ -31,15 +33,51 @@ pub struct Settings {
     /// `r_w` of roll and pitch \[rad²/(N m)²\].
     #[garde(range(min = 1e-9, max = 1e9))]
     pub increment_weight: Option<f64>,
+    /// Factor on `r_w` for pitch.
+    #[garde(range(min = 1e-6, max = 1e6))]
+    pub pitch_weight_factor: Option<f64>,
     /// Factor on `r_w` for yaw.
     #[garde(range(min = 1e-6, max = 1e6))]
     pub yaw_weight_factor: Option<f64>,
+    /// Q of roll, pitch and yaw.
+    #[garde(inner(inner(range(min = 0.0, max = 1e9))))]
+    pub output_weight: Option<[f64; 3]>,
+    /// Factor on Q at the last sample of the horizon.
+    #[garde(range(min = 0.0, max = 1e9))]
+    pub terminal_factor: Option<f64>,
+    /// Poles of the Laguerre functions of roll, pitch and yaw torque.
+    #[garde(skip)]
+    pub laguerre_pole: Option<[f64; 3]>,
+    /// How many functions each; Nc of them if left out.
+    #[garde(skip)]
+    pub laguerre_terms: Option<[u8; 3]>,
     /// Keeps the loop in samples the same at every size.
     #[garde(skip)]
     pub scale_weight_with_inertia: Option<bool>,
     /// Where the torque bounds come from.
     #[garde(skip)]
-    pub torque_bound: Option<Bound>,
+    pub torque_bound: Option<TorqueBound>,
+    /// Price of leaving them, in increments that cost 1; hard if left out.
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub level_penalty: Option<f64>,
+    /// Whether increments are bounded as well.
+    #[garde(skip)]
+    pub increment_bound: Option<bool>,
+    /// Price of leaving those bounds; hard if left out.
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub increment_penalty: Option<f64>,
+    /// Bound on predicted roll and pitch \[rad\].
+    #[garde(range(min = 1e-3, max = 3.2))]
+    pub angle_max_rad: Option<f64>,
+    /// Bound on predicted Euler rates \[rad/s\].
+    #[garde(range(min = 1e-3, max = 1e3))]
+    pub rate_max_rad_s: Option<f64>,
+    /// Price of leaving these two; hard if left out.
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub state_penalty: Option<f64>,
+    /// Whether a commanded morph is followed along the horizon.
+    #[garde(skip)]
+    pub morph_preview: Option<bool>,
     /// Rotor lag in the prediction model \[s\]; the vehicle's if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub rotor_lag_s: Option<f64>,
@@ -57,7 +95,7 @@ pub struct Settings {
     pub fixed_morph_angle_deg: Option<f64>,
     /// Solver of (16).
     #[garde(skip)]
-    pub solver: Solver,
+    pub solver: SolverKind,
 }
 
 impl Default for Settings {
@@ -69,15 +107,27 @@ impl Default for Settings {
             prediction_horizon: None,
             control_horizon: None,
             increment_weight: None,
+            pitch_weight_factor: None,
             yaw_weight_factor: None,
+            output_weight: None,
+            terminal_factor: None,
+            laguerre_pole: None,
+            laguerre_terms: None,
             scale_weight_with_inertia: None,
             torque_bound: None,
+            level_penalty: None,
+            increment_bound: None,
+            increment_penalty: None,
+            angle_max_rad: None,
+            rate_max_rad_s: None,
+            state_penalty: None,
+            morph_preview: None,
             rotor_lag_s: None,
             command_delay_s: None,
             setpoint_ramp_s: None,
             rebuild_tolerance_deg: 0.0,
             fixed_morph_angle_deg: None,
-            solver: Solver::ActiveSet,
+            solver: SolverKind::ActiveSet,
         }
     }
 }
@@ -90,28 +140,6 @@ pub enum Model {
     Flight,
     /// Model (8) alone, with the paper's bounds and weights.
     Paper,
-}
-
-/// Source of the torque bounds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Bound {
-    /// [`TorqueBound::Rotors`].
-    Rotors,
-    /// [`TorqueBound::Paper`].
-    Paper,
-}
-
-/// Solver of the quadratic program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Solver {
-    /// [`SolverKind::ActiveSet`].
-    ActiveSet,
-    /// [`SolverKind::Hildreth`].
-    Hildreth,
-    /// [`SolverKind::HildrethConverged`].
-    HildrethConverged,
 }
 
 /// What the law must know of the flight around it.
@@ -151,11 +179,21 @@ impl Settings {
         let config = AttitudeLawConfig {
             horizon: self.horizon().unwrap_or(base.horizon),
             increment_weight: self.increment_weight.unwrap_or(base.increment_weight),
+            pitch_weight_factor: self.pitch_weight_factor.unwrap_or(base.pitch_weight_factor),
             yaw_weight_factor: self.yaw_weight_factor.unwrap_or(base.yaw_weight_factor),
+            output_weight: self.output_weight.unwrap_or(base.output_weight),
+            terminal_factor: self.terminal_factor.unwrap_or(base.terminal_factor),
+            level_penalty: self.level_penalty,
+            increment_bound: self.increment_bound.unwrap_or(base.increment_bound),
+            increment_penalty: self.increment_penalty,
+            angle_max_rad: self.angle_max_rad,
+            rate_max_rad_s: self.rate_max_rad_s,
+            state_penalty: self.state_penalty,
+            morph_preview: self.morph_preview.unwrap_or(base.morph_preview),
             scale_weight_with_inertia: self
                 .scale_weight_with_inertia
                 .unwrap_or(base.scale_weight_with_inertia),
-            torque_bound: self.torque_bound.map_or(base.torque_bound, TorqueBound::from),
+            torque_bound: self.torque_bound.unwrap_or(base.torque_bound),
             rotor_lag_s: self.rotor_lag_s.unwrap_or(base.rotor_lag_s),
             command_delay_s: self.command_delay_s.unwrap_or(base.command_delay_s),
             setpoint_ramp_s: self.setpoint_ramp_s.unwrap_or(base.setpoint_ramp_s),
@@ -163,9 +201,12 @@ impl Settings {
             fixed_morph_angle: self
                 .fixed_morph_angle_deg
                 .and_then(|angle| MorphAngle::saturating_from_rad(angle.to_radians())),
-            solver: self.solver.into(),
+            solver: self.solver,
             ..base
         };
+        let control = config.horizon.samples(config.rate_hz)?.control;
+        let laguerre = Basis::given(self.laguerre_pole, self.laguerre_terms, control);
+        let config = AttitudeLawConfig { laguerre, ..config };
         config.validate()?;
         Ok(config)
     }
@@ -188,25 +229,6 @@ impl Settings {
             })
         });
         samples.or(self.horizon_s.map(HorizonChoice::Seconds))
-    }
-}
-
-impl From<Bound> for TorqueBound {
-    fn from(bound: Bound) -> Self {
-        match bound {
-            Bound::Rotors => Self::Rotors,
-            Bound::Paper => Self::Paper,
-        }
-    }
-}
-
-impl From<Solver> for SolverKind {
-    fn from(solver: Solver) -> Self {
-        match solver {
-            Solver::ActiveSet => Self::ActiveSet,
-            Solver::Hildreth => Self::Hildreth,
-            Solver::HildrethConverged => Self::HildrethConverged,
-        }
     }
 }
 
@@ -257,6 +279,20 @@ mod tests {
         let config = settings("prediction_horizon = 30\ncontrol_horizon = 4").law_config(AROUND);
         let horizon = Horizon { prediction: 30, control: 4 };
         assert_eq!(config.unwrap().horizon, HorizonChoice::Samples(horizon));
+    }
+
+    #[test]
+    fn laguerre_functions_are_told_by_pole_or_number() {
+        let config = settings("laguerre_pole = [0.5, 0.5, 0.8]").law_config(AROUND).unwrap();
+        let basis = [0.5, 0.5, 0.8].map(|pole| Basis { pole, terms: 3 });
+        assert_eq!(config.laguerre, Some(basis));
+        let config = settings("laguerre_terms = [2, 2, 1]").law_config(AROUND).unwrap();
+        let basis = [2, 2, 1].map(|terms| Basis { pole: 0.0, terms });
+        assert_eq!(config.laguerre, Some(basis));
+        for wrong in ["laguerre_pole = [0.5, 1.0, 0.5]", "laguerre_terms = [3, 0, 3]"] {
+            let refusal = settings(wrong).law_config(AROUND).unwrap_err().to_string();
+            assert!(refusal.starts_with("laguerre_"), "{refusal}");
+        }
     }
 
     #[test]

@@ -3,8 +3,8 @@
 #![allow(clippy::float_cmp, reason = "where bits must agree, bits are compared")]
 
 use attitude_mpc::{
-    AttitudeLaw, AttitudeLawConfig, ConfigError, Horizon, HorizonChoice, Input, LawStatus, Memory,
-    Refusal, Setpoint, SolverKind,
+    AttitudeLaw, AttitudeLawConfig, Basis, ConfigError, Horizon, HorizonChoice, Input, LawStatus,
+    Memory, MpcError, Refusal, Setpoint, SolverKind, TorqueBound,
 };
 use nalgebra::Vector3;
 use vehicle::{MorphAngle, VehicleParameters};
@@ -30,7 +30,7 @@ fn input(k: u32) -> Input {
     }
 }
 
-fn configurations() -> [AttitudeLawConfig; 5] {
+fn configurations() -> [AttitudeLawConfig; 7] {
     let flight = AttitudeLawConfig::default();
     [
         flight,
@@ -38,6 +38,8 @@ fn configurations() -> [AttitudeLawConfig; 5] {
         AttitudeLawConfig { solver: SolverKind::Hildreth, ..flight },
         AttitudeLawConfig { rebuild_tolerance_rad: 0.05, ..flight },
         AttitudeLawConfig::flight(1000.0),
+        AttitudeLawConfig { torque_bound: TorqueBound::RotorThrusts, ..flight },
+        AttitudeLawConfig { laguerre: Some([Basis { pole: 0.3, terms: 3 }; 3]), ..flight },
     ]
 }
 
@@ -137,7 +139,7 @@ fn the_horizon_in_seconds_gives_the_recommended_counts() {
         (150.0, 20, 3),
         (250.0, 30, 3),
         (500.0, 60, 6),
-        (1e3, 100, 10),
+        (1e3, 120, 12),
     ];
     for (rate_hz, prediction, control) in pairs {
         let seconds = AttitudeLawConfig { rate_hz, ..AttitudeLawConfig::default() };
@@ -171,7 +173,15 @@ fn each_impossible_number_is_refused_by_name() {
     let horizon = HorizonChoice::Samples(Horizon { prediction: 100, control: 51 });
     let config = AttitudeLawConfig { horizon, ..AttitudeLawConfig::default() };
     let error = AttitudeLaw::new(config, &VehicleParameters::default()).unwrap_err();
-    assert_eq!(error, ConfigError::ControlHorizon { control: 51 });
+    assert_eq!(error, ConfigError::Engine(MpcError::ControlLimit { control: 51, limit: 50 }));
+    let config = AttitudeLawConfig {
+        horizon: HorizonChoice::Samples(Horizon { prediction: 200, control: 20 }),
+        angle_max_rad: Some(0.4),
+        rate_max_rad_s: Some(9.0),
+        ..AttitudeLawConfig::default()
+    };
+    let error = AttitudeLaw::new(config, &VehicleParameters::default()).unwrap_err();
+    assert_eq!(error, ConfigError::Engine(MpcError::Rows { rows: 1317, limit: 1024 }));
 }
 
 #[test]

@@ -85,6 +85,8 @@ impl PositionMpc {
             relaxation: output.relaxation.into(),
             iterations: u64::from(output.iterations),
             active_constraints: u64::from(output.active),
+            fallbacks: self.law.memory().counters.fallbacks,
+            refused: self.law.memory().counters.refused,
             status: solve_status(output.status),
             ..ControllerReport::default()
         };

@@ -1,10 +1,10 @@
 //! The law's numbers, each with its reason, and what is refused.
 
-use mpc::{Horizon, MpcError, SolverKind};
+use mpc::{Basis, Horizon, MpcError, SolverKind, within};
 use thiserror::Error;
 use vehicle::ParameterError;
 
-use crate::memory::WORKING_SET_CAPACITY;
+use crate::model;
 
 /// Everything the position law is told before it flies. [`Default`] is for flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +17,12 @@ pub struct PositionLawConfig {
     pub tilt_weight: f64,
     /// W of (15) on thrust increments \[m²/N²\].
     pub thrust_weight: f64,
+    /// Q of x, y and z; 1 in the paper.
+    pub output_weight: [f64; 3],
+    /// Factor on Q at the last sample of the horizon; 1 in the paper.
+    pub terminal_factor: f64,
+    /// Laguerre functions of each input (θ₀, φ₀, T) instead of one unknown per move.
+    pub laguerre: Option<[Basis; 3]>,
     /// Bound on |φ| and |θ| in the ψ = 0 frame \[rad\].
     pub tilt_max_rad: f64,
     /// Bound on their change in one sample \[rad\].
@@ -27,6 +33,15 @@ pub struct PositionLawConfig {
     pub thrust_max_weights: f64,
     /// Bound on the change of thrust over weight in one sample.
     pub thrust_step_max_weights: f64,
+    /// Price of leaving the bounds on tilt and thrust, see [`mpc::Hardness::Soft`]; `None` forbids
+    /// it.
+    pub level_penalty: Option<f64>,
+    /// Price of leaving the bounds on their change; `None` forbids it.
+    pub increment_penalty: Option<f64>,
+    /// Bound on the predicted speed along each axis \[m/s\].
+    pub speed_max_m_s: Option<f64>,
+    /// Price of leaving it; `None` forbids it, and what cannot be met is then infeasible.
+    pub state_penalty: Option<f64>,
     /// First-order lag of the attitude loop as seen from here \[s\]; 0 with no delay is (3).
     pub tilt_lag_s: f64,
     /// Delay of the attitude loop as seen from here \[s\], at most one period.
@@ -55,7 +70,7 @@ impl PositionLawConfig {
     /// The increments shrink with the period, so W grows with the square of the rate.
     #[must_use]
     pub fn flight(rate_hz: f64) -> Self {
-        let prediction = (20..100).find(|n| f64::from(*n) >= 0.4 * rate_hz).unwrap_or(100_u16);
+        let prediction = (20..200).find(|n| f64::from(*n) >= 0.4 * rate_hz).unwrap_or(200_u16);
         let control = prediction.div_ceil(10).max(3);
         let horizon = Horizon { prediction: prediction.into(), control: control.into() };
         let tilt_weight = 6.0 * (rate_hz / 50.0) * (rate_hz / 50.0);
@@ -64,11 +79,18 @@ impl PositionLawConfig {
             horizon,
             tilt_weight,
             thrust_weight: 0.1 * tilt_weight,
+            output_weight: [1.0; 3],
+            terminal_factor: 1.0,
+            laguerre: None,
             tilt_max_rad: 0.35,
             tilt_step_max_rad: 0.10,
             thrust_min_weights: 0.3,
             thrust_max_weights: 1.7,
             thrust_step_max_weights: 0.2,
+            level_penalty: None,
+            increment_penalty: None,
+            speed_max_m_s: None,
+            state_penalty: None,
             tilt_lag_s: 0.035,
             tilt_delay_s: (0.5 / rate_hz).max(0.010).min(1.0 / rate_hz),
             thrust_lag_s: 0.015,
@@ -97,47 +119,30 @@ impl PositionLawConfig {
         within("tilt_delay_s", self.tilt_delay_s, 0.0, period)?;
         within("thrust_lag_s", self.thrust_lag_s, 0.0, 1.0)?;
         within("thrust_delay_s", self.thrust_delay_s, 0.0, period)?;
-        self.horizon.check()?;
-        if 3 * (2 * self.horizon.control - 1) > WORKING_SET_CAPACITY {
-            return Err(ConfigError::ControlHorizon { control: self.horizon.control });
+        for weight in self.output_weight {
+            within("output_weight", weight, 0.0, 1e9)?;
         }
-        Ok(())
+        within("terminal_factor", self.terminal_factor, 0.0, 1e9)?;
+        let optional = [
+            ("level_penalty", self.level_penalty, 1e-9),
+            ("increment_penalty", self.increment_penalty, 1e-9),
+            ("state_penalty", self.state_penalty, 1e-9),
+            ("speed_max_m_s", self.speed_max_m_s, 1e-3),
+        ];
+        for (name, value, least) in optional {
+            within(name, value.unwrap_or(1.0), least, 1e9)?;
+        }
+        Ok(model::design(self).check()?)
     }
 }
 
 /// A configuration the law refuses.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ConfigError {
-    /// A number outside its range.
-    #[error("{name} = {value} must lie in {least}..={most}")]
-    OutOfRange {
-        /// The key.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// Least value accepted.
-        least: f64,
-        /// Largest value accepted.
-        most: f64,
-    },
-    /// More moves than the law's memory holds.
-    #[error("control horizon {control} must not exceed 50 samples")]
-    ControlHorizon {
-        /// Nc as given.
-        control: usize,
-    },
-    /// The engine refused the set-up.
+    /// A number outside its range, or a set-up that the engine refuses.
     #[error(transparent)]
     Engine(#[from] MpcError),
     /// The vehicle is impossible.
     #[error(transparent)]
     Vehicle(#[from] ParameterError),
-}
-
-fn within(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ConfigError> {
-    if (least..=most).contains(&value) {
-        Ok(())
-    } else {
-        Err(ConfigError::OutOfRange { name, value, least, most })
-    }
 }

@@ -1,6 +1,6 @@
 //! One step of the position law, (7) and (10)-(17).
 
-use mpc::{Bounds, IncrementalMpc, LaggedAxis, Measured, Move, QpStatus};
+use mpc::{IncrementalMpc, LaggedAxis, Limits, Measured, Move, Operating, QpStatus};
 use nalgebra::{SVector, Vector3};
 use vehicle::VehicleParameters;
 
@@ -91,8 +91,9 @@ type State = SVector<f64, 12>;
 pub struct PositionLaw {
     config: PositionLawConfig,
     thrust_axis: LaggedAxis,
-    bounds: Bounds<3>,
-    engine: IncrementalMpc<12, 3, 3>,
+    operating: Operating<3>,
+    limits: Limits<'static, 3>,
+    engine: IncrementalMpc<3>,
     memory: Memory,
 }
 
@@ -107,13 +108,12 @@ impl PositionLaw {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         vehicle.validate()?;
-        let mut engine = IncrementalMpc::new(config.horizon, config.solver)?;
-        engine.schedule(0.0, 0.0, |_| model::model(&config, vehicle));
         Ok(Self {
             config,
-            thrust_axis: model::axes(&config, vehicle)[2],
-            bounds: model::bounds(&config, vehicle),
-            engine,
+            thrust_axis: model::thrust_axis(&config),
+            operating: model::operating(&config, vehicle),
+            limits: model::limits(&config, vehicle),
+            engine: IncrementalMpc::new(&model::design(&config), config.solver)?,
             memory: Memory::at_trim(vehicle.weight_n()),
         })
     }
@@ -130,7 +130,7 @@ impl PositionLaw {
         let points = input.reference_w_m;
         let last = points.last().copied().unwrap_or_else(|| self.hold(&x));
         let reference = |ahead: usize| points.get(ahead - 1).copied().unwrap_or(last);
-        let chosen = self.engine.step(&now, reference, &self.bounds);
+        let chosen = self.engine.step(&now, &self.operating, reference, &self.limits, None);
 
         let psi = input.gamma_rad.z;
         let (phi, theta) = angles_at(&chosen.u, psi);
@@ -140,6 +140,7 @@ impl PositionLaw {
         };
         self.memory.heading_rad = psi;
         self.memory.hold_w_m = last.into();
+        self.memory.previous_setpoint = self.memory.setpoint;
         self.memory.setpoint = [phi, theta, input.reference_yaw_rad, chosen.u.z];
         self.remember(&x, &chosen);
         self.output(&chosen, setpoint)
@@ -148,11 +149,11 @@ impl PositionLaw {
     /// Brings u(k−1) and the thrust copy to this sample.
     fn follow_applied(&mut self, input: &Input<'_>) {
         let memory = &mut self.memory;
-        let [phi, theta, psi, thrust] = memory.setpoint;
-        let own = Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n: thrust };
+        // An attitude loop no faster than this one takes the last setpoint only now.
+        let own = [memory.setpoint, memory.previous_setpoint].map(from_memory);
         let foreign = input.applied.filter(|setpoint| {
             // The law's own command keeps its bits instead of being rotated there and back.
-            *setpoint != own
+            !own.contains(setpoint)
                 && setpoint.gamma_rad.iter().chain([&setpoint.thrust_n]).all(|v| v.is_finite())
         });
         let heading = if memory.commanded { memory.heading_rad } else { input.gamma_rad.z };
@@ -187,13 +188,18 @@ impl PositionLaw {
     }
 
     /// Δx(k), y(k) and u(k−1); Δx = 0 where there is no sample k−1.
-    fn measured(&self, x: &State) -> Measured<12, 3, 3> {
-        let state_increment =
+    fn measured(&self, x: &State) -> Measured<3> {
+        let increment =
             if self.memory.primed { x - State::from(self.memory.state) } else { State::zeros() };
+        let part = |of: &State, i: usize| of.fixed_rows::<3>(3 * i).into_owned();
         Measured {
-            state_increment,
-            output: x.fixed_rows::<3>(0).into_owned(),
-            u_previous: x.fixed_rows::<3>(9).into_owned(),
+            output: part(x, 0),
+            output_increment: part(&increment, 0),
+            rate: part(x, 1),
+            rate_increment: part(&increment, 1),
+            actuator_increment: part(&increment, 2),
+            input_increment: part(&increment, 3),
+            u_previous: part(x, 3),
         }
     }
 
@@ -212,13 +218,17 @@ impl PositionLaw {
         memory.commanded = true;
         memory.state = (*x).into();
         memory.command = chosen.u.into();
-        let set = self.engine.working_set();
-        memory.working_set[..set.len()].copy_from_slice(set);
+        self.engine.pack_working_set(&mut memory.working_set);
         memory.counters.fallbacks += u64::from(chosen.is_fallback());
         memory.counters.relaxed += u64::from(chosen.relaxation.max() > 0.0);
     }
 
     fn output(&self, chosen: &Move<3>, setpoint: Setpoint) -> Output {
+        let bounds = &self.limits.inputs;
+        // Soft bounds bind nobody.
+        let level = self.config.level_penalty.is_none();
+        let step = self.config.increment_penalty.is_none();
+        let endless = Vector3::repeat(f64::INFINITY);
         Output {
             setpoint,
             status: match chosen.status {
@@ -226,9 +236,9 @@ impl PositionLaw {
                 unfinished => LawStatus::Fallback(unfinished),
             },
             command: chosen.u,
-            command_min: self.bounds.u_min,
-            command_max: self.bounds.u_max,
-            increment_bound: self.bounds.du_max + chosen.relaxation,
+            command_min: if level { bounds.u_min } else { -endless },
+            command_max: if level { bounds.u_max } else { endless },
+            increment_bound: if step { bounds.du_max + chosen.relaxation } else { endless },
             relaxation: chosen.relaxation,
             violation: chosen.violation,
             iterations: chosen.iterations,
@@ -240,7 +250,7 @@ impl PositionLaw {
     fn refuse(&mut self) -> Output {
         self.memory.counters.refused += 1;
         self.memory.primed = false;
-        let [phi, theta, psi, thrust_n] = self.memory.setpoint;
+        let setpoint = from_memory(self.memory.setpoint);
         let held = Move {
             u: self.memory.command.into(),
             du: Vector3::zeros(),
@@ -250,7 +260,6 @@ impl PositionLaw {
             iterations: 0,
             active: 0,
         };
-        let setpoint = Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n };
         Output { status: LawStatus::Refused(Refusal::NotFinite), ..self.output(&held, setpoint) }
     }
 
@@ -272,11 +281,14 @@ impl PositionLaw {
     /// # Errors
     /// A working set that no solver can have; nothing is taken over then.
     pub fn restore(&mut self, memory: &Memory) -> Result<(), ConfigError> {
-        let length = self.engine.working_set().len();
-        self.engine.set_working_set(&memory.working_set[..length])?;
+        self.engine.restore(&memory.working_set)?;
         self.memory = *memory;
         Ok(())
     }
+}
+
+fn from_memory([phi, theta, psi, thrust_n]: [f64; 4]) -> Setpoint {
+    Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n }
 }
 
 fn is_finite(input: &Input<'_>) -> bool {

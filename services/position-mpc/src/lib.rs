@@ -19,5 +19,5 @@ pub mod settings;
 pub use component::PositionMpc;
 pub use config::{ConfigError, PositionLawConfig};
 pub use law::{Input, LawStatus, Output, PositionLaw, Refusal, Setpoint};
-pub use memory::{Counters, Memory, WORKING_SET_CAPACITY};
-pub use mpc::{Horizon, QpStatus, SolverKind};
+pub use memory::{Counters, Memory};
+pub use mpc::{Basis, Horizon, MpcError, QpStatus, SolverKind};

@@ -1,7 +1,6 @@
 //! Everything the law remembers from one sample to the next.
 
-/// Rows of the longest horizon, 3 (2 · 50 − 1), rounded up.
-pub const WORKING_SET_CAPACITY: usize = 300;
+use mpc::ROW_CAPACITY;
 
 shared_types::memory! {
     /// What happened so far; carried over by a restore.
@@ -40,10 +39,12 @@ shared_types::memory! {
         pub heading_rad: f64,
         /// Last setpoint (φ, θ, ψ, T), \[rad, rad, rad, N\].
         pub setpoint: [f64; 4],
+        /// The setpoint before it.
+        pub previous_setpoint: [f64; 4],
         /// Position \[m\] to hold when the reference ends.
         pub hold_w_m: [f64; 3],
-        /// Bound each row of the program was held at.
-        pub working_set: [i8; WORKING_SET_CAPACITY],
+        /// Bound each row of the program was held at, packed.
+        pub working_set: [u64; ROW_CAPACITY / 32],
         /// What happened so far.
         pub counters: Counters,
     }
@@ -61,8 +62,9 @@ impl Memory {
             applied: [0.0, 0.0, weight_n],
             heading_rad: 0.0,
             setpoint: [0.0, 0.0, 0.0, weight_n],
+            previous_setpoint: [0.0, 0.0, 0.0, weight_n],
             hold_w_m: [0.0; 3],
-            working_set: [0; WORKING_SET_CAPACITY],
+            working_set: [0; ROW_CAPACITY / 32],
             counters: Counters::default(),
         }
     }

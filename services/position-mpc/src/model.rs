@@ -1,42 +1,73 @@
-//! Prediction model, weights and bounds, all constant: the translation does not see the morph.
+//! Prediction model, weights and limits, all constant: the translation does not see the morph.
 
-use mpc::{Bounds, LaggedAxis, Model, Weights, lagged_double_integrator};
+use mpc::{
+    AxisDesign, Basis, Bounds, Constraints, Coupled, Design, Hardness, LaggedAxis, Limits,
+    Operating,
+};
 use nalgebra::Vector3;
 use vehicle::VehicleParameters;
 
 use crate::config::PositionLawConfig;
 
-/// The axes x, y, z with the actuators θ₀, φ₀, T: (3) corrected, ẍ = g θ, ÿ = −g φ, z̈ = T/m − g.
-///
-/// Gravity drops out of the increments. The tilt stands behind the attitude loop, here a lag and
-/// a delay, the thrust behind the rotors; without them the outer loop overshoots.
-pub(crate) fn axes(config: &PositionLawConfig, vehicle: &VehicleParameters) -> [LaggedAxis; 3] {
-    let tilt = |gain| LaggedAxis { gain, lag_s: config.tilt_lag_s, delay_s: config.tilt_delay_s };
-    [
-        tilt(vehicle.gravity_m_s2),
-        tilt(-vehicle.gravity_m_s2),
-        LaggedAxis {
-            gain: 1.0 / vehicle.mass_kg,
-            lag_s: config.thrust_lag_s,
-            delay_s: config.thrust_delay_s,
-        },
-    ]
+/// The rotors as seen from here.
+pub(crate) fn thrust_axis(config: &PositionLawConfig) -> LaggedAxis {
+    LaggedAxis { gain: 1.0, lag_s: config.thrust_lag_s, delay_s: config.thrust_delay_s }
 }
 
-pub(crate) fn model(
+/// What the engine is built from. The tilt stands behind the attitude loop, here a lag and a
+/// delay, the thrust behind the rotors; without them the outer loop overshoots.
+pub(crate) fn design(config: &PositionLawConfig) -> Design<3> {
+    let pulses = [Basis::pulses(config.horizon.control); 3];
+    let axes = core::array::from_fn(|i| {
+        let (lag_s, delay_s) = if i < 2 {
+            (config.tilt_lag_s, config.tilt_delay_s)
+        } else {
+            (config.thrust_lag_s, config.thrust_delay_s)
+        };
+        AxisDesign {
+            lag_s,
+            delay_s,
+            basis: config.laguerre.unwrap_or(pulses)[i],
+            output_weight: config.output_weight[i],
+            terminal_factor: config.terminal_factor,
+        }
+    });
+    let hardness =
+        |penalty: Option<f64>| penalty.map_or(Hardness::Hard, |penalty| Hardness::Soft { penalty });
+    let constraints = Constraints {
+        levels: Some(hardness(config.level_penalty)),
+        increments: Some(hardness(config.increment_penalty)),
+        rates: config.speed_max_m_s.map(|_| hardness(config.state_penalty)),
+        ..Constraints::PAPER
+    };
+    Design { horizon: config.horizon, period_s: config.period_s(), axes, constraints }
+}
+
+/// The axes x, y, z with the actuators θ₀, φ₀, T: (3) corrected, ẍ = g θ, ÿ = −g φ, z̈ = T/m − g.
+/// Gravity drops out of the increments.
+pub(crate) fn operating(config: &PositionLawConfig, vehicle: &VehicleParameters) -> Operating<3> {
+    let g = vehicle.gravity_m_s2;
+    Operating {
+        gain: Vector3::new(g, -g, 1.0 / vehicle.mass_kg),
+        weight: Vector3::new(config.tilt_weight, config.tilt_weight, config.thrust_weight),
+    }
+}
+
+pub(crate) fn limits(
     config: &PositionLawConfig,
     vehicle: &VehicleParameters,
-) -> (Model<12, 3, 3>, Weights<3, 3>) {
-    let weight = Vector3::new(config.tilt_weight, config.tilt_weight, config.thrust_weight);
-    let model = lagged_double_integrator(&axes(config, vehicle), config.period_s());
-    (model, Weights::on_increments(weight))
-}
-
-pub(crate) fn bounds(config: &PositionLawConfig, vehicle: &VehicleParameters) -> Bounds<3> {
+) -> Limits<'static, 3> {
     let (tilt, step, weight) = (config.tilt_max_rad, config.tilt_step_max_rad, vehicle.weight_n());
-    Bounds {
-        u_min: Vector3::new(-tilt, -tilt, config.thrust_min_weights * weight),
-        u_max: Vector3::new(tilt, tilt, config.thrust_max_weights * weight),
-        du_max: Vector3::new(step, step, config.thrust_step_max_weights * weight),
+    let endless = Vector3::repeat(f64::INFINITY);
+    Limits {
+        inputs: Bounds {
+            u_min: Vector3::new(-tilt, -tilt, config.thrust_min_weights * weight),
+            u_max: Vector3::new(tilt, tilt, config.thrust_max_weights * weight),
+            du_max: Vector3::new(step, step, config.thrust_step_max_weights * weight),
+        },
+        coupled: Coupled::NONE,
+        output_min: -endless,
+        output_max: endless,
+        rate_max: Vector3::repeat(config.speed_max_m_s.unwrap_or(f64::INFINITY)),
     }
 }

@@ -5,7 +5,7 @@
 use garde::Validate;
 use serde::Deserialize;
 
-use crate::{ConfigError, Horizon, PositionLawConfig, SolverKind};
+use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind};
 
 /// What the position law is told by a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
@@ -15,7 +15,7 @@ pub struct Settings {
     #[garde(range(min = 1.0, max = 200.0))]
     pub rate_hz: f64,
     /// Np in samples.
-    #[garde(range(min = 1, max = 100))]
+    #[garde(range(min = 1, max = 200))]
     pub prediction_horizon: Option<u16>,
     /// Nc in samples.
     #[garde(range(min = 1, max = 50))]
@@ -26,6 +26,31 @@ pub struct Settings {
     /// W of (15) on thrust increments \[m²/N²\].
     #[garde(range(min = 1e-9, max = 1e9))]
     pub thrust_weight: Option<f64>,
+    /// Q of x, y and z.
+    #[garde(inner(inner(range(min = 0.0, max = 1e9))))]
+    pub output_weight: Option<[f64; 3]>,
+    /// Factor on Q at the last sample of the horizon.
+    #[garde(range(min = 0.0, max = 1e9))]
+    pub terminal_factor: Option<f64>,
+    /// Poles of the Laguerre functions of pitch, roll and thrust.
+    #[garde(skip)]
+    pub laguerre_pole: Option<[f64; 3]>,
+    /// How many functions each; Nc of them if left out.
+    #[garde(skip)]
+    pub laguerre_terms: Option<[u8; 3]>,
+    /// Price of leaving the bounds on tilt and thrust, in increments that cost 1; hard if left
+    /// out.
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub level_penalty: Option<f64>,
+    /// Price of leaving the bounds on their change; hard if left out.
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub increment_penalty: Option<f64>,
+    /// Bound on the predicted speed along each axis \[m/s\].
+    #[garde(range(min = 1e-3, max = 1e3))]
+    pub speed_max_m_s: Option<f64>,
+    /// Price of leaving it; hard if left out.
+    #[garde(range(min = 1e-9, max = 1e9))]
+    pub state_penalty: Option<f64>,
     /// Bound on |φ| and |θ| \[rad\].
     #[garde(range(min = 0.01, max = 0.8))]
     pub tilt_max_rad: Option<f64>,
@@ -55,7 +80,7 @@ pub struct Settings {
     pub thrust_delay_s: Option<f64>,
     /// Solver of (16).
     #[garde(skip)]
-    pub solver: Solver,
+    pub solver: SolverKind,
 }
 
 impl Default for Settings {
@@ -66,6 +91,14 @@ impl Default for Settings {
             control_horizon: None,
             tilt_weight: None,
             thrust_weight: None,
+            output_weight: None,
+            terminal_factor: None,
+            laguerre_pole: None,
+            laguerre_terms: None,
+            level_penalty: None,
+            increment_penalty: None,
+            speed_max_m_s: None,
+            state_penalty: None,
             tilt_max_rad: None,
             tilt_step_max_rad: None,
             thrust_min_weights: None,
@@ -75,21 +108,9 @@ impl Default for Settings {
             tilt_delay_s: None,
             thrust_lag_s: None,
             thrust_delay_s: None,
-            solver: Solver::ActiveSet,
+            solver: SolverKind::ActiveSet,
         }
     }
-}
-
-/// Solver of the quadratic program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Solver {
-    /// [`SolverKind::ActiveSet`].
-    ActiveSet,
-    /// [`SolverKind::Hildreth`].
-    Hildreth,
-    /// [`SolverKind::HildrethConverged`].
-    HildrethConverged,
 }
 
 impl Settings {
@@ -103,6 +124,17 @@ impl Settings {
             horizon: self.horizon(base.horizon),
             tilt_weight: self.tilt_weight.unwrap_or(base.tilt_weight),
             thrust_weight: self.thrust_weight.unwrap_or(base.thrust_weight),
+            output_weight: self.output_weight.unwrap_or(base.output_weight),
+            terminal_factor: self.terminal_factor.unwrap_or(base.terminal_factor),
+            laguerre: Basis::given(
+                self.laguerre_pole,
+                self.laguerre_terms,
+                self.horizon(base.horizon).control,
+            ),
+            level_penalty: self.level_penalty,
+            increment_penalty: self.increment_penalty,
+            speed_max_m_s: self.speed_max_m_s,
+            state_penalty: self.state_penalty,
             tilt_max_rad: self.tilt_max_rad.unwrap_or(base.tilt_max_rad),
             tilt_step_max_rad: self.tilt_step_max_rad.unwrap_or(base.tilt_step_max_rad),
             thrust_min_weights: self.thrust_min_weights.unwrap_or(base.thrust_min_weights),
@@ -114,7 +146,7 @@ impl Settings {
             tilt_delay_s: self.tilt_delay_s.unwrap_or(base.tilt_delay_s),
             thrust_lag_s: self.thrust_lag_s.unwrap_or(rotor_lag_s),
             thrust_delay_s: self.thrust_delay_s.unwrap_or(base.thrust_delay_s),
-            solver: self.solver.into(),
+            solver: self.solver,
             ..base
         };
         config.validate()?;
@@ -129,19 +161,10 @@ impl Settings {
     }
 }
 
-impl From<Solver> for SolverKind {
-    fn from(solver: Solver) -> Self {
-        match solver {
-            Solver::ActiveSet => Self::ActiveSet,
-            Solver::Hildreth => Self::Hildreth,
-            Solver::HildrethConverged => Self::HildrethConverged,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mpc::MpcError;
 
     fn settings(toml: &str) -> Settings {
         toml::from_str(toml).unwrap()
@@ -158,6 +181,9 @@ mod tests {
     #[test]
     fn a_delay_beyond_one_period_is_refused_by_name() {
         let refusal = settings("tilt_delay_s = 0.05").law_config(0.015).unwrap_err();
-        assert!(matches!(refusal, ConfigError::OutOfRange { name: "tilt_delay_s", .. }));
+        assert!(matches!(
+            refusal,
+            ConfigError::Engine(MpcError::OutOfRange { name: "tilt_delay_s", .. })
+        ));
     }
 }

@@ -4,8 +4,8 @@
 
 use nalgebra::Vector3;
 use position_mpc::{
-    ConfigError, Horizon, Input, LawStatus, Memory, PositionLaw, PositionLawConfig, Refusal,
-    Setpoint, SolverKind,
+    ConfigError, Horizon, Input, LawStatus, Memory, MpcError, PositionLaw, PositionLawConfig,
+    Refusal, Setpoint, SolverKind,
 };
 use vehicle::VehicleParameters;
 
@@ -151,7 +151,7 @@ fn each_impossible_number_is_refused_by_name() {
     let horizon = Horizon { prediction: 100, control: 51 };
     let config = PositionLawConfig { horizon, ..PositionLawConfig::default() };
     let error = PositionLaw::new(config, &VehicleParameters::default()).unwrap_err();
-    assert_eq!(error, ConfigError::ControlHorizon { control: 51 });
+    assert_eq!(error, ConfigError::Engine(MpcError::ControlLimit { control: 51, limit: 50 }));
 }
 
 #[test]

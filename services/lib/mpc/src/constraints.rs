@@ -1,113 +1,137 @@
-//! Bounds (12)-(14) on level and increment, as rows `lower <= A ΔU <= upper`.
-//!
-//! Rows 0..NU Nc are the levels, prefix sums of ΔU as in (13). The first of them has the same
-//! normal as the first increment row of (12), so the two are one row with the tighter bounds, and
-//! the increment rows NU Nc.. start with the second move.
+//! Bounds (12)-(14), and what the first move may be under them.
 
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::SVector;
 
-/// Bounds on u and Δu, the same over the whole horizon.
+/// Bounds on u and Δu at one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds<const NU: usize> {
+pub struct Bounds<const N: usize> {
     /// Least u.
-    pub u_min: SVector<f64, NU>,
+    pub u_min: SVector<f64, N>,
     /// Largest u.
-    pub u_max: SVector<f64, NU>,
+    pub u_max: SVector<f64, N>,
     /// Largest |Δu| of one sample, >= 0.
-    pub du_max: SVector<f64, NU>,
+    pub du_max: SVector<f64, N>,
 }
 
-impl<const NU: usize> Bounds<NU> {
+impl<const N: usize> Bounds<N> {
     /// |u| <= `u_max` and |Δu| <= `du_max`.
     #[must_use]
-    pub fn symmetric(u_max: SVector<f64, NU>, du_max: SVector<f64, NU>) -> Self {
+    pub fn symmetric(u_max: SVector<f64, N>, du_max: SVector<f64, N>) -> Self {
         Self { u_min: -u_max, u_max, du_max }
     }
 
     /// No NaN, no crossed bounds, zero allowed as an increment.
     #[must_use]
     pub fn is_consistent(&self) -> bool {
-        (0..NU).all(|i| self.u_min[i] <= self.u_max[i] && self.du_max[i] >= 0.0)
+        (0..N).all(|i| self.u_min[i] <= self.u_max[i] && self.du_max[i] >= 0.0)
     }
 
-    /// What the first increment may be after `u_previous`.
+    /// How much more than `du_max` an input needs that followed the bounds of the sample before.
+    pub(crate) fn missing_since(&self, before: &Self, i: usize) -> f64 {
+        let shrunk = (self.u_min[i] - before.u_min[i]).max(before.u_max[i] - self.u_max[i]);
+        (shrunk - self.du_max[i]).max(0.0)
+    }
+}
+
+/// `lower <= n'u <= upper` for each of a law's rows n.
+#[derive(Debug, Clone, Copy)]
+pub struct Coupled<'a, const N: usize> {
+    /// The rows n.
+    pub normals: &'a [[f64; N]],
+    /// Least n'u of each row, <= 0: no input at all must be admissible.
+    pub lower: &'a [f64],
+    /// Largest n'u of each row, >= 0.
+    pub upper: &'a [f64],
+}
+
+impl<const N: usize> Coupled<'_, N> {
+    /// No rows.
+    pub const NONE: Self = Self { normals: &[], lower: &[], upper: &[] };
+
+    /// Largest share in 0..=1 of the way from `from`, which is admissible, to `to`.
+    fn share(&self, from: &SVector<f64, N>, to: &SVector<f64, N>) -> f64 {
+        let rows = self.normals.iter().zip(self.lower.iter().zip(self.upper));
+        let share = rows.fold(1.0_f64, |share, (normal, (&lower, &upper))| {
+            let (start, end) = (along(normal, from), along(normal, to));
+            let limit = if end > upper {
+                (upper - start) / (end - start)
+            } else if end < lower {
+                (lower - start) / (end - start)
+            } else {
+                1.0
+            };
+            share.min(limit)
+        });
+        if share.is_finite() { share.max(0.0) } else { 0.0 }
+    }
+
+    /// How far `u` leaves the rows; 0 inside.
+    pub(crate) fn excess(&self, u: &SVector<f64, N>) -> f64 {
+        let rows = self.normals.iter().zip(self.lower.iter().zip(self.upper));
+        rows.fold(0.0_f64, |excess, (normal, (&lower, &upper))| {
+            let value = along(normal, u);
+            excess.max(lower - value).max(value - upper)
+        })
+    }
+}
+
+fn along<const N: usize>(normal: &[f64; N], u: &SVector<f64, N>) -> f64 {
+    normal.iter().zip(u).map(|(n, u)| n * u).sum()
+}
+
+/// What the first increment may be, and how far its own bound had to give way for it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FirstMove<const N: usize> {
+    /// Least Δu(k).
+    pub lower: SVector<f64, N>,
+    /// Largest Δu(k).
+    pub upper: SVector<f64, N>,
+    /// Amount added to `du_max`, >= 0 and zero in normal flight.
+    pub relaxation: SVector<f64, N>,
+    /// The admissible level that was u(k−1), or what is left of it.
+    anchor: SVector<f64, N>,
+}
+
+impl<const N: usize> FirstMove<N> {
+    /// After `u_previous` under `bounds` and `coupled`.
     ///
-    /// If the level bounds moved away from `u_previous` faster than `du_max` can follow, the
-    /// increment bound gives way by exactly the missing amount; else no increment would do.
-    #[must_use]
-    pub fn first_move(&self, u_previous: &SVector<f64, NU>) -> FirstMove<NU> {
-        let level_lower = self.u_min - u_previous;
-        let level_upper = self.u_max - u_previous;
-        let missing_below = level_lower - self.du_max;
-        let missing_above = -level_upper - self.du_max;
-        let relaxation = missing_below.sup(&missing_above).sup(&SVector::zeros());
-        let reach = self.du_max + relaxation;
-        FirstMove {
+    /// If the bounds on the level moved away from `u_previous` faster than `du_max` can follow,
+    /// the increment bound gives way by exactly the missing amount; else no increment would do.
+    /// Boxes alone are followed input by input; with coupled rows the level shrinks towards no
+    /// input at all, which they always admit.
+    pub(crate) fn new(
+        bounds: &Bounds<N>,
+        coupled: &Coupled<'_, N>,
+        u_previous: &SVector<f64, N>,
+    ) -> Self {
+        let boxed = u_previous.sup(&bounds.u_min).inf(&bounds.u_max);
+        let anchor = boxed * coupled.share(&SVector::zeros(), &boxed);
+        let needed = (anchor - u_previous).abs();
+        let relaxation = (needed - bounds.du_max).sup(&SVector::zeros());
+        let reach = bounds.du_max + relaxation;
+        let level_lower = bounds.u_min - u_previous;
+        let level_upper = bounds.u_max - u_previous;
+        Self {
             // Level bounds last: where reach equals them, they are met to the last bit.
             lower: (-reach).sup(&level_lower).inf(&level_upper),
             upper: reach.inf(&level_upper).sup(&level_lower),
             relaxation,
+            anchor,
         }
     }
-}
 
-/// Bounds of the first increment, and how far its own bound had to give way.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FirstMove<const NU: usize> {
-    /// Least Δu(k).
-    pub lower: SVector<f64, NU>,
-    /// Largest Δu(k).
-    pub upper: SVector<f64, NU>,
-    /// Amount added to `du_max`, >= 0 and zero in normal flight.
-    pub relaxation: SVector<f64, NU>,
-}
-
-impl<const NU: usize> FirstMove<NU> {
-    /// The nearest increment within the bounds; a NaN counts as no increment.
-    #[must_use]
-    pub fn clip(&self, du: &SVector<f64, NU>) -> SVector<f64, NU> {
+    /// u(k) for the increment `du`: the nearest one in the box, then as much of the way to it from
+    /// the admissible level as the coupled rows leave. A NaN counts as no increment.
+    pub(crate) fn level(
+        &self,
+        du: &SVector<f64, N>,
+        u_previous: &SVector<f64, N>,
+        coupled: &Coupled<'_, N>,
+    ) -> SVector<f64, N> {
         let finite = du.map(|du| if du.is_finite() { du } else { 0.0 });
-        finite.sup(&self.lower).inf(&self.upper)
-    }
-}
-
-/// Rows of A for `control` moves of `inputs` inputs.
-pub(crate) const fn row_count(inputs: usize, control: usize) -> usize {
-    inputs * (2 * control - 1)
-}
-
-/// A of the rows above; ΔU is ordered by time, then input.
-pub(crate) fn rows(inputs: usize, control: usize) -> DMatrix<f64> {
-    let moves = inputs * control;
-    DMatrix::from_fn(row_count(inputs, control), moves, |row, column| {
-        let active = if row < moves {
-            column <= row && (row - column).is_multiple_of(inputs)
-        } else {
-            column == row - moves + inputs
-        };
-        f64::from(active)
-    })
-}
-
-/// Writes the bounds of every row.
-pub(crate) fn fill<const NU: usize>(
-    bounds: &Bounds<NU>,
-    first: &FirstMove<NU>,
-    u_previous: &SVector<f64, NU>,
-    lower: &mut DVector<f64>,
-    upper: &mut DVector<f64>,
-) {
-    let moves = lower.len().midpoint(NU); // rows = 2 moves - NU
-    let (level_lower, level_upper) = (bounds.u_min - u_previous, bounds.u_max - u_previous);
-    for row in 0..lower.len() {
-        let input = row % NU;
-        (lower[row], upper[row]) = if row < NU {
-            (first.lower[input], first.upper[input])
-        } else if row < moves {
-            (level_lower[input], level_upper[input])
-        } else {
-            (-bounds.du_max[input], bounds.du_max[input])
-        };
+        let wanted = u_previous + finite.sup(&self.lower).inf(&self.upper);
+        let share = coupled.share(&self.anchor, &wanted);
+        if share < 1.0 { self.anchor + (wanted - self.anchor) * share } else { wanted }
     }
 }
 
@@ -117,28 +141,20 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn the_rows_are_the_levels_and_increments_of_a_played_sequence() {
-        let a = rows(2, 3);
-        let du = [[1.0, -4.0], [0.25, 8.0], [2.0, 16.0]];
-        let stacked = DVector::from_iterator(6, du.iter().flatten().copied());
-        let got = a * stacked;
-        let expected = [1.0, -4.0, 1.25, 4.0, 3.25, 20.0, 0.25, 8.0, 2.0, 16.0];
-        assert_eq!(got.as_slice(), &expected);
+    const DIAMOND: Coupled<'_, 2> =
+        Coupled { normals: &[[1.0, 1.0], [1.0, -1.0]], lower: &[-1.0; 2], upper: &[1.0; 2] };
+
+    fn first<const N: usize>(bounds: &Bounds<N>, u: &SVector<f64, N>) -> FirstMove<N> {
+        FirstMove::new(bounds, &Coupled::NONE, u)
     }
 
     #[test]
-    fn the_first_row_carries_the_tighter_of_level_and_increment() {
+    fn the_first_move_obeys_the_tighter_of_level_and_increment() {
         let bounds = Bounds::symmetric(Vector2::new(1.0, 1.0), Vector2::new(0.5, 0.5));
-        let u = Vector2::new(0.8, -0.2);
-        let first = bounds.first_move(&u);
+        let first = first(&bounds, &Vector2::new(0.8, -0.2));
         assert!((first.upper - Vector2::new(0.2, 0.5)).amax() < 1e-15);
         assert!((first.lower - Vector2::new(-0.5, -0.5)).amax() < 1e-15);
         assert_eq!(first.relaxation, Vector2::zeros());
-        let (mut lower, mut upper) = (DVector::zeros(6), DVector::zeros(6));
-        fill(&bounds, &first, &u, &mut lower, &mut upper);
-        assert_eq!(lower.as_slice(), &[-0.5, -0.5, -1.8, -0.8, -0.5, -0.5]);
-        assert!((upper[2] - 0.2).abs() < 1e-15 && (upper[3] - 1.2).abs() < 1e-15);
     }
 
     #[test]
@@ -146,7 +162,7 @@ mod tests {
         let bounds = Bounds::symmetric(Vector1::new(0.25), Vector1::new(0.125));
         let cases = [(0.3125, 0.0), (0.375, 0.0), (0.5, 0.125), (-1.0, 0.625)];
         for (u, missing) in cases {
-            let first = bounds.first_move(&Vector1::new(u));
+            let first = first(&bounds, &Vector1::new(u));
             assert_eq!(first.relaxation[0], missing, "u(k-1) = {u}");
             assert!(first.lower <= first.upper);
             if missing > 0.0 {
@@ -159,8 +175,24 @@ mod tests {
     #[test]
     fn clipping_meets_the_bounds_and_takes_nan_as_no_move() {
         let bounds = Bounds::symmetric(Vector2::new(1.0, 1.0), Vector2::new(0.5, 0.5));
-        let first = bounds.first_move(&Vector2::new(0.0, 0.9));
-        let clipped = first.clip(&Vector2::new(-7.0, f64::NAN));
-        assert_eq!(clipped, Vector2::new(-0.5, 0.0));
+        let u = Vector2::new(0.0, 0.9);
+        let level = first(&bounds, &u).level(&Vector2::new(-7.0, f64::NAN), &u, &Coupled::NONE);
+        assert_eq!(level, Vector2::new(-0.5, 0.9));
+    }
+
+    #[test]
+    fn a_level_outside_the_coupled_rows_shrinks_towards_zero_and_the_increment_gives_way() {
+        let bounds = Bounds::symmetric(Vector2::repeat(9.0), Vector2::repeat(0.25));
+        let u = Vector2::new(1.5, 0.5);
+        let first = FirstMove::new(&bounds, &DIAMOND, &u);
+        // Half of it is on the edge.
+        assert!((first.relaxation - Vector2::new(0.5, 0.0)).amax() < 1e-15);
+        let wishes = [Vector2::zeros(), Vector2::new(5.0, 5.0), Vector2::new(-0.7, 0.2)];
+        for du in wishes {
+            let level = first.level(&du, &u, &DIAMOND);
+            assert!(DIAMOND.excess(&level) < 1e-15, "{level}");
+            let excess = (level - u).abs() - bounds.du_max - first.relaxation;
+            assert!(excess.max() < 1e-15, "{level}");
+        }
     }
 }

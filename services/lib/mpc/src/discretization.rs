@@ -1,9 +1,5 @@
 //! Exact sampling of the laws' prediction models, in closed form.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
-
-use crate::Model;
-
 /// One axis y'' = g a with the actuator a' = (u - a)/lag and u taking effect `delay_s` late.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LaggedAxis {
@@ -52,7 +48,7 @@ impl LaggedAxis {
     }
 
     /// One period from (position, rate, actuator, u(k-1)), with u(k) from `delay_s` on.
-    fn advance(&self, state: [f64; 4], u: f64, period: f64) -> [f64; 4] {
+    pub(crate) fn advance(&self, state: [f64; 4], u: f64, period: f64) -> [f64; 4] {
         let [mut position, mut rate, mut actuator, previous] = state;
         for (duration, command) in [(self.delay_s, previous), (period - self.delay_s, u)] {
             if duration <= 0.0 {
@@ -68,47 +64,9 @@ impl LaggedAxis {
     }
 }
 
-/// The paper's model: three axes y'' = g u, x = \[y, y'\], held over `period_s` \[s\].
-///
-/// The continuous A is nilpotent, so the Runge-Kutta map of (9) is this exact hold.
-#[must_use]
-pub fn double_integrator(gain: &Vector3<f64>, period_s: f64) -> Model<6, 3, 3> {
-    let mut a = SMatrix::<f64, 6, 6>::identity();
-    a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(Matrix3::identity() * period_s));
-    let mut b = SMatrix::<f64, 6, 3>::zeros();
-    let per_axis = Matrix3::from_diagonal(gain);
-    b.fixed_view_mut::<3, 3>(0, 0).copy_from(&(per_axis * (0.5 * period_s * period_s)));
-    b.fixed_view_mut::<3, 3>(3, 0).copy_from(&(per_axis * period_s));
-    Model { a, b, c: SMatrix::identity() }
-}
-
-/// Three [`LaggedAxis`] sampled exactly: x = \[y, y', actuator, u(k-1)\], each of three axes.
-///
-/// The first `delay_s` of a period still runs on u(k-1), the rest on u(k).
-#[must_use]
-pub fn lagged_double_integrator(axes: &[LaggedAxis; 3], period_s: f64) -> Model<12, 3, 3> {
-    let mut a = SMatrix::<f64, 12, 12>::zeros();
-    let mut b = SMatrix::<f64, 12, 3>::zeros();
-    for (axis, model) in axes.iter().enumerate() {
-        for column in 0..4 {
-            let mut unit = [0.0; 4];
-            unit[column] = 1.0;
-            let image = model.advance(unit, 0.0, period_s);
-            for (row, value) in image.into_iter().enumerate() {
-                a[(3 * row + axis, 3 * column + axis)] = value;
-            }
-        }
-        let image = model.advance([0.0; 4], 1.0, period_s);
-        for (row, value) in image.into_iter().enumerate() {
-            b[(3 * row + axis, axis)] = value;
-        }
-    }
-    Model { a, b, c: SMatrix::identity() }
-}
-
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix5, Vector3};
+    use nalgebra::Matrix5;
 
     use super::*;
 
@@ -122,38 +80,41 @@ mod tests {
         m
     }
 
+    /// Columns of the sampled A, then B.
+    fn sampled(axis: &LaggedAxis, period: f64) -> [[f64; 4]; 5] {
+        core::array::from_fn(|column| {
+            let unit = core::array::from_fn(|row| f64::from(row == column));
+            axis.advance(unit, f64::from(column == 4), period)
+        })
+    }
+
     #[test]
     fn the_lagged_model_is_the_matrix_exponential_of_its_two_phases() {
         for (gain, lag_s, delay_s, period) in
             [(1e4, 0.015, 0.001, 0.01), (2500.0, 0.03, 0.0, 0.02), (9.81, 0.05, 0.002, 0.002)]
         {
             let axis = LaggedAxis { gain, lag_s, delay_s };
-            let model = lagged_double_integrator(&[axis; 3], period);
             let exact = (continuous(&axis, 4) * (period - delay_s)).exp()
                 * (continuous(&axis, 3) * delay_s).exp();
-            for row in 0..3 {
-                for column in 0..4 {
-                    let entry = model.a[(3 * row + 1, 3 * column + 1)];
-                    assert!((entry - exact[(row, column)]).abs() <= 1e-12 * gain.max(1.0));
+            for (column, image) in sampled(&axis, period).iter().enumerate() {
+                for row in 0..3 {
+                    let error = image[row] - exact[(row, column)];
+                    assert!(error.abs() <= 1e-12 * gain.max(1.0), "{row} {column}");
                 }
-                assert!((model.b[(3 * row + 1, 1)] - exact[(row, 4)]).abs() <= 1e-12 * gain);
+                assert_eq!(image[3], f64::from(column == 4));
             }
-            assert_eq!(model.a[(10, 10)], 0.0);
-            assert_eq!(model.b[(10, 1)], 1.0);
-            assert_eq!(model.a[(0, 4)], 0.0, "axes do not couple");
         }
     }
 
     #[test]
     fn without_lag_and_delay_the_lagged_model_is_the_papers() {
-        let gain = Vector3::new(1e4, 2e3, 5e3);
-        let axes = gain.map(|gain| LaggedAxis { gain, lag_s: 0.0, delay_s: 0.0 });
-        let lagged = lagged_double_integrator(&[axes[0], axes[1], axes[2]], 0.01);
-        let bare = double_integrator(&gain, 0.01);
-        let difference = lagged.b.fixed_view::<6, 3>(0, 0) - bare.b;
-        assert!(difference.amax() <= 1e-15 * 1e4);
-        assert_eq!(lagged.a.fixed_view::<6, 6>(0, 0), bare.a.fixed_view::<6, 6>(0, 0));
-        assert_eq!(lagged.a.fixed_view::<6, 6>(0, 6).amax(), 0.0);
+        let (gain, period) = (1e4, 0.01);
+        let [position, rate, actuator, previous, command] =
+            sampled(&LaggedAxis { gain, lag_s: 0.0, delay_s: 0.0 }, period);
+        assert_eq!((position, rate[0], rate[1]), ([1.0, 0.0, 0.0, 0.0], period, 1.0));
+        assert_eq!((actuator, previous), ([0.0; 4], [0.0; 4]));
+        assert!((command[0] - 0.5 * gain * period * period).abs() < 1e-15);
+        assert!((command[1] - gain * period).abs() < 1e-13);
     }
 
     #[test]

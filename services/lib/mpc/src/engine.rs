@@ -1,14 +1,17 @@
 //! The receding horizon: predict, solve, apply the first move.
 
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, SVector};
 use qp::{ActiveSet, Hildreth, HildrethSettings, QpOutcome, QpSolver, QpStatus, Settings};
 
-use crate::constraints::{self, Bounds};
-use crate::prediction::{StepResponse, free_errors};
-use crate::{Horizon, Model, MpcError, Weights};
+use crate::constraints::{Coupled, FirstMove};
+use crate::response::{AxisResponse, STATE};
+use crate::rows::{Ahead, Limits, Now, Rows};
+use crate::sides::{PackedSides, pack, unpack};
+use crate::{Design, MpcError};
 
 /// Which solver answers the quadratic program (16).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum SolverKind {
     /// Exact and bounded: the one to fly.
     #[default]
@@ -32,26 +35,43 @@ impl SolverKind {
     }
 }
 
-/// What the law knows at sample k.
+/// What the law knows at sample k, axis by axis. Inputs are in the units the law chose.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured<const NX: usize, const NU: usize, const NY: usize> {
-    /// Δx(k) = x(k) - x(k-1).
-    pub state_increment: SVector<f64, NX>,
+pub struct Measured<const N: usize> {
     /// y(k).
-    pub output: SVector<f64, NY>,
-    /// u(k-1), as applied.
-    pub u_previous: SVector<f64, NU>,
+    pub output: SVector<f64, N>,
+    /// y(k) − y(k−1).
+    pub output_increment: SVector<f64, N>,
+    /// y'(k); used by bounds on the rate only.
+    pub rate: SVector<f64, N>,
+    /// y'(k) − y'(k−1).
+    pub rate_increment: SVector<f64, N>,
+    /// a(k) − a(k−1), the actuator.
+    pub actuator_increment: SVector<f64, N>,
+    /// u(k−1) − u(k−2), as applied.
+    pub input_increment: SVector<f64, N>,
+    /// u(k−1), as applied.
+    pub u_previous: SVector<f64, N>,
+}
+
+/// What the schedule decides at sample k. Where neither changes, nothing is factored anew.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Operating<const N: usize> {
+    /// g of y'' = g a, per unit of input; not 0.
+    pub gain: SVector<f64, N>,
+    /// Diagonal of W on increments; unit (output unit / input unit)².
+    pub weight: SVector<f64, N>,
 }
 
 /// The first move and how it came about.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Move<const NU: usize> {
-    /// u(k) = u(k-1) + Δu(k), always finite and within the bounds.
-    pub u: SVector<f64, NU>,
+pub struct Move<const N: usize> {
+    /// u(k) = u(k−1) + Δu(k), always finite and within the hard bounds.
+    pub u: SVector<f64, N>,
     /// Δu(k), after clipping.
-    pub du: SVector<f64, NU>,
-    /// How far the bound on Δu(k) had to give way, see [`Bounds::first_move`].
-    pub relaxation: SVector<f64, NU>,
+    pub du: SVector<f64, N>,
+    /// How far the bound on Δu(k) had to give way because the level bounds shrank.
+    pub relaxation: SVector<f64, N>,
     /// How far the solver's own Δu(k) was outside its bounds, before clipping.
     pub violation: f64,
     /// The solver's verdict.
@@ -62,22 +82,7 @@ pub struct Move<const NU: usize> {
     pub active: u32,
 }
 
-/// The program min ½ xᵀ ζ x + ηᵀ x, lower <= A x <= upper, with x = ΔU by time, then input.
-#[derive(Debug, Clone, Copy)]
-pub struct Program<'a> {
-    /// ζ, square of NU Nc.
-    pub zeta: &'a DMatrix<f64>,
-    /// η, NU Nc.
-    pub eta: &'a DVector<f64>,
-    /// A, NU (2 Nc - 1) by NU Nc: levels, then increments from the second move on.
-    pub rows: &'a DMatrix<f64>,
-    /// Lower bounds of the rows.
-    pub lower: &'a DVector<f64>,
-    /// Upper bounds of the rows.
-    pub upper: &'a DVector<f64>,
-}
-
-impl<const NU: usize> Move<NU> {
+impl<const N: usize> Move<N> {
     /// True if the move is not the optimum but what clipping left of an unfinished answer.
     #[must_use]
     pub fn is_fallback(&self) -> bool {
@@ -85,131 +90,224 @@ impl<const NU: usize> Move<NU> {
     }
 }
 
-/// An incremental MPC with `NX` states, `NU` inputs and `NY` outputs.
+/// The program min ½ xᵀ ζ x + ηᵀ x, lower <= A x <= upper, with x the coefficients of each input's
+/// functions, input after input.
+#[derive(Debug, Clone, Copy)]
+pub struct Program<'a> {
+    /// ζ, square.
+    pub zeta: &'a DMatrix<f64>,
+    /// η.
+    pub eta: &'a DVector<f64>,
+    /// A: levels, increments, coupled rows, outputs, rates, each by time.
+    pub rows: &'a DMatrix<f64>,
+    /// Lower bounds of the rows.
+    pub lower: &'a DVector<f64>,
+    /// Upper bounds of the rows.
+    pub upper: &'a DVector<f64>,
+}
+
+/// An incremental MPC of `N` axes that share nothing but constraints.
 ///
-/// Its whole evolving memory is the scheduling parameter and the solver's working set; the rest
-/// is rebuilt from these, so that a restored instance continues bit for bit.
+/// Its whole evolving memory is the solver's working set; the rest is a function of the arguments
+/// of a step, so that a restored instance continues bit for bit.
 #[derive(Debug)]
-pub struct IncrementalMpc<const NX: usize, const NU: usize, const NY: usize> {
-    model: Model<NX, NU, NY>,
-    weights: Weights<NU, NY>,
-    scheduled: Option<f64>,
-    response: StepResponse<NU, NY>,
-    errors: Vec<SVector<f64, NY>>,
+pub struct IncrementalMpc<const N: usize> {
+    axes: [AxisResponse; N],
+    rows: Rows<N>,
+    /// What the matrices were made for; `None` if for a changing gain, or not at all.
+    operating: Option<Operating<N>>,
+    /// The axes are those of a changing gain.
+    varied: bool,
+    /// The solver has A.
+    rows_taken: bool,
+    matrices_accepted: bool,
+    errors: Vec<SVector<f64, N>>,
     zeta: DMatrix<f64>,
-    rows: DMatrix<f64>,
+    a: DMatrix<f64>,
     eta: DVector<f64>,
     lower: DVector<f64>,
     upper: DVector<f64>,
+    compliance: Vec<f64>,
+    sides: Vec<i8>,
     solver: Box<dyn QpSolver>,
-    matrices_accepted: bool,
 }
 
-impl<const NX: usize, const NU: usize, const NY: usize> IncrementalMpc<NX, NU, NY> {
-    /// Reserves all memory. [`Self::schedule`] must supply a model before the first step.
+impl<const N: usize> IncrementalMpc<N> {
+    /// Reserves all memory and computes the responses of the axes.
     ///
     /// # Errors
-    /// A horizon outside its range, or a shape the solver refuses.
-    pub fn new(horizon: Horizon, solver: SolverKind) -> Result<Self, MpcError> {
-        horizon.check()?;
-        let moves = NU * horizon.control;
-        let row_count = constraints::row_count(NU, horizon.control);
+    /// A number outside its range, or more rows than [`PackedSides`] holds.
+    pub fn new(design: &Design<N>, solver: SolverKind) -> Result<Self, MpcError> {
+        design.check()?;
+        let rows = Rows::new(design);
+        let count = rows.count();
+        let horizon = design.horizon;
+        let axes = core::array::from_fn(|i| {
+            let axis = &design.axes[i];
+            AxisResponse::new(axis, horizon.prediction, horizon.control, design.period_s)
+        });
+        let terms = design.axes.iter().map(|axis| axis.basis.terms).sum();
         Ok(Self {
-            model: Model { a: SMatrix::zeros(), b: SMatrix::zeros(), c: SMatrix::zeros() },
-            weights: Weights::on_increments(SVector::zeros()),
-            scheduled: None,
-            response: StepResponse::new(horizon.prediction),
-            errors: vec![SVector::zeros(); horizon.prediction],
-            zeta: DMatrix::zeros(moves, moves),
-            rows: constraints::rows(NU, horizon.control),
-            eta: DVector::zeros(moves),
-            lower: DVector::zeros(row_count),
-            upper: DVector::zeros(row_count),
-            solver: solver.build(moves, row_count)?,
+            axes,
+            rows,
+            operating: None,
+            varied: false,
+            rows_taken: false,
             matrices_accepted: false,
+            errors: vec![SVector::zeros(); horizon.prediction],
+            zeta: DMatrix::zeros(terms, terms),
+            a: DMatrix::zeros(count, terms),
+            eta: DVector::zeros(terms),
+            lower: DVector::zeros(count),
+            upper: DVector::zeros(count),
+            compliance: vec![0.0; count],
+            sides: vec![0; count],
+            solver: solver.build(terms, count)?,
         })
-    }
-
-    /// Rebuilds prediction and cost if `parameter` moved by more than `tolerance` since the last
-    /// rebuild (or if there was none); `at` gives model and weights there. True if it rebuilt.
-    pub fn schedule(
-        &mut self,
-        parameter: f64,
-        tolerance: f64,
-        at: impl FnOnce(f64) -> (Model<NX, NU, NY>, Weights<NU, NY>),
-    ) -> bool {
-        if self.scheduled.is_some_and(|last| (parameter - last).abs() <= tolerance) {
-            return false;
-        }
-        (self.model, self.weights) = at(parameter);
-        self.scheduled = Some(parameter);
-        self.response.rebuild(&self.model);
-        self.response.hessian(&self.weights, &mut self.zeta);
-        self.matrices_accepted = self.solver.set_matrices(&self.zeta, &self.rows).is_ok();
-        true
     }
 
     /// Solves (16) and returns the first move.
     ///
-    /// `reference(j)` is the desired output at k+j, j in 1..=Np. Whatever the solver's verdict,
-    /// the move is finite and within `bounds`, as long as these and u(k-1) are finite.
+    /// `reference(j)` is the desired output at k+j, j in 1..=Np; `ahead` tells how gains and
+    /// limits go on, if they do not stay as they are. Whatever the solver's verdict, the move is
+    /// finite and within the hard limits, as long as these and u(k−1) are finite.
     pub fn step(
         &mut self,
-        now: &Measured<NX, NU, NY>,
-        reference: impl Fn(usize) -> SVector<f64, NY>,
-        bounds: &Bounds<NU>,
-    ) -> Move<NU> {
-        let u_previous = &now.u_previous;
-        let first = bounds.first_move(u_previous);
-        constraints::fill(bounds, &first, u_previous, &mut self.lower, &mut self.upper);
-        let (increment, output) = (&now.state_increment, &now.output);
-        free_errors(&self.model, increment, output, reference, &mut self.errors);
-        self.response.gradient(&self.weights, &self.errors, &mut self.eta);
+        now: &Measured<N>,
+        operating: &Operating<N>,
+        reference: impl Fn(usize) -> SVector<f64, N>,
+        limits: &Limits<'_, N>,
+        ahead: Option<&Ahead<'_, N>>,
+    ) -> Move<N> {
+        let mut bounds = limits.inputs;
+        if self.rows.has_soft_levels() {
+            bounds.u_min.fill(f64::NEG_INFINITY);
+            bounds.u_max.fill(f64::INFINITY);
+        }
+        if !self.rows.has_hard_increments() {
+            bounds.du_max.fill(f64::INFINITY);
+        }
+        let coupled = if self.rows.has_hard_coupled() { limits.coupled } else { Coupled::NONE };
+        let first = FirstMove::new(&bounds, &coupled, &now.u_previous);
 
-        let QpOutcome { status, iterations, active } = self.solve();
-        let raw: SVector<f64, NU> = match status {
-            QpStatus::Solved | QpStatus::IterationLimit => {
-                self.solver.solution().fixed_rows::<NU>(0).into_owned()
-            }
+        self.prepare(operating, ahead);
+        self.gradient(now, operating, &reference, ahead);
+        let z = core::array::from_fn(|i| increments(now, operating, i));
+        let relative = Now {
+            gain: &operating.gain,
+            output: &now.output,
+            rate: &now.rate,
+            z: &z,
+            u_previous: &now.u_previous,
+        };
+        let filled = (&mut self.lower, &mut self.upper);
+        self.rows.fill(limits, &first, &relative, ahead, &mut self.axes, filled);
+
+        let QpOutcome { status, iterations, active } = if self.matrices_accepted {
+            self.solver.solve(&self.eta, &self.lower, &self.upper)
+        } else {
+            QpOutcome { status: QpStatus::NotFinite, iterations: 0, active: 0 }
+        };
+        let raw = match status {
+            QpStatus::Solved | QpStatus::IterationLimit => self.first_increment(),
             QpStatus::Infeasible | QpStatus::NotFinite => SVector::zeros(),
         };
-        let violation = (first.lower - raw).sup(&(raw - first.upper)).max().max(0.0);
-        let du = first.clip(&raw);
+        let wanted = now.u_previous + raw;
+        let outside = (first.lower - raw).sup(&(raw - first.upper)).max();
+        let violation = outside.max(coupled.excess(&wanted)).max(0.0);
         // Rounding of the sum may leave a level bound by its last bit.
-        let u = (u_previous + du).sup(&bounds.u_min).inf(&bounds.u_max);
-        Move { u, du, relaxation: first.relaxation, violation, status, iterations, active }
+        let level = first.level(&raw, &now.u_previous, &coupled);
+        let u = level.sup(&bounds.u_min).inf(&bounds.u_max);
+        let (du, relaxation) = (u - now.u_previous, first.relaxation);
+        Move { u, du, relaxation, violation, status, iterations, active }
     }
 
-    fn solve(&mut self) -> QpOutcome {
-        if !self.matrices_accepted {
-            return QpOutcome { status: QpStatus::NotFinite, iterations: 0, active: 0 };
+    /// Brings the matrices to this step's gains and weights; nothing if they have not changed.
+    fn prepare(&mut self, operating: &Operating<N>, ahead: Option<&Ahead<'_, N>>) {
+        if ahead.is_none() && self.operating.as_ref() == Some(operating) {
+            return;
         }
-        self.solver.solve(&self.eta, &self.lower, &self.upper)
+        let varying = ahead.is_some();
+        if varying || self.varied {
+            for (i, axis) in self.axes.iter_mut().enumerate() {
+                match ahead {
+                    Some(ahead) => axis.vary(|j| ahead.gain[j][i]),
+                    None => axis.vary(|_| 1.0),
+                }
+            }
+        }
+        let mut at = 0;
+        for (i, axis) in self.axes.iter().enumerate() {
+            axis.hessian(operating.gain[i], operating.weight[i], at, &mut self.zeta);
+            at += axis.terms;
+        }
+        let rows_change = (varying || self.varied) && self.rows.vary();
+        let taken = if rows_change || !self.rows_taken {
+            let coupling = |m: usize| ahead.map_or(SVector::repeat(1.0), |ahead| ahead.coupling[m]);
+            self.rows.write(&self.axes, coupling, &mut self.a);
+            let taken = self.solver.set_matrices(&self.zeta, &self.a);
+            self.rows_taken = taken.is_ok();
+            taken
+        } else {
+            self.solver.set_hessian(&self.zeta)
+        };
+        let soft = self.rows.compliance(&operating.gain, &operating.weight, &mut self.compliance);
+        let soft = if soft { self.solver.set_compliance(&self.compliance) } else { Ok(()) };
+        self.matrices_accepted = taken.is_ok() && soft.is_ok();
+        self.varied = varying;
+        self.operating = (self.matrices_accepted && !varying).then_some(*operating);
     }
 
-    /// The parameter of the last rebuild.
-    #[must_use]
-    pub fn scheduled(&self) -> Option<f64> {
-        self.scheduled
+    fn gradient(
+        &mut self,
+        now: &Measured<N>,
+        operating: &Operating<N>,
+        reference: &impl Fn(usize) -> SVector<f64, N>,
+        ahead: Option<&Ahead<'_, N>>,
+    ) {
+        for (j, error) in self.errors.iter_mut().enumerate() {
+            *error = now.output - reference(j + 1);
+        }
+        let eta = self.eta.as_mut_slice();
+        let mut at = 0;
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            let (gain, z) = (operating.gain[i], increments(now, operating, i));
+            let errors = self.errors.iter().map(|error| error[i]);
+            let eta = &mut eta[at..at + axis.terms];
+            match ahead {
+                Some(ahead) => axis.gradient_varied(gain, errors, &z, |j| ahead.gain[j][i], eta),
+                None => axis.gradient(gain, errors, &z, eta),
+            }
+            at += axis.terms;
+        }
     }
 
-    /// Forces the next [`Self::schedule`] to rebuild, as after a restore.
-    pub fn forget_schedule(&mut self) {
-        self.scheduled = None;
+    /// Δu(k) = L(0)ᵀ η of each input.
+    fn first_increment(&self) -> SVector<f64, N> {
+        let solution = self.solver.solution();
+        let mut at = 0;
+        SVector::from_fn(|i, _| {
+            let axis = &self.axes[i];
+            let own = &solution.as_slice()[at..at + axis.terms];
+            at += axis.terms;
+            axis.moves.iter().zip(own).map(|(l, eta)| l * eta).sum()
+        })
     }
 
-    /// Which bound each row is held at, for the law's memory. Length NU (2 Nc - 1).
-    #[must_use]
-    pub fn working_set(&self) -> &[i8] {
-        self.solver.working_set()
+    /// Which bound each row was held at, for the law's memory.
+    pub fn pack_working_set(&self, packed: &mut PackedSides) {
+        pack(self.solver.working_set(), packed);
     }
 
-    /// Warm-starts the next solve; the length is that of [`Self::working_set`].
+    /// Warm-starts the next solve and forgets the matrices, as after a restore.
     ///
     /// # Errors
-    /// A set that is not of this solver; the old one then stays.
-    pub fn set_working_set(&mut self, set: &[i8]) -> Result<(), MpcError> {
-        Ok(self.solver.set_working_set(set)?)
+    /// A set that no solver can have; the old one then stays.
+    pub fn restore(&mut self, packed: &PackedSides) -> Result<(), MpcError> {
+        unpack(packed, &mut self.sides);
+        self.solver.set_working_set(&self.sides)?;
+        self.operating = None;
+        Ok(())
     }
 
     /// The program (16) as last solved, for study and benchmarks.
@@ -218,9 +316,30 @@ impl<const NX: usize, const NU: usize, const NY: usize> IncrementalMpc<NX, NU, N
         Program {
             zeta: &self.zeta,
             eta: &self.eta,
-            rows: &self.rows,
+            rows: &self.a,
             lower: &self.lower,
             upper: &self.upper,
         }
     }
+
+    /// The unknowns of (16) as last solved.
+    #[must_use]
+    pub fn solution(&self) -> &DVector<f64> {
+        self.solver.solution()
+    }
+}
+
+/// z(0) of an axis: increments of output, rate, actuator and input, the last two times the gain.
+fn increments<const N: usize>(
+    now: &Measured<N>,
+    operating: &Operating<N>,
+    i: usize,
+) -> [f64; STATE] {
+    let gain = operating.gain[i];
+    [
+        now.output_increment[i],
+        now.rate_increment[i],
+        gain * now.actuator_increment[i],
+        gain * now.input_increment[i],
+    ]
 }

@@ -1,26 +1,29 @@
-//! What a law hands to the engine: horizon, model and weights.
+//! What a law hands to the engine once: horizon, axes, constraint sets.
 
-use nalgebra::{SMatrix, SVector};
-
-use crate::MpcError;
+use crate::error::within;
+use crate::rows::Rows;
+use crate::{Basis, MpcError, ROW_CAPACITY};
 
 /// Prediction and control horizon, Np and Nc, in samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Horizon {
     /// Np: samples over which the output error is weighed.
     pub prediction: usize,
-    /// Nc <= Np: samples in which the input may still move.
+    /// Nc <= Np: samples in which the input may still move (pulses), and in which its bounds are
+    /// enforced.
     pub control: usize,
 }
 
 impl Horizon {
-    /// Largest prediction horizon accepted.
-    pub const PREDICTION_LIMIT: usize = 100;
+    /// Largest prediction horizon accepted: 0.2 s at 1000 Hz.
+    pub const PREDICTION_LIMIT: usize = 200;
+    /// Largest control horizon accepted.
+    pub const CONTROL_LIMIT: usize = 50;
 
-    /// Checks 1 <= Nc <= Np <= [`Self::PREDICTION_LIMIT`].
+    /// Checks 1 <= Nc <= Np, and both limits.
     ///
     /// # Errors
-    /// [`MpcError::ControlHorizon`] or [`MpcError::PredictionHorizon`] outside that range.
+    /// [`MpcError::ControlHorizon`], [`MpcError::PredictionHorizon`] or [`MpcError::ControlLimit`].
     pub const fn check(&self) -> Result<(), MpcError> {
         let Self { prediction, control } = *self;
         if prediction > Self::PREDICTION_LIMIT {
@@ -29,34 +32,115 @@ impl Horizon {
         if control == 0 || control > prediction {
             return Err(MpcError::ControlHorizon { control, prediction });
         }
+        if control > Self::CONTROL_LIMIT {
+            return Err(MpcError::ControlLimit { control, limit: Self::CONTROL_LIMIT });
+        }
         Ok(())
     }
 }
 
-/// x(k+1) = A x(k) + B u(k), y(k) = C x(k), equation (9).
+/// One axis of the prediction model, y'' = g a behind a [`LaggedAxis`](crate::LaggedAxis), and its
+/// part of the cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Model<const NX: usize, const NU: usize, const NY: usize> {
-    /// A, of the sampled model.
-    pub a: SMatrix<f64, NX, NX>,
-    /// B, of the sampled model.
-    pub b: SMatrix<f64, NX, NU>,
-    /// C.
-    pub c: SMatrix<f64, NY, NX>,
+pub struct AxisDesign {
+    /// Lag of the actuator \[s\], >= 0; 0 is an ideal actuator.
+    pub lag_s: f64,
+    /// Delay of the command \[s\], within 0..=period.
+    pub delay_s: f64,
+    /// How Δu is parameterised.
+    pub basis: Basis,
+    /// Entry of Q: weight of the output error. 1 in the paper.
+    pub output_weight: f64,
+    /// Factor on it for the last error of the horizon. 1 in the paper.
+    pub terminal_factor: f64,
 }
 
-/// Diagonal weights of the cost (15), which has Q = 1 in the paper.
+/// What happens where a constraint cannot be met.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Weights<const NU: usize, const NY: usize> {
-    /// Diagonal of Q, on each output error.
-    pub output: SVector<f64, NY>,
-    /// Diagonal of W, on each input increment; unit (output unit / input unit)^2.
-    pub increment: SVector<f64, NU>,
+pub enum Hardness {
+    /// It must be: the program is then infeasible, which is a verdict.
+    Hard,
+    /// It is violated by s at the price of `penalty` s² in the cost (15). For an input s counts
+    /// in units in which an increment costs 1, for an output or a rate in its own.
+    Soft {
+        /// Price, > 0.
+        penalty: f64,
+    },
 }
 
-impl<const NU: usize, const NY: usize> Weights<NU, NY> {
-    /// The paper's cost: Q = 1 and the given W.
+impl Hardness {
+    /// True for [`Self::Hard`].
     #[must_use]
-    pub fn on_increments(increment: SVector<f64, NU>) -> Self {
-        Self { output: SVector::repeat(1.0), increment }
+    pub fn is_hard(self) -> bool {
+        self == Self::Hard
+    }
+}
+
+/// Which constraints there are. All can be combined; the numbers come with each step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Constraints<const N: usize> {
+    /// u_min <= u <= u_max, over the first Nc samples.
+    pub levels: Option<Hardness>,
+    /// |Δu| <= Δu_max, over the first Nc samples.
+    pub increments: Option<Hardness>,
+    /// Rows n'u that several inputs share, over the first Nc samples; n in units of the inputs.
+    pub coupled: Option<(&'static [[f64; N]], Hardness)>,
+    /// Bounds on y, at each sample of the prediction horizon.
+    pub outputs: Option<Hardness>,
+    /// Bounds on |y'|, at each sample of the prediction horizon.
+    pub rates: Option<Hardness>,
+}
+
+impl<const N: usize> Constraints<N> {
+    /// The paper's: hard bounds on level and increment.
+    pub const PAPER: Self = Self {
+        levels: Some(Hardness::Hard),
+        increments: Some(Hardness::Hard),
+        coupled: None,
+        outputs: None,
+        rates: None,
+    };
+}
+
+/// Everything about a law that stays the same in flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Design<const N: usize> {
+    /// Np and Nc.
+    pub horizon: Horizon,
+    /// Control period \[s\].
+    pub period_s: f64,
+    /// Model and cost of each axis.
+    pub axes: [AxisDesign; N],
+    /// Constraint sets.
+    pub constraints: Constraints<N>,
+}
+
+impl<const N: usize> Design<N> {
+    /// Checks every number, and that the rows fit.
+    ///
+    /// # Errors
+    /// The first that is refused, by name.
+    pub fn check(&self) -> Result<(), MpcError> {
+        self.horizon.check()?;
+        within("period_s", self.period_s, 1e-6, 1e3)?;
+        for axis in &self.axes {
+            axis.basis.check(Horizon::CONTROL_LIMIT)?;
+            within("lag_s", axis.lag_s, 0.0, 1e3)?;
+            within("delay_s", axis.delay_s, 0.0, self.period_s)?;
+            within("output_weight", axis.output_weight, 0.0, 1e12)?;
+            within("terminal_factor", axis.terminal_factor, 0.0, 1e12)?;
+        }
+        let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
+        let sets = [levels, increments, coupled.map(|(_, hardness)| hardness), outputs, rates];
+        for hardness in sets.into_iter().flatten() {
+            if let Hardness::Soft { penalty } = hardness {
+                within("penalty", penalty, 1e-12, 1e12)?;
+            }
+        }
+        let rows = Rows::new(self).count();
+        if rows > ROW_CAPACITY {
+            return Err(MpcError::Rows { rows, limit: ROW_CAPACITY });
+        }
+        Ok(())
     }
 }

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use thiserror::Error;
 
+use crate::actuators::ServoPath;
 use crate::{Allocator, Geometry, MorphAngle};
 
 /// A parameter that no vehicle can have.
@@ -109,6 +110,17 @@ impl VehicleParameters {
     #[must_use]
     pub fn inertia_slope_kg_m2_rad(&self, beta: MorphAngle) -> Vector3<f64> {
         self.geometry.inertia_slope_kg_m2_rad(beta) * self.inertia_scale
+    }
+
+    /// β `duration_s` \[s\] after the servo is told `command` at `beta`.
+    #[must_use]
+    pub fn servo_angle_after(
+        &self,
+        beta: MorphAngle,
+        command: MorphAngle,
+        duration_s: f64,
+    ) -> MorphAngle {
+        ServoPath::new(self, beta, command).at(duration_s).beta
     }
 
     /// The control allocation for the arms at `beta`.

@@ -1,0 +1,254 @@
+//! The constraint rows `lower <= A η <= upper` of the program, in one fixed order.
+
+use nalgebra::{DMatrix, DVector, SVector};
+
+use crate::constraints::{Bounds, Coupled, FirstMove};
+use crate::model::{Constraints, Design, Hardness};
+use crate::response::{AxisResponse, STATE};
+
+/// Bounds of one step, in the engine's units.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits<'a, const N: usize> {
+    /// On u and Δu. Without a hard set on levels the first pair is only what a fallback is
+    /// clipped to.
+    pub inputs: Bounds<N>,
+    /// On rows that inputs share.
+    pub coupled: Coupled<'a, N>,
+    /// Least y.
+    pub output_min: SVector<f64, N>,
+    /// Largest y.
+    pub output_max: SVector<f64, N>,
+    /// Largest |y'|.
+    pub rate_max: SVector<f64, N>,
+}
+
+/// What the bounds of outputs and rates are relative to.
+pub(crate) struct Now<'a, const N: usize> {
+    pub(crate) gain: &'a SVector<f64, N>,
+    pub(crate) output: &'a SVector<f64, N>,
+    pub(crate) rate: &'a SVector<f64, N>,
+    pub(crate) z: &'a [[f64; STATE]; N],
+    pub(crate) u_previous: &'a SVector<f64, N>,
+}
+
+/// How limits and gains go on over the horizon, sample by sample.
+#[derive(Debug, Clone, Copy)]
+pub struct Ahead<'a, const N: usize> {
+    /// Gain in the period from k+j to k+j+1 over the gain at k, j in 0..Np.
+    pub gain: &'a [SVector<f64, N>],
+    /// Gain at k+j over the gain at k, j in 1..=Np.
+    pub gain_at: &'a [SVector<f64, N>],
+    /// Bounds on u(k+j) and Δu(k+j), j in 0..Nc.
+    pub inputs: &'a [Bounds<N>],
+    /// Factor of each input in the coupled rows at k+j, j in 0..Nc.
+    pub coupling: &'a [SVector<f64, N>],
+}
+
+/// Where each set of rows begins.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rows<const N: usize> {
+    constraints: Constraints<N>,
+    prediction: usize,
+    control: usize,
+    /// First row of levels, increments, coupled, outputs, rates, and the end.
+    starts: [usize; 6],
+}
+
+impl<const N: usize> Rows<N> {
+    pub(crate) fn new(design: &Design<N>) -> Self {
+        let Design { horizon, constraints, .. } = design;
+        let (prediction, control) = (horizon.prediction, horizon.control);
+        let first_increment = usize::from(Self::merged(constraints));
+        let counts = [
+            constraints.levels.map_or(0, |_| N * control),
+            constraints.increments.map_or(0, |_| N * (control - first_increment)),
+            constraints.coupled.map_or(0, |(normals, _)| normals.len() * control),
+            constraints.outputs.map_or(0, |_| N * prediction),
+            constraints.rates.map_or(0, |_| N * prediction),
+        ];
+        let mut starts = [0; 6];
+        for (set, count) in counts.into_iter().enumerate() {
+            starts[set + 1] = starts[set] + count;
+        }
+        Self { constraints: *constraints, prediction, control, starts }
+    }
+
+    /// The first level and the first increment have the same normal: where both are hard they are
+    /// one row with the tighter bounds.
+    fn merged(constraints: &Constraints<N>) -> bool {
+        let hard = |set: Option<Hardness>| set.is_some_and(Hardness::is_hard);
+        hard(constraints.levels) && hard(constraints.increments)
+    }
+
+    pub(crate) fn has_soft_levels(&self) -> bool {
+        self.constraints.levels.is_some_and(|hardness| !hardness.is_hard())
+    }
+
+    pub(crate) fn has_hard_increments(&self) -> bool {
+        self.constraints.increments.is_some_and(Hardness::is_hard)
+    }
+
+    pub(crate) fn has_hard_coupled(&self) -> bool {
+        self.constraints.coupled.is_some_and(|(_, hardness)| hardness.is_hard())
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.starts[5]
+    }
+
+    /// Rows that outputs and coupled inputs give the program change with the gain's path.
+    pub(crate) fn vary(&self) -> bool {
+        self.constraints.coupled.is_some() || self.constraints.outputs.is_some()
+    }
+
+    /// Writes A; `coupling(j)` is [`Ahead::coupling`].
+    pub(crate) fn write(
+        &self,
+        axes: &[AxisResponse; N],
+        coupling: impl Fn(usize) -> SVector<f64, N>,
+        a: &mut DMatrix<f64>,
+    ) {
+        let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
+        let skipped = usize::from(Self::merged(&self.constraints));
+        let mut at = 0;
+        for (i, axis) in axes.iter().enumerate() {
+            for term in 0..axis.terms {
+                let column = at + term;
+                if levels.is_some() {
+                    for m in 0..self.control {
+                        a[(N * m + i, column)] = axis.levels[m * axis.terms + term];
+                    }
+                }
+                if increments.is_some() {
+                    for m in skipped..self.control {
+                        let row = self.starts[1] + N * (m - skipped) + i;
+                        a[(row, column)] = axis.moves[m * axis.terms + term];
+                    }
+                }
+                if let Some((normals, _)) = coupled {
+                    for m in 0..self.control {
+                        let level = axis.levels[m * axis.terms + term] * coupling(m)[i];
+                        for (r, normal) in normals.iter().enumerate() {
+                            let row = self.starts[2] + normals.len() * m + r;
+                            a[(row, column)] = normal[i] * level;
+                        }
+                    }
+                }
+                for j in 0..self.prediction {
+                    if outputs.is_some() {
+                        a[(self.starts[3] + N * j + i, column)] = axis.step(term, j);
+                    }
+                    if rates.is_some() {
+                        a[(self.starts[4] + N * j + i, column)] = axis.rate(term, j);
+                    }
+                }
+            }
+            at += axis.terms;
+        }
+    }
+
+    /// Writes the bounds of every row. The free paths of `axes` must be those of this step if
+    /// there are bounds on outputs.
+    pub(crate) fn fill(
+        &self,
+        limits: &Limits<'_, N>,
+        first: &FirstMove<N>,
+        now: &Now<'_, N>,
+        ahead: Option<&Ahead<'_, N>>,
+        axes: &mut [AxisResponse; N],
+        bounds: (&mut DVector<f64>, &mut DVector<f64>),
+    ) {
+        let (lower, upper) = (bounds.0.as_mut_slice(), bounds.1.as_mut_slice());
+        let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
+        let inputs_at = |m: usize| ahead.map_or(&limits.inputs, |ahead| &ahead.inputs[m]);
+        let merged = Self::merged(&self.constraints);
+        let u = now.u_previous;
+        if levels.is_some() {
+            for m in 0..self.control {
+                let bounds = inputs_at(m);
+                for i in 0..N {
+                    let row = N * m + i;
+                    (lower[row], upper[row]) = if merged && m == 0 {
+                        (first.lower[i], first.upper[i])
+                    } else {
+                        (bounds.u_min[i] - u[i], bounds.u_max[i] - u[i])
+                    };
+                }
+            }
+        }
+        if increments.is_some() {
+            for m in usize::from(merged)..self.control {
+                let bounds = inputs_at(m);
+                for i in 0..N {
+                    let row = self.starts[1] + N * (m - usize::from(merged)) + i;
+                    let missing = match m {
+                        0 => first.relaxation[i],
+                        _ if ahead.is_some() => bounds.missing_since(inputs_at(m - 1), i),
+                        _ => 0.0,
+                    };
+                    let reach = bounds.du_max[i] + missing;
+                    (lower[row], upper[row]) = (-reach, reach);
+                }
+            }
+        }
+        if let Some((normals, _)) = coupled {
+            let rows = limits.coupled.lower.iter().zip(limits.coupled.upper);
+            for m in 0..self.control {
+                let scaled = ahead.map_or(*u, |ahead| u.component_mul(&ahead.coupling[m]));
+                for (r, (normal, (low, high))) in normals.iter().zip(rows.clone()).enumerate() {
+                    let row = self.starts[2] + normals.len() * m + r;
+                    let held: f64 = normal.iter().zip(&scaled).map(|(n, u)| n * u).sum();
+                    (lower[row], upper[row]) = (low - held, high - held);
+                }
+            }
+        }
+        for (i, axis) in axes.iter_mut().enumerate() {
+            let gain = now.gain[i];
+            if outputs.is_some() {
+                let ratio = |j: usize| ahead.map_or(1.0, |ahead| ahead.gain[j][i]);
+                for (j, free) in axis.free_path(&now.z[i], ratio).iter().enumerate() {
+                    let row = self.starts[3] + N * j + i;
+                    let ends = [limits.output_min[i], limits.output_max[i]];
+                    let [a, b] = ends.map(|end| (end - now.output[i] - free) / gain);
+                    (lower[row], upper[row]) = (a.min(b), a.max(b));
+                }
+            }
+            if rates.is_some() {
+                for j in 0..self.prediction {
+                    let row = self.starts[4] + N * j + i;
+                    let reach = limits.rate_max[i] / ahead.map_or(1.0, |ahead| ahead.gain_at[j][i]);
+                    let free = now.rate[i] + axis.free_rate(&now.z[i], j);
+                    let [a, b] = [-reach, reach].map(|end| (end - free) / gain);
+                    (lower[row], upper[row]) = (a.min(b), a.max(b));
+                }
+            }
+        }
+    }
+
+    /// Compliance of every row for gains g and increment weights w; true if one is soft.
+    pub(crate) fn compliance(
+        &self,
+        gain: &SVector<f64, N>,
+        weight: &SVector<f64, N>,
+        out: &mut [f64],
+    ) -> bool {
+        let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
+        // The price of a row is penalty · scale · s² in (15): s counts in increments that cost 1,
+        // or in outputs, and output rows are divided by the gain.
+        let mut soft = false;
+        let mut set = |index: usize, hardness: Option<Hardness>, scale: &dyn Fn(usize) -> f64| {
+            let Some(Hardness::Soft { penalty }) = hardness else { return };
+            soft = true;
+            for row in self.starts[index]..self.starts[index + 1] {
+                out[row] = 0.5 / (penalty * scale((row - self.starts[index]) % N));
+            }
+        };
+        let mean = weight.mean();
+        set(0, levels, &|i| weight[i]);
+        set(1, increments, &|i| weight[i]);
+        set(2, coupled.map(|(_, hardness)| hardness), &|_| mean);
+        set(3, outputs, &|i| gain[i] * gain[i]);
+        set(4, rates, &|i| gain[i] * gain[i]);
+        soft
+    }
+}
