@@ -67,10 +67,14 @@ pub enum Start {
 }
 
 /// What holds everywhere in the box.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Certificate {
     /// Most changes of the working set in a solve.
     pub changes: u32,
+    /// Parameters of a solve that needs so many.
+    pub at: DVector<f64>,
+    /// The working set that it starts from, one side per row.
+    pub from: Vec<i8>,
     /// Working sets that were started from.
     pub starts: usize,
     /// Paths that some parameters take from these, which is what the enumeration costs.
@@ -138,17 +142,21 @@ impl ParametricQp {
             // Warm starts may end in further sets where several are optimal at once.
             next = all.sets.difference(&done).next().filter(|_| start == Start::Warm).cloned();
         }
-        Ok(Certificate { changes: all.worst, starts: done.len(), paths: all.paths })
+        let (changes, at, from) = all.worst;
+        let at = DVector::from_vec(self.parameters(&at));
+        Ok(Certificate { changes, at, from, starts: done.len(), paths: all.paths })
     }
 
     fn error(&self, end: &Outcome) -> CertificateError {
         match end {
             Outcome::TooManyPaths(most) => CertificateError::TooManyPaths { most: *most },
-            Outcome::Infeasible(unit) => {
-                let place = |(i, t): (usize, &f64)| self.middle(i) + t * self.half(i);
-                CertificateError::Infeasible { at: unit.iter().enumerate().map(place).collect() }
-            }
+            Outcome::Infeasible(unit) => CertificateError::Infeasible { at: self.parameters(unit) },
         }
+    }
+
+    /// From the unit box.
+    fn parameters(&self, unit: &[f64]) -> Vec<f64> {
+        unit.iter().enumerate().map(|(i, t)| self.middle(i) + t * self.half(i)).collect()
     }
 
     fn middle(&self, parameter: usize) -> f64 {

@@ -71,16 +71,26 @@ pub(super) struct Enumeration<'a> {
     pub(super) paths: u64,
     /// The sets that paths ended in.
     pub(super) sets: BTreeSet<Vec<i8>>,
-    pub(super) worst: u32,
+    /// Most changes, with parameters that need them and the set they start from.
+    pub(super) worst: (u32, Vec<f64>, Vec<i8>),
+    start: Vec<i8>,
 }
 
 impl<'a> Enumeration<'a> {
     pub(super) fn new(program: &'a Program, most_paths: u64) -> Self {
-        Self { program, most_paths, paths: 0, sets: BTreeSet::new(), worst: 0 }
+        Self {
+            program,
+            most_paths,
+            paths: 0,
+            sets: BTreeSet::new(),
+            worst: (0, vec![0.0; program.parameters], vec![0; program.free.len()]),
+            start: Vec::new(),
+        }
     }
 
     /// Follows all paths from a working set.
     pub(super) fn follow(&mut self, set: &[i8]) -> Result<(), Outcome> {
+        self.start = set.to_vec();
         let none = || vec![None; set.len()];
         let node = Node {
             region: Region::all(self.program.parameters),
@@ -295,7 +305,9 @@ impl<'a> Enumeration<'a> {
         if self.paths > self.most_paths {
             return Err(Outcome::TooManyPaths(self.most_paths));
         }
-        self.worst = self.worst.max(node.changes);
+        if node.changes > self.worst.0 {
+            self.worst = (node.changes, node.region.witness.clone(), self.start.clone());
+        }
         self.sets.insert(node.set());
         Ok(())
     }
