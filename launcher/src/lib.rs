@@ -2,8 +2,9 @@
 //!
 //! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
-//! supervises, records and sums up a flight; [`in_process`] flies one in a single thread;
-//! [`pilot`] flies along in the launcher itself.
+//! supervises, records and sums up a flight; [`pilot`] flies along in the launcher itself.
+//! [`in_process`] flies in a single thread. [`paper`] and [`study`] are reproduction and studies,
+//! [`figure`] and [`results`] what they leave behind.
 
 pub mod cli;
 pub mod components;
@@ -17,3 +18,4 @@ pub mod record;
 pub mod results;
 pub mod run;
 pub mod scenario;
+pub mod study;

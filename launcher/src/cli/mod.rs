@@ -7,6 +7,7 @@ pub mod check;
 pub mod list;
 pub mod options;
 mod paper;
+mod study;
 
 pub use options::{Format, PaperArguments, ProcArguments, RunArguments, ScenarioArguments};
 
@@ -55,6 +56,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             None => Ok(exit::USAGE),
         },
         Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
+        Command::Study(command) => study::run(&command, out, diagnostics),
         Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
     }
 }

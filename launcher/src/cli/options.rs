@@ -26,9 +26,58 @@ pub(super) enum Command {
     Check(ScenarioArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     Paper(PaperArguments),
+    /// Fly or compute a whole range of conditions
+    #[command(subcommand)]
+    Study(StudyCommand),
     /// Be one process of a run
     #[command(hide = true)]
     Proc(ProcArguments),
+}
+
+/// Which study.
+#[derive(Debug, Subcommand)]
+pub(super) enum StudyCommand {
+    /// Fly figure8-morph at sweeps from 4 s to 0.3 s, with the law scheduled and not
+    Morphing(MorphingArguments),
+    /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
+    Stability(StabilityArguments),
+}
+
+/// Where results go and how much is computed.
+#[derive(Debug, Clone, Args)]
+pub(super) struct StudyOutput {
+    /// Folder for tables, pictures and JSON
+    #[arg(long, value_name = "DIR", default_value = "study")]
+    pub(super) out: PathBuf,
+    /// A small part of it, in seconds
+    #[arg(long)]
+    pub(super) quick: bool,
+    /// Form of the result on stdout
+    #[arg(long, value_enum, default_value = "text")]
+    pub(super) format: Format,
+}
+
+/// The flights of the morphing study.
+#[derive(Debug, Clone, Args)]
+pub(super) struct MorphingArguments {
+    #[command(flatten)]
+    pub(super) out: StudyOutput,
+    /// Seeds of the scheduled law as flown; 20, or 3 if quick
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub(super) seeds: Option<u64>,
+}
+
+/// The loop of the stability study.
+#[derive(Debug, Clone, Args)]
+pub(super) struct StabilityArguments {
+    #[command(flatten)]
+    pub(super) out: StudyOutput,
+    /// Control rate
+    #[arg(long, value_name = "HZ", default_value = "100")]
+    pub(super) rate: f64,
+    /// Deployable angle
+    #[arg(long, value_name = "DEGREES", default_value = "45")]
+    pub(super) angle: f64,
 }
 
 /// A scenario and what to change in it.

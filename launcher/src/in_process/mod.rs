@@ -10,7 +10,7 @@ mod wires;
 
 pub use perfect_state::PerfectState;
 
-use crate::components::{self, BuildError, Component, ComponentVisitor};
+use crate::components::{self, Component, ComponentVisitor};
 use crate::run::{FlightHash, Metrics};
 use crate::scenario::{Scenario, WiringError};
 use core::cell::{Cell, RefCell};
@@ -73,7 +73,7 @@ pub enum InProcessError {
         /// Label of the role it fills.
         role: &'static str,
         /// Its complaint.
-        error: BuildError,
+        error: String,
     },
     /// No step may run although the flight is not over: the graph is wrong.
     #[error("the flight hangs at {t_s} s: no loop may step, {role} is the furthest behind")]
@@ -170,8 +170,9 @@ impl<O: Observer> InProcess<O> {
             let connect = Connect { graph: &graph, node, wires: &mut wires };
             loops.push(match (state, node.role) {
                 (StateSource::Truth, Role::Estimator) => connect.visit(PerfectState::component()),
-                (_, role) => components::build(role, scenario, connect)
-                    .map_err(|error| InProcessError::Component { role: role.label(), error })?,
+                (_, role) => components::build(role, scenario, connect).map_err(|error| {
+                    InProcessError::Component { role: role.label(), error: error.to_string() }
+                })?,
             });
         }
         // A rig flight has no position loop: the pilot owns that slot.

@@ -1,0 +1,150 @@
+//! `morphquad study`: from arguments to tables on stdout, files in a folder and an exit code.
+
+use super::options::{Format, MorphingArguments, StabilityArguments, StudyCommand};
+use crate::exit;
+use crate::results::{ResultsError, ResultsFolder};
+use crate::study::morphing::{self, MorphingError};
+use crate::study::stability::{self, Bench, Grid, StabilityError};
+use attitude_mpc::AttitudeLawConfig;
+use miette::Diagnostic;
+use std::io::{self, IsTerminal as _, Write};
+use thiserror::Error;
+use vehicle::{MorphAngle, VehicleParameters};
+
+/// Seeds of a morphing study unless told otherwise, and of a quick one.
+const SEEDS: [u64; 2] = [20, 3];
+/// Weight of the paper's reproduction, whose limits are told beside those of flight.
+const PAPER_WEIGHT: f64 = 0.25;
+
+/// Why a study ended without a result.
+#[derive(Debug, Error, Diagnostic)]
+enum StudyError {
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Results(#[from] ResultsError),
+    #[error(transparent)]
+    #[diagnostic(help("the flights are fixed: this is a defect, please report it"))]
+    Morphing(#[from] MorphingError),
+    #[error(transparent)]
+    #[diagnostic(help("give a --rate from 50 to 1000 Hz and an --angle from 45 to 160 degrees"))]
+    Stability(#[from] StabilityError),
+}
+
+impl StudyError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Results(_) => exit::UNFIT,
+            Self::Morphing(_) => exit::CRASHED,
+            Self::Stability(_) => exit::USAGE,
+        }
+    }
+}
+
+/// Runs a study; 1 if a mark fails, 2 for an impossible request, 3 for an unwritable folder.
+pub(super) fn run(
+    command: &StudyCommand,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> io::Result<u8> {
+    let done = match command {
+        StudyCommand::Morphing(arguments) => fly_morphing(arguments),
+        StudyCommand::Stability(arguments) => map_stability(arguments),
+    };
+    match done {
+        Ok((text, code)) => {
+            writeln!(out, "{}", text.trim_end())?;
+            Ok(code)
+        }
+        Err(error) => {
+            let code = error.exit_code();
+            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
+            Ok(code)
+        }
+    }
+}
+
+fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyError> {
+    // Before an hour of computing, not after it.
+    let mut folder = ResultsFolder::create(&arguments.out.out)?;
+    let seeds = arguments.seeds.unwrap_or(SEEDS[usize::from(arguments.out.quick)]);
+    let plan = if arguments.out.quick {
+        morphing::Plan::quick(seeds)
+    } else {
+        morphing::Plan::full(seeds)
+    };
+    let bar = Bar::new(plan.flights(), "flights");
+    let study = morphing::fly(&plan, &|| bar.tick())?;
+    bar.clear();
+    morphing::report::write(&study, &mut folder)?;
+    let marks = morphing::marks(&study);
+    let code = if marks.iter().all(|mark| mark.holds) { exit::PASS } else { exit::GATE_FAILED };
+    let text = match arguments.out.format {
+        Format::Json => morphing::report::to_json(&study).to_string(),
+        Format::Text => format!(
+            "position RMS [mm] x ratio to no sweep, {} seeds where scheduled as flown\n\n{}\n{}\n{}",
+            seeds,
+            morphing::report::table(&study),
+            morphing::report::mark_table(&marks),
+            files(&folder),
+        ),
+    };
+    Ok((text, code))
+}
+
+fn map_stability(arguments: &StabilityArguments) -> Result<(String, u8), StudyError> {
+    let mut folder = ResultsFolder::create(&arguments.out.out)?;
+    let bench = Bench {
+        rate_hz: arguments.rate,
+        morph_angle: MorphAngle::from_degrees(arguments.angle).map_err(StabilityError::from)?,
+        vehicle: VehicleParameters::default(),
+    };
+    let grid = if arguments.out.quick { Grid::quick() } else { Grid::full() };
+    let flown_weight = AttitudeLawConfig::flight(arguments.rate).increment_weight;
+    let bar = Bar::new(grid.points(), "points");
+    let study = stability::run(&bench, &grid, &[PAPER_WEIGHT, flown_weight], &|| bar.tick())?;
+    bar.clear();
+    stability::report::write(&study, &mut folder)?;
+    let text = match arguments.out.format {
+        Format::Json => stability::report::to_json(&study).to_string(),
+        Format::Text => format!(
+            "attitude loop at {} Hz, {} degrees: where it is stable\n\n{}\n{}\npoints of the maps \
+             where the two methods differ\n\n{}\n{}",
+            arguments.rate,
+            arguments.angle,
+            stability::report::table(&study),
+            stability::report::settling_table(&study),
+            stability::report::differences(&study),
+            files(&folder),
+        ),
+    };
+    Ok((text, exit::PASS))
+}
+
+/// What was written, a line each.
+fn files(folder: &ResultsFolder) -> String {
+    let lines = folder.written().iter().map(|path| format!("wrote {}", path.display()));
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// Progress on a terminal, and nothing elsewhere.
+struct Bar(indicatif::ProgressBar);
+
+impl Bar {
+    fn new(length: usize, what: &str) -> Self {
+        if !io::stderr().is_terminal() {
+            return Self(indicatif::ProgressBar::hidden());
+        }
+        let template = format!("{{bar:40}} {{pos}}/{{len}} {what} {{elapsed}}");
+        let style = indicatif::ProgressStyle::with_template(&template)
+            .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
+        Self(indicatif::ProgressBar::new(length as u64).with_style(style))
+    }
+
+    fn tick(&self) {
+        self.0.inc(1);
+    }
+
+    fn clear(&self) {
+        self.0.finish_and_clear();
+    }
+}
