@@ -23,7 +23,7 @@ pub struct ResultsFolder {
 
 /// A result that could not be written.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
-#[error("cannot {action} `{}`: {source}", path.display())]
+#[error("cannot {action} `{}`", path.display())]
 #[diagnostic(help("name a folder on a disk with room that you may write to: --out DIR"))]
 pub struct ResultsError {
     action: &'static str,

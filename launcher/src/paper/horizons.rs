@@ -2,9 +2,9 @@
 
 use super::measure::overshoot_percent;
 use super::rig::{Experiment, World};
-use super::step_rates::{PRINTED, among, outcome};
+use super::step_rates::{Law, PRINTED, among, outcome};
 use super::times::{StepTime, step_time};
-use super::{Check, Findings, PaperError, Run, Section, TARGET_RAD, Test, pictures};
+use super::{Check, Findings, PaperError, Run, Section, TARGET_RAD, Test, laguerre, pictures};
 use crate::results::Table;
 use attitude_mpc::{Horizon, HorizonChoice, SolverKind};
 use nalgebra::Vector3;
@@ -32,12 +32,13 @@ pub(super) fn run() -> Result<Findings, PaperError> {
     let mut runs = Vec::new();
     let mut checks = Vec::new();
     let overshoots = overshoots(&mut runs, &mut checks)?;
+    let functions = laguerre::section(&mut runs, &mut checks)?;
     let rotors = among_rotors(&mut runs)?;
     let (times, bars) = compute_times()?;
     checks.push(Check::bounds(&runs));
     let figures = vec![("figure-4", pictures::horizons(&runs, &bars))];
     let title = "Test II: prediction and control horizons, smallest vehicle, step of all angles";
-    let sections = vec![overshoots, times, rotors];
+    let sections = vec![overshoots, times, functions, rotors];
     Ok(Findings { test: Test::Two, title, sections, checks, runs, figures })
 }
 
@@ -75,7 +76,7 @@ impl Row {
                 experiment.target_rad = Vector3::repeat(SMALL_RAD);
                 name.push_str(", small step");
             }
-            let run = Run::new(name, experiment)?;
+            let run = Run::new(name, &experiment)?;
             *percent = overshoot_percent(&run.trajectory.gamma_rad, 0, experiment.target_rad.x);
             runs.push(run);
         }
@@ -174,8 +175,17 @@ fn compute_times() -> Result<(Section, Bars), PaperError> {
             table.push(cells);
         }
     }
+    for (pair, functions) in [((20, 3), (0.2, 2)), ((30, 6), (0.5, 3))] {
+        let time = step_time(&laguerre::experiment(pair, Some(functions)))?;
+        let mut cells =
+            vec![format!("{} L {}", label(pair), functions.1), "100".into(), "-".into()];
+        cells.extend(
+            [time.least_us, time.median_us, time.worst_step_us].map(|us| format!("{us:.2}")),
+        );
+        table.push(cells);
+    }
     let mut section = Section::new("test2-compute-time", "Compute time of one step, measured on this machine", table)
-        .remark("A step is everything from the measured attitude to the torque. Mean over the steps of 0.5 s, least and median of 25 repetitions; worst: the slowest step, each at its best repetition. Exact: active set, flown here; Hildreth: the paper's method with the textbook's 38 sweeps.")
+        .remark("A step is everything from the measured attitude to the torque. Mean over the steps of 0.5 s, least and median of 25 repetitions; worst: the slowest step, each at its best repetition. Exact: active set, flown here; Hildreth: the paper's method with the textbook's 38 sweeps; L: that many Laguerre functions.")
         .remark("The paper measured a mean of five repetitions on a Ryzen 7 6800H and prints one range per rate. Another machine and another language: no comparison of methods.");
     section.reproducible = false;
     Ok((section, bars))
@@ -191,28 +201,32 @@ pub(super) fn drawn_overshoots(runs: &[Run]) -> Vec<(String, f64)> {
 fn among_rotors(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
     let mut table = Table::new([
         "{Np,Nc}",
-        "linear: overshoot [%]",
-        "no lag: overshoot [%]",
+        "linear: [%]",
+        "no lag: [%]",
         "outcome",
         "lag: paper's law",
-        "flight law: overshoot [%]",
+        "flight law: [%]",
         "outcome",
     ]);
     for pair in PAIRS {
         let mut cells = vec![label(pair)];
         let linear = Run::new(
             format!("linear 100 Hz {}", label(pair)),
-            experiment(100.0, DRAWN_WEIGHT, pair),
+            &experiment(100.0, DRAWN_WEIGHT, pair),
         )?;
         let percent = |run: &Run| overshoot_percent(&run.trajectory.gamma_rad, 0, TARGET_RAD);
         cells.push(format!("{:.2}", percent(&linear)));
-        let laws = [(World::PROMPT, false), (World::FLIGHT, false), (World::FLIGHT, true)];
+        let laws = [
+            (World::PROMPT, Law::Paper),
+            (World::FLIGHT, Law::Paper),
+            (World::FLIGHT, Law::Flight),
+        ];
         for (case, label_of) in laws.into_iter().zip(["prompt", "paper", "flight"]) {
             let mut experiment = among(case, 100.0, DRAWN_WEIGHT, MorphAngle::MIN);
             experiment.law.horizon =
                 HorizonChoice::Samples(Horizon { prediction: pair.0, control: pair.1 });
             experiment.target_rad = Vector3::x() * TARGET_RAD;
-            let run = Run::new(format!("rotors {label_of} 100 Hz {}", label(pair)), experiment)?;
+            let run = Run::new(format!("rotors {label_of} 100 Hz {}", label(pair)), &experiment)?;
             if label_of != "paper" {
                 cells.push(format!("{:.2}", percent(&run).max(0.0)));
             }
@@ -222,6 +236,6 @@ fn among_rotors(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
         table.push(cells);
         runs.push(linear);
     }
-    Ok(Section::new("test2-rotors", "Nonlinear plant with rotors, 100 Hz, r_w 0.25, roll alone", table)
+    Ok(Section::new("test2-rotors", "Overshoot in percent and outcome with rotors, 100 Hz, r_w 0.25, roll alone", table)
         .remark("With 15 ms of lag that it does not know, the paper's law is unstable with every pair: no horizon repairs the model."))
 }

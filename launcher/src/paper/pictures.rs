@@ -95,7 +95,7 @@ const THREE: [Colour; 3] = [Colour::Red, Colour::Blue, Colour::Green];
 pub(super) fn rates(runs: &[Run]) -> Figure {
     let mut drawn = Vec::new();
     for (colour, (rate, ..)) in THREE.into_iter().zip(PRINTED) {
-        if let Some(run) = find(runs, &step_rates::name(rate, "min")) {
+        if let Some(run) = find(runs, &step_rates::name(rate)) {
             let bounds = drawn.is_empty().then(|| "bounds".to_owned());
             drawn.push(Drawn {
                 name: format!("{rate} Hz"),
@@ -135,9 +135,9 @@ fn with_printed(mut panel: Panel) -> Panel {
 
 /// The same step among rotors.
 pub(super) fn rotors(runs: &[Run]) -> Figure {
-    let colours = [Colour::Sky, Colour::Red, Colour::Blue];
+    let colours = [Colour::Sky, Colour::Red, Colour::Blue, Colour::Orange];
     let mut drawn = Vec::new();
-    if let Some(run) = find(runs, &step_rates::name(100.0, "min")) {
+    if let Some(run) = find(runs, &step_rates::name(100.0)) {
         let name = "paper's law, linear".to_owned();
         drawn.push(Drawn { name, colour: Colour::Grey, dash: Dash::Dashed, run, bounds: None });
     }

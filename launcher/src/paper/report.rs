@@ -3,7 +3,7 @@
 use super::rig::{Blow, Experiment, Sample, World};
 use super::{Findings, Run};
 use crate::results::{ResultsError, ResultsFolder, Table};
-use attitude_mpc::{HorizonChoice, SolverKind};
+use attitude_mpc::{HorizonChoice, SolverKind, TorqueBound};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::fmt::{self, Write as _};
@@ -191,6 +191,7 @@ fn experiment_json(experiment: &Experiment) -> Value {
     json!({
         "rate_hz": law.rate_hz,
         "horizon": horizon,
+        "laguerre": law.laguerre.map(|bases| bases.map(|basis| json!([basis.pole, basis.terms]))),
         "increment_weight": law.increment_weight,
         "yaw_weight_factor": law.yaw_weight_factor,
         "scale_weight_with_inertia": law.scale_weight_with_inertia,
@@ -202,6 +203,11 @@ fn experiment_json(experiment: &Experiment) -> Value {
             SolverKind::HildrethConverged => "hildreth-converged",
         },
         "morph_angle_deg": experiment.morph_angle.degrees(),
+        "bounds": match law.torque_bound {
+            TorqueBound::Paper => "paper",
+            TorqueBound::Rotors => "rotors",
+            TorqueBound::RotorThrusts => "rotor-thrusts",
+        },
         "world": world,
         "target_rad": three(&experiment.target_rad),
         "disturbance": blow,

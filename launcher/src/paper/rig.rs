@@ -5,8 +5,9 @@ use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, Output, Set
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 use vehicle::{
-    Actuation, Disturbance, LinearModel, MODEL_MEMORY_LEN, MorphAngle, NonlinearModel, PlantInputs,
-    PlantModel, RigidBodyState, StepStatus, VehicleParameters, Wrench, euler_from_quaternion,
+    Actuation, Allocator, Disturbance, LinearModel, MODEL_MEMORY_LEN, MorphAngle, NonlinearModel,
+    PlantInputs, PlantModel, RigidBodyState, StepStatus, VehicleParameters, Wrench,
+    euler_from_quaternion,
 };
 
 /// Longest integration step \[ns\], and the distance of the points in between.
@@ -78,6 +79,9 @@ pub struct Sample {
     pub previous_nm: Vector3<f64>,
     /// What the law made of it.
     pub output: Output,
+    /// How far a rotor's thrust for it would lie beyond its limits \[N\], where the law bounds
+    /// thrusts; minus infinity where it does not.
+    pub rotor_excess_n: f64,
 }
 
 impl Sample {
@@ -154,6 +158,20 @@ impl Experiment {
         }
         Ok(loop_.trajectory)
     }
+}
+
+fn rotor_excess_n(output: &Output) -> f64 {
+    if output.rotor_bound_n.is_infinite() {
+        return f64::NEG_INFINITY;
+    }
+    let allocator = Allocator {
+        arm_length_m: output.arm_length_m,
+        yaw_coefficient_m: VehicleParameters::default().yaw_coefficient_m,
+        thrust_max_n: output.rotor_bound_n,
+    };
+    let wrench = Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm };
+    let thrusts = allocator.unlimited_thrusts(&wrench);
+    thrusts.iter().map(|f| (f - output.rotor_bound_n).max(-f)).fold(f64::MIN, f64::max)
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 10 s")]
@@ -263,6 +281,7 @@ impl<'a> ClosedLoop<'a> {
                 body_rate_rad_s,
                 previous_nm,
                 output,
+                rotor_excess_n: rotor_excess_n(&output),
             });
         }
         let delay_ns = match self.experiment.world {

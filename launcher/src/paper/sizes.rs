@@ -69,7 +69,7 @@ fn undisturbed(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
             if weight > WEIGHT {
                 called.push_str(", r_w 0.25");
             }
-            let run = Run::new(called, experiment)?;
+            let run = Run::new(called, &experiment)?;
             let path = &run.trajectory.gamma_rad;
             let bound = run.trajectory.samples[0].output.torque_bound_nm.x;
             let (time, peak) = roll(&run.trajectory);
@@ -103,7 +103,7 @@ fn disturbed(runs: &mut Vec<Run>, checks: &mut Vec<Check>) -> Result<Section, Pa
     for (size, beta) in SIZES {
         let struck = Blow::Torque(RD * TORQUE_NM);
         let experiment = Experiment { blow: Some((STRUCK_S, struck)), ..paper(beta) };
-        let run = Run::new(name(size, true), experiment)?;
+        let run = Run::new(name(size, true), &experiment)?;
         let path = &run.trajectory.gamma_rad;
         let recovery = recovery_s(path, &experiment.target_rad, STRUCK_S);
         let [roll, yaw] = [0, 2].map(|axis| deviation_rad(path, axis, TARGET_RAD, STRUCK_S));
@@ -202,7 +202,7 @@ fn seeds(runs: &mut Vec<Run>, checks: &mut Vec<Check>) -> Result<Section, PaperE
         for (size, beta) in SIZES {
             let struck = Blow::Torque(rd * TORQUE_NM);
             let experiment = Experiment { blow: Some((STRUCK_S, struck)), ..paper(beta) };
-            let run = Run::new(format!("linear {size}, seed {seed}"), experiment)?;
+            let run = Run::new(format!("linear {size}, seed {seed}"), &experiment)?;
             let path = &run.trajectory.gamma_rad;
             let recovery = recovery_s(path, &experiment.target_rad, STRUCK_S);
             slowest = slowest.max(recovery.unwrap_or(f64::INFINITY));
@@ -236,12 +236,12 @@ fn among_rotors(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
         "deviation of roll [rad]",
         "outcome",
     ]);
-    for (label, world, flight) in ROTOR_CASES {
+    for (label, world, law) in ROTOR_CASES {
         for (size, beta) in SIZES {
-            let mut experiment = among((world, flight), RATE_HZ, WEIGHT, beta);
+            let mut experiment = among((world, law), RATE_HZ, WEIGHT, beta);
             experiment.target_rad = Vector3::zeros();
             experiment.blow = Some((STRUCK_S, Blow::Torque(RD * TORQUE_NM)));
-            let run = Run::new(format!("{label}, {size}, struck"), experiment)?;
+            let run = Run::new(format!("{label}, {size}, struck"), &experiment)?;
             let path = &run.trajectory.gamma_rad;
             let recovery = recovery_s(path, &experiment.target_rad, STRUCK_S);
             table.push([

@@ -6,6 +6,7 @@ use super::{
     Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell, difference, pictures,
 };
 use crate::results::Table;
+use attitude_mpc::TorqueBound;
 use nalgebra::Vector3;
 use vehicle::MorphAngle;
 
@@ -36,8 +37,8 @@ pub(super) fn run() -> Result<Findings, PaperError> {
 }
 
 /// Name of the run of the paper's loop.
-pub(super) fn name(rate_hz: f64, size: &str) -> String {
-    format!("linear {rate_hz} Hz {size}")
+pub(super) fn name(rate_hz: f64) -> String {
+    format!("linear {rate_hz} Hz min")
 }
 
 /// When roll reaches the target, unless it only creeps up to it, and its peak.
@@ -62,7 +63,7 @@ fn tuned(runs: &mut Vec<Run>, checks: &mut Vec<Check>) -> Result<Section, PaperE
     let mut table = Table::new(HEADINGS);
     for (rate, weight, time_s, peak) in PRINTED {
         let experiment = Experiment::paper(rate, weight, MorphAngle::MIN);
-        let run = Run::new(name(rate, "min"), experiment)?;
+        let run = Run::new(name(rate), &experiment)?;
         let (time, peaked) = roll(&run.trajectory);
         table.push(compared(rate, weight, (time, time_s), (peaked, peak)));
         // What was printed has two and three decimals.
@@ -101,7 +102,7 @@ fn one_weight(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
     let mut table = Table::new(HEADINGS);
     for (rate, _, time_s, peak) in PRINTED {
         let experiment = Experiment::paper(rate, ONE_WEIGHT, MorphAngle::MIN);
-        let run = Run::new(format!("linear {rate} Hz min, one r_w"), experiment)?;
+        let run = Run::new(format!("linear {rate} Hz min, one r_w"), &experiment)?;
         let (time, peaked) = roll(&run.trajectory);
         table.push(compared(rate, ONE_WEIGHT, (time, time_s), (peaked, peak)));
         runs.push(run);
@@ -130,15 +131,8 @@ fn every_size(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
             let mut scaled = fixed;
             scaled.law.scale_weight_with_inertia = true;
             let [fixed, scaled] = [
-                Run::new(
-                    if size == "min" {
-                        format!("{}, again", name(rate, size))
-                    } else {
-                        name(rate, size)
-                    },
-                    fixed,
-                )?,
-                Run::new(format!("{}, equal rho", name(rate, size)), scaled)?,
+                Run::new(format!("linear {rate} Hz {size}, fixed r_w"), &fixed)?,
+                Run::new(format!("linear {rate} Hz {size}, equal rho"), &scaled)?,
             ];
             let inertia = vehicle::VehicleParameters::default().inertia_kg_m2(beta).x / 1e-4;
             let [(time, peak), (scaled_time, scaled_peak)] =
@@ -160,24 +154,42 @@ fn every_size(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
         .remark("A dash: the angle creeps up to 0.2 rad from below. A fixed r_w makes the larger vehicles sluggish; equal rho is what flies."))
 }
 
-/// Names and laws of the loops among rotors.
-pub(super) const ROTOR_CASES: [(&str, World, bool); 3] = [
-    ("paper's law, rotors without lag", World::PROMPT, false),
-    ("paper's law, rotors as they are", World::FLIGHT, false),
-    ("flight law, rotors as they are", World::FLIGHT, true),
+/// The law of a loop among rotors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Law {
+    /// The paper's, that knows neither lag nor delay.
+    Paper,
+    /// The one that flies.
+    Flight,
+    /// The one that flies, with bounds on each rotor's thrust instead of boxes on the torque.
+    FlightByRotor,
+}
+
+/// Names, vehicles and laws of the loops among rotors.
+pub(super) const ROTOR_CASES: [(&str, World, Law); 4] = [
+    ("paper's law, rotors without lag", World::PROMPT, Law::Paper),
+    ("paper's law, rotors as they are", World::FLIGHT, Law::Paper),
+    ("flight law, rotors as they are", World::FLIGHT, Law::Flight),
+    ("flight law, bounds per rotor", World::FLIGHT, Law::FlightByRotor),
 ];
 
-const ROTOR_REMARKS: [&str; 3] = [
+const ROTOR_REMARKS: [&str; 4] = [
     "Rotors: thrusts in [0, m g] each, lag 15 ms, command 1 ms late, allocation keeps roll and pitch, then thrust, then yaw; 1 kHz integration.",
     "Box bounds on the torque are necessary, not sufficient: the rotors share them with thrust. A step of 0.2 rad on three axes at once asks for more than they have at hover thrust, so the axes differ; roll alone is listed too.",
+    "Bounds per rotor: 0 <= F <= m g for each at the thrust of hover, in place of boxes on the torque.",
     "The paper's law does not know the lag (next table) and swings on, held only by its bounds. The flight law predicts lag and delay; its r_w grows with the square of the rate, 5 at 100 Hz, so it is slower there than the paper's.",
 ];
 
 /// The experiment of a case of [`ROTOR_CASES`].
-pub(super) fn among(case: (World, bool), rate: f64, weight: f64, beta: MorphAngle) -> Experiment {
-    let (world, flight) = case;
-    let base =
-        if flight { Experiment::flight(rate, beta) } else { Experiment::paper(rate, weight, beta) };
+pub(super) fn among(case: (World, Law), rate: f64, weight: f64, beta: MorphAngle) -> Experiment {
+    let (world, law) = case;
+    let mut base = match law {
+        Law::Paper => Experiment::paper(rate, weight, beta),
+        Law::Flight | Law::FlightByRotor => Experiment::flight(rate, beta),
+    };
+    if law == Law::FlightByRotor {
+        base.law.torque_bound = TorqueBound::RotorThrusts;
+    }
     Experiment { world, duration_s: 1.0, ..base }
 }
 
@@ -192,14 +204,14 @@ fn among_rotors(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
         "yaw",
         "outcome",
     ]);
-    for (label, world, flight) in ROTOR_CASES {
+    for (label, world, law) in ROTOR_CASES {
         for (rate, weight, ..) in PRINTED {
             for (axes, target) in
                 [("all", Vector3::repeat(TARGET_RAD)), ("roll", Vector3::x() * TARGET_RAD)]
             {
-                let mut experiment = among((world, flight), rate, weight, MorphAngle::MIN);
+                let mut experiment = among((world, law), rate, weight, MorphAngle::MIN);
                 experiment.target_rad = target;
-                let run = Run::new(format!("{label}, {rate} Hz min, {axes}"), experiment)?;
+                let run = Run::new(format!("{label}, {rate} Hz min, {axes}"), &experiment)?;
                 let path = &run.trajectory.gamma_rad;
                 let peak = |axis: usize| format!("{:.4}", peak_rad(path, axis));
                 table.push([
