@@ -80,6 +80,16 @@ impl<T: Sample> Sink<T> for Writer<T> {
     fn serve_late_joiners(&mut self) {}
 }
 
+/// Takes what a replayed loop publishes.
+struct Forgotten;
+
+impl<T: Sample> Sink<T> for Forgotten {
+    fn send(&mut self, sample: T) {
+        core::hint::black_box(sample);
+    }
+    fn serve_late_joiners(&mut self) {}
+}
+
 /// Packs states as in flight and forgets them.
 struct NoReader;
 
@@ -120,10 +130,12 @@ impl OutputVisitor for Wiring<'_> {
         topic: &'static Topic<T>,
         output: &mut Output<T>,
     ) -> Result<(), Infallible> {
-        if self.records {
-            let writer = Writer { log: self.tape.log(topic), author: author(self.node.role) };
-            output.connect(Box::new(writer), self.graph.latency_ns(&topic.info));
-        }
+        let sink: Box<dyn Sink<T>> = if self.records {
+            Box::new(Writer { log: self.tape.log(topic), author: author(self.node.role) })
+        } else {
+            Box::new(Forgotten)
+        };
+        output.connect(sink, self.graph.latency_ns(&topic.info));
         Ok(())
     }
 }
@@ -216,7 +228,22 @@ pub(crate) struct Replay<'a> {
 }
 
 impl Replay<'_> {
-    /// Time that this many steps take, with taking in samples and packing states.
+    /// Time of each step of one flight \[ns\]: taking in samples, stepping, handing over what is
+    /// published, packing states.
+    pub(crate) fn each_step_ns(&mut self) -> Vec<u64> {
+        let Flight { tape, end_ns, .. } = self.flight;
+        self.current = self.flight.build(self.node, false).expect("it was built before");
+        let mut times = Vec::new();
+        while self.current.mark_ns() < *end_ns {
+            tape.until_ns.set(self.current.mark_ns());
+            let start_ns = mono_now_ns();
+            self.current.step();
+            times.push(mono_now_ns() - start_ns);
+        }
+        times
+    }
+
+    /// Time that this many steps take, as above.
     pub(crate) fn run(&mut self, steps: u64) -> Duration {
         let Flight { tape, end_ns, .. } = self.flight;
         let (mut left, mut spent_ns) = (steps, 0);
