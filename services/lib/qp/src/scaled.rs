@@ -242,6 +242,14 @@ pub(crate) fn check_matrix(
     if (rows, columns) != (expected_rows, expected_columns) {
         return Err(QpError::MatrixShape { what, rows, columns, expected_rows, expected_columns });
     }
+    // No early end: without branches several entries go at once.
+    let finite = matrix.as_slice().iter().fold(true, |finite, entry| {
+        let own = entry.is_finite();
+        finite & own
+    });
+    if finite {
+        return Ok(());
+    }
     match matrix.iter().position(|value| !value.is_finite()) {
         Some(at) => {
             let (row, column) = (at % rows, at / rows);
@@ -252,7 +260,21 @@ pub(crate) fn check_matrix(
 }
 
 pub(crate) fn check_symmetric(h: &DMatrix<f64>) -> Result<(), QpError> {
-    for j in 0..h.ncols() {
+    let n = h.ncols();
+    let mut exact = true;
+    for j in 0..n {
+        let rest = h.as_slice()[j * n..].iter().skip(j);
+        let mirrored = h.as_slice()[j * n..].iter().skip(j).step_by(n.max(1));
+        for (entry, mirror) in rest.take(n - j).zip(mirrored) {
+            let own = entry.to_bits() == mirror.to_bits();
+            exact &= own;
+        }
+        exact &= h[(j, j)] >= f64::MIN_POSITIVE;
+    }
+    if exact {
+        return Ok(());
+    }
+    for j in 0..n {
         let pivot = h[(j, j)];
         // Below the smallest normal number its inverse root times itself is no longer one.
         if pivot < f64::MIN_POSITIVE {

@@ -79,6 +79,7 @@ pub(super) struct Block<'a> {
     pub(super) hessian: &'a [f64],
     pub(super) inverse: &'a [f64],
     pub(super) compliance: &'a [f64],
+    units: &'a [f64],
     pub(super) trusted: bool,
     pub(super) tolerance: f64,
     measured: &'a mut bool,
@@ -168,13 +169,7 @@ impl Blocks {
             let size = shape.n * shape.wide;
             let target = &mut self.spare[shape.at_inverse..][..size];
             let work = &mut self.work[..size];
-            for (row, &j) in work.chunks_exact_mut(shape.wide).zip(variables) {
-                let source = column(h, j as usize);
-                for (entry, &i) in row.iter_mut().zip(variables) {
-                    *entry = source[i as usize];
-                }
-                row[shape.n..].fill(0.0);
-            }
+            pack(h, variables, shape.wide, work);
             let diagonal = &mut self.scratch[0][..shape.n];
             invert(work, target, shape.n, shape.wide, diagonal, least)
                 .map_err(|(local, ratio)| (variables[local] as usize, ratio))?;
@@ -182,7 +177,8 @@ impl Blocks {
                 .chunks_exact(shape.wide)
                 .zip(diagonal.iter())
                 .enumerate()
-                .fold(0.0_f64, |most, (j, (row, entry))| most.max(row[j] * entry));
+                .map(|(j, (row, entry))| row[j] * entry)
+                .fold(0.0, |most, own| if own > most { own } else { most });
             // A promise beyond what the inverse gives needs the residuals.
             self.spare_trust.push(inflation <= TRUSTED && self.tolerance >= EASY);
         }
@@ -190,15 +186,11 @@ impl Blocks {
         for (memory, trusted) in self.memory.iter_mut().zip(&self.spare_trust) {
             *memory = Memory { clean: 0, measured: false, trusted: *trusted, ..*memory };
         }
-        for shape in &self.structure.shapes {
-            let variables = self.structure.variables(shape);
-            let target = &mut self.hessian[shape.at_inverse..][..shape.n * shape.wide];
-            for (row, &j) in target.chunks_exact_mut(shape.wide).zip(variables) {
-                let source = column(h, j as usize);
-                for (entry, &i) in row.iter_mut().zip(variables) {
-                    *entry = source[i as usize];
-                }
-                row[shape.n..].fill(0.0);
+        for (shape, memory) in self.structure.shapes.iter().zip(&self.memory) {
+            // Only corrections need it.
+            if !memory.trusted {
+                let target = &mut self.hessian[shape.at_inverse..][..shape.n * shape.wide];
+                pack(h, self.structure.variables(shape), shape.wide, target);
             }
         }
         for (j, unit) in self.units.iter_mut().enumerate() {
@@ -307,6 +299,7 @@ impl Blocks {
             structure: &self.structure,
             hessian: &self.hessian[shape.at_inverse..][..n * wide],
             inverse: &self.inverse[shape.at_inverse..][..n * wide],
+            units: &self.units,
             compliance: &self.structure.compliance[shape.first_row..][..m],
             trusted: *trusted,
             tolerance: self.tolerance,
@@ -341,6 +334,24 @@ impl Blocks {
     }
 }
 
+/// Writes the part of `h` that belongs to some `variables` in padded rows.
+fn pack(h: &DMatrix<f64>, variables: &[u32], wide: usize, target: &mut [f64]) {
+    for (row, &j) in target.chunks_exact_mut(wide).zip(variables) {
+        let source = column(h, j as usize);
+        let (own, padding) = row.split_at_mut(variables.len());
+        if source.len() == own.len() {
+            own.copy_from_slice(source);
+        } else {
+            for (entry, &i) in own.iter_mut().zip(variables) {
+                *entry = source[i as usize];
+            }
+        }
+        for entry in padding {
+            *entry = 0.0;
+        }
+    }
+}
+
 impl Block<'_> {
     /// Takes over the free minimum; both of the whole problem.
     pub(super) fn start(&mut self, f: &[f64], x: &[f64]) {
@@ -356,10 +367,9 @@ impl Block<'_> {
         if *self.measured {
             return;
         }
-        let wide = self.shape.wide;
-        let rows = self.hessian.chunks_exact(wide).enumerate();
-        for (d, (j, row)) in self.d.iter_mut().zip(rows) {
-            *d = 1.0 / row[j].sqrt();
+        let variables = self.structure.variables(&self.shape);
+        for (d, &j) in self.d.iter_mut().zip(variables) {
+            *d = 1.0 / self.units[j as usize];
         }
         for k in 0..self.shape.m {
             let terms = self.structure.normal(&self.shape, k);

@@ -4,18 +4,12 @@
 use nalgebra::DMatrix;
 
 use super::inverse::times;
-use super::structure::{LOOK_BACK, NONE, Structure, Term, continuation, index, padded};
+use super::structure::{
+    LOOK_BACK, NONE, Step, Structure, Term, continuation, evaluate, index, padded,
+};
 
 /// Up to this many variables one product with zeros in it is faster than one per block.
 const DENSE: usize = 12;
-
-/// One row of the problem: an earlier row, if any, one term, and `more` terms.
-#[derive(Debug, Clone, Copy)]
-struct Step {
-    base: u32,
-    more: u32,
-    first: Term,
-}
 
 /// H⁻¹ and the rows in the order of the problem.
 #[derive(Debug, Clone)]
@@ -55,10 +49,8 @@ impl Front {
                 let old = found.map_or(0.0, |position| rows[(j, start + position)]);
                 self.terms.extend(Term::change(index(j), old, rows[(j, row)]));
             }
-            let nothing = Term { variable: 0, coefficient: 0.0 };
-            let first = if self.terms.len() > from { self.terms.remove(from) } else { nothing };
             let base = found.map_or(NONE, |position| index(start + position));
-            self.steps.push(Step { base, more: index(self.terms.len() - from), first });
+            self.steps.push(Step::take(base, &mut self.terms, from));
         }
     }
 
@@ -95,19 +87,7 @@ impl Front {
 
     /// Values of all rows at x.
     pub(super) fn evaluate(&mut self) {
-        let mut terms = self.terms.as_slice();
-        for (row, step) in self.steps.iter().enumerate() {
-            let mut value = self.values.get(step.base as usize).copied().unwrap_or(0.0);
-            value += step.first.coefficient * self.x[step.first.variable as usize];
-            if step.more > 0 {
-                let (own, rest) = terms.split_at(step.more as usize);
-                for term in own {
-                    value += term.coefficient * self.x[term.variable as usize];
-                }
-                terms = rest;
-            }
-            self.values[row] = value;
-        }
+        evaluate(&self.steps, &self.terms, &self.x, &mut self.values);
     }
 
     /// True if all rows are within their bounds, which are numbers then.

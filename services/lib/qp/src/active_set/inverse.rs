@@ -45,9 +45,9 @@ fn invert_inline(
     for (k, original) in diagonal.iter().enumerate().take(n) {
         let (source, after) = matrix[k * wide..].split_at_mut(wide);
         let pivot = source[k];
-        let ratio = pivot / original;
-        if ratio <= least || ratio.is_nan() {
-            return Err((k, ratio));
+        let safe = pivot > least * original;
+        if !safe {
+            return Err((k, pivot / original));
         }
         let inverted = 1.0 / pivot;
         source[k] = 1.0;
@@ -58,15 +58,20 @@ fn invert_inline(
                 *entry -= share * source;
             }
         }
-        source[k + 1..].fill(0.0);
         let scale = inverted.sqrt();
-        for entry in source.iter_mut() {
-            *entry *= scale;
+        for (j, entry) in source.iter_mut().enumerate() {
+            *entry = if j <= k { *entry * scale } else { 0.0 };
         }
     }
     for (i, target) in inverse.chunks_exact_mut(wide).enumerate() {
-        target.fill(0.0);
-        for source in matrix[i * wide..].chunks_exact(wide) {
+        let mut sources = matrix[i * wide..].chunks_exact(wide);
+        if let Some(first) = sources.next() {
+            let share = first[i];
+            for (entry, source) in target.iter_mut().zip(first) {
+                *entry = share * source;
+            }
+        }
+        for source in sources {
             let share = source[i];
             for (entry, source) in target.iter_mut().zip(source) {
                 *entry += share * source;

@@ -193,7 +193,7 @@ impl QpSolver for ActiveSet {
             }
         }
         self.safe.set_matrices(hessian, rows)?;
-        self.hessian.copy_from(hessian);
+        self.hessian.as_mut_slice().copy_from_slice(hessian.as_slice());
         rows.transpose_to(&mut self.rows);
         self.informed = true;
         self.restructure();
@@ -212,11 +212,11 @@ impl QpSolver for ActiveSet {
                 .refactor(hessian)
                 .map_err(|(index, pivot)| QpError::NotPositiveDefinite { index, pivot })?;
             self.informed = false;
-            self.hessian.copy_from(hessian);
+            self.hessian.as_mut_slice().copy_from_slice(hessian.as_slice());
         } else {
             self.safe.set_hessian(hessian)?;
             self.informed = true;
-            self.hessian.copy_from(hessian);
+            self.hessian.as_mut_slice().copy_from_slice(hessian.as_slice());
             self.restructure();
         }
         Ok(())

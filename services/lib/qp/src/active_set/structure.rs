@@ -14,12 +14,13 @@ pub(super) const NONE: u32 = u32::MAX;
 /// How far back the predecessor of a row is looked for: the inputs of a step and some more.
 pub(super) const LOOK_BACK: usize = 8;
 
-/// One row of a block: the value of an earlier row of it, if any, plus a few terms. The running
-/// sums of an increment need one addition each this way.
+/// One row: the value of an earlier row, if any, one term, and `more` terms. The running sums of an
+/// increment need one addition each this way.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+pub(super) struct Step {
     base: u32,
-    terms: u32,
+    more: u32,
+    first: Term,
 }
 
 /// `coefficient` times the variable with this index in its block.
@@ -48,7 +49,6 @@ pub(super) struct Shape {
     pub(super) wide: usize,
     pub(super) tall: usize,
     pub(super) members: usize,
-    terms: usize,
     /// First entry of this block in the arrays over variables, rows, members, terms.
     pub(super) first_variable: usize,
     pub(super) first_row: usize,
@@ -229,7 +229,6 @@ impl Structure {
         shape.most = if soft { real } else { real.min(shape.n) };
         (shape.wide, shape.tall) = (padded(shape.n), padded(shape.m));
         shape.members = self.members.len() - shape.first_member;
-        shape.terms = self.terms.len() - shape.first_term;
         self.shapes.push(shape);
     }
 
@@ -260,6 +259,7 @@ impl Structure {
         let earlier = &self.origin[start..];
         let found = continuation(row, earlier.iter().map(|&k| k as usize), rows, variables);
         let base = found.map_or(NONE, |position| index(start + position));
+        let before = self.terms.len();
         for &j in variables {
             let old = found.map_or(0.0, |position| rows[(j as usize, earlier[position] as usize)]);
             let new = rows[(j as usize, row)];
@@ -267,7 +267,7 @@ impl Structure {
             self.terms.extend(Term::change(variable, old, new));
             self.normals.extend(Term::change(variable, 0.0, new));
         }
-        self.steps.push(Step { base, terms: index(self.terms.len() - shape.first_term) });
+        self.steps.push(Step::take(base, &mut self.terms, before));
         self.normal_ends.push(index(self.normals.len()));
     }
 
@@ -283,10 +283,9 @@ impl Structure {
             let unit = self.origin[..real].iter().position(is_unit);
             let variable = index(local);
             if unit.is_none() {
-                self.terms.push(Term { variable, coefficient: 1.0 });
-                self.normals.push(Term { variable, coefficient: 1.0 });
-                self.steps
-                    .push(Step { base: NONE, terms: index(self.terms.len() - shape.first_term) });
+                let first = Term { variable, coefficient: 1.0 };
+                self.normals.push(first);
+                self.steps.push(Step { base: NONE, more: 0, first });
                 self.normal_ends.push(index(self.normals.len()));
                 self.compliance.push(0.0);
             }
@@ -330,16 +329,32 @@ impl Structure {
     /// Values of all rows of a block at `x`.
     pub(super) fn values(&self, shape: &Shape, x: &[f64], out: &mut [f64]) {
         let steps = &self.steps[shape.first_row..][..shape.m];
-        let mut terms = self.terms[shape.first_term..][..shape.terms].iter();
-        let mut used = 0;
-        for (k, step) in steps.iter().enumerate() {
-            let mut value = out.get(step.base as usize).copied().unwrap_or(0.0);
-            for term in terms.by_ref().take((step.terms - used) as usize) {
+        evaluate(steps, &self.terms[shape.first_term..], x, out);
+    }
+}
+
+/// Values of the rows that `steps` and their `terms` describe, at `x`.
+pub(super) fn evaluate(steps: &[Step], mut terms: &[Term], x: &[f64], out: &mut [f64]) {
+    for (row, step) in steps.iter().enumerate() {
+        let mut value = out.get(step.base as usize).copied().unwrap_or(0.0);
+        value += step.first.coefficient * x[step.first.variable as usize];
+        if step.more > 0 {
+            let (own, rest) = terms.split_at(step.more as usize);
+            for term in own {
                 value += term.coefficient * x[term.variable as usize];
             }
-            used = step.terms;
-            out[k] = value;
+            terms = rest;
         }
+        out[row] = value;
+    }
+}
+
+impl Step {
+    /// Takes the terms from `before` on; all but the first stay there.
+    pub(super) fn take(base: u32, terms: &mut Vec<Term>, before: usize) -> Self {
+        let nothing = Term { variable: 0, coefficient: 0.0 };
+        let first = if terms.len() > before { terms.remove(before) } else { nothing };
+        Self { base, more: index(terms.len() - before), first }
     }
 }
 
