@@ -108,10 +108,11 @@ impl Blocks {
         let trusted = self.memory[index].trusted;
         let mut free = [0.0; M];
         self.structure.gather(shape, &self.front.values, &self.front.x, &mut free);
-        let lanes = self.sides[shape.at_tall..]
-            .first_chunk_mut()
-            .zip(self.reach[shape.at_tall..].first_chunk());
-        let Some((sides, reach)) = lanes else { return Err(Doubt) };
+        let lengths = self.reach[shape.at_tall..]
+            .first_chunk()
+            .zip(self.weights[shape.at_tall..].first_chunk());
+        let lanes = self.sides[shape.at_tall..].first_chunk_mut().zip(lengths);
+        let Some((sides, (reach, weights))) = lanes else { return Err(Doubt) };
         let tableau = &mut self.tableau[shape.at_order * MOST_ROWS..][..shape.most * M];
         let mut small = Small::<M> {
             structure: &self.structure,
@@ -124,6 +125,7 @@ impl Blocks {
             order: &mut self.order[shape.at_order..][..shape.most],
             sides,
             reach,
+            weights,
             compliance: &self.structure.compliance[shape.first_row..][..shape.m],
             free,
             lower: [f64::NEG_INFINITY; M],

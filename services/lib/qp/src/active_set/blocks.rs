@@ -50,6 +50,8 @@ pub(super) struct Blocks {
     /// Per variable 1/√`H_jj`; per row its length in these units.
     pub(super) d: Vec<f64>,
     pub(super) reach: Vec<f64>,
+    /// Inverse of each row's largest coefficient in these units: what its violation counts.
+    pub(super) weights: Vec<f64>,
     pub(super) f: Vec<f64>,
     pub(super) x: Vec<f64>,
     /// Values of all rows without working rows, and with them.
@@ -87,6 +89,7 @@ pub(super) struct Block<'a> {
     known: &'a mut [bool],
     pub(super) d: &'a mut [f64],
     pub(super) reach: &'a mut [f64],
+    pub(super) weights: &'a mut [f64],
     pub(super) f: &'a mut [f64],
     pub(super) x: &'a mut [f64],
     pub(super) free: &'a mut [f64],
@@ -125,6 +128,7 @@ impl Blocks {
             units: vec![0.0; n],
             d: vec![0.0; wide],
             reach: vec![0.0; tall],
+            weights: vec![0.0; tall],
             f: vec![0.0; wide],
             x: vec![0.0; wide],
             free: vec![0.0; tall],
@@ -308,6 +312,7 @@ impl Blocks {
             known: &mut self.known[shape.first_row..][..m],
             d: &mut self.d[at_wide..][..wide],
             reach: &mut self.reach[at_tall..][..tall],
+            weights: &mut self.weights[at_tall..][..tall],
             f: &mut self.f[at_wide..][..wide],
             x: &mut self.x[at_wide..][..wide],
             free: &mut self.free[at_tall..][..tall],
@@ -373,10 +378,16 @@ impl Block<'_> {
         }
         for k in 0..self.shape.m {
             let terms = self.structure.normal(&self.shape, k);
-            let lengths = terms.iter().map(|t| t.coefficient.abs() * self.d[t.variable as usize]);
-            self.reach[k] = lengths.sum();
+            let (mut sum, mut most) = (0.0, 0.0);
+            for term in terms {
+                let length = term.coefficient.abs() * self.d[term.variable as usize];
+                sum += length;
+                most = if length > most { length } else { most };
+            }
+            (self.reach[k], self.weights[k]) = (sum, 1.0 / most);
         }
         self.reach[self.shape.m..].fill(1.0);
+        self.weights[self.shape.m..].fill(1.0);
         *self.measured = true;
     }
 

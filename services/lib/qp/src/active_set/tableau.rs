@@ -38,6 +38,8 @@ pub(super) struct Small<'a, const M: usize> {
     pub(super) order: &'a mut [u32],
     pub(super) sides: &'a mut [i8; M],
     pub(super) reach: &'a [f64; M],
+    /// What a violation counts.
+    pub(super) weights: &'a [f64; M],
     pub(super) compliance: &'a [f64],
     /// Values at the free minimum.
     pub(super) free: [f64; M],
@@ -87,7 +89,9 @@ impl<const M: usize> Small<'_, M> {
             } else if self.memory.clean == self.memory.count {
                 break;
             }
-            self.rebuild();
+            if self.memory.clean != self.memory.count {
+                self.rebuild();
+            }
             if self.changes > self.most {
                 return Err(Doubt);
             }
@@ -256,7 +260,7 @@ impl<const M: usize> Small<'_, M> {
         dropped
     }
 
-    /// The row outside the working set that misses its bound by most, for its length.
+    /// The row outside the working set that misses its bound by most, in its unit.
     fn most_violated(&self) -> Option<usize> {
         let mut misses = [0.0; M];
         let mut any = false;
@@ -264,18 +268,20 @@ impl<const M: usize> Small<'_, M> {
             let value = self.values[k];
             let (below, above) = (self.low[k] - value, value - self.high[k]);
             *miss = if below > above { below } else { above };
+            // Working rows stay at their bounds, within the tolerance.
             any |= *miss > 0.0;
         }
         if !any {
             return None;
         }
-        let mut worst = (0.0, None);
-        for (k, side) in self.sides.iter().enumerate() {
-            if misses[k] > 0.0 && *side == 0 && misses[k] > worst.0 * self.reach[k] {
-                worst = (misses[k] / self.reach[k], Some(k));
-            }
+        // Selections instead of branches: which row it is cannot be foreseen.
+        let (mut worst, mut found) = (0.0, M);
+        for (k, miss) in misses.iter().enumerate() {
+            let relative = miss * self.weights[k];
+            found = if relative > worst { k } else { found };
+            worst = if relative > worst { relative } else { worst };
         }
-        worst.1
+        (found < M).then_some(found)
     }
 
     /// Brings one violated row in, dropping those that must give way.
@@ -310,8 +316,12 @@ impl<const M: usize> Small<'_, M> {
                 (_, Some(pivot)) => {
                     self.multipliers[p] = multiplier;
                     self.sides[p] = side;
+                    // Behind the others of a tableau built anew it is where it would be built.
+                    let before = &self.order[..self.memory.count];
+                    let last = before.last().is_none_or(|&last| (last as usize) < p);
+                    let anew = self.memory.clean == self.memory.count && last;
                     self.push(p, pivot);
-                    self.memory.clean = usize::MAX;
+                    self.memory.clean = if anew { self.memory.count } else { usize::MAX };
                     return Ok(());
                 }
                 _ => return Err(Doubt),
@@ -322,25 +332,21 @@ impl<const M: usize> Small<'_, M> {
     /// The working inequality whose multiplier reaches zero first when row `p` pushes; of equals
     /// the one with the larger share.
     fn first_to_leave(&self, p: usize, sign: f64) -> Option<(usize, f64)> {
-        let mut first: Option<(usize, f64, f64)> = None;
-        let rows = &self.tableau;
-        for (position, (row, &k)) in
-            rows.iter().zip(self.order.iter().take(self.memory.count)).enumerate()
-        {
+        let (mut soonest, mut best, mut found) = (f64::INFINITY, 0.0, usize::MAX);
+        let working = self.tableau.iter().zip(self.order.iter()).take(self.memory.count);
+        for (position, (row, &k)) in working.enumerate() {
             let k = k as usize;
             let own = f64::from(self.sides[k]);
             let yields = own * sign * row[p];
-            if yields <= NOISE || self.is_equality(k) {
-                continue;
-            }
-            let step = (own * self.multipliers[k]).max(0.0) / yields;
-            let sooner =
-                first.is_none_or(|(_, best, by)| step < best || (step <= best && yields > by));
-            if sooner {
-                first = Some((position, step, yields));
-            }
+            let push = own * self.multipliers[k];
+            let step = if push > 0.0 { push / yields } else { 0.0 };
+            let sooner = step < soonest || (step <= soonest && yields > best);
+            let leaves = yields > NOISE && sooner && !self.is_equality(k);
+            soonest = if leaves { step } else { soonest };
+            best = if leaves { yields } else { best };
+            found = if leaves { position } else { found };
         }
-        first.map(|(position, step, _)| (position, step))
+        (found < usize::MAX).then_some((found, soonest))
     }
 
     /// Makes sure that column `p` of the Gram matrix is there.

@@ -181,17 +181,19 @@ impl Block<'_> {
         self.factor.remove(position, w, beta);
     }
 
-    /// The row outside the working set that misses its bound by most, for its length.
+    /// The row outside the working set that misses its bound by most, in its unit.
     fn most_violated(&self) -> Option<usize> {
-        let mut worst = (0.0, None);
-        for k in 0..self.shape.m {
-            let value = self.values[k];
-            let miss = (self.low[k] - value).max(value - self.high[k]);
-            if miss > 0.0 && miss > worst.0 * self.reach[k] && self.sides[k] == 0 {
-                worst = (miss / self.reach[k], Some(k));
+        let (mut worst, mut found) = (0.0, None);
+        let bounds = self.low.iter().zip(self.high.iter());
+        let rows = self.values.iter().zip(self.weights.iter()).zip(bounds).zip(self.sides.iter());
+        for (k, (((value, weight), (low, high)), side)) in rows.enumerate() {
+            let (below, above) = (low - value, value - high);
+            let miss = weight * if below > above { below } else { above };
+            if miss > worst && *side == 0 {
+                (worst, found) = (miss, Some(k));
             }
         }
-        worst.1
+        found
     }
 
     /// Brings one violated row in, dropping those that must give way.
