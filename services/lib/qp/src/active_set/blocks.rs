@@ -11,7 +11,7 @@ use crate::linear::column;
 
 /// Up to this product of a diagonal entry of H and of its inverse, products with the inverse are
 /// accurate enough; above it they are corrected by their residuals.
-const TRUSTED: f64 = 3e5;
+const TRUSTED: f64 = 1e4;
 /// Residuals that they have without correction.
 const EASY: f64 = 1e-10;
 
