@@ -227,14 +227,14 @@ impl ParametricQp {
             (0..n).fold(zero, |sum, j| sum.plus(image[(i, j)], &slopes[j]))
         });
         let lines = |values: &Vec<Affine>| values.iter().map(|v| self.line(v)).collect();
-        let reach = |i: usize| (0..n).map(|j| (normals[(i, j)] * d[j]).abs()).sum();
+        let unit = |i: usize| (0..n).map(|j| (normals[(i, j)] * d[j]).abs()).fold(0.0, f64::max);
         Ok(tree::Program {
             parameters: self.from.len(),
             most: n,
             free: free.collect(),
             lower: self.rows.iter().map(|row| lines(&row.lower)).collect(),
             upper: self.rows.iter().map(|row| lines(&row.upper)).collect(),
-            reach: (0..m).map(reach).collect(),
+            unit: (0..m).map(unit).collect(),
             gram,
         })
     }

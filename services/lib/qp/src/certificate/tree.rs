@@ -22,8 +22,9 @@ pub(super) struct Program {
     pub(super) free: Vec<Line>,
     pub(super) lower: Vec<Vec<Line>>,
     pub(super) upper: Vec<Vec<Line>>,
-    /// Lengths by which violations are compared.
-    pub(super) reach: Vec<f64>,
+    /// Units in which violations are compared: the largest coefficient of each row, in variables
+    /// that have one on the diagonal of H.
+    pub(super) unit: Vec<f64>,
 }
 
 /// Why an enumeration ended early.
@@ -217,7 +218,7 @@ impl<'a> Enumeration<'a> {
                     let range = free.swing() + free.constant.abs() + bound.constant.abs();
                     let mut miss = value.minus(bound).times(side);
                     miss.constant -= MARGIN * range;
-                    misses.push((row, side, miss.times(1.0 / self.program.reach[row])));
+                    misses.push((row, side, miss.times(1.0 / self.program.unit[row])));
                 }
             }
         }
