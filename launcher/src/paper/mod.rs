@@ -80,7 +80,7 @@ pub struct Findings {
     pub sections: Vec<Section>,
     /// What must hold, and whether it does.
     pub checks: Vec<Check>,
-    /// Every closed loop that was run.
+    /// Every closed loop that was run, but for the search of the lag limit.
     pub runs: Vec<Run>,
     /// Pictures by name.
     pub figures: Vec<(&'static str, Figure)>,

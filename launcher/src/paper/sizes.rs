@@ -29,7 +29,7 @@ pub(super) fn run() -> Result<Findings, PaperError> {
     let sections = vec![
         undisturbed(&mut runs)?,
         disturbed(&mut runs, &mut checks)?,
-        readings()?,
+        readings(&mut runs)?,
         seeds(&mut runs, &mut checks)?,
         among_rotors(&mut runs)?,
     ];
@@ -138,7 +138,7 @@ fn disturbed(runs: &mut Vec<Run>, checks: &mut Vec<Check>) -> Result<Section, Pa
         .remark("Not matched: \"and stabilize faster\". The larger vehicles deviate less and take as long."))
 }
 
-fn readings() -> Result<Section, PaperError> {
+fn readings(runs: &mut Vec<Run>) -> Result<Section, PaperError> {
     let kinds = [
         ("torque over one sample, 0.1 rd N m", Blow::Torque(RD * TORQUE_NM)),
         ("torque over one sample, 1 rd N m", Blow::Torque(RD)),
@@ -155,9 +155,10 @@ fn readings() -> Result<Section, PaperError> {
     for (kind, blow) in kinds {
         for (size, beta) in SIZES {
             let experiment = Experiment { blow: Some((STRUCK_S, blow)), ..paper(beta) };
-            let trajectory = experiment.run()?;
-            let path = &trajectory.gamma_rad;
-            let outcome = trajectory.lost_s.map_or_else(
+            let run = Run::new(format!("linear {size}, {kind}"), &experiment)?;
+            let path = &run.trajectory.gamma_rad;
+            let lost_s = run.trajectory.lost_s;
+            let outcome = lost_s.map_or_else(
                 || "comes back".to_owned(),
                 |lost| format!("lost at {lost:.2} s: pitch beyond 1.2 rad"),
             );
@@ -165,10 +166,11 @@ fn readings() -> Result<Section, PaperError> {
             table.push([
                 kind.to_owned(),
                 size.to_owned(),
-                cell(recovery.filter(|_| trajectory.lost_s.is_none()), 2),
+                cell(recovery.filter(|_| lost_s.is_none()), 2),
                 format!("{:.4}", deviation_rad(path, 0, TARGET_RAD, STRUCK_S)),
                 outcome,
             ]);
+            runs.push(run);
         }
     }
     Ok(Section::new("test3-readings", "What else the disturbance could be", table)

@@ -252,7 +252,7 @@ fn lag_limits(checks: &mut Vec<Check>) -> Result<Section, PaperError> {
         (1.6e-3..1.75e-3).contains(&limits_s[1]),
     ));
     Ok(Section::new("test1-lag", "How much unmodelled lag the paper's law survives", table)
-        .remark("Smallest vehicle, nonlinear plant, no delay, roll step of 1 mrad: stable if the error is smaller from 1.5 to 2 s than from 0.2 to 0.4 s. Rotors of this size have 10 to 30 ms."))
+        .remark("Smallest vehicle, nonlinear plant, no delay, roll step of 1 mrad: stable if the error is smaller from 1.5 to 2 s than from 0.2 to 0.4 s. Rotors of this size have 10 to 30 ms; `morphquad study stability` maps lag, inertia and delay."))
 }
 
 /// The lag \[s\] at which the answer to a small step no longer dies out, by bisection.
