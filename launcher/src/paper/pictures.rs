@@ -198,7 +198,7 @@ fn step_times(bars: &Bars) -> Panel {
     let mut panel = Panel::new(
         "mean time of a step",
         Axis::new("{Np,Nc}"),
-        Axis::log("time [µs]").range(1.0, 1000.0),
+        Axis::log("time [µs]").range(0.1, 1000.0),
     )
     .bars(figure::Bars {
         series: series.map(|((rate, ..), colour)| (format!("{rate} Hz, here"), colour)).collect(),
