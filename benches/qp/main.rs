@@ -8,6 +8,9 @@
 
 mod contenders;
 mod count;
+#[path = "../flight/mod.rs"]
+mod flight;
+mod live;
 mod measure;
 mod peers;
 mod report;
@@ -67,6 +70,7 @@ impl Options {
         let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/lib/qp/tests/sequences");
         let mut groups = series::recorded(&[own])?;
         groups.extend(series::recorded(&self.data)?);
+        groups.extend(live::groups());
         groups.retain(|group| chosen(&self.only, &group.name));
         if groups.is_empty() {
             return Err(format!("no group is named like --only {:?}", self.only).into());

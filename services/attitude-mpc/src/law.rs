@@ -312,6 +312,12 @@ impl AttitudeLaw {
         self.memory.primed = false;
     }
 
+    /// The program of the last step, for study and benchmarks.
+    #[must_use]
+    pub fn program(&self) -> mpc::Program<'_> {
+        self.engine.program()
+    }
+
     /// The whole evolving memory.
     #[must_use]
     pub fn memory(&self) -> &Memory {

@@ -269,6 +269,12 @@ impl PositionLaw {
         self.memory.primed = false;
     }
 
+    /// The program of the last step, for study and benchmarks.
+    #[must_use]
+    pub fn program(&self) -> mpc::Program<'_> {
+        self.engine.program()
+    }
+
     /// The whole evolving memory.
     #[must_use]
     pub fn memory(&self) -> &Memory {
