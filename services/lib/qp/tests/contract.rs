@@ -353,3 +353,55 @@ fn wrong_compliances_are_refused_by_name() {
         assert!(refusal.to_string().contains("compliance of row 1"), "{refusal}");
     }
 }
+
+/// Three axes of `moves` increments each that share nothing, one after the other in every step.
+fn three_axes(random: &mut rand_chacha::ChaCha8Rng, moves: usize) -> (Problem, [Problem; 3]) {
+    let axes = [2.0, 3.0, 2.5].map(|ratio| mpc(random, moves, ratio));
+    let (n, m) = (3 * moves, 6 * moves);
+    let part = |i: usize, j: usize, pick: fn(&Problem) -> &DMatrix<f64>| {
+        if i % 3 == j % 3 { pick(&axes[i % 3])[(i / 3, j / 3)] } else { 0.0 }
+    };
+    let problem = Problem {
+        hessian: DMatrix::from_fn(n, n, |i, j| part(i, j, |axis| &axis.hessian)),
+        rows: DMatrix::from_fn(m, n, |i, j| part(i, j, |axis| &axis.rows)),
+        f: DVector::from_fn(n, |i, _| axes[i % 3].f[i / 3]),
+        lower: DVector::from_fn(m, |i, _| axes[i % 3].lower[i / 3]),
+        upper: DVector::from_fn(m, |i, _| axes[i % 3].upper[i / 3]),
+    };
+    (problem, axes)
+}
+
+#[test]
+fn axes_that_share_nothing_are_solved_as_if_alone_warm_restored_and_relinearised() {
+    let mut random = generator(33);
+    for moves in [1, 2, 3, 4, 6, 8, 12] {
+        let (problem, axes) = three_axes(&mut random, moves);
+        let mut veteran = problem.active_set().unwrap();
+        let mut alone = axes.clone().map(|axis| axis.active_set().unwrap());
+        for (tick, f) in gradients(&problem, 34, 30).iter().enumerate() {
+            // The coupled Hessian of every third tick undoes and redoes the blocks.
+            if tick % 3 == 0 {
+                let mut coupled = problem.hessian.clone();
+                (coupled[(0, 1)], coupled[(1, 0)]) = (1e-9, 1e-9);
+                veteran.set_hessian(&coupled).unwrap();
+                veteran.solve(f, &problem.lower, &problem.upper);
+                veteran.set_hessian(&problem.hessian).unwrap();
+            }
+            let mut heir = problem.active_set().unwrap();
+            heir.set_working_set(veteran.working_set()).unwrap();
+            let expected = heir.solve(f, &problem.lower, &problem.upper);
+            let outcome = veteran.solve(f, &problem.lower, &problem.upper);
+            assert_eq!(outcome, expected, "{moves} moves, tick {tick}");
+            assert_eq!(bits(&veteran), bits(&heir), "{moves} moves, tick {tick}");
+            assert_eq!(outcome.status, QpStatus::Solved);
+            for (axis, solver) in alone.iter_mut().enumerate() {
+                let own = DVector::from_fn(moves, |i, _| f[3 * i + axis]);
+                solver.solve(&own, &axes[axis].lower, &axes[axis].upper);
+                for i in 0..moves {
+                    let apart = solver.solution()[i] - veteran.solution()[3 * i + axis];
+                    assert!(apart.abs() < 1e-9, "{moves} moves, tick {tick}, axis {axis}");
+                }
+            }
+        }
+    }
+}

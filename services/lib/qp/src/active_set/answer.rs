@@ -139,6 +139,9 @@ impl Blocks {
             most,
         };
         small.walk(tick)?;
+        if trusted && small.is_weak() {
+            return Err(Doubt);
+        }
         let changes = small.changes;
         let Small { low, high, mut values, mut multipliers, lower, upper, .. } = small;
         if !trusted {

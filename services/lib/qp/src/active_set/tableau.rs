@@ -9,7 +9,7 @@
 
 use super::blocks::Memory;
 use super::structure::{Shape, Structure, index};
-use super::walk::{Doubt, NOISE, SATISFIED};
+use super::walk::{Doubt, NOISE, SATISFIED, WEAK};
 
 /// The largest block: rows, units included, and lanes.
 pub(super) const MOST_ROWS: usize = 16;
@@ -347,6 +347,15 @@ impl<const M: usize> Small<'_, M> {
             found = if leaves { position } else { found };
         }
         (found < usize::MAX).then_some((found, soonest))
+    }
+
+    /// True if a working row almost depends on the others.
+    pub(super) fn is_weak(&self) -> bool {
+        let working = self.tableau.iter().zip(self.order.iter()).take(self.memory.count);
+        working.fold(false, |weak, (row, &k)| {
+            let k = k as usize;
+            weak || WEAK * row[k] * (self.gram[k][k] + self.compliance[k]) > 1.0
+        })
     }
 
     /// Makes sure that column `p` of the Gram matrix is there.
