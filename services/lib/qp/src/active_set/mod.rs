@@ -28,7 +28,8 @@ const LARGEST_DEPTH: f64 = 1e280;
 /// Limits of the active-set solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Changes of the working set per solve; `None` takes `10 (n + m) + 50`. No further row is
+    /// Changes of the working set per solve and method; `None` takes `10 (n + m) + 50`, and lets an
+    /// unfinished solve start once more without its working set. No further row is
     /// begun once it is reached; the last one may add up to `n` changes.
     pub max_iterations: Option<u32>,
     /// Residual ([`crate::KktResiduals::worst`]) up to which an answer is called `Solved`, in
@@ -83,6 +84,9 @@ pub struct ActiveSet {
     blocks: Blocks,
     safe: Goldfarb,
     set: Vec<i8>,
+    /// The empty set, and whether an unfinished solve may start again from it.
+    cold: Vec<i8>,
+    retries: bool,
     /// The set that the solve at hand started from.
     start: Vec<i8>,
     /// Rows in it, if adopted.
@@ -109,6 +113,8 @@ impl ActiveSet {
             blocks: Blocks::new(n, m, settings.tolerance),
             safe: Goldfarb::new(n, m, settings)?,
             set: vec![0; m],
+            cold: vec![0; m],
+            retries: settings.max_iterations.is_none(),
             start: vec![0; m],
             active: 0,
             x: DVector::zeros(n),
@@ -173,7 +179,14 @@ impl ActiveSet {
             self.informed = self.safe.set_hessian(&self.hessian).is_ok();
         }
         self.safe.take_over(&self.set);
-        let outcome = self.safe.solve(f, lower, upper);
+        let mut outcome = self.safe.solve(f, lower, upper);
+        // A warm start can lead into rounding that a cold one avoids. Under a bound of the
+        // caller's own the next solve goes on from here instead.
+        if outcome.status == QpStatus::IterationLimit && self.retries {
+            self.safe.take_over(&self.cold);
+            let again = self.safe.solve(f, lower, upper);
+            outcome = QpOutcome { iterations: outcome.iterations + again.iterations, ..again };
+        }
         self.set.copy_from_slice(self.safe.working_set());
         self.x.copy_from(self.safe.solution());
         self.multipliers.copy_from(self.safe.multipliers());
