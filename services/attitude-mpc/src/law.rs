@@ -1,6 +1,6 @@
 //! One step of the attitude law, (8)-(17), in the order of the paper.
 
-use mpc::{IncrementalMpc, Measured, QpStatus};
+use mpc::{IncrementalMpc, Measured, Move, QpStatus};
 use nalgebra::{SVector, Vector3};
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
 
@@ -233,34 +233,11 @@ impl AttitudeLaw {
         let limits = limits.limits(config);
         let chosen = self.engine.step(&now, &operating, desired, &limits, ahead.as_ref());
 
-        // Rounding of the units may leave a bound by its last bit.
-        let clipped = config.level_penalty.is_none();
-        let torque = chosen.u.component_mul(&unit);
-        let torque = if clipped { torque.sup(&-bound).inf(&bound) } else { torque };
-        let relaxation = chosen.relaxation.component_mul(&unit);
-        let by_rotor = config.torque_bound == TorqueBound::RotorThrusts;
-        let unbounded = Vector3::repeat(f64::INFINITY);
-        let stepwise = config.increment_bound && config.increment_penalty.is_none();
         let output = Output {
-            torque_nm: torque,
             thrust_n: thrust,
-            status: match chosen.status {
-                QpStatus::Solved => LawStatus::Solved,
-                unfinished => LawStatus::Fallback(unfinished),
-            },
             reference_rad: reference,
-            torque_bound_nm: if clipped { bound } else { unbounded },
-            increment_bound_nm: if stepwise { bound + relaxation } else { unbounded },
-            relaxation_nm: relaxation,
-            violation_nm: chosen.violation * unit.max(),
-            iterations: chosen.iterations,
-            active: chosen.active,
             arm_length_m: vehicle.geometry.arm_length_m(beta),
-            rotor_bound_n: if by_rotor && clipped {
-                vehicle.rotor_thrust_max_n
-            } else {
-                f64::INFINITY
-            },
+            ..output(config, vehicle, &chosen, &unit, &bound)
         };
         ramp.advance(period, ramp_s);
         self.memory.ramp = ramp;
@@ -375,4 +352,39 @@ fn measured(
     now.actuator_increment = torque(part(2) - Vector3::from(memory.previous_actuator_nm));
     now.input_increment = torque(part(3) - Vector3::from(memory.previous_applied_nm));
     now
+}
+
+/// A move in the engine's `unit` as torque, with the bounds that are hard; `bound` \[N m\] is that
+/// on the torque.
+fn output(
+    config: &AttitudeLawConfig,
+    vehicle: &VehicleParameters,
+    chosen: &Move<3>,
+    unit: &Vector3<f64>,
+    bound: &Vector3<f64>,
+) -> Output {
+    let hard = config.level_penalty.is_none();
+    let stepwise = config.increment_bound && config.increment_penalty.is_none();
+    let by_rotor = hard && config.torque_bound == TorqueBound::RotorThrusts;
+    let unbounded = Vector3::repeat(f64::INFINITY);
+    let torque = chosen.u.component_mul(unit);
+    let relaxation = chosen.relaxation.component_mul(unit);
+    Output {
+        // Rounding of the unit may leave a bound by its last bit.
+        torque_nm: if hard { torque.sup(&-bound).inf(bound) } else { torque },
+        thrust_n: 0.0,
+        status: match chosen.status {
+            QpStatus::Solved => LawStatus::Solved,
+            unfinished => LawStatus::Fallback(unfinished),
+        },
+        reference_rad: Vector3::zeros(),
+        torque_bound_nm: if hard { *bound } else { unbounded },
+        increment_bound_nm: if stepwise { bound + relaxation } else { unbounded },
+        relaxation_nm: relaxation,
+        violation_nm: chosen.violation * unit.max(),
+        iterations: chosen.iterations,
+        active: chosen.active,
+        arm_length_m: 0.0,
+        rotor_bound_n: if by_rotor { vehicle.rotor_thrust_max_n } else { f64::INFINITY },
+    }
 }

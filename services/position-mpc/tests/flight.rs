@@ -14,7 +14,7 @@ const RATES: [(f64, f64); 4] = [(50.0, 100.0), (50.0, 150.0), (100.0, 100.0), (1
 
 fn cascade((position_hz, attitude_hz): (f64, f64), beta: MorphAngle) -> Cascade {
     let flight = Flight::hover(VehicleParameters::default(), beta);
-    Cascade::new(flight, PositionLawConfig::flight(position_hz), attitude_hz)
+    Cascade::new(flight, &PositionLawConfig::flight(position_hz), attitude_hz)
 }
 
 fn stay(_: f64) -> (Vector3<f64>, f64) {

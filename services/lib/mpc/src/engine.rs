@@ -5,7 +5,7 @@ use qp::{ActiveSet, Hildreth, HildrethSettings, QpOutcome, QpSolver, QpStatus, S
 
 use crate::constraints::{Coupled, FirstMove};
 use crate::response::{AxisResponse, STATE};
-use crate::rows::{Ahead, Limits, Now, Rows};
+use crate::rows::{Ahead, Limits, Rows, Step};
 use crate::sides::{PackedSides, pack, unpack};
 use crate::{Design, MpcError};
 
@@ -193,15 +193,9 @@ impl<const N: usize> IncrementalMpc<N> {
         self.prepare(operating, ahead);
         self.gradient(now, operating, &reference, ahead);
         let z = core::array::from_fn(|i| increments(now, operating, i));
-        let relative = Now {
-            gain: &operating.gain,
-            output: &now.output,
-            rate: &now.rate,
-            z: &z,
-            u_previous: &now.u_previous,
-        };
-        let filled = (&mut self.lower, &mut self.upper);
-        self.rows.fill(limits, &first, &relative, ahead, &mut self.axes, filled);
+        let step = Step { limits, first: &first, now, gain: &operating.gain, z: &z, ahead };
+        let (lower, upper) = (self.lower.as_mut_slice(), self.upper.as_mut_slice());
+        self.rows.fill(&step, &mut self.axes, lower, upper);
 
         let QpOutcome { status, iterations, active } = if self.matrices_accepted {
             self.solver.solve(&self.eta, &self.lower, &self.upper)

@@ -79,9 +79,9 @@ impl Hardness {
 /// Which constraints there are. All can be combined; the numbers come with each step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Constraints<const N: usize> {
-    /// u_min <= u <= u_max, over the first Nc samples.
+    /// `u_min` <= u <= `u_max`, over the first Nc samples.
     pub levels: Option<Hardness>,
-    /// |Δu| <= Δu_max, over the first Nc samples.
+    /// |Δu| <= `du_max`, over the first Nc samples.
     pub increments: Option<Hardness>,
     /// Rows n'u that several inputs share, over the first Nc samples; n in units of the inputs.
     pub coupled: Option<(&'static [[f64; N]], Hardness)>,

@@ -29,7 +29,7 @@ pub(crate) struct AxisResponse {
     rate_free: [Vec<f64>; STATE],
     /// 2 q(j), weights of the errors at 1..=Np.
     weight: Vec<f64>,
-    /// ζ without W, and ΣLLᵀ · 2: what W weighs.
+    /// ζ without W, and 2 Σ L Lᵀ: what W weighs.
     hessian: DMatrix<f64>,
     gram: DMatrix<f64>,
     /// Gradient by the errors y − r at 1..=Np, and by z(0): the gains of the horizon.

@@ -1,8 +1,9 @@
 //! The constraint rows `lower <= A η <= upper` of the program, in one fixed order.
 
-use nalgebra::{DMatrix, DVector, SVector};
+use nalgebra::{DMatrix, SVector};
 
 use crate::constraints::{Bounds, Coupled, FirstMove};
+use crate::engine::Measured;
 use crate::model::{Constraints, Design, Hardness};
 use crate::response::{AxisResponse, STATE};
 
@@ -22,15 +23,6 @@ pub struct Limits<'a, const N: usize> {
     pub rate_max: SVector<f64, N>,
 }
 
-/// What the bounds of outputs and rates are relative to.
-pub(crate) struct Now<'a, const N: usize> {
-    pub(crate) gain: &'a SVector<f64, N>,
-    pub(crate) output: &'a SVector<f64, N>,
-    pub(crate) rate: &'a SVector<f64, N>,
-    pub(crate) z: &'a [[f64; STATE]; N],
-    pub(crate) u_previous: &'a SVector<f64, N>,
-}
-
 /// How limits and gains go on over the horizon, sample by sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Ahead<'a, const N: usize> {
@@ -44,12 +36,31 @@ pub struct Ahead<'a, const N: usize> {
     pub coupling: &'a [SVector<f64, N>],
 }
 
+/// What the bounds of one step are made of.
+pub(crate) struct Step<'a, const N: usize> {
+    pub(crate) limits: &'a Limits<'a, N>,
+    pub(crate) first: &'a FirstMove<N>,
+    pub(crate) now: &'a Measured<N>,
+    pub(crate) gain: &'a SVector<f64, N>,
+    pub(crate) z: &'a [[f64; STATE]; N],
+    pub(crate) ahead: Option<&'a Ahead<'a, N>>,
+}
+
+impl<const N: usize> Step<'_, N> {
+    fn inputs(&self, m: usize) -> &Bounds<N> {
+        self.ahead.map_or(&self.limits.inputs, |ahead| &ahead.inputs[m])
+    }
+}
+
 /// Where each set of rows begins.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rows<const N: usize> {
     constraints: Constraints<N>,
     prediction: usize,
     control: usize,
+    /// The first level and the first increment have the same normal: where both are hard they are
+    /// one row with the tighter bounds.
+    merged: bool,
     /// First row of levels, increments, coupled, outputs, rates, and the end.
     starts: [usize; 6],
 }
@@ -58,10 +69,11 @@ impl<const N: usize> Rows<N> {
     pub(crate) fn new(design: &Design<N>) -> Self {
         let Design { horizon, constraints, .. } = design;
         let (prediction, control) = (horizon.prediction, horizon.control);
-        let first_increment = usize::from(Self::merged(constraints));
+        let hard = |set: Option<Hardness>| set.is_some_and(Hardness::is_hard);
+        let merged = hard(constraints.levels) && hard(constraints.increments);
         let counts = [
             constraints.levels.map_or(0, |_| N * control),
-            constraints.increments.map_or(0, |_| N * (control - first_increment)),
+            constraints.increments.map_or(0, |_| N * (control - usize::from(merged))),
             constraints.coupled.map_or(0, |(normals, _)| normals.len() * control),
             constraints.outputs.map_or(0, |_| N * prediction),
             constraints.rates.map_or(0, |_| N * prediction),
@@ -70,14 +82,7 @@ impl<const N: usize> Rows<N> {
         for (set, count) in counts.into_iter().enumerate() {
             starts[set + 1] = starts[set] + count;
         }
-        Self { constraints: *constraints, prediction, control, starts }
-    }
-
-    /// The first level and the first increment have the same normal: where both are hard they are
-    /// one row with the tighter bounds.
-    fn merged(constraints: &Constraints<N>) -> bool {
-        let hard = |set: Option<Hardness>| set.is_some_and(Hardness::is_hard);
-        hard(constraints.levels) && hard(constraints.increments)
+        Self { constraints: *constraints, prediction, control, merged, starts }
     }
 
     pub(crate) fn has_soft_levels(&self) -> bool {
@@ -109,7 +114,7 @@ impl<const N: usize> Rows<N> {
         a: &mut DMatrix<f64>,
     ) {
         let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
-        let skipped = usize::from(Self::merged(&self.constraints));
+        let skipped = usize::from(self.merged);
         let mut at = 0;
         for (i, axis) in axes.iter().enumerate() {
             for term in 0..axis.terms {
@@ -147,81 +152,115 @@ impl<const N: usize> Rows<N> {
         }
     }
 
-    /// Writes the bounds of every row. The free paths of `axes` must be those of this step if
-    /// there are bounds on outputs.
+    /// Writes the bounds of every row. Bounds on outputs need the free paths of `axes`, which are
+    /// computed here.
     pub(crate) fn fill(
         &self,
-        limits: &Limits<'_, N>,
-        first: &FirstMove<N>,
-        now: &Now<'_, N>,
-        ahead: Option<&Ahead<'_, N>>,
+        step: &Step<'_, N>,
         axes: &mut [AxisResponse; N],
-        bounds: (&mut DVector<f64>, &mut DVector<f64>),
+        lower: &mut [f64],
+        upper: &mut [f64],
     ) {
-        let (lower, upper) = (bounds.0.as_mut_slice(), bounds.1.as_mut_slice());
-        let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
-        let inputs_at = |m: usize| ahead.map_or(&limits.inputs, |ahead| &ahead.inputs[m]);
-        let merged = Self::merged(&self.constraints);
-        let u = now.u_previous;
-        if levels.is_some() {
-            for m in 0..self.control {
-                let bounds = inputs_at(m);
-                for i in 0..N {
-                    let row = N * m + i;
-                    (lower[row], upper[row]) = if merged && m == 0 {
-                        (first.lower[i], first.upper[i])
-                    } else {
-                        (bounds.u_min[i] - u[i], bounds.u_max[i] - u[i])
-                    };
-                }
-            }
-        }
-        if increments.is_some() {
-            for m in usize::from(merged)..self.control {
-                let bounds = inputs_at(m);
-                for i in 0..N {
-                    let row = self.starts[1] + N * (m - usize::from(merged)) + i;
-                    let missing = match m {
-                        0 => first.relaxation[i],
-                        _ if ahead.is_some() => bounds.missing_since(inputs_at(m - 1), i),
-                        _ => 0.0,
-                    };
-                    let reach = bounds.du_max[i] + missing;
-                    (lower[row], upper[row]) = (-reach, reach);
-                }
-            }
-        }
-        if let Some((normals, _)) = coupled {
-            let rows = limits.coupled.lower.iter().zip(limits.coupled.upper);
-            for m in 0..self.control {
-                let scaled = ahead.map_or(*u, |ahead| u.component_mul(&ahead.coupling[m]));
-                for (r, (normal, (low, high))) in normals.iter().zip(rows.clone()).enumerate() {
-                    let row = self.starts[2] + normals.len() * m + r;
-                    let held: f64 = normal.iter().zip(&scaled).map(|(n, u)| n * u).sum();
-                    (lower[row], upper[row]) = (low - held, high - held);
-                }
-            }
-        }
+        self.fill_levels(step, lower, upper);
+        self.fill_increments(step, lower, upper);
+        self.fill_coupled(step, lower, upper);
         for (i, axis) in axes.iter_mut().enumerate() {
-            let gain = now.gain[i];
-            if outputs.is_some() {
-                let ratio = |j: usize| ahead.map_or(1.0, |ahead| ahead.gain[j][i]);
-                for (j, free) in axis.free_path(&now.z[i], ratio).iter().enumerate() {
-                    let row = self.starts[3] + N * j + i;
-                    let ends = [limits.output_min[i], limits.output_max[i]];
-                    let [a, b] = ends.map(|end| (end - now.output[i] - free) / gain);
-                    (lower[row], upper[row]) = (a.min(b), a.max(b));
-                }
+            self.fill_outputs(step, i, axis, lower, upper);
+            self.fill_rates(step, i, axis, lower, upper);
+        }
+    }
+
+    fn fill_levels(&self, step: &Step<'_, N>, lower: &mut [f64], upper: &mut [f64]) {
+        if self.constraints.levels.is_none() {
+            return;
+        }
+        let (first, u) = (step.first, &step.now.u_previous);
+        for m in 0..self.control {
+            let bounds = step.inputs(m);
+            for i in 0..N {
+                let row = N * m + i;
+                (lower[row], upper[row]) = if m == 0 && self.merged {
+                    (first.lower[i], first.upper[i])
+                } else {
+                    (bounds.u_min[i] - u[i], bounds.u_max[i] - u[i])
+                };
             }
-            if rates.is_some() {
-                for j in 0..self.prediction {
-                    let row = self.starts[4] + N * j + i;
-                    let reach = limits.rate_max[i] / ahead.map_or(1.0, |ahead| ahead.gain_at[j][i]);
-                    let free = now.rate[i] + axis.free_rate(&now.z[i], j);
-                    let [a, b] = [-reach, reach].map(|end| (end - free) / gain);
-                    (lower[row], upper[row]) = (a.min(b), a.max(b));
-                }
+        }
+    }
+
+    fn fill_increments(&self, step: &Step<'_, N>, lower: &mut [f64], upper: &mut [f64]) {
+        if self.constraints.increments.is_none() {
+            return;
+        }
+        let skipped = usize::from(self.merged);
+        for m in skipped..self.control {
+            let bounds = step.inputs(m);
+            for i in 0..N {
+                let row = self.starts[1] + N * (m - skipped) + i;
+                let missing = match m {
+                    0 => step.first.relaxation[i],
+                    _ if step.ahead.is_some() => bounds.missing_since(step.inputs(m - 1), i),
+                    _ => 0.0,
+                };
+                let reach = bounds.du_max[i] + missing;
+                (lower[row], upper[row]) = (-reach, reach);
             }
+        }
+    }
+
+    fn fill_coupled(&self, step: &Step<'_, N>, lower: &mut [f64], upper: &mut [f64]) {
+        let Some((normals, _)) = self.constraints.coupled else { return };
+        let (lows, highs) = (step.limits.coupled.lower, step.limits.coupled.upper);
+        let u = &step.now.u_previous;
+        for m in 0..self.control {
+            let scaled = step.ahead.map_or(*u, |ahead| u.component_mul(&ahead.coupling[m]));
+            let start = self.starts[2] + normals.len() * m;
+            for (r, normal) in normals.iter().enumerate() {
+                let held: f64 = normal.iter().zip(&scaled).map(|(n, u)| n * u).sum();
+                (lower[start + r], upper[start + r]) = (lows[r] - held, highs[r] - held);
+            }
+        }
+    }
+
+    fn fill_outputs(
+        &self,
+        step: &Step<'_, N>,
+        i: usize,
+        axis: &mut AxisResponse,
+        lower: &mut [f64],
+        upper: &mut [f64],
+    ) {
+        if self.constraints.outputs.is_none() {
+            return;
+        }
+        let ratio = |j: usize| step.ahead.map_or(1.0, |ahead| ahead.gain[j][i]);
+        for (j, free) in axis.free_path(&step.z[i], ratio).iter().enumerate() {
+            let row = self.starts[3] + N * j + i;
+            let y = step.now.output[i] + free;
+            let ends = [step.limits.output_min[i], step.limits.output_max[i]];
+            let [a, b] = ends.map(|end| (end - y) / step.gain[i]);
+            (lower[row], upper[row]) = (a.min(b), a.max(b));
+        }
+    }
+
+    fn fill_rates(
+        &self,
+        step: &Step<'_, N>,
+        i: usize,
+        axis: &AxisResponse,
+        lower: &mut [f64],
+        upper: &mut [f64],
+    ) {
+        if self.constraints.rates.is_none() {
+            return;
+        }
+        for j in 0..self.prediction {
+            let row = self.starts[4] + N * j + i;
+            let ratio = step.ahead.map_or(1.0, |ahead| ahead.gain_at[j][i]);
+            let reach = step.limits.rate_max[i] / ratio;
+            let free = step.now.rate[i] + axis.free_rate(&step.z[i], j);
+            let [a, b] = [-reach, reach].map(|end| (end - free) / step.gain[i]);
+            (lower[row], upper[row]) = (a.min(b), a.max(b));
         }
     }
 
@@ -239,8 +278,9 @@ impl<const N: usize> Rows<N> {
         let mut set = |index: usize, hardness: Option<Hardness>, scale: &dyn Fn(usize) -> f64| {
             let Some(Hardness::Soft { penalty }) = hardness else { return };
             soft = true;
-            for row in self.starts[index]..self.starts[index + 1] {
-                out[row] = 0.5 / (penalty * scale((row - self.starts[index]) % N));
+            let rows = &mut out[self.starts[index]..self.starts[index + 1]];
+            for (row, compliance) in rows.iter_mut().enumerate() {
+                *compliance = 0.5 / (penalty * scale(row % N));
             }
         };
         let mean = weight.mean();

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{HORIZON, boxes, design, engine, moving, operating, resting};
+use common::{HORIZON, boxes, design, engine, moving, operating};
 use mpc::{Basis, Design, Horizon, Measured, QpStatus};
 use nalgebra::{DMatrix, DVector, Matrix5, Vector3};
 use qp::{ActiveSet, QpSolver, Settings};
@@ -11,14 +11,12 @@ use qp::{ActiveSet, QpSolver, Settings};
 /// (A, B) of x = [y, y', a, u(k-1)] for one axis, by the matrix exponential of its two phases.
 fn sampled(gain: f64, lag_s: f64, delay_s: f64, period_s: f64) -> (DMatrix<f64>, DMatrix<f64>) {
     let phase = |driver: usize, time: f64| {
-        // A lag of 1 us stands for none: its exponential is exact to 1e-12 of the others' times.
-        let lag = lag_s;
         let mut m = Matrix5::zeros();
         m[(0, 1)] = 1.0;
-        if lag > 0.0 {
+        if lag_s > 0.0 {
             m[(1, 2)] = gain;
-            m[(2, 2)] = -1.0 / lag;
-            m[(2, driver)] = 1.0 / lag;
+            m[(2, 2)] = -1.0 / lag_s;
+            m[(2, driver)] = 1.0 / lag_s;
         } else {
             m[(1, driver)] = gain;
         }
@@ -111,7 +109,7 @@ impl Naive {
     }
 }
 
-/// Φ by the definition: powers of the matrix A_l, input after input, time by time.
+/// Φ by the definition: powers of the matrix `A_l`, input after input, time by time.
 fn functions(bases: &[Basis; 3], samples: usize) -> DMatrix<f64> {
     let unknowns = bases.iter().map(|basis| basis.terms).sum();
     let mut phi = DMatrix::zeros(3 * samples, unknowns);
@@ -213,7 +211,6 @@ fn at_pole_zero_a_closed_loop_is_the_classic_one() {
             actuator_increment: part(&states, 2) - part(&previous, 2),
             input_increment: part(&states, 3) - part(&previous, 3),
             u_previous: part(&states, 3),
-            ..resting()
         };
         let aim = |_| Vector3::new(0.2, if k < 30 { 0.1 } else { -0.1 }, 0.3);
         let chosen = mpc.step(&now, &operating(), aim, &limits, None);
@@ -229,7 +226,8 @@ fn at_pole_zero_a_closed_loop_is_the_classic_one() {
         };
         assert_eq!(solver.solve(&eta, &bound(-1.0), &bound(1.0)).status, QpStatus::Solved);
         let classic = now.u_previous + solver.solution().fixed_rows::<3>(0);
-        assert!((classic - chosen.u).amax() < 1e-12, "{k}: {classic} {}", chosen.u);
+        // Two roundings of one program, solved: 1e-12 of what is bounded by 0.05 is beyond both.
+        assert!((classic - chosen.u).amax() < 1e-11, "{k}: {classic} {}", chosen.u);
 
         previous.clone_from(&states);
         for (i, state) in states.iter_mut().enumerate() {

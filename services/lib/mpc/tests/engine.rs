@@ -141,6 +141,7 @@ fn no_step_allocates_whatever_changes() {
 
 #[test]
 fn a_design_that_makes_no_sense_is_refused_with_its_numbers() {
+    type Spoil = fn(&mut Design<3>);
     let build =
         |design: &Design<3>| IncrementalMpc::new(design, SolverKind::ActiveSet).unwrap_err();
     let horizon = |prediction, control| build(&bare(Horizon { prediction, control }));
@@ -148,7 +149,6 @@ fn a_design_that_makes_no_sense_is_refused_with_its_numbers() {
     assert_eq!(horizon(20, 0), MpcError::ControlHorizon { control: 0, prediction: 20 });
     assert_eq!(horizon(201, 3), MpcError::PredictionHorizon { prediction: 201, limit: 200 });
     assert_eq!(horizon(200, 51), MpcError::ControlLimit { control: 51, limit: 50 });
-    type Spoil = fn(&mut Design<3>);
     let cases: [(&str, Spoil); 8] = [
         ("laguerre_pole = 1 ", |d| d.axes[1].basis = Basis { pole: 1.0, terms: 3 }),
         ("laguerre_pole = NaN", |d| d.axes[1].basis = Basis { pole: f64::NAN, terms: 3 }),

@@ -68,7 +68,7 @@ impl Trace {
 
 impl Cascade {
     /// A flight of `flown`, by laws that believe in the default vehicle.
-    pub(crate) fn new(flight: Flight, position: PositionLawConfig, attitude_rate_hz: f64) -> Self {
+    pub(crate) fn new(flight: Flight, position: &PositionLawConfig, attitude_rate_hz: f64) -> Self {
         let believed = VehicleParameters::default();
         let attitude = AttitudeLawConfig {
             setpoint_ramp_s: position.period_s(),
@@ -81,7 +81,7 @@ impl Cascade {
             position_rate_hz: position.rate_hz,
             attitude_rate_hz,
             preview: position.horizon.prediction,
-            position: PositionLaw::new(position, &believed).unwrap(),
+            position: PositionLaw::new(*position, &believed).unwrap(),
             attitude: AttitudeLaw::new(attitude, &believed).unwrap(),
         }
     }
