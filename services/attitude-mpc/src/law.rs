@@ -116,7 +116,7 @@ impl AttitudeLaw {
         vehicle.validate()?;
         let design = schedule::design(&config)?;
         let engine = IncrementalMpc::new(&design, config.solver)?;
-        let preview = Preview::new(design.horizon);
+        let preview = Preview::new(design.horizon, config.preview_reach(design.horizon));
         let memory = Memory::at_trim(vehicle.weight_n());
         Ok(Self { config, vehicle: *vehicle, engine, preview, memory })
     }

@@ -45,6 +45,8 @@ impl MorphPlan<'_> {
 #[derive(Debug)]
 pub(crate) struct Preview {
     angles: Vec<MorphAngle>,
+    /// Samples over which the path is followed; it is taken to rest there.
+    reach: usize,
     gain: Vec<Vector3<f64>>,
     gain_at: Vec<Vector3<f64>>,
     inputs: Vec<Bounds<3>>,
@@ -52,11 +54,12 @@ pub(crate) struct Preview {
 }
 
 impl Preview {
-    pub(crate) fn new(horizon: Horizon) -> Self {
+    pub(crate) fn new(horizon: Horizon, reach: usize) -> Self {
         let Horizon { prediction, control } = horizon;
         let zero = Vector3::zeros();
         Self {
             angles: vec![MorphAngle::MIN; prediction + 1],
+            reach,
             gain: vec![zero; prediction],
             gain_at: vec![zero; prediction],
             inputs: vec![Bounds::symmetric(zero, zero); control],
@@ -78,6 +81,9 @@ impl Preview {
         let mut angle = beta;
         for (j, slot) in self.angles.iter_mut().enumerate() {
             *slot = angle;
+            if j >= self.reach {
+                continue;
+            }
             // The command half way through the period stands for all of it.
             let Some(command) = plan.at((j as f64 + 0.5) * period_s) else { return false };
             let Some(command) = MorphAngle::saturating_from_rad(command) else { return false };
@@ -140,7 +146,7 @@ mod tests {
     #[test]
     fn a_plan_that_stays_is_no_morph_and_one_that_will_leave_is() {
         let vehicle = VehicleParameters::default();
-        let mut preview = Preview::new(Horizon { prediction: 20, control: 3 });
+        let mut preview = Preview::new(Horizon { prediction: 20, control: 3 }, 20);
         let mut follow = |path: &[f64], age_s: f64| {
             let plan = MorphPlan { path_rad: path, spacing_s: 0.1, age_s };
             preview.follow(&plan, MorphAngle::MIN, &vehicle, 0.01)
@@ -158,7 +164,7 @@ mod tests {
     fn the_gain_falls_with_the_inertia_the_servo_will_have() {
         let vehicle = VehicleParameters::default();
         let config = AttitudeLawConfig::default();
-        let mut preview = Preview::new(Horizon { prediction: 40, control: 3 });
+        let mut preview = Preview::new(Horizon { prediction: 40, control: 3 }, 40);
         let path = sweep();
         let plan = MorphPlan { path_rad: &path[2..], spacing_s: 0.1, age_s: 0.0 };
         assert!(preview.follow(&plan, MorphAngle::MIN, &vehicle, 0.01));

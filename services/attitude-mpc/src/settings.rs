@@ -78,7 +78,10 @@ pub struct Settings {
     /// Whether a commanded morph is followed along the horizon.
     #[garde(skip)]
     pub morph_preview: Option<bool>,
-    /// Rotor lag in the prediction model \[s\]; the vehicle's if left out.
+    /// How far \[s\]; as far as the torque can still move if left out.
+    #[garde(range(min = 0.0, max = 10.0))]
+    pub morph_preview_s: Option<f64>,
+    /// Rotor lag in the prediction model \[s\]; the vehicle's with a margin if left out.
     #[garde(range(min = 0.0, max = 1.0))]
     pub rotor_lag_s: Option<f64>,
     /// Command delay in the prediction model \[s\]; the wrench command's latency if left out.
@@ -122,6 +125,7 @@ impl Default for Settings {
             rate_max_rad_s: None,
             state_penalty: None,
             morph_preview: None,
+            morph_preview_s: None,
             rotor_lag_s: None,
             command_delay_s: None,
             setpoint_ramp_s: None,
@@ -164,7 +168,7 @@ impl Settings {
         let flight = AttitudeLawConfig {
             command_delay_s: around.wrench_latency_s,
             command_latency_s: around.wrench_latency_s,
-            rotor_lag_s: around.rotor_lag_s,
+            rotor_lag_s: around.rotor_lag_s * AttitudeLawConfig::lag_margin(self.rate_hz),
             report_period_s: around.report_period_s,
             setpoint_ramp_s: around.setpoint_period_s,
             ..AttitudeLawConfig::flight(self.rate_hz)
@@ -190,6 +194,7 @@ impl Settings {
             rate_max_rad_s: self.rate_max_rad_s,
             state_penalty: self.state_penalty,
             morph_preview: self.morph_preview.unwrap_or(base.morph_preview),
+            morph_preview_s: self.morph_preview_s,
             scale_weight_with_inertia: self
                 .scale_weight_with_inertia
                 .unwrap_or(base.scale_weight_with_inertia),

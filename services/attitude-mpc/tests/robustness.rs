@@ -3,10 +3,10 @@
 
 mod rig;
 
-use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Setpoint};
+use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, MorphPlan, Setpoint};
 use nalgebra::Vector3;
 use rig::{Flight, SIZES, fly, peak, settling};
-use vehicle::{Disturbance, MorphAngle, VehicleParameters, wrap_pi};
+use vehicle::{Disturbance, MorphAngle, VehicleParameters, Wrench, euler_from_quaternion, wrap_pi};
 
 fn law(rate_hz: f64) -> AttitudeLaw {
     AttitudeLaw::new(AttitudeLawConfig::flight(rate_hz), &VehicleParameters::default()).unwrap()
@@ -115,4 +115,55 @@ fn a_law_that_is_not_scheduled_is_the_scheduled_one_at_its_own_angle_and_another
     assert_eq!(same.0, same.1);
     assert_ne!(other.0.torque_bound_nm, other.1.torque_bound_nm);
     assert_ne!(other.0.torque_nm, other.1.torque_nm);
+}
+
+/// γ at each sample of a `turn` \[rad/s\], with or without a sweep between the smallest and the
+/// largest size in 0.3 s.
+fn turning(turn: Vector3<f64>, ends: [MorphAngle; 2], morph_preview: bool) -> Vec<Vector3<f64>> {
+    let vehicle = VehicleParameters::default();
+    let config = AttitudeLawConfig { morph_preview, ..AttitudeLawConfig::flight(100.0) };
+    let mut law = AttitudeLaw::new(config, &vehicle).unwrap();
+    let mut flight = Flight::hover(vehicle, ends[0]);
+    let [from, to] = ends.map(MorphAngle::rad);
+    let planned = |t: f64| from + (to - from) * ((t - 1.0) / 0.3).clamp(0.0, 1.0);
+    let step = |k: u64| {
+        let t_s = k as f64 * 0.01;
+        flight.advance(rig::release_ns(k, 100.0));
+        flight.morph_command = MorphAngle::saturating_from_rad(planned(t_s)).unwrap();
+        let (state, applied) = flight.sampled();
+        let gamma_rad = euler_from_quaternion(&state.q_wb);
+        let input = Input {
+            gamma_rad,
+            body_rate_rad_s: state.omega_b,
+            age_s: 0.0,
+            morph_angle: state.beta,
+            setpoint: hover(turn * (t_s - 0.5)),
+            applied_torque_nm: Some(applied),
+        };
+        let path: [f64; 30] = core::array::from_fn(|i| planned(t_s + i as f64 * 0.01));
+        let plan = MorphPlan { path_rad: &path, spacing_s: 0.01, age_s: 0.0 };
+        let output = law.step_along(&input, Some(&plan));
+        assert_eq!(output.status, LawStatus::Solved);
+        assert!(output.violation_nm <= 1e-9);
+        flight.command(Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm });
+        gamma_rad
+    };
+    (0..200).map(step).collect()
+}
+
+#[test]
+fn a_fast_sweep_in_a_turn_leaves_less_of_a_trace_if_it_is_foreseen() {
+    let (small, large) = (MorphAngle::MIN, MorphAngle::MAX);
+    for (turn, least_gain) in [(Vector3::new(0.4, 0.0, 0.0), 0.9), (Vector3::z() * 1.5, 2.0)] {
+        for [from, to] in [[small, large], [large, small]] {
+            let [foreseen, unforeseen] = [true, false].map(|preview| {
+                let still = turning(turn, [from; 2], preview);
+                let swept = turning(turn, [from, to], preview);
+                let traces = swept.iter().zip(&still).skip(95);
+                traces.map(|(a, b)| (a - b).amax()).fold(0.0, f64::max)
+            });
+            let case = format!("{turn} {from:?}: {foreseen} {unforeseen}");
+            assert!(foreseen * least_gain < unforeseen, "{case}");
+        }
+    }
 }

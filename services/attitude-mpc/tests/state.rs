@@ -7,10 +7,10 @@ use attitude_mpc::{
     Memory, MpcError, Refusal, Setpoint, SolverKind, TorqueBound,
 };
 use nalgebra::Vector3;
-use vehicle::{MorphAngle, VehicleParameters};
+use vehicle::{MorphAngle, VehicleParameters, Wrench};
 
-fn law(config: AttitudeLawConfig) -> AttitudeLaw {
-    AttitudeLaw::new(config, &VehicleParameters::default()).unwrap()
+fn law(config: &AttitudeLawConfig) -> AttitudeLaw {
+    AttitudeLaw::new(*config, &VehicleParameters::default()).unwrap()
 }
 
 /// A busy made-up flight: setpoints, morphing, clipped torques, sometimes no report.
@@ -46,12 +46,12 @@ fn configurations() -> [AttitudeLawConfig; 7] {
 #[test]
 fn a_fresh_instance_that_restores_the_memory_continues_bit_for_bit() {
     for config in configurations() {
-        let mut owner = law(config);
+        let mut owner = law(&config);
         for k in 0..57 {
             owner.step(&input(k));
         }
         let memory: Memory = *owner.memory();
-        let mut successor = law(config);
+        let mut successor = law(&config);
         successor.restore(&memory).unwrap();
         for k in 57..140 {
             assert_eq!(owner.step(&input(k)), successor.step(&input(k)), "step {k}, {config:?}");
@@ -63,12 +63,20 @@ fn a_fresh_instance_that_restores_the_memory_continues_bit_for_bit() {
 #[test]
 fn bounds_hold_in_every_step_whatever_is_asked() {
     for config in configurations() {
-        let mut law = law(config);
-        let mut relaxed = false;
+        let mut law = law(&config);
+        let (mut relaxed, vehicle) = (false, VehicleParameters::default());
         for k in 0..300 {
             let output = law.step(&input(k));
             let excess = output.torque_nm.abs() - output.torque_bound_nm;
             assert!(excess.max() <= 0.0, "step {k}: {output:?}");
+            if config.torque_bound == TorqueBound::RotorThrusts {
+                let wrench = Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm };
+                let allocator = vehicle.allocator(input(k).morph_angle);
+                for thrust in allocator.unlimited_thrusts(&wrench) {
+                    let inside = -1e-9..=vehicle.rotor_thrust_max_n + 1e-9;
+                    assert!(inside.contains(&thrust), "step {k}: {thrust}");
+                }
+            }
             if config.solver == SolverKind::ActiveSet {
                 assert_eq!(output.status, LawStatus::Solved);
                 assert!(output.violation_nm <= 1e-9, "step {k}: {output:?}");
@@ -84,7 +92,7 @@ fn bounds_hold_in_every_step_whatever_is_asked() {
 #[test]
 fn no_step_allocates_even_when_the_model_is_rebuilt() {
     for config in configurations() {
-        let mut law = law(config);
+        let mut law = law(&config);
         let mut flown = AttitudeLaw::new(config, &VehicleParameters::default()).unwrap();
         flown.step(&input(0));
         let counted = allocation_counter::measure(|| {
@@ -100,7 +108,7 @@ fn no_step_allocates_even_when_the_model_is_rebuilt() {
 
 #[test]
 fn unusable_input_is_refused_and_the_last_command_held() {
-    let mut law = law(AttitudeLawConfig::default());
+    let mut law = law(&AttitudeLawConfig::default());
     let last = law.step(&input(3));
     let mut steep = input(4);
     steep.gamma_rad.y = -1.21;
@@ -122,7 +130,7 @@ fn unusable_input_is_refused_and_the_last_command_held() {
 #[test]
 fn a_report_that_is_not_finite_counts_as_none() {
     let (mut with, mut without) =
-        (law(AttitudeLawConfig::default()), law(AttitudeLawConfig::default()));
+        (law(&AttitudeLawConfig::default()), law(&AttitudeLawConfig::default()));
     for k in 0..20 {
         let nan = Some(Vector3::new(0.0, f64::NAN, 0.0));
         let bad = with.step(&Input { applied_torque_nm: nan, ..input(k) });
@@ -144,7 +152,7 @@ fn the_horizon_in_seconds_gives_the_recommended_counts() {
     for (rate_hz, prediction, control) in pairs {
         let seconds = AttitudeLawConfig { rate_hz, ..AttitudeLawConfig::default() };
         let counts = AttitudeLawConfig { horizon: samples(prediction, control), ..seconds };
-        let (mut by_time, mut by_count) = (law(seconds), law(counts));
+        let (mut by_time, mut by_count) = (law(&seconds), law(&counts));
         for k in 0..10 {
             assert_eq!(by_time.step(&input(k)), by_count.step(&input(k)));
         }
@@ -186,7 +194,7 @@ fn each_impossible_number_is_refused_by_name() {
 
 #[test]
 fn a_shadow_of_another_kind_starts_from_the_torque_in_effect() {
-    let mut shadow = law(AttitudeLawConfig::default());
+    let mut shadow = law(&AttitudeLawConfig::default());
     let torque = Vector3::new(0.02, -0.01, 0.004);
     // Where the vehicle is where it should be, nothing calls for a change.
     let settled = Input {

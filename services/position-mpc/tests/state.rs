@@ -9,8 +9,8 @@ use position_mpc::{
 };
 use vehicle::VehicleParameters;
 
-fn law(config: PositionLawConfig) -> PositionLaw {
-    PositionLaw::new(config, &VehicleParameters::default()).unwrap()
+fn law(config: &PositionLawConfig) -> PositionLaw {
+    PositionLaw::new(*config, &VehicleParameters::default()).unwrap()
 }
 
 fn wave(k: u32, rate: f64) -> f64 {
@@ -46,12 +46,12 @@ fn configurations() -> [PositionLawConfig; 3] {
 #[test]
 fn a_fresh_instance_that_restores_the_memory_continues_bit_for_bit() {
     for config in configurations() {
-        let mut owner = law(config);
+        let mut owner = law(&config);
         for k in 0..57 {
             owner.step(&input(k, &reference(k)));
         }
         let memory: Memory = *owner.memory();
-        let mut successor = law(config);
+        let mut successor = law(&config);
         successor.restore(&memory).unwrap();
         for k in 57..140 {
             let points = reference(k);
@@ -66,7 +66,7 @@ fn a_fresh_instance_that_restores_the_memory_continues_bit_for_bit() {
 #[test]
 fn bounds_hold_in_every_step_in_the_frame_without_heading() {
     for config in configurations() {
-        let mut law = law(config);
+        let mut law = law(&config);
         for k in 0..300 {
             let output = law.step(&input(k, &reference(k)));
             let beyond =
@@ -84,7 +84,7 @@ fn bounds_hold_in_every_step_in_the_frame_without_heading() {
 #[test]
 fn no_step_allocates() {
     for config in configurations() {
-        let mut law = law(config);
+        let mut law = law(&config);
         let points = reference(29);
         let counted = allocation_counter::measure(|| {
             for k in 0..50 {
@@ -99,7 +99,7 @@ fn no_step_allocates() {
 
 #[test]
 fn unusable_input_is_refused_and_the_last_setpoint_held() {
-    let mut law = law(PositionLawConfig::default());
+    let mut law = law(&PositionLawConfig::default());
     let points = [Vector3::new(0.1, 0.0, 0.0)];
     let last = law.step(&input(3, &points));
     let mut lost = input(5, &points);
@@ -116,8 +116,8 @@ fn unusable_input_is_refused_and_the_last_setpoint_held() {
 
 #[test]
 fn a_reference_that_ends_is_held_at_its_last_point() {
-    let mut with = law(PositionLawConfig::default());
-    let mut without = law(PositionLawConfig::default());
+    let mut with = law(&PositionLawConfig::default());
+    let mut without = law(&PositionLawConfig::default());
     let point = Vector3::new(0.3, -0.2, 1.0);
     let all = [point; 20];
     for k in 0..10 {
@@ -156,7 +156,7 @@ fn each_impossible_number_is_refused_by_name() {
 
 #[test]
 fn a_shadow_of_another_kind_starts_from_the_setpoint_in_effect_at_its_heading() {
-    let mut shadow = law(PositionLawConfig::default());
+    let mut shadow = law(&PositionLawConfig::default());
     let yaw = 2.2;
     let inclined = Setpoint { gamma_rad: Vector3::new(0.1, -0.2, yaw), thrust_n: 1.3 };
     // Where the vehicle is where it should be, nothing calls for a change.
