@@ -138,11 +138,44 @@ impl ControllerReport {
         let share = 0.25 * self.thrust_n;
         [share - yaw - pitch, share + yaw + roll, share - yaw + pitch, share + yaw - roll]
             .into_iter()
-            .map(
-                |thrust| {
-                    if thrust.is_finite() { (-thrust).max(thrust - most) } else { f64::INFINITY }
-                },
+            .map(|thrust| (-thrust).max(thrust - most))
+            .fold(
+                0.0,
+                |worst, excess| if excess.is_nan() { f64::INFINITY } else { worst.max(excess) },
             )
-            .fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// T = 1 N on arms of 0.1 m with k = 0.02 m; one newton per rotor at most.
+    fn report(input: [f64; 3]) -> ControllerReport {
+        ControllerReport {
+            input,
+            input_min: [-1.0; 3],
+            input_max: [1.0; 3],
+            increment_max: [1.0; 3],
+            thrust_n: 1.0,
+            arm_length_m: 0.1,
+            yaw_coefficient_m: 0.02,
+            rotor_thrust_max_n: 1.0,
+            ..ControllerReport::default()
+        }
+    }
+
+    #[test]
+    fn a_rotor_beyond_its_bound_is_a_violation_in_newtons() {
+        // By (1): the left rotor has T/4 + roll/2L + yaw/4k, the right one T/4 − roll/2L + yaw/4k.
+        assert!(report([0.05, 0.0, 0.0]).worst_violation() < 1e-12);
+        assert!((report([0.06, 0.0, 0.0]).worst_violation() - 0.05).abs() < 1e-12);
+        assert!((report([0.05, 0.0, 0.008]).worst_violation() - 0.0).abs() < 1e-12);
+        assert!((report([0.05, 0.0, -0.008]).worst_violation() - 0.1).abs() < 1e-12);
+        let unbounded =
+            ControllerReport { rotor_thrust_max_n: f64::INFINITY, ..report([0.06, 0.0, 0.0]) };
+        assert!(unbounded.worst_violation() <= 0.0);
+        let lost = ControllerReport { thrust_n: f64::NAN, ..report([0.0; 3]) };
+        assert!(lost.worst_violation().is_infinite());
     }
 }
