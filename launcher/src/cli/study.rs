@@ -81,7 +81,8 @@ fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyErro
     let text = match arguments.out.format {
         Format::Json => morphing::report::to_json(&study).to_string(),
         Format::Text => format!(
-            "position RMS [mm] x ratio to no sweep, {} seeds where scheduled as flown\n\n{}\n{}\n{}",
+            "position RMS [mm] x ratio of its sweeps to the same stretches of the scheduled law's \
+             flight at 45 deg; {} seeds where scheduled and lag real and modelled\n\n{}\n{}\n{}",
             seeds,
             morphing::report::table(&study),
             morphing::report::mark_table(&marks),

@@ -42,7 +42,7 @@ pub fn settling_table(study: &Study) -> Table {
     for settling in &study.settling {
         let answer = match settling.answer {
             Answer::Settled(settling_s) => format!("settles in {settling_s:.3} s"),
-            Answer::Slow => "not yet settled after 3 s".to_owned(),
+            Answer::Slow => "not yet settled after 6 s".to_owned(),
             Answer::LimitCycle(extent_rad) => format!("limit cycle of {extent_rad:.2} rad"),
             Answer::Lost => "lost".to_owned(),
         };
@@ -52,26 +52,37 @@ pub fn settling_table(study: &Study) -> Table {
     table
 }
 
-/// Where the methods differ: points of each map that only one of them calls stable.
+/// True for the points wanted.
+type Choice = fn(&&Point) -> bool;
+
+/// Where the methods differ: how many points of each map only one of them calls stable, and the
+/// ranges of value and `r_w` in which these lie.
 #[must_use]
 pub fn differences(study: &Study) -> Table {
-    let mut table = Table::new([
-        "model",
-        "quantity",
-        "points",
-        "linear alone stable",
-        "nonlinear alone stable",
-    ]);
+    let mut table = Table::new(["model", "quantity", "points", "stable by", "differ", "where"]);
+    let tests: [(&str, Choice); 2] = [
+        ("linear alone", |p| p.spectral_radius < 1.0 && !p.answer.is_stable()),
+        ("nonlinear alone", |p| p.spectral_radius >= 1.0 && p.answer.is_stable()),
+    ];
     for (model, quantity) in maps() {
-        let points: Vec<_> = of(study, model, quantity).collect();
-        let count = |test: fn(&Point) -> bool| points.iter().filter(|point| test(point)).count();
-        table.push([
-            model_name(model).to_owned(),
-            quantity_name(quantity).to_owned(),
-            points.len().to_string(),
-            count(|p| p.spectral_radius < 1.0 && !p.answer.is_stable()).to_string(),
-            count(|p| p.spectral_radius >= 1.0 && p.answer.is_stable()).to_string(),
-        ]);
+        for (method, test) in tests {
+            let differ: Vec<_> = of(study, model, quantity).filter(test).collect();
+            let span = |value: fn(&Point) -> f64| {
+                let values = differ.iter().map(|point| value(point));
+                values.fold([f64::MAX, f64::MIN], |[l, m], v| [l.min(v), m.max(v)])
+            };
+            let ([from, to], [least, most]) = (span(|p| p.value), span(|p| p.increment_weight));
+            let shown = [from, to].map(|value| cell_name(quantity, value));
+            let place = format!("{} to {}, r_w {least:.2} to {most:.2}", shown[0], shown[1]);
+            table.push([
+                model_name(model).to_owned(),
+                quantity_name(quantity).to_owned(),
+                of(study, model, quantity).count().to_string(),
+                method.to_owned(),
+                differ.len().to_string(),
+                if differ.is_empty() { String::new() } else { place },
+            ]);
+        }
     }
     table
 }

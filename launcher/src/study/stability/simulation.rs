@@ -14,8 +14,9 @@ use vehicle::{
 const STEP_RAD: f64 = 0.2;
 /// Half width of the band that counts as settled \[rad\].
 const BAND_RAD: f64 = 0.004;
-/// Time flown at most \[ns\].
-const FLOWN_NS: u64 = 3_000_000_000;
+/// Until when what has not settled is flown \[ns\], and over how many last stretches its movement
+/// must shrink to be flown further, and in the end to count as slow.
+const PATIENCE: [(u64, usize); 2] = [(3_000_000_000, 4), (6_000_000_000, 10)];
 /// Within the band for so long counts as settled \[ms\]: whatever the step has set in motion would
 /// have left it again.
 const SETTLED_MS: usize = 1000;
@@ -63,35 +64,53 @@ pub fn answer(
 ) -> Result<Answer, StabilityError> {
     let mut law = AttitudeLaw::new(*config, &bench.vehicle)?;
     let mut world = World::new(bench, mismatch, config.command_delay_s + mismatch.delay_s)?;
-    let mut rolls = Vec::with_capacity(3001);
-    let period_ns = whole_ns(config.period_s());
-    let mut release_ns = 0;
-    while release_ns < FLOWN_NS {
+    let mut rolls = Vec::with_capacity(6001);
+    for (until_ns, stretches) in PATIENCE {
+        if let Some(answer) = fly_until(until_ns, bench, &mut law, &mut world, &mut rolls) {
+            return Ok(answer);
+        }
+        let extents = extents_rad(&rolls, stretches);
+        if extents.windows(2).any(|pair| pair[1] >= SHRINKS * pair[0]) {
+            return Ok(Answer::LimitCycle(extents.last().copied().unwrap_or(f64::NAN)));
+        }
+    }
+    Ok(Answer::Slow)
+}
+
+/// Flies on to `until_ns`, or to a vehicle that is settled or lost.
+fn fly_until(
+    until_ns: u64,
+    bench: &Bench,
+    law: &mut AttitudeLaw,
+    world: &mut World,
+    rolls: &mut Vec<f64>,
+) -> Option<Answer> {
+    let period_ns = whole_ns(1.0 / bench.rate_hz);
+    while world.now_ns < until_ns {
         let state = *world.plant.state();
         let output = law.step(&Input {
             gamma_rad: euler_from_quaternion(&state.q_wb),
             body_rate_rad_s: state.omega_b,
-            age_s: 0.0,
             morph_angle: state.beta,
             setpoint: Setpoint {
                 gamma_rad: Vector3::new(STEP_RAD, 0.0, 0.0),
                 thrust_n: bench.vehicle.weight_n(),
             },
+            age_s: 0.0,
             // The command path's delay is what the law does not know; no report tells of it.
             applied_torque_nm: None,
         });
         world.command(Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm });
-        release_ns += period_ns;
-        let advanced = world.advance(release_ns, &mut rolls);
+        let advanced = world.advance(world.now_ns + period_ns, rolls);
         let rolled = rolls.last().is_some_and(|roll: &f64| roll.abs() > LOST_RAD);
         if !advanced || rolled || matches!(output.status, LawStatus::Refused(_)) {
-            return Ok(Answer::Lost);
+            return Some(Answer::Lost);
         }
-        if let Some(settling_s) = settled_s(&rolls) {
-            return Ok(Answer::Settled(settling_s));
+        if let Some(settling_s) = settled_s(rolls) {
+            return Some(Answer::Settled(settling_s));
         }
     }
-    Ok(moving(&rolls))
+    None
 }
 
 /// When the roll entered the band for good, once it has been there long enough; `rolls` are a
@@ -102,21 +121,16 @@ fn settled_s(rolls: &[f64]) -> Option<f64> {
     (since + SETTLED_MS <= rolls.len()).then_some((since + 1) as f64 * 1e-3)
 }
 
-/// What a roll does that has not settled.
-fn moving(rolls: &[f64]) -> Answer {
+/// How far the roll moved in each of the last `count` stretches \[rad\]. A cycle's extent may
+/// wander; what dies out shrinks from each to the next.
+fn extents_rad(rolls: &[f64], count: usize) -> Vec<f64> {
+    let last = &rolls[rolls.len().saturating_sub(count * STRETCH_MS)..];
     let extent = |part: &[f64]| {
         let (least, most) =
             part.iter().fold((f64::MAX, f64::MIN), |(l, m), roll| (l.min(*roll), m.max(*roll)));
         most - least
     };
-    // A cycle's extent may wander; what dies out shrinks from each stretch to the next.
-    let late = &rolls[rolls.len().saturating_sub(4 * STRETCH_MS)..];
-    let extents: Vec<f64> = late.chunks(STRETCH_MS).map(extent).collect();
-    if extents.windows(2).all(|pair| pair[1] < SHRINKS * pair[0]) {
-        Answer::Slow
-    } else {
-        Answer::LimitCycle(extents.last().copied().unwrap_or(f64::NAN))
-    }
+    last.chunks(STRETCH_MS).map(extent).collect()
 }
 
 /// The vehicle with its command path.
