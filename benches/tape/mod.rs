@@ -3,9 +3,10 @@
 use core::cell::{Cell, RefCell};
 use core::time::Duration;
 use launcher::components::{self, Component, ComponentVisitor};
+use launcher::in_process::{InProcess, Observer, StateSource};
 use launcher::scenario::Scenario;
 use runtime::clock::mono_now_ns;
-use runtime::graph::{Edge, ROLES};
+use runtime::graph::Edge;
 use runtime::{
     Executor, Graph, Input, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
     OutputVisitor, Service, Sink, Source, StateSink, StepStamps,
@@ -68,16 +69,12 @@ impl<T: Sample> Source<T> for Reader<T> {
     }
 }
 
-struct Writer<T> {
-    log: Rc<Log<T>>,
-    author: Author,
-}
-
-impl<T: Sample> Sink<T> for Writer<T> {
-    fn send(&mut self, sample: T) {
-        self.log.borrow_mut().push(Stamped { sample, author: self.author });
+/// Keeps what is published on the way.
+impl Observer for Tape {
+    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        let author = author(topic.info.from);
+        self.log(topic).borrow_mut().push(Stamped { sample: *sample, author });
     }
-    fn serve_late_joiners(&mut self) {}
 }
 
 /// Takes what a replayed loop publishes.
@@ -103,7 +100,6 @@ struct Wiring<'a> {
     tape: &'a Tape,
     graph: &'a Graph,
     node: Node,
-    records: bool,
 }
 
 impl InputVisitor for Wiring<'_> {
@@ -130,12 +126,7 @@ impl OutputVisitor for Wiring<'_> {
         topic: &'static Topic<T>,
         output: &mut Output<T>,
     ) -> Result<(), Infallible> {
-        let sink: Box<dyn Sink<T>> = if self.records {
-            Box::new(Writer { log: self.tape.log(topic), author: author(self.node.role) })
-        } else {
-            Box::new(Forgotten)
-        };
-        output.connect(sink, self.graph.latency_ns(&topic.info));
+        output.connect(Box::new(Forgotten), self.graph.latency_ns(&topic.info));
         Ok(())
     }
 }
@@ -153,16 +144,12 @@ impl ComponentVisitor for Wiring<'_> {
 
 /// A loop of whatever component.
 trait Loop {
-    fn node(&self) -> Node;
     fn mark_ns(&self) -> u64;
     /// Takes in what is shown and runs the next release.
     fn step(&mut self);
 }
 
 impl<S: Service> Loop for Executor<S> {
-    fn node(&self) -> Node {
-        *Executor::node(self)
-    }
     fn mark_ns(&self) -> u64 {
         Executor::mark_ns(self)
     }
@@ -188,35 +175,19 @@ impl Flight {
         let end_ns = scenario.duration_ns();
         let flight = Self { scenario, graph, tape: Tape::default(), end_ns };
         flight.tape.own_slots(&flight.graph);
-        flight.tape.until_ns.set(u64::MAX);
-        let mut loops = Vec::new();
-        for node in flight.graph.nodes() {
-            loops.push(flight.build(*node, true)?);
-        }
-        let mut marks = [0; ROLES];
-        let may_run = |one: &dyn Loop, marks: &[u64; ROLES]| {
-            one.mark_ns() < end_ns
-                && flight.graph.runnable(&one.node(), one.mark_ns(), marks, end_ns)
-        };
-        while loops.iter().any(|one| may_run(one.as_ref(), &marks)) {
-            for one in &mut loops {
-                while may_run(one.as_ref(), &marks) {
-                    one.step();
-                    marks[one.node().role.index()] = one.mark_ns();
-                }
-            }
-        }
+        let observer = flight.tape.clone();
+        InProcess::new(&flight.scenario, StateSource::Estimator, observer)?.fly_until(u64::MAX)?;
         Ok(flight)
     }
 
-    fn build(&self, node: Node, records: bool) -> Result<Box<dyn Loop>, components::BuildError> {
-        let wiring = Wiring { tape: &self.tape, graph: &self.graph, node, records };
+    fn build(&self, node: Node) -> Result<Box<dyn Loop>, components::BuildError> {
+        let wiring = Wiring { tape: &self.tape, graph: &self.graph, node };
         components::build(node.role, &self.scenario, wiring)
     }
 
     /// One loop of the flight, to be run again from its start.
     pub(crate) fn replay(&self, node: Node) -> Result<Replay<'_>, components::BuildError> {
-        Ok(Replay { flight: self, node, current: self.build(node, false)? })
+        Ok(Replay { flight: self, node, current: self.build(node)? })
     }
 }
 
@@ -232,7 +203,7 @@ impl Replay<'_> {
     /// published, packing states.
     pub(crate) fn each_step_ns(&mut self) -> Vec<u64> {
         let Flight { tape, end_ns, .. } = self.flight;
-        self.current = self.flight.build(self.node, false).expect("it was built before");
+        self.current = self.flight.build(self.node).expect("it was built before");
         let mut times = Vec::new();
         while self.current.mark_ns() < *end_ns {
             tape.until_ns.set(self.current.mark_ns());
@@ -249,7 +220,7 @@ impl Replay<'_> {
         let (mut left, mut spent_ns) = (steps, 0);
         while left > 0 {
             if self.current.mark_ns() >= *end_ns {
-                self.current = self.flight.build(self.node, false).expect("it was built before");
+                self.current = self.flight.build(self.node).expect("it was built before");
             }
             let start_ns = mono_now_ns();
             while left > 0 && self.current.mark_ns() < *end_ns {
