@@ -29,7 +29,7 @@ pub(crate) struct Case {
 
 type Kind = (&'static str, fn(&mut ChaCha8Rng, usize) -> Case);
 
-const KINDS: [Kind; 12] = [
+const KINDS: [Kind; 14] = [
     ("known solution", |random, n| Known::any(random, n).case(random)),
     ("ill-conditioned", |random, n| Known { digits: 8.0, ..Known::any(random, n) }.case(random)),
     ("degenerate", |random, n| {
@@ -59,6 +59,8 @@ const KINDS: [Kind; 12] = [
         let case = contradiction(random, n);
         rescaled(random, case)
     }),
+    ("polytope", |random, n| polytope(random, n.min(6), false)),
+    ("empty polytope", |random, n| polytope(random, n.min(6), true)),
     ("tied control moves", |random, n| {
         let ratio = f64::from(random.random_range(1..5_u8));
         let problem = mpc(random, n.min(40), ratio);
@@ -240,6 +242,45 @@ fn contradiction(random: &mut ChaCha8Rng, n: usize) -> Case {
     problem.lower = problem.lower.insert_row(at, low);
     problem.upper = problem.upper.insert_row(at, high);
     Case { kind: "", problem, compliance: vec![0.0; m + 1], truth: Truth::Infeasible }
+}
+
+/// The point of a polytope that is nearest to another one, which is how a region is searched for a
+/// point: a box and many half-spaces, several of them almost the same, around a small ball or none.
+fn polytope(random: &mut ChaCha8Rng, n: usize, empty: bool) -> Case {
+    let count = random.random_range(n + 1..12 * n + 2);
+    let center = vector(random, n) * 0.9;
+    let radius = magnitude(random, -7.0, -1.0);
+    let mut rows = DMatrix::zeros(n + count, n);
+    let (mut lower, mut upper) = (DVector::zeros(n + count), DVector::zeros(n + count));
+    for i in 0..n {
+        rows[(i, i)] = 1.0;
+        (lower[i], upper[i]) = (-1.0, 1.0);
+    }
+    let mut sum = vector(random, n) * 0.0;
+    for i in n..n + count {
+        let mut normal = vector(random, n);
+        if i > n && chance(random, 0.3) {
+            let source = random.random_range(n..i);
+            normal = normal * magnitude(random, -6.0, -1.0) + rows.row(source).transpose();
+        }
+        normal.normalize_mut();
+        // The last of those that touch the ball closes it: weights add up to a zero normal.
+        if i + 1 == n + count {
+            normal = -&sum;
+        } else if i < 2 * n {
+            sum += &normal * random.random_range(0.1..1.0);
+        }
+        let slack = if i < 2 * n || i + 1 == n + count { 0.0 } else { gap(random) };
+        let touch = if empty { -radius } else { radius };
+        let room = if slack > 0.0 { slack } else { touch * normal.norm() };
+        lower[i] = f64::NEG_INFINITY;
+        upper[i] = normal.dot(&center) + room;
+        rows.set_row(i, &normal.transpose());
+    }
+    let f = vector(random, n);
+    let problem = Problem { hessian: DMatrix::identity(n, n), rows, f, lower, upper };
+    let truth = if empty { Truth::Infeasible } else { Truth::Feasible };
+    Case { kind: "", problem, compliance: vec![0.0; n + count], truth }
 }
 
 /// The same program in units that are up to 1e8 apart.

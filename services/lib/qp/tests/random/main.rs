@@ -70,7 +70,7 @@ fn programs_of_known_answer_are_answered_right_and_contradictions_are_found() {
         assert_eq!(faults(seed, &case), Vec::<String>::new());
         return;
     }
-    let count = number("MORPHQUAD_PROGRAMS").unwrap_or(1000);
+    let count = number("MORPHQUAD_PROGRAMS").unwrap_or(2000);
     let mut tally = std::collections::BTreeMap::new();
     let mut found = Vec::new();
     for seed in 0..count {
