@@ -58,6 +58,23 @@ fn a_wrong_lag_and_a_wrong_inertia_together_settle_from_100_hz_on() {
 }
 
 #[test]
+fn three_axes_at_once_settle_as_well_under_a_longer_lag_and_a_larger_inertia() {
+    for beta in SIZES {
+        let vehicle = VehicleParameters {
+            rotor_lag_s: 0.020,
+            inertia_scale: 1.5,
+            ..VehicleParameters::default()
+        };
+        let mut flight = Flight::hover(vehicle, beta);
+        let target = hover(Vector3::repeat(0.2));
+        let trace = fly(&mut flight, &mut law(100.0), 100.0, 1.5, |_, _| target);
+        let settled = [0, 1, 2].map(|axis| settling(&trace, axis, 0.2, 0.0));
+        let [roll, pitch, yaw] = settled;
+        assert!(roll <= 0.4 && pitch <= 0.4 && yaw <= 0.5, "{beta:?}: {settled:?}");
+    }
+}
+
+#[test]
 fn at_50_hz_one_of_them_may_be_wrong() {
     for beta in SIZES {
         for (lag_s, scale) in [(0.010, 1.0), (0.020, 1.0), (0.015, 0.8), (0.015, 1.5)] {

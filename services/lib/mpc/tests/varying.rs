@@ -116,6 +116,48 @@ fn target(ahead: usize) -> Vector3<f64> {
     Vector3::new(0.2, 0.01 * ahead as f64, -0.1)
 }
 
+/// Outputs and rates at every sample for the unknowns x.
+fn simulate(
+    design: &Design<3>,
+    operating: &Operating<3>,
+    path: &Path,
+    x: &DVector<f64>,
+) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+    let (mut axes, now) = history(design, operating);
+    let mut u = now.u_previous;
+    (0..NP)
+        .map(|j| {
+            for (i, axis) in axes.iter_mut().enumerate() {
+                u[i] += if j < NC { x[NC * i + j] } else { 0.0 };
+                axis.advance(u[i], operating.gain[i] * path.gain[j][i], design.period_s);
+            }
+            let gain = operating.gain.component_mul(&path.gain_at[j]);
+            let momentum = Vector3::from_fn(|i, _| axes[i].momentum);
+            (Vector3::from_fn(|i, _| axes[i].y), momentum.component_mul(&gain))
+        })
+        .collect()
+}
+
+/// (15) with its weights.
+fn cost(
+    design: &Design<3>,
+    operating: &Operating<3>,
+    simulated: &[(Vector3<f64>, Vector3<f64>)],
+    x: &DVector<f64>,
+) -> f64 {
+    let of_sample = |(j, (y, _)): (usize, &(Vector3<f64>, Vector3<f64>))| {
+        let error = y - target(j + 1);
+        let of_axis = |i: usize| {
+            let axis = &design.axes[i];
+            let last = if j + 1 == NP { axis.terminal_factor } else { 1.0 };
+            last * axis.output_weight * error[i] * error[i]
+        };
+        (0..3).map(of_axis).sum::<f64>()
+    };
+    let errors: f64 = simulated.iter().enumerate().map(of_sample).sum();
+    errors + (0..9).map(|n| operating.weight[n / NC] * x[n] * x[n]).sum::<f64>()
+}
+
 #[test]
 fn cost_and_rows_are_those_of_a_simulated_future_with_a_constant_disturbance() {
     let mut design = design(HORIZON);
@@ -137,40 +179,8 @@ fn cost_and_rows_are_those_of_a_simulated_future_with_a_constant_disturbance() {
     mpc.step(&now, &operating, target, &limits, Some(&path.ahead()));
     let program = mpc.program();
 
-    // Outputs and rates at every sample for the unknowns x.
-    let simulate = |x: &DVector<f64>| {
-        let (mut axes, _) = history(&design, &operating);
-        let mut u = now.u_previous;
-        (0..NP)
-            .map(|j| {
-                for (i, axis) in axes.iter_mut().enumerate() {
-                    u[i] += if j < NC { x[NC * i + j] } else { 0.0 };
-                    axis.advance(u[i], operating.gain[i] * path.gain[j][i], design.period_s);
-                }
-                let gain = operating.gain.component_mul(&path.gain_at[j]);
-                let momentum = Vector3::from_fn(|i, _| axes[i].momentum);
-                (Vector3::from_fn(|i, _| axes[i].y), momentum.component_mul(&gain))
-            })
-            .collect::<Vec<_>>()
-    };
-    let cost = |x: &DVector<f64>| {
-        let outputs = simulate(x);
-        let errors: f64 = outputs
-            .iter()
-            .enumerate()
-            .map(|(j, (y, _))| {
-                let error = y - target(j + 1);
-                (0..3)
-                    .map(|i| {
-                        let axis = &design.axes[i];
-                        let last = if j + 1 == NP { axis.terminal_factor } else { 1.0 };
-                        last * axis.output_weight * error[i] * error[i]
-                    })
-                    .sum::<f64>()
-            })
-            .sum();
-        errors + (0..9).map(|n| operating.weight[n / NC] * x[n] * x[n]).sum::<f64>()
-    };
+    let simulate = |x: &DVector<f64>| simulate(&design, &operating, &path, x);
+    let cost = |x: &DVector<f64>| cost(&design, &operating, &simulate(x), x);
     let still = DVector::zeros(9);
     for sample in 0..4 {
         let x = DVector::from_fn(9, |n, _| 0.02 * ((n * (sample + 2)) % 5) as f64 - 0.04);
