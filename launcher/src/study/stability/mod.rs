@@ -97,6 +97,8 @@ impl Bench {
         let flight = AttitudeLawConfig {
             increment_weight,
             setpoint_ramp_s: 0.0,
+            // Without flight's margin on it, so that a model that is right has no mismatch.
+            rotor_lag_s: self.vehicle.rotor_lag_s,
             ..AttitudeLawConfig::flight(self.rate_hz)
         };
         match model {
@@ -113,7 +115,7 @@ impl Bench {
         let flight = self.law(Model::LagAndDelay, 1.0);
         let modelled_s = self.law(model, 1.0).command_delay_s;
         let delay_s = flight.command_delay_s - modelled_s;
-        Mismatch { lag_s: flight.rotor_lag_s, inertia_ratio: 1.0, delay_s }
+        Mismatch { lag_s: self.vehicle.rotor_lag_s, inertia_ratio: 1.0, delay_s }
     }
 
     /// A world that is as this model says.
