@@ -12,6 +12,7 @@ mod goldfarb;
 mod hildreth;
 mod kkt;
 mod linear;
+mod real;
 mod scaled;
 mod solver;
 

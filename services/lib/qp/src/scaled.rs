@@ -9,6 +9,7 @@
 use nalgebra::DMatrix;
 
 use crate::linear::{cholesky, column, dot, norm, solve_lower, solve_lower_transposed, times};
+use crate::real::Real;
 use crate::solver::{QpError, QpStatus, check_compliance};
 
 /// Entries may differ from their mirror by this much of √(`H_ii` `H_jj`): rounding of a product.
@@ -18,7 +19,7 @@ const SYMMETRY: f64 = 1e-8;
 const LARGEST_GRADIENT: f64 = 1e140;
 
 #[derive(Debug, Clone)]
-pub(crate) struct ScaledProblem {
+pub(crate) struct ScaledProblem<T = f64> {
     /// False until the first matrices were accepted.
     ready: bool,
     /// H, `n x n`.
@@ -26,18 +27,18 @@ pub(crate) struct ScaledProblem {
     /// A', `n x m`: one column per row of the problem.
     rows: DMatrix<f64>,
     /// The diagonal of D.
-    pub(crate) d: Vec<f64>,
+    pub(crate) d: Vec<T>,
     /// L, and the memory for the next one: a refused Hessian leaves this one in force.
-    factor: DMatrix<f64>,
-    spare: DMatrix<f64>,
+    factor: DMatrix<T>,
+    spare: DMatrix<T>,
     /// Compliance per row, zero for a hard one.
     pub(crate) compliance: Vec<f64>,
     /// Entries of y: `n`, or `n + m` with soft rows.
     dim: usize,
     /// Unit normals nᵢ, `dim` entries each; zero for a zero row.
-    normals: Vec<f64>,
+    normals: Vec<T>,
     /// sᵢ; zero for a zero row.
-    pub(crate) length: Vec<f64>,
+    pub(crate) length: Vec<T>,
     /// Sum and maximum of |aᵢⱼ| dⱼ per row.
     pub(crate) reach: Vec<f64>,
     pub(crate) peak: Vec<f64>,
@@ -45,19 +46,19 @@ pub(crate) struct ScaledProblem {
     pub(crate) noise: f64,
 }
 
-impl ScaledProblem {
+impl<T: Real> ScaledProblem<T> {
     pub(crate) fn new(n: usize, m: usize) -> Self {
         Self {
             ready: false,
             hessian: DMatrix::zeros(n, n),
             rows: DMatrix::zeros(n, m),
-            d: vec![1.0; n],
-            factor: DMatrix::zeros(n, n),
-            spare: DMatrix::zeros(n, n),
+            d: vec![T::from(1.0); n],
+            factor: DMatrix::from_element(n, n, T::ZERO),
+            spare: DMatrix::from_element(n, n, T::ZERO),
             compliance: vec![0.0; m],
             dim: n,
-            normals: vec![0.0; (n + m) * m],
-            length: vec![0.0; m],
+            normals: vec![T::ZERO; (n + m) * m],
+            length: vec![T::ZERO; m],
             reach: vec![0.0; m],
             peak: vec![0.0; m],
             noise: 0.0,
@@ -76,6 +77,18 @@ impl ScaledProblem {
         self.ready = true;
         self.set_normals();
         Ok(())
+    }
+
+    /// Takes the problem that another one holds, as that one has checked it.
+    pub(crate) fn take_over(&mut self, hessian: &DMatrix<f64>, other: &ScaledProblem) -> bool {
+        self.rows.copy_from(&other.rows);
+        self.compliance.copy_from_slice(&other.compliance);
+        self.dim = other.dim;
+        self.ready = other.ready && self.factorise(hessian).is_ok();
+        if self.ready {
+            self.set_normals();
+        }
+        self.ready
     }
 
     pub(crate) fn set_hessian(&mut self, h: &DMatrix<f64>) -> Result<(), QpError> {
@@ -111,19 +124,20 @@ impl ScaledProblem {
         check_symmetric(h)?;
         for j in 0..n {
             for i in 0..n {
-                self.spare[(i, j)] = h[(i, j)] / h[(i, i)].sqrt() / h[(j, j)].sqrt();
+                let [own, row, column] = [(i, j), (i, i), (j, j)].map(|at| T::from(h[at]));
+                self.spare[(i, j)] = own / row.sqrt() / column.sqrt();
             }
         }
         // Below the rounding of n subtractions a pivot says nothing about definiteness.
-        cholesky(&mut self.spare, 4.0 * n as f64 * f64::EPSILON)
+        cholesky(&mut self.spare, 4.0 * n as f64 * T::EPSILON)
             .map_err(|(index, pivot)| QpError::NotPositiveDefinite { index, pivot })?;
         core::mem::swap(&mut self.factor, &mut self.spare);
         self.hessian.copy_from(h);
         for j in 0..n {
-            self.d[j] = 1.0 / h[(j, j)].sqrt();
+            self.d[j] = T::from(1.0) / T::from(h[(j, j)]).sqrt();
         }
-        let least = (0..n).map(|j| self.factor[(j, j)]).fold(1.0, f64::min);
-        self.noise = 8.0 * f64::EPSILON / least;
+        let least = (0..n).map(|j| self.factor[(j, j)].round()).fold(1.0, f64::min);
+        self.noise = 8.0 * T::EPSILON / least;
         Ok(())
     }
 
@@ -135,40 +149,42 @@ impl ScaledProblem {
 
     fn set_normal(&mut self, i: usize) {
         let whole = &mut self.normals[i * self.dim..][..self.dim];
-        whole.fill(0.0);
-        let softness = self.compliance[i].sqrt();
+        whole.fill(T::ZERO);
+        let softness = T::from(self.compliance[i]).sqrt();
         let (normal, slack) = whole.split_at_mut(self.d.len());
         for ((entry, a), d) in normal.iter_mut().zip(column(&self.rows, i)).zip(&self.d) {
-            *entry = a * d;
+            *entry = T::from(*a) * *d;
         }
-        self.reach[i] = normal.iter().map(|entry| entry.abs()).sum();
+        self.reach[i] = normal.iter().map(|entry| entry.abs().round()).sum();
         // Two steps, so that rows of 1e-200 do not vanish in their square.
-        let largest = normal.iter().fold(0.0_f64, |largest, entry| largest.max(entry.abs()));
+        let largest =
+            normal.iter().fold(0.0_f64, |largest, entry| largest.max(entry.abs().round()));
         self.peak[i] = largest;
         if largest < f64::MIN_POSITIVE {
-            normal.fill(0.0);
+            normal.fill(T::ZERO);
             self.length[i] = softness;
-            if softness > 0.0 {
-                slack[i] = -1.0;
+            if softness > T::ZERO {
+                slack[i] = T::from(-1.0);
             }
             return;
         }
+        let largest = T::from(largest);
         for entry in normal.iter_mut() {
             *entry /= largest;
         }
         solve_lower(&self.factor, normal);
         let across = softness / largest;
-        let length = libm::hypot(norm(normal), across);
+        let length = norm(normal).hypot(across);
         for entry in normal.iter_mut() {
             *entry /= length;
         }
-        if softness > 0.0 {
+        if softness > T::ZERO {
             slack[i] = -across / length;
         }
         self.length[i] = length * largest;
     }
 
-    pub(crate) fn normal(&self, i: usize) -> &[f64] {
+    pub(crate) fn normal(&self, i: usize) -> &[T] {
         &self.normals[i * self.dim..][..self.dim]
     }
 
@@ -178,7 +194,7 @@ impl ScaledProblem {
         f: &[f64],
         lower: &[f64],
         upper: &[f64],
-        g: &mut [f64],
+        g: &mut [T],
     ) -> Result<(), QpStatus> {
         let (n, m) = self.rows.shape();
         let shapes = (f.len(), lower.len(), upper.len()) == (n, m, m);
@@ -186,44 +202,46 @@ impl ScaledProblem {
         if !self.ready || !shapes || !numbers {
             return Err(QpStatus::NotFinite);
         }
-        self.gradient(f, g);
+        let (free, _) = g.split_at_mut(n);
+        free.iter_mut().zip(f).for_each(|(g, f)| *g = T::from(*f));
+        self.gradient(g);
         // `all` of a comparison refuses NaN as well.
-        if !g.iter().all(|g| g.abs() < LARGEST_GRADIENT) {
+        if !g.iter().all(|g| g.round().abs() < LARGEST_GRADIENT) {
             return Err(QpStatus::NotFinite);
         }
         let feasible = (0..m).all(|i| {
             let (low, high) = (lower[i], upper[i]);
             let possible = low <= high && low < f64::INFINITY && high > f64::NEG_INFINITY;
-            possible && (self.length[i] > 0.0 || (low <= 0.0 && 0.0 <= high))
+            possible && (self.length[i] > T::ZERO || (low <= 0.0 && 0.0 <= high))
         });
         if feasible { Ok(()) } else { Err(QpStatus::Infeasible) }
     }
 
-    /// g = L⁻¹ D f, zero for the variables of soft rows.
-    pub(crate) fn gradient(&self, f: &[f64], g: &mut [f64]) {
+    /// g = L⁻¹ D f in place of f, zero for the variables of soft rows.
+    pub(crate) fn gradient(&self, g: &mut [T]) {
         let (g, slack) = g.split_at_mut(self.d.len());
-        slack.fill(0.0);
-        for ((g, f), d) in g.iter_mut().zip(f).zip(&self.d) {
-            *g = f * d;
+        slack.fill(T::ZERO);
+        for (g, d) in g.iter_mut().zip(&self.d) {
+            *g *= *d;
         }
         solve_lower(&self.factor, g);
     }
 
     /// x = D L'⁻¹ y, in place, in the first `n` entries.
-    pub(crate) fn unscale(&self, y: &mut [f64]) {
+    pub(crate) fn unscale(&self, y: &mut [T]) {
         let y = &mut y[..self.d.len()];
         solve_lower_transposed(&self.factor, y);
-        y.iter_mut().zip(&self.d).for_each(|(x, d)| *x *= d);
+        y.iter_mut().zip(&self.d).for_each(|(x, d)| *x *= *d);
     }
 
     /// H x.
-    pub(crate) fn curved(&self, x: &[f64], out: &mut [f64]) {
+    pub(crate) fn curved(&self, x: &[T], out: &mut [T]) {
         times(&self.hessian, x, out);
     }
 
     /// aᵢ'x - cᵢ multiplier: what a row compares with its bounds.
-    pub(crate) fn value(&self, i: usize, x: &[f64], multiplier: f64) -> f64 {
-        dot(column(&self.rows, i), x) - self.compliance[i] * multiplier
+    pub(crate) fn value(&self, i: usize, x: &[T], multiplier: T) -> T {
+        dot(self.row(i), x) - T::from(self.compliance[i]) * multiplier
     }
 
     /// Row i of A.

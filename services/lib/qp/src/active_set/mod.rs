@@ -7,6 +7,7 @@ mod blocks;
 mod factor;
 mod front;
 mod inverse;
+mod polish;
 mod structure;
 mod tableau;
 mod walk;
@@ -15,6 +16,7 @@ use core::cmp::Ordering;
 use nalgebra::{DMatrix, DVector};
 
 use crate::goldfarb::Goldfarb;
+use crate::real::Pair;
 use crate::scaled::{check_matrix, check_symmetric};
 use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_compliance, check_working_set};
 use answer::Answer;
@@ -62,9 +64,9 @@ enum Matrices {
 /// Whatever is doubtful there (dependent rows that matter, infeasible or unusual input, a residual
 /// above the promise) is solved again, from the same working set, by an orthogonal factorisation
 /// in the space of the variables, some ten times as long; it says `Solved` only after the
-/// residuals of the original problem have been measured. Where many rows are parallel up to an
-/// angle of 1e-8 or less, double precision may not reach the promised residual; the verdict then
-/// is `IterationLimit`.
+/// residuals of the original problem have been measured. What double precision leaves open there
+/// (rows parallel up to 1e-8 or less, contradictions by less than rounding could explain) is
+/// decided by the same method in pairs of doubles, cold, which takes some hundred times as long.
 ///
 /// After `IterationLimit` and `Infeasible` the solution is the last iterate, optimal for its
 /// working set but outside some row; after `NotFinite`, or if `lower > upper`, it is zero and
@@ -82,7 +84,9 @@ pub struct ActiveSet {
     rows: DMatrix<f64>,
     compliance: Vec<f64>,
     blocks: Blocks,
-    safe: Goldfarb,
+    safe: Goldfarb<f64>,
+    /// The same with twice the digits, for what rounding leaves open there.
+    exact: Box<Goldfarb<Pair>>,
     set: Vec<i8>,
     /// The empty set, and whether an unfinished solve may start again from it.
     cold: Vec<i8>,
@@ -112,6 +116,7 @@ impl ActiveSet {
             compliance: vec![0.0; m],
             blocks: Blocks::new(n, m, settings.tolerance),
             safe: Goldfarb::new(n, m, settings)?,
+            exact: Box::new(Goldfarb::new(n, m, settings)?),
             set: vec![0; m],
             cold: vec![0; m],
             retries: settings.max_iterations.is_none(),
@@ -187,10 +192,21 @@ impl ActiveSet {
             let again = self.safe.solve(f, lower, upper);
             outcome = QpOutcome { iterations: outcome.iterations + again.iterations, ..again };
         }
+        self.adopted = false;
+        let unfinished = outcome.status == QpStatus::IterationLimit
+            && (self.retries || outcome.iterations < self.max_iterations);
+        if (unfinished || self.safe.is_doubtful()) && self.exact.inform(&self.hessian, &self.safe) {
+            self.exact.take_over(&self.cold);
+            let again = self.exact.solve(f, lower, upper);
+            outcome = QpOutcome { iterations: outcome.iterations + again.iterations, ..again };
+            self.set.copy_from_slice(self.exact.working_set());
+            self.x.copy_from(self.exact.solution());
+            self.multipliers.copy_from(self.exact.multipliers());
+            return outcome;
+        }
         self.set.copy_from_slice(self.safe.working_set());
         self.x.copy_from(self.safe.solution());
         self.multipliers.copy_from(self.safe.multipliers());
-        self.adopted = false;
         outcome
     }
 }

@@ -8,6 +8,7 @@
 
 use super::Goldfarb;
 use crate::linear::{axpy, dot, norm};
+use crate::real::Real;
 use crate::solver::QpStatus;
 
 /// Violation, relative to bound, y and g, up to which a row counts as satisfied: some hundred
@@ -15,31 +16,34 @@ use crate::solver::QpStatus;
 const SATISFIED: f64 = 2e-13;
 /// The same after long walks, where rounding may feed a cycle.
 const SATISFIED_LATE: f64 = 1e-10;
-/// A row this close to the span of others counts as dependent, however exact the numbers are.
-const LEAST_DEPENDENCE: f64 = 1e-13;
-/// A row this far from the span counts as independent, however noisy the numbers are.
-const MOST_NOISE: f64 = 1e-9;
+/// A row this close to the span of others, in roundings, counts as dependent.
+const LEAST_DEPENDENCE: f64 = 450.0;
+/// A row this far from the span, in roundings, counts as independent.
+const MOST_NOISE: f64 = 4.5e6;
+/// Rows that meet nowhere within this many times the size of the problem contradict each other if
+/// rounding of their entries explains that they meet at all.
+const FAR: f64 = 1e4;
 
 /// A row to be added: its index, the side it is violated at, the multiplier it has so far.
-struct Entering {
+struct Entering<T> {
     row: usize,
     side: i8,
-    multiplier: f64,
+    multiplier: T,
 }
 
 /// Where the next event of an entering row lies.
-enum Event {
+enum Event<T> {
     /// The row reaches its bound.
-    Joins { rest: f64 },
+    Joins { rest: T },
     /// The working row at `position` loses its multiplier when u grows by `step`.
-    Leaves { position: usize, step: f64 },
+    Leaves { position: usize, step: T },
     /// The violation is within the noise of a dependent row.
     Excused,
     /// Nothing gives way: no feasible point.
     Blocked,
 }
 
-impl Goldfarb {
+impl<T: Real> Goldfarb<T> {
     /// Walks to the optimal working set; leaves y, multipliers and set of the last one.
     pub(super) fn walk(&mut self) -> (QpStatus, u32) {
         self.rebuild();
@@ -68,9 +72,10 @@ impl Goldfarb {
             if side == 0 {
                 continue;
             }
-            let usable = self.bound(row, side).is_finite() && self.scaled.length[row] > 0.0;
-            let rest = if usable { self.working.project(self.scaled.normal(row)) } else { 0.0 };
-            if rest > self.dependence() {
+            let usable =
+                self.bound(row, side).round().is_finite() && self.scaled.length[row] > T::ZERO;
+            let rest = if usable { self.working.project(self.scaled.normal(row)) } else { T::ZERO };
+            if rest.round() > self.dependence() {
                 self.working.push(row, rest);
             } else {
                 self.set[row] = 0;
@@ -86,12 +91,12 @@ impl Goldfarb {
             self.relocate(None);
             let largest = self.working.multipliers[..self.working.rows().len()]
                 .iter()
-                .fold(0.0_f64, |largest, multiplier| largest.max(multiplier.abs()));
+                .fold(0.0_f64, |largest, multiplier| largest.max(multiplier.round().abs()));
             let before = dropped;
             for position in (0..self.working.rows().len()).rev() {
                 let row = self.working.rows()[position];
-                let push = self.working.multipliers[position] * f64::from(self.set[row]);
-                if !self.is_equality(row) && push < -f64::EPSILON * largest {
+                let push = self.working.multipliers[position].round() * f64::from(self.set[row]);
+                if !self.is_equality(row) && push < -T::EPSILON * largest {
                     self.drop(position);
                     dropped += 1;
                 }
@@ -104,12 +109,12 @@ impl Goldfarb {
 
     /// Recomputes y and the working multipliers from the factor, with the multiplier of an
     /// entering row held.
-    fn relocate(&mut self, entering: Option<&Entering>) {
+    fn relocate(&mut self, entering: Option<&Entering<T>>) {
         let dim = self.scaled.dim();
         let scratch = &mut self.scratch[..dim];
         scratch.copy_from_slice(&self.gradient[..dim]);
         if let Some(p) = entering {
-            let push = p.multiplier * f64::from(p.side);
+            let push = p.multiplier * T::from(f64::from(p.side));
             axpy(push, self.scaled.normal(p.row), scratch);
         }
         let (set, lower, upper) = (&self.set, &self.lower, &self.upper);
@@ -125,16 +130,16 @@ impl Goldfarb {
         let satisfied = if late { SATISFIED_LATE } else { SATISFIED };
         let dim = self.scaled.dim();
         let y = &self.y[..dim];
-        let size = norm(y) + norm(&self.gradient[..dim]);
+        let size = (norm(y) + norm(&self.gradient[..dim])).round();
         let mut worst = (0.0, None);
         for row in 0..self.set.len() {
             if self.set[row] != 0 || self.excused[row] {
                 continue;
             }
             let value = dot(self.scaled.normal(row), y);
-            let (below, above) = (self.lower[row] - value, value - self.upper[row]);
+            let (below, above) = (self.miss(row, -1, value), self.miss(row, 1, value));
             let (miss, side) = if above > below { (above, 1) } else { (below, -1) };
-            let floor = satisfied * (size + self.bound(row, side).abs());
+            let floor = satisfied * (size + self.bound(row, side).round().abs());
             if miss > worst.0 && miss > floor {
                 worst = (miss, Some((row, side)));
             }
@@ -146,7 +151,7 @@ impl Goldfarb {
     /// changes as there are working rows, plus one; a stop on the way would lose what the dual
     /// cost gained, and a solver cut off in every tick might never arrive.
     fn enter(&mut self, row: usize, side: i8, iterations: &mut u32) -> Result<(), QpStatus> {
-        let mut p = Entering { row, side, multiplier: 0.0 };
+        let mut p = Entering { row, side, multiplier: T::ZERO };
         loop {
             *iterations += 1;
             self.relocate(Some(&p));
@@ -170,42 +175,56 @@ impl Goldfarb {
         }
     }
 
-    fn next_event(&mut self, p: &Entering) -> Event {
+    fn next_event(&mut self, p: &Entering<T>) -> Event<T> {
         let count = self.working.rows().len();
         let rest = self.working.project(self.scaled.normal(p.row));
         let ratio = &self.working.ratio[..count];
-        let growth = norm(ratio);
-        let side = f64::from(p.side);
+        let growth = norm(ratio).round();
         let bound = self.bound(p.row, p.side);
         let dim = self.scaled.dim();
         let (y, gradient) = (&self.y[..dim], &self.gradient[..dim]);
+        let side = T::from(f64::from(p.side));
         let miss = side * (dot(self.scaled.normal(p.row), y) - bound);
         let noise = self.scaled.noise * (2.0 + growth);
-        let independent = rest > self.dependence().max(noise.min(MOST_NOISE));
-        let size = norm(y) + norm(gradient) + bound.abs();
-        if !independent && miss <= (rest + noise) * size {
+        let across = rest.round();
+        let independent = across > self.dependence().max(noise.min(MOST_NOISE * T::EPSILON));
+        let size = (norm(y) + norm(gradient)).round() + bound.round().abs();
+        if !independent && miss.round() <= (across + noise) * size {
             return Event::Excused;
         }
-        let full = if independent { (miss / rest / rest).max(0.0) } else { f64::INFINITY };
-        match self.first_to_leave(side, growth) {
-            Some((position, step)) if step < full => Event::Leaves { position, step },
-            _ if independent => Event::Joins { rest },
-            _ => Event::Blocked,
+        let full = if miss > T::ZERO { miss / rest / rest } else { T::ZERO };
+        let (event, step) = match self.first_to_leave(p.side, growth) {
+            Some((position, step)) if !independent || step < full => {
+                (Event::Leaves { position, step }, step)
+            }
+            _ if independent => (Event::Joins { rest }, full),
+            _ => {
+                // A certificate by a margin that no rounding of the rows could make up for.
+                self.doubtful = miss.round() <= FAR * (across + noise) * size;
+                return Event::Blocked;
+            }
+        };
+        let entries = self.scaled.noise / T::EPSILON * f64::EPSILON * (2.0 + growth);
+        if independent && across <= entries && step.round() * across > FAR * size {
+            self.doubtful = true;
+            return Event::Blocked;
         }
+        event
     }
 
     /// The working inequality whose multiplier reaches zero first as u grows; of equals the one
     /// with the larger ratio, which leaves the better-conditioned factor.
-    fn first_to_leave(&self, side: f64, growth: f64) -> Option<(usize, f64)> {
+    fn first_to_leave(&self, side: i8, growth: f64) -> Option<(usize, T)> {
         let least = self.scaled.noise * growth.max(1.0);
-        let mut first: Option<(usize, f64, f64)> = None;
+        let mut first: Option<(usize, T, T)> = None;
         for (position, &row) in self.working.rows().iter().enumerate() {
-            let sign = f64::from(self.set[row]);
-            let yields = sign * side * self.working.ratio[position];
-            if self.is_equality(row) || yields <= least {
+            let sign = T::from(f64::from(self.set[row]));
+            let yields = sign * T::from(f64::from(side)) * self.working.ratio[position];
+            if self.is_equality(row) || yields.round() <= least {
                 continue;
             }
-            let step = (sign * self.working.multipliers[position]).max(0.0) / yields;
+            let multiplier = sign * self.working.multipliers[position];
+            let step = if multiplier > T::ZERO { multiplier / yields } else { T::ZERO };
             let sooner =
                 first.is_none_or(|(_, best, by)| step < best || (step <= best && yields > by));
             if sooner {
@@ -222,8 +241,18 @@ impl Goldfarb {
         self.excused.fill(false);
     }
 
-    fn bound(&self, row: usize, side: i8) -> f64 {
+    fn bound(&self, row: usize, side: i8) -> T {
         if side < 0 { self.lower[row] } else { self.upper[row] }
+    }
+
+    /// By how much `value` lies beyond a bound; a bound may be infinite.
+    fn miss(&self, row: usize, side: i8, value: T) -> f64 {
+        let bound = self.bound(row, side);
+        if bound.round().is_finite() {
+            (if side < 0 { bound - value } else { value - bound }).round()
+        } else {
+            f64::NEG_INFINITY
+        }
     }
 
     fn is_equality(&self, row: usize) -> bool {
@@ -232,6 +261,6 @@ impl Goldfarb {
 
     /// Length of the part across the working rows at which a row counts as dependent on them.
     fn dependence(&self) -> f64 {
-        LEAST_DEPENDENCE.max(2.0 * self.scaled.noise)
+        (LEAST_DEPENDENCE * T::EPSILON).max(2.0 * self.scaled.noise)
     }
 }

@@ -10,8 +10,10 @@ mod working;
 use nalgebra::{DMatrix, DVector};
 
 use crate::active_set::Settings;
+use crate::real::Real;
 use crate::scaled::ScaledProblem;
 use crate::solver::{QpError, QpOutcome, QpStatus};
+use polish::Measured;
 use working::WorkingFactor;
 
 /// The safe method: an orthogonal factorisation in the space of the variables.
@@ -21,29 +23,35 @@ use working::WorkingFactor;
 /// of the original problem have been measured. Dependent rows (duplicates, ties) never stand in
 /// the factor together.
 #[derive(Debug, Clone)]
-pub(crate) struct Goldfarb {
+pub(crate) struct Goldfarb<T> {
     tolerance: f64,
     max_iterations: u32,
-    scaled: ScaledProblem,
-    working: WorkingFactor,
+    scaled: ScaledProblem<T>,
+    working: WorkingFactor<T>,
     /// Bounds in scaled coordinates; infinite for zero rows.
-    lower: Vec<f64>,
-    upper: Vec<f64>,
+    lower: Vec<T>,
+    upper: Vec<T>,
     /// g, then y and two vectors of scratch, for up to n + m entries.
-    gradient: Vec<f64>,
-    y: Vec<f64>,
-    scratch: Vec<f64>,
-    pull: Vec<f64>,
+    gradient: Vec<T>,
+    y: Vec<T>,
+    scratch: Vec<T>,
+    pull: Vec<T>,
     /// Scratch per row: its value at x.
-    values: Vec<f64>,
+    values: Vec<T>,
+    /// x and multipliers in full.
+    point: Vec<T>,
+    forces: Vec<T>,
+    measured: Measured,
     /// Rows that miss their bound by no more than their dependence on working rows explains.
     excused: Vec<bool>,
+    /// A row was dependent or not by less than rounding.
+    doubtful: bool,
     set: Vec<i8>,
     x: DVector<f64>,
     multipliers: DVector<f64>,
 }
 
-impl Goldfarb {
+impl<T: Real> Goldfarb<T> {
     /// A solver for `n` variables and `m` rows, holding all memory it will ever use.
     ///
     /// # Errors
@@ -66,14 +74,18 @@ impl Goldfarb {
             max_iterations: settings.max_iterations.unwrap_or(most),
             scaled: ScaledProblem::new(n, m),
             working: WorkingFactor::new(n, m),
-            lower: vec![0.0; m],
-            upper: vec![0.0; m],
-            gradient: vec![0.0; n + m],
-            y: vec![0.0; n + m],
-            scratch: vec![0.0; n + m],
-            pull: vec![0.0; n],
-            values: vec![0.0; m],
+            lower: vec![T::ZERO; m],
+            upper: vec![T::ZERO; m],
+            gradient: vec![T::ZERO; n + m],
+            y: vec![T::ZERO; n + m],
+            scratch: vec![T::ZERO; n + m],
+            pull: vec![T::ZERO; n],
+            values: vec![T::ZERO; m],
+            point: vec![T::ZERO; n],
+            forces: vec![T::ZERO; m],
+            measured: Measured::new(n, m),
             excused: vec![false; m],
+            doubtful: false,
             set: vec![0; m],
             x: DVector::zeros(n),
             multipliers: DVector::zeros(m),
@@ -85,10 +97,10 @@ impl Goldfarb {
         let dim = self.scaled.dim();
         self.scaled.check(f, lower, upper, &mut self.gradient[..dim])?;
         for (i, &length) in self.scaled.length.iter().enumerate() {
-            (self.lower[i], self.upper[i]) = if length > 0.0 {
-                (lower[i] / length, upper[i] / length)
+            (self.lower[i], self.upper[i]) = if length > T::ZERO {
+                (scaled_bound(lower[i], length), scaled_bound(upper[i], length))
             } else {
-                (f64::NEG_INFINITY, f64::INFINITY)
+                (T::from(f64::NEG_INFINITY), T::from(f64::INFINITY))
             };
         }
         Ok(())
@@ -100,7 +112,7 @@ impl Goldfarb {
     }
 }
 
-impl Goldfarb {
+impl Goldfarb<f64> {
     pub(crate) fn set_matrices(
         &mut self,
         hessian: &DMatrix<f64>,
@@ -116,13 +128,18 @@ impl Goldfarb {
     pub(crate) fn set_compliance(&mut self, compliance: &[f64]) -> Result<(), QpError> {
         self.scaled.set_compliance(compliance)
     }
+}
 
+impl<T: Real> Goldfarb<T> {
     pub(crate) fn solve(
         &mut self,
         f: &DVector<f64>,
         lower: &DVector<f64>,
         upper: &DVector<f64>,
     ) -> QpOutcome {
+        self.doubtful = false;
+        self.point.fill(T::ZERO);
+        self.forces.fill(T::ZERO);
         self.x.fill(0.0);
         self.multipliers.fill(0.0);
         if let Err(status) = self.load(f.as_slice(), lower.as_slice(), upper.as_slice()) {
@@ -145,8 +162,23 @@ impl Goldfarb {
         &self.set
     }
 
+    /// Takes the problem of the other method.
+    pub(crate) fn inform(&mut self, hessian: &DMatrix<f64>, other: &Goldfarb<f64>) -> bool {
+        self.scaled.take_over(hessian, &other.scaled)
+    }
+
+    /// True if the last solve left its verdict to more digits.
+    pub(crate) fn is_doubtful(&self) -> bool {
+        self.doubtful
+    }
+
     /// Starts the next solve from `set` (`m`, sides -1, 0, +1).
     pub(crate) fn take_over(&mut self, set: &[i8]) {
         self.set.copy_from_slice(set);
     }
+}
+
+/// A bound per length of its row; pairs know no infinity but that of their `f64`.
+fn scaled_bound<T: Real>(bound: f64, length: T) -> T {
+    if bound.is_finite() { T::from(bound) / length } else { T::from(bound) }
 }

@@ -5,41 +5,42 @@
 use nalgebra::DMatrix;
 
 use crate::linear::{axpy, column_mut, dot, norm, solve_upper, solve_upper_transposed};
+use crate::real::Real;
 
 #[derive(Debug, Clone)]
-pub(super) struct WorkingFactor {
+pub(super) struct WorkingFactor<T> {
     /// Columns of Q, `dim` entries each.
-    q: Vec<f64>,
+    q: Vec<T>,
     dim: usize,
     most: usize,
-    r: DMatrix<f64>,
+    r: DMatrix<T>,
     /// The rows of the problem in the order of the columns of N.
     rows: Vec<usize>,
     /// Result of `project`: n = Q along + across.
-    along: Vec<f64>,
-    across: Vec<f64>,
+    along: Vec<T>,
+    across: Vec<T>,
     /// n = N r + across: how working multipliers give way to one of n.
-    pub(super) ratio: Vec<f64>,
+    pub(super) ratio: Vec<T>,
     /// Multipliers of the working rows at the last `point`.
-    pub(super) multipliers: Vec<f64>,
-    targets: Vec<f64>,
+    pub(super) multipliers: Vec<T>,
+    targets: Vec<T>,
 }
 
-impl WorkingFactor {
+impl<T: Real> WorkingFactor<T> {
     pub(super) fn new(n: usize, m: usize) -> Self {
         // With soft rows all rows may stand in the factor.
         let most = m;
         Self {
-            q: vec![0.0; (n + m) * most],
+            q: vec![T::ZERO; (n + m) * most],
             dim: n,
             most: n.min(m),
-            r: DMatrix::zeros(most, most),
+            r: DMatrix::from_element(most, most, T::ZERO),
             rows: Vec::with_capacity(most),
-            along: vec![0.0; most],
-            across: vec![0.0; n + m],
-            ratio: vec![0.0; most],
-            multipliers: vec![0.0; most],
-            targets: vec![0.0; most],
+            along: vec![T::ZERO; most],
+            across: vec![T::ZERO; n + m],
+            ratio: vec![T::ZERO; most],
+            multipliers: vec![T::ZERO; most],
+            targets: vec![T::ZERO; most],
         }
     }
 
@@ -56,11 +57,11 @@ impl WorkingFactor {
 
     /// Splits `normal` into its part along the working rows and the rest; returns the length of
     /// the rest, zero when no further row fits.
-    pub(super) fn project(&mut self, normal: &[f64]) -> f64 {
+    pub(super) fn project(&mut self, normal: &[T]) -> T {
         let count = self.rows.len();
         let across = &mut self.across[..self.dim];
         across.copy_from_slice(normal);
-        self.along[..count].fill(0.0);
+        self.along[..count].fill(T::ZERO);
         // The second pass removes what rounding left of the first ("twice is enough").
         for _ in 0..2 {
             for k in 0..count {
@@ -72,15 +73,15 @@ impl WorkingFactor {
         }
         self.ratio[..count].copy_from_slice(&self.along[..count]);
         solve_upper(&self.r, &mut self.ratio[..count]);
-        if count == self.most { 0.0 } else { norm(&self.across[..self.dim]) }
+        if count == self.most { T::ZERO } else { norm(&self.across[..self.dim]) }
     }
 
     /// Appends the row last projected, whose `rest` must be positive.
-    pub(super) fn push(&mut self, row: usize, rest: f64) {
+    pub(super) fn push(&mut self, row: usize, rest: T) {
         let k = self.rows.len();
         let direction = &mut self.q[k * self.dim..][..self.dim];
         for (entry, across) in direction.iter_mut().zip(&self.across) {
-            *entry = across / rest;
+            *entry = *across / rest;
         }
         let last = column_mut(&mut self.r, k);
         last[..k].copy_from_slice(&self.along[..k]);
@@ -116,18 +117,18 @@ impl WorkingFactor {
 
     /// The minimum of 1/2 |y|² + g'y with every working row at its `target`. Writes y and
     /// `multipliers`: y = -g - N multipliers.
-    pub(super) fn point(&mut self, g: &[f64], target: impl Fn(usize) -> f64, y: &mut [f64]) {
+    pub(super) fn point(&mut self, g: &[T], target: impl Fn(usize) -> T, y: &mut [T]) {
         let count = self.rows.len();
         for (entry, &row) in self.targets.iter_mut().zip(&self.rows) {
             *entry = target(row);
         }
         let targets = &mut self.targets[..count];
         solve_upper_transposed(&self.r, targets);
-        y.iter_mut().zip(g).for_each(|(y, g)| *y = -g);
+        y.iter_mut().zip(g).for_each(|(y, g)| *y = -*g);
         for (k, target) in targets.iter().enumerate() {
             // One column after the other, each on what is left: error-free to first order.
             let direction = &self.q[k * self.dim..][..self.dim];
-            let excess = dot(direction, y) - target;
+            let excess = dot(direction, y) - *target;
             axpy(-excess, direction, y);
             self.multipliers[k] = excess;
         }
