@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::explicit::Explicit;
 use super::factor::Factor;
 use super::front::Front;
 use super::inverse::{invert, times};
@@ -33,6 +34,7 @@ pub(super) struct Blocks {
     pub(super) tolerance: f64,
     pub(super) structure: Structure,
     pub(super) front: Front,
+    pub(super) explicit: Explicit,
     /// Every product with the inverse is accurate without correction.
     pub(super) all_trusted: bool,
     pub(super) memory: Vec<Memory>,
@@ -116,6 +118,7 @@ impl Blocks {
             tolerance,
             structure: Structure::new(n, m),
             front: Front::new(n, m),
+            explicit: Explicit::new(n, tolerance),
             all_trusted: false,
             memory: Vec::with_capacity(n),
             hessian: vec![0.0; wide * n],
@@ -158,6 +161,7 @@ impl Blocks {
     ) -> Result<(), (usize, f64)> {
         self.structure.analyse(h, rows, compliance);
         self.front.set_rows(&self.structure, rows);
+        self.explicit.set_rows(&self.structure);
         self.memory.clear();
         self.memory.resize(self.structure.shapes.len(), Memory::default());
         self.refactor(h)
@@ -199,6 +203,16 @@ impl Blocks {
         }
         for (j, unit) in self.units.iter_mut().enumerate() {
             *unit = h[(j, j)].sqrt();
+        }
+        if self.explicit.serves() {
+            for (index, shape) in self.structure.shapes.iter().enumerate() {
+                let size = shape.n * shape.wide;
+                let matrices =
+                    [&self.hessian, &self.inverse].map(|all| &all[shape.at_inverse..][..size]);
+                let trusted = self.memory[index].trusted;
+                self.explicit.refresh(index, matrices, &self.units, trusted);
+            }
+            return Ok(());
         }
         self.known.fill(false);
         self.all_trusted = self.memory.iter().all(|memory| memory.trusted);
@@ -255,6 +269,10 @@ impl Blocks {
 
     /// Takes a working set of the whole problem.
     pub(super) fn adopt(&mut self, set: &[i8]) {
+        if self.explicit.serves() {
+            self.explicit.adopt(set);
+            return;
+        }
         self.sides.fill(0);
         for (shape, memory) in self.structure.shapes.iter().zip(&mut self.memory) {
             let sides = &mut self.sides[shape.at_tall..][..shape.tall];

@@ -4,6 +4,7 @@
 
 mod answer;
 mod blocks;
+mod explicit;
 mod factor;
 mod front;
 mod inverse;
@@ -140,6 +141,9 @@ impl ActiveSet {
         if !empty.into_iter().all(|row| lower[row] <= 0.0 && 0.0 <= upper[row]) {
             return Err(Doubt);
         }
+        if self.blocks.explicit.serves() {
+            return self.quicker(f, lower, upper);
+        }
         self.blocks.release(f);
         // NaN and infinity are not less.
         let depth = self.blocks.front.depth(f);
@@ -170,6 +174,27 @@ impl ActiveSet {
             }
         }
         Ok((changes, active))
+    }
+
+    /// The same where every block is small.
+    fn quicker(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(u32, u32), Doubt> {
+        if !self.adopted {
+            self.set.fill(0);
+            self.multipliers.fill(0.0);
+        }
+        let tick = Tick { f, lower, upper, size: 0.0 };
+        let mut answer = Answer {
+            x: self.x.as_mut_slice(),
+            set: &mut self.set,
+            multipliers: self.multipliers.as_mut_slice(),
+        };
+        let solved = self.blocks.explicit.solve(&tick, self.max_iterations, &mut answer)?;
+        let (changes, active, depth) = solved;
+        // NaN and infinity are not less.
+        match depth.abs().partial_cmp(&LARGEST_DEPTH) {
+            Some(Ordering::Less) => Ok((changes, active)),
+            _ => Err(Doubt),
+        }
     }
 
     /// Has the safe solver do it all.
@@ -218,7 +243,9 @@ impl QpSolver for ActiveSet {
         {
             let pairs = rows.column_iter().zip(self.rows.row_iter());
             if pairs.into_iter().all(|(new, old)| new.iter().eq(old.iter())) {
-                return self.set_hessian(hessian);
+                self.set_hessian(hessian)?;
+                self.blocks.explicit.prepare();
+                return Ok(());
             }
         }
         self.safe.set_matrices(hessian, rows)?;
@@ -226,12 +253,16 @@ impl QpSolver for ActiveSet {
         rows.transpose_to(&mut self.rows);
         self.informed = true;
         self.restructure();
+        self.blocks.explicit.prepare();
         Ok(())
     }
 
     fn set_hessian(&mut self, hessian: &DMatrix<f64>) -> Result<(), QpError> {
         if self.matrices == Matrices::Missing {
             return Err(QpError::NoRows);
+        }
+        if *hessian == self.hessian {
+            return Ok(());
         }
         let n = self.x.len();
         check_matrix("hessian", hessian, n, n)?;

@@ -7,9 +7,9 @@ use super::tableau::MOST_ROWS;
 use super::walk::Doubt;
 
 /// Residuals below this need no correction.
-const EXACT: f64 = 1e-11;
+pub(super) const EXACT: f64 = 1e-11;
 /// Corrections of an answer whose residual is measured.
-const MOST_CORRECTIONS: usize = 4;
+pub(super) const MOST_CORRECTIONS: usize = 4;
 
 impl Block<'_> {
     /// Measures the residuals of the walk's end in the original problem and corrects them.
