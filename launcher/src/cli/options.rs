@@ -41,6 +41,8 @@ pub(super) enum StudyCommand {
     Morphing(MorphingArguments),
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
     Stability(StabilityArguments),
+    /// Certify how many changes of its working set one solve of the attitude law can need
+    WorstCase(StabilityArguments),
 }
 
 /// Where results go and how much is computed.
@@ -67,7 +69,7 @@ pub(super) struct MorphingArguments {
     pub(super) seeds: Option<u64>,
 }
 
-/// The loop of the stability study.
+/// The attitude loop of a study.
 #[derive(Debug, Clone, Args)]
 pub(super) struct StabilityArguments {
     #[command(flatten)]

@@ -5,6 +5,7 @@ use crate::exit;
 use crate::results::{ResultsError, ResultsFolder};
 use crate::study::morphing::{self, MorphingError};
 use crate::study::stability::{self, Bench, Grid, StabilityError};
+use crate::study::worst_case::{self, WorstCaseError};
 use attitude_mpc::AttitudeLawConfig;
 use miette::Diagnostic;
 use std::io::{self, IsTerminal as _, Write};
@@ -28,6 +29,9 @@ enum StudyError {
     #[error(transparent)]
     #[diagnostic(help("give a --rate from 50 to 1000 Hz and an --angle from 45 to 160 degrees"))]
     Stability(#[from] StabilityError),
+    #[error(transparent)]
+    #[diagnostic(help("give a --rate from 50 to 1000 Hz"))]
+    WorstCase(#[from] WorstCaseError),
 }
 
 impl StudyError {
@@ -35,7 +39,7 @@ impl StudyError {
         match self {
             Self::Results(_) => exit::UNFIT,
             Self::Morphing(_) => exit::CRASHED,
-            Self::Stability(_) => exit::USAGE,
+            Self::Stability(_) | Self::WorstCase(_) => exit::USAGE,
         }
     }
 }
@@ -49,6 +53,7 @@ pub(super) fn run(
     let done = match command {
         StudyCommand::Morphing(arguments) => fly_morphing(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
+        StudyCommand::WorstCase(arguments) => certify(arguments),
     };
     match done {
         Ok((text, code)) => {
@@ -115,6 +120,34 @@ fn map_stability(arguments: &StabilityArguments) -> Result<(String, u8), StudyEr
             stability::report::table(&study),
             stability::report::settling_table(&study),
             stability::report::differences(&study),
+            files(&folder),
+        ),
+    };
+    Ok((text, exit::PASS))
+}
+
+fn certify(arguments: &StabilityArguments) -> Result<(String, u8), StudyError> {
+    let mut folder = ResultsFolder::create(&arguments.out.out)?;
+    let angle = MorphAngle::from_degrees(arguments.angle).map_err(StabilityError::from)?;
+    // The last one takes half a minute.
+    let programs = [(1, false), (1, true), (2, false), (2, true), (3, false), (3, true)];
+    let wanted = if arguments.out.quick { &programs[..5] } else { &programs[..] };
+    let bar = Bar::new(wanted.len(), "programs");
+    let mut cases = Vec::new();
+    for &(control, warm) in wanted {
+        cases.push(worst_case::certify(arguments.rate, angle, control, warm)?);
+        bar.tick();
+    }
+    bar.clear();
+    let table = worst_case::table(&cases);
+    folder.write("worst-case.csv", &table.to_csv())?;
+    let text = match arguments.out.format {
+        Format::Json => table.to_json().to_string(),
+        Format::Text => format!(
+            "attitude law at {} Hz, {} degrees: most changes of the working set in a solve, for \
+             every state\n\n{table}\n{}",
+            arguments.rate,
+            arguments.angle,
             files(&folder),
         ),
     };

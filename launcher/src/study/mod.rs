@@ -1,11 +1,13 @@
 //! `morphquad study`: what the control laws do over whole ranges of conditions.
 //!
 //! [`morphing`] flies the figure eight through ever faster sweeps; [`stability`] maps where the
-//! attitude loop is stable. Both are functions from a plan to data; `report.rs` in each makes
-//! tables, pictures and files of it, and the command line is in [`crate::cli::study`].
+//! attitude loop is stable; [`worst_case`] certifies how much work a solve can be. All are functions
+//! from a plan to data; reports make tables, pictures and files of it, and the command line is in
+//! [`crate::cli::study`].
 
 mod fan_out;
 pub mod morphing;
 pub mod stability;
+pub mod worst_case;
 
 pub use fan_out::{Progress, fan_out};
