@@ -16,6 +16,9 @@ const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 /// size and more, far beyond what wind or a failing rotor does to one that is under control.
 const LOST_M: f64 = 1.0;
 
+/// Error of an angle at the end of a rig flight from which the vehicle counts as lost \[rad\].
+const LOST_RAD: f64 = 1.0;
+
 /// What came of a flight.
 #[derive(Debug)]
 pub struct Summary {
@@ -92,7 +95,9 @@ impl Summary {
     #[must_use]
     pub fn vehicle_lost(&self) -> bool {
         let on_path = self.metrics.tracking().last_second_m <= LOST_M;
-        !on_path || self.metrics.gate().mode == GateMode::Cut
+        let mut axes = self.metrics.step_response().into_iter().flatten();
+        let tumbled = axes.any(|axis| axis.final_error_rad.abs() > LOST_RAD);
+        !on_path || tumbled || self.metrics.gate().mode == GateMode::Cut
     }
 
     /// Commands outside their bounds.
@@ -151,6 +156,11 @@ impl Summary {
             put(&format!("{name}_final_error_rad"), format!("{:.3e}", axis.final_error_rad));
         }
         put("constraint_violations", self.violations().to_string());
+        let efforts = self.metrics.efforts();
+        put("relaxed_steps", efforts.values().map(|e| e.relaxed).sum::<u64>().to_string());
+        put("unsolved_steps", efforts.values().map(|e| e.unsolved).sum::<u64>().to_string());
+        let (ticks, clipped, _) = self.metrics.ticks();
+        put("clipped_share", format!("{:.6}", clipped as f64 / ticks.max(1) as f64));
         put("missed_ticks", misses.ticks.to_string());
         put("late_samples", misses.late.to_string());
         put("unseen_samples", misses.unseen.to_string());
@@ -187,7 +197,7 @@ impl Summary {
         } else if self.interrupted {
             "interrupted".to_owned()
         } else if self.vehicle_lost() {
-            "vehicle lost: off its path, or rotors cut, at the end".to_owned()
+            "vehicle lost: off its path, tumbling, or rotors cut, at the end".to_owned()
         } else if self.violations() > 0 {
             "flown, with violated bounds".to_owned()
         } else if self.misses().dropped > 0 {

@@ -116,7 +116,10 @@ impl<'s> Checker<'s> {
         }
         let look_ahead_s = attitude_mpc::settings::Settings::look_ahead_s(&config);
         let needed_s = LEAST_ROTOR_LAGS * config.rotor_lag_s;
-        if let Some(look_ahead_s) = look_ahead_s.ok().filter(|&s| s < needed_s) {
+        let asked_s = law.horizon_s.unwrap_or(f64::INFINITY);
+        if let Some(look_ahead_s) =
+            look_ahead_s.ok().map(|s| s.min(asked_s)).filter(|&s| s < needed_s)
+        {
             let key = if law.horizon_s.is_some() { "horizon_s" } else { "prediction_horizon" };
             let what = format!(
                 "{look_ahead_s:.3} s of prediction do not cover {LEAST_ROTOR_LAGS} rotor lags of {} s",

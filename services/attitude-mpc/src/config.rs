@@ -11,7 +11,8 @@ use crate::schedule;
 pub enum HorizonChoice {
     /// Np and Nc in samples, as the paper gives them.
     Samples(Horizon),
-    /// At least this long \[s\]: Np = 20..=200 samples, Nc a tenth of it but at least 3.
+    /// At least this long \[s\]: Np = 20..=200 samples, Nc a tenth of it but at least 3. What 200
+    /// samples do not cover is refused.
     ///
     /// 20 samples suffice up to 150 Hz; 40 ms of look-ahead against 15 ms of rotor lag do not fly.
     Seconds(f64),
@@ -24,6 +25,8 @@ impl HorizonChoice {
             Self::Seconds(seconds) => {
                 within("horizon_s", seconds, 1e-3, 10.0)?;
                 let wanted = (seconds * rate_hz - 1e-9).ceil();
+                let limit = Horizon::PREDICTION_LIMIT as f64 / rate_hz;
+                within("horizon_s", seconds, 1e-3, limit)?;
                 let prediction = (20..200).find(|n| f64::from(*n) >= wanted).unwrap_or(200_u16);
                 let control = prediction.div_ceil(10).max(3);
                 Ok(Horizon { prediction: prediction.into(), control: control.into() })

@@ -35,6 +35,9 @@ impl SolverKind {
     }
 }
 
+/// Price of leaving a state bound that cannot be kept, over that of an output error of weight 1.
+const FALLBACK_PENALTY: f64 = 1e3;
+
 /// What the law knows at sample k, axis by axis. Inputs are in the units the law chose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured<const N: usize> {
@@ -202,10 +205,12 @@ impl<const N: usize> IncrementalMpc<N> {
         } else {
             QpOutcome { status: QpStatus::NotFinite, iterations: 0, active: 0 }
         };
-        let raw = match status {
-            QpStatus::Solved | QpStatus::IterationLimit => self.first_increment(),
-            QpStatus::Infeasible | QpStatus::NotFinite => SVector::zeros(),
+        let usable = match status {
+            QpStatus::Solved | QpStatus::IterationLimit => true,
+            QpStatus::Infeasible => self.solve_with_soft_state_bounds(&operating.gain),
+            QpStatus::NotFinite => false,
         };
+        let raw = if usable { self.first_increment() } else { SVector::zeros() };
         let wanted = now.u_previous + raw;
         let outside = (first.lower - raw).sup(&(raw - first.upper)).max();
         let violation = outside.max(coupled.excess(&wanted)).max(0.0);
@@ -214,6 +219,20 @@ impl<const N: usize> IncrementalMpc<N> {
         let u = level.sup(&bounds.u_min).inf(&bounds.u_max);
         let (du, relaxation) = (u - now.u_previous, first.relaxation);
         Move { u, du, relaxation, violation, status, iterations, active }
+    }
+
+    /// A state that no input can bring within its bounds in time must not stop the input: solves
+    /// once more with these bounds soft. False if there was nothing to soften or that failed too.
+    fn solve_with_soft_state_bounds(&mut self, gain: &SVector<f64, N>) -> bool {
+        if !self.rows.yield_states(Some(FALLBACK_PENALTY), gain, &mut self.compliance) {
+            return false;
+        }
+        let softened = self.solver.set_compliance(&self.compliance);
+        let outcome = self.solver.solve(&self.eta, &self.lower, &self.upper);
+        self.rows.yield_states(None, gain, &mut self.compliance);
+        let hardened = self.solver.set_compliance(&self.compliance);
+        self.matrices_accepted = hardened.is_ok();
+        softened.is_ok() && matches!(outcome.status, QpStatus::Solved | QpStatus::IterationLimit)
     }
 
     /// Brings the matrices to this step's gains and weights; nothing if they have not changed.

@@ -29,9 +29,8 @@ pub(crate) struct AxisResponse {
     rate_free: [Vec<f64>; STATE],
     /// 2 q(j), weights of the errors at 1..=Np.
     weight: Vec<f64>,
-    /// ζ without W, and 2 Σ L Lᵀ: what W weighs.
+    /// ζ without W.
     hessian: DMatrix<f64>,
-    gram: DMatrix<f64>,
     /// Gradient by the errors y − r at 1..=Np, and by z(0): the gains of the horizon.
     gain_error: Vec<f64>,
     gain_state: Vec<[f64; STATE]>,
@@ -67,9 +66,6 @@ impl AxisResponse {
         if let Some(last) = weight.last_mut() {
             *last *= axis.terminal_factor;
         }
-        let gram = DMatrix::from_fn(terms, terms, |i, j| {
-            2.0 * moves.chunks(terms).map(|l| l[i] * l[j]).sum::<f64>()
-        });
         let mut response = Self {
             terms,
             prediction,
@@ -81,7 +77,6 @@ impl AxisResponse {
             rate_free: free.map(|(_, rate)| rate),
             weight,
             hessian: DMatrix::zeros(terms, terms),
-            gram,
             gain_error: Vec::new(),
             gain_state: Vec::new(),
             step: vec![0.0; terms * prediction],
@@ -125,13 +120,16 @@ impl AxisResponse {
     }
 
     /// Writes the block of ζ = 2(HᵀQH + W) that starts at `at`, for gain g and weight w.
+    ///
+    /// The functions are orthonormal, so Σ Δu² over all time is the sum of their squared
+    /// coefficients: W weighs these, and ζ is positive definite whatever the functions.
     pub(crate) fn hessian(&self, gain: f64, weight: f64, at: usize, zeta: &mut DMatrix<f64>) {
         let squared = gain * gain;
         for i in 0..self.terms {
             for j in 0..self.terms {
-                zeta[(at + i, at + j)] =
-                    squared * self.hessian[(i, j)] + weight * self.gram[(i, j)];
+                zeta[(at + i, at + j)] = squared * self.hessian[(i, j)];
             }
+            zeta[(at + i, at + i)] += 2.0 * weight;
         }
     }
 

@@ -264,6 +264,29 @@ impl<const N: usize> Rows<N> {
         }
     }
 
+    /// Writes the compliance of hard rows on outputs and rates: that of `penalty`, or none. True if
+    /// there are such rows.
+    pub(crate) fn yield_states(
+        &self,
+        penalty: Option<f64>,
+        gain: &SVector<f64, N>,
+        out: &mut [f64],
+    ) -> bool {
+        let mut any = false;
+        for (index, set) in [(3, self.constraints.outputs), (4, self.constraints.rates)] {
+            if set != Some(Hardness::Hard) {
+                continue;
+            }
+            any = true;
+            let rows = &mut out[self.starts[index]..self.starts[index + 1]];
+            for (row, compliance) in rows.iter_mut().enumerate() {
+                let gain = gain[row % N];
+                *compliance = penalty.map_or(0.0, |penalty| 0.5 / (penalty * gain * gain));
+            }
+        }
+        any
+    }
+
     /// Compliance of every row for gains g and increment weights w; true if one is soft.
     pub(crate) fn compliance(
         &self,

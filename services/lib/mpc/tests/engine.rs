@@ -52,6 +52,30 @@ fn without_active_bounds_the_move_is_the_least_squares_answer() {
     assert_eq!(chosen.active, 0);
 }
 
+/// As the functions are cut off by the horizon, or more of them than it has samples.
+#[test]
+fn bases_that_the_horizon_cannot_tell_apart_still_have_one_answer() {
+    for (prediction, pole, terms) in
+        [(20, 0.0, 21), (20, 0.5, 50), (20, 0.99, 20), (20, 0.98, 6), (200, 0.8, 50)]
+    {
+        let mut design = design(Horizon { prediction, control: 3 });
+        for axis in &mut design.axes {
+            axis.basis = Basis { pole, terms };
+        }
+        let mut mpc = engine(&design);
+        let aim = |_| Vector3::new(0.2, -0.1, 0.3);
+        let chosen = mpc.step(&moving(), &operating(), aim, &boxes(0.1, 0.1), None);
+        assert_eq!(chosen.status, QpStatus::Solved, "{prediction} {pole} {terms}");
+        let p = mpc.program();
+        let mut judge = ActiveSet::new(3 * terms, p.rows.nrows(), Settings::default()).unwrap();
+        judge.set_matrices(p.zeta, p.rows).unwrap();
+        assert_eq!(judge.solve(p.eta, p.lower, p.upper).status, QpStatus::Solved);
+        let (x, multipliers) = (mpc.solution(), judge.multipliers());
+        let residuals = kkt_residuals(p.zeta, p.rows, p.eta, p.lower, p.upper, x, multipliers);
+        assert!(residuals.worst() < 1e-8, "{prediction} {pole} {terms}: {residuals:?}");
+    }
+}
+
 #[test]
 fn the_papers_solver_agrees_once_it_is_swept_to_the_end() {
     let mut exact = engine(&bare(HORIZON));

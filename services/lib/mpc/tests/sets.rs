@@ -171,6 +171,40 @@ fn what_cannot_be_met_is_a_verdict_and_the_move_stays_in_its_bounds() {
     assert!(chosen.u.amax() <= 0.05, "{}", chosen.u);
 }
 
+/// A gust may throw a state out of its bounds faster than any input can bring it back.
+#[test]
+fn a_state_that_cannot_be_kept_in_its_bounds_is_brought_back_as_if_they_were_soft() {
+    let step = |hardness: Hardness| {
+        let mut design = design(HORIZON);
+        design.constraints.outputs = Some(hardness);
+        design.constraints.rates = Some(hardness);
+        let mut mpc = engine(&design);
+        let limits = Limits {
+            output_max: Vector3::repeat(0.2),
+            output_min: Vector3::repeat(-0.2),
+            rate_max: Vector3::repeat(2.0),
+            ..boxes(0.05, 0.03)
+        };
+        let thrown = Measured {
+            output: Vector3::repeat(0.3),
+            rate: Vector3::repeat(4.0),
+            rate_increment: Vector3::repeat(1.0),
+            output_increment: Vector3::repeat(0.04),
+            ..resting()
+        };
+        let first = mpc.step(&thrown, &operating(), |_| Vector3::zeros(), &limits, None);
+        // Back inside, the bounds are as hard as before.
+        let later = mpc.step(&resting(), &operating(), |_| Vector3::repeat(0.1), &limits, None);
+        (first, later)
+    };
+    let (hard, later) = step(Hardness::Hard);
+    let (soft, later_soft) = step(Hardness::Soft { penalty: 1e3 });
+    assert_eq!((hard.status, soft.status), (QpStatus::Infeasible, QpStatus::Solved));
+    assert!((hard.u - soft.u).amax() < 1e-12, "{} {}", hard.u, soft.u);
+    assert!(hard.u.component_mul(&operating().gain).max() < 0.0, "it pushes back: {}", hard.u);
+    assert_eq!((later.status, later_soft.status), (QpStatus::Solved, QpStatus::Solved));
+}
+
 /// Steps an engine on coupled rows whose bounds jump, and checks each move against them.
 fn under_jumping_bounds(mpc: &mut IncrementalMpc<3>, mut judge: impl FnMut(QpStatus)) -> u32 {
     let mut u = Vector3::zeros();
