@@ -12,7 +12,7 @@ use crate::real::Real;
 use crate::solver::QpStatus;
 
 /// Violation, relative to bound, y and g, up to which a row counts as satisfied: some hundred
-/// roundings.
+/// roundings. Pairs go far below, as g may be 1e4 times what residuals are relative to.
 const SATISFIED: f64 = 2e-13;
 /// The same after long walks, where rounding may feed a cycle.
 const SATISFIED_LATE: f64 = 1e-10;
@@ -23,6 +23,8 @@ const MOST_NOISE: f64 = 4.5e6;
 /// Rows that meet nowhere within this many times the size of the problem contradict each other if
 /// rounding of their entries explains that they meet at all.
 const FAR: f64 = 1e4;
+/// What a row that depends on others up to rounding of its entries may miss its bound by.
+const TRIFLE: f64 = 1e-12;
 
 /// A row to be added: its index, the side it is violated at, the multiplier it has so far.
 struct Entering<T> {
@@ -127,7 +129,8 @@ impl<T: Real> Goldfarb<T> {
         // Rounding can only cycle where violations are tiny: late walks overlook more of them.
         let patience = 5 * (self.x.len() + self.set.len()).max(25);
         let late = iterations as usize > patience;
-        let satisfied = if late { SATISFIED_LATE } else { SATISFIED };
+        let digits = (T::EPSILON / f64::EPSILON).sqrt();
+        let satisfied = digits * if late { SATISFIED_LATE } else { SATISFIED };
         let dim = self.scaled.dim();
         let y = &self.y[..dim];
         let size = (norm(y) + norm(&self.gradient[..dim])).round();
@@ -205,11 +208,28 @@ impl<T: Real> Goldfarb<T> {
             }
         };
         let entries = self.scaled.noise / T::EPSILON * f64::EPSILON * (2.0 + growth);
-        if independent && across <= entries && step.round() * across > FAR * size {
-            self.doubtful = true;
-            return Event::Blocked;
+        if independent && across <= entries {
+            if step.round() * across > FAR * size {
+                self.doubtful = true;
+                return Event::Blocked;
+            }
+            if self.is_trifle(p.row, bound.round(), miss.round()) {
+                return Event::Excused;
+            }
         }
         event
+    }
+
+    /// True if residuals, which are relative to x, do not show that the row misses its bound.
+    fn is_trifle(&mut self, row: usize, bound: f64, miss: f64) -> bool {
+        let dim = self.scaled.dim();
+        let x = &mut self.scratch[..dim];
+        x.copy_from_slice(&self.y[..dim]);
+        self.scaled.unscale(x);
+        let entries = x.iter().zip(&self.scaled.d);
+        let size = entries.fold(0.0_f64, |size, (x, d)| size.max((*x / *d).round().abs()));
+        let length = self.scaled.length[row].round();
+        miss * length <= TRIFLE * (self.scaled.reach[row] * size + bound.abs() * length)
     }
 
     /// The working inequality whose multiplier reaches zero first as u grows; of equals the one
