@@ -221,13 +221,18 @@ impl ActiveSet {
         let unfinished = outcome.status == QpStatus::IterationLimit
             && (self.retries || outcome.iterations < self.max_iterations);
         if (unfinished || self.safe.is_doubtful()) && self.exact.inform(&self.hessian, &self.safe) {
-            self.exact.take_over(&self.cold);
+            let start = if self.retries { &self.cold } else { self.safe.working_set() };
+            self.exact.take_over(start);
             let again = self.exact.solve(f, lower, upper);
-            outcome = QpOutcome { iterations: outcome.iterations + again.iterations, ..again };
-            self.set.copy_from_slice(self.exact.working_set());
-            self.x.copy_from(self.exact.solution());
-            self.multipliers.copy_from(self.exact.multipliers());
-            return outcome;
+            let iterations = outcome.iterations + again.iterations;
+            if outcome.status != QpStatus::Solved || again.status == QpStatus::Solved {
+                outcome = QpOutcome { iterations, ..again };
+                self.set.copy_from_slice(self.exact.working_set());
+                self.x.copy_from(self.exact.solution());
+                self.multipliers.copy_from(self.exact.multipliers());
+                return outcome;
+            }
+            outcome.iterations = iterations;
         }
         self.set.copy_from_slice(self.safe.working_set());
         self.x.copy_from(self.safe.solution());

@@ -67,7 +67,7 @@ impl Block<'_> {
         let size = x.fold(0.0_f64, |size, (x, (d, f))| size.max(x.abs() / d).max(d * f.abs()));
         (0..self.shape.m).all(|k| {
             let (lower, upper, value) = (self.lower[k], self.upper[k], self.values[k]);
-            let room = |bound: f64| 0.05 * self.tolerance * (self.reach[k] * size + bound.abs());
+            let room = |bound: f64| 1e-2 * self.tolerance * (self.reach[k] * size + bound.abs());
             let kept = lower - value <= room(lower) && value - upper <= room(upper);
             kept || self.sides[k] != 0
         })

@@ -44,7 +44,7 @@ pub(crate) struct Goldfarb<T> {
     measured: Measured,
     /// Rows that miss their bound by no more than their dependence on working rows explains.
     excused: Vec<bool>,
-    /// A row was dependent or not by less than rounding.
+    /// Rounding decided about a dependent row, or left residuals.
     doubtful: bool,
     set: Vec<i8>,
     x: DVector<f64>,

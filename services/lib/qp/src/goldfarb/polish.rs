@@ -11,6 +11,8 @@ use crate::solver::QpStatus;
 const MOST_REFINEMENTS: usize = 3;
 /// Residual, relative to the promised one, that needs no further refinement.
 const GOOD_ENOUGH: f64 = 1e-3;
+/// No promise makes a residual this close to rounding doubtful.
+const LEAST_RESIDUAL: f64 = 1e-13;
 
 impl<T: Real> Goldfarb<T> {
     /// Writes solution and multipliers; confirms or withdraws the verdict of the walk.
@@ -30,7 +32,9 @@ impl<T: Real> Goldfarb<T> {
                 let residual = self.residual(f, bounds);
                 let kept = residual <= self.tolerance;
                 status = if kept { QpStatus::Solved } else { QpStatus::IterationLimit };
-                if residual <= self.tolerance * GOOD_ENOUGH {
+                // In an ill-conditioned cost more would let x be 1e4 times as far off.
+                self.doubtful = residual > (self.tolerance * GOOD_ENOUGH).max(LEAST_RESIDUAL);
+                if !self.doubtful {
                     break;
                 }
             }
