@@ -38,6 +38,10 @@ impl Answer<'_> {
         for (position, member) in members.iter().enumerate() {
             let (row, k) = (member.row as usize, member.merged as usize);
             let side = found.sides[k];
+            if side == 0 && self.set[row] == 0 {
+                // Its multiplier is zero already.
+                continue;
+            }
             let (bounds, bound) =
                 if side < 0 { (tick.lower, found.lower[k]) } else { (tick.upper, found.upper[k]) };
             // Of rows with one normal the first whose bound it is.

@@ -258,7 +258,10 @@ impl Blocks {
 
     /// True if block `index` holds no row and its free minimum is within the bounds.
     pub(super) fn is_free(&self, index: usize, lower: &[f64], upper: &[f64]) -> bool {
-        let mut inside = self.memory[index].count == 0;
+        if self.memory[index].count > 0 {
+            return false;
+        }
+        let mut inside = true;
         for member in self.structure.members(&self.structure.shapes[index]) {
             let row = member.row as usize;
             let value = self.front.values[row];
@@ -302,12 +305,18 @@ impl Blocks {
 
     /// The largest entry of the free minimum, each in its unit.
     pub(super) fn size(&self) -> f64 {
-        let mut size = 0.0;
-        for (x, unit) in self.front.x.iter().zip(&self.units) {
-            let entry = x.abs() * unit;
-            size = if entry > size { entry } else { size };
+        let entry = |(x, unit): (&f64, &f64)| x.abs() * unit;
+        let larger = |most: f64, entry: f64| if entry > most { entry } else { most };
+        // Four maxima at once: one would wait for itself.
+        let (groups, rest) = self.units.as_chunks::<LANES>();
+        let mut most = [0.0; LANES];
+        for (group, x) in groups.iter().zip(self.front.x.as_chunks::<LANES>().0) {
+            for (most, pair) in most.iter_mut().zip(x.iter().zip(group)) {
+                *most = larger(*most, entry(pair));
+            }
         }
-        size
+        let tail = self.front.x[self.units.len() - rest.len()..].iter().zip(rest).map(entry);
+        most.into_iter().chain(tail).fold(0.0, larger)
     }
 
     pub(super) fn block(&mut self, index: usize) -> Block<'_> {

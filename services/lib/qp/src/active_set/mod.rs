@@ -1,5 +1,6 @@
 //! The solver to fly. `structure` finds what the matrices are made of, `blocks` holds the numbers,
-//! `walk` finds the working set of one block on the `factor` of its Gram matrix. What that cannot
+//! `walk` finds the working set of one block on the `factor` of its Gram matrix, `tableau` that of
+//! a smaller one; `explicit` has all tableaux of the smallest ones ready. What that cannot
 //! settle beyond doubt goes to the `goldfarb` module, which is slower and gives the verdicts.
 
 mod answer;
