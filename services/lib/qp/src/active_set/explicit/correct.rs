@@ -115,13 +115,14 @@ impl Solve<'_> {
             self.mixed[k] = if held[k] { pushes[k] } else { values[k] };
         }
         // The free minimum, which the walk measures by, may lie far beyond the solution.
-        let part = 0.05 * self.tolerance;
+        let part = 1e-2 * self.tolerance;
         let kept = (0..TALL).all(|k| {
             let (low, high, reach) = (self.lower[k], self.upper[k], self.cell.reach[k] * reached);
             let under = low - values[k] <= part * (reach + low.abs());
             held[k] || (under && values[k] - high <= part * (reach + high.abs()))
         });
-        let settled = left <= part && signs && kept && self.most_violated().is_none();
+        let settled =
+            left <= 0.05 * self.tolerance && signs && kept && self.most_violated().is_none();
         if settled { Ok(()) } else { Err(Doubt) }
     }
 }
