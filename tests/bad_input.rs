@@ -225,3 +225,12 @@ fn a_result_that_cannot_be_written_is_an_error() {
         assert!(said.contains("cannot write the result"), "{said}");
     }
 }
+
+#[test]
+fn horizons_that_do_not_see_the_lag_or_do_not_fit_are_refused_as_written() {
+    assert_refused(
+        &["hover", "--set", "attitude_mpc.horizon_s=0.03"],
+        &["horizon_s", "rotor lags"],
+    );
+    assert_refused(&["hover", "--set", "attitude_mpc.horizon_s=10"], &["horizon_s", "10"]);
+}

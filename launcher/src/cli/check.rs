@@ -3,6 +3,7 @@
 use crate::scenario::Scenario;
 use crate::scenario::pilot::Manoeuvre;
 use crate::scenario::settings::Clock;
+use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
 use runtime::{Graph, MissPolicy, Node};
 use shared_types::Edge;
@@ -96,6 +97,14 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
     };
     writeln!(out, "flight  {manoeuvre}")?;
+    let law = scenario.attitude_law().map_err(io::Error::other)?;
+    let look_ahead_s = Settings::look_ahead_s(&law).map_err(io::Error::other)?;
+    writeln!(
+        out,
+        "law     attitude looks {look_ahead_s:.3} s ahead in {:.0} samples, solver {:?}",
+        look_ahead_s * law.rate_hz,
+        law.solver
+    )?;
     let knots = settings.pilot.common.morph.iter();
     let path: Vec<String> =
         knots.map(|[t_s, angle_deg]| format!("{angle_deg} deg at {t_s} s")).collect();

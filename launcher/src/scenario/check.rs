@@ -7,11 +7,14 @@ use super::settings::{Clock, Settings};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use crate::pilot::{Pilot, PilotError, RigPilot};
-use attitude_mpc::MpcError;
+use attitude_mpc::{MpcError, TorqueBound};
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
 use shared_types::{Role, TopicInfo};
 use vehicle::ParameterError;
+
+/// The paper's bound on yaw, 2 m g L, over what rotors give at most, 2 k m g, at the full arm length.
+const PAPER_TORQUE_RANGE: f64 = 10.5;
 
 /// An attitude prediction shorter than this many rotor lags does not see what its torque does.
 const LEAST_ROTOR_LAGS: f64 = 5.0;
@@ -113,6 +116,12 @@ impl<'s> Checker<'s> {
                 format!("{} Hz is slower than any attitude loop that is tested", law.rate_hz);
             let remedy = "fly at 50 Hz or more, or look at attitude-step first";
             self.warn("attitude_mpc.rate_hz", what, remedy);
+        }
+        let gate = self.settings().plant.gate.torque_range_factor;
+        if config.torque_bound == TorqueBound::Paper && gate < PAPER_TORQUE_RANGE {
+            let what = "lets the law ask for torques that the plant's gate refuses";
+            let remedy = "set plant.gate.torque_range_factor = 100, as for the paper's own vehicle";
+            self.warn("attitude_mpc.torque_bound", what, remedy);
         }
         let look_ahead_s = attitude_mpc::settings::Settings::look_ahead_s(&config);
         let needed_s = LEAST_ROTOR_LAGS * config.rotor_lag_s;
