@@ -213,7 +213,9 @@ impl<T: Real> Goldfarb<T> {
                 self.doubtful = true;
                 return Event::Blocked;
             }
-            if self.is_trifle(p.row, bound.round(), miss.round()) {
+            // Not half-way: what its multiplier has gained would be lost, and walks could cycle.
+            let begun = p.multiplier > T::ZERO;
+            if !begun && self.is_trifle(p.row, bound.round(), miss.round()) {
                 return Event::Excused;
             }
         }
