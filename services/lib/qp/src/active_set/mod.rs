@@ -258,8 +258,12 @@ impl QpSolver for ActiveSet {
         self.hessian.as_mut_slice().copy_from_slice(hessian.as_slice());
         rows.transpose_to(&mut self.rows);
         self.informed = true;
+        let first = self.matrices == Matrices::Missing;
         self.restructure();
-        self.blocks.explicit.prepare();
+        // Rows that have changed once may change every time: tableaux are then made as met.
+        if first {
+            self.blocks.explicit.prepare();
+        }
         Ok(())
     }
 
