@@ -124,15 +124,17 @@ impl<'s> Checker<'s> {
             self.warn("attitude_mpc.torque_bound", what, remedy);
         }
         let look_ahead_s = attitude_mpc::settings::Settings::look_ahead_s(&config);
-        let needed_s = LEAST_ROTOR_LAGS * config.rotor_lag_s;
+        // The rotors' own lag: the margin on the modelled one asks for no longer look.
+        let lag_s = law.rotor_lag_s.unwrap_or(self.settings().vehicle.rotor_lag_s);
+        let lag_s = lag_s.min(config.rotor_lag_s);
+        let needed_s = LEAST_ROTOR_LAGS * lag_s;
         let asked_s = law.horizon_s.unwrap_or(f64::INFINITY);
         if let Some(look_ahead_s) =
             look_ahead_s.ok().map(|s| s.min(asked_s)).filter(|&s| s < needed_s)
         {
             let key = if law.horizon_s.is_some() { "horizon_s" } else { "prediction_horizon" };
             let what = format!(
-                "{look_ahead_s:.3} s of prediction do not cover {LEAST_ROTOR_LAGS} rotor lags of {} s",
-                config.rotor_lag_s
+                "{look_ahead_s:.3} s of prediction do not cover {LEAST_ROTOR_LAGS} rotor lags of {lag_s} s"
             );
             let remedy = format!("look at least {needed_s:.3} s ahead, or set model = \"paper\"");
             self.error(&format!("attitude_mpc.{key}"), what, remedy);
