@@ -2,7 +2,7 @@
 //! memory, with the same executor, the same graph and the same bytes.
 //!
 //! [`InProcess`] is for studies, tests and benches; nothing in it touches the machine, so flights
-//! may fly side by side on threads. Open [`wires`] for the queues and [`perfect_state`] for the
+//! may fly side by side on threads. Open `wires.rs` for the queues and `perfect_state.rs` for the
 //! only component that a real run does not have.
 
 mod perfect_state;

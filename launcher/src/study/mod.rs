@@ -3,7 +3,7 @@
 //! [`morphing`] flies the figure eight through ever faster sweeps; [`stability`] maps where the
 //! attitude loop is stable; [`worst_case`] certifies how much work a solve can be. All are functions
 //! from a plan to data; reports make tables, pictures and files of it, and the command line is in
-//! [`crate::cli::study`].
+//! `cli/study.rs`.
 
 mod fan_out;
 pub mod morphing;

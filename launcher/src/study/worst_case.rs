@@ -1,7 +1,7 @@
 //! The most work that one solve of the attitude law can be, certified and not sampled.
 //!
 //! One axis at a time, as the solver takes them: their changes add up. The gradient of the program
-//! stands for the state: every one counts whose free optimum stays within [`REACH`] times the bound
+//! stands for the state: every one counts whose free optimum stays within ten times the bound
 //! in each move, and every torque held within its bound. That is more than any flight asks for, so
 //! what holds here holds there.
 
