@@ -1,9 +1,10 @@
-//! The solver to fly. `structure` finds what the matrices are made of, `blocks` holds the numbers,
+//! The solver to fly. `structure` finds what the matrices are made of, `blocks` holds the numbers (`block` is one of them),
 //! `walk` finds the working set of one block on the `factor` of its Gram matrix, `tableau` that of
 //! a smaller one; `explicit` has all tableaux of the smallest ones ready. What that cannot
 //! settle beyond doubt goes to the `goldfarb` module, which is slower and gives the verdicts.
 
 mod answer;
+mod block;
 mod blocks;
 mod explicit;
 mod factor;
@@ -65,10 +66,10 @@ enum Matrices {
 /// one. Ill-conditioned Hessians have their residuals measured and corrected in every solve.
 /// Whatever is doubtful there (dependent rows that matter, infeasible or unusual input, a residual
 /// above the promise) is solved again, from the same working set, by an orthogonal factorisation
-/// in the space of the variables, some ten times as long; it says `Solved` only after the
-/// residuals of the original problem have been measured. What double precision leaves open there
-/// (rows parallel up to 1e-8 or less, contradictions by less than rounding could explain) is
-/// decided by the same method in pairs of doubles, cold, which takes some hundred times as long.
+/// in the space of the variables, a few times slower; it says `Solved` only after the residuals of
+/// the original problem have been measured. What double precision leaves open there (rows parallel
+/// up to 1e-8 or less, contradictions by less than rounding could explain) is decided by the same
+/// method in pairs of doubles, cold, which is more than an order of magnitude slower again.
 ///
 /// After `IterationLimit` and `Infeasible` the solution is the last iterate, optimal for its
 /// working set but outside some row; after `NotFinite`, or if `lower > upper`, it is zero and

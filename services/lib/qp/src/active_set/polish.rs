@@ -1,7 +1,7 @@
 //! From the end of a walk to an answer whose residuals have been measured and corrected, for
 //! blocks whose Hessian leaves products with its inverse too few digits.
 
-use super::blocks::Block;
+use super::block::Block;
 use super::inverse::times;
 use super::tableau::MOST_ROWS;
 use super::walk::Doubt;

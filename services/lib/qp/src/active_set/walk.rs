@@ -6,7 +6,7 @@
 //! (Goldfarb and Idnani, 1983): the dual cost grows with every full step, so no working set
 //! returns. Whatever rounding could make doubtful is left to the slower, safer method.
 
-use super::blocks::Block;
+use super::block::Block;
 use super::tableau::Tick;
 use crate::linear::axpy;
 

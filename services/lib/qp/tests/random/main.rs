@@ -71,7 +71,7 @@ fn programs_of_known_answer_are_answered_right_and_contradictions_are_found() {
         assert_eq!(faults(seed, &case), Vec::<String>::new());
         return;
     }
-    let count = number("MORPHQUAD_PROGRAMS").unwrap_or(2000);
+    let count = number("MORPHQUAD_PROGRAMS").unwrap_or(5000);
     let mut tally = std::collections::BTreeMap::new();
     let mut found = Vec::new();
     let first = number("MORPHQUAD_FIRST_PROGRAM").unwrap_or(0);
