@@ -103,8 +103,9 @@ sample! {
         pub active_constraints: u64,
         /// Verdict.
         pub status: SolveStatus,
-        /// Keeps the size a multiple of eight bytes.
-        pub reserved: u32,
+        /// Rows of soft constraints that the solution leaves, by more than a millionth of what they
+        /// allow.
+        pub yielded: u32,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::process::ProcOptions;
 use crate::run::{Pin, RunOptions, Speed};
-use crate::scenario::{Override, Scenario, ScenarioError};
+use crate::scenario::{Override, Scenario, ScenarioError, TESTED_RATES_HZ};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use core::time::Duration;
 use std::io::IsTerminal as _;
@@ -74,8 +74,8 @@ pub(super) struct MorphingArguments {
 pub(super) struct StabilityArguments {
     #[command(flatten)]
     pub(super) out: StudyOutput,
-    /// Control rate
-    #[arg(long, value_name = "HZ", default_value = "100")]
+    /// Control rate, 50 to 1000
+    #[arg(long, value_name = "HZ", default_value = "100", value_parser = attitude_rate)]
     pub(super) rate: f64,
     /// Deployable angle
     #[arg(long, value_name = "DEGREES", default_value = "45")]
@@ -175,6 +175,17 @@ pub enum Format {
     Text,
     /// For machines
     Json,
+}
+
+/// A rate at which the attitude loop is tested.
+fn attitude_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().map_err(|_| format!("`{text}` is not a number"))?;
+    if TESTED_RATES_HZ.contains(&rate) {
+        Ok(rate)
+    } else {
+        let (least, most) = TESTED_RATES_HZ.into_inner();
+        Err(format!("no attitude loop is tested there: give {least} to {most} Hz"))
+    }
 }
 
 fn pin(text: &str) -> Result<Pin, String> {

@@ -59,7 +59,7 @@ pub(super) fn section(runs: &mut Vec<Run>, checks: &mut Vec<Check>) -> Result<Se
         equal <= 1e-12,
     ));
     Ok(Section::new("test2-laguerre", "Laguerre functions instead of one unknown per move, linear plant, 100 Hz, r_w 0.25", table)
-        .remark("The abstract and the conclusion promise them, section III never uses them. Bounds are kept on the first Nc samples, as in the classic form."))
+        .remark("The abstract and the conclusion promise them, section III never uses them. Bounds are kept for as long as the functions last, at least on the first Nc samples as in the classic form."))
 }
 
 fn row(

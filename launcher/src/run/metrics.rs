@@ -38,6 +38,8 @@ pub struct Effort {
     pub worst_violation: f64,
     /// Steps whose increment bound was relaxed because the input bounds shrank.
     pub relaxed: u64,
+    /// Steps in which a soft constraint was left.
+    pub yielded: u64,
     /// Steps without a solved optimum.
     pub unsolved: u64,
     /// Most iterations in one step.
@@ -147,6 +149,7 @@ impl Metrics {
         effort.worst_violation = effort.worst_violation.max(violation);
         effort.violations += u64::from(violation > VIOLATION_TOLERANCE);
         effort.relaxed += u64::from(report.relaxation.iter().any(|r| *r > 0.0));
+        effort.yielded += u64::from(report.yielded > 0);
         effort.unsolved += u64::from(report.status != SolveStatus::Solved);
         effort.most_iterations = effort.most_iterations.max(report.iterations);
     }

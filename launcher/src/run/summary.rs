@@ -158,6 +158,7 @@ impl Summary {
         put("constraint_violations", self.violations().to_string());
         let efforts = self.metrics.efforts();
         put("relaxed_steps", efforts.values().map(|e| e.relaxed).sum::<u64>().to_string());
+        put("yielded_steps", efforts.values().map(|e| e.yielded).sum::<u64>().to_string());
         put("unsolved_steps", efforts.values().map(|e| e.unsolved).sum::<u64>().to_string());
         let (ticks, clipped, _) = self.metrics.ticks();
         put("clipped_share", format!("{:.6}", clipped as f64 / ticks.max(1) as f64));
@@ -252,11 +253,13 @@ impl Summary {
                 axis.target_rad, axis.peak_rad, axis.final_error_rad
             )?;
         }
-        let relaxed: u64 = self.metrics.efforts().values().map(|e| e.relaxed).sum();
-        let unsolved: u64 = self.metrics.efforts().values().map(|e| e.unsolved).sum();
+        let efforts = self.metrics.efforts();
+        let relaxed: u64 = efforts.values().map(|e| e.relaxed).sum();
+        let yielded: u64 = efforts.values().map(|e| e.yielded).sum();
+        let unsolved: u64 = efforts.values().map(|e| e.unsolved).sum();
         writeln!(
             out,
-            "  constraints  {} violations, {relaxed} relaxed, {unsolved} unsolved; rotors clipped in {:.2} % of ticks",
+            "  constraints  {} violations, {relaxed} relaxed, {yielded} yielded, {unsolved} unsolved; rotors clipped in {:.2} % of ticks",
             self.violations(),
             100.0 * clipped as f64 / ticks.max(1) as f64
         )?;

@@ -1,5 +1,9 @@
 //! Rules that span keys or sections, after every section is valid by itself.
 
+mod laws;
+
+pub(crate) use laws::TESTED_RATES_HZ;
+
 use super::document::Document;
 use super::pilot::Plan;
 use super::problem::Problem;
@@ -7,19 +11,11 @@ use super::settings::{Clock, Settings};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use crate::pilot::{Pilot, PilotError, RigPilot};
-use attitude_mpc::{MpcError, TorqueBound};
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
 use shared_types::{Role, TopicInfo};
 use vehicle::ParameterError;
 
-/// The paper's bound on yaw, 2 m g L, over what rotors give at most, 2 k m g, at the full arm length.
-const PAPER_TORQUE_RANGE: f64 = 10.5;
-
-/// An attitude prediction shorter than this many rotor lags does not see what its torque does.
-const LEAST_ROTOR_LAGS: f64 = 5.0;
-/// Rates at which the steps of 0.2 rad are tested \[Hz\].
-const TESTED_RATES_HZ: core::ops::RangeInclusive<f64> = 50.0..=1000.0;
 /// Share of the lateral force at full tilt that wind and trajectory may claim.
 const TILT_SHARE: f64 = 0.8;
 
@@ -31,6 +27,7 @@ pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Proble
     if !scenario.settings.pilot.is_rig() {
         checker.position();
     }
+    checker.idle_keys();
     checker.estimator();
     checker.gate();
     let peak_m_s2 = checker.pilot();
@@ -79,110 +76,6 @@ impl<'s> Checker<'s> {
             let what = format!("makes {name} = {value}");
             self.error("plant.mismatch", what, remedy);
         }
-    }
-
-    fn attitude(&mut self) {
-        let law = self.settings().attitude_mpc;
-        if law.horizon_s.is_some() && law.prediction_horizon.is_some() {
-            let what = "says the same as attitude_mpc.prediction_horizon";
-            self.error("attitude_mpc.horizon_s", what, "keep one of the two");
-        }
-        if law.control_horizon.is_some() && law.prediction_horizon.is_none() {
-            let what = "needs attitude_mpc.prediction_horizon beside it";
-            self.error("attitude_mpc.control_horizon", what, "give both in samples, or horizon_s");
-        }
-        let config = match self.scenario.attitude_law() {
-            Ok(config) => config,
-            Err(attitude_mpc::ConfigError::Engine(MpcError::OutOfRange {
-                name,
-                value,
-                least,
-                most,
-            })) => {
-                let key = match name {
-                    "command_delay_s" if law.command_delay_s.is_none() => {
-                        "latency.wrench_command_s".to_owned()
-                    }
-                    "command_latency_s" => "latency.wrench_command_s".to_owned(),
-                    "report_period_s" => "plant.rate_hz".to_owned(),
-                    name => format!("attitude_mpc.{name}"),
-                };
-                return self.out_of_range(&key, value, least, most);
-            }
-            Err(error) => return self.refused("attitude_mpc", &error.to_string()),
-        };
-        if !TESTED_RATES_HZ.contains(&law.rate_hz) {
-            let what =
-                format!("{} Hz is slower than any attitude loop that is tested", law.rate_hz);
-            let remedy = "fly at 50 Hz or more, or look at attitude-step first";
-            self.warn("attitude_mpc.rate_hz", what, remedy);
-        }
-        let gate = self.settings().plant.gate.torque_range_factor;
-        if config.torque_bound == TorqueBound::Paper && gate < PAPER_TORQUE_RANGE {
-            let what = "lets the law ask for torques that the plant's gate refuses";
-            let remedy = "set plant.gate.torque_range_factor = 100, as for the paper's own vehicle";
-            self.warn("attitude_mpc.torque_bound", what, remedy);
-        }
-        let look_ahead_s = attitude_mpc::settings::Settings::look_ahead_s(&config);
-        // The rotors' own lag: the margin on the modelled one asks for no longer look.
-        let lag_s = law.rotor_lag_s.unwrap_or(self.settings().vehicle.rotor_lag_s);
-        let lag_s = lag_s.min(config.rotor_lag_s);
-        let needed_s = LEAST_ROTOR_LAGS * lag_s;
-        let asked_s = law.horizon_s.unwrap_or(f64::INFINITY);
-        if let Some(look_ahead_s) =
-            look_ahead_s.ok().map(|s| s.min(asked_s)).filter(|&s| s < needed_s)
-        {
-            let key = if law.horizon_s.is_some() { "horizon_s" } else { "prediction_horizon" };
-            let what = format!(
-                "{look_ahead_s:.3} s of prediction do not cover {LEAST_ROTOR_LAGS} rotor lags of {lag_s} s"
-            );
-            let remedy = format!("look at least {needed_s:.3} s ahead, or set model = \"paper\"");
-            self.error(&format!("attitude_mpc.{key}"), what, remedy);
-        }
-    }
-
-    fn position(&mut self) {
-        let law = self.settings().position_mpc;
-        if law.control_horizon.is_some() && law.prediction_horizon.is_none() {
-            let what = "needs position_mpc.prediction_horizon beside it";
-            self.error("position_mpc.control_horizon", what, "give both in samples");
-        }
-        if let (Some(least), Some(most)) = (law.thrust_min_weights, law.thrust_max_weights)
-            && least >= most
-        {
-            let what = format!("the lower bound {least} is not below the upper bound {most}");
-            let remedy = "let thrust_min_weights < 1 < thrust_max_weights";
-            return self.error("position_mpc.thrust_min_weights", what, remedy);
-        }
-        match self.scenario.position_law() {
-            Ok(_) => {}
-            Err(position_mpc::ConfigError::Engine(MpcError::OutOfRange {
-                name,
-                value,
-                least,
-                most,
-            })) => {
-                self.out_of_range(&format!("position_mpc.{name}"), value, least, most);
-            }
-            Err(error) => self.refused("position_mpc", &error.to_string()),
-        }
-    }
-
-    fn out_of_range(&mut self, key: &str, value: f64, least: f64, most: f64) {
-        let what = format!("{value} does not go with the other settings");
-        self.error(key, what, format!("write a number from {least} to {most}"));
-    }
-
-    /// Complains about what the laws' engine refuses and a range of numbers cannot tell.
-    fn refused(&mut self, section: &str, what: &str) {
-        let (key, remedy) = if what.starts_with("laguerre_pole") {
-            ("laguerre_pole", "let 0 <= pole < 1 for each input; 0 is the classic form")
-        } else if what.starts_with("laguerre_terms") {
-            ("laguerre_terms", "give each input 1 to 50 functions")
-        } else {
-            ("control_horizon", "let 1 <= control_horizon <= 50 and <= prediction_horizon <= 200")
-        };
-        self.error(&format!("{section}.{key}"), what, remedy);
     }
 
     fn estimator(&mut self) {
@@ -295,7 +188,8 @@ impl<'s> Checker<'s> {
             (Role::Attitude, 1),
         ];
         for (role, state_every) in restarted {
-            if let Some((edge, needed)) = graph.too_short_history(role, state_every) {
+            let rate_of = |topic: &TopicInfo| wiring::sensor_rate(settings, topic);
+            if let Some((edge, needed)) = graph.too_short_history(role, state_every, &rate_of) {
                 let TopicInfo { name, history, .. } = edge.topic;
                 let what = format!(
                     "after a crash it would need the last {needed} samples of {name}, and {history} are kept"

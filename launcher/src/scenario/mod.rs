@@ -19,6 +19,7 @@ mod typed;
 mod vehicle;
 pub mod wiring;
 
+pub(crate) use check::TESTED_RATES_HZ;
 pub use overrides::Override;
 pub use pilot::Plan;
 pub use problem::{Problem, ScenarioError};

@@ -291,6 +291,76 @@ fn the_figure_flies_the_flight_controller_and_the_rig_can_fly_the_papers() {
 }
 
 #[test]
+fn a_rotor_lag_beyond_the_horizon_is_blamed_where_it_was_set() {
+    let text = "[attitude_mpc]\nrotor_lag_s = 0.1\n";
+    assert_at(&problem(text), 2, "attitude_mpc.rotor_lag_s", "horizon_s = 0.500");
+    let text = "[vehicle]\nrotor_lag_s = 0.1\n";
+    assert_at(&problem(text), 2, "vehicle.rotor_lag_s", "horizon_s = 0.500");
+    let text = "[attitude_mpc]\nrotor_lag_s = 0.1\nhorizon_s = 0.2\n";
+    assert_at(&problem(text), 3, "attitude_mpc.horizon_s", "0.500 s ahead");
+}
+
+#[test]
+fn more_rows_than_a_working_set_holds_are_refused_with_what_they_are_made_of() {
+    let horizons = "prediction_horizon = 200\ncontrol_horizon = 50\n";
+    let text = format!("[attitude_mpc]\n{horizons}angle_max_rad = 0.5\nrate_max_rad_s = 4.0\n");
+    let sum = "6 prediction_horizon + 6 control_horizon below 1024";
+    assert_at(&problem(&text), 5, "attitude_mpc.rate_max_rad_s", sum);
+    for fits in ["angle_max_rad = 0.5\n", "rate_max_rad_s = 4.0\n"] {
+        let text = format!("[attitude_mpc]\n{horizons}{fits}");
+        Scenario::from_text("good.toml", &text, &[]).unwrap();
+    }
+}
+
+#[test]
+fn keys_that_change_nothing_are_warned_of_at_their_line() {
+    let idle = [
+        ("attitude_mpc", "state_penalty = 1.0", ""),
+        ("attitude_mpc", "increment_penalty = 1.0", "increment_bound = false"),
+        ("attitude_mpc", "morph_preview_s = 0.1", "morph_preview = false"),
+        ("attitude_mpc", "morph_preview_s = 0.1", "fixed_morph_angle_deg = 45.0"),
+        ("attitude_mpc", "morph_preview = true", "fixed_morph_angle_deg = 45.0"),
+        ("attitude_mpc", "rebuild_tolerance_deg = 1.0", "fixed_morph_angle_deg = 45.0"),
+        ("position_mpc", "state_penalty = 1.0", ""),
+    ];
+    for (section, line, beside) in idle {
+        let text = format!("[{section}]\n{beside}\n{line}\n");
+        let scenario = Scenario::from_text("bad.toml", &text, &[]).unwrap();
+        let [warning] = scenario.warnings() else { panic!("{text}{:?}", scenario.warnings()) };
+        let key = line.split(' ').next().unwrap();
+        assert_at(warning, 3, &format!("{section}.{key}"), "drop");
+    }
+    let text = "[attitude_mpc]\nstate_penalty = 1.0\nangle_max_rad = 0.5\nlaguerre_pole = [0.5, 0.5, 0.5]\n";
+    assert!(Scenario::from_text("good.toml", text, &[]).unwrap().warnings().is_empty());
+    for (line, key) in [
+        ("output_weight = [1.0, 0.0, 1.0]", "attitude_mpc.output_weight[1]"),
+        ("level_penalty = 10.0", "attitude_mpc.level_penalty"),
+    ] {
+        let text = format!("[attitude_mpc]\n{line}\n");
+        let scenario = Scenario::from_text("bad.toml", &text, &[]).unwrap();
+        let [warning] = scenario.warnings() else { panic!("{text}{:?}", scenario.warnings()) };
+        assert_eq!((warning.line(), warning.key()), (Some(2), key));
+    }
+    let rig = Scenario::load("attitude-step", &[set("position_mpc.tilt_weight=1.0")]).unwrap();
+    assert_eq!(rig.warnings().len(), 1);
+    assert_eq!(rig.warnings()[0].key(), "position_mpc");
+}
+
+#[test]
+fn the_rig_flies_at_every_rate_and_size_without_a_warning() {
+    for rate in [50, 75, 100, 150, 200, 333, 500, 1000] {
+        for angle in [45.0, 94.5, 160.0] {
+            let edits = [
+                Override::rate(&format!("attitude-mpc={rate}")).unwrap(),
+                set(&format!("start.morph_angle_deg={angle}")),
+            ];
+            let scenario = Scenario::load("attitude-step", &edits).unwrap();
+            assert!(scenario.warnings().is_empty(), "{rate} Hz: {:?}", scenario.warnings());
+        }
+    }
+}
+
+#[test]
 fn a_figure_cut_short_flies_on_to_the_end() {
     let edit = Override::duration(core::time::Duration::from_millis(500));
     assert_eq!(Scenario::load("figure8-morph", &[edit]).unwrap().duration_ns(), 500_000_000);

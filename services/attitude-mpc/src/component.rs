@@ -155,6 +155,7 @@ impl AttitudeMpc {
             rotor_thrust_max_n: output.rotor_bound_n,
             fallbacks: self.law.memory().counters.fallbacks,
             refused: self.law.memory().counters.refused,
+            yielded: output.yielded,
             status: solve_status(output.status),
             ..ControllerReport::default()
         };

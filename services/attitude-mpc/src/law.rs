@@ -1,6 +1,6 @@
 //! One step of the attitude law, (8)-(17), in the order of the paper.
 
-use mpc::{IncrementalMpc, Measured, Move, QpStatus};
+use mpc::{IncrementalMpc, Measured, Move};
 use nalgebra::{SVector, Vector3};
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
 
@@ -54,15 +54,7 @@ pub enum Refusal {
 }
 
 /// How a step ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LawStatus {
-    /// The optimum.
-    Solved,
-    /// The solver did not finish; its first move was clipped to its bounds.
-    Fallback(QpStatus),
-    /// The input could not be used; the last command is held.
-    Refused(Refusal),
-}
+pub type LawStatus = mpc::LawStatus<Refusal>;
 
 /// The command and the way it came about.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,6 +79,8 @@ pub struct Output {
     pub iterations: u32,
     /// Rows at a bound.
     pub active: u32,
+    /// Soft rows beyond their bound, see [`mpc::Move::yielded`].
+    pub yielded: u32,
     /// L \[m\] of the bounds.
     pub arm_length_m: f64,
     /// Bound on each rotor's thrust \[N\]; infinite if torques are bounded instead.
@@ -278,6 +272,7 @@ impl AttitudeLaw {
             violation_nm: 0.0,
             iterations: 0,
             active: 0,
+            yielded: 0,
             arm_length_m: 0.0,
             rotor_bound_n: f64::INFINITY,
         }
@@ -373,10 +368,7 @@ fn output(
         // Rounding of the unit may leave a bound by its last bit.
         torque_nm: if hard { torque.sup(&-bound).inf(bound) } else { torque },
         thrust_n: 0.0,
-        status: match chosen.status {
-            QpStatus::Solved => LawStatus::Solved,
-            unfinished => LawStatus::Fallback(unfinished),
-        },
+        status: chosen.status.into(),
         reference_rad: Vector3::zeros(),
         torque_bound_nm: if hard { *bound } else { unbounded },
         increment_bound_nm: if stepwise { bound + relaxation } else { unbounded },
@@ -384,6 +376,7 @@ fn output(
         violation_nm: chosen.violation * unit.max(),
         iterations: chosen.iterations,
         active: chosen.active,
+        yielded: chosen.yielded,
         arm_length_m: 0.0,
         rotor_bound_n: if by_rotor { vehicle.rotor_thrust_max_n } else { f64::INFINITY },
     }

@@ -40,7 +40,9 @@ pub(crate) fn design(config: &AttitudeLawConfig) -> Result<Design<3>, ConfigErro
         outputs: config.angle_max_rad.map(|_| hardness(config.state_penalty)),
         rates: config.rate_max_rad_s.map(|_| hardness(config.state_penalty)),
     };
-    Ok(Design { horizon, period_s: config.period_s(), axes, constraints })
+    let design = Design { horizon, period_s: config.period_s(), axes, constraints };
+    design.horizon.check()?;
+    Ok(design.bounded_while_moving())
 }
 
 /// The engine's unit of torque \[N m\].

@@ -2,6 +2,10 @@
 //!
 //! Keys left out take the value that suits the rate and the model, see
 //! [`AttitudeLawConfig::flight`] and [`AttitudeLawConfig::paper`].
+//!
+//! A program has 6 constraint rows for each sample of Nc, 7 if the torques are bounded by rotor
+//! thrusts, and 3 for each sample of Np if angles are bounded, 3 more if rates are. There is room
+//! for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
 use garde::Validate;
 use serde::Deserialize;
@@ -45,7 +49,8 @@ pub struct Settings {
     /// Factor on Q at the last sample of the horizon.
     #[garde(range(min = 0.0, max = 1e9))]
     pub terminal_factor: Option<f64>,
-    /// Poles of the Laguerre functions of roll, pitch and yaw torque.
+    /// Poles of the Laguerre functions of roll, pitch and yaw torque. Inputs are then bounded not
+    /// only over Nc samples but for as long as the functions last, at most 50.
     #[garde(skip)]
     pub laguerre_pole: Option<[f64; 3]>,
     /// How many functions each; Nc of them if left out.
@@ -66,10 +71,10 @@ pub struct Settings {
     /// Price of leaving those bounds; hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub increment_penalty: Option<f64>,
-    /// Bound on predicted roll and pitch \[rad\].
+    /// Bound on predicted roll and pitch \[rad\], at each sample of Np.
     #[garde(range(min = 1e-3, max = 3.2))]
     pub angle_max_rad: Option<f64>,
-    /// Bound on predicted Euler rates \[rad/s\].
+    /// Bound on predicted Euler rates \[rad/s\], at each sample of Np.
     #[garde(range(min = 1e-3, max = 1e3))]
     pub rate_max_rad_s: Option<f64>,
     /// Price of leaving these two; hard if left out.

@@ -87,6 +87,7 @@ impl PositionMpc {
             active_constraints: u64::from(output.active),
             fallbacks: self.law.memory().counters.fallbacks,
             refused: self.law.memory().counters.refused,
+            yielded: output.yielded,
             status: solve_status(output.status),
             ..ControllerReport::default()
         };

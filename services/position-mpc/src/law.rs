@@ -47,15 +47,7 @@ pub enum Refusal {
 }
 
 /// How a step ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LawStatus {
-    /// The optimum.
-    Solved,
-    /// The solver did not finish; its first move was clipped to its bounds.
-    Fallback(QpStatus),
-    /// The input could not be used; the last setpoint is held.
-    Refused(Refusal),
-}
+pub type LawStatus = mpc::LawStatus<Refusal>;
 
 /// The setpoint and the way it came about. Vectors over inputs are ordered (θ₀, φ₀, T), in the
 /// ψ = 0 frame, in which the bounds hold.
@@ -81,6 +73,8 @@ pub struct Output {
     pub iterations: u32,
     /// Rows at a bound.
     pub active: u32,
+    /// Soft rows beyond their bound, see [`mpc::Move::yielded`].
+    pub yielded: u32,
 }
 
 /// x = \[p, v, (θ₀, φ₀, T) as achieved, u(k−1)\].
@@ -231,10 +225,7 @@ impl PositionLaw {
         let endless = Vector3::repeat(f64::INFINITY);
         Output {
             setpoint,
-            status: match chosen.status {
-                QpStatus::Solved => LawStatus::Solved,
-                unfinished => LawStatus::Fallback(unfinished),
-            },
+            status: chosen.status.into(),
             command: chosen.u,
             command_min: if level { bounds.u_min } else { -endless },
             command_max: if level { bounds.u_max } else { endless },
@@ -243,6 +234,7 @@ impl PositionLaw {
             violation: chosen.violation,
             iterations: chosen.iterations,
             active: chosen.active,
+            yielded: chosen.yielded,
         }
     }
 
@@ -259,6 +251,7 @@ impl PositionLaw {
             status: QpStatus::NotFinite,
             iterations: 0,
             active: 0,
+            yielded: 0,
         };
         Output { status: LawStatus::Refused(Refusal::NotFinite), ..self.output(&held, setpoint) }
     }

@@ -41,6 +41,7 @@ pub(crate) fn design(config: &PositionLawConfig) -> Design<3> {
         ..Constraints::PAPER
     };
     Design { horizon: config.horizon, period_s: config.period_s(), axes, constraints }
+        .bounded_while_moving()
 }
 
 /// The axes x, y, z with the actuators θ₀, φ₀, T: (3) corrected, ẍ = g θ, ÿ = −g φ, z̈ = T/m − g.

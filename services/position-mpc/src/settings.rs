@@ -1,6 +1,9 @@
 //! The section `[position_mpc]` of a scenario.
 //!
 //! Keys left out take the value that suits the rate, see [`PositionLawConfig::flight`].
+//!
+//! A program has 6 constraint rows for each sample of Nc, and 3 for each sample of Np if speeds are
+//! bounded. There is room for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
 use garde::Validate;
 use serde::Deserialize;
@@ -32,7 +35,8 @@ pub struct Settings {
     /// Factor on Q at the last sample of the horizon.
     #[garde(range(min = 0.0, max = 1e9))]
     pub terminal_factor: Option<f64>,
-    /// Poles of the Laguerre functions of pitch, roll and thrust.
+    /// Poles of the Laguerre functions of pitch, roll and thrust. Inputs are then bounded for as long
+    /// as the functions last, at least over Nc samples and at most over 50.
     #[garde(skip)]
     pub laguerre_pole: Option<[f64; 3]>,
     /// How many functions each; Nc of them if left out.
@@ -45,7 +49,7 @@ pub struct Settings {
     /// Price of leaving the bounds on their change; hard if left out.
     #[garde(range(min = 1e-9, max = 1e9))]
     pub increment_penalty: Option<f64>,
-    /// Bound on the predicted speed along each axis \[m/s\].
+    /// Bound on the predicted speed along each axis \[m/s\], at each sample of Np.
     #[garde(range(min = 1e-3, max = 1e3))]
     pub speed_max_m_s: Option<f64>,
     /// Price of leaving it; hard if left out.

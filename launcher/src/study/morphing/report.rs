@@ -6,8 +6,10 @@ use crate::in_process::StateSource;
 use crate::results::{ResultsError, ResultsFolder, Table};
 use serde_json::{Value, json};
 
-/// Largest error that the picture shows \[m\]; what is beyond lies on its upper edge.
+/// Least and largest error that the picture tells apart \[mm\]; what is beyond is drawn there.
 const SHOWN_MM: [f64; 2] = [1.0, 300.0];
+/// Room for half a mark beyond them.
+const ROOM: f64 = 1.3;
 
 /// One row per law and conditions, one column per sweep: root mean square of the position error
 /// \[mm\], ratio to the flight without morph (mean of the seeds), and what went wrong.
@@ -133,7 +135,7 @@ pub fn figure(study: &Study) -> Figure {
             let title = format!("{} air, state: {}", air(wind), state_name(state));
             let x = Axis::log("time of a sweep [s]").range(0.25, 5.0);
             let [least, most] = SHOWN_MM;
-            let y = Axis::log("position RMS [mm]").range(least, most);
+            let y = Axis::log("position RMS [mm]").range(least / ROOM, most * ROOM);
             let mut panel = Panel::new(title, x, y);
             for (law, colour) in study.plan.laws.iter().zip(Colour::SERIES) {
                 for (lag_modelled, dash) in [(true, Dash::Solid), (false, Dash::Dashed)] {

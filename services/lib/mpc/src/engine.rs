@@ -26,14 +26,32 @@ impl SolverKind {
     fn build(self, moves: usize, rows: usize) -> Result<Box<dyn QpSolver>, MpcError> {
         let settings = match self {
             Self::ActiveSet => {
-                return Ok(Box::new(ActiveSet::new(moves, rows, Settings::default())?));
+                let settings = Settings { max_work: Some(MOST_WORK), ..Settings::default() };
+                return Ok(Box::new(ActiveSet::new(moves, rows, settings)?));
             }
             Self::Hildreth => HildrethSettings::textbook(),
-            Self::HildrethConverged => HildrethSettings::converged(),
+            Self::HildrethConverged => {
+                // With soft rows a row has an entry of its own beside those of the moves.
+                let sweep = 2 * rows.max(1) as u64 * (moves + rows) as u64;
+                let sweeps = u32::try_from(MOST_WORK / sweep).unwrap_or(u32::MAX);
+                let converged = HildrethSettings::converged();
+                let most = converged.max_sweeps.min(sweeps);
+                let least = HildrethSettings::textbook().max_sweeps;
+                HildrethSettings { max_sweeps: most.max(least), ..converged }
+            }
         };
         Ok(Box::new(Hildreth::new(moves, rows, settings)?))
     }
 }
+
+/// Multiply-adds of one solve, some tens of milliseconds of one core: how many changes of the working
+/// set or sweeps that is falls with the size of the program. Those that fly need a hundredth; a
+/// process that computes for seconds is taken for one that hangs.
+const MOST_WORK: u64 = 40_000_000;
+
+/// Violation of a soft bound, relative to half of what lies between it and its counterpart, from
+/// which it counts.
+const YIELDED: f64 = 1e-6;
 
 /// Price of leaving a state bound that cannot be kept, over that of an output error of weight 1.
 const FALLBACK_PENALTY: f64 = 1e3;
@@ -83,6 +101,8 @@ pub struct Move<const N: usize> {
     pub iterations: u32,
     /// Rows at a bound.
     pub active: u32,
+    /// Soft rows beyond their bound, by more than a millionth of what it allows.
+    pub yielded: u32,
 }
 
 impl<const N: usize> Move<N> {
@@ -121,6 +141,8 @@ pub struct IncrementalMpc<const N: usize> {
     operating: Option<Operating<N>>,
     /// The axes are those of a changing gain.
     varied: bool,
+    /// Some rows are soft.
+    soft: bool,
     /// The solver has A.
     rows_taken: bool,
     matrices_accepted: bool,
@@ -155,6 +177,7 @@ impl<const N: usize> IncrementalMpc<N> {
             rows,
             operating: None,
             varied: false,
+            soft: false,
             rows_taken: false,
             matrices_accepted: false,
             errors: vec![SVector::zeros(); horizon.prediction],
@@ -206,8 +229,12 @@ impl<const N: usize> IncrementalMpc<N> {
             QpOutcome { status: QpStatus::NotFinite, iterations: 0, active: 0 }
         };
         let usable = match status {
-            QpStatus::Solved | QpStatus::IterationLimit => true,
+            QpStatus::Solved => true,
             QpStatus::Infeasible => self.solve_with_soft_state_bounds(&operating.gain),
+            QpStatus::IterationLimit => {
+                self.solve_with_soft_state_bounds(&operating.gain);
+                true
+            }
             QpStatus::NotFinite => false,
         };
         let raw = if usable { self.first_increment() } else { SVector::zeros() };
@@ -218,11 +245,23 @@ impl<const N: usize> IncrementalMpc<N> {
         let level = first.level(&raw, &now.u_previous, &coupled);
         let u = level.sup(&bounds.u_min).inf(&bounds.u_max);
         let (du, relaxation) = (u - now.u_previous, first.relaxation);
-        Move { u, du, relaxation, violation, status, iterations, active }
+        let yielded = if usable && self.soft { self.yielded() } else { 0 };
+        Move { u, du, relaxation, violation, status, iterations, active, yielded }
     }
 
-    /// A state that no input can bring within its bounds in time must not stop the input: solves
-    /// once more with these bounds soft. False if there was nothing to soften or that failed too.
+    /// Soft rows that the solution leaves: a row at its bound misses it by compliance times
+    /// multiplier.
+    fn yielded(&self) -> u32 {
+        let bounds = self.lower.iter().zip(&self.upper);
+        let rows = self.compliance.iter().zip(self.solver.multipliers()).zip(bounds);
+        rows.fold(0, |count, ((compliance, multiplier), (lower, upper))| {
+            let slack = compliance * multiplier.abs();
+            count + u32::from(slack > 0.0 && slack > YIELDED * 0.5 * (upper - lower))
+        })
+    }
+
+    /// A state that no input can bring within its bounds in time, or that it takes too long to bring
+    /// there, must not stop the input: solves once more with these bounds soft. False if there was nothing to soften or that failed too.
     fn solve_with_soft_state_bounds(&mut self, gain: &SVector<f64, N>) -> bool {
         if !self.rows.yield_states(Some(FALLBACK_PENALTY), gain, &mut self.compliance) {
             return false;
@@ -264,8 +303,8 @@ impl<const N: usize> IncrementalMpc<N> {
         } else {
             self.solver.set_hessian(&self.zeta)
         };
-        let soft = self.rows.compliance(&operating.gain, &operating.weight, &mut self.compliance);
-        let soft = if soft { self.solver.set_compliance(&self.compliance) } else { Ok(()) };
+        self.soft = self.rows.compliance(&operating.gain, &operating.weight, &mut self.compliance);
+        let soft = if self.soft { self.solver.set_compliance(&self.compliance) } else { Ok(()) };
         self.matrices_accepted = taken.is_ok() && soft.is_ok();
         self.varied = varying;
         self.operating = (self.matrices_accepted && !varying).then_some(*operating);

@@ -2,6 +2,9 @@
 
 use crate::MpcError;
 
+/// Energy, of 1 at the beginning, below which a function counts as died out.
+const DIED_OUT: f64 = 0.01;
+
 /// The sequences that span Δu of one input: Δu(k+m) = L(m)ᵀ η.
 ///
 /// L(m+1) = A L(m) with A lower triangular, `pole` on its diagonal. At pole 0 the functions are
@@ -50,6 +53,24 @@ impl Basis {
             return Err(MpcError::Terms { terms, limit });
         }
         Ok(())
+    }
+
+    /// Samples, at most `most`, after which all that is left of any function is below a hundredth of
+    /// its energy: N at pole 0, where they are pulses.
+    #[must_use]
+    pub fn span(&self, most: usize) -> usize {
+        let values = self.sequence(most);
+        // They are orthonormal: the energy of each over all time is 1.
+        let mut left = vec![1.0; self.terms];
+        for (m, l) in values.chunks(self.terms.max(1)).enumerate() {
+            for (left, value) in left.iter_mut().zip(l) {
+                *left -= value * value;
+            }
+            if left.iter().all(|left| *left <= DIED_OUT) {
+                return m + 1;
+            }
+        }
+        most
     }
 
     /// L(0), ..., L(samples − 1), one after the other; `terms` numbers each.
@@ -109,6 +130,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn they_span_as_many_samples_as_they_have_terms_at_pole_zero_and_more_beyond() {
+        assert_eq!(Basis::pulses(3).span(50), 3);
+        assert_eq!(Basis { pole: 0.0, terms: 50 }.span(50), 50);
+        // One function decays like a^2m in energy: 0.5^(2·4) < 0.01 < 0.5^(2·3).
+        assert_eq!(Basis { pole: 0.5, terms: 1 }.span(50), 4);
+        assert_eq!(Basis { pole: 0.95, terms: 3 }.span(20), 20);
     }
 
     #[test]

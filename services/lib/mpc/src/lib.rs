@@ -21,6 +21,7 @@ mod model;
 mod response;
 mod rows;
 mod sides;
+mod status;
 
 pub use constraints::{Bounds, Coupled, FirstMove};
 pub use discretization::LaggedAxis;
@@ -31,3 +32,4 @@ pub use model::{AxisDesign, Constraints, Design, Hardness, Horizon};
 pub use qp::QpStatus;
 pub use rows::{Ahead, Limits};
 pub use sides::{PackedSides, ROW_CAPACITY};
+pub use status::LawStatus;

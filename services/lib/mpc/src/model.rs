@@ -10,7 +10,7 @@ pub struct Horizon {
     /// Np: samples over which the output error is weighed.
     pub prediction: usize,
     /// Nc <= Np: samples in which the input may still move (pulses), and in which its bounds are
-    /// enforced.
+    /// enforced; see [`Design::bounded_while_moving`] for functions that last longer.
     pub control: usize,
 }
 
@@ -116,6 +116,25 @@ pub struct Design<const N: usize> {
 }
 
 impl<const N: usize> Design<N> {
+    /// With the bounds on inputs enforced for as long as the functions last, at least over the Nc
+    /// samples given, at most over [`Horizon::CONTROL_LIMIT`] and as far as the rows fit: inputs that
+    /// still move behind the last bound would be planned beyond it. Pulses end with their bounds.
+    #[must_use]
+    pub fn bounded_while_moving(mut self) -> Self {
+        let most = self.horizon.prediction.min(Horizon::CONTROL_LIMIT);
+        let fits = |control: usize| {
+            let horizon = Horizon { control, ..self.horizon };
+            Rows::new(&Self { horizon, ..self }).count() <= ROW_CAPACITY
+        };
+        let spans = self.axes.iter().map(|axis| axis.basis.span(most));
+        let wanted = spans.max().unwrap_or(0);
+        let least = self.horizon.control;
+        if let Some(control) = (least + 1..=wanted).rev().find(|control| fits(*control)) {
+            self.horizon.control = control;
+        }
+        self
+    }
+
     /// Checks every number, and that the rows fit.
     ///
     /// # Errors

@@ -140,6 +140,11 @@ fn an_angle_bound_is_kept_if_hard_and_priced_if_soft() {
         let aim = |_| Vector3::new(0.2, 0.0, 0.0);
         let chosen = mpc.step(&resting(), &operating(), aim, &limits, None);
         assert_eq!(chosen.status, QpStatus::Solved);
+        let is_soft = outputs.is_some_and(|hardness| !hardness.is_hard());
+        assert_eq!(chosen.yielded > 0, is_soft, "a soft bound that gives way is reported");
+        let still = mpc.step(&resting(), &operating(), |_| Vector3::zeros(), &limits, None);
+        assert_eq!(still.yielded, 0);
+        mpc.step(&resting(), &operating(), aim, &limits, None);
         let program = mpc.program();
         // Highest predicted roll, from the rows of a bounded twin.
         let mut twin = common::design(HORIZON);

@@ -15,6 +15,7 @@ mod linear;
 mod real;
 mod scaled;
 mod solver;
+mod work;
 
 pub use active_set::{ActiveSet, Settings};
 pub use hildreth::{Hildreth, HildrethSettings};

@@ -23,6 +23,8 @@ pub(crate) trait Real:
     /// Relative rounding of one operation.
     const EPSILON: f64;
     const ZERO: Self;
+    /// What a multiply-add costs, in those of `f64`.
+    const PRODUCTS: usize;
     /// Nearest `f64`.
     fn round(self) -> f64;
     fn sqrt(self) -> Self;
@@ -37,6 +39,7 @@ pub(crate) trait Real:
 impl Real for f64 {
     const EPSILON: f64 = f64::EPSILON;
     const ZERO: f64 = 0.0;
+    const PRODUCTS: usize = 1;
     fn round(self) -> f64 {
         self
     }
@@ -87,6 +90,7 @@ fn halves(a: f64) -> (f64, f64) {
 impl Real for Pair {
     const EPSILON: f64 = f64::EPSILON * f64::EPSILON;
     const ZERO: Self = Self { high: 0.0, low: 0.0 };
+    const PRODUCTS: usize = 32;
 
     fn round(self) -> f64 {
         self.high

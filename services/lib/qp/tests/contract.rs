@@ -193,6 +193,41 @@ fn the_iteration_bound_holds_and_is_reported() {
 }
 
 #[test]
+fn the_work_bound_ends_every_solve_with_a_number_and_later_solves_go_on_from_there() {
+    for seed in 0..20 {
+        let problem = feasible(&mut generator(31 + seed), 40, 160, 1e3);
+        let bounded = |most: u64| {
+            let settings = Settings { max_work: Some(most), ..Settings::default() };
+            let mut solver = ActiveSet::new(40, 160, settings).unwrap();
+            solver.set_matrices(&problem.hessian, &problem.rows).unwrap();
+            solver
+        };
+        let solve =
+            |solver: &mut ActiveSet| solver.solve(&problem.f, &problem.lower, &problem.upper);
+        let mut free = problem.active_set().unwrap();
+        let whole = solve(&mut free).iterations;
+        let mut ample = bounded(u64::MAX / 2);
+        assert_eq!(solve(&mut ample).status, QpStatus::Solved);
+        assert_eq!(bits(&ample), bits(&free), "a bound that is not met changes nothing");
+
+        let mut narrow = bounded(400_000);
+        let first = solve(&mut narrow);
+        assert_eq!(first.status, QpStatus::IterationLimit, "{whole} changes are needed");
+        assert!(first.iterations > 0 && first.iterations < whole, "{first:?} of {whole}");
+        assert!(narrow.solution().iter().all(|x| x.is_finite()));
+        // A successor with its working set goes on to the same bits.
+        let mut successor = bounded(400_000);
+        successor.set_working_set(narrow.working_set()).unwrap();
+        assert_eq!(solve(&mut narrow), solve(&mut successor));
+        assert_eq!(bits(&narrow), bits(&successor));
+
+        let mut none = bounded(0);
+        assert_eq!(solve(&mut none).status, QpStatus::IterationLimit);
+        assert!(none.solution().iter().all(|x| x.is_finite()));
+    }
+}
+
+#[test]
 fn refused_matrices_leave_the_old_ones_in_force() {
     let problem = feasible(&mut generator(30), 5, 8, 1e2);
     let mut solver = problem.active_set().unwrap();

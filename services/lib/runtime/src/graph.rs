@@ -304,24 +304,41 @@ impl Graph {
     /// what a topic must keep for a consumer that restarts from a state so old.
     #[must_use]
     pub fn most_waiting(&self, edge: &Edge, periods: u64) -> u64 {
-        let (Some(from), Some(to)) = (self.node(edge.from), self.node(edge.to)) else { return 0 };
-        let window_ns = to
-            .rate
-            .period_ns()
+        let (Some(from), Some(_)) = (self.node(edge.from), self.node(edge.to)) else { return 0 };
+        from.rate.first_at_or_after(self.window_ns(edge, periods)).saturating_add(1)
+    }
+
+    /// The time from which such samples come \[ns\].
+    fn window_ns(&self, edge: &Edge, periods: u64) -> u64 {
+        let period_ns = self.node(edge.to).map_or(0, |to| to.rate.period_ns());
+        period_ns
             .saturating_mul(periods)
             .saturating_add(edge.latency_ns)
-            .saturating_add(self.look_ahead_ns(edge.from, edge.to));
-        from.rate.first_at_or_after(window_ns).saturating_add(1)
+            .saturating_add(self.look_ahead_ns(edge.from, edge.to))
     }
 
     /// The first input whose topic keeps too little for `role` to restart exactly, if it publishes
-    /// its state every `state_every` steps; with the samples that would be needed.
+    /// its state every `state_every` steps; with the samples that would be needed. `rate_of` tells
+    /// of topics that are published less often than their producer steps.
     #[must_use]
-    pub fn too_short_history(&self, role: Role, state_every: u64) -> Option<(&Edge, u64)> {
+    pub fn too_short_history(
+        &self,
+        role: Role,
+        state_every: u64,
+        rate_of: &dyn Fn(&TopicInfo) -> Option<Rate>,
+    ) -> Option<(&Edge, u64)> {
+        let needed = |e: &Edge| {
+            let waiting = self.most_waiting(e, state_every.max(1));
+            let published = rate_of(e.topic).map_or(waiting, |rate| {
+                let window_ns = self.window_ns(e, state_every.max(1));
+                rate.first_at_or_after(window_ns).saturating_add(1)
+            });
+            waiting.min(published)
+        };
         self.edges
             .iter()
             .filter(|e| e.to == role)
-            .map(|e| (e, self.most_waiting(e, state_every.max(1))))
+            .map(|e| (e, needed(e)))
             .find(|(e, needed)| *needed > e.topic.history as u64)
     }
 

@@ -22,6 +22,7 @@ use crate::goldfarb::Goldfarb;
 use crate::real::Pair;
 use crate::scaled::{check_matrix, check_symmetric};
 use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_compliance, check_working_set};
+use crate::work::Work;
 use answer::Answer;
 use blocks::Blocks;
 use tableau::Tick;
@@ -40,11 +41,15 @@ pub struct Settings {
     /// Residual ([`crate::KktResiduals::worst`]) up to which an answer is called `Solved`, in
     /// `[1e-12, 1e-2]`.
     pub tolerance: f64,
+    /// Multiply-adds per solve, all methods together and nearly, beyond which it ends with
+    /// `IterationLimit` and its last iterate; `None` sets no bound. A count and not a time, so that
+    /// a solve ends at the same place on every machine.
+    pub max_work: Option<u64>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { max_iterations: None, tolerance: 1e-9 }
+        Self { max_iterations: None, tolerance: 1e-9, max_work: None }
     }
 }
 
@@ -77,6 +82,7 @@ enum Matrices {
 #[derive(Debug, Clone)]
 pub struct ActiveSet {
     max_iterations: u32,
+    max_work: u64,
     matrices: Matrices,
     /// The safe solver has the matrices in force.
     informed: bool,
@@ -111,6 +117,7 @@ impl ActiveSet {
         let most = u32::try_from(10 * (n + m) + 50).unwrap_or(u32::MAX);
         Ok(Self {
             max_iterations: settings.max_iterations.unwrap_or(most),
+            max_work: settings.max_work.unwrap_or(u64::MAX),
             matrices: Matrices::Missing,
             informed: false,
             adopted: false,
@@ -138,13 +145,19 @@ impl ActiveSet {
     }
 
     /// Solves block by block; returns the changes and the size of the working set.
-    fn quick(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(u32, u32), Doubt> {
+    fn quick(
+        &mut self,
+        f: &[f64],
+        lower: &[f64],
+        upper: &[f64],
+        work: &Work,
+    ) -> Result<(u32, u32), Doubt> {
         let empty = self.blocks.structure.empty_rows.iter().map(|&row| row as usize);
         if !empty.into_iter().all(|row| lower[row] <= 0.0 && 0.0 <= upper[row]) {
             return Err(Doubt);
         }
         if self.blocks.explicit.serves() {
-            return self.quicker(f, lower, upper);
+            return self.quicker(f, lower, upper, work);
         }
         self.blocks.release(f);
         // NaN and infinity are not less.
@@ -161,7 +174,7 @@ impl ActiveSet {
             self.set.fill(0);
             self.multipliers.fill(0.0);
         }
-        let tick = Tick { f, lower, upper, size: self.blocks.size() };
+        let tick = Tick { work, f, lower, upper, size: self.blocks.size() };
         let mut answer = Answer {
             x: self.x.as_mut_slice(),
             set: &mut self.set,
@@ -175,16 +188,26 @@ impl ActiveSet {
                 active += self.blocks.rows_held(index);
             }
         }
+        // The last iterate of a walk that was cut off is whatever it is, but it is a number.
+        if work.was_cut() && !self.x.iter().all(|value| value.is_finite()) {
+            return Err(Doubt);
+        }
         Ok((changes, active))
     }
 
     /// The same where every block is small.
-    fn quicker(&mut self, f: &[f64], lower: &[f64], upper: &[f64]) -> Result<(u32, u32), Doubt> {
+    fn quicker(
+        &mut self,
+        f: &[f64],
+        lower: &[f64],
+        upper: &[f64],
+        work: &Work,
+    ) -> Result<(u32, u32), Doubt> {
         if !self.adopted {
             self.set.fill(0);
             self.multipliers.fill(0.0);
         }
-        let tick = Tick { f, lower, upper, size: 0.0 };
+        let tick = Tick { work, f, lower, upper, size: 0.0 };
         let mut answer = Answer {
             x: self.x.as_mut_slice(),
             set: &mut self.set,
@@ -205,27 +228,32 @@ impl ActiveSet {
         f: &DVector<f64>,
         lower: &DVector<f64>,
         upper: &DVector<f64>,
+        work: &Work,
     ) -> QpOutcome {
         if !self.informed && self.matrices != Matrices::Missing {
             // The blocks have accepted this Hessian by the same measure; rounding aside it passes.
             self.informed = self.safe.set_hessian(&self.hessian).is_ok();
         }
         self.safe.take_over(&self.set);
-        let mut outcome = self.safe.solve(f, lower, upper);
+        let mut outcome = self.safe.solve(f, lower, upper, work);
         // A warm start can lead into rounding that a cold one avoids. Under a bound of the
         // caller's own the next solve goes on from here instead.
-        if outcome.status == QpStatus::IterationLimit && self.retries {
+        if outcome.status == QpStatus::IterationLimit && self.retries && !work.was_cut() {
             self.safe.take_over(&self.cold);
-            let again = self.safe.solve(f, lower, upper);
+            let again = self.safe.solve(f, lower, upper, work);
             outcome = QpOutcome { iterations: outcome.iterations + again.iterations, ..again };
         }
         self.adopted = false;
         let unfinished = outcome.status == QpStatus::IterationLimit
             && (self.retries || outcome.iterations < self.max_iterations);
-        if (unfinished || self.safe.is_doubtful()) && self.exact.inform(&self.hessian, &self.safe) {
+        let wanted = (unfinished || self.safe.is_doubtful()) && !work.was_cut();
+        if wanted
+            && self.exact.loading() <= work.left()
+            && self.exact.inform(&self.hessian, &self.safe)
+        {
             let start = if self.retries { &self.cold } else { self.safe.working_set() };
             self.exact.take_over(start);
-            let again = self.exact.solve(f, lower, upper);
+            let again = self.exact.solve(f, lower, upper, work);
             let iterations = outcome.iterations + again.iterations;
             if outcome.status != QpStatus::Solved || again.status == QpStatus::Solved {
                 outcome = QpOutcome { iterations, ..again };
@@ -308,19 +336,22 @@ impl QpSolver for ActiveSet {
     fn solve(&mut self, f: &DVector<f64>, lower: &DVector<f64>, upper: &DVector<f64>) -> QpOutcome {
         let m = self.set.len();
         let fits = (f.len(), lower.len(), upper.len()) == (self.x.len(), m, m);
+        let work = Work::new(self.max_work);
         if self.matrices == Matrices::InBlocks && fits {
             if !self.adopted {
                 self.blocks.adopt(&self.set);
             }
             self.start.copy_from_slice(&self.set);
-            let quick = self.quick(f.as_slice(), lower.as_slice(), upper.as_slice());
+            let quick = self.quick(f.as_slice(), lower.as_slice(), upper.as_slice(), &work);
             if let Ok((iterations, active)) = quick {
                 (self.adopted, self.active) = (true, active);
-                return QpOutcome { status: QpStatus::Solved, iterations, active };
+                let cut = work.was_cut();
+                let status = if cut { QpStatus::IterationLimit } else { QpStatus::Solved };
+                return QpOutcome { status, iterations, active };
             }
             self.set.copy_from_slice(&self.start);
         }
-        self.careful(f, lower, upper)
+        self.careful(f, lower, upper, &work)
     }
 
     fn solution(&self) -> &DVector<f64> {

@@ -10,6 +10,7 @@
 use super::blocks::Memory;
 use super::structure::{Shape, Structure, index};
 use super::walk::{Doubt, NOISE, SATISFIED, WEAK};
+use crate::work::Work;
 
 /// The largest block: rows, units included, and lanes.
 pub(super) const MOST_ROWS: usize = 16;
@@ -17,6 +18,8 @@ pub(super) const MOST_ROWS: usize = 16;
 /// What a solve is about, for the whole problem.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tick<'a> {
+    /// What large blocks may still take.
+    pub(super) work: &'a Work,
     pub(super) f: &'a [f64],
     pub(super) lower: &'a [f64],
     pub(super) upper: &'a [f64],

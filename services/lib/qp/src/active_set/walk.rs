@@ -9,6 +9,7 @@
 use super::block::Block;
 use super::tableau::Tick;
 use crate::linear::axpy;
+use crate::work::Work;
 
 /// Violation, relative to bound and size of the problem, up to which a row counts as satisfied.
 pub(super) const SATISFIED: f64 = 2e-13;
@@ -27,10 +28,11 @@ impl Block<'_> {
     pub(super) fn walk(&mut self, tick: &Tick<'_>, most: u32) -> Result<u32, Doubt> {
         self.measure();
         self.gather(tick)?;
-        self.rebuild();
+        self.rebuild(tick.work);
         let mut changes = 0;
-        loop {
+        'walk: loop {
             self.evaluate();
+            tick.work.spend(*self.factor.count * (*self.factor.count + self.shape.tall));
             let dropped = self.drop_wrong();
             changes += dropped;
             if dropped > 0 {
@@ -38,14 +40,19 @@ impl Block<'_> {
             }
             let Some(mut row) = self.most_violated() else { break };
             loop {
-                self.enter(row, &mut changes, most)?;
+                if tick.work.runs_out() {
+                    break 'walk;
+                }
+                self.enter(row, &mut changes, most, tick.work)?;
                 match self.most_violated() {
                     Some(next) => row = next,
                     None => break,
                 }
             }
         }
-        if !self.trusted {
+        if tick.work.was_cut() {
+            // The iterate serves as it is.
+        } else if !self.trusted {
             self.polish()?;
         } else if self.is_weak() {
             return Err(Doubt);
@@ -93,13 +100,15 @@ impl Block<'_> {
     }
 
     /// Brings the factor to the order of the rows, without rows that cannot stay.
-    fn rebuild(&mut self) {
+    fn rebuild(&mut self, work: &Work) {
         let (first, last) = self.factor.settle();
         let mut unusable = 0;
+        work.spend((0..first).map(|count| self.price(count)).sum());
         for position in first..last {
             let row = self.factor.order[position];
             let k = row as usize;
-            let pivot = self.project(k);
+            work.spend(self.price(*self.factor.count));
+            let pivot = if work.runs_out() { None } else { self.project(k) };
             let stays = *self.factor.count < self.factor.most && pivot.is_some();
             match pivot {
                 Some(pivot) if stays => {
@@ -118,8 +127,15 @@ impl Block<'_> {
             }
         }
         if unusable > 0 {
-            self.rebuild();
+            self.rebuild(work);
         }
+    }
+
+    /// Multiply-adds of a row's projection on `count` working rows, its column of the Gram matrix
+    /// included.
+    fn price(&self, count: usize) -> usize {
+        // Rows share most of their entries with their neighbours.
+        count * count + self.shape.n * (self.shape.n + self.shape.tall) / 4
     }
 
     /// Splits row `k` along the working rows: scratch 0 is for the factor, scratch 1 the shares.
@@ -196,7 +212,13 @@ impl Block<'_> {
     }
 
     /// Brings one violated row in, dropping those that must give way.
-    fn enter(&mut self, row: usize, changes: &mut u32, most: u32) -> Result<(), Doubt> {
+    fn enter(
+        &mut self,
+        row: usize,
+        changes: &mut u32,
+        most: u32,
+        work: &Work,
+    ) -> Result<(), Doubt> {
         let above = self.values[row] > self.high[row];
         let (side, bound) = if above { (1, self.upper[row]) } else { (-1, self.lower[row]) };
         let sign = f64::from(side);
@@ -208,6 +230,7 @@ impl Block<'_> {
             }
             let pivot = self.project(row);
             let count = *self.factor.count;
+            work.spend(self.price(count) + (count + 2) * self.shape.tall);
             let value = self.values[row] - self.compliance[row] * multiplier;
             let full = match pivot {
                 Some(pivot) if count < self.factor.most => {

@@ -10,6 +10,7 @@ use super::Goldfarb;
 use crate::linear::{axpy, dot, norm};
 use crate::real::Real;
 use crate::solver::QpStatus;
+use crate::work::Work;
 
 /// Violation, relative to bound, y and g, up to which a row counts as satisfied: some hundred
 /// roundings. Pairs go far below, as g may be 1e4 times what residuals are relative to.
@@ -47,19 +48,19 @@ enum Event<T> {
 
 impl<T: Real> Goldfarb<T> {
     /// Walks to the optimal working set; leaves y, multipliers and set of the last one.
-    pub(super) fn walk(&mut self) -> (QpStatus, u32) {
-        self.rebuild();
+    pub(super) fn walk(&mut self, work: &Work) -> (QpStatus, u32) {
+        self.rebuild(work);
         self.excused.fill(false);
         let mut iterations = 0;
         let status = loop {
-            iterations += self.settle();
+            iterations += self.settle(work);
             let Some((row, side)) = self.most_violated(iterations) else {
                 break QpStatus::Solved;
             };
-            if iterations >= self.max_iterations {
+            if iterations >= self.max_iterations || work.runs_out() {
                 break QpStatus::IterationLimit;
             }
-            if let Err(status) = self.enter(row, side, &mut iterations) {
+            if let Err(status) = self.enter(row, side, &mut iterations, work) {
                 break status;
             }
         };
@@ -67,7 +68,7 @@ impl<T: Real> Goldfarb<T> {
     }
 
     /// Factors the working set, in the order of the rows, without the rows that cannot stay.
-    fn rebuild(&mut self) {
+    fn rebuild(&mut self, work: &Work) {
         self.working.clear(self.scaled.dim());
         for row in 0..self.set.len() {
             let side = self.set[row];
@@ -76,6 +77,8 @@ impl<T: Real> Goldfarb<T> {
             }
             let usable =
                 self.bound(row, side).round().is_finite() && self.scaled.length[row] > T::ZERO;
+            work.spend(4 * self.price());
+            let usable = usable && !work.runs_out();
             let rest = if usable { self.working.project(self.scaled.normal(row)) } else { T::ZERO };
             if rest.round() > self.dependence() {
                 self.working.push(row, rest);
@@ -85,12 +88,23 @@ impl<T: Real> Goldfarb<T> {
         }
     }
 
+    /// Multiply-adds of a pass over the factor.
+    fn price(&self) -> usize {
+        T::PRODUCTS * self.scaled.dim() * (self.working.rows().len() + 1)
+    }
+
+    /// Multiply-adds of a look at all rows.
+    fn look(&self) -> usize {
+        T::PRODUCTS * self.scaled.dim() * self.set.len()
+    }
+
     /// Moves y to the minimum over the working rows, without those that push the wrong way.
     /// Returns how many were dropped.
-    fn settle(&mut self) -> u32 {
+    fn settle(&mut self, work: &Work) -> u32 {
         let mut dropped = 0;
         loop {
             self.relocate(None);
+            work.spend(2 * self.price() + self.look());
             let largest = self.working.multipliers[..self.working.rows().len()]
                 .iter()
                 .fold(0.0_f64, |largest, multiplier| largest.max(multiplier.round().abs()));
@@ -99,6 +113,7 @@ impl<T: Real> Goldfarb<T> {
                 let row = self.working.rows()[position];
                 let push = self.working.multipliers[position].round() * f64::from(self.set[row]);
                 if !self.is_equality(row) && push < -T::EPSILON * largest {
+                    work.spend(2 * self.price());
                     self.drop(position);
                     dropped += 1;
                 }
@@ -153,10 +168,17 @@ impl<T: Real> Goldfarb<T> {
     /// Brings one violated row in, dropping the rows that must give way. Ends after as many
     /// changes as there are working rows, plus one; a stop on the way would lose what the dual
     /// cost gained, and a solver cut off in every tick might never arrive.
-    fn enter(&mut self, row: usize, side: i8, iterations: &mut u32) -> Result<(), QpStatus> {
+    fn enter(
+        &mut self,
+        row: usize,
+        side: i8,
+        iterations: &mut u32,
+        work: &Work,
+    ) -> Result<(), QpStatus> {
         let mut p = Entering { row, side, multiplier: T::ZERO };
         loop {
             *iterations += 1;
+            work.spend(8 * self.price());
             self.relocate(Some(&p));
             match self.next_event(&p) {
                 Event::Joins { rest } => {

@@ -13,6 +13,7 @@ use crate::active_set::Settings;
 use crate::real::Real;
 use crate::scaled::ScaledProblem;
 use crate::solver::{QpError, QpOutcome, QpStatus};
+use crate::work::Work;
 use polish::Measured;
 use working::WorkingFactor;
 
@@ -136,6 +137,7 @@ impl<T: Real> Goldfarb<T> {
         f: &DVector<f64>,
         lower: &DVector<f64>,
         upper: &DVector<f64>,
+        work: &Work,
     ) -> QpOutcome {
         self.doubtful = false;
         self.point.fill(T::ZERO);
@@ -145,7 +147,7 @@ impl<T: Real> Goldfarb<T> {
         if let Err(status) = self.load(f.as_slice(), lower.as_slice(), upper.as_slice()) {
             return self.outcome(status, 0);
         }
-        let (walked, iterations) = self.walk();
+        let (walked, iterations) = self.walk(work);
         let status = self.polish(walked, f.as_slice(), (lower.as_slice(), upper.as_slice()));
         self.outcome(status, iterations)
     }
@@ -160,6 +162,12 @@ impl<T: Real> Goldfarb<T> {
 
     pub(crate) fn working_set(&self) -> &[i8] {
         &self.set
+    }
+
+    /// Multiply-adds of [`Self::inform`], nearly.
+    pub(crate) fn loading(&self) -> u64 {
+        let (n, m) = (self.x.len() as u64, self.set.len() as u64);
+        T::PRODUCTS as u64 * n * n * (n / 6 + m / 2)
     }
 
     /// Takes the problem of the other method.

@@ -11,8 +11,8 @@ mod transport;
 use flight::{Dice, Kill, fly_in_random_order, fly_in_textbook_order};
 use plans::{Wiring, wirings};
 use proptest::prelude::*;
-use runtime::GraphError;
-use shared_types::{Role, topics};
+use runtime::{GraphError, Rate};
+use shared_types::{Role, TopicInfo, topics};
 
 /// The roles that may be restarted in flight.
 const RESTARTABLE: [Role; 4] = [Role::Estimator, Role::Position, Role::Attitude, Role::Disturbance];
@@ -50,7 +50,7 @@ proptest! {
         let Some(plan) = wiring.plan(state_every) else { return Ok(()) };
         let role = RESTARTABLE[which];
         if plan.graph.node(role).is_none()
-            || plan.graph.too_short_history(role, state_every).is_some()
+            || plan.graph.too_short_history(role, state_every, &|_| None).is_some()
         {
             return Ok(());
         }
@@ -109,7 +109,7 @@ fn a_history_that_is_too_short_is_foreseen() {
     // A pilot at 500 Hz publishes 200 ms ahead, 100 samples, of which the topic keeps 32.
     let rates_hz = [1000.0, 1000.0, 100.0, 500.0, 200.0, 500.0];
     let plan = Wiring { rates_hz, ..Wiring::default() }.plan(1).unwrap();
-    let (edge, needed) = plan.graph.too_short_history(Role::Position, 1).unwrap();
+    let (edge, needed) = plan.graph.too_short_history(Role::Position, 1, &|_| None).unwrap();
     assert_eq!(edge.topic.name, "reference");
     assert!(needed > 100);
     let expected = fly_in_textbook_order(&plan);
@@ -119,8 +119,20 @@ fn a_history_that_is_too_short_is_foreseen() {
     // At 100 Hz the same lead fits.
     let plan = Wiring::default().plan(1).unwrap();
     for role in RESTARTABLE {
-        assert_eq!(plan.graph.too_short_history(role, 1).map(|(e, n)| (e.topic.name, n)), None);
+        let missing = plan.graph.too_short_history(role, 1, &|_| None);
+        assert_eq!(missing.map(|(e, n)| (e.topic.name, n)), None);
     }
+    // Below a slow attitude loop the plant runs far ahead, but it publishes few fixes meanwhile.
+    let rates_hz = [1000.0, 1000.0, 20.0, 50.0, 200.0, 100.0];
+    let plan = Wiring { rates_hz, ..Wiring::default() }.plan(10).unwrap();
+    let missing = |fixes_hz: f64| {
+        let rate_of = |topic: &TopicInfo| {
+            (topic.name == "pose_fix").then(|| Rate::from_hz(fixes_hz).unwrap())
+        };
+        let missing = plan.graph.too_short_history(Role::Estimator, 10, &rate_of);
+        missing.map(|(edge, _)| edge.topic.name)
+    };
+    assert_eq!((missing(1000.0), missing(100.0)), (Some("pose_fix"), None));
 }
 
 #[test]
