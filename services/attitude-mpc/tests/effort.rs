@@ -25,9 +25,9 @@ fn largest(solver: SolverKind, soft: bool) -> AttitudeLawConfig {
 
 /// Steps of a flight to a set point far away; a law that restored the first one's memory half way
 /// must give the same.
-fn fly(config: AttitudeLawConfig, steps: usize) -> (Vec<Output>, AttitudeLaw) {
+fn fly(config: &AttitudeLawConfig, steps: usize) -> (Vec<Output>, AttitudeLaw) {
     let vehicle = VehicleParameters::default();
-    let mut law = AttitudeLaw::new(config, &vehicle).unwrap();
+    let mut law = AttitudeLaw::new(*config, &vehicle).unwrap();
     let mut successor: Option<AttitudeLaw> = None;
     let mut flight = Flight::hover(vehicle, MorphAngle::MIN);
     let mut outputs = Vec::new();
@@ -48,7 +48,7 @@ fn fly(config: AttitudeLawConfig, steps: usize) -> (Vec<Output>, AttitudeLaw) {
             assert_eq!(successor.step(&input), output, "step {k}");
         }
         if k == steps / 2 {
-            let mut other = AttitudeLaw::new(config, &vehicle).unwrap();
+            let mut other = AttitudeLaw::new(*config, &vehicle).unwrap();
             other.restore(law.memory()).unwrap();
             successor = Some(other);
         }
@@ -67,7 +67,7 @@ fn a_step_that_would_take_too_long_is_cut_off_at_the_same_place_everywhere_and_c
         (SolverKind::HildrethConverged, true, 10),
         (SolverKind::HildrethConverged, false, 10),
     ] {
-        let (outputs, law) = fly(largest(solver, soft), steps);
+        let (outputs, law) = fly(&largest(solver, soft), steps);
         let cut = outputs.iter().filter(|output| output.status != LawStatus::Solved).count();
         let limited = LawStatus::Fallback(QpStatus::IterationLimit);
         let case = format!("{solver:?}, soft {soft}: {cut}");
@@ -91,7 +91,9 @@ fn a_soft_bound_that_gives_way_is_told_and_a_hard_one_never_does() {
         horizon: HorizonChoice::Samples(Horizon { prediction: 20, control: 3 }),
         ..largest(SolverKind::ActiveSet, true)
     };
-    let yielded = |config| fly(config, 24).0.iter().filter(|output| output.yielded > 0).count();
+    let yielded = |config: AttitudeLawConfig| {
+        fly(&config, 24).0.iter().filter(|output| output.yielded > 0).count()
+    };
     assert!(yielded(config(Some(1e-3), 0.5)) > 0);
     assert_eq!(yielded(config(Some(1e-3), 500.0)), 0);
     assert_eq!(yielded(config(None, 500.0)), 0);

@@ -141,8 +141,6 @@ pub struct IncrementalMpc<const N: usize> {
     operating: Option<Operating<N>>,
     /// The axes are those of a changing gain.
     varied: bool,
-    /// Some rows are soft.
-    soft: bool,
     /// The solver has A.
     rows_taken: bool,
     matrices_accepted: bool,
@@ -177,7 +175,6 @@ impl<const N: usize> IncrementalMpc<N> {
             rows,
             operating: None,
             varied: false,
-            soft: false,
             rows_taken: false,
             matrices_accepted: false,
             errors: vec![SVector::zeros(); horizon.prediction],
@@ -245,7 +242,7 @@ impl<const N: usize> IncrementalMpc<N> {
         let level = first.level(&raw, &now.u_previous, &coupled);
         let u = level.sup(&bounds.u_min).inf(&bounds.u_max);
         let (du, relaxation) = (u - now.u_previous, first.relaxation);
-        let yielded = if usable && self.soft { self.yielded() } else { 0 };
+        let yielded = if usable && self.rows.has_soft() { self.yielded() } else { 0 };
         Move { u, du, relaxation, violation, status, iterations, active, yielded }
     }
 
@@ -303,8 +300,8 @@ impl<const N: usize> IncrementalMpc<N> {
         } else {
             self.solver.set_hessian(&self.zeta)
         };
-        self.soft = self.rows.compliance(&operating.gain, &operating.weight, &mut self.compliance);
-        let soft = if self.soft { self.solver.set_compliance(&self.compliance) } else { Ok(()) };
+        let soft = self.rows.compliance(&operating.gain, &operating.weight, &mut self.compliance);
+        let soft = if soft { self.solver.set_compliance(&self.compliance) } else { Ok(()) };
         self.matrices_accepted = taken.is_ok() && soft.is_ok();
         self.varied = varying;
         self.operating = (self.matrices_accepted && !varying).then_some(*operating);

@@ -85,6 +85,12 @@ impl<const N: usize> Rows<N> {
         Self { constraints: *constraints, prediction, control, merged, starts }
     }
 
+    pub(crate) fn has_soft(&self) -> bool {
+        let Constraints { levels, increments, coupled, outputs, rates } = self.constraints;
+        let sets = [levels, increments, coupled.map(|(_, hardness)| hardness), outputs, rates];
+        sets.into_iter().flatten().any(|hardness| !hardness.is_hard())
+    }
+
     pub(crate) fn has_soft_levels(&self) -> bool {
         self.constraints.levels.is_some_and(|hardness| !hardness.is_hard())
     }
