@@ -3,9 +3,10 @@
 //! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight; [`pilot`] flies along in the launcher itself.
-//! [`in_process`] flies in a single thread. [`paper`] and [`study`] are reproduction and studies,
+//! [`in_process`] flies in a single thread, [`campaign`] many such flights. [`paper`] and [`study`] are reproduction and studies,
 //! [`figure`] and [`results`] what they leave behind.
 
+pub mod campaign;
 pub mod cli;
 pub mod components;
 pub mod exit;

@@ -1,5 +1,9 @@
 //! What a study leaves behind: tables on the terminal, files in a folder.
 
+mod columns;
+
+pub use columns::{Columns, Kind, Value};
+
 use crate::figure::Figure;
 use serde::Serialize;
 use std::fmt;
@@ -151,6 +155,18 @@ impl ResultsFolder {
             }
             Err(source) => Err(ResultsError { action: "write", path, source }),
         }
+    }
+
+    /// As [`write`](Self::write), so that a reader finds all of it or what was there before.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`].
+    pub fn replace(&mut self, name: &str, content: &[u8]) -> Result<(), ResultsError> {
+        let (path, partial) = (self.path.join(name), self.path.join(format!("{name}.partial")));
+        let replaced = fs::write(&partial, content).and_then(|()| fs::rename(&partial, &path));
+        replaced.map_err(|source| ResultsError { action: "write", path: path.clone(), source })?;
+        self.written.push(path);
+        Ok(())
     }
 
     /// Writes a table as `name`.csv.

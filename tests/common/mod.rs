@@ -51,6 +51,11 @@ impl Flown {
         Self { code: output.status.code(), stderr, summary, folder }
     }
 
+    /// The whole summary.
+    pub(crate) fn summary(&self) -> &Value {
+        &self.summary
+    }
+
     /// A number of the summary.
     pub(crate) fn number(&self, key: &str) -> f64 {
         let number = self.summary[key].as_f64();

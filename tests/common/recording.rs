@@ -1,6 +1,7 @@
 //! A recording, read by field name with a reader that shares no code with the writer.
 
 use mcap::MessageStream;
+use prost_reflect::prost::Message as _;
 use prost_reflect::{
     DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage as _, Value,
 };
@@ -41,6 +42,39 @@ impl Recording {
         messages.expect("a readable start").map_while(Result::ok).count()
     }
 
+    /// Every message without what depends on the host: stamps, identities of the transport (also
+    /// inside states, of which the length remains), rescued waits. By channel, seat and sequence.
+    pub(crate) fn contents(&self) -> BTreeMap<(String, u64, u64), Vec<u8>> {
+        let mut contents = BTreeMap::new();
+        let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();
+        for message in MessageStream::new(&self.0).expect("a readable start") {
+            let message = message.expect("an unbroken message");
+            let descriptor =
+                types.entry(message.channel.id).or_insert_with(|| descriptor(&message.channel));
+            let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);
+            let mut sample = sample.expect("a message of its schema");
+            let mut number = |name: &str| {
+                let header = sample.get_field_by_name_mut("header").expect("a header");
+                let header = header.as_message_mut().expect("a nested header");
+                for stamp in ["release_mono_ns", "start_mono_ns", "publish_mono_ns"] {
+                    header.clear_field_by_name(stamp);
+                }
+                let mut number = Vec::new();
+                flatten(&header.get_field_by_name(name).expect("a number"), &mut number);
+                number[0] as u64
+            };
+            let key = (message.channel.topic.clone(), number("seat"), number("sequence"));
+            for host in ["owner", "rescued_waits"] {
+                sample.clear_field_by_name(host);
+            }
+            if let Some(state) = sample.get_field_by_name_mut("state") {
+                *state = Value::Bytes(vec![0; state.as_bytes().map_or(0, |b| b.len())].into());
+            }
+            contents.insert(key, sample.encode_to_vec());
+        }
+        contents
+    }
+
     /// Samples of a topic, with the numbers of `fields`; nested messages are laid flat.
     pub(crate) fn series(&self, topic: &str, fields: &[&str]) -> Vec<Row> {
         let topic = format!("/{topic}");
@@ -51,17 +85,20 @@ impl Recording {
             if message.channel.topic != topic {
                 continue;
             }
-            let descriptor = types.entry(message.channel.id).or_insert_with(|| {
-                let schema = message.channel.schema.as_ref().expect("a schema");
-                let pool = DescriptorPool::decode(&*schema.data).expect("a descriptor set");
-                pool.get_message_by_name(&schema.name).expect("the message in its schema")
-            });
+            let descriptor =
+                types.entry(message.channel.id).or_insert_with(|| descriptor(&message.channel));
             let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);
             rows.push(row(&sample.expect("a message of its schema"), fields));
         }
         assert!(!rows.is_empty(), "nothing on {topic}");
         rows
     }
+}
+
+fn descriptor(channel: &mcap::Channel<'_>) -> MessageDescriptor {
+    let schema = channel.schema.as_ref().expect("a schema");
+    let pool = DescriptorPool::decode(&*schema.data).expect("a descriptor set");
+    pool.get_message_by_name(&schema.name).expect("the message in its schema")
 }
 
 fn row(sample: &DynamicMessage, fields: &[&str]) -> Row {

@@ -3,13 +3,17 @@
 //! Results go to stdout, everything else to stderr. [`options`] is the grammar; [`check`] and
 //! [`list`] are whole commands, the others are handed on.
 
+mod bar;
+mod campaign;
 pub mod check;
 pub mod list;
 pub mod options;
 mod paper;
 mod study;
 
-pub use options::{Format, PaperArguments, ProcArguments, RunArguments, ScenarioArguments};
+pub use options::{
+    CampaignArguments, Format, PaperArguments, ProcArguments, RunArguments, ScenarioArguments,
+};
 
 use crate::run::RunError;
 use crate::scenario::{Scenario, ScenarioError};
@@ -56,6 +60,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             None => Ok(exit::USAGE),
         },
         Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
+        Command::Campaign(arguments) => campaign::run(&arguments, out, diagnostics),
         Command::Study(command) => study::run(&command, out, diagnostics),
         Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
     }
@@ -68,7 +73,10 @@ fn fly(
     out: &mut dyn Write,
     diagnostics: &mut dyn Write,
 ) -> io::Result<u8> {
-    match run::run(&arguments.options(scenario)) {
+    let options = arguments.options(scenario);
+    let flown =
+        if arguments.in_process { run::run_in_process(&options) } else { run::run(&options) };
+    match flown {
         Ok(summary) => {
             let written = match arguments.format {
                 Format::Text => writeln!(out, "{summary}"),
@@ -84,7 +92,7 @@ fn fly(
             writeln!(diagnostics, "morphquad: {error}")?;
             Ok(match error {
                 RunError::Interrupted => exit::INTERRUPTED,
-                RunError::NoSuchProcessor { .. } => exit::USAGE,
+                RunError::NoSuchProcessor { .. } | RunError::RealtimeInProcess => exit::USAGE,
                 _ => exit::UNFIT,
             })
         }

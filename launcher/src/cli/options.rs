@@ -26,6 +26,8 @@ pub(super) enum Command {
     Check(ScenarioArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     Paper(PaperArguments),
+    /// Fly a scenario with many seeds and settings, on all cores
+    Campaign(CampaignArguments),
     /// Fly or compute a whole range of conditions
     #[command(subcommand)]
     Study(StudyCommand),
@@ -137,6 +139,9 @@ pub struct RunArguments {
     /// Record nothing
     #[arg(long)]
     pub no_record: bool,
+    /// Fly in one thread, without processes and shared memory: the same flight, faster
+    #[arg(long)]
+    pub in_process: bool,
     /// Where the processes run
     #[arg(long, value_name = "auto|none|CPU", default_value = "auto", value_parser = pin)]
     pub pin: Pin,
@@ -152,6 +157,22 @@ impl RunArguments {
         let progress = std::io::stderr().is_terminal();
         RunOptions { scenario, speed, record, pin: self.pin, progress }
     }
+}
+
+/// Many flights.
+#[derive(Debug, Clone, Args)]
+pub struct CampaignArguments {
+    /// File that names scenario, seeds and grid
+    pub file: PathBuf,
+    /// Folder for journal and tables; what the file says, or campaigns/NAME
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Throw away what an earlier run has flown
+    #[arg(long)]
+    pub restart: bool,
+    /// Form of the summary
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
 }
 
 /// What to reproduce.

@@ -1,5 +1,6 @@
 //! `morphquad study`: from arguments to tables on stdout, files in a folder and an exit code.
 
+use super::bar::bar;
 use super::options::{Format, MorphingArguments, StabilityArguments, StudyCommand};
 use crate::exit;
 use crate::results::{ResultsError, ResultsFolder};
@@ -8,7 +9,7 @@ use crate::study::stability::{self, Bench, Grid, StabilityError};
 use crate::study::worst_case::{self, WorstCaseError};
 use attitude_mpc::AttitudeLawConfig;
 use miette::Diagnostic;
-use std::io::{self, IsTerminal as _, Write};
+use std::io::{self, Write};
 use thiserror::Error;
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -85,9 +86,9 @@ fn fly_morphing(
     };
     // Not worth failing for.
     let _ = writeln!(diagnostics, "{}", announcement(plan.flights()));
-    let bar = Bar::new(plan.flights(), "flights");
-    let study = morphing::fly(&plan, &|| bar.tick())?;
-    bar.clear();
+    let bar = bar(plan.flights(), "flights");
+    let study = morphing::fly(&plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
     morphing::report::write(&study, &mut folder)?;
     let marks = morphing::marks(&study);
     let code = if marks.iter().all(|mark| mark.holds) { exit::PASS } else { exit::GATE_FAILED };
@@ -114,9 +115,9 @@ fn map_stability(arguments: &StabilityArguments) -> Result<(String, u8), StudyEr
     };
     let grid = if arguments.out.quick { Grid::quick() } else { Grid::full() };
     let flown_weight = AttitudeLawConfig::flight(arguments.rate).increment_weight;
-    let bar = Bar::new(grid.points(), "points");
-    let study = stability::run(&bench, &grid, &[PAPER_WEIGHT, flown_weight], &|| bar.tick())?;
-    bar.clear();
+    let bar = bar(grid.points(), "points");
+    let study = stability::run(&bench, &grid, &[PAPER_WEIGHT, flown_weight], &|| bar.inc(1))?;
+    bar.finish_and_clear();
     stability::report::write(&study, &mut folder)?;
     let text = match arguments.out.format {
         Format::Json => stability::report::to_json(&study).to_string(),
@@ -140,13 +141,13 @@ fn certify(arguments: &StabilityArguments) -> Result<(String, u8), StudyError> {
     // The last one takes half a minute.
     let programs = [(1, false), (1, true), (2, false), (2, true), (3, false), (3, true)];
     let wanted = if arguments.out.quick { &programs[..5] } else { &programs[..] };
-    let bar = Bar::new(wanted.len(), "programs");
+    let bar = bar(wanted.len(), "programs");
     let mut cases = Vec::new();
     for &(control, warm) in wanted {
         cases.push(worst_case::certify(arguments.rate, angle, control, warm)?);
-        bar.tick();
+        bar.inc(1);
     }
-    bar.clear();
+    bar.finish_and_clear();
     let table = worst_case::table(&cases);
     folder.write("worst-case.csv", &table.to_csv())?;
     let text = match arguments.out.format {
@@ -178,27 +179,4 @@ fn announcement(flights: usize) -> String {
 fn files(folder: &ResultsFolder) -> String {
     let lines = folder.written().iter().map(|path| format!("wrote {}", path.display()));
     lines.collect::<Vec<_>>().join("\n")
-}
-
-/// Progress on a terminal, and nothing elsewhere.
-struct Bar(indicatif::ProgressBar);
-
-impl Bar {
-    fn new(length: usize, what: &str) -> Self {
-        if !io::stderr().is_terminal() {
-            return Self(indicatif::ProgressBar::hidden());
-        }
-        let template = format!("{{bar:40}} {{pos}}/{{len}} {what} {{elapsed}}");
-        let style = indicatif::ProgressStyle::with_template(&template)
-            .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
-        Self(indicatif::ProgressBar::new(length as u64).with_style(style))
-    }
-
-    fn tick(&self) {
-        self.0.inc(1);
-    }
-
-    fn clear(&self) {
-        self.0.finish_and_clear();
-    }
 }

@@ -13,12 +13,14 @@ pub use perfect_state::PerfectState;
 use crate::components::{self, Component, ComponentVisitor};
 use crate::run::{FlightHash, Metrics};
 use crate::scenario::{Scenario, WiringError};
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 use runtime::executor::{StateSink, StepStamps};
 use runtime::graph::{CREDIT_NS, Marks, ROLES};
 use runtime::input::InputSet as _;
 use runtime::{Executor, Graph, Node, Service};
 use shared_types::{Header, Role, Sample, Topic};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use thiserror::Error;
 use wires::Wires;
@@ -36,6 +38,12 @@ pub enum StateSource {
 pub trait Observer: 'static {
     /// Called once per sample. Allocations made here are the observer's own.
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T);
+    /// False if nobody wants states, which then are not published; asked once, at the start.
+    fn wants_states(&self) -> bool {
+        false
+    }
+    /// Called once per published state, after the samples of its step.
+    fn observe_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
 }
 
 impl Observer for () {
@@ -58,6 +66,13 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         self.0.observe(topic, sample);
         self.1.observe(topic, sample);
+    }
+    fn wants_states(&self) -> bool {
+        self.0.wants_states() || self.1.wants_states()
+    }
+    fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.0.observe_state(role, header, state);
+        self.1.observe_state(role, header, state);
     }
 }
 
@@ -83,30 +98,52 @@ pub enum InProcessError {
         /// Its label.
         role: &'static str,
     },
+    /// A step panicked, which is a defect of its component.
+    #[error("{role} panicked at {t_s} s: {words}")]
+    Panicked {
+        /// Label of the role.
+        role: &'static str,
+        /// Release of the step \[s\].
+        t_s: f64,
+        /// What it said.
+        words: String,
+    },
+}
+
+/// A clock for the stamps of samples that nobody will read.
+fn no_clock() -> u64 {
+    0
 }
 
 /// An executor with its type forgotten.
 trait Stepper {
     fn mark_ns(&self) -> u64;
-    fn step(&mut self);
+    fn step(&mut self, now_mono_ns: fn() -> u64);
+    fn finish(&mut self);
 }
 
 impl<S: Service> Stepper for Executor<S> {
     fn mark_ns(&self) -> u64 {
         Self::mark_ns(self)
     }
-    fn step(&mut self) {
+    fn step(&mut self, now_mono_ns: fn() -> u64) {
         self.inputs.receive();
-        self.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        self.run_step(StepStamps { release_mono_ns: now_mono_ns(), now_mono_ns });
+    }
+    fn finish(&mut self) {
+        Self::finish(self);
     }
 }
 
-/// Counts states and forgets them.
-struct StateCounter(Rc<Cell<u64>>);
+/// Shows states to the observer.
+struct StateTap<O> {
+    role: Role,
+    observer: Rc<RefCell<O>>,
+}
 
-impl StateSink for StateCounter {
-    fn send(&mut self, _header: &Header, _state: &[u8]) {
-        self.0.set(self.0.get() + 1);
+impl<O: Observer> StateSink for StateTap<O> {
+    fn send(&mut self, header: &Header, state: &[u8]) {
+        self.observer.borrow_mut().observe_state(self.role, header, state);
     }
     fn serve_late_joiners(&mut self) {}
 }
@@ -123,9 +160,11 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Loop {
         let mut executor = Executor::new(component.service, self.node, 0, component.state_every);
         self.wires.connect(self.graph, &mut executor);
-        let states = Rc::new(Cell::new(0));
-        executor.connect_state(Box::new(StateCounter(Rc::clone(&states))));
-        Loop { node: self.node, stepper: Box::new(executor), states, steps: 0 }
+        let observer = self.wires.observer();
+        if observer.borrow().wants_states() {
+            executor.connect_state(Box::new(StateTap { role: self.node.role, observer }));
+        }
+        Loop { node: self.node, stepper: Box::new(executor) }
     }
 }
 
@@ -133,8 +172,6 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
 struct Loop {
     node: Node,
     stepper: Box<dyn Stepper>,
-    states: Rc<Cell<u64>>,
-    steps: u64,
 }
 
 /// A flight in progress.
@@ -144,6 +181,9 @@ pub struct InProcess<O> {
     observer: Rc<RefCell<O>>,
     marks: Marks,
     end_ns: u64,
+    now_mono_ns: fn() -> u64,
+    /// The loop that is being stepped.
+    stepping: usize,
 }
 
 impl<O> core::fmt::Debug for InProcess<O> {
@@ -179,16 +219,35 @@ impl<O: Observer> InProcess<O> {
         let position = graph.node(Role::Position).map_or(Role::Pilot, |node| node.role);
         wires.own(&graph, Role::Attitude, Role::Attitude);
         wires.own(&graph, Role::Position, position);
-        Ok(Self { graph, loops, observer, marks: [0; ROLES], end_ns: scenario.duration_ns() })
+        Ok(Self {
+            graph,
+            loops,
+            observer,
+            marks: [0; ROLES],
+            end_ns: scenario.duration_ns(),
+            now_mono_ns: no_clock,
+            stepping: 0,
+        })
     }
 
-    /// Runs every release before `t_ns` and the end of the flight, the earliest first.
+    /// Stamps samples by this clock from now on \[ns\]; without it all host stamps are 0.
+    pub fn stamp_by(&mut self, now_mono_ns: fn() -> u64) {
+        self.now_mono_ns = now_mono_ns;
+    }
+
+    /// Runs every release before `t_ns` and the end of the flight: each loop in turn as far as the
+    /// others permit, as processes do.
     ///
     /// # Errors
-    /// No step may run although the flight is not over.
+    /// No step may run although the flight is not over, or a step panicked.
     pub fn fly_until(&mut self, t_ns: u64) -> Result<(), InProcessError> {
-        while let Some(earliest) = self.runnable(t_ns).min_by_key(|&l| self.mark_ns(l)) {
-            self.step(earliest);
+        // What a panic leaves behind is looked at, and never stepped again.
+        let flown = catch_unwind(AssertUnwindSafe(|| while self.fly_interval(t_ns) {}));
+        if let Err(panic) = flown {
+            let l = &self.loops[self.stepping];
+            let t_s = l.stepper.mark_ns() as f64 * 1e-9;
+            let words = words(panic.as_ref());
+            return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
         }
         let slowest = self.loops.iter().min_by_key(|l| l.stepper.mark_ns());
         let behind = slowest.filter(|l| l.stepper.mark_ns() < t_ns.min(self.end_ns));
@@ -198,11 +257,37 @@ impl<O: Observer> InProcess<O> {
         })
     }
 
+    /// Runs each loop as far as it may go now; false if nobody may.
+    fn fly_interval(&mut self, t_ns: u64) -> bool {
+        let allowed_ns = self.allowed_ns(t_ns);
+        let mut moved = false;
+        for index in 0..self.loops.len() {
+            let node = &self.loops[index].node;
+            let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
+            while self.mark_ns(index) < open_until_ns {
+                self.step(index);
+                moved = true;
+            }
+        }
+        moved
+    }
+
+    fn allowed_ns(&self, t_ns: u64) -> u64 {
+        let slowest_ns = self.loops.iter().map(|l| l.stepper.mark_ns()).min().unwrap_or(0);
+        slowest_ns.saturating_add(CREDIT_NS).min(self.end_ns).min(t_ns)
+    }
+
+    /// Publishes the totals of every loop: the last samples of a flight.
+    pub fn finish(&mut self) {
+        for one in &mut self.loops {
+            one.stepper.finish();
+        }
+    }
+
     /// Loops whose next step may run and lies before `t_ns` and the end of the flight. In whatever
     /// order they are stepped, the flight is the same.
     pub fn runnable(&self, t_ns: u64) -> impl Iterator<Item = usize> + '_ {
-        let slowest_ns = self.loops.iter().map(|l| l.stepper.mark_ns()).min().unwrap_or(0);
-        let allowed_ns = slowest_ns.saturating_add(CREDIT_NS).min(self.end_ns).min(t_ns);
+        let allowed_ns = self.allowed_ns(t_ns);
         (0..self.loops.len()).filter(move |&index| {
             let node = &self.loops[index].node;
             self.graph.runnable(node, self.mark_ns(index), &self.marks, allowed_ns)
@@ -211,9 +296,9 @@ impl<O: Observer> InProcess<O> {
 
     /// Runs the next release of a loop that [`runnable`](Self::runnable) named.
     pub fn step(&mut self, index: usize) {
+        self.stepping = index;
         let one = &mut self.loops[index];
-        one.stepper.step();
-        one.steps += 1;
+        one.stepper.step(self.now_mono_ns);
         self.marks[one.node.role.index()] = one.stepper.mark_ns();
     }
 
@@ -229,15 +314,22 @@ impl<O: Observer> InProcess<O> {
         self.loops[index].node.role
     }
 
-    /// Role, steps and published states of every loop so far.
-    pub fn progress(&self) -> impl Iterator<Item = (Role, u64, u64)> + '_ {
-        self.loops.iter().map(|l| (l.node.role, l.steps, l.states.get()))
+    /// Instant through which every loop is complete \[ns\].
+    #[must_use]
+    pub fn flown_ns(&self) -> u64 {
+        self.loops.iter().map(|l| l.stepper.mark_ns()).min().unwrap_or(0).min(self.end_ns)
     }
 
     /// What the observer has seen so far.
     pub fn seen<R>(&self, look: impl FnOnce(&mut O) -> R) -> R {
         look(&mut self.observer.borrow_mut())
     }
+}
+
+/// What a panic said.
+fn words(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
 }
 
 /// Flies a scenario to its end and gives what `observer` made of it.

@@ -57,6 +57,10 @@ impl<O: Observer> Wires<O> {
         Self { readers: BTreeMap::new(), observer }
     }
 
+    pub(super) fn observer(&self) -> Rc<RefCell<O>> {
+        Rc::clone(&self.observer)
+    }
+
     fn readers<T: Sample>(&mut self, topic: &'static Topic<T>) -> Readers<T> {
         let any = self
             .readers
@@ -88,6 +92,7 @@ impl<O: Observer> Wires<O> {
             slot,
             ..OwnerRecord::default()
         };
+        self.observer.borrow_mut().observe(topic, &sample);
         let author = author_of(Role::Supervisor);
         for reader in self.readers(topic).borrow().iter() {
             reader.borrow_mut().push_back(Stamped { sample, author });

@@ -2,6 +2,7 @@
 
 use super::child::ChildSpec;
 use super::conductor::{Conductor, Patience, drained_ns};
+use super::consumers::Consumers;
 use super::metrics::Metrics;
 use super::pilot_thread::{self, PilotEnd};
 use super::services::{HeldServices, Wakers};
@@ -123,11 +124,10 @@ impl Flight {
         };
         let supervisor =
             Supervisor::new(&bus, membership.folder().to_path_buf(), specs, &hello, policy)?;
-        let rig = scenario.settings().pilot.is_rig();
-        let metrics = if rig { Metrics::of_rig() } else { Metrics::default() };
+        let consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
         let duration_ns = scenario.duration_ns();
         Ok(Self {
-            tap: Tap::open(&bus, &roles, recording, metrics)?,
+            tap: Tap::open(&bus, &roles, consumers)?,
             conductor: Conductor::new(
                 &bus,
                 clock_of(scenario),
@@ -349,11 +349,7 @@ impl Flight {
             Outcome::Interrupted | Outcome::Killed => summary.interrupted = true,
             Outcome::Lost(reason) => summary.lost = Some(reason),
         }
-        if let Some(recording) = self.tap.consumers.recording.take()
-            && let Err(error) = recording.finish(&summary.to_metadata())
-        {
-            summary.recording_error.get_or_insert_with(|| error.to_string());
-        }
+        self.tap.consumers.finish_recording(&mut summary);
         summary
     }
 }

@@ -1,6 +1,7 @@
 //! What the flight achieved, from the samples alone.
 
 use super::response::{AxisResponse, StepResponse};
+use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
 use shared_types::{
     AppliedCommand, AttitudeSetpoint, ControllerReport, GateMode, LoopStats, Reference, Role,
@@ -11,6 +12,11 @@ use std::collections::{BTreeMap, VecDeque};
 
 /// Largest bound violation that rounding explains.
 pub const VIOLATION_TOLERANCE: f64 = 1e-9;
+/// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own
+/// size and more, far beyond what wind or a failing rotor does to one that is under control.
+const LOST_M: f64 = 1.0;
+/// Error of an angle at the end of a rig flight from which the vehicle counts as lost \[rad\].
+const LOST_RAD: f64 = 1.0;
 /// Truth samples that wait for their reference.
 const WAITING_CAPACITY: usize = 1 << 16;
 
@@ -47,7 +53,7 @@ pub struct Effort {
 }
 
 /// Everything the summary tells about the flight.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Metrics {
     references: VecDeque<Reference>,
     waiting: VecDeque<(u64, [f64; 3])>,
@@ -61,6 +67,8 @@ pub struct Metrics {
     clipped_ticks: u64,
     ticks: u64,
     safe_ticks: u64,
+    /// Largest x² + y² of the attitude quaternion.
+    tilt_square: f64,
     response: Option<StepResponse>,
 }
 
@@ -79,12 +87,19 @@ impl Default for Metrics {
             clipped_ticks: 0,
             ticks: 0,
             safe_ticks: 0,
+            tilt_square: 0.0,
             response: None,
         }
     }
 }
 
 impl Metrics {
+    /// Metrics that suit a scenario's kind of flight.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        if scenario.settings().pilot.is_rig() { Self::of_rig() } else { Self::default() }
+    }
+
     /// Metrics of a flight whose pilot writes attitudes: tracking is of attitude, not position.
     #[must_use]
     pub fn of_rig() -> Self {
@@ -125,6 +140,10 @@ impl Metrics {
 
     fn time<T: Sample>(&mut self, name: &'static str, sample: &T) {
         let header = sample.header();
+        if header.publish_mono_ns == 0 {
+            // Flown without a clock.
+            return;
+        }
         let compute_ns = header.publish_mono_ns.saturating_sub(header.start_mono_ns);
         let histogram = self.compute.entry(name).or_insert_with(new_histogram);
         histogram.saturating_record(compute_ns.max(1));
@@ -132,6 +151,8 @@ impl Metrics {
 
     fn observe_truth(&mut self, truth: &Truth) {
         self.time("plant", truth);
+        let q = &truth.q_wb;
+        self.tilt_square = self.tilt_square.max(q.x * q.x + q.y * q.y);
         if let Some(response) = &mut self.response {
             response.observe_truth(truth);
             return;
@@ -232,6 +253,49 @@ impl Metrics {
     #[must_use]
     pub fn gate(&self) -> &AppliedCommand {
         &self.gate
+    }
+
+    /// The vehicle ended far from its path, tumbling or with its rotors off; call
+    /// [`Metrics::finish`] first.
+    #[must_use]
+    pub fn vehicle_lost(&self) -> bool {
+        let on_path = self.tracking.last_second_m <= LOST_M;
+        let mut axes = self.step_response().into_iter().flatten();
+        let tumbled = axes.any(|axis| axis.final_error_rad.abs() > LOST_RAD);
+        !on_path || tumbled || self.gate.mode == GateMode::Cut
+    }
+
+    /// Commands outside their bounds.
+    #[must_use]
+    pub fn violations(&self) -> u64 {
+        self.effort().violations
+    }
+
+    /// Effort and verdicts of all controllers together.
+    #[must_use]
+    pub fn effort(&self) -> Effort {
+        self.efforts.values().fold(Effort::default(), |all, one| Effort {
+            steps: all.steps + one.steps,
+            violations: all.violations + one.violations,
+            worst_violation: all.worst_violation.max(one.worst_violation),
+            relaxed: all.relaxed + one.relaxed,
+            yielded: all.yielded + one.yielded,
+            unsolved: all.unsolved + one.unsolved,
+            most_iterations: all.most_iterations.max(one.most_iterations),
+        })
+    }
+
+    /// Largest angle between the vehicle's axis and the vertical \[rad\].
+    #[must_use]
+    pub fn tilt_max_rad(&self) -> f64 {
+        // cos(tilt) = 1 − 2 (x² + y²)
+        libm::acos((1.0 - 2.0 * self.tilt_square).clamp(-1.0, 1.0))
+    }
+
+    /// Share of plant ticks in which rotors were clipped.
+    #[must_use]
+    pub fn clipped_share(&self) -> f64 {
+        self.clipped_ticks as f64 / self.ticks.max(1) as f64
     }
 
     /// Plant ticks in all, with clipped rotors, and outside the gate's normal mode.

@@ -1,7 +1,9 @@
 //! `morphquad run`: from a scenario to a flown flight, a summary and a recording.
 
+mod alone;
 mod child;
 mod conductor;
+mod consumers;
 mod flight;
 mod hash;
 mod metrics;
@@ -13,6 +15,7 @@ mod summary;
 mod supervisor;
 mod tap;
 
+pub use alone::run_in_process;
 pub use conductor::Speed;
 pub use flight::run;
 pub use hash::FlightHash;

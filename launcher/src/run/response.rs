@@ -23,7 +23,7 @@ pub struct AxisResponse {
 }
 
 /// Attitudes and set points of a flight.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct StepResponse {
     attitudes: Vec<(u64, Vector3<f64>)>,
     /// Instant and value of the last change of the set point.

@@ -1,9 +1,7 @@
 //! Every service of a run, created and held by the launcher for as long as it lives.
 
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
-use shared_types::{
-    ClockRecord, Hello, Progress, Role, Sample, Topic, TopicInfo, TopicVisitor, topics,
-};
+use shared_types::{ClockRecord, Hello, Progress, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 
 /// Keeps the services alive; children only open what is held here.
@@ -61,11 +59,4 @@ impl Wakers {
             waker.wake();
         }
     }
-}
-
-/// True if a topic's samples belong to a flight in which `roles` take part.
-pub(super) fn is_flown(topic: &TopicInfo, roles: &[Role]) -> bool {
-    topic.from == Role::Supervisor
-        || roles.contains(&topic.from)
-        || (topic.from == Role::Position && roles.contains(&Role::Pilot))
 }

@@ -73,6 +73,11 @@ pub enum RunError {
         /// As possible, separated by commas.
         allowed: String,
     },
+    /// A realtime flight without processes.
+    #[error(
+        "--clock realtime needs processes, whose waiting and lateness it is about: leave --in-process away, or pace the same flight with --clock lockstep --speed 1"
+    )]
+    RealtimeInProcess,
     /// The processes did not get ready.
     #[error("{0}")]
     NotReady(String),

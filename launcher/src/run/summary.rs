@@ -1,23 +1,16 @@
 //! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
 
-use super::metrics::Metrics;
+use super::metrics::{Effort, Metrics};
 use crate::exit;
 use crate::record::SequenceAudit;
 use hdrhistogram::Histogram;
-use shared_types::{ClockMode, GateMode, Role};
+use shared_types::{ClockMode, Role};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
 use std::path::PathBuf;
 
 /// Names of the attitude's axes.
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
-
-/// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own
-/// size and more, far beyond what wind or a failing rotor does to one that is under control.
-const LOST_M: f64 = 1.0;
-
-/// Error of an angle at the end of a rig flight from which the vehicle counts as lost \[rad\].
-const LOST_RAD: f64 = 1.0;
 
 /// What came of a flight.
 #[derive(Debug)]
@@ -94,16 +87,13 @@ impl Summary {
     /// The vehicle ended far from its path or with its rotors off, whatever the processes did.
     #[must_use]
     pub fn vehicle_lost(&self) -> bool {
-        let on_path = self.metrics.tracking().last_second_m <= LOST_M;
-        let mut axes = self.metrics.step_response().into_iter().flatten();
-        let tumbled = axes.any(|axis| axis.final_error_rad.abs() > LOST_RAD);
-        !on_path || tumbled || self.metrics.gate().mode == GateMode::Cut
+        self.metrics.vehicle_lost()
     }
 
     /// Commands outside their bounds.
     #[must_use]
     pub fn violations(&self) -> u64 {
-        self.metrics.efforts().values().map(|e| e.violations).sum()
+        self.metrics.violations()
     }
 
     /// Totals over all loops and topics.
@@ -156,12 +146,11 @@ impl Summary {
             put(&format!("{name}_final_error_rad"), format!("{:.3e}", axis.final_error_rad));
         }
         put("constraint_violations", self.violations().to_string());
-        let efforts = self.metrics.efforts();
-        put("relaxed_steps", efforts.values().map(|e| e.relaxed).sum::<u64>().to_string());
-        put("yielded_steps", efforts.values().map(|e| e.yielded).sum::<u64>().to_string());
-        put("unsolved_steps", efforts.values().map(|e| e.unsolved).sum::<u64>().to_string());
-        let (ticks, clipped, _) = self.metrics.ticks();
-        put("clipped_share", format!("{:.6}", clipped as f64 / ticks.max(1) as f64));
+        let effort = self.metrics.effort();
+        put("relaxed_steps", effort.relaxed.to_string());
+        put("yielded_steps", effort.yielded.to_string());
+        put("unsolved_steps", effort.unsolved.to_string());
+        put("clipped_share", format!("{:.6}", self.metrics.clipped_share()));
         put("missed_ticks", misses.ticks.to_string());
         put("late_samples", misses.late.to_string());
         put("unseen_samples", misses.unseen.to_string());
@@ -234,7 +223,7 @@ impl Summary {
 
     fn write_flight(&self, out: &mut String) -> fmt::Result {
         let tracking = self.metrics.tracking();
-        let (ticks, clipped, safe) = self.metrics.ticks();
+        let (_, _, safe) = self.metrics.ticks();
         let gate = self.metrics.gate();
         if tracking.samples > 0 {
             writeln!(
@@ -253,15 +242,12 @@ impl Summary {
                 axis.target_rad, axis.peak_rad, axis.final_error_rad
             )?;
         }
-        let efforts = self.metrics.efforts();
-        let relaxed: u64 = efforts.values().map(|e| e.relaxed).sum();
-        let yielded: u64 = efforts.values().map(|e| e.yielded).sum();
-        let unsolved: u64 = efforts.values().map(|e| e.unsolved).sum();
+        let Effort { relaxed, yielded, unsolved, .. } = self.metrics.effort();
         writeln!(
             out,
             "  constraints  {} violations, {relaxed} relaxed, {yielded} yielded, {unsolved} unsolved; rotors clipped in {:.2} % of ticks",
             self.violations(),
-            100.0 * clipped as f64 / ticks.max(1) as f64
+            100.0 * self.metrics.clipped_share()
         )?;
         writeln!(
             out,

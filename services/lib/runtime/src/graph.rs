@@ -67,12 +67,14 @@ impl Edge {
     /// True if the consumer's step at `t_ns` may run as far as this edge is concerned.
     #[must_use]
     pub fn permits(&self, t_ns: u64, mark_ns: u64) -> bool {
-        match t_ns.checked_sub(self.latency_ns) {
-            // Nothing released after the start can be effective yet.
-            None => true,
-            Some(0) if self.strict => true,
-            Some(need_ns) => mark_ns > need_ns || (self.strict && mark_ns == need_ns),
-        }
+        t_ns < self.open_until_ns(mark_ns)
+    }
+
+    /// Steps of the consumer before this instant may run once the producer's mark is `mark_ns`:
+    /// whatever is released from the mark on takes effect a latency later \[ns\].
+    #[must_use]
+    pub fn open_until_ns(&self, mark_ns: u64) -> u64 {
+        mark_ns.saturating_add(self.latency_ns).saturating_add(u64::from(self.strict))
     }
 
     /// True if a sample effective at `valid_ns` belongs to the consumer's step at `t_ns`.
@@ -193,18 +195,17 @@ impl Graph {
     /// True if `node`'s step at `t_ns` may run, given everyone's marks and the end of allowed time.
     #[must_use]
     pub fn runnable(&self, node: &Node, t_ns: u64, marks: &Marks, allowed_ns: u64) -> bool {
-        t_ns < allowed_ns
-            && self
-                .edges
-                .iter()
-                .all(|e| e.to != node.role || e.permits(t_ns, marks[e.from.index()]))
-            && self.within_lead(node, t_ns, marks)
+        t_ns < self.open_until_ns(node, marks, allowed_ns)
     }
 
-    fn within_lead(&self, node: &Node, t_ns: u64, marks: &Marks) -> bool {
-        node.lead_ns == 0
-            || self.node(Role::Plant).is_none()
-            || t_ns <= marks[Role::Plant.index()].saturating_add(node.lead_ns)
+    /// End of the interval that `node` may run now: every release before it is permitted \[ns\].
+    #[must_use]
+    pub fn open_until_ns(&self, node: &Node, marks: &Marks, allowed_ns: u64) -> u64 {
+        let edges = self.edges.iter().filter(|e| e.to == node.role);
+        let opened = edges.map(|e| e.open_until_ns(marks[e.from.index()]));
+        let led = (node.lead_ns > 0 && self.node(Role::Plant).is_some())
+            .then(|| marks[Role::Plant.index()].saturating_add(node.lead_ns).saturating_add(1));
+        opened.chain(led).fold(allowed_ns, u64::min)
     }
 
     /// True if `role` needs to know how far `on` has got.

@@ -1,0 +1,130 @@
+//! `morphquad run --in-process`: the same flight in one thread, without processes or shared memory.
+
+use super::RunOptions;
+use super::conductor::Speed;
+use super::consumers::Consumers;
+use super::metrics::Metrics;
+use super::setup::{
+    RunError, clock_of, facts, progress_bar, recording_path, require_processor, run_id, system,
+};
+use super::summary::Summary;
+use crate::in_process::{InProcess, InProcessError, StateSource};
+use crate::process::stay_on;
+use crate::record::Recording;
+use crate::run::Pin;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::watch::StopFlags;
+use shared_types::{ClockMode, Role};
+
+/// Logical time, and at most as much wall time, between two looks around \[ns\].
+const LOOK_EVERY_NS: u64 = 20_000_000;
+
+/// Flies a scenario in the calling thread and returns what came of it: the same summary, hash and
+/// recording as with processes.
+///
+/// # Errors
+/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
+    let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
+    let scenario = &options.scenario;
+    if clock_of(scenario) == ClockMode::Realtime {
+        return Err(RunError::RealtimeInProcess);
+    }
+    require_processor(options.pin)?;
+    if let Pin::Cpu(cpu) = options.pin {
+        stay_on(cpu);
+    }
+    let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
+    let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
+    let id = run_id();
+    let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
+    let recording =
+        path.as_deref().map(|path| Recording::create(path, &facts(&id, options))).transpose()?;
+    let consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
+    let mut flight = InProcess::new(scenario, StateSource::Estimator, consumers)
+        .map_err(|error| RunError::NotReady(error.to_string()))?;
+    flight.stamp_by(mono_now_ns);
+
+    let start_ns = mono_now_ns();
+    let end = fly(&mut flight, options, &stop, start_ns);
+    let wall_ns = mono_now_ns().saturating_sub(start_ns);
+    let flown_ns = flight.flown_ns();
+    let mut consumers = flight.seen(core::mem::take);
+    consumers.metrics.finish();
+    let mut summary = Summary {
+        run_id: id,
+        scenario: scenario.settings().scenario.name.clone(),
+        clock: ClockMode::Lockstep,
+        seed: scenario.settings().scenario.seed,
+        flown_ns,
+        planned_ns: scenario.duration_ns(),
+        wall_ns,
+        processes: graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
+        hash: consumers.hash.hex(),
+        metrics: core::mem::take(&mut consumers.metrics),
+        audit: consumers.audit.clone(),
+        recovered: 0,
+        notices: Vec::new(),
+        lost: end.as_ref().err().map(ToString::to_string),
+        interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),
+        cut_short: flown_ns < scenario.duration_ns(),
+        recording: path,
+        recording_error: consumers.recording_error.take(),
+    };
+    consumers.finish_recording(&mut summary);
+    Ok(summary)
+}
+
+/// How a flight ended that no defect ended.
+#[derive(PartialEq)]
+enum End {
+    Flown,
+    Interrupted,
+}
+
+/// Flies to the end, or to the present instant of every loop once the user asks for it.
+fn fly(
+    flight: &mut InProcess<Consumers>,
+    options: &RunOptions,
+    stop: &StopFlags,
+    start_ns: u64,
+) -> Result<End, InProcessError> {
+    let duration_ns = options.scenario.duration_ns();
+    let bar = options.progress.then(|| progress_bar(duration_ns));
+    let mut end = Ok(End::Flown);
+    let mut t_ns = 0;
+    while t_ns < duration_ns && end.is_ok() {
+        if stop.signalled() {
+            eprintln!("morphquad: interrupted: ending the flight in order");
+            end = Ok(End::Interrupted);
+            break;
+        }
+        t_ns = next_look(options.speed, t_ns, start_ns).min(duration_ns);
+        end = flight.fly_until(t_ns).map(|()| End::Flown);
+        flight.seen(|consumers| consumers.flush_if_due(mono_now_ns()));
+        if let Some(bar) = &bar {
+            bar.set_position(t_ns / 1_000_000);
+        }
+    }
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
+    }
+    if end.is_ok() {
+        flight.finish();
+    }
+    end
+}
+
+/// Logical time to fly to next; a paced flight waits here until it may \[ns\].
+fn next_look(speed: Speed, t_ns: u64, start_ns: u64) -> u64 {
+    let Speed::Times(times) = speed else { return t_ns + LOOK_EVERY_NS };
+    let due = |t_ns: u64| start_ns.saturating_add(scaled(t_ns, 1.0 / times));
+    let next_ns = t_ns + scaled(LOOK_EVERY_NS, times).clamp(1, LOOK_EVERY_NS);
+    sleep_until(due(next_ns));
+    next_ns
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive; saturates")]
+fn scaled(ns: u64, factor: f64) -> u64 {
+    (ns as f64 * factor) as u64
+}

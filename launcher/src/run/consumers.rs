@@ -1,0 +1,129 @@
+//! What is fed with everything that a flight publishes: hash, sequence audit, metrics, recording.
+
+use super::hash::FlightHash;
+use super::metrics::Metrics;
+use super::summary::Summary;
+use crate::in_process::Observer;
+use crate::record::{Recording, SequenceAudit, Stream, Verdict};
+use runtime::service::StateHeader;
+use shared_types::wire::Value as _;
+use shared_types::{Header, Role, Sample, Topic, TopicInfo, topics};
+
+/// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
+const NO_RECEIPT_NS: u64 = 0;
+
+/// Takes every sample and every state of a flight, in whatever order topics are drained.
+#[derive(Debug, Default)]
+pub(super) struct Consumers {
+    pub(super) hash: FlightHash,
+    pub(super) audit: SequenceAudit,
+    pub(super) metrics: Metrics,
+    pub(super) recording: Option<Recording>,
+    /// First error of the recording; the flight goes on without it.
+    pub(super) recording_error: Option<String>,
+    /// Topics of the flight, under audit.
+    streams: Vec<(&'static TopicInfo, Stream)>,
+}
+
+impl Consumers {
+    /// For a flight in which `roles` take part.
+    pub(super) fn new(roles: &[Role], metrics: Metrics, recording: Option<Recording>) -> Self {
+        let mut audit = SequenceAudit::default();
+        let flown = topics::all().into_iter().filter(|topic| is_flown(topic, roles));
+        let streams = flown.map(|topic| (topic, audit.register(topic.name))).collect();
+        Self { audit, metrics, recording, streams, ..Self::default() }
+    }
+
+    /// Audit of a topic that belongs to the flight.
+    pub(super) fn stream(&self, topic: &'static TopicInfo) -> Option<Stream> {
+        // The table is static: a topic has one address.
+        let mut streams = self.streams.iter();
+        streams.find(|(known, _)| core::ptr::eq(*known, topic)).map(|(_, stream)| *stream)
+    }
+
+    /// Takes a sample that the recorder received at `receipt_mono_ns` \[ns\].
+    pub(super) fn take<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        stream: Stream,
+        sample: &T,
+        receipt_mono_ns: u64,
+    ) {
+        let header = sample.header();
+        let verdict = self.audit.observe(stream, header.seat, header.sequence, header.release_ns);
+        if verdict == Verdict::Repeated {
+            return;
+        }
+        self.hash.add(&topic.info, sample);
+        self.metrics.observe(topic, sample);
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.write(topic, sample, receipt_mono_ns)
+        {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Takes a packed state.
+    pub(super) fn take_state(
+        &mut self,
+        role: Role,
+        header: &Header,
+        bytes: &[u8],
+        receipt_mono_ns: u64,
+    ) {
+        let Some(recording) = &mut self.recording else { return };
+        let layout_hash = bytes
+            .get(..StateHeader::PACKED_SIZE)
+            .map_or(0, |head| StateHeader::unpack(head).layout_hash);
+        let written = recording.write_state(role, header, layout_hash, bytes, receipt_mono_ns);
+        if let Err(error) = written {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Lets the recording reach the disk now and then.
+    pub(super) fn flush_if_due(&mut self, now_mono_ns: u64) {
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.flush_if_due(now_mono_ns)
+        {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    pub(super) fn fail_recording(&mut self, error: &str) {
+        self.recording_error.get_or_insert_with(|| error.to_owned());
+    }
+
+    /// Writes the summary into the recording and closes it.
+    pub(super) fn finish_recording(&mut self, summary: &mut Summary) {
+        if let Some(recording) = self.recording.take()
+            && let Err(error) = recording.finish(&summary.to_metadata())
+        {
+            summary.recording_error.get_or_insert_with(|| error.to_string());
+        }
+    }
+}
+
+/// A flight in one process is drained as it is published.
+impl Observer for Consumers {
+    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        if let Some(stream) = self.stream(&topic.info) {
+            self.take(topic, stream, sample, NO_RECEIPT_NS);
+        }
+    }
+
+    fn wants_states(&self) -> bool {
+        self.recording.is_some()
+    }
+
+    fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.take_state(role, header, state, NO_RECEIPT_NS);
+    }
+}
+
+/// True if a topic's samples belong to a flight in which `roles` take part.
+fn is_flown(topic: &TopicInfo, roles: &[Role]) -> bool {
+    topic.from == Role::Supervisor
+        || roles.contains(&topic.from)
+        || (topic.from == Role::Position && roles.contains(&Role::Pilot))
+}
