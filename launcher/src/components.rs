@@ -9,6 +9,7 @@ use plant::Plant;
 use position_mpc::PositionMpc;
 use position_mpc::preview::Landing;
 use runtime::Service;
+use runtime::graph::ROLES;
 use shared_types::Role;
 
 /// A service with what the runtime needs to run it.
@@ -31,7 +32,8 @@ pub trait ComponentVisitor {
 /// Why a component cannot be built although its scenario is valid.
 pub type BuildError = Box<dyn std::error::Error>;
 
-/// Processes and the roles they fill, in data-flow order.
+/// Services and the roles they fill, in data-flow order; the first of a role fills it unless another
+/// one is asked for.
 const PROCESSES: [(&str, Role); 5] = [
     ("plant", Role::Plant),
     ("estimator", Role::Estimator),
@@ -67,7 +69,47 @@ pub fn thread_name(name: &str) -> &str {
     }
 }
 
-/// Builds the component that fills `role` and hands it to the visitor.
+/// Services that fill `role`.
+pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> {
+    PROCESSES.into_iter().filter(move |(_, r)| *r == role).map(|(name, _)| name)
+}
+
+/// Who fills which role.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Crew([Option<&'static str>; ROLES]);
+
+impl Default for Crew {
+    fn default() -> Self {
+        Self(Role::STEPPING.map(name_of))
+    }
+}
+
+impl Crew {
+    /// Lets another service fill a role. False if the service is of another role.
+    #[must_use]
+    pub fn swap(&mut self, role: Role, service: &str) -> bool {
+        let found = names_for(role).find(|name| *name == service);
+        if let (Some(slot), Some(_)) = (self.0.get_mut(role.index()), found) {
+            *slot = found;
+        }
+        found.is_some()
+    }
+
+    /// Builds the component that fills `role` and hands it to the visitor.
+    ///
+    /// # Errors
+    /// The component refuses its configuration.
+    pub fn build<V: ComponentVisitor>(
+        &self,
+        role: Role,
+        scenario: &Scenario,
+        visitor: V,
+    ) -> Result<V::Output, BuildError> {
+        build_service(self.0.get(role.index()).copied().flatten(), scenario, visitor)
+    }
+}
+
+/// Builds the component that fills `role` by default and hands it to the visitor.
 ///
 /// # Errors
 /// The component refuses its configuration.
@@ -76,32 +118,41 @@ pub fn build<V: ComponentVisitor>(
     scenario: &Scenario,
     visitor: V,
 ) -> Result<V::Output, BuildError> {
+    build_service(name_of(role), scenario, visitor)
+}
+
+/// Builds a service by name; the pilot has none.
+fn build_service<V: ComponentVisitor>(
+    name: Option<&str>,
+    scenario: &Scenario,
+    visitor: V,
+) -> Result<V::Output, BuildError> {
     let settings = scenario.settings();
     let vehicle = scenario.modelled_vehicle();
-    Ok(match role {
-        Role::Plant => visitor.visit(Component {
+    Ok(match name {
+        Some("plant") => visitor.visit(Component {
             service: Plant::new(&scenario.plant_config()?)?,
             state_every: settings.plant.state_every.into(),
         }),
-        Role::Estimator => {
+        Some("estimator") => {
             let (config, initial) = scenario.filter()?;
             visitor.visit(Component {
                 service: Estimator::new(config, &initial)?,
                 state_every: settings.estimator.state_every.into(),
             })
         }
-        Role::Position => {
+        Some("position-mpc") => {
             let after_s = settings.launcher.launcher_grace_s;
             let landing = Landing { after_s, ..Landing::default() };
             let service = PositionMpc::new(scenario.position_law()?, &vehicle, landing)?;
             visitor.visit(Component { service, state_every: 1 })
         }
-        Role::Attitude => {
+        Some("attitude-mpc") => {
             let yaw_rad = scenario.start_yaw_rad();
             let service = AttitudeMpc::new(scenario.attitude_law()?, &vehicle, yaw_rad)?;
             visitor.visit(Component { service, state_every: 1 })
         }
-        Role::Disturbance => {
+        Some("disturbance-injector") => {
             let section = &settings.disturbance_injector;
             let config = section.injector_config();
             visitor.visit(Component {

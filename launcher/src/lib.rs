@@ -6,6 +6,7 @@
 //! [`in_process`] flies in a single thread, [`campaign`] many such flights. [`paper`] and [`study`] are reproduction and studies,
 //! [`figure`] and [`results`] what they leave behind.
 
+pub mod branch;
 pub mod campaign;
 pub mod cli;
 pub mod components;

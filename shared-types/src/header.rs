@@ -75,7 +75,7 @@ impl From<bool> for Flag {
 }
 
 /// A struct that travels on a topic: its first field is the [`Header`].
-pub trait Sample: Wire + ZeroCopySend {
+pub trait Sample: Wire + ZeroCopySend + Send + Sync {
     /// The header.
     fn header(&self) -> &Header;
     /// The header, for the runtime to fill in.

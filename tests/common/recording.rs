@@ -64,7 +64,7 @@ impl Recording {
                 number[0] as u64
             };
             let key = (message.channel.topic.clone(), number("seat"), number("sequence"));
-            for host in ["owner", "rescued_waits"] {
+            for host in ["owner", "author", "rescued_waits"] {
                 sample.clear_field_by_name(host);
             }
             if let Some(state) = sample.get_field_by_name_mut("state") {

@@ -93,7 +93,8 @@ impl Case {
 }
 
 /// A word as a shell takes it for itself.
-fn quoted(word: &str) -> String {
+#[must_use]
+pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=,:+".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         return word.to_owned();

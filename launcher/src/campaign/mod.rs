@@ -11,7 +11,7 @@ mod outcome;
 pub mod report;
 pub mod values;
 
-pub use case::{Axis, Base, Case};
+pub use case::{Axis, Base, Case, quoted};
 pub use file::{FileError, Plan};
 pub use journal::{Identity, Journal, JournalError};
 pub use outcome::{Outcome, Verdict, fly, fly_on};

@@ -5,18 +5,26 @@
 //! may fly side by side on threads. Open `wires.rs` for the queues and `perfect_state.rs` for the
 //! only component that a real run does not have.
 
+mod compare;
 mod perfect_state;
+mod resume;
+mod tape;
 mod wires;
 
+pub use compare::{Compare, Difference};
 pub use perfect_state::PerfectState;
+pub use resume::Checkpoint;
+pub use tape::Tape;
 
-use crate::components::{self, Component, ComponentVisitor};
+use crate::components::{Component, ComponentVisitor, Crew};
 use crate::run::{FlightHash, Metrics};
 use crate::scenario::{Scenario, WiringError};
 use core::cell::RefCell;
+use resume::{Authors, Feed};
 use runtime::executor::{StateSink, StepStamps};
 use runtime::graph::{CREDIT_NS, Marks, ROLES};
 use runtime::input::InputSet as _;
+use runtime::service::RestoreError;
 use runtime::{Executor, Graph, Node, Service};
 use shared_types::{Header, Role, Sample, Topic};
 use std::any::Any;
@@ -90,6 +98,14 @@ pub enum InProcessError {
         /// Its complaint.
         error: String,
     },
+    /// A component cannot go on from a state.
+    #[error("{role} refuses to go on from the recorded state: {error}")]
+    Restore {
+        /// Label of the role.
+        role: &'static str,
+        /// Its complaint.
+        error: RestoreError,
+    },
     /// No step may run although the flight is not over: the graph is wrong.
     #[error("the flight hangs at {t_s} s: no loop may step, {role} is the furthest behind")]
     Stuck {
@@ -120,6 +136,9 @@ trait Stepper {
     fn mark_ns(&self) -> u64;
     fn step(&mut self, now_mono_ns: fn() -> u64);
     fn finish(&mut self);
+    fn state(&mut self) -> Option<Vec<u8>>;
+    fn reseed(&mut self, seed: u64);
+    fn feed(&mut self, feed: &mut Feed<'_>);
 }
 
 impl<S: Service> Stepper for Executor<S> {
@@ -132,6 +151,15 @@ impl<S: Service> Stepper for Executor<S> {
     }
     fn finish(&mut self) {
         Self::finish(self);
+    }
+    fn state(&mut self) -> Option<Vec<u8>> {
+        Self::state(self).map(<[u8]>::to_vec)
+    }
+    fn reseed(&mut self, seed: u64) {
+        Self::reseed(self, seed);
+    }
+    fn feed(&mut self, feed: &mut Feed<'_>) {
+        let Ok(()) = self.inputs.visit(feed);
     }
 }
 
@@ -153,18 +181,27 @@ struct Connect<'a, O> {
     graph: &'a Graph,
     node: Node,
     wires: &'a mut Wires<O>,
+    from: Option<&'a Checkpoint>,
 }
 
 impl<O: Observer> ComponentVisitor for Connect<'_, O> {
-    type Output = Loop;
-    fn visit<S: Service + 'static>(self, component: Component<S>) -> Loop {
+    type Output = Result<Loop, InProcessError>;
+    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
         let mut executor = Executor::new(component.service, self.node, 0, component.state_every);
         self.wires.connect(self.graph, &mut executor);
         let observer = self.wires.observer();
         if observer.borrow().wants_states() {
             executor.connect_state(Box::new(StateTap { role: self.node.role, observer }));
         }
-        Loop { node: self.node, stepper: Box::new(executor) }
+        if let Some(checkpoint) = self.from {
+            let role = self.node.role;
+            let restored = checkpoint.state(role).map_or(Ok(()), |state| executor.restore(state));
+            restored.map_err(|error| InProcessError::Restore { role: role.label(), error })?;
+            if let Some(at_ns) = checkpoint.exact_ns() {
+                executor.continue_at(at_ns);
+            }
+        }
+        Ok(Loop { node: self.node, stepper: Box::new(executor) })
     }
 }
 
@@ -182,6 +219,7 @@ pub struct InProcess<O> {
     marks: Marks,
     end_ns: u64,
     now_mono_ns: fn() -> u64,
+    authors: Authors,
     /// The loop that is being stepped.
     stepping: usize,
 }
@@ -202,23 +240,39 @@ impl<O: Observer> InProcess<O> {
         state: StateSource,
         observer: O,
     ) -> Result<Self, InProcessError> {
+        Self::build(scenario, Crew::default(), state, observer, None)
+    }
+
+    fn build(
+        scenario: &Scenario,
+        crew: Crew,
+        state: StateSource,
+        observer: O,
+        from: Option<&Checkpoint>,
+    ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
         let observer = Rc::new(RefCell::new(observer));
-        let mut wires = Wires::new(Rc::clone(&observer));
+        let mut authors = wires::own_authors();
+        if let Some(checkpoint) = from {
+            checkpoint.sign(&graph, &mut authors);
+        }
+        let mut wires = Wires::new(Rc::clone(&observer), authors);
         let mut loops = Vec::new();
         for &node in graph.nodes() {
-            let connect = Connect { graph: &graph, node, wires: &mut wires };
+            let connect = Connect { graph: &graph, node, wires: &mut wires, from };
             loops.push(match (state, node.role) {
                 (StateSource::Truth, Role::Estimator) => connect.visit(PerfectState::component()),
-                (_, role) => components::build(role, scenario, connect).map_err(|error| {
+                (_, role) => crew.build(role, scenario, connect).map_err(|error| {
                     InProcessError::Component { role: role.label(), error: error.to_string() }
                 })?,
-            });
+            }?);
         }
-        // A rig flight has no position loop: the pilot owns that slot.
-        let position = graph.node(Role::Position).map_or(Role::Pilot, |node| node.role);
-        wires.own(&graph, Role::Attitude, Role::Attitude);
-        wires.own(&graph, Role::Position, position);
+        if from.is_none() {
+            // A rig flight has no position loop: the pilot owns that slot.
+            let position = graph.node(Role::Position).map_or(Role::Pilot, |node| node.role);
+            wires.own(&graph, Role::Attitude, Role::Attitude);
+            wires.own(&graph, Role::Position, position);
+        }
         Ok(Self {
             graph,
             loops,
@@ -226,6 +280,7 @@ impl<O: Observer> InProcess<O> {
             marks: [0; ROLES],
             end_ns: scenario.duration_ns(),
             now_mono_ns: no_clock,
+            authors,
             stepping: 0,
         })
     }

@@ -1,6 +1,7 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
 use super::Observer;
+use super::resume::Authors;
 use core::cell::RefCell;
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
@@ -41,8 +42,13 @@ impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
 }
 
 /// Identity under which a role's samples appear.
-fn author_of(role: Role) -> Author {
-    [u64::from(role.0) + 1, 0]
+const fn author_of(role: Role) -> Author {
+    [role.0 as u64 + 1, 0]
+}
+
+/// Identities in a flight that nobody has begun before.
+pub(super) fn own_authors() -> Authors {
+    Role::STEPPING.map(author_of)
 }
 
 /// All queues of a flight.
@@ -50,11 +56,16 @@ pub(super) struct Wires<O> {
     /// [`Readers`] by topic name.
     readers: BTreeMap<&'static str, Box<dyn Any>>,
     observer: Rc<RefCell<O>>,
+    authors: Authors,
 }
 
 impl<O: Observer> Wires<O> {
-    pub(super) fn new(observer: Rc<RefCell<O>>) -> Self {
-        Self { readers: BTreeMap::new(), observer }
+    pub(super) fn new(observer: Rc<RefCell<O>>, authors: Authors) -> Self {
+        Self { readers: BTreeMap::new(), observer, authors }
+    }
+
+    fn author(&self, role: Role) -> Author {
+        self.authors.get(role.index()).copied().unwrap_or_else(|| author_of(role))
     }
 
     pub(super) fn observer(&self) -> Rc<RefCell<O>> {
@@ -87,7 +98,7 @@ impl<O: Observer> Wires<O> {
         let sample = OwnerRecord {
             header: Header { sequence: 1, ..Header::default() },
             epoch: 1,
-            owner: author_of(owner),
+            owner: self.author(owner),
             period_ns: node.map_or(0, |node| node.rate.period_ns()),
             slot,
             ..OwnerRecord::default()
@@ -132,7 +143,7 @@ impl<O: Observer> OutputVisitor for Connect<'_, O> {
         let sink = QueueSink {
             topic,
             readers: self.wires.readers(topic),
-            author: author_of(self.role),
+            author: self.wires.author(self.role),
             observer: Rc::clone(&self.wires.observer),
         };
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));

@@ -1,4 +1,5 @@
-//! `morphquad run --in-process`: the same flight in one thread, without processes or shared memory.
+//! Flights in one thread, without processes or shared memory: `run --in-process`, and branches of
+//! recorded ones.
 
 use super::RunOptions;
 use super::conductor::Speed;
@@ -8,13 +9,16 @@ use super::setup::{
     RunError, clock_of, facts, progress_bar, recording_path, require_processor, run_id, system,
 };
 use super::summary::Summary;
-use crate::in_process::{InProcess, InProcessError, StateSource};
+use crate::branch::{Branch, Changed};
+use crate::in_process::{Compare, Difference, InProcess, InProcessError, Observer, StateSource};
 use crate::process::stay_on;
 use crate::record::Recording;
 use crate::run::Pin;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Role};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Logical time, and at most as much wall time, between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;
@@ -34,22 +38,89 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     if let Pin::Cpu(cpu) = options.pin {
         stay_on(cpu);
     }
-    let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
-    let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
-    let recording =
-        path.as_deref().map(|path| Recording::create(path, &facts(&id, options))).transpose()?;
-    let consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
+    let consumers = consumers(&id, path.as_deref(), options)?;
     let mut flight = InProcess::new(scenario, StateSource::Estimator, consumers)
         .map_err(|error| RunError::NotReady(error.to_string()))?;
     flight.stamp_by(mono_now_ns);
-
     let start_ns = mono_now_ns();
-    let end = fly(&mut flight, options, &stop, start_ns);
+    let end = fly(&mut flight, options, &stop, 0);
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
-    let mut consumers = flight.seen(core::mem::take);
+    let ended = Ended { id, path, wall_ns, flown_ns, end };
+    sum_up(flight.seen(core::mem::take), options, ended)
+}
+
+/// A branch that has been flown.
+#[derive(Debug)]
+pub struct Branched {
+    /// Of the whole flight, what was recorded before the branch included.
+    pub summary: Summary,
+    /// Samples since the branch that are as recorded.
+    pub same: u64,
+    /// The first that is not.
+    pub first: Option<Difference>,
+}
+
+/// Flies a branch of a recorded flight to its end. `origin` tells in the recording what it is.
+///
+/// # Errors
+/// As [`run_in_process`].
+pub fn run_branch(
+    branch: &Branch,
+    changed: &Changed,
+    options: &RunOptions,
+    origin: &str,
+) -> Result<Branched, RunError> {
+    let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
+    let id = run_id();
+    let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
+    let mut consumers = consumers(&id, path.as_deref(), options)?;
+    consumers.tell(branch.at_ns(), origin);
+    branch.tape().show_before(branch.at_ns(), &mut consumers);
+    let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
+    let mut flight = branch
+        .resume(changed, (consumers, compare))
+        .map_err(|error| RunError::NotReady(error.to_string()))?;
+    flight.stamp_by(mono_now_ns);
+    let start_ns = mono_now_ns();
+    let end = fly(&mut flight, options, &stop, branch.at_ns());
+    let wall_ns = mono_now_ns().saturating_sub(start_ns);
+    let flown_ns = flight.flown_ns();
+    let ended = Ended { id, path, wall_ns, flown_ns, end };
+    let (consumers, mut compare) = flight.seen(core::mem::take);
+    compare.finish(flown_ns);
+    let summary = sum_up(consumers, options, ended)?;
+    let (same, first) = compare.verdict();
+    Ok(Branched { summary, same, first: first.cloned() })
+}
+
+/// Everything that takes the samples of a flight, with a recording at `path`.
+fn consumers(id: &str, path: Option<&Path>, options: &RunOptions) -> Result<Consumers, RunError> {
+    let graph = options.scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
+    let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
+    let recording = path.map(|path| Recording::create(path, &facts(id, options))).transpose()?;
+    Ok(Consumers::new(&roles, Metrics::of(&options.scenario), recording))
+}
+
+/// A flight that is over.
+struct Ended {
+    id: String,
+    path: Option<PathBuf>,
+    wall_ns: u64,
+    flown_ns: u64,
+    end: Result<End, InProcessError>,
+}
+
+fn sum_up(
+    mut consumers: Consumers,
+    options: &RunOptions,
+    ended: Ended,
+) -> Result<Summary, RunError> {
+    let scenario = &options.scenario;
+    let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
+    let Ended { id, path, wall_ns, flown_ns, end } = ended;
     consumers.metrics.finish();
     let mut summary = Summary {
         run_id: id,
@@ -75,6 +146,23 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     Ok(summary)
 }
 
+/// An observer with the consumers in it.
+trait HasConsumers: Observer {
+    fn consumers(&mut self) -> &mut Consumers;
+}
+
+impl HasConsumers for Consumers {
+    fn consumers(&mut self) -> &mut Consumers {
+        self
+    }
+}
+
+impl HasConsumers for (Consumers, Compare) {
+    fn consumers(&mut self) -> &mut Consumers {
+        &mut self.0
+    }
+}
+
 /// How a flight ended that no defect ended.
 #[derive(PartialEq)]
 enum End {
@@ -82,17 +170,18 @@ enum End {
     Interrupted,
 }
 
-/// Flies to the end, or to the present instant of every loop once the user asks for it.
-fn fly(
-    flight: &mut InProcess<Consumers>,
+/// Flies from `from_ns` to the end, or to the present instant of every loop once the user asks.
+fn fly<O: HasConsumers>(
+    flight: &mut InProcess<O>,
     options: &RunOptions,
     stop: &StopFlags,
-    start_ns: u64,
+    from_ns: u64,
 ) -> Result<End, InProcessError> {
     let duration_ns = options.scenario.duration_ns();
     let bar = options.progress.then(|| progress_bar(duration_ns));
+    let start_ns = mono_now_ns();
     let mut end = Ok(End::Flown);
-    let mut t_ns = 0;
+    let mut t_ns = from_ns;
     while t_ns < duration_ns && end.is_ok() {
         if stop.signalled() {
             eprintln!("morphquad: interrupted: ending the flight in order");
@@ -101,7 +190,7 @@ fn fly(
         }
         t_ns = next_look(options.speed, t_ns, start_ns).min(duration_ns);
         end = flight.fly_until(t_ns).map(|()| End::Flown);
-        flight.seen(|consumers| consumers.flush_if_due(mono_now_ns()));
+        flight.seen(|seen| seen.consumers().flush_if_due(mono_now_ns()));
         if let Some(bar) = &bar {
             bar.set_position(t_ns / 1_000_000);
         }

@@ -4,7 +4,7 @@ use super::hash::FlightHash;
 use super::metrics::Metrics;
 use super::summary::Summary;
 use crate::in_process::Observer;
-use crate::record::{Recording, SequenceAudit, Stream, Verdict};
+use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Topic, TopicInfo, topics};
@@ -77,6 +77,16 @@ impl Consumers {
             .map_or(0, |head| StateHeader::unpack(head).layout_hash);
         let written = recording.write_state(role, header, layout_hash, bytes, receipt_mono_ns);
         if let Err(error) = written {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Writes a sentence about the flight into the recording.
+    pub(super) fn tell(&mut self, logical_ns: u64, text: &str) {
+        let event = Event { logical_ns, severity: Severity::Info, source: "launcher", text };
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.write_event(&event)
+        {
             self.fail_recording(&error.to_string());
         }
     }

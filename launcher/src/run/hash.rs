@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 /// Hashes logical time and physical values of every topic marked for it. Identity, sequence, epoch
 /// and host stamps stay out, so that a swapped controller or another machine gives the same hash.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct FlightHash {
     topics: BTreeMap<&'static str, blake3::Hasher>,
 }

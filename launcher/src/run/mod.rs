@@ -15,7 +15,7 @@ mod summary;
 mod supervisor;
 mod tap;
 
-pub use alone::run_in_process;
+pub use alone::{Branched, run_branch, run_in_process};
 pub use conductor::Speed;
 pub use flight::run;
 pub use hash::FlightHash;

@@ -163,7 +163,7 @@ impl Summary {
 
     /// The summary as one JSON object.
     #[must_use]
-    pub fn to_json(&self) -> String {
+    pub fn to_json(&self) -> serde_json::Value {
         let mut object: BTreeMap<String, serde_json::Value> = self
             .to_metadata()
             .into_iter()
@@ -178,7 +178,7 @@ impl Summary {
         let recording = self.recording.as_ref().map(|p| p.display().to_string());
         object.insert("recording".to_owned(), recording.into());
         object.insert("notices".to_owned(), self.notices.clone().into());
-        serde_json::Value::from_iter(object).to_string()
+        serde_json::Value::from_iter(object)
     }
 
     fn verdict(&self) -> String {

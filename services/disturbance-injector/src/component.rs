@@ -59,4 +59,8 @@ impl Service for DisturbanceInjector {
         self.injector.restore(memory);
         Ok(())
     }
+
+    fn reseed(&mut self, seed: u64) {
+        self.injector.reseed(seed);
+    }
 }

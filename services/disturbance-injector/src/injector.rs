@@ -69,7 +69,7 @@ shared_types::memory! {
     pub struct InjectorMemory {
         /// Instant of the last step \[ns\].
         pub last_ns: u64,
-        /// By place in the script; the rest is zero.
+        /// By place in the script; the rest has a stream that no event has.
         pub events: [EventMemory; MAX_EVENTS],
     }
 }
@@ -117,6 +117,13 @@ impl Player {
             values: [0.0; 3],
             noise: Noise::new(seed, place),
         }
+    }
+
+    /// As before its first sample.
+    fn rewind(&mut self) {
+        self.emitted = 0;
+        self.values = [0.0; 3];
+        self.noise.rewind();
     }
 
     fn is_live(&self, now_ns: u64) -> bool {
@@ -178,6 +185,9 @@ impl Player {
     }
 }
 
+/// Stream of a place without an event.
+const NO_EVENT: u64 = u64::MAX;
+
 /// Plays a script.
 #[derive(Debug, Clone)]
 pub struct Injector {
@@ -213,7 +223,7 @@ impl Injector {
     /// Everything that evolves.
     #[must_use]
     pub fn memory(&self) -> InjectorMemory {
-        let noise = NoiseMemory { seed: 0, stream: 0, word_position: 0 };
+        let noise = NoiseMemory { seed: 0, stream: NO_EVENT, word_position: 0 };
         let mut events = [EventMemory { emitted: 0, values: [0.0; 3], noise }; MAX_EVENTS];
         for (slot, player) in events.iter_mut().zip(&self.players) {
             let Player { emitted, values, .. } = *player;
@@ -222,13 +232,31 @@ impl Injector {
         InjectorMemory { last_ns: self.last_ns, events }
     }
 
-    /// Continues from a memory of the same script, bit for bit.
+    /// Continues from a memory: bit for bit if it is of the same script. In another script an event
+    /// takes over what was at its place unless it begins later, so that a fault can be added to a
+    /// flight in the air; one that would have been over by now stays away.
     pub fn restore(&mut self, memory: &InjectorMemory) {
         self.last_ns = memory.last_ns;
         for (player, slot) in self.players.iter_mut().zip(&memory.events) {
-            player.emitted = slot.emitted;
-            player.values = slot.values;
-            player.noise.restore(&slot.noise);
+            if slot.noise.stream == player.noise.stream() {
+                player.noise.restore(&slot.noise);
+            }
+            if player.from_ns <= memory.last_ns && slot.emitted > 0 {
+                player.emitted = slot.emitted;
+                player.values = slot.values;
+            } else {
+                player.rewind();
+                if player.from_ns < memory.last_ns {
+                    player.emitted = player.burst.map_or(0, |burst| burst.samples);
+                }
+            }
+        }
+    }
+
+    /// Draws from the streams of another seed from now on.
+    pub fn reseed(&mut self, seed: u64) {
+        for player in &mut self.players {
+            player.noise.reseed(seed);
         }
     }
 }

@@ -76,6 +76,21 @@ impl Noise {
         *self = Self::new(memory.seed, memory.stream);
         self.generator.set_word_pos(u128::from(memory.word_position));
     }
+
+    /// Place of the event in the script.
+    pub(crate) fn stream(&self) -> u64 {
+        self.generator.get_stream()
+    }
+
+    /// Back to the first word.
+    pub(crate) fn rewind(&mut self) {
+        self.generator.set_word_pos(0);
+    }
+
+    /// Goes on in the stream of another seed, at the place reached in this one.
+    pub(crate) fn reseed(&mut self, seed: u64) {
+        self.restore(&NoiseMemory { seed, ..self.memory() });
+    }
 }
 
 #[cfg(test)]

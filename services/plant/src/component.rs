@@ -390,4 +390,10 @@ impl Service for Plant {
         self.kick_b_rad_s = memory.kick_b_rad_s.into();
         Ok(())
     }
+
+    fn reseed(&mut self, seed: u64) {
+        self.imu.reseed(seed);
+        self.pose_fix.reseed(seed);
+        self.morph_encoder.reseed(seed);
+    }
 }

@@ -207,6 +207,40 @@ fn a_restored_injector_continues_bit_for_bit_and_a_step_allocates_nothing() {
 }
 
 #[test]
+fn a_fault_added_in_the_air_begins_at_its_instant_and_leaves_the_rest_alone() {
+    let fault = "kind = 'rotor_efficiency'\nat_s = 1.0\nrotor = 2\nefficiency = 0.5";
+    let kick =
+        |at_s: &str| format!("kind = 'kick'\nat_s = {at_s}\nbody_rate_b_rad_s = [1.0, 0.0, 0.0]");
+    let (past, due) = (kick("0.1"), kick("0.75"));
+    let mut plain = injector(200, &[WIND], 5).unwrap();
+    for now_ns in (0..100).map(|k| k * 5_000_000) {
+        plain.step(now_ns);
+    }
+    let mut changed = injector(200, &[WIND, fault, &past, &due], 5).unwrap();
+    changed.restore(&plain.memory());
+    for now_ns in (100..400).map(|k| k * 5_000_000) {
+        let (was, is) = (plain.step(now_ns), changed.step(now_ns));
+        assert_eq!(was.wind_w_m_s, is.wind_w_m_s);
+        let efficiency = if now_ns < 1_000_000_000 { 1.0 } else { 0.5 };
+        assert!((is.rotor_efficiency[1] - efficiency).abs() < 1e-12);
+        let kicked = is.body_rate_kick_b_rad_s[0] > 0.0;
+        assert_eq!(kicked, now_ns == 750_000_000, "{now_ns}");
+    }
+}
+
+#[test]
+fn another_seed_goes_on_where_it_would_be_itself() {
+    let mut injectors = [5, 6].map(|seed| injector(200, &[WIND], seed).unwrap());
+    for now_ns in (0..10).map(|k| k * 5_000_000) {
+        injectors.each_mut().map(|injector| injector.step(now_ns));
+    }
+    let [mut first, second] = injectors;
+    first.reseed(6);
+    assert_eq!(first.memory().events[0].noise, second.memory().events[0].noise);
+    assert_ne!(first.memory().events[0].values, second.memory().events[0].values);
+}
+
+#[test]
 fn a_seventeenth_event_is_refused_with_the_limit() {
     let kick = "kind = 'kick'\nat_s = 1.0\nbody_rate_b_rad_s = [0.0, 0.0, 1.0]";
     assert!(injector(200, &[kick; 16], 1).is_ok());

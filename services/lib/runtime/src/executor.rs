@@ -124,6 +124,26 @@ impl<S: Service> Executor<S> {
         Ok(())
     }
 
+    /// Continues at the first release at or after `t_ns`, whatever grid the state came from.
+    pub fn continue_at(&mut self, t_ns: u64) {
+        self.next_index = self.node.rate.first_at_or_after(t_ns);
+    }
+
+    /// See [`Service::reseed`].
+    pub fn reseed(&mut self, seed: u64) {
+        self.service.reseed(seed);
+    }
+
+    /// The whole evolving state after the last release, as a keyframe of it would be; none before
+    /// the first.
+    pub fn state(&mut self) -> Option<&[u8]> {
+        self.previous_ns?;
+        self.counts.state_sequence = self.state_sequence;
+        self.counts.stats_sequence = self.stats.sequence();
+        pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
+        Some(&self.state)
+    }
+
     /// Runs the next release: accept, step, publish outputs, then state and statistics.
     pub fn run_step(&mut self, stamps: StepStamps) {
         let now_ns = self.mark_ns();

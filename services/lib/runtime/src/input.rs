@@ -93,7 +93,8 @@ impl<T: Sample> Input<T> {
         self.source = Some(source);
     }
 
-    fn offer(&mut self, stamped: Stamped<T>) {
+    /// Takes one sample, as if it had arrived.
+    pub fn offer(&mut self, stamped: Stamped<T>) {
         let key = order(stamped.sample.header());
         if self.latest.is_some_and(|last| {
             let header = last.sample.header();

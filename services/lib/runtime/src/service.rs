@@ -31,6 +31,9 @@ pub trait Service {
     /// A reason, if the memory cannot belong to this configuration.
     fn restore(&mut self, memory: &Self::Memory) -> Result<(), String>;
 
+    /// Draws everything random from the streams of another seed from now on, at the places reached.
+    fn reseed(&mut self, _seed: u64) {}
+
     /// IMU sequence that this step's outputs descend from.
     fn cause_sequence(&self, inputs: &Self::Inputs) -> u64 {
         inputs.cause_sequence()

@@ -170,6 +170,11 @@ impl Imu {
         }
     }
 
+    /// Draws from the stream of another seed from now on.
+    pub fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+
     /// Continues from a memory, bit for bit.
     pub fn restore(&mut self, memory: &ImuMemory) {
         self.noise.restore(&memory.noise);

@@ -63,6 +63,11 @@ impl MorphEncoder {
         MorphEncoderMemory { noise: self.noise.memory(), next_index: self.schedule.next_index() }
     }
 
+    /// Draws from the stream of another seed from now on.
+    pub fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+
     /// Continues from a memory, bit for bit.
     pub fn restore(&mut self, memory: &MorphEncoderMemory) {
         self.noise.restore(&memory.noise);

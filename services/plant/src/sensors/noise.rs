@@ -78,6 +78,13 @@ impl Noise {
         self.generator = ChaCha8Rng::from_seed(key);
         self.generator.set_word_pos(u128::from(memory.word_position));
     }
+
+    /// Goes on in the stream of another seed, at the place reached in this one.
+    pub(super) fn reseed(&mut self, seed: u64) {
+        let mut memory = self.memory();
+        memory.key[0] = seed;
+        self.restore(&memory);
+    }
 }
 
 #[cfg(test)]
@@ -97,6 +104,17 @@ mod tests {
             assert_eq!(other.clone().normal3(), noise.clone().normal3());
             noise.uniform();
         }
+    }
+
+    #[test]
+    fn a_reseeded_stream_is_the_other_seeds_from_the_place_reached() {
+        let (mut noise, mut other) = (Noise::new(1, "imu"), Noise::new(2, "imu"));
+        noise.normal3();
+        other.normal3();
+        assert_ne!(noise.memory(), other.memory());
+        noise.reseed(2);
+        assert_eq!(noise.memory(), other.memory());
+        assert_eq!(noise.normal3(), other.normal3());
     }
 
     #[test]

@@ -168,6 +168,11 @@ impl PoseFix {
         }
     }
 
+    /// Draws from the stream of another seed from now on.
+    pub fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+
     /// Continues from a memory, bit for bit.
     pub fn restore(&mut self, memory: &PoseFixMemory) {
         let place = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);

@@ -1,0 +1,160 @@
+//! What may be changed in the air.
+
+use crate::components::{Crew, names_for};
+use crate::scenario::{Override, Scenario, ScenarioError};
+use miette::Diagnostic;
+use shared_types::Role;
+use thiserror::Error;
+
+/// Keys, or sections, that a flight cannot be taken up with, and why. Everything else takes effect
+/// at the branch, unless a component refuses its memory under it.
+const FIXED: [(&str, &str); 11] = [
+    ("start", "is where the flight began, and it is in the air"),
+    ("scenario.clock", "is lockstep in a branch, whose flight is in one process"),
+    ("scenario.speed", "does nothing in a branch, which flies as fast as it can"),
+    ("realtime", "does nothing in a branch, which flies in lockstep"),
+    ("launcher", "does nothing in a branch, which has no processes"),
+    ("plant.model", "decides what the vehicle's state is"),
+    ("plant.imu.rate_hz", "is in the sensor's memory"),
+    ("plant.imu.gyro_initial_bias_rad_s", "was drawn at the start"),
+    ("plant.imu.accelerometer_initial_bias_m_s2", "was drawn at the start"),
+    ("plant.pose_fix", "is in the sensor's memory, with the fixes on their way"),
+    ("plant.morph_encoder.rate_hz", "is in the sensor's memory"),
+];
+
+/// Slots whose owner can be swapped.
+const SLOTS: [Role; 2] = [Role::Attitude, Role::Position];
+
+/// What is changed at a branch.
+#[derive(Debug, Clone, Default)]
+pub struct Change {
+    /// `KEY=VALUE` of the scenario.
+    pub set: Vec<String>,
+    /// `SLOT=NAME`: who fills a slot from now on.
+    pub swap: Vec<String>,
+    /// Draw from the streams of this seed from now on.
+    pub seed: Option<u64>,
+    /// Fly until then.
+    pub duration: Option<core::time::Duration>,
+}
+
+/// A change that cannot be made.
+#[derive(Debug, Error, Diagnostic)]
+pub enum ChangeError {
+    /// It would not take effect, or not at the branch.
+    #[error("--set {setting}: {key} {reason}")]
+    #[diagnostic(help("leave it away, or fly from the start with `morphquad run --set`"))]
+    Fixed {
+        /// As asked for.
+        setting: String,
+        /// Key that is fixed.
+        key: &'static str,
+        /// Why.
+        reason: &'static str,
+    },
+    /// Nobody of that name.
+    #[error("--swap {swap}: {what}")]
+    #[diagnostic(help("write --swap SLOT=NAME with {known}"))]
+    Swap {
+        /// As asked for.
+        swap: String,
+        /// What is wrong.
+        what: String,
+        /// Slots and who can fill them.
+        known: String,
+    },
+    /// Another kind of flight.
+    #[error("a rig and a flight with a position loop cannot follow one another")]
+    #[diagnostic(help("choose a pilot of the same kind"))]
+    Kind,
+    /// Nothing would be flown.
+    #[error("the flight would end at {end_s} s, before the branch at {at_s} s")]
+    #[diagnostic(help("give a longer flight: --set scenario.duration_s=..."))]
+    Short {
+        /// End asked for \[s\].
+        end_s: f64,
+        /// The branch \[s\].
+        at_s: f64,
+    },
+    /// The scenario refuses it.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scenario(#[from] ScenarioError),
+}
+
+impl Change {
+    /// True if the flight goes on as it was recorded; one swapped for its like is no change.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        let same_crew = self.crew().is_ok_and(|crew| crew == Crew::default());
+        self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_crew
+    }
+
+    /// Who flies from the branch on.
+    pub(super) fn crew(&self) -> Result<Crew, ChangeError> {
+        let mut crew = Crew::default();
+        for swap in &self.swap {
+            let (slot, name) = swap.split_once('=').unwrap_or((swap, ""));
+            let slot = SLOTS.into_iter().find(|role| role.label() == slot.trim());
+            let wrong = |what: &str| {
+                let (swap, what) = (swap.clone(), what.to_owned());
+                let names = |role: Role| {
+                    names_for(role).map(move |name| format!("{}={name}", role.label()))
+                };
+                let known = SLOTS.into_iter().flat_map(names).collect::<Vec<_>>().join(" or ");
+                ChangeError::Swap { swap, what, known }
+            };
+            let slot = slot.ok_or_else(|| wrong("there is no such slot"))?;
+            if !crew.swap(slot, name.trim()) {
+                return Err(wrong("no service of this name fills the slot"));
+            }
+        }
+        Ok(crew)
+    }
+
+    /// The scenario from `at_ns` on.
+    pub(super) fn apply(&self, recorded: &Scenario, at_ns: u64) -> Result<Scenario, ChangeError> {
+        let mut edits = vec![Override::clock("lockstep"), Override::speed("max")];
+        for setting in &self.set {
+            refuse_fixed(setting)?;
+            edits.push(Override::set(setting)?);
+        }
+        edits.extend(self.seed.map(Override::seed));
+        edits.extend(self.duration.map(Override::duration));
+        let scenario = Scenario::from_text("the recorded scenario", recorded.to_toml(), &edits)?;
+        if scenario.settings().pilot.is_rig() != recorded.settings().pilot.is_rig() {
+            return Err(ChangeError::Kind);
+        }
+        if scenario.duration_ns() <= at_ns {
+            let end_s = scenario.duration_ns() as f64 * 1e-9;
+            return Err(ChangeError::Short { end_s, at_s: at_ns as f64 * 1e-9 });
+        }
+        Ok(scenario)
+    }
+}
+
+fn refuse_fixed(setting: &str) -> Result<(), ChangeError> {
+    let asked = setting.split('=').next().unwrap_or_default().trim();
+    let within = |outer: &str, inner: &str| {
+        inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    let found = FIXED.iter().find(|(key, _)| within(key, asked) || within(asked, key));
+    found.map_or(Ok(()), |&(key, reason)| {
+        Err(ChangeError::Fixed { setting: setting.to_owned(), key, reason })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_lies_behind_cannot_be_changed_neither_by_key_nor_by_section() {
+        for setting in ["start.yaw_deg=3", "start={}", "plant.imu={}", "plant.imu.rate_hz=5"] {
+            assert!(matches!(refuse_fixed(setting), Err(ChangeError::Fixed { .. })), "{setting}");
+        }
+        for setting in ["startle=1", "plant.imu.noise_free=true", "vehicle.mass_kg=1"] {
+            assert!(refuse_fixed(setting).is_ok(), "{setting}");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! `morphquad replay FILE --branch @TICK`: a recorded flight taken up in the middle, as it was or with
+//! something changed, once or many times over.
+//!
+//! [`Branch::prepare`] restores every component from the last recorded states, flies on to the tick
+//! and compares what it repeats with the recording; from there [`Branch::resume`] goes on. [`At`] is
+//! the tick, `change` what may be changed in the air, [`sweep`] the many.
+
+mod at;
+mod change;
+pub mod sweep;
+
+pub use at::At;
+pub use change::{Change, ChangeError};
+
+use crate::components::Crew;
+use crate::in_process::{
+    Checkpoint, Compare, Difference, InProcess, InProcessError, Observer, Tape,
+};
+use crate::scenario::Scenario;
+use miette::Diagnostic;
+use shared_types::{Role, topics};
+use std::sync::Arc;
+use thiserror::Error;
+
+/// A recorded flight, ready to go on from one instant.
+#[derive(Debug)]
+pub struct Branch {
+    scenario: Scenario,
+    checkpoint: Checkpoint,
+    recorded_ns: u64,
+}
+
+/// Why a flight cannot be taken up.
+#[derive(Debug, Error, Diagnostic)]
+pub enum BranchError {
+    /// The instant is not in the flight.
+    #[error("the flight was recorded up to {recorded_s} s, and the branch is to begin at {at_s} s")]
+    #[diagnostic(help(
+        "name an instant before its end: --branch @12.5s, or @1234 for a plant tick"
+    ))]
+    Beyond {
+        /// Asked for \[s\].
+        at_s: f64,
+        /// End of the recording \[s\].
+        recorded_s: f64,
+    },
+    /// Not the flight that was recorded.
+    #[error("flown again from the states before the branch, the flight is another one: {0}")]
+    #[diagnostic(help(
+        "a realtime flight with misses cannot be repeated in lockstep there: branch at another \
+         instant, or from a lockstep recording"
+    ))]
+    NotRepeated(Difference),
+    /// A change that cannot be made.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Change(#[from] ChangeError),
+    /// A component refuses, or fails.
+    #[error(transparent)]
+    #[diagnostic(help(
+        "what a component remembers must fit its settings: leave this change away, or fly it from \
+         the start with `morphquad run --set`"
+    ))]
+    Flight(#[from] InProcessError),
+}
+
+impl Branch {
+    /// Takes a flight up at `at`.
+    ///
+    /// # Errors
+    /// [`BranchError`].
+    pub fn prepare(scenario: Scenario, tape: Arc<Tape>, at: At) -> Result<Self, BranchError> {
+        let graph = scenario.graph().map_err(InProcessError::from)?;
+        let at_ns = at.instant_ns(graph.node(Role::Plant).map(|plant| plant.rate));
+        let last = tape.samples(&topics::TRUTH).last();
+        let recorded_ns = last.map_or(0, |truth| truth.header.release_ns + 1);
+        if at_ns >= recorded_ns {
+            let (at_s, recorded_s) = (at_ns as f64 * 1e-9, recorded_ns as f64 * 1e-9);
+            return Err(BranchError::Beyond { at_s, recorded_s });
+        }
+        let compare = Compare::with(Arc::clone(&tape), recorded_ns);
+        let before = Checkpoint::before(Arc::clone(&tape), at_ns);
+        let mut flight = InProcess::resume(&scenario, Crew::default(), compare, &before)?;
+        flight.fly_until(at_ns)?;
+        if let Some(difference) = flight.seen(|compare| compare.verdict().1.cloned()) {
+            return Err(BranchError::NotRepeated(difference));
+        }
+        let checkpoint = flight.checkpoint(tape, at_ns);
+        Ok(Self { scenario, checkpoint, recorded_ns })
+    }
+
+    /// Where it begins \[ns\].
+    #[must_use]
+    pub fn at_ns(&self) -> u64 {
+        self.checkpoint.at_ns()
+    }
+
+    /// As it was recorded.
+    #[must_use]
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// What was recorded.
+    #[must_use]
+    pub fn tape(&self) -> &Arc<Tape> {
+        self.checkpoint.tape()
+    }
+
+    /// Everything released before is on the tape \[ns\].
+    #[must_use]
+    pub fn recorded_ns(&self) -> u64 {
+        self.recorded_ns
+    }
+
+    /// A flight that goes on with a change; what `observer` has not seen of it lies before.
+    ///
+    /// # Errors
+    /// [`BranchError`]: the change cannot be made in the air, or a component refuses its state.
+    pub fn resume<O: Observer>(
+        &self,
+        changed: &Changed,
+        observer: O,
+    ) -> Result<InProcess<O>, BranchError> {
+        let mut flight =
+            InProcess::resume(&changed.scenario, changed.crew, observer, &self.checkpoint)?;
+        if let Some(seed) = changed.seed {
+            flight.reseed(seed);
+        }
+        Ok(flight)
+    }
+
+    /// The scenario with a change made at the branch.
+    ///
+    /// # Errors
+    /// [`ChangeError`].
+    pub fn change(&self, change: &Change) -> Result<Changed, ChangeError> {
+        let scenario = change.apply(&self.scenario, self.at_ns())?;
+        Ok(Changed { scenario, seed: change.seed, crew: change.crew()? })
+    }
+}
+
+/// What is flown from the branch on.
+#[derive(Debug, Clone)]
+pub struct Changed {
+    /// With everything that was changed.
+    pub scenario: Scenario,
+    crew: Crew,
+    seed: Option<u64>,
+}

@@ -1,0 +1,152 @@
+//! A flight taken up in the middle: states of every component, and what was on its way between them.
+
+use super::tape::Tape;
+use super::{InProcess, InProcessError, Observer, StateSource};
+use crate::components::Crew;
+use crate::scenario::Scenario;
+use core::convert::Infallible;
+use runtime::Graph;
+use runtime::graph::{Edge, Marks, ROLES};
+use runtime::input::{Input, InputVisitor};
+use shared_types::{Author, Role, Sample, Stamped, Topic};
+use std::sync::Arc;
+
+/// Identity of every role's samples, by [`Role::index`].
+pub(super) type Authors = [Author; ROLES];
+
+/// Where and from what a flight is taken up.
+#[derive(Debug, Clone)]
+pub struct Checkpoint {
+    tape: Arc<Tape>,
+    /// Everything released before is done \[ns\].
+    at_ns: u64,
+    /// Of each role, by [`Role::index`]; none if it has not stepped yet.
+    states: [Option<Vec<u8>>; ROLES],
+    /// The states are those of `at_ns`, not of the keyframes before it.
+    exact: bool,
+}
+
+impl Checkpoint {
+    /// The last states on `tape` before `at_ns`. A flight that goes on from here repeats what lies
+    /// between them and `at_ns`.
+    #[must_use]
+    pub fn before(tape: Arc<Tape>, at_ns: u64) -> Self {
+        let mut states = [const { None }; ROLES];
+        for role in Role::STEPPING {
+            states[role.index()] = tape.last_state_before(role, at_ns).map(<[u8]>::to_vec);
+        }
+        Self { tape, at_ns, states, exact: false }
+    }
+
+    /// The instant \[ns\].
+    #[must_use]
+    pub fn at_ns(&self) -> u64 {
+        self.at_ns
+    }
+
+    /// What was published until then, and perhaps after.
+    #[must_use]
+    pub fn tape(&self) -> &Arc<Tape> {
+        &self.tape
+    }
+
+    pub(super) fn state(&self, role: Role) -> Option<&[u8]> {
+        self.states.get(role.index())?.as_deref()
+    }
+
+    /// The instant at which every loop goes on, if the states are exactly of it \[ns\].
+    pub(super) fn exact_ns(&self) -> Option<u64> {
+        self.exact.then_some(self.at_ns)
+    }
+
+    /// Slot owners sign as they did on the tape, so that who knows them goes on obeying.
+    pub(super) fn sign(&self, graph: &Graph, authors: &mut Authors) {
+        for slot in [Role::Attitude, Role::Position] {
+            let owner = if graph.node(slot).is_some() { slot } else { Role::Pilot };
+            if let Some(author) = self.tape.owner_at(slot, self.at_ns) {
+                authors[owner.index()] = author;
+            }
+        }
+    }
+}
+
+impl<O: Observer> InProcess<O> {
+    /// A flight of `scenario` by `crew` that goes on from a checkpoint. The observer sees what is published
+    /// from there on.
+    ///
+    /// # Errors
+    /// As [`InProcess::new`], and a component that refuses its state.
+    pub fn resume(
+        scenario: &Scenario,
+        crew: Crew,
+        observer: O,
+        checkpoint: &Checkpoint,
+    ) -> Result<Self, InProcessError> {
+        let mut flight =
+            Self::build(scenario, crew, StateSource::Estimator, observer, Some(checkpoint))?;
+        for l in &flight.loops {
+            flight.marks[l.node.role.index()] = l.stepper.mark_ns();
+        }
+        for index in 0..flight.loops.len() {
+            let role = flight.loops[index].node.role;
+            let mut feed = Feed {
+                tape: &checkpoint.tape,
+                graph: &flight.graph,
+                marks: &flight.marks,
+                authors: &flight.authors,
+                role,
+                at_ns: checkpoint.at_ns,
+            };
+            flight.loops[index].stepper.feed(&mut feed);
+        }
+        Ok(flight)
+    }
+
+    /// The state of the whole flight at `at_ns`, up to which it has been flown; `tape` has
+    /// everything that was published before.
+    pub fn checkpoint(&mut self, tape: Arc<Tape>, at_ns: u64) -> Checkpoint {
+        let mut states = [const { None }; ROLES];
+        for l in &mut self.loops {
+            states[l.node.role.index()] = l.stepper.state();
+        }
+        Checkpoint { tape, at_ns, states, exact: true }
+    }
+
+    /// Draws everything random from the streams of another seed from now on.
+    pub fn reseed(&mut self, seed: u64) {
+        for l in &mut self.loops {
+            l.stepper.reseed(seed);
+        }
+    }
+}
+
+/// Gives the inputs of one loop what its producers will not produce again.
+pub(super) struct Feed<'a> {
+    tape: &'a Tape,
+    graph: &'a Graph,
+    marks: &'a Marks,
+    authors: &'a Authors,
+    role: Role,
+    at_ns: u64,
+}
+
+impl InputVisitor for Feed<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        input: &mut Input<T>,
+    ) -> Result<(), Infallible> {
+        let edge = self.graph.edge(&topic.info, self.role).copied();
+        let from = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role)).from;
+        // Who does not step, the supervisor, produces nothing any more.
+        let mark_ns = self.marks.get(from.index()).map(|mark_ns| self.at_ns.min(*mark_ns));
+        let before_ns = mark_ns.unwrap_or(self.at_ns.saturating_add(1));
+        let latched = input.latest().map_or(0, |stamped| stamped.sample.header().sequence);
+        let author = self.authors.get(from.index()).copied().unwrap_or_default();
+        for sample in self.tape.waiting(topic, latched, before_ns) {
+            input.offer(Stamped { sample: *sample, author });
+        }
+        Ok(())
+    }
+}
