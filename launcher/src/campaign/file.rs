@@ -8,6 +8,7 @@ use miette::{Diagnostic, NamedSource, SourceSpan};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use thiserror::Error;
 use toml::{Spanned, Value};
 
@@ -55,7 +56,7 @@ pub struct FileError {
     #[help]
     remedy: String,
     #[source_code]
-    source_code: NamedSource<String>,
+    source_code: Arc<NamedSource<String>>,
     #[label]
     span: Option<SourceSpan>,
 }
@@ -73,7 +74,7 @@ impl Plan {
                 what: format!("cannot read `{name}`: {error}"),
                 remedy: "give the path of a campaign file, a TOML text with `scenario = \"...\"`"
                     .to_owned(),
-                source_code: NamedSource::new(name, String::new()),
+                source_code: Arc::new(NamedSource::new(name, String::new())),
                 span: None,
             }),
         }
@@ -122,7 +123,7 @@ impl Reader<'_> {
         FileError {
             what: what.into(),
             remedy: remedy.into(),
-            source_code: NamedSource::new(self.name.clone(), self.text.to_owned()),
+            source_code: Arc::new(NamedSource::new(self.name.clone(), self.text.to_owned())),
             span: span.map(SourceSpan::from),
         }
     }

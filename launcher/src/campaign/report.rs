@@ -98,14 +98,12 @@ const SPREADS: [(&str, &str, f64, &str); 4] = [
 #[must_use]
 pub fn figures(flown: &[(Case, Outcome)]) -> String {
     let counts = counts(flown).map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
-    let mut text = format!("  cases         {counts}\n");
-    for (heading, name, factor, unit) in SPREADS {
-        if let Some(spread) = spread(flown, heading) {
-            let [median, most, max] = spread.map(|value| format!("{:.4}", value * factor));
-            text += &format!("  {name:<13} median {median}, 95 % {most}, largest {max} {unit}\n");
-        }
-    }
-    text
+    let lines = SPREADS.iter().filter_map(|(heading, name, factor, unit)| {
+        let spread = spread(flown, heading)?;
+        let [median, most, max] = spread.map(|value| format!("{:.4}", value * factor));
+        Some(format!("  {name:<13} median {median}, 95 % {most}, largest {max} {unit}\n"))
+    });
+    format!("  cases         {counts}\n{}", lines.collect::<String>())
 }
 
 /// The worst cases, and under each the command that flies it again.
@@ -127,11 +125,9 @@ pub fn worst_cases(
         let told = [outcome.verdict().to_string(), max, outcome.cell("reason").to_cell()];
         table.push(head.into_iter().chain(case.values.iter().cloned()).chain(told));
     }
-    let mut text = format!("worst cases\n{table}\nto fly them again with a recording\n");
-    for place in worst {
-        text += &format!("  {}\n", command(&flown[place].0));
-    }
-    text
+    let commands = worst.iter().map(|place| format!("  {}\n", command(&flown[*place].0)));
+    let commands: String = commands.collect();
+    format!("worst cases\n{table}\nto fly them again with a recording\n{commands}")
 }
 
 /// Everything above for machines.

@@ -42,19 +42,11 @@ pub fn range(text: &str) -> Result<Vec<String>, String> {
         return Err(format!("`{text}`: the number of values is from 2 to {MAX_VALUES}"));
     }
     let steps = f64::from(count - 1);
-    let numbers: Vec<f64> = (0..count)
-        .map(|i| {
-            let i = f64::from(i);
-            let between = (first * (steps - i) + last * i) / steps;
-            if i == 0.0 {
-                first
-            } else if i == steps {
-                last
-            } else {
-                tidy(between)
-            }
-        })
-        .collect();
+    let between = (1..count - 1).map(|i| {
+        let i = f64::from(i);
+        tidy((first * (steps - i) + last * i) / steps)
+    });
+    let numbers: Vec<f64> = [first].into_iter().chain(between).chain([last]).collect();
     let whole = numbers.iter().all(|n| n.fract() == 0.0 && n.abs() < 9e15);
     Ok(numbers.iter().map(|n| if whole { format!("{n:.0}") } else { format!("{n:?}") }).collect())
 }

@@ -36,10 +36,13 @@ enum Trouble {
 impl Trouble {
     fn exit_code(&self) -> u8 {
         match self {
-            Self::File(_) | Self::Campaign(CampaignError::Scenario(_)) => exit::USAGE,
-            Self::Campaign(CampaignError::Journal(
-                JournalError::Changed { .. } | JournalError::Damaged { .. },
-            )) => exit::USAGE,
+            Self::File(_)
+            | Self::Campaign(
+                CampaignError::Scenario(_)
+                | CampaignError::Journal(
+                    JournalError::Changed { .. } | JournalError::Damaged { .. },
+                ),
+            ) => exit::USAGE,
             Self::Campaign(CampaignError::Interrupted { .. }) => exit::INTERRUPTED,
             _ => exit::UNFIT,
         }
