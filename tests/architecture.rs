@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
@@ -35,7 +36,7 @@ const ALLOWED: [(&str, &[&str]); 12] = [
 ];
 
 /// What pure mathematics may know of the rest of the world.
-const MATHEMATICS: [&str; 4] = ["nalgebra", "faer", "libm", "thiserror"];
+const MATHEMATICS: [&str; 3] = ["nalgebra", "libm", "thiserror"];
 
 /// One dependency as its crate declares it.
 struct Dependency {
@@ -44,15 +45,24 @@ struct Dependency {
     shipped: bool,
 }
 
-/// Dependencies of every crate of the workspace.
-fn workspace() -> BTreeMap<String, Vec<Dependency>> {
+/// What cargo says about the workspace.
+fn metadata(arguments: &[&str]) -> Value {
     let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--no-deps", "--offline", "--format-version", "1"])
+        .args(["metadata", "--offline", "--format-version", "1"])
+        .args(arguments)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo runs");
-    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo writes JSON");
-    let text = |value: &Value| value.as_str().expect("a name").to_owned();
+    serde_json::from_slice(&output.stdout).expect("cargo writes JSON")
+}
+
+fn text(value: &Value) -> String {
+    value.as_str().expect("a name").to_owned()
+}
+
+/// Dependencies of every crate of the workspace.
+fn workspace() -> BTreeMap<String, Vec<Dependency>> {
+    let metadata = metadata(&["--no-deps"]);
     let packages = metadata["packages"].as_array().expect("packages").iter();
     packages
         .map(|package| {
@@ -108,5 +118,47 @@ fn only_shared_types_runtime_and_tests_know_the_transport() {
     for (name, dependencies) in workspace() {
         let knows = dependencies.iter().any(|d| d.name == "iceoryx2" && d.shipped);
         assert!(!knows || ["shared-types", "runtime"].contains(&name.as_str()), "{name}");
+    }
+}
+
+/// With its feature `std` nalgebra multiplies large matrices in a way that depends on whether the
+/// processor has FMA, and without `libm-force` its functions are the C library's.
+#[test]
+fn the_linear_algebra_of_a_flight_asks_neither_the_processor_nor_the_c_library() {
+    // Crates for other systems need not have been fetched.
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let metadata = metadata(&["--filter-platform", &platform]);
+    let nodes = metadata["resolve"]["nodes"].as_array().expect("nodes").iter();
+    let of = |name: &str| {
+        let named = format!("#{name}@");
+        nodes.clone().filter(move |node| text(&node["id"]).contains(&named))
+    };
+    assert_eq!(of("matrixmultiply").count(), 0, "something brings in matrixmultiply");
+    for node in of("nalgebra") {
+        let features = node["features"].as_array().expect("features");
+        let features: BTreeSet<String> = features.iter().map(text).collect();
+        assert_eq!(features, BTreeSet::from(["alloc".to_owned(), "libm-force".to_owned()]));
+    }
+    assert_eq!(of("nalgebra").count(), 1);
+}
+
+/// Its kernels are chosen by the processor: good enough for a map of eigenvalues, not for a flight.
+#[test]
+fn only_studies_know_the_dispatching_linear_algebra() {
+    for (name, dependencies) in workspace() {
+        let knows = dependencies.iter().any(|d| d.name == "faer");
+        assert_eq!(knows, name == "launcher", "{name}");
+    }
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("launcher/src")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if !path.components().any(|part| part.as_os_str() == "study") {
+                let source = std::fs::read_to_string(&path).expect("a source file");
+                assert!(!source.contains("faer::"), "{}", path.display());
+            }
+        }
     }
 }

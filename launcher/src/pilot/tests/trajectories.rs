@@ -1,5 +1,10 @@
 //! Shapes against closed forms, differences and refusals.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
+
 use super::{MS, along_path, distance, figure, shapes, waypoints};
 use crate::pilot::{
     FigureEightConfig, Heading, PilotError, Trajectory, TrajectoryConfig, TrajectoryPoint, Waypoint,

@@ -1,5 +1,10 @@
 //! The morph angle is followed at rest and through a sweep.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
+
 use estimator::{Filter, FilterConfig, InitialState, MorphAngleSample};
 
 use super::world::{STEP_NS, Sensors, hover};

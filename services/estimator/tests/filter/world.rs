@@ -1,5 +1,10 @@
 //! Known trajectories and the seeded sensors that fly them.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
+
 use estimator::{
     Covariance, Filter, FilterConfig, ImuSample, InitialState, PoseFixSample, STATE_DIMENSION,
 };

@@ -1,4 +1,8 @@
 //! A gain that changes along the horizon, against a simulation of what it means.
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
 #![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 mod common;

@@ -168,6 +168,10 @@ macro_rules! assign {
 assign!(AddAssign add_assign +, SubAssign sub_assign -, MulAssign mul_assign *, DivAssign div_assign /);
 
 #[cfg(test)]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
 mod tests {
     use super::{Pair, Real};
 

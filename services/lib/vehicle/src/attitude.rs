@@ -88,6 +88,10 @@ pub fn wrap_pi(angle_rad: f64) -> f64 {
 }
 
 #[cfg(test)]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
 mod tests {
     use std::f64::consts::FRAC_PI_2;
 

@@ -215,7 +215,9 @@ impl ParametricQp {
         for first in 0..m {
             for second in 0..first {
                 let (own, other) = (gram[(first, first)], gram[(second, second)]);
-                if own * other - gram[(first, second)].powi(2) <= 1e-10 * own * other {
+                if own * other - gram[(first, second)] * gram[(first, second)]
+                    <= 1e-10 * own * other
+                {
                     return Err(CertificateError::ParallelRows { first: second, second: first });
                 }
             }

@@ -1,6 +1,11 @@
 //! Programs with a certificate by construction: built around a known solution, or around a
 //! combination of rows that no point satisfies.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
+
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,9 @@
 //! Random problems of known kind, and a reference solver that shares no code with the crate.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
 #![allow(dead_code, reason = "each test file uses a part")]
 
 use clarabel::algebra::CscMatrix;
