@@ -57,6 +57,10 @@ fn a_value_in_another_unit_or_of_another_type_is_refused_with_the_unit_in_the_ke
     let text = "[latency]\nwrench_command_ms = 1\n";
     assert_file_refused(text, &["latency.wrench_command_ms", "mine.toml:2:", "wrench_command_s"]);
     assert_refused(&["hover", "--seed", "-4"], &["--seed"]);
+    assert_refused(
+        &["hover", "--seed", "18446744073709551615"],
+        &["--seed", "9223372036854775807"],
+    );
     assert_refused(&["hover", "--for", "20 parsecs"], &["--for", "20 parsecs"]);
 }
 

@@ -1,22 +1,59 @@
 //! Simulated time: one flight, one hash, whatever the machine is busy with.
 //!
-//! `MORPHQUAD_ROUNDS=20 cargo test --release --test lockstep` flies every scenario 20 times.
+//! `MORPHQUAD_ROUNDS=200 cargo test --release --test lockstep one_hash -- --nocapture` flies
+//! `hover` and `figure8-morph` 200 times each, every time in other conditions; `MORPHQUAD_SEED`
+//! draws others.
 
 mod common;
 
 use common::{Flown, fly, fly_with, rounds, turn};
+use launcher::in_process::{self, StateSource};
+use launcher::run::FlightHash;
+use launcher::scenario::Scenario;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeSet;
 use std::process::{Child, Command};
 
-/// What must not make a difference: a command to go through, flags, a neighbour that computes.
-const CONDITIONS: [(&[&str], &[&str], bool); 7] = [
-    (&[], &[], false),
-    (&[], &["--pin", "none"], false),
-    (&[], &["--pin", "0"], false),
-    (&[], &["--pin", "1"], true),
-    (&["nice", "-n", "10"], &[], true),
-    (&[], &["--no-record"], false),
-    (&[], &["--pin", "none", "--no-record"], true),
-];
+/// What must not make a difference, drawn by chance.
+#[derive(Debug)]
+struct Conditions {
+    /// Priority of the whole run.
+    nice: u8,
+    /// Processor for all, and whether each process has its own order of starting, pause, processor
+    /// and priority.
+    flags: Vec<String>,
+    /// Processes beside it that compute.
+    neighbours: usize,
+}
+
+impl Conditions {
+    fn draw(random: &mut ChaCha8Rng) -> Self {
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        let mut flags = Vec::new();
+        if random.random_range(0..4) > 0 {
+            flags.push(format!("--disorder={}", random.random_range(0..u64::MAX)));
+        }
+        flags.push(match random.random_range(0..processors + 2) {
+            0 => "--pin=auto".to_owned(),
+            1 => "--pin=none".to_owned(),
+            other => format!("--pin={}", other - 2),
+        });
+        if random.random_range(0..2) == 0 {
+            flags.push("--no-record".to_owned());
+        }
+        let nice = if random.random_range(0..2) == 0 { 0 } else { random.random_range(1..20) };
+        Self { nice, flags, neighbours: random.random_range(0..=processors) }
+    }
+
+    fn fly(&self, scenario: &str) -> Flown {
+        let _neighbours: Vec<_> = (0..self.neighbours).map(|_| Neighbour::busy()).collect();
+        let nice = self.nice.to_string();
+        let flags = self.flags.iter().map(String::as_str);
+        let arguments: Vec<&str> = std::iter::once(scenario).chain(flags).collect();
+        fly_with(&["nice", "-n", &nice], &arguments)
+    }
+}
 
 /// A process that keeps one core busy until dropped.
 struct Neighbour(Child);
@@ -35,29 +72,51 @@ impl Drop for Neighbour {
     }
 }
 
-fn fly_in_every_condition(scenario: &str) {
+/// The hash of the same flight in one thread, without shared memory or processes.
+fn hash_in_one_process(scenario: &str) -> String {
+    let scenario = Scenario::load(scenario, &[]).expect("a shipped scenario");
+    let hash = in_process::fly(&scenario, StateSource::Estimator, FlightHash::default());
+    hash.expect("a flight to its end").hex()
+}
+
+fn fly_in_random_conditions(scenario: &str) {
     let _turn = turn();
-    let mut hashes = Vec::new();
-    let rounds = rounds(CONDITIONS.len());
+    let expected = hash_in_one_process(scenario);
+    let seed = std::env::var("MORPHQUAD_SEED").ok().and_then(|seed| seed.parse().ok());
+    let mut random = ChaCha8Rng::seed_from_u64(seed.unwrap_or(1));
+    let rounds = rounds(7);
     for round in 0..rounds {
-        let (through, flags, crowded) = CONDITIONS[round % CONDITIONS.len()];
-        let _neighbour = crowded.then(Neighbour::busy);
-        let flown = fly_with(through, &[&[scenario], flags].concat());
+        let conditions = Conditions::draw(&mut random);
+        let flown = conditions.fly(scenario);
         flown.assert_clean();
-        hashes.push(flown.hash().to_owned());
+        assert_eq!(flown.hash(), expected, "{scenario}, round {round}: {conditions:?}");
     }
-    hashes.dedup();
-    assert_eq!(hashes.len(), 1, "{scenario}: {hashes:?}");
+    println!(
+        "{rounds} lockstep runs of {scenario} in random conditions: hash {expected}, as in one process"
+    );
 }
 
 #[test]
 fn hover_has_one_hash_however_it_is_run() {
-    fly_in_every_condition("hover");
+    fly_in_random_conditions("hover");
 }
 
 #[test]
 fn figure8_morph_has_one_hash_however_it_is_run() {
-    fly_in_every_condition("figure8-morph");
+    fly_in_random_conditions("figure8-morph");
+}
+
+#[test]
+fn conditions_are_drawn_from_all_there_are() {
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let drawn: Vec<_> = (0..200).map(|_| Conditions::draw(&mut random)).collect();
+    let flags = drawn.iter().flat_map(|c| &c.flags);
+    let pins: BTreeSet<_> = flags.filter(|flag| flag.starts_with("--pin")).collect();
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    assert_eq!(pins.len(), processors + 2);
+    let disorders: BTreeSet<_> = drawn.iter().filter_map(|c| c.flags.first()).collect();
+    assert!(disorders.len() > 100);
+    assert!((0..=processors).all(|n| drawn.iter().any(|c| c.neighbours == n)));
 }
 
 #[test]

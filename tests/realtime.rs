@@ -30,6 +30,19 @@ fn figure8_morph_follows_its_reference_in_realtime_and_the_recorder_loses_nothin
 }
 
 #[test]
+fn a_slow_realtime_flight_without_a_miss_has_the_hash_of_the_lockstep_flight() {
+    let _turn = turn();
+    let arguments = ["figure8-morph", "--for", "1500ms"];
+    let lockstep = fly(&[&arguments[..], &["--no-record"]].concat());
+    let slow = fly(&[&arguments[..], &["--clock", "realtime", "--speed", "0.2"]].concat());
+    assert_eq!(slow.code, Some(0), "{}", slow.said());
+    let misses = ["missed_ticks", "late_samples", "unseen_samples"].map(|key| slow.number(key));
+    // A busy machine may miss even so.
+    let missed = misses.iter().any(|count| *count > 0.5);
+    assert!(missed || slow.hash() == lockstep.hash(), "{}", slow.said());
+}
+
+#[test]
 fn time_can_run_faster_than_the_wall_clock_and_slower() {
     let _turn = turn();
     for (speed, fastest) in [("0.5", 0.5), ("3", 3.0)] {

@@ -7,6 +7,7 @@ use crate::scenario::settings::Clock;
 use runtime::connect::connect;
 use runtime::ipc::{Bus, PortError};
 use runtime::namespace::Membership;
+use runtime::priority::take_fifo;
 use runtime::watch::StopFlags;
 use runtime::{Ending, Executor, Graph, Node, Process, ProcessError, Service};
 use rustix::thread::{CpuSet, sched_setaffinity, set_name};
@@ -30,6 +31,8 @@ pub struct ProcOptions {
     pub restore: bool,
     /// Processor to stay on.
     pub cpu: Option<usize>,
+    /// How much to stand back for others, as `nice` counts.
+    pub nice: Option<i32>,
 }
 
 /// Wall time that a realtime flight is given to land after the grace period \[s\].
@@ -68,12 +71,18 @@ fn fly(role: Role, options: &ProcOptions) -> Result<Ending, Box<dyn std::error::
     if let Some(cpu) = options.cpu {
         stay_on(cpu);
     }
+    if let Some(nice) = options.nice {
+        // Without permission the process keeps its priority.
+        let _ = rustix::process::nice(nice);
+    }
     let stop = StopFlags::watch_signals()?;
     // Declared first, dropped last: the last process to leave wipes the run's folder, and by then
     // its own ports must be closed.
     let membership = Membership::join(&options.run)?;
     let file = options.run.join("scenario.toml");
     let scenario = Scenario::load(&file.to_string_lossy(), &[])?;
+    // Without permission it flies on as it is; the launcher says so.
+    let _ = scenario.fifo_priority().map(take_fifo);
     let grace_s = scenario.settings().launcher.launcher_grace_s;
     let realtime = scenario.settings().scenario.clock == Clock::Realtime;
     let lands = realtime && grace_s > 0.0;

@@ -1,5 +1,9 @@
 //! What the tests share: the real executable, its summary, its recording, its processes.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
 #![allow(dead_code, reason = "every test file uses its own part of this")]
 
 pub(crate) mod processes;

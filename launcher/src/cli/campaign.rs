@@ -39,9 +39,7 @@ impl Trouble {
             Self::File(_)
             | Self::Campaign(
                 CampaignError::Scenario(_)
-                | CampaignError::Journal(
-                    JournalError::Changed { .. } | JournalError::Damaged { .. },
-                ),
+                | CampaignError::Journal(JournalError::Changed { .. } | JournalError::Damaged { .. }),
             ) => exit::USAGE,
             Self::Campaign(CampaignError::Interrupted { .. }) => exit::INTERRUPTED,
             _ => exit::UNFIT,

@@ -2,11 +2,10 @@
 
 use crate::scenario::Scenario;
 use crate::scenario::pilot::Manoeuvre;
-use crate::scenario::settings::Clock;
+use crate::scenario::settings::{Clock, ScenarioSettings};
 use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
 use runtime::{Graph, MissPolicy, Node};
-use shared_types::Edge;
 use std::io::{self, Write};
 
 /// Prints the scenario and, since it has been loaded, `ok`.
@@ -17,7 +16,7 @@ pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let graph = scenario.graph().map_err(io::Error::other)?;
     summary(scenario, out)?;
     loops(&graph, out)?;
-    arrows(&graph, out)?;
+    arrows(&graph, &scenario.settings().scenario, out)?;
     world(scenario, out)?;
     writeln!(out, "ok")
 }
@@ -38,20 +37,15 @@ fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 }
 
 fn loops(graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(
-        out,
-        "{:<14}{:>10}{:>12}{:>10}{:>16}  MISSED",
-        "LOOP", "RATE", "PERIOD", "LEAD", "INPUT DEADLINE"
-    )?;
+    writeln!(out, "{:<14}{:>10}{:>14}{:>10}  MISSED", "LOOP", "RATE", "PERIOD", "LEAD")?;
     for node in graph.nodes() {
         writeln!(
             out,
-            "{:<14}{:>10}{:>12}{:>10}{:>16}  {}",
+            "{:<14}{:>10}{:>14}{:>10}  {}",
             node.role.label(),
             format!("{} Hz", node.rate.hz()),
             milliseconds(node.rate.period_ns()),
             milliseconds(node.lead_ns),
-            milliseconds(node.input_deadline_ns),
             missed(node)
         )?;
     }
@@ -66,26 +60,36 @@ fn missed(node: &Node) -> &'static str {
     }
 }
 
-fn arrows(graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(out, "{:<20}{:<14}{:<14}{:>10}  WAITED FOR", "TOPIC", "FROM", "TO", "LATENCY")?;
+/// One line per edge: from which instant a sample counts, how long the step that needs it waits, and
+/// when it is late, all after the release of its producer, in logical time.
+fn arrows(graph: &Graph, flown: &ScenarioSettings, out: &mut dyn Write) -> io::Result<()> {
+    let times = flown.pace().filter(|_| flown.clock == Clock::Realtime);
+    let wall = times.map_or(String::new(), |times| format!("AT {times}x"));
+    writeln!(
+        out,
+        "{:<20}{:<14}{:<14}{:>10}{:>12}{:>12}{wall:>14}",
+        "TOPIC", "FROM", "TO", "LATENCY", "WAITED FOR", "DEADLINE"
+    )?;
     for edge in graph.edges() {
-        let deadline_ns = graph.node(edge.to).map_or(0, |node| node.input_deadline_ns);
-        let waited = match edge.topic.edge {
-            Edge::Delayed => "until it takes effect".to_owned(),
-            Edge::ZeroLatency | Edge::RecordOnly => {
-                format!("{} after release", milliseconds(deadline_ns))
-            }
-        };
+        let deadline_ns = edge.latency_ns + edge.deadline_ns;
+        let on_wall = |times: f64| format!("{} ms", (deadline_ns as f64 / times).round() / 1e6);
         writeln!(
             out,
-            "{:<20}{:<14}{:<14}{:>10}  {waited}",
+            "{:<20}{:<14}{:<14}{:>10}{:>12}{:>12}{:>14}",
             edge.topic.name,
             edge.from.label(),
             edge.to.label(),
-            milliseconds(edge.latency_ns)
+            milliseconds(edge.latency_ns),
+            milliseconds(edge.deadline_ns),
+            format!("{} ms", deadline_ns as f64 / 1e6),
+            times.map_or(String::new(), on_wall),
         )?;
     }
-    writeln!(out)
+    writeln!(
+        out,
+        "A sample takes effect a latency after its release and is late if it comes after its\n\
+         deadline, which counts from its release too. In lockstep nothing is ever late.\n"
+    )
 }
 
 fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {

@@ -153,6 +153,25 @@ mod tests {
     }
 
     #[test]
+    fn check_shows_the_deadline_of_each_edge_and_how_a_slower_clock_stretches_it() {
+        let edge = |out: &str, topic: &str, to: &str| -> Vec<String> {
+            let line = out.lines().find(|line| line.starts_with(topic) && line.contains(to));
+            let cells = line.unwrap_or_else(|| panic!("no {topic} to {to}: {out}")).split("  ");
+            cells.map(str::trim).filter(|cell| !cell.is_empty()).map(str::to_owned).collect()
+        };
+        let set = "--set realtime.attitude_mpc.deadline.state_estimate_s=0.002";
+        let (code, out, _) =
+            morphquad(&format!("check figure8-morph --clock realtime --speed 0.1 {set}"));
+        assert_eq!(code, exit::PASS);
+        let estimate = edge(&out, "state_estimate", "attitude");
+        assert_eq!(estimate[3..], ["-", "2 ms", "2 ms", "20 ms"], "{out}");
+        let command = edge(&out, "wrench_command", "plant");
+        assert_eq!(command[3..], ["1 ms", "-", "1 ms", "10 ms"], "{out}");
+        let (_, out, _) = morphquad("check figure8-morph");
+        assert_eq!(edge(&out, "imu", "estimator")[3..], ["-", "20 ms", "20 ms"], "{out}");
+    }
+
+    #[test]
     fn a_scenario_that_does_not_fly_ends_with_2_and_an_empty_stdout() {
         for bad in ["check hoover", "check hover --rate rotor=5", "run hover --set plant.rate=5"] {
             let (code, out, diagnostics) = morphquad(bad);

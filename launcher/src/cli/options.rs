@@ -98,6 +98,7 @@ pub struct ScenarioArguments {
     pub duration: Option<Duration>,
     /// Seed of everything random
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: Option<u64>,
     /// Rate of one loop, for example `attitude-mpc=500`
     #[arg(long, value_name = "NAME=HZ")]
@@ -145,6 +146,9 @@ pub struct RunArguments {
     /// Where the processes run
     #[arg(long, value_name = "auto|none|CPU", default_value = "auto", value_parser = pin)]
     pub pin: Pin,
+    /// Start order, pauses, processors and priorities by chance, for tests that want disorder
+    #[arg(long, value_name = "SEED", hide = true)]
+    pub disorder: Option<u64>,
     /// Form of the summary
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
@@ -155,7 +159,8 @@ impl RunArguments {
         let speed = scenario.settings().scenario.pace().map_or(Speed::Max, Speed::Times);
         let record = (!self.no_record).then(|| self.record.clone());
         let progress = std::io::stderr().is_terminal();
-        RunOptions { scenario, speed, record, pin: self.pin, progress }
+        let (pin, disorder) = (self.pin, self.disorder);
+        RunOptions { scenario, speed, record, pin, disorder, progress }
     }
 }
 
@@ -240,6 +245,9 @@ pub struct ProcArguments {
     /// Processor to stay on
     #[arg(long, value_name = "CPU")]
     pub cpu: Option<usize>,
+    /// How much to stand back for others
+    #[arg(long, value_name = "N")]
+    pub nice: Option<i32>,
 }
 
 impl ProcArguments {
@@ -251,6 +259,7 @@ impl ProcArguments {
             launcher_pid: self.launcher_pid,
             restore: self.restore,
             cpu: self.cpu,
+            nice: self.nice,
         }
     }
 }

@@ -21,6 +21,10 @@ pub(super) struct ChildSpec {
     pub(super) executable: PathBuf,
     /// Processor to stay on, if any.
     pub(super) cpu: Option<usize>,
+    /// How much to stand back for others, if at all.
+    pub(super) nice: Option<i32>,
+    /// Pause before the first start \[ns\].
+    pub(super) pause_ns: u64,
 }
 
 /// A running child.
@@ -55,6 +59,9 @@ impl RunningChild {
             .process_group(0);
         if let Some(cpu) = spec.cpu {
             command.args(["--cpu", &cpu.to_string()]);
+        }
+        if let Some(nice) = spec.nice {
+            command.args(["--nice", &nice.to_string()]);
         }
         if restore {
             command.arg("--restore");

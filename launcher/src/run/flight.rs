@@ -3,12 +3,13 @@
 use super::child::ChildSpec;
 use super::conductor::{Conductor, Patience, drained_ns};
 use super::consumers::Consumers;
+use super::disorder;
 use super::metrics::Metrics;
 use super::pilot_thread::{self, PilotEnd};
 use super::services::{HeldServices, Wakers};
 use super::setup::{
-    RunError, RunOptions, clock_of, facts, pinned_cpu, progress_bar, recording_path,
-    require_processor, require_shared_memory, run_id, seconds, system,
+    RunError, RunOptions, allowed_processors, clock_of, facts, pinned_cpu, progress_bar,
+    recording_path, require_processor, require_shared_memory, run_id, seconds, system,
 };
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
@@ -20,6 +21,7 @@ use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind};
 use runtime::namespace::{Membership, sweep_dead_runs};
+use runtime::priority::may_take_fifo;
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Hello, Role};
 use std::path::PathBuf;
@@ -30,7 +32,11 @@ const LOOK_EVERY_NS: u64 = 1_000_000;
 /// How long processes may take to leave after the end of the flight \[ns\].
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
 /// From the announcement of a realtime flight to its start \[ns\].
-const COUNTDOWN_NS: u64 = 50_000_000;
+const COUNTDOWN_NS: u64 = 100_000_000;
+
+/// Said once, since it explains misses.
+const NO_PRIORITY: &str = "no right to realtime priority, other programs can make loops miss: raise \
+    `ulimit -r`, give cap_sys_nice, or fly slower with --speed";
 
 /// How the flight's main loop ended.
 enum Outcome {
@@ -108,14 +114,15 @@ impl Flight {
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let executable = std::env::current_exe().map_err(system("find the own executable"))?;
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
-        let specs = roles
-            .iter()
-            .filter(|role| has_process(**role))
-            .filter_map(|&role| {
-                let name = components::name_of(role)?;
-                Some((role, ChildSpec { name, executable: executable.clone(), cpu }))
-            })
-            .collect();
+        let spec = |role: Role| {
+            let (name, executable) = (components::name_of(role)?, executable.clone());
+            Some((role, ChildSpec { name, executable, cpu, nice: None, pause_ns: 0 }))
+        };
+        let processes = roles.iter().filter(|role| has_process(**role));
+        let mut specs: Vec<_> = processes.filter_map(|&role| spec(role)).collect();
+        if let Some(seed) = options.disorder {
+            disorder::shuffle(&mut specs, seed, &allowed_processors()?);
+        }
         let patience = &scenario.settings().launcher;
         let policy = RestartPolicy {
             backoff_ns: seconds(patience.restart_backoff_s),
@@ -164,6 +171,9 @@ impl Flight {
             pinned_cpu(options.pin, clock_of(scenario)),
         );
         self.pilot = Some(pilot.map_err(system("start the pilot"))?);
+        if scenario.fifo_priority().is_some_and(|priority| !may_take_fifo(priority)) {
+            self.notice(NO_PRIORITY);
+        }
         let limit_s = scenario.settings().launcher.startup_timeout_s;
         let deadline_ns = mono_now_ns() + seconds(limit_s);
         while !self.supervisor.await_ready(&self.graph).map_err(not_ready)? {

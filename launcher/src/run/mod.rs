@@ -4,6 +4,7 @@ mod alone;
 mod child;
 mod conductor;
 mod consumers;
+mod disorder;
 mod flight;
 mod hash;
 mod metrics;

@@ -4,6 +4,7 @@ use crate::components::{self, Component, ComponentVisitor};
 use crate::process::{SeatOptions, fly_service, name_thread, stay_on};
 use crate::scenario::Scenario;
 use runtime::ipc::Bus;
+use runtime::priority::take_fifo;
 use runtime::watch::StopFlags;
 use runtime::{Ending, Graph, Service};
 use shared_types::Role;
@@ -43,6 +44,7 @@ pub(super) fn start(
         if let Some(cpu) = cpu {
             stay_on(cpu);
         }
+        let _ = scenario.fifo_priority().map(take_fifo);
         let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
         components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop })
             .map_err(|error| error.to_string())?

@@ -25,6 +25,8 @@ pub struct RunOptions {
     pub record: Option<PathBuf>,
     /// Processor choice.
     pub pin: Pin,
+    /// Seed of a start in disorder; none for the usual order.
+    pub disorder: Option<u64>,
     /// Whether to show progress on standard error.
     pub progress: bool,
 }
@@ -134,15 +136,19 @@ pub(super) fn clock_of(scenario: &Scenario) -> ClockMode {
 /// Refuses a processor that the children could not be moved to.
 pub(super) fn require_processor(pin: Pin) -> Result<(), RunError> {
     let Pin::Cpu(cpu) = pin else { return Ok(()) };
-    let allowed = rustix::thread::sched_getaffinity(None)
-        .map_err(|error| system("look at the processors")(error.into()))?;
-    let allowed: Vec<usize> =
-        (0..rustix::thread::CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).collect();
+    let allowed = allowed_processors()?;
     if allowed.contains(&cpu) {
         return Ok(());
     }
     let allowed = allowed.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
     Err(RunError::NoSuchProcessor { cpu, allowed })
+}
+
+/// Processors that this process may run on.
+pub(super) fn allowed_processors() -> Result<Vec<usize>, RunError> {
+    let allowed = rustix::thread::sched_getaffinity(None)
+        .map_err(|error| system("look at the processors")(error.into()))?;
+    Ok((0..rustix::thread::CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).collect())
 }
 
 pub(super) fn pinned_cpu(pin: Pin, clock: ClockMode) -> Option<usize> {

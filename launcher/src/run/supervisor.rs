@@ -3,6 +3,7 @@
 use super::child::{ChildSpec, RunningChild, describe};
 use super::tap::LastState;
 use runtime::Graph;
+use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSink, IpcSource, PortError, ServiceKind, StatePublisher, TopicFactory};
 use runtime::namespace::remove_unborn_objects;
 use runtime::{Sink as _, Source as _, StateSink as _};
@@ -133,6 +134,9 @@ impl Supervisor {
     /// Starts every process.
     pub(super) fn start_all(&mut self) -> Result<(), FlightError> {
         for seat in &mut self.seats {
+            if seat.spec.pause_ns > 0 {
+                sleep_until(mono_now_ns() + seat.spec.pause_ns);
+            }
             start(seat, &self.folder, false)?;
         }
         Ok(())

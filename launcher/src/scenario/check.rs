@@ -4,6 +4,7 @@ mod laws;
 
 pub(crate) use laws::TESTED_RATES_HZ;
 
+use super::deadlines;
 use super::document::Document;
 use super::pilot::Plan;
 use super::problem::Problem;
@@ -33,6 +34,7 @@ pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Proble
     let peak_m_s2 = checker.pilot();
     checker.wind(peak_m_s2);
     checker.clock();
+    checker.deadlines();
     checker.graph();
     (checker.errors, checker.warnings)
 }
@@ -161,7 +163,7 @@ impl<'s> Checker<'s> {
             Event::Wind(wind) => {
                 let [x, y, _] = wind.mean_w_m_s;
                 let sigma = wind.sigma_m_s[0].max(wind.sigma_m_s[1]);
-                Some((drag * (x.hypot(y) + 3.0 * sigma), Some(index)))
+                Some((drag * (libm::hypot(x, y) + 3.0 * sigma), Some(index)))
             }
             _ => None,
         });
@@ -176,6 +178,17 @@ impl<'s> Checker<'s> {
         }
         if ns_from_s(settings.duration_s) == 0 {
             self.error("scenario.duration_s", "is shorter than a nanosecond", "fly longer");
+        }
+    }
+
+    fn deadlines(&mut self) {
+        let realtime = &self.settings().realtime;
+        let mut complaints = deadlines::of_unknown_edges(realtime);
+        if let (true, Ok(graph)) = (complaints.is_empty(), self.scenario.graph()) {
+            complaints = deadlines::beyond_the_period(realtime, &graph);
+        }
+        for (key, what, remedy) in complaints {
+            self.error(&key, what, remedy);
         }
     }
 

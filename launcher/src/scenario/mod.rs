@@ -6,6 +6,7 @@
 
 mod check;
 mod clock;
+mod deadlines;
 mod document;
 mod overrides;
 pub mod pilot;
@@ -107,6 +108,13 @@ impl Scenario {
     #[must_use]
     pub fn duration_ns(&self) -> u64 {
         ns_from_s(self.settings.scenario.duration_s)
+    }
+
+    /// Priority over other programs that the flight's loops ask for, if any.
+    #[must_use]
+    pub fn fifo_priority(&self) -> Option<u8> {
+        let realtime = self.settings.scenario.clock == settings::Clock::Realtime;
+        Some(self.settings.realtime.priority).filter(|&priority| realtime && priority > 0)
     }
 
     /// Loops and arrows.

@@ -7,6 +7,7 @@ use garde::Validate;
 use runtime::MissPolicy;
 use serde::Deserialize;
 use shared_types::Role;
+use std::collections::BTreeMap;
 
 /// A whole scenario.
 #[derive(Debug, Clone)]
@@ -129,9 +130,12 @@ impl Default for LatencySettings {
 }
 
 /// What each loop does when the wall clock gets ahead of it.
-#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeSettings {
+    /// Priority over other programs (`SCHED_FIFO`), as far as the user may ask for it; 0 for none.
+    #[garde(range(max = 99))]
+    pub priority: u8,
     /// Plant.
     #[garde(dive)]
     pub plant: LoopSettings,
@@ -153,15 +157,18 @@ pub struct RealtimeSettings {
 }
 
 /// One loop against the wall clock.
-#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Default, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LoopSettings {
     /// What to do about missed releases; what suits the loop if left out.
     #[garde(skip)]
     pub miss_policy: Option<Miss>,
-    /// Wait for inputs at most this long after the release \[s\].
+    /// Wait for inputs without latency at most this long after the release, in logical time \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub input_deadline_s: Option<f64>,
+    /// The same for one input alone: `TOPIC_s`, any topic that the loop reads; 0 never waits.
+    #[garde(skip)]
+    pub deadline: BTreeMap<String, f64>,
 }
 
 /// What to do about missed releases.
@@ -186,20 +193,47 @@ impl From<Miss> for MissPolicy {
     }
 }
 
+impl Default for RealtimeSettings {
+    fn default() -> Self {
+        let usual = LoopSettings::default;
+        Self {
+            priority: 10,
+            plant: usual(),
+            estimator: usual(),
+            position_mpc: usual(),
+            attitude_mpc: usual(),
+            disturbance_injector: usual(),
+            pilot: usual(),
+        }
+    }
+}
+
 impl RealtimeSettings {
     /// What the scenario says about the loop that fills `role`.
     #[must_use]
-    pub fn of(&self, role: Role) -> LoopSettings {
+    pub fn of(&self, role: Role) -> Option<&LoopSettings> {
         match role {
-            Role::Plant => self.plant,
-            Role::Estimator => self.estimator,
-            Role::Position => self.position_mpc,
-            Role::Attitude => self.attitude_mpc,
-            Role::Disturbance => self.disturbance_injector,
-            Role::Pilot => self.pilot,
-            _ => LoopSettings::default(),
+            Role::Plant => Some(&self.plant),
+            Role::Estimator => Some(&self.estimator),
+            Role::Position => Some(&self.position_mpc),
+            Role::Attitude => Some(&self.attitude_mpc),
+            Role::Disturbance => Some(&self.disturbance_injector),
+            Role::Pilot => Some(&self.pilot),
+            _ => None,
         }
     }
+
+    /// How long the step of `role` waits for `topic`, if the scenario says so \[s\].
+    #[must_use]
+    pub fn deadline_s(&self, role: Role, topic: &str) -> Option<f64> {
+        let deadlines = &self.of(role)?.deadline;
+        deadlines.iter().find(|(key, _)| topic_of(key) == Some(topic)).map(|(_, s)| *s)
+    }
+}
+
+/// Topic that a key `TOPIC_s` names.
+pub(super) fn topic_of(key: &str) -> Option<&str> {
+    key.strip_suffix("_s")
 }
 
 /// Patience of the launcher, in wall time.

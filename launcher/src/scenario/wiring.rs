@@ -2,12 +2,14 @@
 
 use super::ns_from_s;
 use super::settings::{LatencySettings, Settings};
+use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
 use shared_types::{Role, TopicInfo, topics};
 use thiserror::Error;
 
 /// Realtime: how long a loop waits for its inputs unless the scenario says otherwise. Half of the
-/// shortest declared latency, so that the other half is left to compute.
+/// shortest declared latency, so that the other half is left to compute; never more than half of the
+/// loop's own period.
 const INPUT_DEADLINE_S: f64 = 0.0005;
 
 /// An estimate without its inertial sample is worth nothing: the estimator waits for a stall of the
@@ -52,7 +54,9 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
         .filter(|role| !(rig && *role == Role::Position))
         .map(|role| node(settings, role))
         .collect::<Result<Vec<_>, _>>()?;
-    Ok(Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?)
+    let graph = Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?;
+    let deadline_s = |edge: &Edge| settings.realtime.deadline_s(edge.to, edge.topic.name);
+    Ok(graph.with_deadlines(&|edge| deadline_s(edge).map(ns_from_s)))
 }
 
 fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
@@ -61,7 +65,7 @@ fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
         Role::Estimator => settings.estimator.rate_hz,
         Role::Position => settings.position_mpc.rate_hz,
         Role::Attitude => settings.attitude_mpc.rate_hz,
-        Role::Disturbance => settings.disturbance_injector.rate_hz.into(),
+        Role::Disturbance => settings.disturbance_injector.rate_hz,
         _ => settings.pilot.common.rate_hz,
     };
     let rate = Rate::from_hz(rate_hz)
@@ -73,12 +77,16 @@ fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
         _ => 0,
     };
     let own = settings.realtime.of(role);
-    let input_deadline_s = own.input_deadline_s.unwrap_or(match role {
-        Role::Estimator => ESTIMATOR_DEADLINE_S,
-        _ => INPUT_DEADLINE_S,
-    });
-    let input_deadline_ns = ns_from_s(input_deadline_s);
-    let miss_policy = own.miss_policy.map_or(default_policy(role), MissPolicy::from);
+    let input_deadline_s = own.and_then(|own| own.input_deadline_s);
+    let input_deadline_ns = input_deadline_s.map_or_else(
+        || match role {
+            Role::Estimator => ns_from_s(ESTIMATOR_DEADLINE_S),
+            _ => ns_from_s(INPUT_DEADLINE_S).min(rate.period_ns() / 2),
+        },
+        ns_from_s,
+    );
+    let miss_policy = own.and_then(|own| own.miss_policy);
+    let miss_policy = miss_policy.map_or(default_policy(role), MissPolicy::from);
     Ok(Node { role, rate, lead_ns, input_deadline_ns, miss_policy })
 }
 

@@ -10,7 +10,7 @@ use crate::Event;
 pub const MAX_EVENTS: usize = 16;
 
 /// Highest rate \[Hz\].
-pub const MAX_RATE_HZ: u32 = 10_000;
+pub const MAX_RATE_HZ: f64 = 10_000.0;
 
 /// A script that cannot be played.
 #[derive(Debug, Error)]
@@ -25,8 +25,8 @@ pub enum InjectorError {
 #[serde(deny_unknown_fields, default)]
 pub struct InjectorConfig {
     /// Samples per second.
-    #[garde(range(min = 1, max = MAX_RATE_HZ))]
-    pub rate_hz: u32,
+    #[garde(range(min = 1.0, max = MAX_RATE_HZ))]
+    pub rate_hz: f64,
     /// The events, in any order of time.
     #[garde(dive, custom(few_enough))]
     pub script: Vec<Event>,
@@ -34,7 +34,7 @@ pub struct InjectorConfig {
 
 impl Default for InjectorConfig {
     fn default() -> Self {
-        Self { rate_hz: 200, script: Vec::new() }
+        Self { rate_hz: 200.0, script: Vec::new() }
     }
 }
 

@@ -83,12 +83,13 @@ struct Burst {
 
 impl Burst {
     /// Samples in [`from_ns`, `from_ns` + length) at `rate_hz`, one at least.
-    fn new(from_ns: u64, length_s: f64, rate_hz: u32) -> Self {
-        // floor(k 10⁹ / r) ≥ t holds from k = ceil(t r / 10⁹) on.
-        let first_at = |t_ns: u64| (u128::from(t_ns) * u128::from(rate_hz)).div_ceil(1_000_000_000);
+    fn new(from_ns: u64, length_s: f64, rate_hz: f64) -> Self {
+        // floor(k 10¹² / r) ≥ t holds from k = ceil(t r / 10¹²) on, with r in millihertz.
+        let millihertz = u128::from(rounded(rate_hz * 1e3));
+        let first_at = |t_ns: u64| (u128::from(t_ns) * millihertz).div_ceil(1_000_000_000_000);
         let count = first_at(from_ns.saturating_add(ns_from_s(length_s))) - first_at(from_ns);
         let samples = u64::try_from(count).unwrap_or(u64::MAX).max(1);
-        Self { samples, stretch: length_s * f64::from(rate_hz) / samples as f64 }
+        Self { samples, stretch: length_s * rate_hz / samples as f64 }
     }
 }
 
@@ -105,7 +106,7 @@ struct Player {
 }
 
 impl Player {
-    fn new(event: Event, rate_hz: u32, seed: u64, place: u64) -> Self {
+    fn new(event: Event, rate_hz: f64, seed: u64, place: u64) -> Self {
         let (from_s, until_s) = event.span_s();
         let from_ns = ns_from_s(from_s);
         Self {
@@ -262,13 +263,17 @@ impl Injector {
 }
 
 /// Nanoseconds of a time in a script, to the nearest.
+fn ns_from_s(time_s: f64) -> u64 {
+    rounded(time_s * 1e9)
+}
+
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "scripted times are finite and not negative; `as` saturates anyway"
+    reason = "scripted numbers are finite and not negative; `as` saturates anyway"
 )]
-fn ns_from_s(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
+fn rounded(number: f64) -> u64 {
+    number.round() as u64
 }
 
 #[cfg(test)]

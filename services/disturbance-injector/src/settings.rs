@@ -10,8 +10,8 @@ use crate::{Event, InjectorConfig, MAX_EVENTS, MAX_RATE_HZ};
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Loop rate \[Hz\].
-    #[garde(range(min = 1, max = MAX_RATE_HZ))]
-    pub rate_hz: u32,
+    #[garde(range(min = 1.0, max = MAX_RATE_HZ))]
+    pub rate_hz: f64,
     /// Steps from one published state to the next.
     #[garde(range(min = 1, max = 100000))]
     pub state_every: u32,

@@ -35,7 +35,8 @@ pub struct Node {
     pub rate: Rate,
     /// A source runs this far ahead of the plant \[ns\]; 0 for everyone else.
     pub lead_ns: u64,
-    /// Realtime: wall time after the release at which a step starts even without final inputs \[ns\].
+    /// Realtime: how long after its release a step waits for inputs without latency, unless an edge
+    /// has a deadline of its own. Logical time, so that a slower clock stretches it \[ns\].
     pub input_deadline_ns: u64,
     /// Realtime: what to do about missed releases.
     pub miss_policy: MissPolicy,
@@ -52,6 +53,9 @@ pub struct Edge {
     pub to: Role,
     /// Declared latency from release to effect \[ns\].
     pub latency_ns: u64,
+    /// Realtime: how long after its release the consumer's step waits for this edge, in logical
+    /// time; 0 if it never does \[ns\].
+    pub deadline_ns: u64,
     /// The consumer's step at t depends only on samples effective *before* t.
     pub strict: bool,
 }
@@ -61,7 +65,8 @@ impl Edge {
     /// their instant, and nobody waits for them.
     #[must_use]
     pub fn unwaited(topic: &'static TopicInfo, to: Role) -> Self {
-        Self { topic, from: topic.from, to, latency_ns: 0, strict: to == Role::Plant }
+        let strict = to == Role::Plant;
+        Self { topic, from: topic.from, to, latency_ns: 0, deadline_ns: 0, strict }
     }
 
     /// True if the consumer's step at `t_ns` may run as far as this edge is concerned.
@@ -152,7 +157,11 @@ impl Graph {
                         EdgeKind::Delayed => latency(topic),
                         EdgeKind::ZeroLatency | EdgeKind::RecordOnly => 0,
                     };
-                    edges.push(Edge { topic, from, to, latency_ns, strict: to == Role::Plant });
+                    let strict = to == Role::Plant;
+                    let waits = topic.edge == EdgeKind::ZeroLatency && !strict;
+                    let node = nodes.iter().find(|n| n.role == to).filter(|_| waits);
+                    let deadline_ns = node.map_or(0, |n| n.input_deadline_ns);
+                    edges.push(Edge { topic, from, to, latency_ns, deadline_ns, strict });
                 }
             }
         }
@@ -160,6 +169,15 @@ impl Graph {
         graph.refuse_zero_latency_loops()?;
         graph.refuse_overflow()?;
         Ok(graph)
+    }
+
+    /// The same graph, with a deadline of its own for each edge that `deadline_ns` has one for.
+    #[must_use]
+    pub fn with_deadlines(mut self, deadline_ns: &dyn Fn(&Edge) -> Option<u64>) -> Self {
+        for edge in &mut self.edges {
+            edge.deadline_ns = deadline_ns(edge).unwrap_or(edge.deadline_ns);
+        }
+        self
     }
 
     /// The loops, in the order given.

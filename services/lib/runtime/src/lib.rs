@@ -13,6 +13,7 @@ pub mod input;
 pub mod ipc;
 pub mod namespace;
 pub mod output;
+pub mod priority;
 pub mod process;
 pub mod rate;
 pub mod service;

@@ -12,7 +12,7 @@ use crate::output::Sink as _;
 use crate::service::{RestoreError, Service, state_layout, state_size};
 use crate::watch::StopFlags;
 use core::time::Duration;
-use shared_types::{Author, ClockMode, ClockRecord, Edge as EdgeKind, Hello, Progress, Role};
+use shared_types::{Author, ClockMode, ClockRecord, Hello, Progress, Role};
 use thiserror::Error;
 
 /// Wall-clock limit of every wait, after which shared memory is read again.
@@ -222,32 +222,32 @@ impl<S: Service> Process<S> {
             if before_ns >= end_ns {
                 return Ending::Finished;
             }
-            let due_mono_ns = wall.mono_ns(before_ns.saturating_sub(self.executor.node().lead_ns));
-            if self.is_timed() {
-                if mono_now_ns() < due_mono_ns {
-                    // Wakes at least every limit, to see a stop request or an earlier end.
-                    sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
-                    continue;
-                }
-                self.executor.inputs.receive();
-            } else if !self.await_inputs(due_mono_ns) {
+            let due_mono_ns = self.due_mono_ns(&wall);
+            if self.is_timed() && mono_now_ns() < due_mono_ns {
+                // Wakes at least every limit, to see a stop request or an earlier end.
+                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+                continue;
+            }
+            if !self.inputs_decided(&wall) {
+                continue;
+            }
+            if mono_now_ns() < due_mono_ns {
+                // Final before it is due: a release between two releases of the producer.
+                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
                 continue;
             }
             self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
-            let due_mono_ns = self.due_mono_ns(&wall);
-            if self.executor.mark_ns() < end_ns && mono_now_ns() >= due_mono_ns {
+            if self.executor.mark_ns() == before_ns {
+                self.count_missing_inputs();
                 let stamps = StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
                 self.executor.run_step(stamps);
             }
-            if self.executor.mark_ns() > before_ns {
-                self.announce(before_ns, self.executor.mark_ns());
-            } else {
-                // Final before it is due: a release between two releases of the producer.
-                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
-            }
+            // A release that was skipped is final too; the one it was skipped for has its own wait.
+            self.announce(before_ns, self.executor.mark_ns());
         }
     }
 
+    /// Host instant from which the next release may run \[ns\].
     fn due_mono_ns(&self, wall: &WallMap) -> u64 {
         wall.mono_ns(self.executor.mark_ns().saturating_sub(self.executor.node().lead_ns))
     }
@@ -255,30 +255,39 @@ impl<S: Service> Process<S> {
     /// True if the loop's own clock starts its steps; otherwise its inputs do.
     fn is_timed(&self) -> bool {
         let role = self.executor.node().role;
-        role == Role::Plant || !self.graph.edges().iter().any(|e| e.to == role && is_waited_for(e))
+        role == Role::Plant || !self.graph.edges().iter().any(|e| e.to == role && e.deadline_ns > 0)
     }
 
-    /// Waits until the inputs of the next release are final or its input deadline has passed.
-    /// False means: look around and try again.
-    fn await_inputs(&mut self, due_mono_ns: u64) -> bool {
-        let node = *self.executor.node();
-        let t_ns = self.executor.mark_ns();
+    /// True once each input that the next release waits for is final or past its deadline; false
+    /// after a wait: look around and try again.
+    fn inputs_decided(&mut self, wall: &WallMap) -> bool {
         self.read_marks();
         self.executor.inputs.receive();
-        let final_inputs = self.graph.edges().iter().all(|e| {
-            e.to != node.role || !is_waited_for(e) || e.permits(t_ns, self.marks[e.from.index()])
-        });
-        if final_inputs {
-            return true;
-        }
-        let deadline_ns = due_mono_ns.saturating_add(node.input_deadline_ns);
+        let t_ns = self.executor.mark_ns();
+        let lead_ns = self.executor.node().lead_ns;
+        let deadline_ns = self.missing_inputs().map(|e| e.deadline_ns).max();
+        let Some(deadline_ns) = deadline_ns else { return true };
+        // A deadline is an instant of logical time: a slower clock stretches it with the flight.
+        let until_mono_ns = wall.mono_ns(t_ns.saturating_add(deadline_ns).saturating_sub(lead_ns));
         let now_ns = mono_now_ns();
-        if now_ns >= deadline_ns {
-            self.executor.count_input_deadline_miss();
-            return true;
+        if now_ns < until_mono_ns {
+            self.wait(Duration::from_nanos(until_mono_ns - now_ns).min(WAIT_LIMIT));
         }
-        self.wait(Duration::from_nanos(deadline_ns - now_ns).min(WAIT_LIMIT));
-        false
+        now_ns >= until_mono_ns
+    }
+
+    /// Edges that the next release waits for and that are not final yet.
+    fn missing_inputs(&self) -> impl Iterator<Item = &Edge> {
+        let (role, t_ns) = (self.executor.node().role, self.executor.mark_ns());
+        self.graph.edges().iter().filter(move |e| {
+            e.to == role && e.deadline_ns > 0 && !e.permits(t_ns, self.marks[e.from.index()])
+        })
+    }
+
+    fn count_missing_inputs(&mut self) {
+        if self.missing_inputs().next().is_some() {
+            self.executor.count_input_deadline_miss();
+        }
     }
 
     fn may_run(&self, allowed_ns: u64) -> bool {
@@ -356,9 +365,4 @@ impl<S: Service> Process<S> {
             None
         }
     }
-}
-
-/// Realtime steps wait for inputs of the same instant only; delayed ones come late or in time.
-fn is_waited_for(edge: &Edge) -> bool {
-    edge.topic.edge == EdgeKind::ZeroLatency && !edge.strict
 }

@@ -2,7 +2,7 @@
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
@@ -18,14 +18,17 @@ pub struct StopFlags {
 }
 
 impl StopFlags {
-    /// Watches SIGINT and SIGTERM.
+    /// Watches SIGINT, SIGTERM and SIGQUIT, and SIGHUP unless it is ignored: whoever starts a flight
+    /// under `nohup` wants it to outlive the terminal.
     ///
     /// # Errors
     /// The handlers cannot be installed.
     pub fn watch_signals() -> io::Result<Self> {
         let flags = Self::default();
-        for signal in [SIGINT, SIGTERM] {
-            signal_hook::flag::register(signal, Arc::clone(&flags.signalled))?;
+        for signal in [SIGINT, SIGTERM, SIGQUIT, SIGHUP] {
+            if signal != SIGHUP || !is_ignored(signal) {
+                signal_hook::flag::register(signal, Arc::clone(&flags.signalled))?;
+            }
         }
         Ok(flags)
     }
@@ -97,6 +100,14 @@ impl StopFlags {
     pub fn take_signal(&self) -> bool {
         self.signalled.swap(false, Ordering::AcqRel)
     }
+}
+
+/// True if this process was told to ignore a signal when it was started.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok()).unwrap_or(0);
+    mask >> (signal - 1) & 1 == 1
 }
 
 fn readable(fd: &OwnedFd, limit: Option<&Timespec>) -> bool {
