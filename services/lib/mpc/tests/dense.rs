@@ -7,6 +7,7 @@
 
 mod common;
 
+use common::exponential::exponential;
 use common::{HORIZON, boxes, design, engine, moving, operating};
 use mpc::{Basis, Design, Horizon, Measured, QpStatus};
 use nalgebra::{DMatrix, DVector, Matrix5, Vector3};
@@ -24,7 +25,7 @@ fn sampled(gain: f64, lag_s: f64, delay_s: f64, period_s: f64) -> (DMatrix<f64>,
         } else {
             m[(1, driver)] = gain;
         }
-        (m * time).exp()
+        exponential(m * time)
     };
     let mut all = phase(4, period_s - delay_s) * phase(3, delay_s);
     all.set_row(3, &nalgebra::RowVector5::new(0.0, 0.0, 0.0, 0.0, 1.0));

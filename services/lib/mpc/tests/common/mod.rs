@@ -1,6 +1,8 @@
 //! Designs and samples that the tests share.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+pub(crate) mod exponential;
+
 use mpc::{
     AxisDesign, Basis, Bounds, Constraints, Coupled, Design, Horizon, IncrementalMpc, Limits,
     Measured, Operating, SolverKind,
