@@ -10,7 +10,9 @@ use position_mpc::PositionMpc;
 use position_mpc::preview::Landing;
 use runtime::Service;
 use runtime::graph::ROLES;
+use runtime::service::state_layout;
 use shared_types::Role;
+use shared_types::wire::Wire;
 
 /// A service with what the runtime needs to run it.
 #[derive(Debug)]
@@ -171,6 +173,37 @@ fn build_service<V: ComponentVisitor>(
             }
         },
     })
+}
+
+/// Layout of the published state of the component that fills a role.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StateLayout {
+    /// The role.
+    pub role: Role,
+    /// Type of the component's memory.
+    pub type_name: &'static str,
+    /// Hash of header, outputs, latches and memory.
+    pub hash: u64,
+}
+
+/// Layouts of the states that a scenario's components publish.
+///
+/// # Errors
+/// A component refuses its configuration, or the loops cannot be wired.
+pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError> {
+    struct Layout(Role);
+    impl ComponentVisitor for Layout {
+        type Output = StateLayout;
+        fn visit<S: Service + 'static>(self, _component: Component<S>) -> StateLayout {
+            StateLayout {
+                role: self.0,
+                type_name: <S::Memory as Wire>::SCHEMA.name,
+                hash: state_layout::<S>(),
+            }
+        }
+    }
+    let graph = scenario.graph()?;
+    graph.nodes().iter().map(|node| build(node.role, scenario, Layout(node.role))).collect()
 }
 
 /// The pilot is a function of time; its state is a counter.

@@ -63,6 +63,14 @@ macro_rules! reflect {
                         core::slice::from_ref(&self.$field), field, visitor);
                 })+
             }
+            fn fill<F: $crate::wire::Filler>(&mut self, filler: &mut F) -> Result<(), F::Error> {
+                let mut fields = Self::FIELDS.iter();
+                $(if let Some(field) = fields.next() {
+                    <$kind as $crate::wire::Value>::fill_run(
+                        core::slice::from_mut(&mut self.$field), field, filler)?;
+                })+
+                Ok(())
+            }
         }
 
         impl $crate::wire::Value for $name {
@@ -75,6 +83,14 @@ macro_rules! reflect {
                 for value in values {
                     visitor.message(field, value);
                 }
+            }
+            fn fill_run<F: $crate::wire::Filler>(
+                values: &mut [Self], field: &'static $crate::wire::Field, filler: &mut F,
+            ) -> Result<(), F::Error> {
+                for value in values {
+                    filler.message(field, value)?;
+                }
+                Ok(())
             }
             fn pack(&self, out: &mut [u8]) {
                 let rest = out;
@@ -151,6 +167,12 @@ macro_rules! code {
                 values: &[Self], field: &'static $crate::wire::Field, visitor: &mut V,
             ) {
                 $crate::wire::visit_widened(values, field, visitor);
+            }
+            fn fill_run<F: $crate::wire::Filler>(
+                values: &mut [Self], field: &'static $crate::wire::Field, filler: &mut F,
+            ) -> Result<(), F::Error> {
+                $crate::wire::fill_widened(
+                    values, field, filler, |wide| Self($crate::wire::narrow(wide)))
             }
             fn pack(&self, out: &mut [u8]) {
                 self.0.pack(out);

@@ -123,6 +123,36 @@ pub trait Visitor {
     fn message<T: Wire>(&mut self, field: &'static Field, value: &T);
 }
 
+/// Fills the fields of a value in declaration order: the counterpart of [`Visitor`].
+pub trait Filler {
+    /// Why a field cannot be filled.
+    type Error;
+    /// Doubles.
+    ///
+    /// # Errors
+    /// The field has no such value; so for the others.
+    fn f64s(&mut self, field: &'static Field, values: &mut [f64]) -> Result<(), Self::Error>;
+    /// Unsigned integers and codes, widened; those of a field of 32 bits must fit into them.
+    ///
+    /// # Errors
+    /// As [`Filler::f64s`].
+    fn u64s(&mut self, field: &'static Field, values: &mut [u64]) -> Result<(), Self::Error>;
+    /// Bytes.
+    ///
+    /// # Errors
+    /// As [`Filler::f64s`].
+    fn bytes(&mut self, field: &'static Field, values: &mut [u8]) -> Result<(), Self::Error>;
+    /// One nested struct; called once per element of an array.
+    ///
+    /// # Errors
+    /// As [`Filler::f64s`].
+    fn message<T: Wire>(
+        &mut self,
+        field: &'static Field,
+        value: &mut T,
+    ) -> Result<(), Self::Error>;
+}
+
 /// A value that can be a field of a sample.
 pub trait Value: Copy + core::fmt::Debug + 'static {
     /// Kind of the innermost element.
@@ -136,6 +166,15 @@ pub trait Value: Copy + core::fmt::Debug + 'static {
 
     /// Shows a run of values to a visitor.
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V);
+    /// Has a run of values filled.
+    ///
+    /// # Errors
+    /// The filler's.
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error>;
     /// Writes the packed little-endian form; `out` holds exactly [`Value::PACKED_SIZE`] bytes.
     fn pack(&self, out: &mut [u8]);
     /// Reads the packed form back.
@@ -148,6 +187,11 @@ pub trait Wire: Value + Default {
     const SCHEMA: Schema;
     /// Shows each field to a visitor.
     fn visit<V: Visitor>(&self, visitor: &mut V);
+    /// Has each field filled.
+    ///
+    /// # Errors
+    /// The filler's first.
+    fn fill<F: Filler>(&mut self, filler: &mut F) -> Result<(), F::Error>;
 }
 
 impl Value for f64 {
@@ -155,6 +199,13 @@ impl Value for f64 {
     const PACKED_SIZE: usize = 8;
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
         visitor.f64s(field, values);
+    }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        filler.f64s(field, values)
     }
     fn pack(&self, out: &mut [u8]) {
         out.copy_from_slice(&self.to_le_bytes());
@@ -171,6 +222,13 @@ impl Value for u64 {
     const PACKED_SIZE: usize = 8;
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
         visitor.u64s(field, values);
+    }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        filler.u64s(field, values)
     }
     fn pack(&self, out: &mut [u8]) {
         out.copy_from_slice(&self.to_le_bytes());
@@ -199,11 +257,44 @@ pub fn visit_widened<T: Copy + Into<u64>, V: Visitor>(
     visitor.u64s(field, &wide[..count]);
 }
 
+/// Has a run of at most 512 small integers filled, widened on the stack.
+///
+/// # Errors
+/// The filler's.
+pub fn fill_widened<T, F: Filler>(
+    values: &mut [T],
+    field: &'static Field,
+    filler: &mut F,
+    narrow: impl Fn(u64) -> T,
+) -> Result<(), F::Error> {
+    let mut wide = [0_u64; 512];
+    let count = values.len().min(wide.len());
+    filler.u64s(field, &mut wide[..count])?;
+    for (value, wide) in values.iter_mut().zip(wide) {
+        *value = narrow(wide);
+    }
+    Ok(())
+}
+
+/// The low half; a filler has made sure that nothing is lost.
+#[must_use]
+#[expect(clippy::cast_possible_truncation, reason = "see above")]
+pub const fn narrow(wide: u64) -> u32 {
+    wide as u32
+}
+
 impl Value for u32 {
     const KIND: Kind = Kind::U32;
     const PACKED_SIZE: usize = 4;
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
         visit_widened(values, field, visitor);
+    }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        fill_widened(values, field, filler, narrow)
     }
     fn pack(&self, out: &mut [u8]) {
         out.copy_from_slice(&self.to_le_bytes());
@@ -221,6 +312,13 @@ impl Value for bool {
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
         visit_widened(values, field, visitor);
     }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        fill_widened(values, field, filler, |wide| wide != 0)
+    }
     fn pack(&self, out: &mut [u8]) {
         out[0] = u8::from(*self);
     }
@@ -234,6 +332,13 @@ impl Value for u8 {
     const PACKED_SIZE: usize = 1;
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
         visitor.bytes(field, values);
+    }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        filler.bytes(field, values)
     }
     fn pack(&self, out: &mut [u8]) {
         out[0] = *self;
@@ -254,6 +359,19 @@ impl Value for i8 {
         }
         visitor.bytes(field, &bytes[..count]);
     }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        let mut bytes = [0_u8; 512];
+        let count = values.len().min(bytes.len());
+        filler.bytes(field, &mut bytes[..count])?;
+        for (value, byte) in values.iter_mut().zip(bytes) {
+            *value = byte.cast_signed();
+        }
+        Ok(())
+    }
     fn pack(&self, out: &mut [u8]) {
         out[0] = self.cast_unsigned();
     }
@@ -269,6 +387,13 @@ impl<T: Value, const N: usize> Value for [T; N] {
     const PACKED_SIZE: usize = T::PACKED_SIZE * N;
     fn visit_run<V: Visitor>(values: &[Self], field: &'static Field, visitor: &mut V) {
         T::visit_run(values.as_flattened(), field, visitor);
+    }
+    fn fill_run<F: Filler>(
+        values: &mut [Self],
+        field: &'static Field,
+        filler: &mut F,
+    ) -> Result<(), F::Error> {
+        T::fill_run(values.as_flattened_mut(), field, filler)
     }
     fn pack(&self, out: &mut [u8]) {
         for (value, slot) in self.iter().zip(out.chunks_exact_mut(T::PACKED_SIZE)) {

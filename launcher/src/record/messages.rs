@@ -1,5 +1,6 @@
 //! The two kinds of record that are no topic: published states and events.
 
+use super::decode::{DecodeError, Fields, decode};
 use super::encode::{encode_bytes, encode_nested};
 use super::schema::{PACKAGE, add_message, empty_file, plain_field};
 use prost::encoding::{WireType, encode_key, encode_varint, uint64};
@@ -34,6 +35,15 @@ pub(super) fn encode_state(header: &Header, layout_hash: u64, state: &[u8], out:
     encode_nested(1, header, out);
     uint64::encode(2, &layout_hash, out);
     encode_bytes(3, state, out);
+}
+
+/// Reads what [`encode_state`] wrote.
+pub(super) fn decode_state(bytes: &[u8]) -> Result<(Header, u64, &[u8]), DecodeError> {
+    let mut reader = Fields::new("ServiceState", bytes);
+    let header = decode(reader.delimited(1, "header")?)?;
+    let layout_hash = reader.varint(2, "layout_hash")?;
+    let state = reader.delimited(3, "state")?;
+    Ok((header, layout_hash, state))
 }
 
 /// How bad an event is.
@@ -135,6 +145,19 @@ pub(super) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
     encode_varint(event.severity.level(), out);
     encode_bytes(3, event.text.as_bytes(), out);
     encode_bytes(4, event.source.as_bytes(), out);
+}
+
+/// Reads what [`encode_log`] wrote: Unix time \[ns\], level, text and source.
+pub(super) fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), DecodeError> {
+    let mut reader = Fields::new("Log", bytes);
+    let mut stamp = Fields::new("Timestamp", reader.delimited(1, "timestamp")?);
+    let seconds = stamp.varint(1, "seconds")?;
+    let nanos = stamp.varint(2, "nanos")?;
+    let level = reader.varint(2, "level")?;
+    let text = String::from_utf8_lossy(reader.delimited(3, "message")?).into_owned();
+    let source = String::from_utf8_lossy(reader.delimited(4, "name")?).into_owned();
+    let stamp_ns = seconds.saturating_mul(1_000_000_000).saturating_add(nanos);
+    Ok((stamp_ns, level, text, source))
 }
 
 fn message(name: &str, field: Vec<FieldDescriptorProto>) -> DescriptorProto {

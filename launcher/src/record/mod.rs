@@ -1,15 +1,17 @@
 //! Recording of a flight: one MCAP file that any viewer opens, derived from the floor plan.
 //!
 //! [`Recording`] writes; [`descriptor_set`] and [`encode`] turn the reflection of a sample into
-//! protobuf;
+//! protobuf, [`decode`] turns it back; [`read`] opens a recording again;
 //! [`SequenceAudit`] proves that nothing is missing. A new topic needs no change here.
 
 mod audit;
+mod decode;
 mod encode;
 mod error;
 mod facts;
 mod messages;
 mod open;
+pub mod read;
 mod recording;
 mod schema;
 mod sink;
@@ -17,6 +19,7 @@ mod sink;
 mod tests;
 
 pub use audit::{SequenceAudit, Stream, Tally, Verdict};
+pub use decode::{DecodeError, decode};
 pub use encode::encode;
 pub use error::RecordError;
 pub use facts::{Clock, Facts, Machine};

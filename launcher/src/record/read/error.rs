@@ -1,0 +1,120 @@
+//! What can be wrong with a file that should be a recording.
+
+use crate::record::DecodeError;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a recording cannot be read; each names the file, what is wrong and the remedy.
+#[derive(Debug, Error)]
+pub enum ReadError {
+    /// The system cannot read it.
+    #[error("cannot read {}: {cause}; give the path of a recording", path.display())]
+    System {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// Nothing in it.
+    #[error("{} is empty: the run that made it died at once; fly again", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Something else.
+    #[error("{} is no morphquad recording: {what}; give a file that `morphquad run` wrote", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What it lacks.
+        what: String,
+    },
+    /// Cut before the first sample can be understood.
+    #[error("{} is cut in its head, after {length} bytes: {what} is missing; fly again", path.display())]
+    CutHead {
+        /// The file.
+        path: PathBuf,
+        /// Its length \[bytes\].
+        length: u64,
+        /// What the head lacks.
+        what: String,
+    },
+    /// Bytes that have changed since they were written.
+    #[error("{} is damaged near byte {at} of {length}: {what}; copy it again from where it was recorded", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// How far it was read \[bytes\].
+        at: u64,
+        /// Its length \[bytes\].
+        length: u64,
+        /// What does not fit.
+        what: String,
+    },
+    /// A sample type has changed since.
+    #[error(
+        "{}: type {type_name} of topic {topic} changed: the file, recorded by {recorder}, has layout {theirs}, \
+         this build {ours}{detail}; read it with the build that recorded it",
+        path.display()
+    )]
+    Layout {
+        /// The file.
+        path: PathBuf,
+        /// Topic it was found on.
+        topic: String,
+        /// Type that changed, the innermost that shows a difference.
+        type_name: String,
+        /// Layout hash in the file.
+        theirs: String,
+        /// Layout hash of this build.
+        ours: String,
+        /// Version of the recording build.
+        recorder: String,
+        /// What differs, as far as the file tells.
+        detail: String,
+    },
+    /// A topic that only one of the two builds has.
+    #[error(
+        "{}: topic {topic} of type {type_name} {what}; it was recorded by {recorder}: read it with that build",
+        path.display()
+    )]
+    Topic {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Its type.
+        type_name: String,
+        /// Which of the two lacks it.
+        what: &'static str,
+        /// Version of the recording build.
+        recorder: String,
+    },
+    /// The scenario cannot be flown by this build.
+    #[error("{}: the scenario in it is none for this build: {reason}; recorded by {recorder}", path.display())]
+    Scenario {
+        /// The file.
+        path: PathBuf,
+        /// The first complaint.
+        reason: String,
+        /// Version of the recording build.
+        recorder: String,
+    },
+    /// A record that is no message of its type.
+    #[error("{}: a record on {topic} is not what its type says: {error}", path.display())]
+    Record {
+        /// The file.
+        path: PathBuf,
+        /// Where it was found.
+        topic: String,
+        /// The field.
+        error: DecodeError,
+    },
+}
+
+impl ReadError {
+    pub(super) fn system(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_owned();
+        move |cause| Self::System { path, cause }
+    }
+}

@@ -1,0 +1,218 @@
+//! One pass over a recording: each record, decoded by its channel, shown to a visitor.
+
+use super::{ReadError, RecordedFlight};
+use crate::components::StateLayout;
+use crate::record::messages::{decode_log, decode_state};
+use crate::record::{DecodeError, decode};
+use core::ops::ControlFlow;
+use mcap::records::Record;
+use shared_types::topics::visit_all;
+use shared_types::{Header, Role, Sample, Topic, TopicInfo, TopicVisitor};
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+
+use super::records::{Ending, Records};
+
+/// A published state as recorded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordedState {
+    /// Sequence, instant and generation of the state.
+    pub sequence: u64,
+    /// Instant of the step it was taken after \[ns\].
+    pub release_ns: u64,
+    /// Restarts of the process that published it.
+    pub generation: u32,
+    /// The packed state, header first.
+    pub bytes: Vec<u8>,
+}
+
+/// Something that was told in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordedEvent {
+    /// Unix time \[ns\].
+    pub stamp_ns: u64,
+    /// Number of the severity, from 1 (debug) to 5 (fatal).
+    pub level: u64,
+    /// Who told it.
+    pub source: String,
+    /// What.
+    pub text: String,
+}
+
+/// Sees the records of a flight; every method has a default that ignores its record.
+pub trait RecordVisitor {
+    /// False for topics that need not be decoded.
+    fn wants(&self, _topic: &TopicInfo) -> bool {
+        true
+    }
+    /// A sample.
+    fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &T) {}
+    /// A published state of the component that fills `role`.
+    fn state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
+    /// An event.
+    fn event(&mut self, _event: RecordedEvent) {}
+}
+
+/// The end of a recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Closing {
+    /// False if the file is cut: its recorder was killed.
+    pub complete: bool,
+    /// The flight's summary; empty in a cut file.
+    pub summary: BTreeMap<String, String>,
+    /// The audit of every sequence; empty in a cut file.
+    pub audit: BTreeMap<String, String>,
+}
+
+/// What to do with the messages of one channel.
+enum Reader<V> {
+    Sample(Box<dyn Fn(&[u8], &mut V) -> Result<(), DecodeError>>),
+    State(Role, StateLayout),
+    Events,
+}
+
+pub(super) fn visit<V: RecordVisitor>(
+    flight: &RecordedFlight,
+    visitor: &mut V,
+) -> Result<Closing, ReadError> {
+    let readers = readers(flight, visitor);
+    let mut closing = Closing::default();
+    let ending = Records::open(&flight.path)?.for_each(|record| {
+        match record {
+            Record::Message { header, data } => {
+                if let Some((topic, reader)) = readers.get(&header.channel_id) {
+                    read(flight, (topic, reader), &data, visitor)?;
+                }
+            }
+            Record::Metadata(metadata) if metadata.name == "summary" => {
+                closing.summary = metadata.metadata;
+            }
+            Record::Metadata(metadata) if metadata.name == "audit" => {
+                closing.audit = metadata.metadata;
+            }
+            _ => {}
+        }
+        Ok(ControlFlow::Continue(()))
+    })?;
+    closing.complete = ending == Ending::Whole;
+    Ok(closing)
+}
+
+fn read<V: RecordVisitor>(
+    flight: &RecordedFlight,
+    (topic, reader): (&str, &Reader<V>),
+    data: &[u8],
+    visitor: &mut V,
+) -> Result<(), ReadError> {
+    let broken = |error: DecodeError| ReadError::Record {
+        path: flight.path.clone(),
+        topic: topic.to_owned(),
+        error,
+    };
+    match reader {
+        Reader::Sample(show) => show(data, visitor).map_err(broken),
+        Reader::State(role, layout) => {
+            let (header, layout_hash, state) = decode_state(data).map_err(broken)?;
+            if layout_hash != layout.hash {
+                return Err(ReadError::Layout {
+                    path: flight.path.clone(),
+                    topic: topic.to_owned(),
+                    type_name: layout.type_name.to_owned(),
+                    theirs: format!("{layout_hash:016x}"),
+                    ours: format!("{:016x}", layout.hash),
+                    recorder: flight.recorder(),
+                    detail: " (memory, inputs or header of the state)".to_owned(),
+                });
+            }
+            visitor.state(*role, &header, state);
+            Ok(())
+        }
+        Reader::Events => {
+            let (stamp_ns, level, text, source) = decode_log(data).map_err(broken)?;
+            visitor.event(RecordedEvent { stamp_ns, level, source, text });
+            Ok(())
+        }
+    }
+}
+
+/// What to do with each channel, by its number in the file.
+fn readers<V: RecordVisitor>(
+    flight: &RecordedFlight,
+    visitor: &V,
+) -> BTreeMap<u16, (String, Reader<V>)> {
+    let mut all = Readers { flight, visitor, readers: BTreeMap::new() };
+    let Ok(()) = visit_all(&mut all);
+    let mut readers = all.readers;
+    for layout in &flight.layouts {
+        let topic = format!("/state/{}", layout.role.label());
+        if let Some(channel) = flight.channels.get(&topic) {
+            readers.insert(channel.id, (topic, Reader::State(layout.role, *layout)));
+        }
+    }
+    if let Some(channel) = flight.channels.get("/events") {
+        readers.insert(channel.id, ("/events".to_owned(), Reader::Events));
+    }
+    readers
+}
+
+struct Readers<'a, V> {
+    flight: &'a RecordedFlight,
+    visitor: &'a V,
+    readers: BTreeMap<u16, (String, Reader<V>)>,
+}
+
+impl<V: RecordVisitor> TopicVisitor for Readers<'_, V> {
+    type Error = Infallible;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+        let name = format!("/{}", topic.info.name);
+        if let Some(channel) = self.flight.channels.get(&name)
+            && self.visitor.wants(&topic.info)
+        {
+            let show = move |data: &[u8], visitor: &mut V| {
+                visitor.sample(topic, &decode::<T>(data)?);
+                Ok(())
+            };
+            self.readers.insert(channel.id, (name, Reader::Sample(Box::new(show))));
+        }
+        Ok(())
+    }
+}
+
+/// Collects one topic.
+pub(super) struct Collect<T> {
+    pub(super) topic: &'static str,
+    pub(super) samples: Vec<T>,
+}
+
+impl<T: Sample> RecordVisitor for Collect<T> {
+    fn wants(&self, topic: &TopicInfo) -> bool {
+        topic.name == self.topic
+    }
+    fn sample<U: Sample>(&mut self, topic: &'static Topic<U>, sample: &U) {
+        if topic.info.name == self.topic
+            && let Some(sample) = (sample as &dyn Any).downcast_ref::<T>()
+        {
+            self.samples.push(*sample);
+        }
+    }
+}
+
+/// Collects the states of one role.
+pub(super) struct CollectStates {
+    pub(super) role: Role,
+    pub(super) states: Vec<RecordedState>,
+}
+
+impl RecordVisitor for CollectStates {
+    fn wants(&self, _topic: &TopicInfo) -> bool {
+        false
+    }
+    fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        if role == self.role {
+            let Header { sequence, release_ns, generation, .. } = *header;
+            let bytes = state.to_vec();
+            self.states.push(RecordedState { sequence, release_ns, generation, bytes });
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! Recordings as they were written, cut, damaged, foreign and from other builds.
+
+use super::{ReadError, RecordVisitor, RecordedEvent, RecordedFlight};
+use crate::components::state_layouts;
+use crate::record::{Clock, Event, Facts, Machine, Recording, Severity};
+use crate::scenario::Scenario;
+use mcap::records::MessageHeader;
+use mcap::{Attachment, MessageStream, Writer};
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use shared_types::wire::Value as _;
+use shared_types::{Header, Imu, Role, Sample, Topic, Truth, topics};
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fs;
+use std::path::Path;
+
+type Outcome = Result<(), Box<dyn Error>>;
+
+fn imu(sequence: u64) -> Imu {
+    let release_ns = (sequence - 1) * 1_000_000;
+    let header = Header { sequence, release_ns, valid_ns: release_ns, ..Header::default() };
+    let mut imu = Imu { header, ..Imu::default() };
+    imu.gyro_b_rad_s = [sequence as f64, -0.0, f64::from_bits(0x7ff0_0000_0000_0001 + sequence)];
+    imu
+}
+
+fn packed(imu: &Imu) -> Vec<u8> {
+    let mut bytes = vec![0; Imu::PACKED_SIZE];
+    imu.pack(&mut bytes);
+    bytes
+}
+
+fn layout_of(role: Role) -> Result<u64, Box<dyn Error>> {
+    let layouts = state_layouts(&Scenario::load("hover", &[])?)?;
+    Ok(layouts.iter().find(|l| l.role == role).ok_or("no such role")?.hash)
+}
+
+/// A recording of `count` inertial samples with two states and an event.
+fn record(path: &Path, count: u64, layout: u64) -> Outcome {
+    let facts = Facts {
+        run_id: "test-run".to_owned(),
+        scenario_name: "hover".to_owned(),
+        scenario_toml: Scenario::load("hover", &[])?.to_toml().to_owned(),
+        seed: 7,
+        clock: Clock::Realtime { speed: 0.5 },
+        epoch_unix_ns: 1_700_000_000_000_000_000,
+        machine: Machine { kernel: "6.1".to_owned(), cpu_model: "test".to_owned() },
+    };
+    let mut recording = Recording::create(path, &facts)?;
+    for sequence in 1..=count {
+        recording.write(&topics::IMU, &imu(sequence), 0)?;
+        recording.flush_if_due(sequence * 20_000_000)?;
+    }
+    for sequence in [1, 2] {
+        let header = Header { sequence, generation: 3, release_ns: sequence, ..Header::default() };
+        recording.write_state(Role::Attitude, &header, layout, &[9, 8, 7], 0)?;
+    }
+    let event = Event { logical_ns: 5, severity: Severity::Warning, source: "pilot", text: "gust" };
+    recording.write_event(&event)?;
+    recording.finish(&BTreeMap::from([("hash".to_owned(), "abc".to_owned())]))?;
+    Ok(())
+}
+
+#[derive(Default)]
+struct Everything {
+    imu: Vec<Vec<u8>>,
+    others: usize,
+    states: Vec<(Role, u64, u32, Vec<u8>)>,
+    events: Vec<RecordedEvent>,
+}
+
+impl RecordVisitor for Everything {
+    fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+        match (sample as &dyn Any).downcast_ref::<Imu>() {
+            Some(imu) => self.imu.push(packed(imu)),
+            None => self.others += 1,
+        }
+    }
+    fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.states.push((role, header.sequence, header.generation, state.to_vec()));
+    }
+    fn event(&mut self, event: RecordedEvent) {
+        self.events.push(event);
+    }
+}
+
+#[test]
+fn what_was_recorded_is_read_bit_for_bit() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("flight.mcap");
+    record(&path, 500, layout_of(Role::Attitude)?)?;
+    let flight = RecordedFlight::open(&path)?;
+    assert_eq!(flight.clock(), Clock::Realtime { speed: 0.5 });
+    assert_eq!(flight.facts()["run_id"], "test-run");
+    assert_eq!(flight.scenario().settings().scenario.name, "hover");
+    let mut seen = Everything::default();
+    let closing = flight.visit(&mut seen)?;
+    assert!(closing.complete);
+    assert_eq!(closing.summary["hash"], "abc");
+    assert!(closing.audit["/imu#0"].contains("\"count\":500"), "{:?}", closing.audit);
+    assert_eq!(seen.imu, (1..=500).map(|s| packed(&imu(s))).collect::<Vec<_>>());
+    let state = |sequence| (Role::Attitude, sequence, 3, vec![9, 8, 7]);
+    assert_eq!(seen.states, [state(1), state(2)]);
+    let event = &seen.events[0];
+    assert_eq!((event.level, event.source.as_str(), event.text.as_str()), (3, "pilot", "gust"));
+    // Logical time runs at half of the wall's.
+    assert_eq!(event.stamp_ns, 1_700_000_000_000_000_010);
+    assert_eq!(flight.samples(&topics::IMU)?.len(), 500);
+    assert_eq!(flight.samples::<Truth>(&topics::TRUTH)?.len(), 0);
+    assert_eq!(flight.states(Role::Attitude)?.len(), 2);
+    Ok(())
+}
+
+#[test]
+fn a_file_cut_anywhere_reads_up_to_the_cut_or_says_what_its_head_lacks() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("flight.mcap");
+    record(&path, 300, layout_of(Role::Attitude)?)?;
+    let whole = fs::read(&path)?;
+    let cut = folder.path().join("cut.mcap");
+    let (mut heads, mut most) = (0, 0);
+    for length in (1..whole.len()).step_by(whole.len() / 40) {
+        fs::write(&cut, &whole[..length])?;
+        match RecordedFlight::open(&cut) {
+            Err(error @ ReadError::CutHead { .. }) => {
+                heads += 1;
+                let told = error.to_string();
+                assert!(told.contains("cut.mcap") && told.contains(&length.to_string()), "{told}");
+                assert_eq!(most, 0, "the head comes first");
+            }
+            Err(error) => return Err(error.into()),
+            Ok(flight) => {
+                let mut seen = Everything::default();
+                assert!(!flight.visit(&mut seen)?.complete);
+                assert!(seen.imu.len() >= most, "a longer prefix holds no less");
+                most = seen.imu.len();
+                let expected: Vec<_> = (1..=most as u64).map(|s| packed(&imu(s))).collect();
+                assert_eq!(seen.imu, expected);
+            }
+        }
+    }
+    assert!(heads > 2 && most == 300, "{heads} {most}");
+    Ok(())
+}
+
+#[test]
+fn a_changed_byte_is_found_wherever_it_is() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("flight.mcap");
+    record(&path, 300, layout_of(Role::Attitude)?)?;
+    let whole = fs::read(&path)?;
+    let bad = folder.path().join("bad.mcap");
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    for round in 0..200 {
+        // The head is the smaller part of the file but has the most ways to go wrong.
+        let reach = if round % 2 == 0 { whole.len() } else { 3000 };
+        let (at, flip) = (random.random_range(0..reach), random.random_range(1..=255));
+        let mut changed = whole.clone();
+        changed[at] ^= flip;
+        fs::write(&bad, &changed)?;
+        let mut seen = Everything::default();
+        let read = RecordedFlight::open(&bad).and_then(|flight| flight.visit(&mut seen));
+        match read {
+            Err(error) => assert!(error.to_string().contains("bad.mcap"), "{error}"),
+            // With its last bytes changed the file looks cut, and is told to be.
+            Ok(closing) => assert!(!closing.complete && at + 8 >= whole.len(), "byte {at}"),
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn what_is_no_recording_is_refused_by_name() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("strange");
+    let told = |path: &Path| {
+        RecordedFlight::open(path).map_or_else(|error| error.to_string(), |_| "opened".to_owned())
+    };
+    assert!(told(&path).contains("cannot read"), "{}", told(&path));
+    assert!(told(folder.path()).contains("is no file"), "{}", told(folder.path()));
+    fs::write(&path, "")?;
+    assert!(told(&path).contains("is empty"), "{}", told(&path));
+    fs::write(&path, "seed = 7\n")?;
+    assert!(told(&path).contains("does not begin like an MCAP file"), "{}", told(&path));
+    let mut writer = Writer::new(fs::File::create(&path)?)?;
+    let schema = writer.add_schema("Pose", "jsonschema", b"{}")?;
+    writer.add_channel(schema, "/events", "json", &BTreeMap::new())?;
+    writer.finish()?;
+    assert!(told(&path).contains("metadata `run` is missing"), "{}", told(&path));
+    Ok(())
+}
+
+/// Copies a recording record by record, with a change to the metadata of its channels.
+fn copy_with(
+    from: &Path,
+    to: &Path,
+    change: impl Fn(&str, &mut BTreeMap<String, String>) -> bool,
+) -> Outcome {
+    let bytes = fs::read(from)?;
+    let summary = mcap::Summary::read(&bytes)?.ok_or("no summary")?;
+    let mut writer = Writer::new(fs::File::create(to)?)?;
+    for index in &summary.metadata_indexes {
+        writer.write_metadata(&mcap::read::metadata(&bytes, index)?)?;
+    }
+    for index in &summary.attachment_indexes {
+        let attachment = mcap::read::attachment(&bytes, index)?;
+        writer.attach(&Attachment { data: attachment.data.clone(), ..attachment })?;
+    }
+    let mut ids = BTreeMap::new();
+    let channels: BTreeMap<_, _> = summary.channels.iter().collect();
+    for (old, channel) in channels {
+        let schema = channel.schema.as_ref().ok_or("no schema")?;
+        let mut metadata = channel.metadata.clone();
+        if change(&channel.topic, &mut metadata) {
+            let schema = writer.add_schema(&schema.name, &schema.encoding, &schema.data)?;
+            ids.insert(*old, writer.add_channel(schema, &channel.topic, "protobuf", &metadata)?);
+        }
+    }
+    for message in MessageStream::new(&bytes)? {
+        let message = message?;
+        let Some(&channel_id) = ids.get(&message.channel.id) else { continue };
+        let header = MessageHeader {
+            channel_id,
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        writer.write_to_known_channel(&header, &message.data)?;
+    }
+    writer.finish()?;
+    Ok(())
+}
+
+#[test]
+fn a_recording_of_another_build_is_refused_and_the_type_that_changed_is_named() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let (path, copy) = (folder.path().join("flight.mcap"), folder.path().join("copy.mcap"));
+    record(&path, 3, layout_of(Role::Attitude)?)?;
+    let told = |change: &dyn Fn(&str, &mut BTreeMap<String, String>) -> bool| {
+        copy_with(&path, &copy, change)?;
+        let opened = RecordedFlight::open(&copy);
+        Ok::<_, Box<dyn Error>>(opened.map_or_else(|e| e.to_string(), |_| "opened".to_owned()))
+    };
+    assert_eq!(told(&|_, _| true)?, "opened");
+    let old_wrench = told(&|topic, metadata| {
+        if topic == "/wrench_command" {
+            metadata.insert("layout_hash".to_owned(), "00000000deadbeef".to_owned());
+        }
+        true
+    })?;
+    let ours = shared_types::topics::WRENCH_COMMAND.schema().layout_hash;
+    for part in ["copy.mcap", "WrenchCommand", "00000000deadbeef", &format!("{ours:016x}")] {
+        assert!(old_wrench.contains(part), "{old_wrench}");
+    }
+    let without = told(&|topic, _| topic != "/loop_stats")?;
+    assert!(without.contains("LoopStats") && without.contains("not in the file"), "{without}");
+
+    record(&folder.path().join("state.mcap"), 3, 0xdead)?;
+    let flight = RecordedFlight::open(&folder.path().join("state.mcap"))?;
+    let error = flight.states(Role::Attitude).err().ok_or("was read")?.to_string();
+    let ours = format!("{:016x}", layout_of(Role::Attitude)?);
+    for part in ["/state/attitude", "ComponentMemory", "000000000000dead", &ours] {
+        assert!(error.contains(part), "{error}");
+    }
+    Ok(())
+}
