@@ -3,7 +3,8 @@
 //! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight; [`pilot`] flies along in the launcher itself.
-//! [`in_process`] flies in a single thread, [`campaign`] many such flights. [`paper`] and [`study`] are reproduction and studies,
+//! [`replay`] flies a recording again; [`in_process`] flies in a single thread, [`campaign`] many
+//! such flights. [`paper`] and [`study`] are reproduction and studies,
 //! [`figure`] and [`results`] what they leave behind.
 
 pub mod branch;
@@ -17,6 +18,7 @@ pub mod paper;
 pub mod pilot;
 pub mod process;
 pub mod record;
+pub mod replay;
 pub mod results;
 pub mod run;
 pub mod scenario;

@@ -112,4 +112,5 @@ samples!(
     crate::Disturbance,
     crate::OwnerRecord,
     crate::LoopStats,
+    crate::Deviation,
 );

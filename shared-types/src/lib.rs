@@ -33,6 +33,7 @@ pub use header::{Flag, Header, Quaternion, Sample};
 pub use iceoryx2::prelude::ZeroCopySend;
 pub use sensors::{Imu, MorphAngle, PoseFix};
 pub use supervision::{
-    Author, ClockMode, ClockRecord, Hello, LoopStats, OwnerRecord, Progress, Role,
+    Author, ClockMode, ClockRecord, Deviation, DeviationKind, Hello, LoopStats, OwnerRecord,
+    Progress, Role,
 };
 pub use topics::{Edge, Stamped, Topic, TopicInfo, TopicVisitor};

@@ -107,6 +107,77 @@ sample! {
 }
 
 code! {
+    /// In what respect a step departed from what edges and time alone prescribe.
+    pub enum DeviationKind {
+        /// Samples `first..=last` took effect at this step although an earlier one should have had
+        /// them; `due_ns` is the effective instant of the first.
+        LateSamples = 0,
+        /// Samples `first..=last` never arrived.
+        LostSamples = 1,
+        /// The step started at its input deadline, before this input was final; `first` deadlines
+        /// have passed since the step before.
+        MissedDeadline = 2,
+        /// Releases `first..=last` of the loop's grid were left out before this step.
+        SkippedReleases = 3,
+        /// `first` times the loop found a later release past and ran the earlier one all the same.
+        CaughtUp = 4,
+        /// From sample `first` on, `author` writes the input.
+        Writer = 5,
+        /// The process has been restarted and went on from the state of release `first`.
+        Resumed = 6,
+    }
+}
+
+sample! {
+    /// Where a step's inputs were not what edges and time prescribe. With it a recording tells what
+    /// each step has seen: nominally all samples in effect, which need not be written down.
+    pub struct Deviation {
+        /// Identity and time; `release_ns` is the step's. Each life of a process counts for itself:
+        /// the seat is eight times the generation, plus the role.
+        pub header: Header,
+        /// Writer of the input, as told by the transport; zeros unless the kind is `Writer`.
+        pub author: [u64; 2],
+        /// First sequence, release or number, see the kind.
+        pub first: u64,
+        /// Last sequence or release, see the kind; equal to `first` if there is only one.
+        pub last: u64,
+        /// Instant from which the first late sample should have been in effect \[ns\], else 0.
+        pub due_ns: u64,
+        /// Topic of the input, padded with zeros; empty if the kind is about the loop as a whole.
+        pub input: [u8; 24],
+        /// What happened.
+        pub kind: DeviationKind,
+        /// The loop it happened to.
+        pub role: Role,
+        /// Seat of the input's writer.
+        pub writer_seat: u32,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
+    }
+}
+
+impl Deviation {
+    /// Topic name as the sample holds it.
+    ///
+    /// Names of 24 bytes and more are cut; a test keeps the floor plan shorter.
+    #[must_use]
+    pub fn input_from(name: &str) -> [u8; 24] {
+        let mut input = [0; 24];
+        for (slot, byte) in input.iter_mut().zip(name.bytes()) {
+            *slot = byte;
+        }
+        input
+    }
+
+    /// Name of the input's topic; empty if there is none.
+    #[must_use]
+    pub fn input_name(&self) -> &str {
+        let end = self.input.iter().position(|byte| *byte == 0).unwrap_or(self.input.len());
+        core::str::from_utf8(&self.input[..end]).unwrap_or_default()
+    }
+}
+
+code! {
     /// How the flight's clock runs.
     pub enum ClockMode {
         /// Simulated time, as fast as the processes can.

@@ -146,4 +146,6 @@ floor_plan! {
         "owner of the position slot"
     LOOP_STATS "loop_stats": LoopStats, Supervisor => [], RecordOnly, history 8;
         "running totals of every loop"
+    DEVIATION "deviation": Deviation, Supervisor => [], RecordOnly, history 64;
+        "where a step's inputs were not what edges and time prescribe"
 }

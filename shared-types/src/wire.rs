@@ -146,11 +146,8 @@ pub trait Filler {
     ///
     /// # Errors
     /// As [`Filler::f64s`].
-    fn message<T: Wire>(
-        &mut self,
-        field: &'static Field,
-        value: &mut T,
-    ) -> Result<(), Self::Error>;
+    fn message<T: Wire>(&mut self, field: &'static Field, value: &mut T)
+    -> Result<(), Self::Error>;
 }
 
 /// A value that can be a field of a sample.

@@ -9,10 +9,12 @@ pub mod check;
 pub mod list;
 pub mod options;
 mod paper;
+mod replay;
 mod study;
 
 pub use options::{
-    CampaignArguments, Format, PaperArguments, ProcArguments, RunArguments, ScenarioArguments,
+    CampaignArguments, Format, PaperArguments, ProcArguments, ReplayArguments, RunArguments,
+    ScenarioArguments,
 };
 
 use crate::run::RunError;
@@ -61,6 +63,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         },
         Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
         Command::Campaign(arguments) => campaign::run(&arguments, out, diagnostics),
+        Command::Replay(arguments) => replay::run(&arguments, out, diagnostics),
         Command::Study(command) => study::run(&command, out, diagnostics),
         Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
     }

@@ -3,7 +3,7 @@
 use crate::process::ProcOptions;
 use crate::run::{Pin, RunOptions, Speed};
 use crate::scenario::{Override, Scenario, ScenarioError, TESTED_RATES_HZ};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use core::time::Duration;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -24,6 +24,8 @@ pub(super) enum Command {
     List,
     /// Show what a scenario would fly, or what is wrong with it
     Check(ScenarioArguments),
+    /// Fly a recording again: verify it bit by bit, hash it, or try another controller on it
+    Replay(ReplayArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     Paper(PaperArguments),
     /// Fly a scenario with many seeds and settings, on all cores
@@ -162,6 +164,35 @@ impl RunArguments {
         let (pin, disorder) = (self.pin, self.disorder);
         RunOptions { scenario, speed, record, pin, disorder, progress }
     }
+}
+
+/// What to do with a recording.
+#[derive(Debug, Clone, Args)]
+#[command(group(ArgGroup::new("what").required(true).multiple(true)))]
+pub struct ReplayArguments {
+    /// The recording
+    pub file: PathBuf,
+    /// Compute its hashes again and compare them with those stored
+    #[arg(long, group = "what")]
+    pub hash: bool,
+    /// Fly each service again on what it had, and compare every output and state bit for bit
+    #[arg(long, group = "what")]
+    pub verify: bool,
+    /// Only this service, for example `attitude-mpc`
+    #[arg(long, value_name = "NAME")]
+    pub service: Vec<String>,
+    /// Let another controller replay and say how far it departs: a service, or another build
+    #[arg(long, group = "what", value_name = "EXE|NAME")]
+    pub with: Option<String>,
+    /// Any key of the scenario, for the controller that replays
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Write the outputs of the one service named as a recording
+    #[arg(long, group = "what", value_name = "FILE")]
+    pub outputs: Option<PathBuf>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
 }
 
 /// Many flights.

@@ -17,7 +17,7 @@ pub use resume::Checkpoint;
 pub use tape::Tape;
 
 use crate::components::{Component, ComponentVisitor, Crew};
-use crate::run::{FlightHash, Metrics};
+use crate::run::{FlightHash, LogHash, Metrics};
 use crate::scenario::{Scenario, WiringError};
 use core::cell::RefCell;
 use resume::{Authors, Feed};
@@ -59,6 +59,12 @@ impl Observer for () {
 }
 
 impl Observer for FlightHash {
+    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        self.add(&topic.info, sample);
+    }
+}
+
+impl Observer for LogHash {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         self.add(&topic.info, sample);
     }

@@ -88,6 +88,8 @@ impl<O: Observer> Wires<O> {
         let Ok(()) = executor.inputs.visit(&mut connect);
         let Ok(()) = executor.outputs.visit(&mut connect);
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::LOOP_STATS, &mut executor.stats);
+        let deviations = &mut executor.deviations;
+        let Ok(()) = OutputVisitor::visit(&mut connect, &topics::DEVIATION, deviations);
     }
 
     /// Tells the readers of a slot's owner record who commands from the start.

@@ -66,8 +66,10 @@ impl<'a> Decoder<'a> {
     }
 
     fn take(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
-        let (head, rest) =
-            self.bytes.split_at_checked(length).ok_or_else(|| self.error("the message ends in it"))?;
+        let (head, rest) = self
+            .bytes
+            .split_at_checked(length)
+            .ok_or_else(|| self.error("the message ends in it"))?;
         self.bytes = rest;
         Ok(head)
     }
@@ -89,7 +91,9 @@ impl<'a> Decoder<'a> {
         let raw = self.varint()?;
         let fits = match kind {
             // Codes are `int32` on the wire.
-            Kind::Enum(_) => i32::try_from(raw.cast_signed()).ok().map(|c| c.cast_unsigned().into()),
+            Kind::Enum(_) => {
+                i32::try_from(raw.cast_signed()).ok().map(|c| c.cast_unsigned().into())
+            }
             Kind::U32 => u32::try_from(raw).ok().map(u64::from),
             _ => Some(raw),
         };
@@ -154,7 +158,11 @@ impl Filler for Decoder<'_> {
         Ok(())
     }
 
-    fn message<T: Wire>(&mut self, field: &'static Field, value: &mut T) -> Result<(), DecodeError> {
+    fn message<T: Wire>(
+        &mut self,
+        field: &'static Field,
+        value: &mut T,
+    ) -> Result<(), DecodeError> {
         if self.key(field, WireType::LengthDelimited)? {
             *value = decode(self.delimited()?)?;
         }
@@ -191,12 +199,7 @@ impl<'a> Fields<'a> {
         Ok(content)
     }
 
-    fn key(
-        &mut self,
-        number: u32,
-        field: &'static str,
-        kind: WireType,
-    ) -> Result<(), DecodeError> {
+    fn key(&mut self, number: u32, field: &'static str, kind: WireType) -> Result<(), DecodeError> {
         let found = decode_key(&mut self.bytes).ok();
         let expected = found == Some((number, kind));
         if expected { Ok(()) } else { Err(self.error(field, "is not in its place")) }

@@ -132,6 +132,7 @@ fn sum_up(
         wall_ns,
         processes: graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
         hash: consumers.hash.hex(),
+        log_hash: consumers.log_hash.hex(),
         metrics: core::mem::take(&mut consumers.metrics),
         audit: consumers.audit.clone(),
         recovered: 0,

@@ -1,6 +1,6 @@
 //! What is fed with everything that a flight publishes: hash, sequence audit, metrics, recording.
 
-use super::hash::FlightHash;
+use super::hash::{FlightHash, LogHash};
 use super::metrics::Metrics;
 use super::summary::Summary;
 use crate::in_process::Observer;
@@ -16,6 +16,7 @@ const NO_RECEIPT_NS: u64 = 0;
 #[derive(Debug, Default)]
 pub(super) struct Consumers {
     pub(super) hash: FlightHash,
+    pub(super) log_hash: LogHash,
     pub(super) audit: SequenceAudit,
     pub(super) metrics: Metrics,
     pub(super) recording: Option<Recording>,
@@ -55,6 +56,7 @@ impl Consumers {
             return;
         }
         self.hash.add(&topic.info, sample);
+        self.log_hash.add(&topic.info, sample);
         self.metrics.observe(topic, sample);
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write(topic, sample, receipt_mono_ns)

@@ -344,6 +344,7 @@ impl Flight {
             wall_ns,
             processes: self.graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
             hash: self.tap.consumers.hash.hex(),
+            log_hash: self.tap.consumers.log_hash.hex(),
             metrics: core::mem::take(&mut self.tap.consumers.metrics),
             audit: self.tap.consumers.audit.clone(),
             recovered: self.supervisor.recovered,

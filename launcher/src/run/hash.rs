@@ -1,4 +1,8 @@
-//! The flight hash: what the vehicle did, and nothing about the machine it was computed on.
+//! The two hashes of a flight: what the vehicle did, and everything that was said.
+//!
+//! Both are chains of samples, one per topic and seat, combined in the order of topic and seat. As a
+//! chain has its samples in the order of their sequence, hence of time, this is the order (time,
+//! topic, sequence) without anything to sort.
 
 use shared_types::wire::{Field, Visitor, Wire};
 use shared_types::{Header, Sample, TopicInfo};
@@ -7,33 +11,85 @@ use std::collections::BTreeMap;
 /// Hashes logical time and physical values of every topic marked for it. Identity, sequence, epoch
 /// and host stamps stay out, so that a swapped controller or another machine gives the same hash.
 #[derive(Debug, Clone, Default)]
-pub struct FlightHash {
-    topics: BTreeMap<&'static str, blake3::Hasher>,
-}
+pub struct FlightHash(Chains);
+
+/// Hashes every sample of every topic, except for [`MACHINE_FIELDS`].
+#[derive(Debug, Clone, Default)]
+pub struct LogHash(Chains);
 
 /// Fields of hashed samples that tell who commanded, not what happened.
 const IDENTITY_FIELDS: [&str; 3] = ["command_sequence", "command_cause_sequence", "epoch"];
 
-struct Feed<'a>(&'a mut blake3::Hasher);
+/// Fields that depend on the machine: when it got to run, and how it names its publishers. Whatever
+/// compares samples of two flights leaves these out and nothing else.
+pub const MACHINE_FIELDS: [&str; 8] = [
+    // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
+    "release_mono_ns",
+    "start_mono_ns",
+    "publish_mono_ns",
+    "generation",
+    // Of `loop_stats`: waits that only their limit ended.
+    "rescued_waits",
+    // Of owner records and `deviation`: publishers as the transport numbers them.
+    "owner",
+    "fallback",
+    "author",
+];
+
+/// One hash per topic and seat.
+#[derive(Debug, Clone, Default)]
+struct Chains {
+    chains: BTreeMap<(&'static str, u32), blake3::Hasher>,
+    buffer: Vec<u8>,
+}
+
+impl Chains {
+    fn add<T: Sample>(&mut self, key: (&'static str, u32), skip: Skip, times: &[u64], sample: &T) {
+        self.buffer.clear();
+        for time_ns in times {
+            self.buffer.extend_from_slice(&time_ns.to_le_bytes());
+        }
+        sample.visit(&mut Feed { out: &mut self.buffer, skip });
+        self.chains.entry(key).or_default().update(&self.buffer);
+    }
+
+    /// 128 bits over all chains as hexadecimal.
+    fn hex(&self) -> String {
+        let mut all = blake3::Hasher::new();
+        for ((name, seat), hasher) in &self.chains {
+            all.update(name.as_bytes());
+            // Seat 0, the only one of most topics, is understood.
+            if *seat != 0 {
+                all.update(&seat.to_le_bytes());
+            }
+            all.update(hasher.finalize().as_bytes());
+        }
+        all.finalize().to_hex().as_str()[..32].to_owned()
+    }
+}
+
+/// True for fields that are left out.
+type Skip = fn(&str) -> bool;
+
+struct Feed<'a> {
+    out: &'a mut Vec<u8>,
+    skip: Skip,
+}
 
 impl Visitor for Feed<'_> {
     fn f64s(&mut self, _field: &'static Field, values: &[f64]) {
-        for value in values {
-            self.0.update(&value.to_le_bytes());
-        }
+        self.out.extend(values.iter().flat_map(|value| value.to_le_bytes()));
     }
     fn u64s(&mut self, field: &'static Field, values: &[u64]) {
-        if !IDENTITY_FIELDS.contains(&field.name) {
-            for value in values {
-                self.0.update(&value.to_le_bytes());
-            }
+        if !(self.skip)(field.name) {
+            self.out.extend(values.iter().flat_map(|value| value.to_le_bytes()));
         }
     }
     fn bytes(&mut self, _field: &'static Field, values: &[u8]) {
-        self.0.update(values);
+        self.out.extend_from_slice(values);
     }
     fn message<T: Wire>(&mut self, field: &'static Field, value: &T) {
-        if field.name != "header" {
+        if !(self.skip)(field.name) {
             value.visit(self);
         }
     }
@@ -42,59 +98,110 @@ impl Visitor for Feed<'_> {
 impl FlightHash {
     /// Adds a sample; per topic they must come in sequence.
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
-        if !topic.in_flight_hash {
-            return;
+        if topic.in_flight_hash {
+            let Header { release_ns, valid_ns, .. } = *sample.header();
+            let skip = |name: &str| name == "header" || IDENTITY_FIELDS.contains(&name);
+            self.0.add((topic.name, 0), skip, &[release_ns, valid_ns], sample);
         }
-        let hasher = self.topics.entry(topic.name).or_default();
-        let Header { release_ns, valid_ns, .. } = sample.header();
-        hasher.update(&release_ns.to_le_bytes());
-        hasher.update(&valid_ns.to_le_bytes());
-        sample.visit(&mut Feed(hasher));
     }
 
-    /// 128 bits over all topics, in name order, as hexadecimal.
+    /// 128 bits as hexadecimal.
     #[must_use]
     pub fn hex(&self) -> String {
-        let mut all = blake3::Hasher::new();
-        for (name, hasher) in &self.topics {
-            all.update(name.as_bytes());
-            all.update(hasher.finalize().as_bytes());
-        }
-        all.finalize().to_hex().as_str()[..32].to_owned()
+        self.0.hex()
+    }
+}
+
+impl LogHash {
+    /// Adds a sample; per topic and seat they must come in sequence.
+    pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
+        let skip = |name: &str| MACHINE_FIELDS.contains(&name);
+        self.0.add((topic.name, sample.header().seat), skip, &[], sample);
+    }
+
+    /// 128 bits as hexadecimal.
+    #[must_use]
+    pub fn hex(&self) -> String {
+        self.0.hex()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Truth, topics};
+    use shared_types::{LoopStats, OwnerRecord, Truth, topics};
 
-    fn hash_of(change: impl Fn(&mut Truth)) -> String {
+    fn hash_of(change: impl Fn(&mut Truth)) -> (String, String) {
         let mut truth = Truth::default();
         truth.header.release_ns = 5;
         truth.position_w_m = [1.0, 2.0, 3.0];
         change(&mut truth);
-        let mut hash = FlightHash::default();
-        hash.add(&topics::TRUTH.info, &truth);
-        hash.hex()
+        let (mut flight, mut log) = (FlightHash::default(), LogHash::default());
+        flight.add(&topics::TRUTH.info, &truth);
+        log.add(&topics::TRUTH.info, &truth);
+        (flight.hex(), log.hex())
     }
 
     #[test]
-    fn the_hash_sees_values_and_logical_time_and_not_the_host() {
+    fn both_hashes_see_values_and_logical_time_and_not_the_host() {
         let plain = hash_of(|_| {});
-        assert_eq!(plain.len(), 32);
+        assert_eq!((plain.0.len(), plain.1.len()), (32, 32));
         assert_eq!(plain, hash_of(|t| t.header.publish_mono_ns = 77));
-        assert_eq!(plain, hash_of(|t| t.header.sequence = 9));
         assert_eq!(plain, hash_of(|t| t.header.generation = 3));
-        assert_ne!(plain, hash_of(|t| t.position_w_m[2] = f64::from_bits(3.0_f64.to_bits() + 1)));
-        assert_ne!(plain, hash_of(|t| t.header.release_ns = 6));
+        let changes: [fn(&mut Truth); 2] = [
+            |t| t.position_w_m[2] = f64::from_bits(3.0_f64.to_bits() + 1),
+            |t| t.header.release_ns = 6,
+        ];
+        for change in changes {
+            let changed = hash_of(change);
+            assert!(changed.0 != plain.0 && changed.1 != plain.1, "{changed:?}");
+        }
     }
 
     #[test]
-    fn topics_outside_the_hash_do_not_change_it() {
-        let mut hash = FlightHash::default();
-        let empty = hash.hex();
-        hash.add(&topics::IMU.info, &shared_types::Imu::default());
-        assert_eq!(hash.hex(), empty);
+    fn only_the_log_hash_sees_sequences_and_topics_that_are_not_the_flight() {
+        let (plain, renumbered) = (hash_of(|_| {}), hash_of(|t| t.header.sequence = 9));
+        assert_eq!(plain.0, renumbered.0);
+        assert_ne!(plain.1, renumbered.1);
+        let (mut flight, mut log) = (FlightHash::default(), LogHash::default());
+        let empty = (flight.hex(), log.hex());
+        flight.add(&topics::IMU.info, &shared_types::Imu::default());
+        log.add(&topics::IMU.info, &shared_types::Imu::default());
+        assert_eq!(flight.hex(), empty.0);
+        assert_ne!(log.hex(), empty.1);
+    }
+
+    #[test]
+    fn the_log_hash_knows_what_is_the_machines() {
+        let hash = |stats: LoopStats, record: OwnerRecord| {
+            let mut log = LogHash::default();
+            log.add(&topics::LOOP_STATS.info, &stats);
+            log.add(&topics::ATTITUDE_OWNER.info, &record);
+            log.hex()
+        };
+        let (stats, record) = (LoopStats::default(), OwnerRecord::default());
+        let plain = hash(stats, record);
+        assert_eq!(plain, hash(LoopStats { rescued_waits: 4, generation: 2, ..stats }, record));
+        assert_eq!(plain, hash(stats, OwnerRecord { owner: [1, 2], fallback: [3, 4], ..record }));
+        assert_ne!(plain, hash(LoopStats { late_samples: 1, ..stats }, record));
+        assert_ne!(plain, hash(stats, OwnerRecord { epoch: 1, ..record }));
+    }
+
+    #[test]
+    fn each_seat_of_a_topic_is_a_chain_of_its_own() {
+        let sample = |seat, steps| {
+            let header = Header { seat, ..Header::default() };
+            LoopStats { header, steps, ..LoopStats::default() }
+        };
+        let hash = |order: [LoopStats; 3]| {
+            let mut log = LogHash::default();
+            for stats in &order {
+                log.add(&topics::LOOP_STATS.info, stats);
+            }
+            log.hex()
+        };
+        let (a, b, c) = (sample(1, 1), sample(1, 2), sample(2, 1));
+        assert_eq!(hash([a, b, c]), hash([a, c, b]));
+        assert_ne!(hash([a, b, c]), hash([b, a, c]));
     }
 }

@@ -19,7 +19,7 @@ mod tap;
 pub use alone::{Branched, run_branch, run_in_process};
 pub use conductor::Speed;
 pub use flight::run;
-pub use hash::FlightHash;
+pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};
 pub use metrics::{Effort, Metrics, Tracking, VIOLATION_TOLERANCE};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
 pub use setup::{RunError, RunOptions};

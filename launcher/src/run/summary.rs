@@ -31,8 +31,10 @@ pub struct Summary {
     pub wall_ns: u64,
     /// Loops and their rates \[Hz\].
     pub processes: Vec<(Role, f64)>,
-    /// Flight hash.
+    /// Flight hash: what the vehicle did.
     pub hash: String,
+    /// Log hash: every sample.
+    pub log_hash: String,
     /// What the samples say.
     pub metrics: Metrics,
     /// Sequence audit of every topic.
@@ -133,6 +135,7 @@ impl Summary {
             map.insert(key.to_owned(), value);
         };
         put("hash", self.hash.clone());
+        put("log_hash", self.log_hash.clone());
         put("outcome", self.verdict());
         put("flown_s", format!("{:.3}", self.flown_ns as f64 * 1e-9));
         put("real_time_factor", format!("{:.2}", self.real_time_factor()));
@@ -168,7 +171,7 @@ impl Summary {
             .to_metadata()
             .into_iter()
             .map(|(key, text)| {
-                let number = text.parse::<f64>().ok().filter(|_| key != "hash");
+                let number = text.parse::<f64>().ok().filter(|_| !key.ends_with("hash"));
                 (key, number.map_or_else(|| text.into(), Into::into))
             })
             .collect();

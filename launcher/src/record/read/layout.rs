@@ -49,7 +49,13 @@ pub(super) fn check(
             let (type_name, detail) = difference(schema, channel);
             let (topic, theirs) = (topic.clone(), theirs.to_owned());
             return Err(ReadError::Layout {
-                path, topic, type_name, theirs, ours, recorder, detail
+                path,
+                topic,
+                type_name,
+                theirs,
+                ours,
+                recorder,
+                detail,
             });
         }
     }

@@ -14,7 +14,7 @@ mod tests;
 pub use error::ReadError;
 pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState};
 
-use super::Clock;
+use super::{Clock, Facts, Machine};
 use crate::components::{self, StateLayout};
 use crate::scenario::Scenario;
 use core::ops::ControlFlow;
@@ -79,7 +79,9 @@ impl RecordedFlight {
                 let path = path.to_owned();
                 return Err(match ending {
                     Ending::Cut => ReadError::CutHead { path, length, what },
-                    Ending::Whole => ReadError::Foreign { path, what: format!("{what} is missing") },
+                    Ending::Whole => {
+                        ReadError::Foreign { path, what: format!("{what} is missing") }
+                    }
                 });
             }
         };
@@ -124,6 +126,22 @@ impl RecordedFlight {
             Clock::Realtime { speed: speed.unwrap_or(1.0) }
         } else {
             Clock::Lockstep
+        }
+    }
+
+    /// Facts for a recording made from this one.
+    #[must_use]
+    pub fn to_facts(&self) -> Facts {
+        let fact = |key: &str| self.facts.get(key).cloned().unwrap_or_default();
+        let settings = &self.scenario.settings().scenario;
+        Facts {
+            run_id: fact("run_id"),
+            scenario_name: settings.name.clone(),
+            scenario_toml: self.scenario.to_toml().to_owned(),
+            seed: settings.seed,
+            clock: self.clock(),
+            epoch_unix_ns: fact("epoch_unix_ns").parse().unwrap_or(0),
+            machine: Machine { kernel: fact("kernel"), cpu_model: fact("cpu_model") },
         }
     }
 

@@ -15,14 +15,10 @@ use std::convert::Infallible;
 use super::records::{Ending, Records};
 
 /// A published state as recorded.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct RecordedState {
     /// Sequence, instant and generation of the state.
-    pub sequence: u64,
-    /// Instant of the step it was taken after \[ns\].
-    pub release_ns: u64,
-    /// Restarts of the process that published it.
-    pub generation: u32,
+    pub header: Header,
     /// The packed state, header first.
     pub bytes: Vec<u8>,
 }
@@ -210,9 +206,7 @@ impl RecordVisitor for CollectStates {
     }
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
         if role == self.role {
-            let Header { sequence, release_ns, generation, .. } = *header;
-            let bytes = state.to_vec();
-            self.states.push(RecordedState { sequence, release_ns, generation, bytes });
+            self.states.push(RecordedState { header: *header, bytes: state.to_vec() });
         }
     }
 }

@@ -1,13 +1,15 @@
 //! Every field of every topic, through bytes and an independent protobuf reader and back.
 
 use crate::record::{decode, descriptor_set, encode, full_name};
-use proptest::prelude::{ProptestConfig, any, prop_assert, prop_assert_eq, prop_assert_ne, proptest};
+use proptest::prelude::{
+    ProptestConfig, any, prop_assert, prop_assert_eq, prop_assert_ne, proptest,
+};
 use proptest::test_runner::TestCaseError;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value as Read};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use shared_types::topics::visit_all;
-use shared_types::wire::{Field, Kind, Value as _, Visitor, Wire};
+use shared_types::wire::{Field, Kind, Schema, Value as _, Visitor, Wire};
 use shared_types::{Imu, Sample, Topic, TopicVisitor};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -147,6 +149,16 @@ fn packed<T: Wire>(value: &T) -> Vec<u8> {
     bytes
 }
 
+/// Bytes of padding in a struct, those of nested ones included.
+fn padding(schema: &Schema) -> usize {
+    let of = |field: &Field| match field.kind {
+        Kind::Message(nested) => field.count * padding(nested),
+        _ if field.name == "reserved" => 4,
+        _ => 0,
+    };
+    schema.fields.iter().map(of).sum()
+}
+
 fn comes_back<T: Wire>(pattern: &[u8]) -> Result<(), TestCaseError> {
     let bytes: Vec<u8> = pattern.iter().copied().cycle().take(T::PACKED_SIZE).collect();
     let value = T::unpack(&bytes);
@@ -158,8 +170,7 @@ fn comes_back<T: Wire>(pattern: &[u8]) -> Result<(), TestCaseError> {
     prop_assert_eq!(&wire, &again);
     // Padding becomes zero; all else keeps its bits.
     let changed = packed(&value).iter().zip(packed(&back)).filter(|(a, b)| **a != *b).count();
-    let padding = T::SCHEMA.fields.iter().filter(|field| field.name == "reserved").count();
-    prop_assert!(changed <= 4 * padding, "{}: {changed} bytes differ", T::SCHEMA.name);
+    prop_assert!(changed <= padding(&T::SCHEMA), "{}: {changed} bytes differ", T::SCHEMA.name);
     // Whatever is missing or too much is named.
     for cut in [wire.len() - 1, wire.len() / 2, 0] {
         prop_assert!(decode::<T>(&wire[..cut]).is_err());

@@ -70,5 +70,6 @@ pub fn connect<S: Service>(
     let mut writers = Writers { bus, graph, command_author: Author::default() };
     executor.outputs.visit(&mut writers)?;
     executor.stats.connect(Box::new(bus.writer(&topics::LOOP_STATS)?), 0);
+    executor.deviations.connect(Box::new(bus.writer(&topics::DEVIATION)?), 0);
     Ok(writers.command_author)
 }

@@ -1,13 +1,14 @@
 //! Runs the releases of one component, one after the other, and publishes all it owes.
 
-use crate::graph::{MissPolicy, Node};
+use crate::deviations::{Pending, Report, ReportInputs};
+use crate::graph::{Edge, MissPolicy, Node};
 use crate::input::InputSet;
 use crate::output::{Output, OutputSet};
 use crate::service::{
     RestoreError, Service, StateHeader, pack_state, state_layout, state_size, step_header,
     unpack_state,
 };
-use shared_types::{Header, LoopStats};
+use shared_types::{Deviation, Header, LoopStats};
 
 /// Logical time between two [`LoopStats`] \[ns\].
 const STATS_PERIOD_NS: u64 = 100_000_000;
@@ -40,6 +41,9 @@ pub struct Executor<S: Service> {
     pub outputs: S::Outputs,
     /// Loop statistics; connected by the transport.
     pub stats: Output<LoopStats>,
+    /// What the steps' inputs lacked; connected by the transport.
+    pub deviations: Output<Deviation>,
+    pending: Pending,
     state_sink: Option<Box<dyn StateSink>>,
     state_every: u64,
     state_sequence: u64,
@@ -70,6 +74,8 @@ impl<S: Service> Executor<S> {
             inputs: S::Inputs::default(),
             outputs: S::Outputs::default(),
             stats: Output::default(),
+            deviations: Output::default(),
+            pending: Pending::default(),
             state_sink: None,
             state_every: state_every.max(1),
             state_sequence: 0,
@@ -117,6 +123,7 @@ impl<S: Service> Executor<S> {
     pub fn restore(&mut self, state: &[u8]) -> Result<(), RestoreError> {
         let header = unpack_state(&mut self.service, &mut self.inputs, &mut self.outputs, state)?;
         self.next_index = header.release_index + 1;
+        self.pending.resumed = Some(header.release_index);
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
         self.stats.resume_after(header.stats_sequence);
@@ -124,8 +131,10 @@ impl<S: Service> Executor<S> {
         Ok(())
     }
 
-    /// Continues at the first release at or after `t_ns`, whatever grid the state came from.
+    /// Continues at the first release at or after `t_ns`, whatever grid the state came from: a flight
+    /// taken up, not a process restarted.
     pub fn continue_at(&mut self, t_ns: u64) {
+        self.pending.resumed = None;
         self.next_index = self.node.rate.first_at_or_after(t_ns);
     }
 
@@ -160,6 +169,7 @@ impl<S: Service> Executor<S> {
         self.counts.steps += 1;
         self.counts.release_index = self.next_index;
         self.counts.release_ns = now_ns;
+        self.publish_deviations(&header);
         self.publish_stats(&header);
         self.publish_state(&header);
         self.previous_ns = Some(now_ns);
@@ -169,15 +179,20 @@ impl<S: Service> Executor<S> {
     /// Leaves out releases up to the last one at or before `t_ns`, keeping that one.
     pub fn skip_to(&mut self, t_ns: u64) {
         let newest = self.node.rate.first_at_or_after(t_ns.saturating_add(1)).saturating_sub(1);
-        self.counts.skipped += newest.saturating_sub(self.next_index);
-        self.next_index = newest.max(self.next_index);
+        self.leave_out_until(newest);
     }
 
     /// Leaves out every release at or before `t_ns`.
     pub fn skip_past(&mut self, t_ns: u64) {
-        let next = self.node.rate.first_at_or_after(t_ns.saturating_add(1));
-        self.counts.skipped += next.saturating_sub(self.next_index);
-        self.next_index = next.max(self.next_index);
+        self.leave_out_until(self.node.rate.first_at_or_after(t_ns.saturating_add(1)));
+    }
+
+    fn leave_out_until(&mut self, index: u64) {
+        if index > self.next_index {
+            self.counts.skipped += index - self.next_index;
+            self.pending.skipped_from.get_or_insert(self.next_index);
+            self.next_index = index;
+        }
     }
 
     /// Decides about releases that lie in the past at logical time `now_ns`, by the loop's miss
@@ -188,15 +203,25 @@ impl<S: Service> Executor<S> {
             return;
         }
         match self.node.miss_policy {
-            MissPolicy::CatchUp => self.counts.caught_up += 1,
+            MissPolicy::CatchUp => {
+                self.counts.caught_up += 1;
+                self.pending.caught_up += 1;
+            }
             MissPolicy::Skip => self.skip_to(now_ns),
             MissPolicy::Hold => self.skip_past(now_ns),
         }
     }
 
-    /// Counts a step that starts without final inputs.
-    pub fn count_input_deadline_miss(&mut self) {
+    /// Counts a step that starts although these of its inputs are not final.
+    pub fn count_input_deadline_miss<'a>(&mut self, awaited: impl Iterator<Item = &'a Edge>) {
         self.counts.input_deadline_misses += 1;
+        self.pending.missed(awaited.map(|edge| edge.topic.name));
+    }
+
+    /// Does again what a recorded deviation tells of the loop as a whole: releases left out or caught
+    /// up, deadlines missed. The other kinds are about samples, which the transport withholds.
+    pub fn repeat(&mut self, deviation: &Deviation) {
+        self.next_index += self.pending.repeat(deviation, &mut self.counts);
     }
 
     /// Counts a wait that only its wall-clock limit ended.
@@ -208,6 +233,7 @@ impl<S: Service> Executor<S> {
     pub fn serve_late_joiners(&mut self) {
         self.outputs.serve_late_joiners();
         self.stats.serve_late_joiners();
+        self.deviations.serve_late_joiners();
         if let Some(sink) = &mut self.state_sink {
             sink.serve_late_joiners();
         }
@@ -215,8 +241,18 @@ impl<S: Service> Executor<S> {
 
     /// Publishes the totals of the whole flight.
     pub fn finish(&mut self) {
+        let header = step_header(self.mark_ns(), 0, self.generation);
+        let mut report = Report::new(&mut self.deviations, &header, self.node.role);
+        self.pending.publish(&mut report, self.next_index);
         let release_ns = self.previous_ns.unwrap_or(0);
         self.send_stats(&step_header(release_ns, 0, self.generation));
+    }
+
+    fn publish_deviations(&mut self, header: &Header) {
+        let mut report = Report::new(&mut self.deviations, header, self.node.role);
+        self.pending.publish(&mut report, self.next_index);
+        let mut inputs = ReportInputs { report, previous_ns: self.previous_ns };
+        let Ok(()) = self.inputs.visit(&mut inputs);
     }
 
     fn publish_stats(&mut self, header: &Header) {

@@ -138,7 +138,7 @@ impl<T: Sample> Input<T> {
         }
     }
 
-    fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
+    pub(crate) fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
         self.edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
     }
 

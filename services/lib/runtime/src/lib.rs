@@ -7,6 +7,7 @@
 
 pub mod clock;
 pub mod connect;
+mod deviations;
 pub mod executor;
 pub mod graph;
 pub mod input;

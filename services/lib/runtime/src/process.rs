@@ -2,7 +2,7 @@
 
 use crate::clock::{WallMap, mono_now_ns, sleep_until};
 use crate::executor::{Executor, StepStamps};
-use crate::graph::{Edge, Graph, ROLES};
+use crate::graph::{Edge, Graph, Marks, ROLES};
 use crate::input::InputSet as _;
 use crate::ipc::{
     Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
@@ -265,7 +265,9 @@ impl<S: Service> Process<S> {
         self.executor.inputs.receive();
         let t_ns = self.executor.mark_ns();
         let lead_ns = self.executor.node().lead_ns;
-        let deadline_ns = self.missing_inputs().map(|e| e.deadline_ns).max();
+        let role = self.executor.node().role;
+        let missing = missing(&self.graph, &self.marks, role, t_ns);
+        let deadline_ns = missing.map(|e| e.deadline_ns).max();
         let Some(deadline_ns) = deadline_ns else { return true };
         // A deadline is an instant of logical time: a slower clock stretches it with the flight.
         let until_mono_ns = wall.mono_ns(t_ns.saturating_add(deadline_ns).saturating_sub(lead_ns));
@@ -276,17 +278,11 @@ impl<S: Service> Process<S> {
         now_ns >= until_mono_ns
     }
 
-    /// Edges that the next release waits for and that are not final yet.
-    fn missing_inputs(&self) -> impl Iterator<Item = &Edge> {
-        let (role, t_ns) = (self.executor.node().role, self.executor.mark_ns());
-        self.graph.edges().iter().filter(move |e| {
-            e.to == role && e.deadline_ns > 0 && !e.permits(t_ns, self.marks[e.from.index()])
-        })
-    }
-
     fn count_missing_inputs(&mut self) {
-        if self.missing_inputs().next().is_some() {
-            self.executor.count_input_deadline_miss();
+        let (role, t_ns) = (self.executor.node().role, self.executor.mark_ns());
+        let mut missing = missing(&self.graph, &self.marks, role, t_ns).peekable();
+        if missing.peek().is_some() {
+            self.executor.count_input_deadline_miss(missing);
         }
     }
 
@@ -365,4 +361,16 @@ impl<S: Service> Process<S> {
             None
         }
     }
+}
+
+/// Edges that `role` waits for at `t_ns` and that are not final yet.
+fn missing<'a>(
+    graph: &'a Graph,
+    marks: &'a Marks,
+    role: Role,
+    t_ns: u64,
+) -> impl Iterator<Item = &'a Edge> {
+    graph.edges().iter().filter(move |e| {
+        e.to == role && e.deadline_ns > 0 && !e.permits(t_ns, marks[e.from.index()])
+    })
 }

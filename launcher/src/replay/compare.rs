@@ -1,0 +1,277 @@
+//! What came out again against what was recorded, sample by sample and state by state.
+
+use super::ReplayError;
+use super::again::{Replayed, Topics, fly_again};
+use super::fields::{Named, numbers_of, numbers_of_state};
+use super::tapes::{Recorded, load};
+use crate::components::{self, Component, ComponentVisitor};
+use crate::record::read::{RecordedFlight, RecordedState};
+use core::convert::Infallible;
+use runtime::output::{Output, OutputSet as _, OutputVisitor};
+use runtime::service::{Service, state_size};
+use shared_types::{Header, Role, Sample, Topic, topics};
+use std::collections::BTreeSet;
+
+/// Fields that depend on the machine and are reproduced all the same.
+const REPRODUCED: [&str; 4] = ["generation", "owner", "fallback", "author"];
+
+/// One field that came out differently.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// Instant of the step \[ns\].
+    pub release_ns: u64,
+    /// Index of the step in the loop's grid.
+    pub release_index: u64,
+    /// Topic, or `state/<role>`.
+    pub topic: String,
+    /// Field, with its place in arrays and nested structs.
+    pub field: String,
+    /// As recorded; doubles with their bits.
+    pub recorded: String,
+    /// As it came out again.
+    pub replayed: String,
+}
+
+/// What the replay of one service says.
+#[derive(Debug, Clone)]
+pub struct ServiceVerdict {
+    /// Its role.
+    pub role: Role,
+    /// Steps run again.
+    pub steps: u64,
+    /// Samples compared, all fields but those that only the machine determines.
+    pub samples: u64,
+    /// States compared.
+    pub states: u64,
+    /// Samples that came out and that the recorder had lost.
+    pub unrecorded: u64,
+    /// Samples and states that differ, or exist only once.
+    pub differences: u64,
+    /// The earliest of them.
+    pub first: Option<Difference>,
+}
+
+/// What the replay of a recording says.
+#[derive(Debug, Clone)]
+pub struct Verification {
+    /// Service by service, in data-flow order.
+    pub services: Vec<ServiceVerdict>,
+    /// False if the recorder was killed; all that is in the file has been compared.
+    pub complete: bool,
+}
+
+impl Verification {
+    /// The earliest difference, with the service it comes from.
+    #[must_use]
+    pub fn first(&self) -> Option<(Role, &Difference)> {
+        let all = self.services.iter().filter_map(|s| Some((s.role, s.first.as_ref()?)));
+        all.min_by_key(|(_, difference)| difference.release_ns)
+    }
+
+    /// True if not a bit differs.
+    #[must_use]
+    pub fn identical(&self) -> bool {
+        self.services.iter().all(|service| service.differences == 0)
+    }
+}
+
+/// Flies the services of `roles` again, or all that took part, and compares. `done` is called after
+/// each.
+///
+/// # Errors
+/// [`ReplayError`]; a difference is no error.
+pub fn verify(
+    flight: &RecordedFlight,
+    roles: &[Role],
+    mut done: impl FnMut(&ServiceVerdict),
+) -> Result<Verification, ReplayError> {
+    let scenario = flight.scenario();
+    let graph = scenario.graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
+    if let Some(role) = roles.iter().find(|role| graph.node(**role).is_none()) {
+        return Err(ReplayError::NotFlown { role: role.label() });
+    }
+    let mut verification = Verification { services: Vec::new(), complete: true };
+    for node in graph.nodes().iter().filter(|n| roles.is_empty() || roles.contains(&n.role)) {
+        let topics = Topics::of(node.role, scenario)?;
+        let recorded = load(flight, node.role, &topics)?;
+        let replayed = fly_again(flight, node.role, scenario, &recorded)?;
+        verification.complete = recorded.closing.complete;
+        let compare = Compare::new(&recorded, &replayed, node.role);
+        let mut verdict = components::build(node.role, scenario, compare)
+            .map_err(ReplayError::component(node.role))?;
+        verdict.steps = replayed.steps;
+        if let Some(first) = &mut verdict.first {
+            first.release_index = node.rate.first_at_or_after(first.release_ns);
+        }
+        done(&verdict);
+        verification.services.push(verdict);
+    }
+    Ok(verification)
+}
+
+struct Compare<'a> {
+    recorded: &'a Recorded,
+    replayed: &'a Replayed,
+    /// The flight ended in order: nothing may be missing at its end.
+    ended: bool,
+    verdict: ServiceVerdict,
+}
+
+impl ComponentVisitor for Compare<'_> {
+    type Output = ServiceVerdict;
+    fn visit<S: Service + 'static>(mut self, _component: Component<S>) -> ServiceVerdict {
+        let Ok(()) = S::Outputs::default().visit(&mut self);
+        let Ok(()) = OutputVisitor::visit(&mut self, &topics::LOOP_STATS, &mut Output::default());
+        let Ok(()) = OutputVisitor::visit(&mut self, &topics::DEVIATION, &mut Output::default());
+        self.states::<S>();
+        self.verdict
+    }
+}
+
+impl OutputVisitor for Compare<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        _output: &mut Output<T>,
+    ) -> Result<(), Infallible> {
+        let recorded = self.recorded.tapes.of(topic);
+        let replayed = self.replayed.tapes.of(topic);
+        let name = topic.info.name;
+        let lossy = self.recorded.has_gaps(name);
+        let mut buffers = (vec![0; T::PACKED_SIZE], vec![0; T::PACKED_SIZE]);
+        self.pairs(
+            &recorded,
+            &replayed,
+            (name, lossy),
+            |sample| *sample.header(),
+            |verdict, a, b| {
+                verdict.samples += 1;
+                // The replay has no host: lent stamps make the rest comparable at once.
+                let mut lent = *b;
+                let stamps = *a.header();
+                *lent.header_mut() = Header {
+                    release_mono_ns: stamps.release_mono_ns,
+                    start_mono_ns: stamps.start_mono_ns,
+                    publish_mono_ns: stamps.publish_mono_ns,
+                    ..*b.header()
+                };
+                a.pack(&mut buffers.0);
+                lent.pack(&mut buffers.1);
+                if buffers.0 == buffers.1 {
+                    return;
+                }
+                let fields = (numbers_of(a, "", &REPRODUCED), numbers_of(b, "", &REPRODUCED));
+                verdict.compare_fields(name, stamps.release_ns, &fields.0, &fields.1);
+            },
+        );
+        Ok(())
+    }
+}
+
+impl<'a> Compare<'a> {
+    fn new(recorded: &'a Recorded, replayed: &'a Replayed, role: Role) -> Self {
+        let outcome = recorded.closing.summary.get("outcome");
+        let ended = recorded.closing.complete && outcome.is_some_and(|o| o.starts_with("flown"));
+        let verdict = ServiceVerdict {
+            role,
+            steps: 0,
+            samples: 0,
+            states: 0,
+            unrecorded: 0,
+            differences: 0,
+            first: None,
+        };
+        Self { recorded, replayed, ended, verdict }
+    }
+
+    fn states<S: Service>(&mut self) {
+        let name = format!("state/{}", self.verdict.role.label());
+        let (recorded, replayed) = (&self.recorded.states, &self.replayed.states);
+        let size = state_size::<S>();
+        let header = |state: &RecordedState| state.header;
+        self.pairs(recorded, replayed, (&name, false), header, |verdict, a, b| {
+            verdict.states += 1;
+            if a.bytes == b.bytes {
+                return;
+            }
+            if a.bytes.len() != size {
+                let (was, is) = (a.bytes.len().to_string(), size.to_string());
+                verdict.differ(&name, a.header.release_ns, "length", was, is);
+                return;
+            }
+            let fields = (numbers_of_state::<S>(&a.bytes), numbers_of_state::<S>(&b.bytes));
+            verdict.compare_fields(&name, a.header.release_ns, &fields.0, &fields.1);
+        });
+    }
+
+    /// Matches items by the life they come from and their sequence.
+    fn pairs<T>(
+        &mut self,
+        recorded: &[T],
+        replayed: &[T],
+        (name, lossy): (&str, bool),
+        header: impl Fn(&T) -> Header,
+        mut same: impl FnMut(&mut ServiceVerdict, &T, &T),
+    ) {
+        let all = recorded.iter().chain(replayed);
+        let lives: BTreeSet<u32> = all.map(|item| header(item).generation).collect();
+        let mut known = 0;
+        for life in &lives {
+            let of_life = |item: &&T| header(item).generation == *life;
+            let mut expected = recorded.iter().filter(of_life).peekable();
+            for item in replayed.iter().filter(of_life) {
+                let Header { sequence, release_ns, .. } = header(item);
+                while let Some(extra) = expected.next_if(|e| header(e).sequence < sequence) {
+                    let at_ns = header(extra).release_ns;
+                    self.verdict.differ(name, at_ns, "sample", "recorded".into(), "none".into());
+                }
+                match expected.next_if(|e| header(e).sequence == sequence) {
+                    Some(before) => same(&mut self.verdict, before, item),
+                    // A successor repeats its predecessor's last steps; the recorder took one.
+                    None if sequence <= known => {}
+                    None if lossy => self.verdict.unrecorded += 1,
+                    // Killed between two samples of a step.
+                    None if expected.peek().is_none()
+                        && !(self.ended && Some(life) == lives.last()) => {}
+                    None => self.verdict.differ(
+                        name,
+                        release_ns,
+                        "sample",
+                        "none".into(),
+                        "replayed".into(),
+                    ),
+                }
+            }
+            for extra in expected {
+                let at_ns = header(extra).release_ns;
+                self.verdict.differ(name, at_ns, "sample", "recorded".into(), "none".into());
+            }
+            let last = recorded.iter().filter(of_life).map(|item| header(item).sequence).max();
+            known = known.max(last.unwrap_or(0));
+        }
+    }
+}
+
+impl ServiceVerdict {
+    fn compare_fields(&mut self, topic: &str, at_ns: u64, a: &[Named], b: &[Named]) {
+        let differing = a.iter().zip(b).find(|((_, was), (_, is))| !was.is_same(*is));
+        if let Some(((field, was), (_, is))) = differing {
+            self.differ(topic, at_ns, field, was.to_string(), is.to_string());
+        }
+    }
+
+    fn differ(&mut self, topic: &str, at_ns: u64, field: &str, was: String, is: String) {
+        self.differences += 1;
+        if self.first.as_ref().is_none_or(|first| at_ns < first.release_ns) {
+            self.first = Some(Difference {
+                release_ns: at_ns,
+                release_index: 0,
+                topic: topic.to_owned(),
+                field: field.to_owned(),
+                recorded: was,
+                replayed: is,
+            });
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Another controller on the same inputs: where and how far its outputs depart.
+
+use super::ReplayError;
+use super::again::{Topics, fly_again};
+use super::compare::Difference;
+use super::fields::numbers_of;
+use super::tapes::{Recorded, Tapes, load};
+use crate::components::{self, Component, ComponentVisitor};
+use crate::record::read::RecordedFlight;
+use crate::record::{RecordError, Recording};
+use crate::scenario::{Override, Scenario};
+use core::convert::Infallible;
+use runtime::output::{Output, OutputSet as _, OutputVisitor};
+use runtime::{Node, Service};
+use shared_types::{Role, Sample, Topic};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Who replays.
+#[derive(Debug, Clone)]
+pub enum With {
+    /// A service of this build, with settings changed.
+    Settings(Vec<Override>),
+    /// Another build of morphquad.
+    Executable(PathBuf),
+}
+
+/// How far one field departs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FieldDeparture {
+    /// Topic.
+    pub topic: &'static str,
+    /// Field, which names its unit.
+    pub field: String,
+    /// Samples with another value.
+    pub differing: u64,
+    /// First of them \[ns\].
+    pub first_ns: u64,
+    /// Largest difference, in the field's unit.
+    pub max: f64,
+    /// Root mean square over all samples, in the field's unit.
+    pub rms: f64,
+}
+
+/// Where and how far another controller departs.
+#[derive(Debug, Clone, Default)]
+pub struct Departure {
+    /// Samples that both have.
+    pub samples: u64,
+    /// Samples that only one of them has.
+    pub unmatched: u64,
+    /// Fields with a difference, in the order of the topics.
+    pub fields: Vec<FieldDeparture>,
+    /// Where it begins.
+    pub first: Option<Difference>,
+}
+
+/// Replays `role` with another controller and compares its outputs with those recorded.
+///
+/// # Errors
+/// [`ReplayError`]; a departure is none.
+pub fn depart(flight: &RecordedFlight, role: Role, with: &With) -> Result<Departure, ReplayError> {
+    let graph = flight.scenario().graph().map_err(|e| ReplayError::Wiring(e.to_string()))?;
+    let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
+    let topics = Topics::of(role, flight.scenario())?;
+    let recorded = load(flight, role, &topics)?;
+    let other = match with {
+        With::Settings(overrides) => {
+            let scenario = changed(flight, overrides)?;
+            fly_again(flight, role, &scenario, &recorded)?.tapes
+        }
+        With::Executable(executable) => outputs_of(executable, flight, role, &topics)?,
+    };
+    let compare = Compare { node, recorded: &recorded, other: &other, out: Departure::default() };
+    components::build(role, flight.scenario(), compare).map_err(ReplayError::component(role))
+}
+
+/// The recorded scenario with changes.
+fn changed(flight: &RecordedFlight, overrides: &[Override]) -> Result<Scenario, ReplayError> {
+    let name = format!("{}: scenario.toml", flight.path().display());
+    Ok(Scenario::from_text(&name, flight.scenario().to_toml(), overrides)?)
+}
+
+/// Replays `role` and writes its outputs as a recording of their own.
+///
+/// # Errors
+/// [`ReplayError`], also if the file exists.
+pub fn write_outputs(
+    flight: &RecordedFlight,
+    role: Role,
+    overrides: &[Override],
+    out: &Path,
+) -> Result<(), ReplayError> {
+    let topics = Topics::of(role, flight.scenario())?;
+    let recorded = load(flight, role, &topics)?;
+    let scenario = changed(flight, overrides)?;
+    let replayed = fly_again(flight, role, &scenario, &recorded)?;
+    let recording = Recording::create(out, &flight.to_facts())?;
+    let mut write = Write { tapes: &replayed.tapes, recording };
+    write = components::build(role, flight.scenario(), write)
+        .map_err(ReplayError::component(role))??;
+    write.recording.finish(&BTreeMap::new())?;
+    Ok(())
+}
+
+/// Has another build replay `role` and reads what came out.
+fn outputs_of(
+    executable: &Path,
+    flight: &RecordedFlight,
+    role: Role,
+    topics: &Topics,
+) -> Result<Tapes, ReplayError> {
+    let name = executable.display().to_string();
+    let complain = |said: String| ReplayError::Other { executable: name.clone(), said };
+    let folder = std::env::temp_dir().join(format!("morphquad-replay-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).map_err(|error| complain(error.to_string()))?;
+    let out = folder.join("outputs.mcap");
+    let _ = std::fs::remove_file(&out);
+    let ran = Command::new(executable)
+        .arg("replay")
+        .arg(flight.path())
+        .args(["--service", role.label(), "--outputs"])
+        .arg(&out)
+        .output()
+        .map_err(|error| complain(format!("{error}; give the path of a morphquad executable")));
+    let read = ran.and_then(|ran| {
+        if !ran.status.success() {
+            let said = String::from_utf8_lossy(&ran.stderr).trim().to_owned();
+            return Err(complain(format!("{said} ({})", ran.status)));
+        }
+        Ok(load(&RecordedFlight::open(&out)?, role, topics)?.tapes)
+    });
+    let _ = std::fs::remove_dir_all(&folder);
+    read
+}
+
+/// Writes the outputs of whatever component it is given.
+struct Write<'a> {
+    tapes: &'a Tapes,
+    recording: Recording,
+}
+
+impl ComponentVisitor for Write<'_> {
+    type Output = Result<Self, RecordError>;
+    fn visit<S: Service + 'static>(mut self, _component: Component<S>) -> Self::Output {
+        S::Outputs::default().visit(&mut self)?;
+        Ok(self)
+    }
+}
+
+impl OutputVisitor for Write<'_> {
+    type Error = RecordError;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        _output: &mut Output<T>,
+    ) -> Result<(), RecordError> {
+        let samples = self.tapes.of(topic);
+        samples.iter().try_for_each(|sample| self.recording.write(topic, sample, 0))
+    }
+}
+
+struct Compare<'a> {
+    node: Node,
+    recorded: &'a Recorded,
+    other: &'a Tapes,
+    out: Departure,
+}
+
+impl ComponentVisitor for Compare<'_> {
+    type Output = Departure;
+    fn visit<S: Service + 'static>(mut self, _component: Component<S>) -> Departure {
+        let Ok(()) = S::Outputs::default().visit(&mut self);
+        self.out
+    }
+}
+
+/// Sums of one field.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    differing: u64,
+    first_ns: u64,
+    max: f64,
+    squares: f64,
+}
+
+impl OutputVisitor for Compare<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        _output: &mut Output<T>,
+    ) -> Result<(), Infallible> {
+        let (recorded, other) = (self.recorded.tapes.of(topic), self.other.of(topic));
+        let mut sums: Vec<(String, Sums)> = Vec::new();
+        let mut others = other.iter().peekable();
+        let mut pairs = 0_u64;
+        for was in recorded.iter() {
+            let release_ns = was.header().release_ns;
+            while others.next_if(|is| is.header().release_ns < release_ns).is_some() {
+                self.out.unmatched += 1;
+            }
+            let Some(is) = others.next_if(|is| is.header().release_ns == release_ns) else {
+                self.out.unmatched += 1;
+                continue;
+            };
+            pairs += 1;
+            let fields = (numbers_of(was, "", &[]), numbers_of(is, "", &[]));
+            let values = fields.0.into_iter().zip(fields.1);
+            let payload = values.filter(|((name, _), _)| !name.starts_with("header."));
+            for (index, ((name, was), (_, is))) in payload.enumerate() {
+                if sums.len() == index {
+                    sums.push((name.clone(), Sums::default()));
+                }
+                if was.is_same(is) {
+                    continue;
+                }
+                let sum = &mut sums[index].1;
+                if sum.differing == 0 {
+                    sum.first_ns = release_ns;
+                    self.begins(topic.info.name, release_ns, &name, (was, is));
+                }
+                let difference = (is.value() - was.value()).abs();
+                sum.differing += 1;
+                sum.max = sum.max.max(difference);
+                sum.squares += difference * difference;
+            }
+        }
+        self.out.samples += pairs;
+        self.out.unmatched += others.count() as u64;
+        let departed = sums.into_iter().filter(|(_, sum)| sum.differing > 0);
+        self.out.fields.extend(departed.map(|(field, sum)| FieldDeparture {
+            topic: topic.info.name,
+            field,
+            differing: sum.differing,
+            first_ns: sum.first_ns,
+            max: sum.max,
+            rms: (sum.squares / pairs.max(1) as f64).sqrt(),
+        }));
+        Ok(())
+    }
+}
+
+impl Compare<'_> {
+    fn begins(
+        &mut self,
+        topic: &str,
+        release_ns: u64,
+        field: &str,
+        (was, is): (super::Number, super::Number),
+    ) {
+        if self.out.first.as_ref().is_none_or(|first| release_ns < first.release_ns) {
+            self.out.first = Some(Difference {
+                release_ns,
+                release_index: self.node.rate.first_at_or_after(release_ns),
+                topic: topic.to_owned(),
+                field: field.to_owned(),
+                recorded: was.to_string(),
+                replayed: is.to_string(),
+            });
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! `morphquad replay`: flies a recording's components again on what they had, and compares.
+//!
+//! What a step saw is determined by the recording: nominally all samples in effect, and the topic
+//! `deviation` tells every exception, so the same executor with the same inputs must give the same
+//! bits, in both clocks. Open `again.rs` for one component, `source.rs` for one input, `compare.rs`
+//! for samples and states, `departure.rs` for another controller on the same inputs.
+
+mod again;
+mod compare;
+mod departure;
+mod fields;
+mod hashes;
+mod report;
+mod source;
+mod tapes;
+
+pub use compare::{Difference, ServiceVerdict, Verification, verify};
+pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
+pub use fields::Number;
+pub use hashes::{Hashes, hashes};
+
+use crate::components::BuildError;
+use crate::record::RecordError;
+use crate::record::read::ReadError;
+use crate::scenario::ScenarioError;
+use runtime::RestoreError;
+use shared_types::Role;
+use thiserror::Error;
+
+/// Why a recording cannot be flown again.
+#[derive(Debug, Error)]
+pub enum ReplayError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// Its loops cannot be wired.
+    #[error("the recorded scenario cannot be wired: {0}")]
+    Wiring(String),
+    /// A role that took no part.
+    #[error("{role} took no part in this flight: leave --service out, or name another")]
+    NotFlown {
+        /// Label of the role.
+        role: &'static str,
+    },
+    /// A component refuses its configuration.
+    #[error("{role}: {error}")]
+    Component {
+        /// Label of the role.
+        role: &'static str,
+        /// Its complaint.
+        error: String,
+    },
+    /// The recording lacks the state from which a restarted process went on.
+    #[error(
+        "{role} was restarted from its state of release {release}, which is not in the recording: it \
+         can be replayed up to the restart only"
+    )]
+    NoState {
+        /// Label of the role.
+        role: &'static str,
+        /// Release of the state.
+        release: u64,
+    },
+    /// A recorded state does not fit.
+    #[error("{role}: {error}")]
+    Restore {
+        /// Label of the role.
+        role: &'static str,
+        /// What does not fit.
+        error: RestoreError,
+    },
+    /// Settings for the other controller.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// Another build could not do its part.
+    #[error("{executable} cannot replay this recording: {said}")]
+    Other {
+        /// The executable.
+        executable: String,
+        /// What it, or the system, said.
+        said: String,
+    },
+    /// The replayed outputs cannot be written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}
+
+impl ReplayError {
+    fn component(role: Role) -> impl FnOnce(BuildError) -> Self {
+        move |error| Self::Component { role: role.label(), error: error.to_string() }
+    }
+}

@@ -1,0 +1,183 @@
+//! Words and tables for people, JSON for machines.
+
+use super::{Departure, Difference, Hashes, Verification};
+use core::fmt;
+use serde_json::{Value, json};
+use shared_types::Role;
+
+fn seconds(t_ns: u64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
+impl Difference {
+    fn json(&self) -> Value {
+        json!({
+            "t_s": seconds(self.release_ns),
+            "release": self.release_index,
+            "topic": self.topic,
+            "field": self.field,
+            "recorded": self.recorded,
+            "replayed": self.replayed,
+        })
+    }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { release_index, topic, field, recorded, replayed, .. } = self;
+        let t_s = seconds(self.release_ns);
+        write!(f, "release {release_index} at {t_s:.6} s, {topic}.{field}: ")?;
+        write!(f, "recorded {recorded}, replayed {replayed}")
+    }
+}
+
+impl Verification {
+    /// As a JSON object.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let first = |difference: &Option<Difference>| difference.as_ref().map(Difference::json);
+        let services: Vec<Value> = self
+            .services
+            .iter()
+            .map(|service| {
+                json!({
+                    "service": service.role.label(),
+                    "steps": service.steps,
+                    "samples": service.samples,
+                    "states": service.states,
+                    "unrecorded": service.unrecorded,
+                    "differences": service.differences,
+                    "first_difference": first(&service.first),
+                })
+            })
+            .collect();
+        json!({
+            "identical": self.identical(),
+            "complete": self.complete,
+            "services": services,
+            "first_difference": self.first().map(|(role, difference)| {
+                let mut object = difference.json();
+                object["service"] = role.label().into();
+                object
+            }),
+        })
+    }
+}
+
+impl fmt::Display for Verification {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some((role, difference)) = self.first() {
+            writeln!(f, "first difference: {}, {difference}", role.label())?;
+        }
+        let lost = self.services.iter().any(|service| service.unrecorded > 0);
+        write!(
+            f,
+            "  {:<12} {:>9} {:>9} {:>9} {:>12}",
+            "service", "steps", "samples", "states", "differences"
+        )?;
+        writeln!(f, "{}", if lost { "  not recorded" } else { "" })?;
+        for service in &self.services {
+            write!(
+                f,
+                "  {:<12} {:>9} {:>9} {:>9} {:>12}",
+                service.role.label(),
+                service.steps,
+                service.samples,
+                service.states,
+                service.differences
+            )?;
+            if lost {
+                write!(f, "{:>14}", service.unrecorded)?;
+            }
+            writeln!(f)?;
+        }
+        if !self.complete {
+            writeln!(f, "  the file is cut: its recorder was killed; compared up to the cut")?;
+        }
+        write!(f, "{}", if self.identical() { "identical" } else { "different" })
+    }
+}
+
+impl Departure {
+    /// As a JSON object.
+    #[must_use]
+    pub fn to_json(&self, role: Role) -> Value {
+        let fields: Vec<Value> = self
+            .fields
+            .iter()
+            .map(|field| {
+                json!({
+                    "topic": field.topic,
+                    "field": field.field,
+                    "differing": field.differing,
+                    "first_s": seconds(field.first_ns),
+                    "max": field.max,
+                    "rms": field.rms,
+                })
+            })
+            .collect();
+        json!({
+            "service": role.label(),
+            "samples": self.samples,
+            "unmatched": self.unmatched,
+            "first_departure": self.first.as_ref().map(Difference::json),
+            "fields": fields,
+        })
+    }
+}
+
+impl fmt::Display for Departure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(first) = &self.first else {
+            write!(f, "{} samples, no departure", self.samples)?;
+            return match self.unmatched {
+                0 => Ok(()),
+                count => write!(f, "; {count} samples on one side only"),
+            };
+        };
+        writeln!(f, "departs first: {first}")?;
+        let width = |field: &super::FieldDeparture| field.topic.len() + 1 + field.field.len();
+        let width = self.fields.iter().map(width).max().unwrap_or(0);
+        writeln!(
+            f,
+            "  {:<width$} {:>9} {:>10} {:>11} {:>11}",
+            "field", "samples", "first s", "max", "rms"
+        )?;
+        for field in &self.fields {
+            let name = format!("{}.{}", field.topic, field.field);
+            let first_s = seconds(field.first_ns);
+            writeln!(
+                f,
+                "  {name:<width$} {:>9} {first_s:>10.3} {:>11.4e} {:>11.4e}",
+                field.differing, field.max, field.rms
+            )?;
+        }
+        write!(f, "{} samples compared, {} on one side only", self.samples, self.unmatched)
+    }
+}
+
+impl Hashes {
+    /// As a JSON object.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        json!({
+            "hash": self.flight,
+            "log_hash": self.log,
+            "stored_hash": self.stored_flight,
+            "stored_log_hash": self.stored_log,
+            "agree": self.agree(),
+        })
+    }
+}
+
+impl fmt::Display for Hashes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut line = |name: &str, ours: &str, stored: &Option<String>| match stored {
+            Some(stored) if stored == ours => writeln!(f, "{name} {ours} as stored"),
+            Some(stored) => writeln!(f, "{name} {ours} DIFFERS, stored {stored}"),
+            None => writeln!(f, "{name} {ours}, none stored: the recorder was killed"),
+        };
+        line("hash", &self.flight, &self.stored_flight)?;
+        line("log_hash", &self.log, &self.stored_log)
+    }
+}

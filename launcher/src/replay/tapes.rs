@@ -1,0 +1,121 @@
+//! Samples by topic with their types forgotten: what was recorded, and what comes out of a replay.
+
+use super::again::Topics;
+use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
+use shared_types::{Deviation, Header, LoopStats, Role, Sample, Topic, TopicInfo, topics};
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+/// Samples of several topics, each in the order recorded or produced.
+#[derive(Default)]
+pub(super) struct Tapes {
+    /// `Rc<Vec<T>>` by topic name.
+    tapes: BTreeMap<&'static str, Box<dyn Any>>,
+}
+
+impl Tapes {
+    /// All samples of a topic.
+    pub(super) fn of<T: Sample>(&self, topic: &Topic<T>) -> Rc<Vec<T>> {
+        let tape = self.tapes.get(topic.info.name).and_then(|any| any.downcast_ref::<Rc<Vec<T>>>());
+        tape.map(Rc::clone).unwrap_or_default()
+    }
+
+    /// Adds a sample. Nobody may hold the topic's tape meanwhile.
+    pub(super) fn push<T: Sample>(&mut self, topic: &Topic<T>, sample: T) {
+        let tape = self
+            .tapes
+            .entry(topic.info.name)
+            .or_insert_with(|| Box::new(Rc::new(Vec::<T>::new())))
+            .downcast_mut::<Rc<Vec<T>>>();
+        if let Some(samples) = tape.and_then(Rc::get_mut) {
+            samples.push(sample);
+        }
+    }
+}
+
+impl core::fmt::Debug for Tapes {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_set().entries(self.tapes.keys()).finish()
+    }
+}
+
+/// What a recording holds for one role.
+#[derive(Debug, Default)]
+pub(super) struct Recorded {
+    pub(super) tapes: Tapes,
+    pub(super) states: Vec<RecordedState>,
+    /// Last step that left a trace, by the generation of the process \[ns\].
+    pub(super) traces: BTreeMap<u32, u64>,
+    pub(super) closing: Closing,
+}
+
+impl Recorded {
+    /// True if the flight's own audit says that the recorder lost samples of a topic.
+    pub(super) fn has_gaps(&self, topic: &str) -> bool {
+        let of_topic = |key: &str| key.split_once('#').is_some_and(|(name, _)| name == topic);
+        self.closing.audit.iter().any(|(key, tally)| {
+            of_topic(key.trim_start_matches('/')) && !tally.contains("\"gaps\":0,")
+        })
+    }
+}
+
+struct Load<'a> {
+    role: Role,
+    topics: &'a Topics,
+    recorded: Recorded,
+}
+
+impl Load<'_> {
+    fn trace(&mut self, header: &Header) {
+        let last_ns = self.recorded.traces.entry(header.generation).or_default();
+        *last_ns = header.release_ns.max(*last_ns);
+    }
+}
+
+impl RecordVisitor for Load<'_> {
+    fn wants(&self, topic: &TopicInfo) -> bool {
+        let own = [topics::LOOP_STATS.info.name, topics::DEVIATION.info.name];
+        let Topics { read, written } = self.topics;
+        [read.as_slice(), written, &own].concat().contains(&topic.name)
+    }
+
+    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        let header = sample.header();
+        let role = if let Some(deviation) = any.downcast_ref::<Deviation>() {
+            deviation.role
+        } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
+            if stats.role == self.role {
+                self.trace(header);
+            }
+            stats.role
+        } else {
+            if self.topics.written.contains(&topic.info.name) {
+                self.trace(header);
+            }
+            self.role
+        };
+        if role == self.role {
+            self.recorded.tapes.push(topic, *sample);
+        }
+    }
+
+    fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        if role == self.role {
+            self.trace(header);
+            self.recorded.states.push(RecordedState { header: *header, bytes: state.to_vec() });
+        }
+    }
+}
+
+/// Loads what a replay of `role` needs: its topics, states, statistics and deviations.
+pub(super) fn load(
+    flight: &RecordedFlight,
+    role: Role,
+    topics: &Topics,
+) -> Result<Recorded, ReadError> {
+    let mut load = Load { role, topics, recorded: Recorded::default() };
+    let closing = flight.visit(&mut load)?;
+    Ok(Recorded { closing, ..load.recorded })
+}

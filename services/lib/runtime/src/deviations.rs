@@ -1,0 +1,172 @@
+//! What a step's inputs lacked, published beside its outputs.
+//!
+//! What a step should have seen follows from edges and time, so only the exceptions are told: with
+//! them a recording determines every step, also of a realtime flight.
+
+use crate::input::{Input, InputVisitor};
+use crate::output::Output;
+use crate::service::StateHeader;
+use core::convert::Infallible;
+use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Topic, topics};
+
+/// Inputs of one loop that are waited for; nobody has more.
+const MOST_AWAITED: usize = 8;
+
+/// Lives of a process have a seat each, so that a successor's numbers are not taken for repetitions.
+const SEATS_PER_LIFE: u32 = 8;
+
+/// Writes deviations of one step.
+pub(crate) struct Report<'a> {
+    output: &'a mut Output<Deviation>,
+    header: Header,
+    role: Role,
+}
+
+impl<'a> Report<'a> {
+    pub(crate) fn new(output: &'a mut Output<Deviation>, step: &Header, role: Role) -> Self {
+        let seat = step.generation.wrapping_mul(SEATS_PER_LIFE).wrapping_add(role.0);
+        Self { output, header: Header { seat, ..*step }, role }
+    }
+
+    fn write(&mut self, kind: DeviationKind, input: &str, deviation: Deviation) {
+        let input = Deviation::input_from(input);
+        self.output.write(Deviation { kind, input, role: self.role, ..deviation });
+        self.output.flush(&self.header);
+    }
+
+    fn range(&mut self, kind: DeviationKind, input: &str, first: u64, last: u64) {
+        self.write(kind, input, Deviation { first, last, ..Deviation::default() });
+    }
+}
+
+/// What happened to the loop since its last step.
+#[derive(Debug, Default)]
+pub(crate) struct Pending {
+    /// Topics that were not final at a deadline.
+    missed: [Option<&'static str>; MOST_AWAITED],
+    /// Deadlines missed.
+    misses: u64,
+    /// First release left out.
+    pub(crate) skipped_from: Option<u64>,
+    /// Times a release was run late.
+    pub(crate) caught_up: u64,
+    /// Release of the state that the process went on from.
+    pub(crate) resumed: Option<u64>,
+}
+
+impl Pending {
+    /// Notes a deadline and the topics that are not waited for any longer.
+    pub(crate) fn missed(&mut self, names: impl Iterator<Item = &'static str>) {
+        self.misses += 1;
+        self.name_missed(names);
+    }
+
+    fn name_missed(&mut self, names: impl Iterator<Item = &'static str>) {
+        for name in names {
+            let known = |slot: &&mut Option<&str>| slot.is_none_or(|other| other == name);
+            if let Some(slot) = self.missed.iter_mut().find(known) {
+                *slot = Some(name);
+            }
+        }
+    }
+
+    /// Takes in what an earlier run of the same step has published; gives the releases left out.
+    pub(crate) fn repeat(&mut self, deviation: &Deviation, counts: &mut StateHeader) -> u64 {
+        match deviation.kind {
+            DeviationKind::MissedDeadline => {
+                // A deadline may be missed on several inputs; each tells the number of all.
+                let told = core::mem::replace(&mut self.misses, deviation.first);
+                counts.input_deadline_misses += deviation.first.saturating_sub(told);
+                let known = topics::all().into_iter().find(|t| t.name == deviation.input_name());
+                self.name_missed(known.map(|topic| topic.name).into_iter());
+            }
+            DeviationKind::SkippedReleases => {
+                let count = deviation.last.saturating_sub(deviation.first).saturating_add(1);
+                counts.skipped = counts.skipped.saturating_add(count);
+                self.skipped_from.get_or_insert(deviation.first);
+                return count;
+            }
+            DeviationKind::CaughtUp => {
+                counts.caught_up = counts.caught_up.saturating_add(deviation.first);
+                self.caught_up = self.caught_up.saturating_add(deviation.first);
+            }
+            _ => {}
+        }
+        0
+    }
+
+    /// Publishes and forgets; `index` is the release that runs next.
+    pub(crate) fn publish(&mut self, report: &mut Report<'_>, index: u64) {
+        if let Some(release) = self.resumed.take() {
+            report.range(DeviationKind::Resumed, "", release, release);
+        }
+        let misses = core::mem::take(&mut self.misses);
+        for name in self.missed.iter_mut().map_while(Option::take) {
+            report.range(DeviationKind::MissedDeadline, name, misses, misses);
+        }
+        if let Some(first) = self.skipped_from.take() {
+            report.range(DeviationKind::SkippedReleases, "", first, index.saturating_sub(1));
+        }
+        if self.caught_up > 0 {
+            let count = core::mem::take(&mut self.caught_up);
+            report.range(DeviationKind::CaughtUp, "", count, count);
+        }
+    }
+}
+
+/// Looks at what the inputs have just accepted.
+pub(crate) struct ReportInputs<'a> {
+    pub(crate) report: Report<'a>,
+    /// Instant of the step before, from which lateness is judged.
+    pub(crate) previous_ns: Option<u64>,
+}
+
+impl InputVisitor for ReportInputs<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        input: &mut Input<T>,
+    ) -> Result<(), Infallible> {
+        let name = topic.info.name;
+        let mut before = input.before_fresh();
+        let mut late: Option<Deviation> = None;
+        for stamped in input.fresh() {
+            let header = stamped.sample.header();
+            if before.is_none_or(|b| b.author != stamped.author) {
+                let deviation = Deviation {
+                    author: stamped.author,
+                    first: header.sequence,
+                    last: header.sequence,
+                    writer_seat: header.seat,
+                    ..Deviation::default()
+                };
+                self.report.write(DeviationKind::Writer, name, deviation);
+            }
+            let expected = match before.map(|b| b.sample.header()) {
+                None => 1,
+                Some(last) if last.seat == header.seat => last.sequence.saturating_add(1),
+                Some(_) => header.sequence,
+            };
+            if header.sequence > expected {
+                let last = header.sequence - 1;
+                self.report.range(DeviationKind::LostSamples, name, expected, last);
+            }
+            // Samples come in the order of their effect: the late ones are the first.
+            if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
+                let first = Deviation {
+                    first: header.sequence,
+                    due_ns: header.valid_ns,
+                    writer_seat: header.seat,
+                    ..Deviation::default()
+                };
+                late.get_or_insert(first).last = header.sequence;
+            }
+            before = Some(stamped);
+        }
+        if let Some(deviation) = late {
+            self.report.write(DeviationKind::LateSamples, name, deviation);
+        }
+        Ok(())
+    }
+}

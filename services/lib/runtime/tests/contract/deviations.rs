@@ -1,0 +1,228 @@
+//! What a step tells of inputs that were not what edges and time prescribe.
+
+use core::cell::RefCell;
+use runtime::executor::StepStamps;
+use runtime::graph::Edge;
+use runtime::{
+    Executor, InputSet as _, MissPolicy, Node, Rate, Service, Sink, Source, inputs, outputs,
+};
+use shared_types::{
+    Author, Deviation, DeviationKind, Header, Imu, PoseFix, Role, Sample, Stamped, StateEstimate,
+    topics,
+};
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+inputs! {
+    /// Two inputs.
+    pub struct Inputs {
+        /// One per step.
+        imu: Imu = topics::IMU,
+        /// Seldom.
+        pose_fix: PoseFix = topics::POSE_FIX,
+    }
+}
+
+outputs! {
+    /// Never written.
+    pub struct Outputs {
+        /// For the form's sake.
+        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
+    }
+}
+
+shared_types::memory! {
+    /// None to speak of.
+    struct Memory {
+        steps: u64,
+    }
+}
+
+#[derive(Default)]
+struct Idle(u64);
+
+impl Service for Idle {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    type Memory = Memory;
+    fn step(&mut self, _now_ns: u64, _inputs: &Inputs, _outputs: &mut Outputs) {
+        self.0 += 1;
+    }
+    fn memory(&self) -> Memory {
+        Memory { steps: self.0 }
+    }
+    fn restore(&mut self, memory: &Memory) -> Result<(), String> {
+        self.0 = memory.steps;
+        Ok(())
+    }
+}
+
+/// Samples on their way.
+type Wire<T> = Rc<RefCell<VecDeque<Stamped<T>>>>;
+
+struct Queue<T>(Wire<T>);
+
+impl<T: Sample> Source<T> for Queue<T> {
+    fn receive(&mut self) -> Option<Stamped<T>> {
+        self.0.borrow_mut().pop_front()
+    }
+}
+
+#[derive(Clone, Default)]
+struct Log(Rc<RefCell<Vec<Deviation>>>);
+
+impl Sink<Deviation> for Log {
+    fn send(&mut self, sample: Deviation) {
+        self.0.borrow_mut().push(sample);
+    }
+    fn serve_late_joiners(&mut self) {}
+}
+
+const A: Author = [1, 0];
+const B: Author = [2, 0];
+const MS: u64 = 1_000_000;
+
+struct Bench {
+    executor: Executor<Idle>,
+    imu: Wire<Imu>,
+    log: Log,
+}
+
+impl Bench {
+    fn new(miss_policy: MissPolicy, generation: u32) -> Self {
+        let rate = Rate::from_hz(1000.0).expect("a possible rate");
+        let role = Role::Estimator;
+        let node = Node { role, rate, lead_ns: 0, input_deadline_ns: 0, miss_policy };
+        let mut executor = Executor::new(Idle::default(), node, generation, 1);
+        let (imu, log) = (Wire::default(), Log::default());
+        executor.inputs.imu.connect(Box::new(Queue(Rc::clone(&imu))), None);
+        executor.deviations.connect(Box::new(log.clone()), 0);
+        Self { executor, imu, log }
+    }
+
+    /// A sample in effect at its millisecond, with the sequence that follows from it.
+    fn arrives(&self, sequence: u64, author: Author) {
+        let instant_ns = (sequence - 1) * MS;
+        let header =
+            Header { sequence, release_ns: instant_ns, valid_ns: instant_ns, ..Header::default() };
+        let sample = Imu { header, ..Imu::default() };
+        self.imu.borrow_mut().push_back(Stamped { sample, author });
+    }
+
+    fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
+        self.executor.inputs.receive();
+        self.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        self.told().iter().map(|d| (d.kind, d.first, d.last)).collect()
+    }
+
+    fn told(&self) -> Vec<Deviation> {
+        core::mem::take(&mut *self.log.0.borrow_mut())
+    }
+}
+
+#[test]
+fn a_step_that_saw_what_it_should_tells_nothing_but_who_writes() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.arrives(1, A);
+    assert_eq!(bench.step(), [(DeviationKind::Writer, 1, 1)]);
+    for sequence in 2..20 {
+        bench.arrives(sequence, A);
+        assert_eq!(bench.step(), []);
+    }
+    bench.arrives(20, B);
+    assert_eq!(bench.step(), [(DeviationKind::Writer, 20, 20)]);
+}
+
+#[test]
+fn late_and_lost_samples_are_told_by_their_numbers_at_the_step_that_had_to_do_without() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.arrives(1, A);
+    bench.step();
+    assert_eq!(bench.step(), [], "what has not arrived cannot be told yet");
+    assert_eq!(bench.step(), []);
+    // 2 and 3 were due at 1 and 2 ms, 4 is in time.
+    (2..=4).for_each(|sequence| bench.arrives(sequence, A));
+    assert_eq!(bench.step(), [(DeviationKind::LateSamples, 2, 3)]);
+    bench.arrives(8, A);
+    (0..3).for_each(|_| assert_eq!(bench.step(), []));
+    bench.executor.inputs.receive();
+    bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    let told = bench.told();
+    assert_eq!((told[0].kind, told[0].first, told[0].last), (DeviationKind::LostSamples, 5, 7));
+    assert_eq!(told[0].input_name(), "imu");
+    assert_eq!(told[0].header.release_ns, 7 * MS);
+    assert_eq!((told[0].role, told[0].header.seat), (Role::Estimator, Role::Estimator.0));
+    let counts = bench.executor.inputs.counts();
+    assert_eq!((counts.late, counts.lost), (2, 3));
+}
+
+#[test]
+fn a_late_sample_tells_since_when_it_was_due() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    (0..5).for_each(|_| drop(bench.step()));
+    bench.arrives(3, A);
+    bench.executor.inputs.receive();
+    bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    let told = bench.told();
+    let late = told.iter().find(|d| d.kind == DeviationKind::LateSamples);
+    assert_eq!(late.map(|d| (d.due_ns, d.header.release_ns)), Some((2 * MS, 5 * MS)));
+}
+
+#[test]
+fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeated() {
+    let edge = Edge::unwaited(&topics::IMU.info, Role::Estimator);
+    for policy in [MissPolicy::Skip, MissPolicy::Hold, MissPolicy::CatchUp] {
+        let mut bench = Bench::new(policy, 0);
+        bench.step();
+        bench.executor.count_input_deadline_miss([edge, edge].iter());
+        bench.executor.count_input_deadline_miss([edge].iter());
+        bench.executor.apply_miss_policy(9 * MS + 5);
+        bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        let told = bench.told();
+        let kinds: Vec<_> = told.iter().map(|d| (d.kind, d.first, d.last)).collect();
+        let loops = match policy {
+            MissPolicy::Skip => (DeviationKind::SkippedReleases, 1, 8),
+            MissPolicy::Hold => (DeviationKind::SkippedReleases, 1, 9),
+            MissPolicy::CatchUp => (DeviationKind::CaughtUp, 1, 1),
+        };
+        assert_eq!(kinds, [(DeviationKind::MissedDeadline, 2, 2), loops], "{policy:?}");
+
+        let mut again = Bench::new(policy, 0);
+        again.step();
+        told.iter().for_each(|deviation| again.executor.repeat(deviation));
+        assert_eq!(again.step(), kinds, "{policy:?}");
+        assert_eq!(again.executor.mark_ns(), bench.executor.mark_ns(), "{policy:?}");
+    }
+}
+
+#[test]
+fn each_life_of_a_process_numbers_its_deviations_for_itself() {
+    let mut first = Bench::new(MissPolicy::CatchUp, 0);
+    first.arrives(1, A);
+    first.step();
+    let mut state = vec![0; runtime::service::state_size::<Idle>()];
+    let header = runtime::StateHeader {
+        layout_hash: runtime::service::state_layout::<Idle>(),
+        release_index: 4,
+        ..runtime::StateHeader::default()
+    };
+    let executor = &first.executor;
+    let service = executor.service();
+    runtime::service::pack_state(service, &header, &executor.inputs, &executor.outputs, &mut state);
+    let mut second = Bench::new(MissPolicy::CatchUp, 3);
+    second.executor.restore(&state).unwrap();
+    second.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    let told = second.told();
+    assert_eq!((told[0].kind, told[0].first), (DeviationKind::Resumed, 4));
+    assert_eq!((told[0].header.sequence, told[0].header.seat), (1, 8 * 3 + Role::Estimator.0));
+    assert_eq!(told.len(), 1, "the writer is known from the latch");
+}
+
+#[test]
+fn names_of_all_topics_fit_into_a_deviation() {
+    for topic in topics::all() {
+        let deviation =
+            Deviation { input: Deviation::input_from(topic.name), ..Deviation::default() };
+        assert_eq!(deviation.input_name(), topic.name);
+    }
+}
