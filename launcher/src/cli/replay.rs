@@ -35,7 +35,8 @@ struct Answer {
 
 impl Answer {
     fn add(&mut self, key: &str, text: &dyn core::fmt::Display, json: Value, differs: bool) {
-        self.text += &format!("{text}\n");
+        self.text += &text.to_string();
+        self.text.push('\n');
         self.json.insert(key.to_owned(), json);
         self.differs |= differs;
     }

@@ -51,28 +51,9 @@ pub enum ReadError {
         /// What does not fit.
         what: String,
     },
-    /// A sample type has changed since.
-    #[error(
-        "{}: type {type_name} of topic {topic} changed: the file, recorded by {recorder}, has layout {theirs}, \
-         this build {ours}{detail}; read it with the build that recorded it",
-        path.display()
-    )]
-    Layout {
-        /// The file.
-        path: PathBuf,
-        /// Topic it was found on.
-        topic: String,
-        /// Type that changed, the innermost that shows a difference.
-        type_name: String,
-        /// Layout hash in the file.
-        theirs: String,
-        /// Layout hash of this build.
-        ours: String,
-        /// Version of the recording build.
-        recorder: String,
-        /// What differs, as far as the file tells.
-        detail: String,
-    },
+    /// A type has changed since.
+    #[error(transparent)]
+    Layout(#[from] Box<LayoutChange>),
     /// A topic that only one of the two builds has.
     #[error(
         "{}: topic {topic} of type {type_name} {what}; it was recorded by {recorder}: read it with that build",
@@ -110,6 +91,30 @@ pub enum ReadError {
         /// The field.
         error: DecodeError,
     },
+}
+
+/// A type that file and build lay out differently.
+#[derive(Debug, Error)]
+#[error(
+    "{}: type {type_name} of topic {topic} changed: the file, recorded by {recorder}, has layout {theirs}, \
+     this build {ours}{detail}; read it with the build that recorded it",
+    path.display()
+)]
+pub struct LayoutChange {
+    /// The file.
+    pub path: PathBuf,
+    /// Topic it was found on.
+    pub topic: String,
+    /// Type that changed, the innermost that shows a difference.
+    pub type_name: String,
+    /// Layout hash in the file.
+    pub theirs: String,
+    /// Layout hash of this build.
+    pub ours: String,
+    /// Version of the recording build.
+    pub recorder: String,
+    /// What differs, as far as the file tells.
+    pub detail: String,
 }
 
 impl ReadError {

@@ -1,6 +1,6 @@
 //! Are the types of a file those of this build?
 
-use super::ReadError;
+use super::{LayoutChange, ReadError};
 use crate::record::schema::{PACKAGE, descriptor_set, full_name};
 use core::convert::Infallible;
 use prost::Message as _;
@@ -48,15 +48,8 @@ pub(super) fn check(
         if theirs != ours || channel.type_name != full_name(schema) {
             let (type_name, detail) = difference(schema, channel);
             let (topic, theirs) = (topic.clone(), theirs.to_owned());
-            return Err(ReadError::Layout {
-                path,
-                topic,
-                type_name,
-                theirs,
-                ours,
-                recorder,
-                detail,
-            });
+            let change = LayoutChange { path, topic, type_name, theirs, ours, recorder, detail };
+            return Err(ReadError::Layout(Box::new(change)));
         }
     }
     let foreign = channels.iter().find(|(topic, channel)| {

@@ -11,7 +11,7 @@ mod records;
 #[cfg(test)]
 mod tests;
 
-pub use error::ReadError;
+pub use error::{LayoutChange, ReadError};
 pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState};
 
 use super::{Clock, Facts, Machine};

@@ -1,6 +1,6 @@
 //! One pass over a recording: each record, decoded by its channel, shown to a visitor.
 
-use super::{ReadError, RecordedFlight};
+use super::{LayoutChange, ReadError, RecordedFlight};
 use crate::components::StateLayout;
 use crate::record::messages::{decode_log, decode_state};
 use crate::record::{DecodeError, decode};
@@ -61,9 +61,12 @@ pub struct Closing {
     pub audit: BTreeMap<String, String>,
 }
 
+/// Decodes a sample and shows it.
+type Show<V> = Box<dyn Fn(&[u8], &mut V) -> Result<(), DecodeError>>;
+
 /// What to do with the messages of one channel.
 enum Reader<V> {
-    Sample(Box<dyn Fn(&[u8], &mut V) -> Result<(), DecodeError>>),
+    Sample(Show<V>),
     State(Role, StateLayout),
     Events,
 }
@@ -111,7 +114,7 @@ fn read<V: RecordVisitor>(
         Reader::State(role, layout) => {
             let (header, layout_hash, state) = decode_state(data).map_err(broken)?;
             if layout_hash != layout.hash {
-                return Err(ReadError::Layout {
+                return Err(ReadError::Layout(Box::new(LayoutChange {
                     path: flight.path.clone(),
                     topic: topic.to_owned(),
                     type_name: layout.type_name.to_owned(),
@@ -119,7 +122,7 @@ fn read<V: RecordVisitor>(
                     ours: format!("{:016x}", layout.hash),
                     recorder: flight.recorder(),
                     detail: " (memory, inputs or header of the state)".to_owned(),
-                });
+                })));
             }
             visitor.state(*role, &header, state);
             Ok(())

@@ -53,7 +53,7 @@ impl Records {
         }
         let mut tail = Vec::with_capacity(MAGIC.len());
         if length >= 2 * MAGIC.len() as u64 {
-            file.seek(SeekFrom::End(-(MAGIC.len() as i64))).map_err(system())?;
+            file.seek(SeekFrom::Start(length - MAGIC.len() as u64)).map_err(system())?;
             file.by_ref().take(MAGIC.len() as u64).read_to_end(&mut tail).map_err(system())?;
         }
         file.rewind().map_err(system())?;

@@ -189,7 +189,9 @@ fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeat
 
         let mut again = Bench::new(policy, 0);
         again.step();
-        told.iter().for_each(|deviation| again.executor.repeat(deviation));
+        for deviation in &told {
+            again.executor.repeat(deviation);
+        }
         assert_eq!(again.step(), kinds, "{policy:?}");
         assert_eq!(again.executor.mark_ns(), bench.executor.mark_ns(), "{policy:?}");
     }
