@@ -75,6 +75,57 @@ impl Recording {
         contents
     }
 
+    /// Writes a copy of a complete file with its checksums in order. `about` may change the metadata
+    /// of a channel, `content` the bytes of a message, told by topic and sequence; a message left
+    /// without bytes is left out.
+    pub(crate) fn copy_to(
+        &self,
+        path: &Path,
+        about: impl Fn(&str, &mut BTreeMap<String, String>),
+        mut content: impl FnMut(&str, u32, &mut Vec<u8>),
+    ) {
+        let summary = mcap::Summary::read(&self.0).expect("a readable end").expect("a summary");
+        let file = std::fs::File::create(path).expect("a new file");
+        let mut writer = mcap::Writer::new(file).expect("a writer");
+        for index in &summary.metadata_indexes {
+            let metadata = mcap::read::metadata(&self.0, index).expect("metadata");
+            writer.write_metadata(&metadata).expect("room");
+        }
+        for index in &summary.attachment_indexes {
+            let attachment = mcap::read::attachment(&self.0, index).expect("an attachment");
+            writer.attach(&attachment).expect("room");
+        }
+        let channels: BTreeMap<_, _> = summary.channels.iter().collect();
+        let ids: BTreeMap<u16, u16> = channels
+            .into_iter()
+            .map(|(old, channel)| {
+                let schema = channel.schema.as_ref().expect("a schema");
+                let mut metadata = channel.metadata.clone();
+                about(&channel.topic, &mut metadata);
+                let id = writer
+                    .add_schema(&schema.name, &schema.encoding, &schema.data)
+                    .and_then(|id| writer.add_channel(id, &channel.topic, "protobuf", &metadata));
+                (*old, id.expect("a channel"))
+            })
+            .collect();
+        for message in MessageStream::new(&self.0).expect("a readable start") {
+            let message = message.expect("an unbroken message");
+            let mut data = message.data.to_vec();
+            content(&message.channel.topic, message.sequence, &mut data);
+            if data.is_empty() {
+                continue;
+            }
+            let header = mcap::records::MessageHeader {
+                channel_id: ids[&message.channel.id],
+                sequence: message.sequence,
+                log_time: message.log_time,
+                publish_time: message.publish_time,
+            };
+            writer.write_to_known_channel(&header, &data).expect("room");
+        }
+        writer.finish().expect("room");
+    }
+
     /// Samples of a topic, with the numbers of `fields`; nested messages are laid flat.
     pub(crate) fn series(&self, topic: &str, fields: &[&str]) -> Vec<Row> {
         let topic = format!("/{topic}");

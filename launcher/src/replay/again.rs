@@ -113,7 +113,9 @@ fn lives(recorded: &Recorded) -> Vec<Life> {
         let deviations: Vec<Deviation> =
             deviations.iter().filter(|d| d.header.generation == generation).copied().collect();
         let resumed = deviations.iter().find(|d| d.kind == DeviationKind::Resumed);
-        let of_life = stats.iter().filter(|s| s.header.generation == generation);
+        let of_life = stats
+            .iter()
+            .filter(|s| s.header.generation == generation && s.header.release_ns <= last_ns);
         Life {
             generation,
             resumed_from: resumed.map(|d| d.first),

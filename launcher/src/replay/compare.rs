@@ -243,7 +243,8 @@ impl<'a> Compare<'a> {
                     ),
                 }
             }
-            for extra in expected {
+            let end_ns = self.recorded.traces.get(life).copied().unwrap_or(0);
+            for extra in expected.filter(|e| header(e).release_ns <= end_ns) {
                 let at_ns = header(extra).release_ns;
                 self.verdict.differ(name, at_ns, "sample", "recorded".into(), "none".into());
             }

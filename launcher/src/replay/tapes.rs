@@ -2,6 +2,7 @@
 
 use super::again::Topics;
 use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
+use runtime::graph::CREDIT_NS;
 use shared_types::{Deviation, Header, LoopStats, Role, Sample, Topic, TopicInfo, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -45,7 +46,7 @@ impl core::fmt::Debug for Tapes {
 pub(super) struct Recorded {
     pub(super) tapes: Tapes,
     pub(super) states: Vec<RecordedState>,
-    /// Last step that left a trace, by the generation of the process \[ns\].
+    /// Last step that left a trace and can be replayed, by the generation of the process \[ns\].
     pub(super) traces: BTreeMap<u32, u64>,
     pub(super) closing: Closing,
 }
@@ -117,5 +118,13 @@ pub(super) fn load(
 ) -> Result<Recorded, ReadError> {
     let mut load = Load { role, topics, recorded: Recorded::default() };
     let closing = flight.visit(&mut load)?;
-    Ok(Recorded { closing, ..load.recorded })
+    let mut recorded = load.recorded;
+    if !closing.complete
+        && let Some(mut last) = recorded.traces.last_entry()
+    {
+        // Behind a cut, what a step had may be missing although what it gave is there: the recorder
+        // takes the topics in turn, and a loop may be this far ahead of another.
+        *last.get_mut() = last.get().saturating_sub(CREDIT_NS);
+    }
+    Ok(Recorded { closing, ..recorded })
 }

@@ -1,0 +1,297 @@
+//! Recordings flown again: the same bits in both clocks, and whatever was changed is found.
+//!
+//! `MORPHQUAD_ROUNDS=20 cargo test --release --test replay` kills 20 processes per clock.
+
+mod common;
+
+use common::processes::{Running, pause_ms};
+use common::recording::Recording;
+use common::{Flown, fly, morphquad, rounds, turn};
+use launcher::in_process::{self, StateSource};
+use launcher::run::{FlightHash, LogHash};
+use launcher::scenario::{Override, Scenario, shipped};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// What `morphquad replay` said.
+struct Said {
+    code: Option<i32>,
+    json: Value,
+    stderr: String,
+}
+
+fn replay(file: &Path, arguments: &[&str]) -> Said {
+    let mut command = morphquad(["replay"]);
+    command.arg(file).args(arguments).args(["--format", "json"]);
+    let output = command.output().expect("the executable starts");
+    Said {
+        code: output.status.code(),
+        json: serde_json::from_slice(&output.stdout).unwrap_or(Value::Null),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+/// Verifies every service and gives the answer.
+fn assert_identical(file: &Path) -> Value {
+    let said = replay(file, &["--verify"]);
+    let verify = said.json["verify"].clone();
+    assert_eq!(verify["identical"], true, "{} {}", said.json, said.stderr);
+    assert_eq!(said.code, Some(0), "{}", said.stderr);
+    for service in verify["services"].as_array().expect("services") {
+        for key in ["steps", "samples", "states"] {
+            assert!(service[key].as_u64() > Some(0), "{key}: {service}");
+        }
+    }
+    verify
+}
+
+fn assert_hashes_agree(flown: &Flown) {
+    let said = replay(&flown.recording_path(), &["--hash"]);
+    assert_eq!(said.code, Some(0), "{} {}", said.json, said.stderr);
+    assert_eq!(said.json["hashes"]["hash"], flown.hash());
+    assert_eq!(said.json["hashes"]["log_hash"], flown.word("log_hash"));
+}
+
+#[test]
+fn each_shipped_scenario_is_verified_in_both_clocks() {
+    let _turn = turn();
+    for name in shipped::names() {
+        for clock in ["lockstep", "realtime"] {
+            let flown = fly(&[name, "--for", "1500ms", "--clock", clock]);
+            assert_identical(&flown.recording_path());
+            assert_hashes_agree(&flown);
+        }
+    }
+}
+
+#[test]
+fn a_flight_in_one_process_has_both_hashes_of_the_processes() {
+    let _turn = turn();
+    for name in shipped::names() {
+        let duration = Override::duration(Duration::from_millis(1500));
+        let scenario = Scenario::load(name, &[duration]).expect("a shipped scenario");
+        let hashes = (FlightHash::default(), LogHash::default());
+        let hashes = in_process::fly(&scenario, StateSource::Estimator, hashes);
+        let (flight, log) = hashes.expect("a flight");
+        let flown = fly(&[name, "--for", "1500ms"]);
+        assert_eq!(
+            (flight.hex().as_str(), log.hex().as_str()),
+            (flown.hash(), flown.word("log_hash"))
+        );
+    }
+}
+
+/// Numbers of a field of the deviations.
+fn deviations(flown: &Flown, field: &str) -> Vec<u64> {
+    let rows = flown.recording().series("deviation", &[field]);
+    rows.iter().map(|row| row.values[0] as u64).collect()
+}
+
+#[test]
+fn a_realtime_flight_with_late_samples_and_missed_deadlines_is_verified() {
+    let _turn = turn();
+    let mut running =
+        Running::start_and_fly(&["figure8-morph", "--clock", "realtime", "--for", "3s"]);
+    for victim in ["attitude-mpc", "position-mpc", "estimator"] {
+        pause_ms(200);
+        running.signal(victim, Signal::STOP);
+        pause_ms(100);
+        running.signal(victim, Signal::CONT);
+    }
+    let flown = running.wait();
+    assert_identical(&flown.recording_path());
+    assert_hashes_agree(&flown);
+    let kinds = deviations(&flown, "kind");
+    // Late samples, missed deadlines, releases left out and caught up.
+    for kind in [0, 2, 3, 4] {
+        assert!(kinds.contains(&kind), "no deviation of kind {kind} in {kinds:?}");
+    }
+    assert!(flown.number("late_samples") > 0.0 && flown.number("missed_ticks") > 0.0);
+}
+
+#[test]
+fn every_life_of_a_restarted_process_is_verified() {
+    let _turn = turn();
+    let victims = ["attitude-mpc", "estimator", "position-mpc", "disturbance-injector"];
+    for round in 0..rounds(2) {
+        for clock in [["--clock", "realtime"], ["--speed", "2"]] {
+            let victim = victims[round % victims.len()];
+            let flight = ["figure8-morph", "--for", "3s"];
+            let mut running = Running::start_and_fly(&[&flight[..], &clock].concat());
+            pause_ms(150 + 97 * (round as u64 % 7));
+            running.signal(victim, Signal::KILL);
+            let flown = running.wait();
+            assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
+            assert_identical(&flown.recording_path());
+            assert_hashes_agree(&flown);
+        }
+    }
+}
+
+#[test]
+fn one_changed_bit_is_found_and_named() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "1s"]);
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy.mcap");
+    let mut changed = false;
+    flown.recording().copy_to(
+        &copy,
+        |_, _| {},
+        |topic, sequence, bytes| {
+            if topic == "/imu" && sequence == 500 {
+                // Key, length and header come first, then key and length of three doubles.
+                let gyro_y = 2 + usize::from(bytes[1]) + 2 + 8;
+                bytes[gyro_y] ^= 1;
+                changed = true;
+            }
+        },
+    );
+    assert!(changed);
+    let said = replay(&copy, &["--verify"]);
+    assert_eq!(said.code, Some(1), "{}", said.stderr);
+    let first = &said.json["verify"]["first_difference"];
+    assert_eq!(first["service"], "plant");
+    assert_eq!((&first["topic"], &first["field"]), (&"imu".into(), &"gyro_b_rad_s[1]".into()));
+    assert_eq!(first["release"], 499);
+    let bits = |key: &str| {
+        let text = first[key].as_str().expect("a number");
+        let (_, hex) = text.split_once("(0x").expect("its bits");
+        u64::from_str_radix(hex.trim_end_matches(')'), 16).expect("hexadecimal")
+    };
+    assert_eq!(bits("recorded") ^ bits("replayed"), 1);
+    assert_eq!(replay(&copy, &["--hash"]).code, Some(1));
+
+    // A byte changed behind the back of the checksums.
+    let mut bytes = fs::read(flown.recording_path()).expect("the recording");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x10;
+    fs::write(&copy, bytes).expect("a copy");
+    let said = replay(&copy, &["--verify"]);
+    assert_eq!(said.code, Some(1), "{}", said.json);
+    assert!(said.stderr.contains("is damaged near byte"), "{}", said.stderr);
+}
+
+#[test]
+fn a_changed_state_and_a_missing_sample_are_found_and_named() {
+    let _turn = turn();
+    let flown = fly(&["attitude-step", "--for", "500ms"]);
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy.mcap");
+    flown.recording().copy_to(
+        &copy,
+        |_, _| {},
+        |topic, sequence, bytes| {
+            if topic == "/state/attitude" && sequence == 20 {
+                let last = bytes.len() - 1;
+                bytes[last] ^= 0x40;
+            }
+        },
+    );
+    let first = replay(&copy, &["--verify"]).json["verify"]["first_difference"].clone();
+    assert_eq!(first["topic"], "state/attitude");
+    assert!(first["field"].as_str().is_some_and(|field| field.starts_with("memory.")), "{first}");
+
+    flown.recording().copy_to(
+        &copy,
+        |_, _| {},
+        |topic, sequence, bytes| {
+            if topic == "/truth" && sequence == 30 {
+                bytes.clear();
+            }
+        },
+    );
+    let first = replay(&copy, &["--verify"]).json["verify"]["first_difference"].clone();
+    let found = ["topic", "field", "recorded"].map(|key| first[key].as_str().unwrap_or_default());
+    assert_eq!(found, ["truth", "sample", "none"]);
+    assert_eq!(first["release"], 29);
+}
+
+#[test]
+fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "2s"]);
+    let folder = TempDir::new().expect("a folder");
+    let cut = folder.path().join("cut.mcap");
+    let bytes = fs::read(flown.recording_path()).expect("the recording");
+    fs::write(&cut, &bytes[..bytes.len() * 3 / 5]).expect("a copy");
+    let verify = assert_identical(&cut);
+    assert_eq!(verify["complete"], false);
+    let said = replay(&cut, &["--hash"]);
+    assert_eq!((said.code, &said.json["hashes"]["stored_hash"]), (Some(1), &Value::Null));
+}
+
+#[test]
+fn a_recording_of_another_build_is_refused_and_the_type_that_changed_is_named() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "100ms"]);
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy.mcap");
+    flown.recording().copy_to(
+        &copy,
+        |topic, metadata| {
+            if topic == "/wrench_command" {
+                metadata.insert("layout_hash".to_owned(), "00000000deadbeef".to_owned());
+            }
+        },
+        |_, _, _| {},
+    );
+    let said = replay(&copy, &["--verify"]);
+    assert_eq!((said.code, &said.json), (Some(2), &Value::Null));
+    let ours = format!("{:016x}", shared_types::topics::WRENCH_COMMAND.schema().layout_hash);
+    for part in ["copy.mcap", "WrenchCommand", "/wrench_command", "00000000deadbeef", &ours] {
+        assert!(said.stderr.contains(part), "{part}: {}", said.stderr);
+    }
+}
+
+#[test]
+fn another_controller_departs_where_it_differs_and_nowhere_else() {
+    let _turn = turn();
+    let flown = fly(&["figure8-morph", "--for", "1s"]);
+    let file = flown.recording_path();
+    let same = replay(&file, &["--with", "attitude-mpc"]);
+    assert_eq!(same.code, Some(0), "{}", same.stderr);
+    assert_eq!(same.json["with"]["first_departure"], Value::Null);
+    assert!(same.json["with"]["samples"].as_u64() > Some(300));
+
+    let executable = env!("CARGO_BIN_EXE_morphquad");
+    let other = replay(&file, &["--with", executable, "--service", "attitude-mpc"]);
+    assert_eq!(other.json["with"], same.json["with"], "{}", other.stderr);
+
+    let softer = replay(
+        &file,
+        &["--with", "attitude-mpc", "--set", "attitude_mpc.increment_weight=[50.0, 50.0, 80.0]"],
+    );
+    let with = &softer.json["with"];
+    let fields = with["fields"].as_array().expect("a table");
+    let torque = fields.iter().find(|field| field["field"] == "torque_b_nm[0]").expect("a torque");
+    let (max, rms) = (torque["max"].as_f64(), torque["rms"].as_f64());
+    assert!(rms > Some(0.0) && max > rms, "{torque}");
+    assert!(with["first_departure"]["t_s"].as_f64() < Some(0.5), "{with}");
+
+    for wrong in [
+        &["--with", "no-such-thing"][..],
+        &["--with", "attitude-mpc", "--service", "plant"],
+        &["--with", executable],
+        &["--verify", "--service", "attitude"],
+        &["--verify", "--set", "attitude_mpc.rate_hz=7"],
+    ] {
+        let said = replay(&file, wrong);
+        let expected = if wrong == ["--verify", "--service", "attitude"] { 0 } else { 2 };
+        assert_eq!(said.code, Some(expected), "{wrong:?}: {}", said.stderr);
+    }
+}
+
+#[test]
+fn a_recording_holds_what_an_independent_reader_finds() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "500ms"]);
+    let steps =
+        Recording::read(&flown.recording_path()).series("truth", &["morph_angle_rad"]).len();
+    let verify = assert_identical(&flown.recording_path());
+    assert_eq!(verify["services"][0]["steps"].as_u64(), Some(steps as u64));
+}
