@@ -76,6 +76,12 @@ impl Flown {
         self.word("hash")
     }
 
+    /// What was missed, place by place.
+    pub(crate) fn misses(&self) -> &[Value] {
+        let misses = self.summary["misses"].as_array();
+        misses.unwrap_or_else(|| panic!("no misses in {}, {}", self.summary, self.stderr))
+    }
+
     /// Everything that was said, on both channels.
     pub(crate) fn said(&self) -> String {
         format!("{}\n{}", self.summary, self.stderr)

@@ -58,6 +58,9 @@ impl Consumers {
         self.hash.add(&topic.info, sample);
         self.log_hash.add(&topic.info, sample);
         self.metrics.observe(topic, sample);
+        for (logical_ns, text) in self.metrics.take_news() {
+            self.note(logical_ns, Severity::Warning, &text);
+        }
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write(topic, sample, receipt_mono_ns)
         {
@@ -85,7 +88,11 @@ impl Consumers {
 
     /// Writes a sentence about the flight into the recording.
     pub(super) fn tell(&mut self, logical_ns: u64, text: &str) {
-        let event = Event { logical_ns, severity: Severity::Info, source: "launcher", text };
+        self.note(logical_ns, Severity::Info, text);
+    }
+
+    fn note(&mut self, logical_ns: u64, severity: Severity, text: &str) {
+        let event = Event { logical_ns, severity, source: "launcher", text };
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write_event(&event)
         {

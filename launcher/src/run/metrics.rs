@@ -1,11 +1,12 @@
 //! What the flight achieved, from the samples alone.
 
+use super::misses::MissLog;
 use super::response::{AxisResponse, StepResponse};
 use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
 use shared_types::{
-    AppliedCommand, AttitudeSetpoint, ControllerReport, GateMode, LoopStats, Reference, Role,
-    Sample, SolveStatus, StateEstimate, Topic, Truth, WrenchCommand,
+    AppliedCommand, AttitudeSetpoint, ControllerReport, Deviation, GateMode, LoopStats, Reference,
+    Role, Sample, SolveStatus, StateEstimate, Topic, Truth, WrenchCommand,
 };
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
@@ -70,6 +71,7 @@ pub struct Metrics {
     /// Largest x² + y² of the attitude quaternion.
     tilt_square: f64,
     response: Option<StepResponse>,
+    misses: MissLog,
 }
 
 impl Default for Metrics {
@@ -89,6 +91,7 @@ impl Default for Metrics {
             safe_ticks: 0,
             tilt_square: 0.0,
             response: None,
+            misses: MissLog::default(),
         }
     }
 }
@@ -128,6 +131,8 @@ impl Metrics {
             self.observe_applied(applied);
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
             self.loops.insert(stats.role.0, *stats);
+        } else if let Some(deviation) = any.downcast_ref::<Deviation>() {
+            self.misses.observe(deviation, self.response.is_some());
         } else if any.is::<WrenchCommand>() {
             self.time("attitude", sample);
         } else if let Some(setpoint) = any.downcast_ref::<AttitudeSetpoint>() {
@@ -247,6 +252,17 @@ impl Metrics {
     #[must_use]
     pub fn loop_stats(&self, role: Role) -> Option<&LoopStats> {
         self.loops.get(&role.0)
+    }
+
+    /// Where deadlines were missed.
+    #[must_use]
+    pub fn misses(&self) -> &MissLog {
+        &self.misses
+    }
+
+    /// Instant \[ns\] and text of misses that nobody has been told of.
+    pub fn take_news(&mut self) -> Vec<(u64, String)> {
+        self.misses.take_news()
     }
 
     /// The gate's last word, its counters included.

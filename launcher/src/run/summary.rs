@@ -158,6 +158,7 @@ impl Summary {
         put("late_samples", misses.late.to_string());
         put("unseen_samples", misses.unseen.to_string());
         put("dropped_samples", misses.dropped.to_string());
+        put("misses", self.metrics.misses().to_json().to_string());
         put("recorded_samples", self.recorded().to_string());
         put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
         put("recovered_crashes", self.recovered.to_string());
@@ -175,6 +176,7 @@ impl Summary {
                 (key, number.map_or_else(|| text.into(), Into::into))
             })
             .collect();
+        object.insert("misses".to_owned(), self.metrics.misses().to_json());
         object.insert("run".to_owned(), self.run_id.clone().into());
         object.insert("scenario".to_owned(), self.scenario.clone().into());
         object.insert("seed".to_owned(), self.seed.into());
@@ -287,6 +289,9 @@ impl Summary {
             "  timing       {} missed ticks, {} late samples, {} samples unseen by a loop",
             misses.ticks, misses.late, misses.unseen
         )?;
+        for (place, missed) in self.metrics.misses().places() {
+            writeln!(out, "  missed       {place}: {missed}")?;
+        }
         writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), misses.dropped)?;
         self.write_loops(out)?;
         for notice in &self.notices {
