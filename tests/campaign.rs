@@ -162,6 +162,10 @@ fn a_file_that_is_none_ends_with_2_and_an_unwritable_folder_with_3() {
         assert_eq!((code, json), (Some(2), Value::Null), "{said}");
         assert!(said.contains(named) && said.contains("help"), "{said}");
     }
+    // A key that does not exist: no case flies, and the table says why.
+    let none = Bench::new("scenario = \"hover\"\n[grid]\nplant.rate = [1, 2]");
+    let (code, json, said) = none.run("out", &[]);
+    assert_eq!((code, &json["outcomes"]["refused"]), (Some(2), &2.into()), "{said}");
     let bench = Bench::new("scenario = \"hover\"");
     let mut command = morphquad(["campaign"]);
     command.arg(bench.scratch.path().join("test.toml")).args(["--out", "/dev/null/out"]);

@@ -107,6 +107,11 @@ impl Branch {
         self.checkpoint.tape()
     }
 
+    /// Shows an observer what was published before the branch.
+    pub fn show_before<O: Observer>(&self, observer: &mut O) {
+        self.tape().show_before(self.at_ns(), observer);
+    }
+
     /// Everything released before is on the tape \[ns\].
     #[must_use]
     pub fn recorded_ns(&self) -> u64 {
@@ -147,4 +152,58 @@ pub struct Changed {
     pub scenario: Scenario,
     crew: Crew,
     seed: Option<u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::in_process::StateSource;
+    use crate::run::FlightHash;
+    use crate::scenario::Override;
+    use core::time::Duration;
+
+    fn record(name: &str, duration: Duration) -> (Scenario, String, Arc<Tape>) {
+        let scenario = Scenario::load(name, &[Override::duration(duration)]).unwrap();
+        let seen = (FlightHash::default(), Tape::default());
+        let mut flight = InProcess::new(&scenario, StateSource::Estimator, seen).unwrap();
+        flight.fly_until(u64::MAX).unwrap();
+        let (hash, tape) = flight.seen(core::mem::take);
+        (scenario, hash.hex(), Arc::new(tape))
+    }
+
+    /// Hash of the whole flight and where it departs from the tape.
+    fn fly(branch: &Branch, change: &Change) -> (String, Option<Difference>) {
+        let mut hash = FlightHash::default();
+        branch.show_before(&mut hash);
+        let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
+        let changed = branch.change(change).unwrap();
+        let mut flight = branch.resume(&changed, (hash, compare)).unwrap();
+        flight.fly_until(u64::MAX).unwrap();
+        let flown_ns = flight.flown_ns();
+        let (hash, mut compare) = flight.seen(core::mem::take);
+        compare.finish(flown_ns);
+        (hash.hex(), compare.verdict().1.cloned())
+    }
+
+    #[test]
+    fn taken_up_between_any_two_steps_it_is_the_same_flight() {
+        let (scenario, hash, tape) = record("figure8-morph", Duration::from_millis(1500));
+        for at_ns in [0, 1, 1_000_000, 333_333_333, 500_000_000, 789_012_345, 1_498_999_999] {
+            let branch = Branch::prepare(scenario.clone(), Arc::clone(&tape), At::Time(at_ns));
+            let branch = branch.unwrap();
+            assert_eq!(fly(&branch, &Change::default()), (hash.clone(), None), "{at_ns}");
+        }
+        let beyond = Branch::prepare(scenario, tape, At::Time(1_500_000_000)).unwrap_err();
+        assert!(matches!(beyond, BranchError::Beyond { .. }));
+    }
+
+    #[test]
+    fn a_change_departs_from_the_tape_at_the_branch_and_not_before() {
+        let (scenario, hash, tape) = record("hover", Duration::from_secs(1));
+        let branch = Branch::prepare(scenario, tape, At::Tick(612)).unwrap();
+        let set = vec!["plant.mismatch.mass_scale=1.2".to_owned()];
+        let (other, first) = fly(&branch, &Change { set, ..Change::default() });
+        assert_ne!(other, hash);
+        assert!((612_000_000..615_000_000).contains(&first.unwrap().release_ns));
+    }
 }

@@ -31,8 +31,8 @@ impl Sweep<'_> {
         Change { set, seed, ..self.change.clone() }
     }
 
-    /// Flies every case; `progress` is told of each. Metrics and hash are of the whole flight, what
-    /// was recorded before the branch included. A case that cannot be flown is an outcome.
+    /// Flies every case; `progress` is told of each. Figures are of what is flown from the branch on,
+    /// the hash is that of the whole flight. A case that cannot be flown is an outcome.
     ///
     /// # Errors
     /// [`Interrupted`] once `stop` says so.
@@ -44,7 +44,8 @@ impl Sweep<'_> {
     ) -> Result<Vec<Outcome>, Interrupted> {
         let scenario = self.branch.scenario();
         let mut before = (FlightHash::default(), Metrics::of(scenario));
-        self.branch.tape().show_before(self.branch.at_ns(), &mut before);
+        self.branch.show_before(&mut before);
+        before.1.judge_from_here();
         let fly_one = |case: &Case| {
             let seen = before.clone();
             let flown = self

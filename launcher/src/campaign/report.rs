@@ -1,6 +1,7 @@
 //! What a campaign leaves behind: one table, figures over all cases, the worst with their commands.
 
 use super::{Axis, Campaign, Case, Outcome, Verdict};
+use crate::exit;
 use crate::results::{Columns, Kind, ResultsError, ResultsFolder, Table, Value};
 use parquet::errors::ParquetError;
 use serde_json::json;
@@ -72,6 +73,19 @@ pub fn counts(flown: &[(Case, Outcome)]) -> [(Verdict, usize); 5] {
         let count = flown.iter().filter(|(_, outcome)| outcome.verdict() == verdict).count();
         (verdict, count)
     })
+}
+
+/// 0; 4 if a component failed in a case, and 2 if the scenario refuses every one.
+#[must_use]
+pub fn exit_code(flown: &[(Case, Outcome)]) -> u8 {
+    let mut verdicts = flown.iter().map(|(_, outcome)| outcome.verdict());
+    if verdicts.clone().any(|verdict| verdict == Verdict::Failed) {
+        exit::CRASHED
+    } else if verdicts.all(|verdict| verdict == Verdict::Refused) {
+        exit::USAGE
+    } else {
+        exit::PASS
+    }
 }
 
 /// Median, 95 % and largest of one column over all cases that have it; none if no case has.
@@ -215,6 +229,7 @@ mod tests {
     fn counts_and_spreads_are_over_all_cases() {
         let [(_, flown_well), _, (_, lost), (_, refused), (_, failed)] = counts(&flown());
         assert_eq!([flown_well, lost, refused, failed], [2, 1, 1, 0]);
+        assert_eq!((exit_code(&flown()), exit_code(&flown()[3..])), (exit::PASS, exit::USAGE));
         assert_eq!(spread(&flown(), "position_max_m"), Some([0.1, 0.6, 0.6]));
         assert_eq!(spread(&flown(), "settling_s"), None);
     }

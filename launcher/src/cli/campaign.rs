@@ -3,9 +3,7 @@
 use super::bar::bar;
 use super::options::{CampaignArguments, Format};
 use crate::campaign::report::{self, ReportError};
-use crate::campaign::{
-    self, Campaign, CampaignError, FileError, JournalError, Plan, Verdict, Watch,
-};
+use crate::campaign::{self, Campaign, CampaignError, FileError, JournalError, Plan, Watch};
 use crate::exit;
 use crate::results::{ResultsError, ResultsFolder};
 use miette::Diagnostic;
@@ -47,7 +45,8 @@ impl Trouble {
     }
 }
 
-/// Flies a campaign; 0 with a table, 4 if a component failed in a case, 130 if interrupted.
+/// Flies a campaign; 0 with a table, 2 if no case can be flown, 4 if a component failed in one, 130
+/// if interrupted.
 pub(super) fn run(
     arguments: &CampaignArguments,
     out: &mut dyn Write,
@@ -79,8 +78,7 @@ fn fly(arguments: &CampaignArguments) -> Result<(String, u8), Trouble> {
     bar.finish_and_clear();
     let campaign = flown?;
     report::write("cases", &campaign.table(), &mut folder)?;
-    let failed = campaign.flown.iter().any(|(_, outcome)| outcome.verdict() == Verdict::Failed);
-    let code = if failed { exit::CRASHED } else { exit::PASS };
+    let code = report::exit_code(&campaign.flown);
     let text = match arguments.format {
         Format::Json => in_json(&campaign, plan.worst, &folder),
         Format::Text => in_words(&stem, &campaign, plan.worst, &folder),

@@ -4,6 +4,7 @@
 //! [`list`] are whole commands, the others are handed on.
 
 mod bar;
+mod branch;
 mod campaign;
 pub mod check;
 pub mod list;
@@ -13,8 +14,8 @@ mod replay;
 mod study;
 
 pub use options::{
-    CampaignArguments, Format, PaperArguments, ProcArguments, ReplayArguments, RunArguments,
-    ScenarioArguments,
+    BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments, ReplayArguments,
+    RunArguments, ScenarioArguments,
 };
 
 use crate::run::RunError;
@@ -63,7 +64,10 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         },
         Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
         Command::Campaign(arguments) => campaign::run(&arguments, out, diagnostics),
-        Command::Replay(arguments) => replay::run(&arguments, out, diagnostics),
+        Command::Replay(arguments) => match arguments.branch.branch {
+            Some(at) => branch::run(&arguments, at, out, diagnostics),
+            None => replay::run(&arguments, out, diagnostics),
+        },
         Command::Study(command) => study::run(&command, out, diagnostics),
         Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
     }

@@ -1,5 +1,6 @@
 //! The grammar of the command line.
 
+use crate::branch::At;
 use crate::process::ProcOptions;
 use crate::run::{Pin, RunOptions, Speed};
 use crate::scenario::{Override, Scenario, ScenarioError, TESTED_RATES_HZ};
@@ -24,7 +25,7 @@ pub(super) enum Command {
     List,
     /// Show what a scenario would fly, or what is wrong with it
     Check(ScenarioArguments),
-    /// Fly a recording again: verify it bit by bit, hash it, or try another controller on it
+    /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
     Replay(ReplayArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     Paper(PaperArguments),
@@ -143,7 +144,7 @@ pub struct RunArguments {
     #[arg(long)]
     pub no_record: bool,
     /// Fly in one thread, without processes and shared memory: the same flight, faster
-    #[arg(long)]
+    #[arg(long, conflicts_with = "disorder")]
     pub in_process: bool,
     /// Where the processes run
     #[arg(long, value_name = "auto|none|CPU", default_value = "auto", value_parser = pin)]
@@ -184,12 +185,15 @@ pub struct ReplayArguments {
     /// Let another controller replay and say how far it departs: a service, or another build
     #[arg(long, group = "what", value_name = "EXE|NAME")]
     pub with: Option<String>,
-    /// Any key of the scenario, for the controller that replays
+    /// Any key of the scenario, for the controller that replays or from the branch on
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
     /// Write the outputs of the one service named as a recording
     #[arg(long, group = "what", value_name = "FILE")]
     pub outputs: Option<PathBuf>,
+    /// From the middle on.
+    #[command(flatten)]
+    pub branch: BranchArguments,
     /// Form of the result
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
@@ -209,6 +213,35 @@ pub struct CampaignArguments {
     /// Form of the summary
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
+}
+
+/// A branch of a recorded flight.
+#[derive(Debug, Clone, Args)]
+pub struct BranchArguments {
+    /// Take the flight up at a plant tick or a time, and fly on: @1234, @12.5s
+    #[arg(long, value_name = "@TICK", group = "what", conflicts_with_all = ["hash", "verify", "with", "outputs", "service"])]
+    pub branch: Option<At>,
+    /// Another service for a slot from there on, for example `attitude=attitude-mpc`
+    #[arg(long, value_name = "SLOT=NAME", requires = "branch")]
+    pub swap: Vec<String>,
+    /// Draw everything random from another seed from there on
+    #[arg(long, value_name = "N", requires = "branch")]
+    pub seed: Option<u64>,
+    /// Logical time of the whole flight: 20s, 500ms, 2m
+    #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration, requires = "branch")]
+    pub duration: Option<Duration>,
+    /// Folder for a recording of the branch
+    #[arg(long, value_name = "DIR", requires = "branch")]
+    pub record: Option<PathBuf>,
+    /// A branch for each value of a key, for example `plant.mismatch.mass_scale=0.9..1.1/5`
+    #[arg(long, value_name = "KEY=A..B/N", requires = "branch")]
+    pub sweep: Vec<String>,
+    /// A branch for each seed: 0..999
+    #[arg(long, value_name = "A..B", requires = "branch", conflicts_with = "seed")]
+    pub seeds: Option<String>,
+    /// Folder for the table of many branches
+    #[arg(long, value_name = "DIR", default_value = "branches", requires = "branch")]
+    pub out: PathBuf,
 }
 
 /// What to reproduce.

@@ -1,7 +1,7 @@
 //! Two flights, sample by sample: where they first differ.
 
 use super::{Observer, Tape};
-use shared_types::wire::{Field, Visitor, Wire};
+use crate::replay::numbers_of;
 use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -159,52 +159,7 @@ fn difference<T: Sample>(old: &T, new: &T) -> Option<(String, String, String)> {
     if packed(old) == packed(new) {
         return None;
     }
-    let (mut a, mut b) = (Values::default(), Values::default());
-    old.visit(&mut a);
-    new.visit(&mut b);
-    let mut pairs = a.0.into_iter().zip(b.0);
-    let (old, new) = pairs.find(|(old, new)| old.bits != new.bits)?;
-    Some((old.name, old.shown, new.shown))
-}
-
-/// Every number of a sample, by name.
-#[derive(Default)]
-struct Values(Vec<NamedValue>);
-
-struct NamedValue {
-    name: String,
-    bits: u64,
-    shown: String,
-}
-
-impl Values {
-    fn put(&mut self, field: &Field, at: usize, bits: u64, shown: String) {
-        let name = if field.repeated { format!("{}[{at}]", field.name) } else { field.name.into() };
-        self.0.push(NamedValue { name, bits, shown });
-    }
-}
-
-impl Visitor for Values {
-    fn f64s(&mut self, field: &'static Field, values: &[f64]) {
-        for (at, value) in values.iter().enumerate() {
-            self.put(field, at, value.to_bits(), format!("{value:?}"));
-        }
-    }
-    fn u64s(&mut self, field: &'static Field, values: &[u64]) {
-        for (at, value) in values.iter().enumerate() {
-            self.put(field, at, *value, value.to_string());
-        }
-    }
-    fn bytes(&mut self, field: &'static Field, values: &[u8]) {
-        for (at, value) in values.iter().enumerate() {
-            self.put(field, at, u64::from(*value), value.to_string());
-        }
-    }
-    fn message<T: Wire>(&mut self, field: &'static Field, value: &T) {
-        let before = self.0.len();
-        value.visit(self);
-        for inner in &mut self.0[before..] {
-            inner.name = format!("{}.{}", field.name, inner.name);
-        }
-    }
+    let pairs = numbers_of(old, "", &[]).into_iter().zip(numbers_of(new, "", &[]));
+    let mut different = pairs.filter(|(old, new)| !old.1.is_same(new.1));
+    different.next().map(|((field, old), (_, new))| (field, old.to_string(), new.to_string()))
 }

@@ -20,7 +20,7 @@ use crate::components::{Component, ComponentVisitor, Crew};
 use crate::run::{FlightHash, LogHash, Metrics};
 use crate::scenario::{Scenario, WiringError};
 use core::cell::RefCell;
-use resume::{Authors, Feed};
+use resume::Feed;
 use runtime::executor::{StateSink, StepStamps};
 use runtime::graph::{CREDIT_NS, Marks, ROLES};
 use runtime::input::InputSet as _;
@@ -31,7 +31,7 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use thiserror::Error;
-use wires::Wires;
+use wires::{Authors, Wires};
 
 /// Who tells the controllers where the vehicle is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -193,7 +193,9 @@ struct Connect<'a, O> {
 impl<O: Observer> ComponentVisitor for Connect<'_, O> {
     type Output = Result<Loop, InProcessError>;
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
-        let mut executor = Executor::new(component.service, self.node, 0, component.state_every);
+        let generation = self.from.map_or(0, |checkpoint| checkpoint.generation(self.node.role));
+        let mut executor =
+            Executor::new(component.service, self.node, generation, component.state_every);
         self.wires.connect(self.graph, &mut executor);
         let observer = self.wires.observer();
         if observer.borrow().wants_states() {
@@ -258,11 +260,8 @@ impl<O: Observer> InProcess<O> {
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
         let observer = Rc::new(RefCell::new(observer));
-        let mut authors = wires::own_authors();
-        if let Some(checkpoint) = from {
-            checkpoint.sign(&graph, &mut authors);
-        }
-        let mut wires = Wires::new(Rc::clone(&observer), authors);
+        let authors = from.map(Checkpoint::authors).unwrap_or_default();
+        let mut wires = Wires::new(Rc::clone(&observer), authors.clone());
         let mut loops = Vec::new();
         for &node in graph.nodes() {
             let connect = Connect { graph: &graph, node, wires: &mut wires, from };

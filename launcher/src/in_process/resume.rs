@@ -1,6 +1,7 @@
 //! A flight taken up in the middle: states of every component, and what was on its way between them.
 
 use super::tape::Tape;
+use super::wires::{Authors, author_of};
 use super::{InProcess, InProcessError, Observer, StateSource};
 use crate::components::Crew;
 use crate::scenario::Scenario;
@@ -8,11 +9,8 @@ use core::convert::Infallible;
 use runtime::Graph;
 use runtime::graph::{Edge, Marks, ROLES};
 use runtime::input::{Input, InputVisitor};
-use shared_types::{Author, Role, Sample, Stamped, Topic};
+use shared_types::{Role, Sample, Stamped, Topic};
 use std::sync::Arc;
-
-/// Identity of every role's samples, by [`Role::index`].
-pub(super) type Authors = [Author; ROLES];
 
 /// Where and from what a flight is taken up.
 #[derive(Debug, Clone)]
@@ -50,6 +48,11 @@ impl Checkpoint {
         &self.tape
     }
 
+    /// How many times the process of a role had been restarted.
+    pub(super) fn generation(&self, role: Role) -> u32 {
+        self.tape.generation_at(role, self.at_ns)
+    }
+
     pub(super) fn state(&self, role: Role) -> Option<&[u8]> {
         self.states.get(role.index())?.as_deref()
     }
@@ -59,14 +62,9 @@ impl Checkpoint {
         self.exact.then_some(self.at_ns)
     }
 
-    /// Slot owners sign as they did on the tape, so that who knows them goes on obeying.
-    pub(super) fn sign(&self, graph: &Graph, authors: &mut Authors) {
-        for slot in [Role::Attitude, Role::Position] {
-            let owner = if graph.node(slot).is_some() { slot } else { Role::Pilot };
-            if let Some(author) = self.tape.owner_at(slot, self.at_ns) {
-                authors[owner.index()] = author;
-            }
-        }
+    /// Who signs what: as on the tape, so that whoever knows a writer goes on obeying.
+    pub(super) fn authors(&self) -> Authors {
+        self.tape.authors_at(self.at_ns)
     }
 }
 
@@ -143,7 +141,7 @@ impl InputVisitor for Feed<'_> {
         let mark_ns = self.marks.get(from.index()).map(|mark_ns| self.at_ns.min(*mark_ns));
         let before_ns = mark_ns.unwrap_or(self.at_ns.saturating_add(1));
         let latched = input.latest().map_or(0, |stamped| stamped.sample.header().sequence);
-        let author = self.authors.get(from.index()).copied().unwrap_or_default();
+        let author = author_of(self.authors, &topic.info, from);
         for sample in self.tape.waiting(topic, latched, before_ns) {
             input.offer(Stamped { sample: *sample, author });
         }

@@ -1,10 +1,14 @@
 //! Everything that a flight has published, to take it up again in the middle.
 
 use super::Observer;
+use super::wires::Authors;
+use crate::record::read::RecordVisitor;
 use runtime::graph::ROLES;
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
-use shared_types::{Author, Header, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
+use shared_types::{
+    Deviation, DeviationKind, Edge, Header, Role, Sample, Topic, TopicInfo, TopicVisitor, topics,
+};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -50,6 +54,16 @@ impl Observer for Tape {
     }
 }
 
+/// A tape is also what a recording is read into.
+impl RecordVisitor for Tape {
+    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        self.observe(topic, sample);
+    }
+    fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.observe_state(role, header, state);
+    }
+}
+
 impl Tape {
     /// Samples of a topic.
     #[must_use]
@@ -86,25 +100,37 @@ impl Tape {
         Some(keyframes[after.checked_sub(1)?].state.as_slice())
     }
 
-    /// Who owned a slot at `t_ns`, as the samples of its owner are signed.
-    pub(super) fn owner_at(&self, slot: Role, t_ns: u64) -> Option<Author> {
-        let topic =
-            if slot == Role::Attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
-        let records: &[OwnerRecord] = self.samples(topic);
-        let mut in_effect = records.iter().filter(|record| record.header.valid_ns <= t_ns);
-        in_effect.next_back().or(records.first()).map(|record| record.owner)
+    /// How many times the process of a role had been restarted by `t_ns`.
+    pub(super) fn generation_at(&self, role: Role, t_ns: u64) -> u32 {
+        let keyframes = self.states.get(role.index()).into_iter().flatten();
+        let before = keyframes.take_while(|keyframe| keyframe.release_ns < t_ns);
+        before.map(|keyframe| keyframe.header.generation).last().unwrap_or(0)
+    }
+
+    /// Who wrote each topic last before `t_ns`, as its readers had it from the transport.
+    pub(super) fn authors_at(&self, t_ns: u64) -> Authors {
+        let told: &[Deviation] = self.samples(&topics::DEVIATION);
+        let told = told.iter().filter(|told| told.kind == DeviationKind::Writer);
+        let author = |topic: &TopicInfo| {
+            let mut told = told.clone().filter(|told| told.input_name() == topic.name);
+            let first = told.clone().next();
+            let last = told.rfind(|told| told.header.release_ns < t_ns);
+            last.or(first).map(|told| (topic.name, told.author))
+        };
+        topics::all().into_iter().filter_map(author).collect()
     }
 
     /// Shows an observer everything released before `t_ns`, and who owned the slots then, topic by
     /// topic within each second, so that what compares topics has little to keep; then the states.
     pub fn show_before<O: Observer>(&self, t_ns: u64, observer: &mut O) {
-        let mut show = Show { tape: self, observer, shown: BTreeMap::new(), until_ns: 0 };
-        loop {
-            show.until_ns = show.until_ns.saturating_add(1_000_000_000).min(t_ns);
+        // Ownership is told before the first step, also to who begins there.
+        let end_ns = t_ns.max(1);
+        let observer = &mut *observer;
+        let mut show = Show { tape: self, observer, from_ns: 0, until_ns: 0, t_ns };
+        while show.from_ns < end_ns {
+            show.until_ns = show.from_ns.saturating_add(1_000_000_000).min(end_ns);
             let Ok(()) = topics::visit_all(&mut show);
-            if show.until_ns >= t_ns {
-                break;
-            }
+            show.from_ns = show.until_ns;
         }
         if observer.wants_states() {
             for (role, keyframes) in Role::STEPPING.into_iter().zip(&self.states) {
@@ -119,23 +145,28 @@ impl Tape {
 struct Show<'a, O> {
     tape: &'a Tape,
     observer: &'a mut O,
-    /// Samples shown so far, by topic name.
-    shown: BTreeMap<&'static str, usize>,
+    from_ns: u64,
     until_ns: u64,
+    /// Steps from here on are not shown.
+    t_ns: u64,
 }
 
 impl<O: Observer> TopicVisitor for Show<'_, O> {
     type Error = Infallible;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
-        let shown = self.shown.entry(topic.info.name).or_default();
-        let rest = &self.tape.samples(topic)[*shown..];
-        let sample: &dyn Any = &T::default();
-        // Ownership is told before the first step.
-        let from_start = u64::from(sample.is::<OwnerRecord>());
-        let due = |s: &&T| s.header().release_ns < self.until_ns.saturating_add(from_start);
-        for sample in rest.iter().take_while(due) {
-            self.observer.observe(topic, sample);
-            *shown += 1;
+        let samples = self.tape.samples(topic);
+        let released = |s: &T| s.header().release_ns;
+        let is_owner = topic.info.from == Role::Supervisor && topic.info.edge == Edge::Delayed;
+        let until_ns = if is_owner { self.until_ns } else { self.until_ns.min(self.t_ns) };
+        // Several loops write the supervisor's topics, each in its own order.
+        let one_writer = topic.info.from != Role::Supervisor;
+        let first = |t_ns: u64| samples.partition_point(|s| released(s) < t_ns);
+        let range =
+            if one_writer { first(self.from_ns)..first(until_ns) } else { 0..samples.len() };
+        for sample in &samples[range] {
+            if (self.from_ns..until_ns).contains(&released(sample)) {
+                self.observer.observe(topic, sample);
+            }
         }
         Ok(())
     }

@@ -1,14 +1,13 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
 use super::Observer;
-use super::resume::Authors;
 use core::cell::RefCell;
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::input::{Input, InputSet as _, InputVisitor};
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::{Executor, Graph, Service, Sink, Source};
-use shared_types::{Author, Header, OwnerRecord, Role, Sample, Stamped, Topic, topics};
+use shared_types::{Author, Header, OwnerRecord, Role, Sample, Stamped, Topic, TopicInfo, topics};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
@@ -41,14 +40,17 @@ impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
     fn serve_late_joiners(&mut self) {}
 }
 
-/// Identity under which a role's samples appear.
-const fn author_of(role: Role) -> Author {
-    [role.0 as u64 + 1, 0]
+/// Identity of each topic's writer, by topic name, in a flight that others have begun.
+pub(super) type Authors = BTreeMap<&'static str, Author>;
+
+/// Identity under which the samples of a topic appear that `from` writes.
+pub(super) fn author_of(known: &Authors, topic: &TopicInfo, from: Role) -> Author {
+    known.get(topic.name).copied().unwrap_or(own_author(from))
 }
 
-/// Identities in a flight that nobody has begun before.
-pub(super) fn own_authors() -> Authors {
-    Role::STEPPING.map(author_of)
+/// Identity under which a role's samples appear in a flight of its own.
+fn own_author(role: Role) -> Author {
+    [u64::from(role.0) + 1, 0]
 }
 
 /// All queues of a flight.
@@ -62,10 +64,6 @@ pub(super) struct Wires<O> {
 impl<O: Observer> Wires<O> {
     pub(super) fn new(observer: Rc<RefCell<O>>, authors: Authors) -> Self {
         Self { readers: BTreeMap::new(), observer, authors }
-    }
-
-    fn author(&self, role: Role) -> Author {
-        self.authors.get(role.index()).copied().unwrap_or_else(|| author_of(role))
     }
 
     pub(super) fn observer(&self) -> Rc<RefCell<O>> {
@@ -100,13 +98,13 @@ impl<O: Observer> Wires<O> {
         let sample = OwnerRecord {
             header: Header { sequence: 1, ..Header::default() },
             epoch: 1,
-            owner: self.author(owner),
+            owner: own_author(owner),
             period_ns: node.map_or(0, |node| node.rate.period_ns()),
             slot,
             ..OwnerRecord::default()
         };
         self.observer.borrow_mut().observe(topic, &sample);
-        let author = author_of(Role::Supervisor);
+        let author = own_author(Role::Supervisor);
         for reader in self.readers(topic).borrow().iter() {
             reader.borrow_mut().push_back(Stamped { sample, author });
         }
@@ -145,7 +143,7 @@ impl<O: Observer> OutputVisitor for Connect<'_, O> {
         let sink = QueueSink {
             topic,
             readers: self.wires.readers(topic),
-            author: self.wires.author(self.role),
+            author: author_of(&self.wires.authors, &topic.info, self.role),
             observer: Rc::clone(&self.wires.observer),
         };
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));

@@ -48,11 +48,11 @@ impl fmt::Display for Number {
 }
 
 /// A field's full name and its value.
-pub(super) type Named = (String, Number);
+pub(crate) type Named = (String, Number);
 
 /// Every number of a value, in declaration order; machine fields and padding are left out, except
 /// for those in `keep`.
-pub(super) fn numbers_of<T: Wire>(value: &T, prefix: &str, keep: &[&str]) -> Vec<Named> {
+pub(crate) fn numbers_of<T: Wire>(value: &T, prefix: &str, keep: &[&str]) -> Vec<Named> {
     let mut walk = Walk { prefix: prefix.to_owned(), keep, out: Vec::new(), seen: ("", 0) };
     value.visit(&mut walk);
     walk.out

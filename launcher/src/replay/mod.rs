@@ -19,6 +19,8 @@ pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
 pub use fields::Number;
 pub use hashes::{Hashes, hashes};
 
+pub(crate) use fields::numbers_of;
+
 use crate::components::BuildError;
 use crate::record::RecordError;
 use crate::record::read::ReadError;

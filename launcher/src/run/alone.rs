@@ -78,7 +78,7 @@ pub fn run_branch(
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
     let mut consumers = consumers(&id, path.as_deref(), options)?;
     consumers.tell(branch.at_ns(), origin);
-    branch.tape().show_before(branch.at_ns(), &mut consumers);
+    branch.show_before(&mut consumers);
     let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
     let mut flight = branch
         .resume(changed, (consumers, compare))

@@ -109,6 +109,14 @@ impl Metrics {
         Self { response: Some(StepResponse::default()), ..Self::default() }
     }
 
+    /// Forgets how the vehicle has flown so far, and not what it is to do: errors, efforts and
+    /// clipping are judged from here on. An attitude step is still the whole one.
+    pub fn judge_from_here(&mut self) {
+        let before = core::mem::take(self);
+        let Self { references, loops, gate, response, .. } = before;
+        *self = Self { references, loops, gate, response, ..Self::default() };
+    }
+
     /// Answer to the last attitude step of a rig flight.
     #[must_use]
     pub fn step_response(&self) -> Option<[AxisResponse; 3]> {
@@ -384,6 +392,23 @@ mod tests {
             assert!((tracking.rms_m - 0.01).abs() < 1e-12);
             assert!((tracking.max_m - 0.01).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn what_is_judged_from_here_on_forgets_errors_and_not_where_the_vehicle_is_to_be() {
+        let mut metrics = Metrics::default();
+        metrics.observe(&topics::REFERENCE, &reference(0, 0.0, 1.0));
+        metrics.observe(&topics::REFERENCE, &reference(20, 0.02, 1.0));
+        for t in 0..20 {
+            metrics.observe(&topics::TRUTH, &truth(t, 0.001 * t as f64 + 0.5));
+        }
+        metrics.judge_from_here();
+        for t in 20..30 {
+            metrics.observe(&topics::TRUTH, &truth(t, 0.001 * t as f64 + 0.01));
+        }
+        metrics.finish();
+        assert_eq!(metrics.tracking().samples, 10);
+        assert!((metrics.tracking().max_m - 0.01).abs() < 1e-12);
     }
 
     #[test]
