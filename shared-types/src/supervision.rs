@@ -125,6 +125,9 @@ code! {
         Writer = 5,
         /// The process has been restarted and went on from the state of release `first`.
         Resumed = 6,
+        /// The loop left in order, and sample `last` was the last of this input that it had; 0 if
+        /// there was none. What came after it would have been late.
+        Ended = 7,
     }
 }
 

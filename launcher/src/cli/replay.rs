@@ -149,7 +149,8 @@ fn role(name: &str) -> Result<Role, Refusal> {
 fn controller(with: &str, roles: &[Role], overrides: &[Override]) -> Result<(Role, With), Refusal> {
     if let Ok(role) = role(with) {
         return if roles.iter().all(|other| *other == role) {
-            Ok((role, With::Settings(overrides.to_vec())))
+            let named = components::names().into_iter().find(|name| *name == with);
+            Ok((role, With::Service { name: named, overrides: overrides.to_vec() }))
         } else {
             let what = format!("--with {with} replaces {}, not what --service names", role.label());
             Err(Refusal::Usage(what))

@@ -3,7 +3,7 @@
 use super::ReplayError;
 use super::source::{Exceptions, TapeSource};
 use super::tapes::{Recorded, Tapes};
-use crate::components::{self, Component, ComponentVisitor};
+use crate::components::{Component, ComponentVisitor, Crew};
 use crate::record::read::{RecordedFlight, RecordedState};
 use crate::scenario::Scenario;
 use core::cell::{Cell, RefCell};
@@ -47,8 +47,8 @@ pub(super) struct Topics {
 }
 
 impl Topics {
-    /// Of whatever component fills `role` in `scenario`.
-    pub(super) fn of(role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
+    /// Of the component with which `crew` fills `role` in `scenario`.
+    pub(super) fn of(crew: &Crew, role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
         struct Names;
         struct Collect(Vec<&'static str>);
         impl InputVisitor for Collect {
@@ -82,14 +82,15 @@ impl Topics {
                 Topics { read: read.0, written: written.0 }
             }
         }
-        components::build(role, scenario, Names).map_err(ReplayError::component(role))
+        crew.build(role, scenario, Names).map_err(ReplayError::component(role))
     }
 }
 
-/// Flies the component that `scenario` puts into `role` on what was recorded for it; the loop itself
-/// stays as it was in `flight`.
+/// Flies the component with which `crew` fills `role` in `scenario` on what was recorded for the role;
+/// the loop itself stays as it was in `flight`.
 pub(super) fn fly_again(
     flight: &RecordedFlight,
+    crew: &Crew,
     role: Role,
     scenario: &Scenario,
     recorded: &Recorded,
@@ -100,7 +101,7 @@ pub(super) fn fly_again(
     let out = Rc::new(RefCell::new(Replayed::default()));
     for life in lives(recorded) {
         let again = Again { graph: &graph, node, recorded, life, out: Rc::clone(&out) };
-        components::build(role, scenario, again).map_err(ReplayError::component(role))??;
+        crew.build(role, scenario, again).map_err(ReplayError::component(role))??;
     }
     Ok(Rc::try_unwrap(out).map_or_else(|_| Replayed::default(), RefCell::into_inner))
 }
@@ -143,11 +144,20 @@ impl ComponentVisitor for Again<'_> {
         let mut executor =
             Executor::new(component.service, node, life.generation, component.state_every);
         let now_ns = Rc::new(Cell::new(0));
+        let mut latched = LatchedSequences(Vec::new());
+        if let Some(state) = last_state(recorded, &life) {
+            let mut inputs = S::Inputs::default();
+            if let Some(latches) = latches_of::<S>(&state.bytes) {
+                inputs.unpack_latches(latches);
+                let Ok(()) = inputs.visit(&mut latched);
+            }
+        }
         let mut connect = Connect {
             graph,
             role: node.role,
             recorded,
             life: &life,
+            latched: latched.0.into_iter(),
             now_ns: Rc::clone(&now_ns),
             authors: Vec::new(),
             out: Rc::clone(&out),
@@ -251,6 +261,8 @@ struct Connect<'a> {
     role: Role,
     recorded: &'a Recorded,
     life: &'a Life,
+    /// Of each input in turn: what the last state of the life had in effect.
+    latched: std::vec::IntoIter<u64>,
     now_ns: Rc<Cell<u64>>,
     /// Of each input in turn: the writer of what comes next.
     authors: Vec<Rc<Cell<Author>>>,
@@ -266,7 +278,10 @@ impl InputVisitor for Connect<'_> {
     ) -> Result<(), Infallible> {
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
-        let exceptions = Exceptions::of(topic.info.name, self.life.deviations.iter());
+        let mut exceptions = Exceptions::of(topic.info.name, self.life.deviations.iter());
+        if let Some(last) = self.latched.next() {
+            exceptions = exceptions.killed_after(last);
+        }
         let author = Rc::new(Cell::new(Author::default()));
         self.authors.push(Rc::clone(&author));
         let samples = self.recorded.tapes.of(topic);
@@ -288,6 +303,34 @@ impl OutputVisitor for Connect<'_> {
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));
         Ok(())
     }
+}
+
+/// Collects the sequence that each input has in effect.
+struct LatchedSequences(Vec<u64>);
+
+impl InputVisitor for LatchedSequences {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        _topic: &'static Topic<T>,
+        input: &mut Input<T>,
+    ) -> Result<(), Infallible> {
+        self.0.push(input.sample().map_or(0, |sample| sample.header().sequence));
+        Ok(())
+    }
+}
+
+/// The state in which a life was last seen, if it is as far as it is replayed.
+fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedState> {
+    recorded.states.iter().rev().find(|state| {
+        state.header.generation == life.generation && state.header.release_ns == life.last_ns
+    })
+}
+
+/// The part of a packed state that holds the latches; none if it is not a whole state.
+fn latches_of<S: Service>(state: &[u8]) -> Option<&[u8]> {
+    let start = StateHeader::PACKED_SIZE + 8 * S::Outputs::COUNT;
+    state.get(start..start + S::Inputs::LATCH_SIZE)
 }
 
 /// Tells each input's source who wrote what is latched after a restore.

@@ -4,7 +4,7 @@ use super::ReplayError;
 use super::again::{Replayed, Topics, fly_again};
 use super::fields::{Named, numbers_of, numbers_of_state};
 use super::tapes::{Recorded, load};
-use crate::components::{self, Component, ComponentVisitor};
+use crate::components::{Component, ComponentVisitor, Crew};
 use crate::record::read::{RecordedFlight, RecordedState};
 use core::convert::Infallible;
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
@@ -90,15 +90,16 @@ pub fn verify(
     if let Some(role) = roles.iter().find(|role| graph.node(**role).is_none()) {
         return Err(ReplayError::NotFlown { role: role.label() });
     }
+    let crew = Crew::default();
     let mut verification = Verification { services: Vec::new(), complete: true };
     for node in graph.nodes().iter().filter(|n| roles.is_empty() || roles.contains(&n.role)) {
-        let topics = Topics::of(node.role, scenario)?;
+        let topics = Topics::of(&crew, node.role, scenario)?;
         let recorded = load(flight, node.role, &topics)?;
-        let replayed = fly_again(flight, node.role, scenario, &recorded)?;
+        let replayed = fly_again(flight, &crew, node.role, scenario, &recorded)?;
         verification.complete = recorded.closing.complete;
         let compare = Compare::new(&recorded, &replayed, node.role);
-        let mut verdict = components::build(node.role, scenario, compare)
-            .map_err(ReplayError::component(node.role))?;
+        let mut verdict =
+            crew.build(node.role, scenario, compare).map_err(ReplayError::component(node.role))?;
         verdict.steps = replayed.steps;
         if let Some(first) = &mut verdict.first {
             first.release_index = node.rate.first_at_or_after(first.release_ns);

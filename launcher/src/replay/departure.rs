@@ -5,7 +5,7 @@ use super::again::{Topics, fly_again};
 use super::compare::Difference;
 use super::fields::numbers_of;
 use super::tapes::{Recorded, Tapes, load};
-use crate::components::{self, Component, ComponentVisitor};
+use crate::components::{Component, ComponentVisitor, Crew};
 use crate::record::read::RecordedFlight;
 use crate::record::{RecordError, Recording};
 use crate::scenario::{Override, Scenario};
@@ -20,8 +20,13 @@ use std::process::Command;
 /// Who replays.
 #[derive(Debug, Clone)]
 pub enum With {
-    /// A service of this build, with settings changed.
-    Settings(Vec<Override>),
+    /// A service of this build.
+    Service {
+        /// Its name; none for the one that was flown.
+        name: Option<&'static str>,
+        /// Changes of its settings.
+        overrides: Vec<Override>,
+    },
     /// Another build of morphquad.
     Executable(PathBuf),
 }
@@ -63,17 +68,27 @@ pub struct Departure {
 pub fn depart(flight: &RecordedFlight, role: Role, with: &With) -> Result<Departure, ReplayError> {
     let graph = flight.scenario().graph().map_err(|e| ReplayError::Wiring(e.to_string()))?;
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
-    let topics = Topics::of(role, flight.scenario())?;
-    let recorded = load(flight, role, &topics)?;
-    let other = match with {
-        With::Settings(overrides) => {
+    let (flown, mut crew) = (Crew::default(), Crew::default());
+    let mut topics = Topics::of(&flown, role, flight.scenario())?;
+    let (recorded, other) = match with {
+        With::Service { name, overrides } => {
+            if let Some(name) = name
+                && !crew.swap(role, name)
+            {
+                return Err(ReplayError::NotFlown { role: role.label() });
+            }
             let scenario = changed(flight, overrides)?;
-            fly_again(flight, role, &scenario, &recorded)?.tapes
+            topics.read.extend(Topics::of(&crew, role, &scenario)?.read);
+            let recorded = load(flight, role, &topics)?;
+            let other = fly_again(flight, &crew, role, &scenario, &recorded)?.tapes;
+            (recorded, other)
         }
-        With::Executable(executable) => outputs_of(executable, flight, role, &topics)?,
+        With::Executable(executable) => {
+            (load(flight, role, &topics)?, outputs_of(executable, flight, role, &topics)?)
+        }
     };
     let compare = Compare { node, recorded: &recorded, other: &other, out: Departure::default() };
-    components::build(role, flight.scenario(), compare).map_err(ReplayError::component(role))
+    flown.build(role, flight.scenario(), compare).map_err(ReplayError::component(role))
 }
 
 /// The recorded scenario with changes.
@@ -92,14 +107,14 @@ pub fn write_outputs(
     overrides: &[Override],
     out: &Path,
 ) -> Result<(), ReplayError> {
-    let topics = Topics::of(role, flight.scenario())?;
+    let crew = Crew::default();
+    let topics = Topics::of(&crew, role, flight.scenario())?;
     let recorded = load(flight, role, &topics)?;
     let scenario = changed(flight, overrides)?;
-    let replayed = fly_again(flight, role, &scenario, &recorded)?;
+    let replayed = fly_again(flight, &crew, role, &scenario, &recorded)?;
     let recording = Recording::create(out, &flight.to_facts())?;
     let mut write = Write { tapes: &replayed.tapes, recording };
-    write = components::build(role, flight.scenario(), write)
-        .map_err(ReplayError::component(role))??;
+    write = crew.build(role, flight.scenario(), write).map_err(ReplayError::component(role))??;
     write.recording.finish(&BTreeMap::new())?;
     Ok(())
 }

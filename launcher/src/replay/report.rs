@@ -172,12 +172,12 @@ impl Hashes {
 
 impl fmt::Display for Hashes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut line = |name: &str, ours: &str, stored: &Option<String>| match stored {
-            Some(stored) if stored == ours => writeln!(f, "{name} {ours} as stored"),
-            Some(stored) => writeln!(f, "{name} {ours} DIFFERS, stored {stored}"),
-            None => writeln!(f, "{name} {ours}, none stored: the recorder was killed"),
+        let line = |name: &str, ours: &str, stored: &Option<String>| match stored {
+            Some(stored) if stored == ours => format!("{name} {ours} as stored"),
+            Some(stored) => format!("{name} {ours} DIFFERS, stored {stored}"),
+            None => format!("{name} {ours}, none stored: the recorder was killed"),
         };
-        line("hash", &self.flight, &self.stored_flight)?;
-        line("log_hash", &self.log, &self.stored_log)
+        writeln!(f, "{}", line("hash", &self.flight, &self.stored_flight))?;
+        write!(f, "{}", line("log_hash", &self.log, &self.stored_log))
     }
 }

@@ -16,6 +16,8 @@ pub(super) struct Exceptions {
     lost: BTreeMap<u64, u64>,
     /// Step, first sequence and writer, in the order of the steps.
     writers: Vec<(u64, u64, Author)>,
+    /// Last sequence that arrived, if it is known.
+    last: Option<u64>,
 }
 
 impl Exceptions {
@@ -32,11 +34,22 @@ impl Exceptions {
                 DeviationKind::LostSamples => {
                     exceptions.lost.insert(first, last);
                 }
+                DeviationKind::Ended => exceptions.last = Some(last),
                 DeviationKind::Writer => exceptions.writers.push((step_ns, first, author)),
                 _ => {}
             }
         }
         exceptions
+    }
+
+    /// The same of a process that was killed when it had `last` in effect.
+    pub(super) fn killed_after(self, last: u64) -> Self {
+        Self { last: self.last.or(Some(last)), ..self }
+    }
+
+    /// True if the sample came when the loop had ended, or never.
+    fn came_too_late(&self, sequence: u64) -> bool {
+        self.last.is_some_and(|last| sequence > last)
     }
 
     fn is_lost(&self, sequence: u64) -> bool {
@@ -98,6 +111,9 @@ impl<T: Sample> Source<T> for TapeSource<T> {
                 self.next += 1;
                 continue;
             }
+            if self.exceptions.came_too_late(header.sequence) {
+                return None;
+            }
             // Nominally a sample is there by the step that it is in effect at.
             let arrived = self.exceptions.arrival_ns(header.sequence).map_or_else(
                 || self.edge.in_effect(header.valid_ns, now_ns),
@@ -110,5 +126,81 @@ impl<T: Sample> Source<T> for TapeSource<T> {
             let author = self.author_of(&header);
             return Some(Stamped { sample, author });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::{Imu, Role, topics};
+
+    const MS: u64 = 1_000_000;
+
+    fn imu(sequence: u64) -> Imu {
+        let header = Header { sequence, valid_ns: sequence * MS, ..Header::default() };
+        Imu { header, ..Imu::default() }
+    }
+
+    fn deviation(kind: DeviationKind, step_ms: u64, first: u64, last: u64) -> Deviation {
+        let header = Header { release_ns: step_ms * MS, ..Header::default() };
+        let input = Deviation::input_from("imu");
+        Deviation { header, kind, first, last, input, ..Deviation::default() }
+    }
+
+    /// Sequences and writers that a step each millisecond has.
+    fn played(deviations: &[Deviation]) -> Vec<Vec<(u64, u64)>> {
+        let now_ns = Rc::new(Cell::new(0));
+        let mut source = TapeSource::new(
+            Rc::new((1..=8).map(imu).collect()),
+            Edge::unwaited(&topics::IMU.info, Role::Estimator),
+            Exceptions::of("imu", deviations.iter()),
+            Rc::clone(&now_ns),
+            Rc::new(Cell::new([7, 0])),
+        );
+        let step = |step_ms: u64| {
+            now_ns.set(step_ms * MS);
+            let arrived = core::iter::from_fn(|| source.receive());
+            arrived.map(|s| (s.sample.header.sequence, s.author[0])).collect()
+        };
+        (1..=8).map(step).collect()
+    }
+
+    #[test]
+    fn nominally_a_sample_is_there_at_the_step_that_it_takes_effect_at() {
+        let expected: Vec<_> = (1..=8).map(|sequence| vec![(sequence, 7)]).collect();
+        assert_eq!(played(&[]), expected);
+    }
+
+    #[test]
+    fn late_and_lost_samples_and_other_writers_come_as_they_came_in_flight() {
+        let writer = Deviation { author: [9, 0], ..deviation(DeviationKind::Writer, 6, 4, 4) };
+        let of_another_input = Deviation {
+            input: Deviation::input_from("pose_fix"),
+            ..deviation(DeviationKind::LostSamples, 1, 1, 8)
+        };
+        let played = played(&[
+            deviation(DeviationKind::LostSamples, 3, 2, 2),
+            deviation(DeviationKind::LateSamples, 6, 3, 5),
+            writer,
+            of_another_input,
+        ]);
+        let expected = [
+            vec![(1, 7)],
+            vec![],
+            vec![],
+            vec![],
+            vec![],
+            vec![(3, 7), (4, 9), (5, 9), (6, 9)],
+            vec![(7, 9)],
+            vec![(8, 9)],
+        ];
+        assert_eq!(played, expected);
+    }
+
+    #[test]
+    fn what_had_not_arrived_at_the_end_never_does() {
+        let steps = |played: Vec<Vec<(u64, u64)>>| played.iter().filter(|s| !s.is_empty()).count();
+        assert_eq!(steps(played(&[deviation(DeviationKind::Ended, 9, 5, 5)])), 5);
+        assert_eq!(steps(played(&[deviation(DeviationKind::Ended, 9, 0, 0)])), 0);
     }
 }

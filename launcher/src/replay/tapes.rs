@@ -3,7 +3,9 @@
 use super::again::Topics;
 use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
 use runtime::graph::CREDIT_NS;
-use shared_types::{Deviation, Header, LoopStats, Role, Sample, Topic, TopicInfo, topics};
+use shared_types::{
+    Deviation, DeviationKind, Header, LoopStats, Role, Sample, Topic, TopicInfo, topics,
+};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -58,6 +60,24 @@ impl Recorded {
         self.closing.audit.iter().any(|(key, tally)| {
             of_topic(key.trim_start_matches('/')) && !tally.contains("\"gaps\":0,")
         })
+    }
+}
+
+impl Recorded {
+    /// A process that was killed did not tell how far its inputs had got; the last state of its life
+    /// does, so its life is replayed up to there.
+    fn end_at_last_states(&mut self) {
+        let deviations = self.tapes.of(&topics::DEVIATION);
+        for (generation, last_ns) in &mut self.traces {
+            let mut ends = deviations.iter().filter(|d| d.kind == DeviationKind::Ended);
+            let in_order = ends.any(|d| d.header.generation == *generation);
+            let of_life = |s: &&RecordedState| {
+                s.header.generation == *generation && s.header.release_ns <= *last_ns
+            };
+            if !in_order && let Some(state) = self.states.iter().rev().find(of_life) {
+                *last_ns = state.header.release_ns;
+            }
+        }
     }
 }
 
@@ -126,5 +146,6 @@ pub(super) fn load(
         // takes the topics in turn, and a loop may be this far ahead of another.
         *last.get_mut() = last.get().saturating_sub(CREDIT_NS);
     }
+    recorded.end_at_last_states();
     Ok(Recorded { closing, ..recorded })
 }

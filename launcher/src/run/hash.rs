@@ -36,33 +36,43 @@ pub const MACHINE_FIELDS: [&str; 8] = [
     "author",
 ];
 
+/// Bytes that are hashed at once: enough for the hash to work on several blocks side by side.
+const BATCH: usize = 8 * 1024;
+
 /// One hash per topic and seat.
 #[derive(Debug, Clone, Default)]
-struct Chains {
-    chains: BTreeMap<(&'static str, u32), blake3::Hasher>,
+struct Chains(BTreeMap<(&'static str, u32), Chain>);
+
+#[derive(Debug, Clone, Default)]
+struct Chain {
+    hasher: blake3::Hasher,
+    /// Not hashed yet.
     buffer: Vec<u8>,
 }
 
 impl Chains {
     fn add<T: Sample>(&mut self, key: (&'static str, u32), skip: Skip, times: &[u64], sample: &T) {
-        self.buffer.clear();
+        let Chain { hasher, buffer } = self.0.entry(key).or_default();
         for time_ns in times {
-            self.buffer.extend_from_slice(&time_ns.to_le_bytes());
+            buffer.extend_from_slice(&time_ns.to_le_bytes());
         }
-        sample.visit(&mut Feed { out: &mut self.buffer, skip });
-        self.chains.entry(key).or_default().update(&self.buffer);
+        sample.visit(&mut Feed { out: buffer, skip });
+        if buffer.len() >= BATCH {
+            hasher.update(buffer);
+            buffer.clear();
+        }
     }
 
     /// 128 bits over all chains as hexadecimal.
     fn hex(&self) -> String {
         let mut all = blake3::Hasher::new();
-        for ((name, seat), hasher) in &self.chains {
+        for ((name, seat), Chain { hasher, buffer }) in &self.0 {
             all.update(name.as_bytes());
             // Seat 0, the only one of most topics, is understood.
             if *seat != 0 {
                 all.update(&seat.to_le_bytes());
             }
-            all.update(hasher.finalize().as_bytes());
+            all.update(hasher.clone().update(buffer).finalize().as_bytes());
         }
         all.finalize().to_hex().as_str()[..32].to_owned()
     }

@@ -170,3 +170,19 @@ impl InputVisitor for ReportInputs<'_> {
         Ok(())
     }
 }
+
+/// Tells how far the inputs have got.
+pub(crate) struct ReportEnd<'a>(pub(crate) Report<'a>);
+
+impl InputVisitor for ReportEnd<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        input: &mut Input<T>,
+    ) -> Result<(), Infallible> {
+        let last = input.sample().map_or(0, |sample| sample.header().sequence);
+        self.0.range(DeviationKind::Ended, topic.info.name, last, last);
+        Ok(())
+    }
+}

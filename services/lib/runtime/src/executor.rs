@@ -1,6 +1,6 @@
 //! Runs the releases of one component, one after the other, and publishes all it owes.
 
-use crate::deviations::{Pending, Report, ReportInputs};
+use crate::deviations::{Pending, Report, ReportEnd, ReportInputs};
 use crate::graph::{Edge, MissPolicy, Node};
 use crate::input::InputSet;
 use crate::output::{Output, OutputSet};
@@ -244,6 +244,7 @@ impl<S: Service> Executor<S> {
         let header = step_header(self.mark_ns(), 0, self.generation);
         let mut report = Report::new(&mut self.deviations, &header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
+        let Ok(()) = self.inputs.visit(&mut ReportEnd(report));
         let release_ns = self.previous_ns.unwrap_or(0);
         self.send_stats(&step_header(release_ns, 0, self.generation));
     }
