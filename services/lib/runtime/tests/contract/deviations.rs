@@ -228,3 +228,18 @@ fn names_of_all_topics_fit_into_a_deviation() {
         assert_eq!(deviation.input_name(), topic.name);
     }
 }
+
+#[test]
+fn at_the_end_each_input_tells_how_far_it_has_got() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    for sequence in 1..=3 {
+        bench.arrives(sequence, A);
+        bench.step();
+    }
+    // Arrived, and not in effect any more.
+    bench.arrives(4, A);
+    bench.executor.finish();
+    let told = bench.told();
+    let kinds: Vec<_> = told.iter().map(|d| (d.kind, d.input_name(), d.last)).collect();
+    assert_eq!(kinds, [(DeviationKind::Ended, "imu", 3), (DeviationKind::Ended, "pose_fix", 0)]);
+}
