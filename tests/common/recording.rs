@@ -1,6 +1,7 @@
 //! A recording, read by field name with a reader that shares no code with the writer.
 
 use mcap::MessageStream;
+use prost_reflect::bytes::Bytes;
 use prost_reflect::prost::Message as _;
 use prost_reflect::{
     DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage as _, Value,
@@ -61,14 +62,15 @@ impl Recording {
                 }
                 let mut number = Vec::new();
                 flatten(&header.get_field_by_name(name).expect("a number"), &mut number);
-                number[0] as u64
+                // Seats and sequences are small whole numbers, for which bits are in the same order.
+                number[0].to_bits()
             };
             let key = (message.channel.topic.clone(), number("seat"), number("sequence"));
             for host in ["owner", "author", "rescued_waits"] {
                 sample.clear_field_by_name(host);
             }
             if let Some(state) = sample.get_field_by_name_mut("state") {
-                *state = Value::Bytes(vec![0; state.as_bytes().map_or(0, |b| b.len())].into());
+                *state = Value::Bytes(vec![0; state.as_bytes().map_or(0, Bytes::len)].into());
             }
             contents.insert(key, sample.encode_to_vec());
         }
