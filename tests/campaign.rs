@@ -60,7 +60,7 @@ impl Bench {
 }
 
 fn lines(journal: &Path) -> usize {
-    fs::read(journal).map_or(0, |bytes| bytes.iter().filter(|byte| **byte == b'\n').count())
+    fs::read_to_string(journal).map_or(0, |text| text.matches('\n').count())
 }
 
 #[test]
