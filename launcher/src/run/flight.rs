@@ -269,7 +269,7 @@ impl Flight {
             let roles = self.conductor.stalled(&self.graph, &self.tap.marks, patience);
             if !roles.is_empty() {
                 self.progress_at.0 = now_ns;
-                self.supervisor.kill_stalled(&roles);
+                self.supervisor.kill_stalled(&roles, &self.tap.marks);
             }
         }
     }

@@ -13,6 +13,7 @@ mod pilot_thread;
 mod response;
 mod services;
 mod setup;
+mod standstill;
 mod summary;
 mod supervisor;
 mod tap;

@@ -1,9 +1,11 @@
 //! Keeps the processes of a flight alive: ready, owners, restarts, stalls, obituaries.
 
 use super::child::{ChildSpec, RunningChild, describe};
+use super::standstill::Standstill;
 use super::tap::LastState;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::graph::Marks;
 use runtime::ipc::{Bus, IpcSink, IpcSource, PortError, ServiceKind, StatePublisher, TopicFactory};
 use runtime::namespace::remove_unborn_objects;
 use runtime::{Sink as _, Source as _, StateSink as _};
@@ -62,6 +64,7 @@ struct Seat {
     /// When to start the successor \[ns\].
     restart_at_ns: Option<u64>,
     restored: bool,
+    standstill: Option<Standstill>,
     handover: StatePublisher,
 }
 
@@ -112,6 +115,7 @@ impl Supervisor {
                     restarts: Vec::new(),
                     restart_at_ns: None,
                     restored: false,
+                    standstill: None,
                     handover: StatePublisher::open(bus, kind, HANDOVER_CAPACITY)?,
                 })
             })
@@ -317,12 +321,14 @@ impl Supervisor {
         }
     }
 
-    /// Kills a process that has permission to step and does not.
-    pub(super) fn kill_stalled(&mut self, roles: &[Role]) {
+    /// Kills a process that has permission to step and does not, unless it only waits for a processor.
+    pub(super) fn kill_stalled(&mut self, roles: &[Role], marks: &Marks) {
         for seat in &mut self.seats {
+            let mark_ns = marks[seat.role.index()];
             if roles.contains(&seat.role)
                 && let Some(child) = &mut seat.child
                 && seat.ready
+                && Standstill::is_hang(&mut seat.standstill, child.pid(), mark_ns)
             {
                 let text =
                     format!("{} made no progress although it could, killing it", seat.spec.name);
@@ -378,6 +384,7 @@ fn start(seat: &mut Seat, folder: &std::path::Path, restore: bool) -> Result<(),
         .map_err(|source| FlightError::Start { name, source })?;
     seat.child = Some(child);
     seat.ready = false;
+    seat.standstill = None;
     Ok(())
 }
 
