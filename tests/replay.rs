@@ -231,6 +231,11 @@ fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
     assert_eq!(verify["complete"], false);
     let said = replay(&cut, &["--hash"]);
     assert_eq!((said.code, &said.json["hashes"]["stored_hash"]), (Some(1), &Value::Null));
+
+    // So near to the start that nothing can be told is no success.
+    fs::write(&cut, &bytes[..bytes.len() / 40]).expect("a copy");
+    let said = replay(&cut, &["--verify"]);
+    assert_eq!((said.code, &said.json["verify"]["identical"]), (Some(1), &false.into()));
 }
 
 #[test]

@@ -68,10 +68,16 @@ impl Verification {
         all.min_by_key(|(_, difference)| difference.release_ns)
     }
 
-    /// True if not a bit differs.
+    /// True if not a bit differs, of something.
     #[must_use]
     pub fn identical(&self) -> bool {
-        self.services.iter().all(|service| service.differences == 0)
+        self.compared() > 0 && self.services.iter().all(|service| service.differences == 0)
+    }
+
+    /// Samples and states compared.
+    #[must_use]
+    pub fn compared(&self) -> u64 {
+        self.services.iter().map(|service| service.samples + service.states).sum()
     }
 }
 

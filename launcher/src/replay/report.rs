@@ -94,7 +94,12 @@ impl fmt::Display for Verification {
         if !self.complete {
             writeln!(f, "  the file is cut: its recorder was killed; compared up to the cut")?;
         }
-        write!(f, "{}", if self.identical() { "identical" } else { "different" })
+        let word = match self.first() {
+            Some(_) => "different",
+            None if self.identical() => "identical",
+            None => "nothing to compare: the file ends before it can be told what the steps had",
+        };
+        f.write_str(word)
     }
 }
 
