@@ -40,6 +40,12 @@ impl Role {
         self.0 as usize
     }
 
+    /// True for a role that steps.
+    #[must_use]
+    pub const fn is_stepping(self) -> bool {
+        self.index() < Self::STEPPING.len()
+    }
+
     /// Lower-case name used for progress services, tables and the command line.
     #[must_use]
     pub fn label(self) -> &'static str {

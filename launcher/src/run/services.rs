@@ -31,7 +31,7 @@ impl HeldServices {
         for role in Role::STEPPING {
             let progress = bus.create_service::<Progress>(ServiceKind::Progress(role), 4)?;
             factories.push(Box::new(progress));
-            factories.push(Box::new(bus.create_wake_service(role)?));
+            bus.create_wake(role)?;
             factories
                 .push(Box::new(bus.create_state_service(ServiceKind::State(role), STATE_DEPTH)?));
             let handover = bus.create_state_service(ServiceKind::Handover(role), HANDOVER_DEPTH)?;

@@ -15,6 +15,28 @@ pub const ROLES: usize = Role::STEPPING.len();
 /// Marks of all roles \[ns\], indexed by [`Role::index`].
 pub type Marks = [u64; ROLES];
 
+/// Some of the roles that step.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Roles([bool; ROLES]);
+
+impl Roles {
+    /// Every one.
+    pub const ALL: Self = Self([true; ROLES]);
+
+    /// Adds one; a role that does not step is never among them.
+    pub fn insert(&mut self, role: Role) {
+        if let Some(member) = self.0.get_mut(role.index()) {
+            *member = true;
+        }
+    }
+
+    /// True if `role` is among them.
+    #[must_use]
+    pub fn contains(self, role: Role) -> bool {
+        self.0.get(role.index()).copied().unwrap_or(false)
+    }
+}
+
 /// What a loop does about releases it finds in the past (realtime only).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MissPolicy {
@@ -40,6 +62,15 @@ pub struct Node {
     pub input_deadline_ns: u64,
     /// Realtime: what to do about missed releases.
     pub miss_policy: MissPolicy,
+}
+
+impl Node {
+    /// True if this is a source and `from` lets it work on by moving its mark.
+    pub(crate) fn is_paced_by(&self, from: Role, old_ns: u64, new_ns: u64) -> bool {
+        // A source works half its lead at a time, so that pacing it costs few wake-ups.
+        let chunk_ns = (self.lead_ns / 2).max(1);
+        self.lead_ns > 0 && from == Role::Plant && old_ns / chunk_ns != new_ns / chunk_ns
+    }
 }
 
 /// One arrow between two loops.
@@ -92,9 +123,21 @@ impl Edge {
     /// consumer: the only case in which it is worth waking.
     #[must_use]
     pub fn unblocks(&self, consumer: Rate, old_ns: u64, new_ns: u64) -> bool {
+        self.unblocked(consumer, old_ns, new_ns).next().is_some()
+    }
+
+    /// The releases of the consumer that this arrow permits at mark `new_ns` and not at `old_ns`.
+    pub fn unblocked(
+        &self,
+        consumer: Rate,
+        old_ns: u64,
+        new_ns: u64,
+    ) -> impl Iterator<Item = u64> + use<> {
         let offset = self.latency_ns + u64::from(self.strict);
-        let first = consumer.first_at_or_after(old_ns.saturating_add(offset));
-        consumer.release_ns(first) < new_ns.saturating_add(offset)
+        let end_ns = new_ns.saturating_add(offset);
+        (consumer.first_at_or_after(old_ns.saturating_add(offset))..)
+            .map(move |k| consumer.release_ns(k))
+            .take_while(move |&t_ns| t_ns < end_ns)
     }
 }
 
@@ -243,11 +286,7 @@ impl Graph {
             .edges
             .iter()
             .any(|e| e.from == from && e.to == node.role && e.unblocks(node.rate, old_ns, new_ns));
-        // A source works half its lead at a time, so that pacing it costs few wake-ups.
-        let chunk_ns = (node.lead_ns / 2).max(1);
-        let by_lead =
-            node.lead_ns > 0 && from == Role::Plant && old_ns / chunk_ns != new_ns / chunk_ns;
-        by_edge || by_lead
+        by_edge || node.is_paced_by(from, old_ns, new_ns)
     }
 
     fn refuse_zero_latency_loops(&self) -> Result<(), GraphError> {

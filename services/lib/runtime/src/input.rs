@@ -1,6 +1,6 @@
 //! One input of a service: what has arrived, what is in effect, what is new.
 
-use crate::graph::{Edge, READER_CAPACITY};
+use crate::graph::{Edge, READER_CAPACITY, Roles};
 use shared_types::wire::Value;
 use shared_types::{Header, Sample, Stamped, Topic};
 use std::collections::VecDeque;
@@ -93,10 +93,18 @@ impl<T: Sample> Input<T> {
         self.source = Some(source);
     }
 
+    /// As [`receive`](Self::receive), but looks only if the producer has moved its mark, or is
+    /// outside the waiting graph: what a mark does not cover yet permits no step.
+    pub fn receive_if_moved(&mut self, moved: Roles) {
+        if self.edge.is_none_or(|edge| moved.contains(edge.from) || !edge.from.is_stepping()) {
+            self.receive();
+        }
+    }
+
     /// Takes one sample, as if it had arrived.
     pub fn offer(&mut self, stamped: Stamped<T>) {
         let key = order(stamped.sample.header());
-        if self.latest.is_some_and(|last| {
+        if self.latest.as_ref().is_some_and(|last| {
             let header = last.sample.header();
             header.seat == key.1 && stamped.sample.header().sequence <= header.sequence
         }) {
@@ -116,22 +124,23 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh.clear();
-        self.before = self.latest;
-        while let Some(stamped) = self
-            .pending
-            .front()
-            .copied()
-            .filter(|s| self.in_effect(s.sample.header().valid_ns, t_ns))
-        {
-            self.pending.pop_front();
+        let due = |this: &Self| {
+            this.pending.front().is_some_and(|s| this.in_effect(s.sample.header().valid_ns, t_ns))
+        };
+        while due(self) {
+            let Some(stamped) = self.pending.pop_front() else { return };
             let header = stamped.sample.header();
             if previous_ns.is_some_and(|p| self.in_effect(header.valid_ns, p)) {
                 self.counts.late += 1;
             }
-            if let Some(last) = self.latest.map(|l| *l.sample.header())
+            if let Some(last) = self.latest.as_ref().map(|l| l.sample.header())
                 && last.seat == header.seat
             {
                 self.counts.lost += header.sequence.saturating_sub(last.sequence + 1);
+            }
+            // Samples are large: copied only where something is new.
+            if self.fresh.is_empty() {
+                self.before = self.latest;
             }
             self.latest = Some(stamped);
             self.fresh.push(stamped);
@@ -157,7 +166,7 @@ impl<T: Sample> Input<T> {
     /// What was in effect before this step's fresh samples.
     #[must_use]
     pub fn before_fresh(&self) -> Option<&Stamped<T>> {
-        self.before.as_ref()
+        if self.fresh.is_empty() { self.latest.as_ref() } else { self.before.as_ref() }
     }
 
     /// The latest sample in effect, with its writer.
@@ -249,6 +258,8 @@ pub trait InputSet: Default {
     fn visit<V: InputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error>;
     /// Takes what has arrived on every input.
     fn receive(&mut self);
+    /// Takes what has arrived on the inputs whose producers are among `moved`, or step unwaited.
+    fn receive_if_moved(&mut self, moved: Roles);
     /// Puts into effect what is due on every input.
     fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>);
     /// Sum of all inputs' counters.
@@ -291,6 +302,10 @@ macro_rules! inputs {
             }
             fn receive(&mut self) {
                 $(self.$field.receive();)*
+            }
+            fn receive_if_moved(&mut self, moved: $crate::graph::Roles) {
+                $(self.$field.receive_if_moved(moved);)*
+                let _ = moved;
             }
             fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
                 $(self.$field.accept(t_ns, previous_ns);)*

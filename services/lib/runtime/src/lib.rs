@@ -18,6 +18,7 @@ pub mod priority;
 pub mod process;
 pub mod rate;
 pub mod service;
+mod wakes;
 pub mod watch;
 
 pub use executor::{Executor, StateSink, StepStamps};

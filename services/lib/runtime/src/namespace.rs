@@ -188,13 +188,16 @@ fn lock_file(path: &Path, operation: FlockOperation) -> Result<File, NamespaceEr
     Ok(file)
 }
 
-/// Transport settings: sweeping dead peers is the launcher's business alone.
+/// Transport settings: sweeping dead peers is the launcher's business alone. A reader keeps room
+/// for as many departed writers as a service has seats for them: each look at an empty port walks
+/// over that room, which the transport sizes for 128.
 fn ipc_config(id: &str, folder: &Path) -> String {
     format!(
         "[global]\nprefix = \"{}\"\nroot-path = \"{}/ipc\"\n\n\
          [global.service]\ncleanup-dead-nodes-on-open = false\n\n\
          [global.node]\ncleanup-dead-nodes-on-creation = false\n\
-         cleanup-dead-nodes-on-destruction = false\n",
+         cleanup-dead-nodes-on-destruction = false\n\n\
+         [defaults.publish-subscribe]\nsubscriber-expired-connection-buffer = 8\n",
         ipc_prefix(id),
         folder.display()
     )

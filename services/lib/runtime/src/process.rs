@@ -2,7 +2,7 @@
 
 use crate::clock::{WallMap, mono_now_ns, sleep_until};
 use crate::executor::{Executor, StepStamps};
-use crate::graph::{Edge, Graph, Marks, ROLES};
+use crate::graph::{Edge, Graph, Marks, ROLES, Roles};
 use crate::input::InputSet as _;
 use crate::ipc::{
     Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
@@ -63,6 +63,7 @@ pub struct Process<S: Service> {
     marks: [u64; ROLES],
     stop: StopFlags,
     generation: u32,
+    pid: u32,
     timed_out: bool,
 }
 
@@ -107,6 +108,7 @@ impl<S: Service> Process<S> {
             marks: [0; ROLES],
             stop,
             generation,
+            pid: std::process::id(),
             timed_out: false,
         })
     }
@@ -124,7 +126,7 @@ impl<S: Service> Process<S> {
         hello.send(Hello {
             command_author,
             state_layout: state_layout::<S>(),
-            pid: std::process::id(),
+            pid: self.pid,
             generation: self.generation,
             role: self.executor.node().role,
             reserved: 0,
@@ -184,15 +186,21 @@ impl<S: Service> Process<S> {
     }
 
     fn run_lockstep(&mut self) -> Ending {
+        let mut clock = self.read_clock();
+        let mut moved = Roles::ALL;
         loop {
             if let Some(ending) = self.stop_requested() {
                 return ending;
             }
-            let clock = self.read_clock();
-            self.read_marks();
-            // Marks first, samples second: what a mark promises is then certainly here.
-            self.executor.inputs.receive();
             let before_ns = self.executor.mark_ns();
+            // Time never ends before what was once allowed, so an older word is as good until then.
+            if before_ns >= clock.allowed_ns.min(clock.end_ns) || self.timed_out {
+                clock = self.read_clock();
+            }
+            // Marks first, samples second: what a mark promises is then certainly here.
+            self.read_marks(&mut moved);
+            self.executor.inputs.receive_if_moved(moved);
+            moved = Roles::default();
             while self.executor.mark_ns() < clock.end_ns && self.may_run(clock.allowed_ns) {
                 let release_mono_ns = mono_now_ns();
                 self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
@@ -205,9 +213,14 @@ impl<S: Service> Process<S> {
                 if core::mem::take(&mut self.timed_out) {
                     self.executor.count_rescued_wait();
                 }
-                self.announce(before_ns, after_ns);
+                self.serve_and_send(after_ns);
+                let role = self.executor.node().role;
+                self.wake(self.graph.lockstep_wakes(role, before_ns, after_ns));
             } else {
                 self.wait(WAIT_LIMIT);
+                if self.timed_out {
+                    moved = Roles::ALL;
+                }
             }
         }
     }
@@ -264,7 +277,7 @@ impl<S: Service> Process<S> {
     /// True once each input that the next release waits for is final or past its deadline; false
     /// after a wait: look around and try again.
     fn inputs_decided(&mut self, wall: &WallMap) -> bool {
-        self.read_marks();
+        self.read_marks(&mut Roles::default());
         self.executor.inputs.receive();
         let t_ns = self.executor.mark_ns();
         let lead_ns = self.executor.node().lead_ns;
@@ -298,51 +311,54 @@ impl<S: Service> Process<S> {
         self.clock.latest().copied().unwrap_or_default()
     }
 
-    fn read_marks(&mut self) {
+    /// Reads the marks and adds whoever has moved its own.
+    fn read_marks(&mut self, moved: &mut Roles) {
         for neighbour in &mut self.neighbours {
             if let Some(progress) = &mut neighbour.progress {
                 // A restarted producer starts again below what its predecessor finished, and the
                 // words of both may be waiting here in any order.
                 let mark = &mut self.marks[neighbour.role.index()];
-                progress.for_each_new(|p| *mark = p.mark_ns.max(*mark));
+                progress.for_each_new(|p| {
+                    *mark = p.mark_ns.max(*mark);
+                    moved.insert(neighbour.role);
+                });
             }
         }
     }
 
     /// Publishes the mark and wakes those whose next release it may unblock.
     fn announce(&mut self, before_ns: u64, after_ns: u64) {
-        // A reader that has just joined must not learn of the mark before it has the history of
-        // topics that were not sent in this interval.
-        self.executor.serve_late_joiners();
-        self.send_progress(after_ns);
+        self.serve_and_send(after_ns);
         let role = self.executor.node().role;
-        for woken in self.graph.wakes(role, before_ns, after_ns) {
-            let neighbour = self.neighbours.iter().find(|n| n.role == woken);
+        self.wake(self.graph.wakes(role, before_ns, after_ns));
+    }
+
+    /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
+    /// what the predecessor had already announced.
+    fn publish_progress(&mut self) {
+        self.serve_and_send(self.executor.mark_ns());
+        self.wake(self.neighbours.iter().map(|n| n.role));
+    }
+
+    fn wake(&self, roles: impl Iterator<Item = Role>) {
+        for role in roles {
+            let neighbour = self.neighbours.iter().find(|n| n.role == role);
             if let Some(wake) = neighbour.and_then(|n| n.wake.as_ref()) {
                 wake.wake();
             }
         }
     }
 
-    /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
-    /// what the predecessor had already announced.
-    fn publish_progress(&mut self) {
+    /// A reader that has just joined must not learn of the mark before it has the history of
+    /// topics that were not sent in this interval.
+    fn serve_and_send(&mut self, mark_ns: u64) {
         self.executor.serve_late_joiners();
-        self.send_progress(self.executor.mark_ns());
-        for neighbour in &self.neighbours {
-            if let Some(wake) = &neighbour.wake {
-                wake.wake();
-            }
-        }
-    }
-
-    fn send_progress(&mut self, mark_ns: u64) {
         self.progress.send(Progress {
             mark_ns,
             steps: self.executor.steps(),
             publish_mono_ns: mono_now_ns(),
             generation: self.generation,
-            pid: std::process::id(),
+            pid: self.pid,
         });
     }
 

@@ -50,17 +50,23 @@ impl Rate {
     /// Instant of release `k` \[ns\].
     #[must_use]
     pub fn release_ns(self, k: u64) -> u64 {
-        let instant = u128::from(k) * 1_000_000_000_000 / u128::from(self.millihertz);
-        u64::try_from(instant).unwrap_or(u64::MAX)
+        scaled(k, 1_000_000_000_000, self.millihertz)
     }
 
     /// Index of the first release at or after `t_ns`.
     #[must_use]
     pub fn first_at_or_after(self, t_ns: u64) -> u64 {
-        let product = u128::from(t_ns) * u128::from(self.millihertz);
-        let k = u64::try_from(product / 1_000_000_000_000).unwrap_or(u64::MAX);
+        let k = scaled(t_ns, self.millihertz, 1_000_000_000_000);
         // floor() of the grid may place release k before t or exactly on it.
         if self.release_ns(k) >= t_ns { k } else { k + 1 }
+    }
+}
+
+/// floor(a·b / c), at most [`u64::MAX`]. Wide division is slow and rarely needed.
+fn scaled(a: u64, b: u64, c: u64) -> u64 {
+    match a.checked_mul(b) {
+        Some(product) => product / c,
+        None => u64::try_from(u128::from(a) * u128::from(b) / u128::from(c)).unwrap_or(u64::MAX),
     }
 }
 

@@ -226,7 +226,7 @@ fn a_state_reaches_a_late_joiner_whole() {
 #[test]
 fn a_listener_wakes_remembers_a_wake_up_and_gives_up() {
     let run = join("wake");
-    let _service = run.bus.create_wake_service(Role::Attitude).unwrap();
+    run.bus.create_wake(Role::Attitude).unwrap();
     let listener = WakeListener::open(&run.bus, Role::Attitude).unwrap();
     let notifier = WakeNotifier::open(&run.bus, Role::Attitude).unwrap();
     assert!(!listener.wait(Duration::from_millis(1)));
@@ -239,7 +239,7 @@ fn a_listener_wakes_remembers_a_wake_up_and_gives_up() {
 #[test]
 fn a_wake_up_reaches_a_thread_that_is_already_waiting() {
     let run = join("waiting");
-    let _service = run.bus.create_wake_service(Role::Plant).unwrap();
+    run.bus.create_wake(Role::Plant).unwrap();
     let (ready, started) = std::sync::mpsc::channel();
     let waiter = std::thread::spawn(move || {
         let run = join("waiter");

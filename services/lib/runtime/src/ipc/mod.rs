@@ -22,7 +22,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::Wire;
 use shared_types::{Sample, Topic, TopicInfo};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The service variant used throughout.
@@ -85,10 +85,12 @@ impl PortError {
 #[derive(Debug)]
 pub struct Bus {
     node: IpcNode<Ipc>,
+    /// Where the run keeps what is not the transport's.
+    folder: PathBuf,
 }
 
 impl Bus {
-    /// Joins the run whose transport configuration is `config_file`. Must be the process's first
+    /// Joins the run whose transport configuration is `config_file`, in the run's folder. Must be the process's first
     /// use of the transport, because the configuration is global to a process.
     ///
     /// # Errors
@@ -106,7 +108,8 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(PortError::transport(name, "create a node"))?;
-        Ok(Self { node })
+        let folder = config_file.parent().unwrap_or(Path::new(".")).to_path_buf();
+        Ok(Self { node, folder })
     }
 
     /// Frees what dead processes of this run left behind; only the launcher does this.

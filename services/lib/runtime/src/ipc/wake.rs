@@ -3,91 +3,105 @@
 //! A wake-up carries no information: the woken process re-reads marks and inputs. Waits always
 //! have a limit, after which shared memory is read again; a lost wake-up therefore costs time and
 //! never a sample.
+//!
+//! A wake-up is a byte in a named pipe of the run's folder. The transport's own events are unix
+//! sockets behind a set of counters: eight system calls where a pipe needs three, and a window in
+//! which a wake-up is lost. `cargo bench --bench lockstep` measures both.
 
-use super::{Bus, Ipc, PortError, ServiceKind, service_name};
+use super::{Bus, PortError, ServiceKind};
 use core::time::Duration;
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::service::port_factory::event::PortFactory;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat, open};
+use rustix::io::{Errno, read, write};
 use shared_types::Role;
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
 
 impl Bus {
-    /// Creates the wake service of a role (launcher only).
+    /// Creates what wakes a role (launcher only); it lives as long as the run's folder.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn create_wake_service(&self, role: Role) -> Result<PortFactory<Ipc>, PortError> {
-        let service = ServiceKind::Wake(role).name();
-        self.node
-            .service_builder(&service_name(&service)?)
-            .event()
-            .max_notifiers(16)
-            .max_listeners(4)
-            .max_nodes(super::MAX_NODES)
-            .create()
-            .map_err(PortError::transport(&service, "create the service"))
+    pub fn create_wake(&self, role: Role) -> Result<(), PortError> {
+        let mode = Mode::RUSR | Mode::WUSR;
+        mknodat(CWD, self.wake_path(role), FileType::Fifo, mode, 0)
+            .map_err(PortError::transport(&ServiceKind::Wake(role).name(), "create the pipe"))
     }
 
-    fn open_wake_service(&self, role: Role) -> Result<PortFactory<Ipc>, PortError> {
-        let service = ServiceKind::Wake(role).name();
-        self.node
-            .service_builder(&service_name(&service)?)
-            .event()
-            .open()
-            .map_err(PortError::transport(&service, "open the service"))
+    fn open_wake(&self, role: Role) -> Result<OwnedFd, PortError> {
+        // Both directions at each end: nobody has to wait for, or survive, the other end.
+        let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        open(self.wake_path(role), flags, Mode::empty())
+            .map_err(PortError::transport(&ServiceKind::Wake(role).name(), "open the pipe"))
+    }
+
+    fn wake_path(&self, role: Role) -> PathBuf {
+        self.folder.join(format!("wake-{}", role.label()))
     }
 }
 
 /// The waiting end.
 #[derive(Debug)]
 pub struct WakeListener {
-    listener: Listener<Ipc>,
+    pipe: OwnedFd,
 }
 
 impl WakeListener {
-    /// Opens the wake service of one's own role.
+    /// Opens the wake-ups of one's own role.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn open(bus: &Bus, role: Role) -> Result<Self, PortError> {
-        let listener = bus
-            .open_wake_service(role)?
-            .listener_builder()
-            .create()
-            .map_err(PortError::transport(&ServiceKind::Wake(role).name(), "listen"))?;
-        Ok(Self { listener })
+        Ok(Self { pipe: bus.open_wake(role)? })
     }
 
-    /// Waits for a wake-up; true if one came before the limit.
+    /// Waits for a wake-up; true if one came before the limit. Those that came since the last
+    /// wait are one.
     #[must_use]
     pub fn wait(&self, limit: Duration) -> bool {
+        let limit = Timespec::try_from(limit).ok();
+        let mut waited_for = [PollFd::new(&self.pipe, PollFlags::IN)];
         // A signal interrupts the wait; the caller looks at its flags either way.
-        self.listener.timed_wait(|_| {}, limit).is_ok_and(|woken| woken > 0)
+        let woken = poll(&mut waited_for, limit.as_ref()).is_ok_and(|ready| ready > 0);
+        woken && self.drain()
+    }
+
+    fn drain(&self) -> bool {
+        let mut bytes = [0; 128];
+        let mut any = false;
+        loop {
+            match read(&self.pipe, &mut bytes) {
+                Ok(count) => {
+                    any |= count > 0;
+                    if count < bytes.len() {
+                        return any;
+                    }
+                }
+                Err(Errno::INTR) => {}
+                Err(_) => return any,
+            }
+        }
     }
 }
 
 /// The waking end.
 #[derive(Debug)]
 pub struct WakeNotifier {
-    notifier: Notifier<Ipc>,
+    pipe: OwnedFd,
 }
 
 impl WakeNotifier {
-    /// Opens the wake service of another role.
+    /// Opens the wake-ups of another role.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn open(bus: &Bus, role: Role) -> Result<Self, PortError> {
-        let notifier = bus
-            .open_wake_service(role)?
-            .notifier_builder()
-            .create()
-            .map_err(PortError::transport(&ServiceKind::Wake(role).name(), "notify"))?;
-        Ok(Self { notifier })
+        Ok(Self { pipe: bus.open_wake(role)? })
     }
 
     /// Wakes whoever waits; nobody waiting is fine.
     pub fn wake(&self) {
-        let _ = self.notifier.notify();
+        // A full pipe wakes just as well.
+        let _ = write(&self.pipe, &[1]);
     }
 }

@@ -137,7 +137,7 @@ struct Scheduler<'a> {
 
 /// Flies with the rules of `process.rs` in an order drawn from `seed`: who acts next, how much of
 /// what is sent is seen before the mark, how far allowed time reaches. A process acts only when it
-/// has been woken by [`Graph::wakes`], by an extension of allowed time or at its start.
+/// has been woken by [`Graph::lockstep_wakes`], by an extension of allowed time or at its start.
 pub(crate) fn fly_in_random_order(plan: &Plan, seed: u64, kills: &[Kill]) -> Outcome {
     let network = Network::default();
     let actors = seats(plan, &network)
@@ -270,7 +270,7 @@ impl Scheduler<'_> {
         actor.seat.flush();
         let mark = &mut self.announced[role.index()];
         *mark = after_ns.max(*mark);
-        let woken: Vec<Role> = self.plan.graph.wakes(role, before_ns, after_ns).collect();
+        let woken: Vec<Role> = self.plan.graph.lockstep_wakes(role, before_ns, after_ns).collect();
         self.wake(|r| woken.contains(&r) && self.plan.graph.waits_for(r, role));
     }
 

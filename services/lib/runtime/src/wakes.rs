@@ -1,0 +1,67 @@
+//! Whom to wake in lockstep: only who is not sure to be woken again for the same releases.
+//!
+//! The attitude loop waits for plant and estimator, but the estimator's mark cannot pass an instant
+//! before the plant's has. Waking the attitude loop for the plant's mark would only show it that
+//! the estimator is not there yet, and a wake-up costs more than most steps. In realtime a loop may
+//! step without its inputs, no mark implies another, and all of [`Graph::wakes`] are woken.
+
+use crate::graph::{Edge, Graph, Node};
+use shared_types::Role;
+
+/// Releases looked at; whoever is unblocked for more is woken without looking.
+const MOST_RELEASES: usize = 8;
+
+impl Graph {
+    /// Of [`wakes`](Self::wakes), the roles for which the mark of `from` may be the last that one
+    /// of their releases waits for.
+    pub fn lockstep_wakes(
+        &self,
+        from: Role,
+        old_ns: u64,
+        new_ns: u64,
+    ) -> impl Iterator<Item = Role> + '_ {
+        self.nodes()
+            .iter()
+            .filter(move |node| {
+                node.is_paced_by(from, old_ns, new_ns)
+                    || self.edges().iter().any(|e| {
+                        e.from == from
+                            && e.to == node.role
+                            && self.may_come_last(e, node, old_ns, new_ns)
+                    })
+            })
+            .map(|node| node.role)
+    }
+
+    /// True if some release of `node` that `edge` permits since its mark moved may then run.
+    fn may_come_last(&self, edge: &Edge, node: &Node, old_ns: u64, new_ns: u64) -> bool {
+        let mut releases = edge.unblocked(node.rate, old_ns, new_ns);
+        releases.by_ref().take(MOST_RELEASES).any(|t_ns| !self.is_implied(edge, t_ns))
+            || releases.next().is_some()
+    }
+
+    /// True if another arrow to the same consumer permits its release at `t_ns` only after `edge`
+    /// has.
+    fn is_implied(&self, edge: &Edge, t_ns: u64) -> bool {
+        let Some(producer) = self.node(edge.from) else { return false };
+        self.edges().iter().filter(|f| f.to == edge.to && f.from != edge.from).any(|f| {
+            let Some(last_ns) = self.last_release_needed(f, t_ns) else { return false };
+            // That release has run, so the arrows to it have permitted it.
+            self.edges().iter().filter(|g| g.to == f.from && g.from == edge.from).any(|g| {
+                let Some(need_ns) = last_ns.checked_sub(g.latency_ns) else { return false };
+                let past_ns = need_ns + u64::from(!g.strict);
+                let mark_ns = producer.rate.release_ns(producer.rate.first_at_or_after(past_ns));
+                (need_ns > 0 || !g.strict) && edge.permits(t_ns, mark_ns)
+            })
+        })
+    }
+
+    /// Instant of the last release of the producer that must have run before `edge` permits its
+    /// consumer's release at `t_ns`; none if it permits that from the start.
+    fn last_release_needed(&self, edge: &Edge, t_ns: u64) -> Option<u64> {
+        let need_ns = t_ns.checked_sub(edge.latency_ns)?;
+        let rate = self.node(edge.from)?.rate;
+        let first_not_needed = rate.first_at_or_after(need_ns + u64::from(!edge.strict));
+        first_not_needed.checked_sub(1).map(|k| rate.release_ns(k))
+    }
+}
