@@ -146,7 +146,8 @@ pub struct RunArguments {
     /// Fly in one thread, without processes and shared memory: the same flight, faster
     #[arg(long, conflicts_with = "disorder")]
     pub in_process: bool,
-    /// Where the processes run
+    /// Where the processes run: on one processor (auto in lockstep, where it is fastest), on any
+    /// (auto in realtime, none), or on a given one
     #[arg(long, value_name = "auto|none|CPU", default_value = "auto", value_parser = pin)]
     pub pin: Pin,
     /// Start order, pauses, processors and priorities by chance, for tests that want disorder

@@ -37,7 +37,9 @@ pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
         .compression(Some(Compression::Zstd))
         .compression_level(1)
         .compression_threads(0)
-        .chunk_size(Some(1 << 20))
+        // As much as the compressor's window holds at this level: beyond it, matches are searched
+        // in two places, which is slower.
+        .chunk_size(Some(1 << 19))
         .disable_seeking(true)
         .calculate_chunk_crcs(true)
         .library(concat!("morphquad ", env!("CARGO_PKG_VERSION")))

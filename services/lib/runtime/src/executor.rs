@@ -49,6 +49,8 @@ pub struct Executor<S: Service> {
     state_sequence: u64,
     state: Vec<u8>,
     next_index: u64,
+    /// Instant of the next release, which everybody asks for all the time \[ns\].
+    mark_ns: u64,
     previous_ns: Option<u64>,
     counts: StateHeader,
     rescued_waits: u64,
@@ -81,6 +83,7 @@ impl<S: Service> Executor<S> {
             state_sequence: 0,
             state: vec![0; state_size::<S>()],
             next_index: 0,
+            mark_ns: node.rate.release_ns(0),
             previous_ns: None,
             counts: StateHeader { layout_hash: state_layout::<S>(), ..StateHeader::default() },
             rescued_waits: 0,
@@ -107,7 +110,7 @@ impl<S: Service> Executor<S> {
     /// Instant of the next release: everything before it is final \[ns\].
     #[must_use]
     pub fn mark_ns(&self) -> u64 {
-        self.node.rate.release_ns(self.next_index)
+        self.mark_ns
     }
 
     /// Steps run so far.
@@ -122,7 +125,7 @@ impl<S: Service> Executor<S> {
     /// [`RestoreError`] if the state is not one of this build's.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), RestoreError> {
         let header = unpack_state(&mut self.service, &mut self.inputs, &mut self.outputs, state)?;
-        self.next_index = header.release_index + 1;
+        self.go_to(header.release_index + 1);
         self.pending.resumed = Some(header.release_index);
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
@@ -135,7 +138,7 @@ impl<S: Service> Executor<S> {
     /// taken up, not a process restarted.
     pub fn continue_at(&mut self, t_ns: u64) {
         self.pending.resumed = None;
-        self.next_index = self.node.rate.first_at_or_after(t_ns);
+        self.go_to(self.node.rate.first_at_or_after(t_ns));
     }
 
     /// See [`Service::reseed`].
@@ -173,7 +176,12 @@ impl<S: Service> Executor<S> {
         self.publish_stats(&header);
         self.publish_state(&header);
         self.previous_ns = Some(now_ns);
-        self.next_index += 1;
+        self.go_to(self.next_index + 1);
+    }
+
+    fn go_to(&mut self, index: u64) {
+        self.next_index = index;
+        self.mark_ns = self.node.rate.release_ns(index);
     }
 
     /// Leaves out releases up to the last one at or before `t_ns`, keeping that one.
@@ -191,7 +199,7 @@ impl<S: Service> Executor<S> {
         if index > self.next_index {
             self.counts.skipped += index - self.next_index;
             self.pending.skipped_from.get_or_insert(self.next_index);
-            self.next_index = index;
+            self.go_to(index);
         }
     }
 

@@ -128,22 +128,20 @@ impl<T: Sample> Input<T> {
             this.pending.front().is_some_and(|s| this.in_effect(s.sample.header().valid_ns, t_ns))
         };
         while due(self) {
-            let Some(stamped) = self.pending.pop_front() else { return };
+            let Some(stamped) = self.pending.pop_front() else { break };
             let header = stamped.sample.header();
             if previous_ns.is_some_and(|p| self.in_effect(header.valid_ns, p)) {
                 self.counts.late += 1;
             }
-            if let Some(last) = self.latest.as_ref().map(|l| l.sample.header())
-                && last.seat == header.seat
-            {
+            let last = self.fresh.last().or(self.latest.as_ref()).map(|l| l.sample.header());
+            if let Some(last) = last.filter(|last| last.seat == header.seat) {
                 self.counts.lost += header.sequence.saturating_sub(last.sequence + 1);
             }
-            // Samples are large: copied only where something is new.
-            if self.fresh.is_empty() {
-                self.before = self.latest;
-            }
-            self.latest = Some(stamped);
             self.fresh.push(stamped);
+        }
+        // Samples are large: copied only where something is new.
+        if let Some(newest) = self.fresh.last() {
+            self.before = self.latest.replace(*newest);
         }
     }
 

@@ -88,6 +88,28 @@ fn a_source_stays_within_its_lead_of_the_plant() {
     assert!(graph.runnable(pilot, 210_000_000, &marks, u64::MAX));
 }
 
+/// The estimator's mark cannot pass an instant before the plant's has, so the plant need not wake the
+/// controllers; nothing ties the position loop's mark to the plant's.
+#[test]
+fn lockstep_leaves_out_a_wake_up_that_another_is_sure_to_follow() {
+    let graph = Graph::new(nodes(), &|_| 1_000_000).unwrap();
+    let woken = |from, new_ns| {
+        let all: Vec<Role> = graph.wakes(from, 0, new_ns).collect();
+        let enough: Vec<Role> = graph.lockstep_wakes(from, 0, new_ns).collect();
+        assert!(enough.iter().all(|role| all.contains(role)), "{from:?}: {enough:?} of {all:?}");
+        (all, enough)
+    };
+    let (all, enough) = woken(Role::Plant, 2_000_000);
+    assert!(all.contains(&Role::Attitude), "{all:?}");
+    assert_eq!(enough, [Role::Estimator]);
+    let (_, enough) = woken(Role::Estimator, 2_000_000);
+    assert_eq!(enough, [Role::Position, Role::Attitude]);
+    let (_, enough) = woken(Role::Position, 20_000_000);
+    assert!(enough.contains(&Role::Attitude), "{enough:?}");
+    let (_, enough) = woken(Role::Plant, u64::MAX);
+    assert!(enough.contains(&Role::Attitude), "a mark of ever answers for all that follows");
+}
+
 proptest! {
     /// Unblocking is the difference of two permissions, over every release of the consumer.
     #[test]
