@@ -25,6 +25,8 @@ struct Census {
     bytes: u64,
     readings: u64,
     readers: BTreeMap<&'static str, u64>,
+    states: u64,
+    state_bytes: u64,
 }
 
 impl Observer for Census {
@@ -33,6 +35,23 @@ impl Observer for Census {
         self.bytes += size_of::<T>() as u64;
         self.readings += self.readers.get(topic.info.name).copied().unwrap_or(0);
     }
+    fn wants_states(&self) -> bool {
+        true
+    }
+    fn observe_state(&mut self, _role: Role, _header: &Header, state: &[u8]) {
+        self.states += 1;
+        self.state_bytes += state.len() as u64;
+    }
+}
+
+/// Lets the loops pack their states, as processes do, and looks at nothing.
+struct Packing;
+
+impl Observer for Packing {
+    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &T) {}
+    fn wants_states(&self) -> bool {
+        true
+    }
 }
 
 /// One loop's share of a simulated millisecond.
@@ -40,7 +59,6 @@ impl Observer for Census {
 pub(crate) struct Loop {
     pub(crate) role: Role,
     pub(crate) steps_per_ms: f64,
-    pub(crate) states_per_ms: f64,
     /// Inputs taken in, step, outputs stamped, state packed [us].
     pub(crate) step_us: Rounds,
 }
@@ -54,12 +72,15 @@ pub(crate) struct Budget {
     pub(crate) samples_per_ms: f64,
     pub(crate) readings_per_ms: f64,
     pub(crate) bytes_per_ms: f64,
+    pub(crate) states_per_ms: f64,
+    pub(crate) state_bytes_per_ms: f64,
     /// One sample published to a loop and the recorder, and received by the loop [us].
     pub(crate) sample_us: f64,
 }
 
 impl Budget {
-    pub(crate) fn of(plan: Plan, bus: &Bus) -> Result<Self> {
+    /// `sample_us`: see [`sample_us`].
+    pub(crate) fn of(plan: Plan, sample_us: f64) -> Result<Self> {
         let scenario = scenario(plan, SECONDS)?;
         let mut readers = BTreeMap::new();
         for edge in scenario.graph()?.edges() {
@@ -69,60 +90,62 @@ impl Budget {
         let mut flight = InProcess::new(&scenario, StateSource::Estimator, census)?;
         flight.fly_until(u64::MAX)?;
         let per_ms = |count: u64| count as f64 / (SECONDS as f64 * 1e3);
-        let mut loops: Vec<Loop> = flight
-            .progress()
-            .map(|(role, steps, states)| Loop {
-                role,
-                steps_per_ms: per_ms(steps),
-                states_per_ms: per_ms(states),
-                step_us: Rounds::default(),
-            })
-            .collect();
+        let mut loops: Vec<Loop> = Vec::new();
         for _ in 0..ROUNDS {
-            let mut flight = InProcess::new(&scenario, StateSource::Estimator, ())?;
-            for (one, us) in loops.iter_mut().zip(each_step_us(&mut flight)) {
-                one.step_us.add(us);
+            let mut flight = InProcess::new(&scenario, StateSource::Estimator, Packing)?;
+            for (index, (us, steps)) in each_step_us(&mut flight).into_iter().enumerate() {
+                if loops.len() == index {
+                    let role = flight.role(index);
+                    let step_us = Rounds::default();
+                    loops.push(Loop { role, steps_per_ms: per_ms(steps), step_us });
+                }
+                loops[index].step_us.add(us);
             }
         }
-        let [samples_per_ms, readings_per_ms, bytes_per_ms] =
-            flight.seen(|c| [c.samples, c.readings, c.bytes].map(per_ms));
-        let sample_us = sample_us(bus)?;
-        Ok(Self { plan, loops, samples_per_ms, readings_per_ms, bytes_per_ms, sample_us })
+        Ok(flight.seen(|c| Self {
+            plan,
+            loops,
+            samples_per_ms: per_ms(c.samples),
+            readings_per_ms: per_ms(c.readings),
+            bytes_per_ms: per_ms(c.bytes),
+            states_per_ms: per_ms(c.states),
+            state_bytes_per_ms: per_ms(c.state_bytes),
+            sample_us,
+        }))
     }
 
     /// All steps of a simulated millisecond [us].
     pub(crate) fn compute_us(&self) -> f64 {
         self.loops.iter().map(|l| l.steps_per_ms * l.step_us.median()).sum()
     }
-
-    pub(crate) fn states_per_ms(&self) -> f64 {
-        self.loops.iter().map(|l| l.states_per_ms).sum()
-    }
 }
 
-/// Mean time of a step of each loop, the clock's own time taken off [us].
-fn each_step_us(flight: &mut InProcess<()>) -> Vec<f64> {
+/// Mean time of a step of each loop, the clock's own time taken off [us], and the number of steps.
+fn each_step_us(flight: &mut InProcess<Packing>) -> Vec<(f64, u64)> {
     let clock_ns = {
         let start_ns = mono_now_ns();
         (0..1000).for_each(|_| _ = black_box(mono_now_ns()));
         (mono_now_ns() - start_ns) as f64 / 1000.0
     };
-    let count = flight.progress().count();
-    let (mut spent_ns, mut steps) = (vec![0_u64; count], vec![0_u64; count]);
+    let mut spent: Vec<(u64, u64)> = Vec::new();
     loop {
         let next = flight.runnable(u64::MAX).min_by_key(|&index| flight.mark_ns(index));
         let Some(index) = next else { break };
         let start_ns = mono_now_ns();
         flight.step(index);
-        spent_ns[index] += mono_now_ns() - start_ns;
-        steps[index] += 1;
+        let step_ns = mono_now_ns() - start_ns;
+        if spent.len() <= index {
+            spent.resize(index + 1, (0, 0));
+        }
+        spent[index].0 += step_ns;
+        spent[index].1 += 1;
     }
-    let mean = |(ns, steps)| ns as f64 / f64::max(steps as f64, 1.0) - clock_ns;
-    spent_ns.into_iter().zip(steps).map(|pair: (u64, u64)| mean(pair) * 1e-3).collect()
+    let mean_us = |ns: u64, steps: u64| (ns as f64 / f64::max(steps as f64, 1.0) - clock_ns) * 1e-3;
+    spent.into_iter().map(|(ns, steps)| (mean_us(ns, steps), steps)).collect()
 }
 
 /// A sample through shared memory as in flight, without waking anybody [us].
-fn sample_us(bus: &Bus) -> Result<f64> {
+pub(crate) fn sample_us(bus: &Bus) -> Result<f64> {
     let topic = &topics::STATE_ESTIMATE;
     let factory = bus.create_topic(topic)?;
     let mut output = Output::<StateEstimate>::default();

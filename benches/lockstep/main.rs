@@ -115,9 +115,10 @@ fn run(options: &Options) -> Result<()> {
         flown.iter_mut().try_for_each(|f| f.measure(options.seconds))?;
         in_process.iter_mut().try_for_each(|f| f.measure(options.seconds))?;
     }
+    let sample_us = budget::sample_us(&ground.bus)?;
     let budgets = Plan::ALL
         .into_iter()
-        .map(|plan| budget::Budget::of(plan, &ground.bus))
+        .map(|plan| budget::Budget::of(plan, sample_us))
         .collect::<Result<Vec<_>>>()?;
     let report = report::Report { floors, flown, in_process, budgets };
     let text = match options.format {

@@ -80,7 +80,7 @@ impl Report {
         let hops_us = sleeps * self.hop_us();
         let hops = format!("{sleeps:.2} hops of {:.2} us", self.hop_us());
         writeln!(o, "  {:<14}{hops:<36}{hops_us:6.2} us", "wakes")?;
-        let published = budget.samples_per_ms + budget.states_per_ms();
+        let published = budget.samples_per_ms + budget.states_per_ms;
         let more = (published - sleeps).max(0.0);
         let more_us = more * budget.sample_us;
         let text = format!("{more:.2} more of {:.2} us", budget.sample_us);
@@ -91,11 +91,12 @@ impl Report {
         writeln!(o, "  {:<50}{whole_us:6.2} us", "together")?;
         writeln!(
             o,
-            "  counts: {:.2} samples ({:.0} bytes) published, {:.2} received by loops, {:.2} states;\n          {sleeps:.2} sleeps, {:.2} displaced; {:.1} us of all processors",
+            "  counts: {:.2} samples ({:.0} bytes) published, {:.2} received by loops, {:.2} states ({:.0} bytes);\n          {sleeps:.2} sleeps, {:.2} displaced; {:.1} us of all processors",
             budget.samples_per_ms,
             budget.bytes_per_ms,
             budget.readings_per_ms,
-            budget.states_per_ms(),
+            budget.states_per_ms,
+            budget.state_bytes_per_ms,
             flown.displaced.median(),
             flown.cpu_us.median(),
         )?;
@@ -131,13 +132,14 @@ impl Report {
             let loops = b.loops.iter().map(|l| {
                 json!({
                     "role": l.role.label(), "steps_per_ms": l.steps_per_ms,
-                    "states_per_ms": l.states_per_ms, "step_us": rounds(&l.step_us),
+                    "step_us": rounds(&l.step_us),
                 })
             });
             json!({
                 "plan": b.plan.name(), "loops": Value::from_iter(loops),
                 "compute_us_per_ms": b.compute_us(), "samples_per_ms": b.samples_per_ms,
                 "bytes_per_ms": b.bytes_per_ms, "readings_per_ms": b.readings_per_ms,
+                "states_per_ms": b.states_per_ms, "state_bytes_per_ms": b.state_bytes_per_ms,
                 "sample_us": b.sample_us,
             })
         });

@@ -64,15 +64,6 @@ pub struct Node {
     pub miss_policy: MissPolicy,
 }
 
-impl Node {
-    /// True if this is a source and `from` lets it work on by moving its mark.
-    pub(crate) fn is_paced_by(&self, from: Role, old_ns: u64, new_ns: u64) -> bool {
-        // A source works half its lead at a time, so that pacing it costs few wake-ups.
-        let chunk_ns = (self.lead_ns / 2).max(1);
-        self.lead_ns > 0 && from == Role::Plant && old_ns / chunk_ns != new_ns / chunk_ns
-    }
-}
-
 /// One arrow between two loops.
 #[derive(Debug, Clone, Copy)]
 pub struct Edge {

@@ -201,7 +201,10 @@ impl<S: Service> Process<S> {
             self.read_marks(&mut moved);
             self.executor.inputs.receive_if_moved(moved);
             moved = Roles::default();
-            while self.executor.mark_ns() < clock.end_ns && self.may_run(clock.allowed_ns) {
+            let allowed_ns = clock.allowed_ns.min(clock.end_ns);
+            let node = self.executor.node();
+            let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
+            while self.executor.mark_ns() < open_until_ns {
                 let release_mono_ns = mono_now_ns();
                 self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
             }
@@ -300,11 +303,6 @@ impl<S: Service> Process<S> {
         if missing.peek().is_some() {
             self.executor.count_input_deadline_miss(missing);
         }
-    }
-
-    fn may_run(&self, allowed_ns: u64) -> bool {
-        let node = self.executor.node();
-        self.graph.runnable(node, self.executor.mark_ns(), &self.marks, allowed_ns)
     }
 
     fn read_clock(&mut self) -> ClockRecord {

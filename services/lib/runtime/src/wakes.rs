@@ -65,3 +65,12 @@ impl Graph {
         first_not_needed.checked_sub(1).map(|k| rate.release_ns(k))
     }
 }
+
+impl Node {
+    /// True if this is a source and `from` lets it work on by moving its mark.
+    pub(crate) fn is_paced_by(&self, from: Role, old_ns: u64, new_ns: u64) -> bool {
+        // A source works half its lead at a time, so that pacing it costs few wake-ups.
+        let chunk_ns = (self.lead_ns / 2).max(1);
+        self.lead_ns > 0 && from == Role::Plant && old_ns / chunk_ns != new_ns / chunk_ns
+    }
+}
