@@ -109,27 +109,6 @@ impl Edge {
     pub fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
         valid_ns < t_ns || (!self.strict && valid_ns == t_ns)
     }
-
-    /// True if moving the producer's mark from `old_ns` to `new_ns` may unblock a release of the
-    /// consumer: the only case in which it is worth waking.
-    #[must_use]
-    pub fn unblocks(&self, consumer: Rate, old_ns: u64, new_ns: u64) -> bool {
-        self.unblocked(consumer, old_ns, new_ns).next().is_some()
-    }
-
-    /// The releases of the consumer that this arrow permits at mark `new_ns` and not at `old_ns`.
-    pub fn unblocked(
-        &self,
-        consumer: Rate,
-        old_ns: u64,
-        new_ns: u64,
-    ) -> impl Iterator<Item = u64> + use<> {
-        let offset = self.latency_ns + u64::from(self.strict);
-        let end_ns = new_ns.saturating_add(offset);
-        (consumer.first_at_or_after(old_ns.saturating_add(offset))..)
-            .map(move |k| consumer.release_ns(k))
-            .take_while(move |&t_ns| t_ns < end_ns)
-    }
 }
 
 /// Why a flight cannot be wired as asked.

@@ -6,6 +6,7 @@
 //! step without its inputs, no mark implies another, and all of [`Graph::wakes`] are woken.
 
 use crate::graph::{Edge, Graph, Node};
+use crate::rate::Rate;
 use shared_types::Role;
 
 /// Releases looked at; whoever is unblocked for more is woken without looking.
@@ -72,5 +73,28 @@ impl Node {
         // A source works half its lead at a time, so that pacing it costs few wake-ups.
         let chunk_ns = (self.lead_ns / 2).max(1);
         self.lead_ns > 0 && from == Role::Plant && old_ns / chunk_ns != new_ns / chunk_ns
+    }
+}
+
+impl Edge {
+    /// True if moving the producer's mark from `old_ns` to `new_ns` may unblock a release of the
+    /// consumer: the only case in which it is worth waking.
+    #[must_use]
+    pub fn unblocks(&self, consumer: Rate, old_ns: u64, new_ns: u64) -> bool {
+        self.unblocked(consumer, old_ns, new_ns).next().is_some()
+    }
+
+    /// The releases of the consumer that this arrow permits at mark `new_ns` and not at `old_ns`.
+    pub fn unblocked(
+        &self,
+        consumer: Rate,
+        old_ns: u64,
+        new_ns: u64,
+    ) -> impl Iterator<Item = u64> + use<> {
+        let offset = self.latency_ns + u64::from(self.strict);
+        let end_ns = new_ns.saturating_add(offset);
+        (consumer.first_at_or_after(old_ns.saturating_add(offset))..)
+            .map(move |k| consumer.release_ns(k))
+            .take_while(move |&t_ns| t_ns < end_ns)
     }
 }
