@@ -229,7 +229,8 @@ impl<S: Service> Executor<S> {
     /// Does again what a recorded deviation tells of the loop as a whole: releases left out or caught
     /// up, deadlines missed. The other kinds are about samples, which the transport withholds.
     pub fn repeat(&mut self, deviation: &Deviation) {
-        self.next_index += self.pending.repeat(deviation, &mut self.counts);
+        let left_out = self.pending.repeat(deviation, &mut self.counts);
+        self.go_to(self.next_index + left_out);
     }
 
     /// Counts a wait that only its wall-clock limit ended.
