@@ -230,7 +230,7 @@ impl<S: Service> Process<S> {
 
     fn run_realtime(&mut self, wall: WallMap) -> Ending {
         // Connections take a millisecond: they are made in the countdown, not in the first step.
-        self.read_marks();
+        self.read_marks(&mut Roles::default());
         self.executor.inputs.receive();
         loop {
             if let Some(ending) = self.stop_requested() {
