@@ -25,6 +25,11 @@ fn recorder(records: bool) -> &'static str {
     if records { "recording" } else { "no recording" }
 }
 
+/// Real-time factor of a network that only passes samples round, as often as this plan does.
+fn floor_factor(flown: &Flown, floor: &Floor) -> f64 {
+    1e3 / (flown.sleeps.median() * floor.hop_us.median())
+}
+
 impl Report {
     /// Flight from which a plan's switches are taken: one core, no recorder beside it.
     fn reference(&self, plan: Plan) -> Option<&Flown> {
@@ -34,11 +39,6 @@ impl Report {
     fn hop_us(&self) -> f64 {
         let one_core = self.floors.iter().filter(|f| f.cpus.len() == 1);
         one_core.map(|f| f.hop_us.median()).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Real-time factor of a network that only passes samples round, as often as this plan does.
-    fn floor_factor(&self, flown: &Flown, floor: &Floor) -> f64 {
-        1e3 / (flown.sleeps.median() * floor.hop_us.median())
     }
 
     pub(crate) fn text(&self) -> Result<String, Error> {
@@ -106,7 +106,7 @@ impl Report {
                 o,
                 "  bare ring with as many hops, {} on {cores}: {:.0} times real time",
                 floor.waking.name(),
-                self.floor_factor(flown, floor)
+                floor_factor(flown, floor)
             )?;
         }
         Ok(())
@@ -136,7 +136,7 @@ impl Report {
                 })
             });
             json!({
-                "plan": b.plan.name(), "loops": Value::from_iter(loops),
+                "plan": b.plan.name(), "loops": loops.collect::<Value>(),
                 "compute_us_per_ms": b.compute_us(), "samples_per_ms": b.samples_per_ms,
                 "bytes_per_ms": b.bytes_per_ms, "readings_per_ms": b.readings_per_ms,
                 "states_per_ms": b.states_per_ms, "state_bytes_per_ms": b.state_bytes_per_ms,
@@ -144,8 +144,8 @@ impl Report {
             })
         });
         let report = json!({
-            "floor": Value::from_iter(floors), "processes": Value::from_iter(flown),
-            "in_process": Value::from_iter(in_process), "budget": Value::from_iter(budgets),
+            "floor": floors.collect::<Value>(), "processes": flown.collect::<Value>(),
+            "in_process": in_process.collect::<Value>(), "budget": budgets.collect::<Value>(),
         });
         format!("{report}\n")
     }

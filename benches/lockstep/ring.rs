@@ -81,7 +81,7 @@ pub(crate) fn create(bus: &Bus) -> Result<Held> {
 
 /// Waiting for the predecessor and waking the successor.
 enum Wake {
-    Events(Listener<Ipc>, Notifier<Ipc>),
+    Events(Box<(Listener<Ipc>, Notifier<Ipc>)>),
     Runtime(WakeListener, WakeNotifier),
 }
 
@@ -96,19 +96,20 @@ impl Wake {
             Ok(node.service_builder(&name("event", place)?).event().open()?)
         };
         let listener = open(place)?.listener_builder().create()?;
-        Ok(Self::Events(listener, open(next)?.notifier_builder().create()?))
+        let notifier = open(next)?.notifier_builder().create()?;
+        Ok(Self::Events(Box::new((listener, notifier))))
     }
 
     fn wait(&self) {
         match self {
-            Self::Events(listener, _) => drop(listener.timed_wait(|_| {}, WAIT_LIMIT)),
+            Self::Events(ends) => drop(ends.0.timed_wait(|_| {}, WAIT_LIMIT)),
             Self::Runtime(listener, _) => _ = listener.wait(WAIT_LIMIT),
         }
     }
 
     fn wake(&self) {
         match self {
-            Self::Events(_, notifier) => drop(notifier.notify()),
+            Self::Events(ends) => drop(ends.1.notify()),
             Self::Runtime(_, notifier) => notifier.wake(),
         }
     }
