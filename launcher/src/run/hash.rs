@@ -6,7 +6,6 @@
 
 use shared_types::wire::{Field, Visitor, Wire};
 use shared_types::{Header, Sample, TopicInfo};
-use std::collections::BTreeMap;
 
 /// Hashes logical time and physical values of every topic marked for it. Identity, sequence, epoch
 /// and host stamps stay out, so that a swapped controller or another machine gives the same hash.
@@ -36,12 +35,12 @@ pub const MACHINE_FIELDS: [&str; 8] = [
     "author",
 ];
 
-/// Bytes that are hashed at once: enough for the hash to work on several blocks side by side.
-const BATCH: usize = 8 * 1024;
+/// Bytes that are hashed at once: whole subtrees, whose blocks the hash works on side by side.
+const BATCH: usize = 16 * 1024;
 
-/// One hash per topic and seat.
+/// One hash per topic and seat, in the order of their first samples.
 #[derive(Debug, Clone, Default)]
-struct Chains(BTreeMap<(&'static str, u32), Chain>);
+struct Chains(Vec<((&'static str, u32), Chain)>);
 
 #[derive(Debug, Clone, Default)]
 struct Chain {
@@ -51,22 +50,34 @@ struct Chain {
 }
 
 impl Chains {
-    fn add<T: Sample>(&mut self, key: (&'static str, u32), skip: Skip, times: &[u64], sample: &T) {
-        let Chain { hasher, buffer } = self.0.entry(key).or_default();
-        for time_ns in times {
-            buffer.extend_from_slice(&time_ns.to_le_bytes());
-        }
+    fn add<T: Sample>(&mut self, key: (&'static str, u32), skip: Skip, head: &[u64], sample: &T) {
+        let Chain { hasher, buffer } = self.chain(key);
+        append(buffer, head.iter().map(|word| word.to_le_bytes()));
         sample.visit(&mut Feed { out: buffer, skip });
-        if buffer.len() >= BATCH {
-            hasher.update(buffer);
-            buffer.clear();
+        if let Some(batch) = buffer.get(..BATCH) {
+            hasher.update(batch);
+            buffer.drain(..BATCH);
         }
+    }
+
+    fn chain(&mut self, key: (&'static str, u32)) -> &mut Chain {
+        // A topic's name has one address, which is quicker compared than its letters.
+        let same = |(name, seat): &(&'static str, u32)| {
+            *seat == key.1 && (core::ptr::eq(*name, key.0) || *name == key.0)
+        };
+        let at = self.0.iter().position(|(known, _)| same(known)).unwrap_or_else(|| {
+            self.0.push((key, Chain::default()));
+            self.0.len() - 1
+        });
+        &mut self.0[at].1
     }
 
     /// 128 bits over all chains as hexadecimal.
     fn hex(&self) -> String {
         let mut all = blake3::Hasher::new();
-        for ((name, seat), Chain { hasher, buffer }) in &self.0 {
+        let mut chains: Vec<_> = self.0.iter().collect();
+        chains.sort_by_key(|(key, _)| *key);
+        for ((name, seat), Chain { hasher, buffer }) in chains {
             all.update(name.as_bytes());
             // Seat 0, the only one of most topics, is understood.
             if *seat != 0 {
@@ -75,6 +86,15 @@ impl Chains {
             all.update(hasher.clone().update(buffer).finalize().as_bytes());
         }
         all.finalize().to_hex().as_str()[..32].to_owned()
+    }
+}
+
+/// Appends words; room for all of them is made once.
+fn append(out: &mut Vec<u8>, words: impl ExactSizeIterator<Item = [u8; 8]>) {
+    let at = out.len();
+    out.resize(at + 8 * words.len(), 0);
+    for (slot, word) in out[at..].as_chunks_mut::<8>().0.iter_mut().zip(words) {
+        *slot = word;
     }
 }
 
@@ -88,11 +108,11 @@ struct Feed<'a> {
 
 impl Visitor for Feed<'_> {
     fn f64s(&mut self, _field: &'static Field, values: &[f64]) {
-        self.out.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        append(self.out, values.iter().map(|value| value.to_le_bytes()));
     }
     fn u64s(&mut self, field: &'static Field, values: &[u64]) {
         if !(self.skip)(field.name) {
-            self.out.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+            append(self.out, values.iter().map(|value| value.to_le_bytes()));
         }
     }
     fn bytes(&mut self, _field: &'static Field, values: &[u8]) {
@@ -125,8 +145,11 @@ impl FlightHash {
 impl LogHash {
     /// Adds a sample; per topic and seat they must come in sequence.
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
-        let skip = |name: &str| MACHINE_FIELDS.contains(&name);
-        self.0.add((topic.name, sample.header().seat), skip, &[], sample);
+        // All of the header that is not the machine's, without comparing names sample by sample.
+        let Header { sequence, release_ns, valid_ns, cause_sequence, seat, .. } = *sample.header();
+        let head = [sequence, release_ns, valid_ns, cause_sequence, seat.into()];
+        let skip = |name: &str| name == "header" || MACHINE_FIELDS.contains(&name);
+        self.0.add((topic.name, seat), skip, &head, sample);
     }
 
     /// 128 bits as hexadecimal.
