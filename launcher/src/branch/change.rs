@@ -8,8 +8,9 @@ use thiserror::Error;
 
 /// Keys, or sections, that a flight cannot be taken up with, and why. Everything else takes effect
 /// at the branch, unless a component refuses its memory under it.
-const FIXED: [(&str, &str); 11] = [
+const FIXED: [(&str, &str); 12] = [
     ("start", "is where the flight began, and it is in the air"),
+    ("scenario.seed", "is changed by --seed, or --seeds for many branches"),
     ("scenario.clock", "is lockstep in a branch, whose flight is in one process"),
     ("scenario.speed", "does nothing in a branch, which flies as fast as it can"),
     ("realtime", "does nothing in a branch, which flies in lockstep"),
@@ -150,7 +151,13 @@ mod tests {
 
     #[test]
     fn what_lies_behind_cannot_be_changed_neither_by_key_nor_by_section() {
-        for setting in ["start.yaw_deg=3", "start={}", "plant.imu={}", "plant.imu.rate_hz=5"] {
+        for setting in [
+            "scenario.seed=9",
+            "start.yaw_deg=3",
+            "start={}",
+            "plant.imu={}",
+            "plant.imu.rate_hz=5",
+        ] {
             assert!(matches!(refuse_fixed(setting), Err(ChangeError::Fixed { .. })), "{setting}");
         }
         for setting in ["startle=1", "plant.imu.noise_free=true", "vehicle.mass_kg=1"] {

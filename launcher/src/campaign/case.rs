@@ -1,6 +1,10 @@
 //! One flight of many: what is changed in the scenario, and the command that flies it again.
 
+use crate::scenario::settings::Clock;
 use crate::scenario::{Override, Scenario, ScenarioError};
+
+/// The clock of every case, whatever the scenario says.
+const LOCKSTEP: &str = "lockstep";
 
 /// One parameter with the values that it takes.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -54,6 +58,7 @@ impl Base {
         let set = self.set.iter().map(|setting| Override::set(setting));
         let mut edits = set.collect::<Result<Vec<_>, _>>()?;
         edits.extend(own);
+        edits.push(Override::clock(LOCKSTEP));
         Scenario::from_text(&self.name, &self.text, &edits)
     }
 
@@ -65,6 +70,11 @@ impl Base {
             words.extend(["--set".to_owned(), quoted(&setting)]);
         }
         words.push(format!("--seed {}", case.seed));
+        // Lockstep is what a scenario flies in unless it says otherwise itself.
+        let own = Scenario::from_text(&self.name, &self.text, &[]);
+        if own.is_ok_and(|scenario| scenario.settings().scenario.clock == Clock::Realtime) {
+            words.push(format!("--clock {LOCKSTEP}"));
+        }
         words.join(" ")
     }
 }
@@ -130,5 +140,16 @@ mod tests {
             base.command(&axes(), &case),
             r#"morphquad run 'a b.toml' --set vehicle.mass_kg=0.5 --set 'pilot.yaw="fi'\''xed"' --seed 3"#
         );
+    }
+
+    #[test]
+    fn a_scenario_in_realtime_is_flown_in_lockstep_here_and_by_its_command() {
+        let text = crate::scenario::shipped::text("hover").unwrap();
+        let text = text.replace("clock = \"lockstep\"", "clock = \"realtime\"");
+        let base = Base { name: "hover.toml".into(), text, set: Vec::new() };
+        let case = Case { seed: 3, values: Vec::new() };
+        let scenario = base.scenario(&[], &case).unwrap();
+        assert_eq!(scenario.settings().scenario.clock, Clock::Lockstep);
+        assert_eq!(base.command(&[], &case), "morphquad run hover.toml --seed 3 --clock lockstep");
     }
 }

@@ -15,6 +15,15 @@ use toml::{Spanned, Value};
 /// Cases of the largest campaign.
 const MAX_CASES: usize = 10_000_000;
 
+/// Keys, or sections, that a case does not take from `[set]` or `[grid]`, and what does instead.
+const ELSEWHERE: [(&str, &str); 5] = [
+    ("scenario.seed", "seeds are given with `seeds = ...`"),
+    ("scenario.clock", "the flights of a campaign are in one process, which knows lockstep only"),
+    ("scenario.speed", "the flights of a campaign go as fast as they can"),
+    ("realtime", "it does nothing in lockstep, and a campaign flies in lockstep"),
+    ("launcher", "it does nothing in a campaign, whose flights have no processes"),
+];
+
 /// What a campaign flies.
 #[derive(Debug, Clone)]
 pub struct Plan {
@@ -88,6 +97,9 @@ impl Plan {
             reader.error(error.message(), remedy, error.span())
         })?;
         let mut axes = Vec::new();
+        for (key, value) in document.set.iter().chain(&document.grid) {
+            reader.refuse_elsewhere(key, value)?;
+        }
         for (key, value) in &document.grid {
             reader.axes(key, value.get_ref(), &value.span(), &mut axes)?;
         }
@@ -126,6 +138,24 @@ impl Reader<'_> {
             source_code: Arc::new(NamedSource::new(self.name.clone(), self.text.to_owned())),
             span: span.map(SourceSpan::from),
         }
+    }
+
+    fn refuse_elsewhere(&self, key: &str, value: &Spanned<Value>) -> Result<(), FileError> {
+        let mut found = None;
+        leaves(key, value.get_ref(), &mut |leaf, _| {
+            let is = |outer: &str| {
+                leaf.strip_prefix(outer)
+                    .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+            };
+            found = found.or_else(|| ELSEWHERE.iter().find(|(outer, _)| is(outer)));
+        });
+        found.map_or(Ok(()), |(key, reason)| {
+            Err(self.error(
+                format!("{key} cannot vary here: {reason}"),
+                "leave it away",
+                Some(value.span()),
+            ))
+        })
     }
 
     /// A shipped scenario by name, or a file beside the campaign's.
@@ -258,6 +288,9 @@ mod tests {
             ("scenario = \"hover\"\nseeds = [1, -2]", "-2"),
             ("scenario = \"hover\"\nseeds = []", "no seeds"),
             ("scenario = \"hover\"\n[grid]\n\"plant.rate_hz\" = 5", "plant.rate_hz"),
+            ("scenario = \"hover\"\n[set]\nscenario.clock = \"realtime\"", "scenario.clock"),
+            ("scenario = \"hover\"\n[grid]\n\"scenario.seed\" = [1, 2]", "scenario.seed"),
+            ("scenario = \"hover\"\n[set]\n\"realtime.priority\" = 5", "realtime"),
             ("scenario = \"hover\"\n[grid]\n\"plant.rate_hz\" = \"1..2\"", "1..2"),
             ("scenario = \"hover\"\nseeds = \"0..99999\"\n[grid]\na.b = \"0..1/1000\"", "cases"),
         ] {

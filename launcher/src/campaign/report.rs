@@ -95,9 +95,10 @@ pub fn spread(flown: &[(Case, Outcome)], heading: &str) -> Option<[f64; 3]> {
         flown.iter().filter_map(|(_, outcome)| outcome.cell(heading).number()).collect();
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)?;
+    let median = f64::midpoint(values[last / 2], values[values.len() / 2]);
     // The smallest value that so many per cent do not exceed.
-    let at = |percent: usize| values[(values.len() * percent).div_ceil(100).max(1) - 1];
-    Some([at(50), at(95), values[last]])
+    let at_95 = values[(values.len() * 95).div_ceil(100) - 1];
+    Some([median, at_95, values[last]])
 }
 
 /// Columns told over all cases, with a factor for display and a unit.
@@ -230,7 +231,7 @@ mod tests {
         let [(_, flown_well), _, (_, lost), (_, refused), (_, failed)] = counts(&flown());
         assert_eq!([flown_well, lost, refused, failed], [2, 1, 1, 0]);
         assert_eq!((exit_code(&flown()), exit_code(&flown()[3..])), (exit::PASS, exit::USAGE));
-        assert_eq!(spread(&flown(), "position_max_m"), Some([0.1, 0.6, 0.6]));
+        assert_eq!(spread(&flown(), "position_max_m"), Some([0.3, 0.6, 0.6]));
         assert_eq!(spread(&flown(), "settling_s"), None);
     }
 

@@ -203,7 +203,7 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
         }
         if let Some(checkpoint) = self.from {
             let role = self.node.role;
-            let restored = checkpoint.state(role).map_or(Ok(()), |state| executor.restore(state));
+            let restored = checkpoint.state(role).map_or(Ok(()), |state| executor.take_up(state));
             restored.map_err(|error| InProcessError::Restore { role: role.label(), error })?;
             if let Some(at_ns) = checkpoint.exact_ns() {
                 executor.continue_at(at_ns);

@@ -48,7 +48,7 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     let end = fly(&mut flight, options, &stop, 0);
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
-    let ended = Ended { id, path, wall_ns, flown_ns, end };
+    let ended = Ended { id, path, wall_ns, from_ns: 0, flown_ns, end };
     sum_up(flight.seen(core::mem::take), options, ended)
 }
 
@@ -88,7 +88,7 @@ pub fn run_branch(
     let end = fly(&mut flight, options, &stop, branch.at_ns());
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
-    let ended = Ended { id, path, wall_ns, flown_ns, end };
+    let ended = Ended { id, path, wall_ns, from_ns: branch.at_ns(), flown_ns, end };
     let (consumers, mut compare) = flight.seen(core::mem::take);
     compare.finish(flown_ns);
     let summary = sum_up(consumers, options, ended)?;
@@ -109,6 +109,7 @@ struct Ended {
     id: String,
     path: Option<PathBuf>,
     wall_ns: u64,
+    from_ns: u64,
     flown_ns: u64,
     end: Result<End, InProcessError>,
 }
@@ -120,13 +121,14 @@ fn sum_up(
 ) -> Result<Summary, RunError> {
     let scenario = &options.scenario;
     let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
-    let Ended { id, path, wall_ns, flown_ns, end } = ended;
+    let Ended { id, path, wall_ns, from_ns, flown_ns, end } = ended;
     consumers.metrics.finish();
     let mut summary = Summary {
         run_id: id,
         scenario: scenario.settings().scenario.name.clone(),
         clock: ClockMode::Lockstep,
         seed: scenario.settings().scenario.seed,
+        from_ns,
         flown_ns,
         planned_ns: scenario.duration_ns(),
         wall_ns,

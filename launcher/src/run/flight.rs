@@ -339,6 +339,7 @@ impl Flight {
             scenario: options.scenario.settings().scenario.name.clone(),
             clock: self.conductor.mode(),
             seed: options.scenario.settings().scenario.seed,
+            from_ns: 0,
             flown_ns,
             planned_ns: options.scenario.duration_ns(),
             wall_ns,

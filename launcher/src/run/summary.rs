@@ -23,6 +23,8 @@ pub struct Summary {
     pub clock: ClockMode,
     /// Seed of every noise source.
     pub seed: u64,
+    /// Logical time at which the flight was taken up, 0 unless it is a branch \[ns\].
+    pub from_ns: u64,
     /// Logical time through which every loop is complete \[ns\].
     pub flown_ns: u64,
     /// Logical time planned \[ns\].
@@ -122,7 +124,7 @@ impl Summary {
     /// Logical seconds per wall second.
     #[must_use]
     pub fn real_time_factor(&self) -> f64 {
-        self.flown_ns as f64 / self.wall_ns.max(1) as f64
+        self.flown_ns.saturating_sub(self.from_ns) as f64 / self.wall_ns.max(1) as f64
     }
 
     /// Key figures as text, for the recording and for machines.
@@ -172,8 +174,13 @@ impl Summary {
             .to_metadata()
             .into_iter()
             .map(|(key, text)| {
-                let number = text.parse::<f64>().ok().filter(|_| !key.ends_with("hash"));
-                (key, number.map_or_else(|| text.into(), Into::into))
+                let value = match (text.parse::<u64>(), text.parse::<f64>()) {
+                    _ if key.ends_with("hash") => text.into(),
+                    (Ok(count), _) => count.into(),
+                    (_, Ok(number)) => number.into(),
+                    _ => text.into(),
+                };
+                (key, value)
             })
             .collect();
         object.insert("misses".to_owned(), self.metrics.misses().to_json());
@@ -275,9 +282,13 @@ impl Summary {
             self.seed,
             self.verdict()
         )?;
+        let from = match self.from_ns {
+            0 => String::new(),
+            from_ns => format!(", from {:.3} s on", from_ns as f64 * 1e-9),
+        };
         writeln!(
             out,
-            "  {:.3} s flown of {:.3} s in {:.2} s ({:.1}x real time)",
+            "  {:.3} s flown of {:.3} s{from} in {:.2} s ({:.1}x real time)",
             self.flown_ns as f64 * 1e-9,
             self.planned_ns as f64 * 1e-9,
             self.wall_ns as f64 * 1e-9,

@@ -134,10 +134,20 @@ impl<S: Service> Executor<S> {
         Ok(())
     }
 
-    /// Continues at the first release at or after `t_ns`, whatever grid the state came from: a flight
-    /// taken up, not a process restarted.
-    pub fn continue_at(&mut self, t_ns: u64) {
+    /// Takes a flight up from a published state: as [`restore`](Self::restore), but within one life of
+    /// the process, so that nothing tells of a restart.
+    ///
+    /// # Errors
+    /// [`RestoreError`] if the state is not one of this build's.
+    pub fn take_up(&mut self, state: &[u8]) -> Result<(), RestoreError> {
+        self.restore(state)?;
         self.pending.resumed = None;
+        self.deviations.resume_after(self.counts.deviation_sequence);
+        Ok(())
+    }
+
+    /// Continues at the first release at or after `t_ns`, whatever grid the state came from.
+    pub fn continue_at(&mut self, t_ns: u64) {
         self.go_to(self.node.rate.first_at_or_after(t_ns));
     }
 
@@ -152,6 +162,7 @@ impl<S: Service> Executor<S> {
         self.previous_ns?;
         self.counts.state_sequence = self.state_sequence;
         self.counts.stats_sequence = self.stats.sequence();
+        self.counts.deviation_sequence = self.deviations.sequence();
         pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
         Some(&self.state)
     }
@@ -297,6 +308,7 @@ impl<S: Service> Executor<S> {
         self.state_sequence += 1;
         self.counts.state_sequence = self.state_sequence;
         self.counts.stats_sequence = self.stats.sequence();
+        self.counts.deviation_sequence = self.deviations.sequence();
         pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
         let header =
             Header { sequence: self.state_sequence, valid_ns: header.release_ns, ..*header };

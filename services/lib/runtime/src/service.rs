@@ -61,6 +61,8 @@ shared_types::memory! {
         pub state_sequence: u64,
         /// Sequence of the last loop statistics.
         pub stats_sequence: u64,
+        /// Sequence of the last deviation that this life of the process has told.
+        pub deviation_sequence: u64,
     }
 }
 
