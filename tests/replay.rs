@@ -13,7 +13,7 @@ use launcher::scenario::{Override, Scenario, shipped};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tempfile::TempDir;
 
@@ -179,9 +179,11 @@ fn one_changed_bit_is_found_and_named() {
     let middle = bytes.len() / 2;
     bytes[middle] ^= 0x10;
     fs::write(&copy, bytes).expect("a copy");
-    let said = replay(&copy, &["--verify"]);
-    assert_eq!(said.code, Some(1), "{}", said.json);
-    assert!(said.stderr.contains("is damaged near byte"), "{}", said.stderr);
+    for flags in [["--verify"], ["--hash"]] {
+        let said = replay(&copy, &flags);
+        assert_eq!(said.code, Some(2), "{}", said.json);
+        assert!(said.stderr.contains("is damaged near byte"), "{}", said.stderr);
+    }
 }
 
 #[test]
@@ -231,11 +233,90 @@ fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
     assert_eq!(verify["complete"], false);
     let said = replay(&cut, &["--hash"]);
     assert_eq!((said.code, &said.json["hashes"]["stored_hash"]), (Some(1), &Value::Null));
+    assert_eq!(said.json["hashes"]["agree"], Value::Null);
+
+    // Flown on from before the cut, it is compared as far as the file goes.
+    let branch = replay(&cut, &["--branch", "@100ms"]);
+    let told = &branch.json["branch"];
+    assert_eq!((branch.code, &told["identical"]), (Some(0), &true.into()), "{told}");
+    assert_eq!(told["complete"], false, "{told}");
+    let to_s = told["compared_to_s"].as_f64();
+    assert!(to_s > Some(0.1) && to_s < Some(2.0), "{told}");
 
     // So near to the start that nothing can be told is no success.
     fs::write(&cut, &bytes[..bytes.len() / 40]).expect("a copy");
     let said = replay(&cut, &["--verify"]);
     assert_eq!((said.code, &said.json["verify"]["identical"]), (Some(1), &false.into()));
+}
+
+#[test]
+fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_flight() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--in-process", "--for", "1s"]);
+    let folder = TempDir::new().expect("a folder");
+    let record = ["--record", folder.path().to_str().expect("a path")];
+    let branch = |flags: &[&str]| {
+        let said =
+            replay(&flown.recording_path(), &[&["--branch", "@600ms"], flags, &record].concat());
+        assert_eq!(said.code, Some(0), "{}", said.stderr);
+        PathBuf::from(said.json["recording"].as_str().expect("a recording"))
+    };
+    assert_identical(&branch(&[]));
+    assert_identical(&branch(&["--for", "1200ms"]));
+
+    let changed = branch(&["--set", "plant.mismatch.mass_scale=1.1"]);
+    assert_eq!(replay(&changed, &["--hash"]).code, Some(0));
+    for flags in [&["--verify"][..], &["--branch", "@300ms"], &["--branch", "@601"]] {
+        let said = replay(&changed, flags);
+        assert_eq!((said.code, said.json), (Some(2), Value::Null), "{}", said.stderr);
+        // The terminal's width breaks lines between words.
+        let words = said.stderr.replace(['\n', '│', '×'], " ");
+        let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+        for part in [flown.word("run"), "at 0.6 s", "plant.mismatch.mass_scale=1.1"] {
+            assert!(words.contains(part), "{part}: {words}");
+        }
+    }
+    assert_eq!(replay(&changed, &["--branch", "@900ms"]).code, Some(0));
+}
+
+#[test]
+fn a_pipe_is_refused_by_name_and_not_waited_for() {
+    let folder = TempDir::new().expect("a folder");
+    let pipe = folder.path().join("pipe.mcap");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("mkfifo").success());
+    for flags in [&["--verify"][..], &["--branch", "@1s"]] {
+        let said = replay(&pipe, flags);
+        assert_eq!(said.code, Some(2), "{}", said.stderr);
+        assert!(said.stderr.contains("pipe.mcap"), "{}", said.stderr);
+    }
+    let output = morphquad(["campaign"]).arg(&pipe).output().expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("pipe.mcap"), "{said}");
+}
+
+#[test]
+fn flags_of_one_mode_are_refused_in_another() {
+    let file = Path::new("none.mcap");
+    for mode in [&["--verify"][..], &["--hash"], &["--with", "attitude-mpc"]] {
+        for flag in [
+            ["--seeds", "0..3"],
+            ["--sweep", "vehicle.mass_kg=1..2/3"],
+            ["--record", "folder"],
+            ["--seed", "3"],
+            ["--for", "3s"],
+            ["--swap", "attitude=attitude-mpc"],
+            ["--out", "folder"],
+        ] {
+            let said = replay(file, &[mode, &flag].concat());
+            assert_eq!(said.code, Some(2), "{}", said.stderr);
+            assert!(said.stderr.contains(flag[0]), "{mode:?} {flag:?}: {}", said.stderr);
+        }
+    }
+    let said = replay(file, &["--hash", "--service", "plant"]);
+    assert_eq!(said.code, Some(2));
+    assert!(said.stderr.contains("--service"), "{}", said.stderr);
 }
 
 #[test]

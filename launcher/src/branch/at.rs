@@ -4,7 +4,7 @@ use core::fmt;
 use core::str::FromStr;
 use runtime::Rate;
 
-/// `@1234`, a tick of the plant, or `@12.5s`, a time.
+/// `@1234`, a tick of the plant, or `@12.5s` or `@500ms`, a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum At {
     /// Release of this index of the plant.
@@ -42,7 +42,8 @@ impl FromStr for At {
         if at.bytes().all(|byte| byte.is_ascii_digit()) {
             return at.parse().map(Self::Tick).map_err(|_| wrong());
         }
-        let time = at.strip_suffix('s').and_then(|s| s.parse::<f64>().ok());
+        let seconds = at.strip_suffix('s').and_then(|s| s.parse::<f64>().ok());
+        let time = seconds.or_else(|| Some(humantime::parse_duration(at).ok()?.as_secs_f64()));
         match time {
             Some(t_s) if (0.0..=1e6).contains(&t_s) => {
                 #[expect(
@@ -66,6 +67,7 @@ mod tests {
     fn ticks_are_numbers_and_times_end_in_s() {
         assert_eq!("@1234".parse(), Ok(At::Tick(1234)));
         assert_eq!("@12.5s".parse(), Ok(At::Time(12_500_000_000)));
+        assert_eq!("@500ms".parse(), Ok(At::Time(500_000_000)));
         assert_eq!("@0".parse(), Ok(At::Tick(0)));
         let plant = Rate::from_hz(1000.0).ok();
         assert_eq!(At::Tick(1234).instant_ns(plant), 1_234_000_000);

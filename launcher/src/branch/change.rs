@@ -91,6 +91,12 @@ impl Change {
         self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_crew
     }
 
+    /// True if steps may differ from those recorded; a flight that only ends elsewhere has the same.
+    #[must_use]
+    pub fn changes_steps(&self) -> bool {
+        !Self { duration: None, ..self.clone() }.is_none()
+    }
+
     /// Who flies from the branch on.
     pub(super) fn crew(&self) -> Result<Crew, ChangeError> {
         let mut crew = Crew::default();

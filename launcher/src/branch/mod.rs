@@ -18,7 +18,8 @@ use crate::in_process::{
 };
 use crate::scenario::Scenario;
 use miette::Diagnostic;
-use shared_types::{Role, topics};
+use runtime::graph::CREDIT_NS;
+use shared_types::{ClockMode, Role, topics};
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -34,7 +35,9 @@ pub struct Branch {
 #[derive(Debug, Error, Diagnostic)]
 pub enum BranchError {
     /// The instant is not in the flight.
-    #[error("the flight was recorded up to {recorded_s} s, and the branch is to begin at {at_s} s")]
+    #[error(
+        "the flight is completely recorded up to {recorded_s} s, and the branch is to begin at {at_s} s"
+    )]
     #[diagnostic(help(
         "name an instant before its end: --branch @12.5s, or @1234 for a plant tick"
     ))]
@@ -45,12 +48,16 @@ pub enum BranchError {
         recorded_s: f64,
     },
     /// Not the flight that was recorded.
-    #[error("flown again from the states before the branch, the flight is another one: {0}")]
-    #[diagnostic(help(
-        "a realtime flight with misses cannot be repeated in lockstep there: branch at another \
-         instant, or from a lockstep recording"
-    ))]
-    NotRepeated(Difference),
+    #[error(
+        "flown again from the states before the branch, the flight is another one: {difference}"
+    )]
+    #[diagnostic(help("{remedy}"))]
+    NotRepeated {
+        /// Where it departs first.
+        difference: Difference,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A change that cannot be made.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -64,16 +71,30 @@ pub enum BranchError {
     Flight(#[from] InProcessError),
 }
 
+/// Why a realtime flight may not be repeated.
+const REALTIME: &str = "a realtime flight with misses cannot be repeated in lockstep there: branch at \
+                        another instant, or from a lockstep recording";
+/// Why any other may not.
+const OTHER_BUILD: &str = "the recording was changed or is of a build that flies otherwise: \
+                           `morphquad replay FILE --verify` says where";
+
 impl Branch {
-    /// Takes a flight up at `at`.
+    /// Takes a flight up at `at`; not `complete` if its recording ends early.
     ///
     /// # Errors
     /// [`BranchError`].
-    pub fn prepare(scenario: Scenario, tape: Arc<Tape>, at: At) -> Result<Self, BranchError> {
+    pub fn prepare(
+        scenario: Scenario,
+        tape: Arc<Tape>,
+        complete: bool,
+        at: At,
+    ) -> Result<Self, BranchError> {
         let graph = scenario.graph().map_err(InProcessError::from)?;
         let at_ns = at.instant_ns(graph.node(Role::Plant).map(|plant| plant.rate));
         let last = tape.samples(&topics::TRUTH).last();
-        let recorded_ns = last.map_or(0, |truth| truth.header.release_ns + 1);
+        let end_ns = last.map_or(0, |truth| truth.header.release_ns + 1);
+        // The recorder takes the topics in turn: at a cut, one may be this far behind another.
+        let recorded_ns = if complete { end_ns } else { end_ns.saturating_sub(CREDIT_NS) };
         if at_ns >= recorded_ns {
             let (at_s, recorded_s) = (at_ns as f64 * 1e-9, recorded_ns as f64 * 1e-9);
             return Err(BranchError::Beyond { at_s, recorded_s });
@@ -83,7 +104,10 @@ impl Branch {
         let mut flight = InProcess::resume(&scenario, Crew::default(), compare, &before)?;
         flight.fly_until(at_ns)?;
         if let Some(difference) = flight.seen(|compare| compare.verdict().1.cloned()) {
-            return Err(BranchError::NotRepeated(difference));
+            let realtime =
+                ClockMode::from(scenario.settings().scenario.clock) == ClockMode::Realtime;
+            let remedy = if realtime { REALTIME } else { OTHER_BUILD };
+            return Err(BranchError::NotRepeated { difference, remedy });
         }
         let checkpoint = flight.checkpoint(tape, at_ns);
         Ok(Self { scenario, checkpoint, recorded_ns })
@@ -189,18 +213,19 @@ mod tests {
     fn taken_up_between_any_two_steps_it_is_the_same_flight() {
         let (scenario, hash, tape) = record("figure8-morph", Duration::from_millis(1500));
         for at_ns in [0, 1, 1_000_000, 333_333_333, 500_000_000, 789_012_345, 1_498_999_999] {
-            let branch = Branch::prepare(scenario.clone(), Arc::clone(&tape), At::Time(at_ns));
+            let branch =
+                Branch::prepare(scenario.clone(), Arc::clone(&tape), true, At::Time(at_ns));
             let branch = branch.unwrap();
             assert_eq!(fly(&branch, &Change::default()), (hash.clone(), None), "{at_ns}");
         }
-        let beyond = Branch::prepare(scenario, tape, At::Time(1_500_000_000)).unwrap_err();
+        let beyond = Branch::prepare(scenario, tape, true, At::Time(1_500_000_000)).unwrap_err();
         assert!(matches!(beyond, BranchError::Beyond { .. }));
     }
 
     #[test]
     fn a_change_departs_from_the_tape_at_the_branch_and_not_before() {
         let (scenario, hash, tape) = record("hover", Duration::from_secs(1));
-        let branch = Branch::prepare(scenario, tape, At::Tick(612)).unwrap();
+        let branch = Branch::prepare(scenario, tape, true, At::Tick(612)).unwrap();
         let set = vec!["plant.mismatch.mass_scale=1.2".to_owned()];
         let (other, first) = fly(&branch, &Change { set, ..Change::default() });
         assert_ne!(other, hash);

@@ -70,6 +70,14 @@ pub struct FileError {
     span: Option<SourceSpan>,
 }
 
+/// Text of a file; nothing else is opened, since to open a pipe is to wait for its writer.
+fn read_file(path: &Path) -> std::io::Result<String> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(std::io::Error::other("it is no file but a folder, pipe or device"));
+    }
+    std::fs::read_to_string(path)
+}
+
 impl Plan {
     /// Reads a campaign's file.
     ///
@@ -77,7 +85,7 @@ impl Plan {
     /// [`FileError`]: unreadable, no TOML, an unknown key, an impossible range.
     pub fn load(path: &Path) -> Result<Self, FileError> {
         let name = path.display().to_string();
-        match std::fs::read_to_string(path) {
+        match read_file(path) {
             Ok(text) => Self::from_text(path, &text),
             Err(error) => Err(FileError {
                 what: format!("cannot read `{name}`: {error}"),
@@ -170,7 +178,7 @@ impl Reader<'_> {
             return Ok(Base { name, text: text.to_owned(), set });
         }
         let beside = path.parent().unwrap_or(Path::new("")).join(&name);
-        match std::fs::read_to_string(&beside) {
+        match read_file(&beside) {
             Ok(text) => Ok(Base { name: beside.display().to_string(), text, set }),
             Err(error) => {
                 let known = shipped::names().collect::<Vec<_>>().join(", ");

@@ -6,12 +6,14 @@ use crate::branch::sweep::{Interrupted, Sweep};
 use crate::branch::{At, Branch, BranchError, Change};
 use crate::campaign::{Axis, Case, Outcome, quoted, report, values};
 use crate::exit;
-use crate::in_process::{Difference, Tape};
+use crate::in_process::{Difference, InProcessError, Tape};
+use crate::record::Branched;
 use crate::record::read::{ReadError, RecordedFlight};
 use crate::results::{ResultsError, ResultsFolder};
-use crate::run::{Branched, Pin, RunError, RunOptions, Speed, run_branch};
+use crate::run::{self, Pin, RunError, RunOptions, Speed, run_branch};
 use miette::Diagnostic;
 use runtime::watch::StopFlags;
+use shared_types::Role;
 use std::io::{self, IsTerminal as _, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -25,6 +27,12 @@ enum Trouble {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Branch(#[from] BranchError),
+    #[error("{file} is {branched}; at {at_s} s it cannot be taken up with the changed scenario")]
+    #[diagnostic(help(
+        "branch from the recording of run {}, or here at an instant after {} s by which every loop \
+         has published its state", branched.parent_run, branched.at_ns as f64 * 1e-9
+    ))]
+    Branched { file: String, branched: Branched, at_s: f64 },
     #[error(transparent)]
     Run(#[from] RunError),
     #[error(transparent)]
@@ -45,7 +53,9 @@ enum Trouble {
 impl Trouble {
     fn exit_code(&self) -> u8 {
         match self {
-            Self::Read(_) | Self::Branch(_) | Self::Argument { .. } => exit::USAGE,
+            Self::Read(_) | Self::Branch(_) | Self::Branched { .. } | Self::Argument { .. } => {
+                exit::USAGE
+            }
             Self::Interrupted | Self::Run(RunError::Interrupted) => exit::INTERRUPTED,
             _ => exit::UNFIT,
         }
@@ -75,17 +85,44 @@ pub(super) fn run(
     }
 }
 
-fn prepare(file: &Path, at: At) -> Result<(Branch, String), Trouble> {
+/// A branch and the recording that it is of.
+struct Prepared {
+    branch: Branch,
+    run: String,
+    /// The change with which the recording was flown in its turn.
+    branched: Option<Branched>,
+    /// False if the file ends early.
+    complete: bool,
+}
+
+fn prepare(file: &Path, at: At) -> Result<Prepared, Trouble> {
     let recorded = RecordedFlight::open(file)?;
+    let branched = recorded.branched().cloned();
+    let graph = recorded.scenario().graph().map_err(InProcessError::from);
+    let graph = graph.map_err(BranchError::from)?;
+    let at_ns = at.instant_ns(graph.node(Role::Plant).map(|plant| plant.rate));
+    let refused = |branched: &Branched| {
+        let file = file.display().to_string();
+        Trouble::Branched { file, branched: branched.clone(), at_s: at_ns as f64 * 1e-9 }
+    };
+    if let Some(branched) = branched.as_ref().filter(|branched| at_ns < branched.at_ns) {
+        return Err(refused(branched));
+    }
     let mut tape = Tape::default();
-    recorded.visit(&mut tape)?;
+    let complete = recorded.visit(&mut tape)?.complete;
     let run = recorded.facts().get("run_id").cloned().unwrap_or_default();
-    Ok((Branch::prepare(recorded.scenario().clone(), Arc::new(tape), at)?, run))
+    let scenario = recorded.scenario().clone();
+    match (Branch::prepare(scenario, Arc::new(tape), complete, at), &branched) {
+        (Ok(branch), _) => Ok(Prepared { branch, run, branched, complete }),
+        // Its last states are still of the time before the change.
+        (Err(BranchError::NotRepeated { .. }), Some(branched)) => Err(refused(branched)),
+        (Err(error), _) => Err(error.into()),
+    }
 }
 
 fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let arguments = &replay.branch;
-    let (branch, run) = prepare(&replay.file, at)?;
+    let Prepared { branch, run, branched, complete } = prepare(&replay.file, at)?;
     let change = change(replay);
     let changed = branch.change(&change).map_err(BranchError::from)?;
     // Who refuses its state says so here, before there is a recording.
@@ -99,21 +136,39 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         progress: io::stderr().is_terminal(),
     };
     let origin = format!("branch of run {run} at {} s{}", seconds(&branch), told(&change));
-    let Branched { summary, same, first } = run_branch(&branch, &changed, &options, &origin)?;
-    let departs = change.is_none() && first.is_some() && !summary.interrupted;
+    let branched = change
+        .changes_steps()
+        .then(|| Branched {
+            parent_run: run.clone(),
+            at_ns: branch.at_ns(),
+            changes: told(&change).trim_start().to_owned(),
+        })
+        .or(branched);
+    let flown = run_branch(&branch, &changed, &options, &origin, branched)?;
+    let run::Branched { summary, same, first } = flown;
+    let identical = first.is_none() && same > 0;
+    let departs = change.is_none() && !identical && !summary.interrupted;
     let code = summary.exit_code();
     let code = if departs && code == exit::PASS { exit::GATE_FAILED } else { code };
+    let compared_to_s = branch.recorded_ns().min(summary.flown_ns) as f64 * 1e-9;
     let text = match replay.format {
         Format::Json => {
             let mut json = summary.to_json();
             json["branch"] = in_json(&branch, &run, same, first.as_ref());
+            json["branch"]["complete"] = complete.into();
+            json["branch"]["compared_to_s"] = compared_to_s.into();
             json.to_string()
         }
         Format::Text => {
-            let compared = first.as_ref().map_or_else(
-                || format!("identical from there on: {same} samples compared"),
-                |first| format!("first difference {first}"),
-            );
+            let compared = match &first {
+                Some(first) => format!("first difference {first}"),
+                None if !identical => "nothing could be compared: the file ends there".to_owned(),
+                None if complete => format!("identical from there on: {same} samples compared"),
+                None => format!(
+                    "identical up to {compared_to_s} s, where the file no longer holds everything: \
+                     {same} samples compared"
+                ),
+            };
             format!("{origin}: {compared}\n{summary}")
         }
     };
@@ -151,7 +206,7 @@ fn in_json(branch: &Branch, run: &str, same: u64, first: Option<&Difference>) ->
     serde_json::json!({
         "of_run": run,
         "at_s": seconds(branch),
-        "identical": first.is_none(),
+        "identical": first.is_none() && same > 0,
         "same_samples": same,
         "first_difference": first,
     })
@@ -168,7 +223,7 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         return Err(argument("a sweep records nothing", remedy));
     }
     let mut folder = ResultsFolder::create(&arguments.out)?;
-    let (branch, run) = prepare(file, at)?;
+    let Prepared { branch, run, .. } = prepare(file, at)?;
     // A swap that cannot be is an error, not a table full of refusals.
     branch.change(&Change { set: Vec::new(), ..change.clone() }).map_err(BranchError::from)?;
     let own = branch.scenario().settings().scenario.seed;

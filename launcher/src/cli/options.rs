@@ -216,32 +216,35 @@ pub struct CampaignArguments {
     pub format: Format,
 }
 
+/// What is done with the flight as recorded; no flag of a branch means anything there.
+const OF_RECORDED: [&str; 4] = ["hash", "verify", "with", "outputs"];
+
 /// A branch of a recorded flight.
 #[derive(Debug, Clone, Args)]
 pub struct BranchArguments {
     /// Take the flight up at a plant tick or a time, and fly on: @1234, @12.5s
-    #[arg(long, value_name = "@TICK", group = "what", conflicts_with_all = ["hash", "verify", "with", "outputs", "service"])]
+    #[arg(long, value_name = "@TICK", group = "what", conflicts_with_all = OF_RECORDED, conflicts_with = "service")]
     pub branch: Option<At>,
     /// Another service for a slot from there on, for example `attitude=attitude-mpc`
-    #[arg(long, value_name = "SLOT=NAME", requires = "branch")]
+    #[arg(long, value_name = "SLOT=NAME", requires = "branch", conflicts_with_all = OF_RECORDED)]
     pub swap: Vec<String>,
     /// Draw everything random from another seed from there on
-    #[arg(long, value_name = "N", requires = "branch")]
+    #[arg(long, value_name = "N", requires = "branch", conflicts_with_all = OF_RECORDED)]
     pub seed: Option<u64>,
     /// Logical time of the whole flight: 20s, 500ms, 2m
-    #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration, requires = "branch")]
+    #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration, requires = "branch", conflicts_with_all = OF_RECORDED)]
     pub duration: Option<Duration>,
     /// Folder for a recording of the branch
-    #[arg(long, value_name = "DIR", requires = "branch")]
+    #[arg(long, value_name = "DIR", requires = "branch", conflicts_with_all = OF_RECORDED)]
     pub record: Option<PathBuf>,
     /// A branch for each value of a key, for example `plant.mismatch.mass_scale=0.9..1.1/5`
-    #[arg(long, value_name = "KEY=A..B/N", requires = "branch")]
+    #[arg(long, value_name = "KEY=A..B/N", requires = "branch", conflicts_with_all = OF_RECORDED)]
     pub sweep: Vec<String>,
     /// A branch for each seed: 0..999
-    #[arg(long, value_name = "A..B", requires = "branch", conflicts_with = "seed")]
+    #[arg(long, value_name = "A..B", requires = "branch", conflicts_with = "seed", conflicts_with_all = OF_RECORDED)]
     pub seeds: Option<String>,
     /// Folder for the table of many branches
-    #[arg(long, value_name = "DIR", default_value = "branches", requires = "branch")]
+    #[arg(long, value_name = "DIR", default_value = "branches", requires = "branch", conflicts_with_all = OF_RECORDED)]
     pub out: PathBuf,
 }
 

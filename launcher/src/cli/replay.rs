@@ -3,7 +3,7 @@
 use super::options::{Format, ReplayArguments};
 use crate::components;
 use crate::exit;
-use crate::record::read::{ReadError, RecordedFlight};
+use crate::record::read::RecordedFlight;
 use crate::replay::{self, ReplayError, With};
 use crate::scenario::{Override, suggestion};
 use indicatif::ProgressBar;
@@ -72,19 +72,21 @@ pub(super) fn run(
     }
 }
 
-/// A damaged file differs from what was recorded; what cannot be read at all was asked for wrongly.
+/// A file that cannot be read, however it came to that, was asked for wrongly.
 fn code_of(error: &ReplayError) -> u8 {
-    match error {
-        ReplayError::Read(ReadError::Damaged { .. } | ReadError::Record { .. }) => {
-            exit::GATE_FAILED
-        }
-        ReplayError::Record(_) => exit::UNFIT,
-        _ => exit::USAGE,
-    }
+    if let ReplayError::Record(_) = error { exit::UNFIT } else { exit::USAGE }
 }
 
 fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
     let roles = arguments.service.iter().map(|name| role(name)).collect::<Result<Vec<_>, _>>()?;
+    if !roles.is_empty()
+        && !arguments.verify
+        && arguments.with.is_none()
+        && arguments.outputs.is_none()
+    {
+        let what = "--hash is of the whole flight: leave --service away, or add --verify";
+        return Err(Refusal::Usage(what.to_owned()));
+    }
     let overrides =
         arguments.set.iter().map(|set| Override::set(set)).collect::<Result<Vec<_>, _>>();
     let overrides = overrides.map_err(ReplayError::Scenario)?;

@@ -199,6 +199,11 @@ impl<'a> Fields<'a> {
         Ok(content)
     }
 
+    /// After the last field: nothing may be left.
+    pub(super) fn finish(self, last: &'static str) -> Result<(), DecodeError> {
+        if self.bytes.is_empty() { Ok(()) } else { Err(self.error(last, "bytes are left over")) }
+    }
+
     fn key(&mut self, number: u32, field: &'static str, kind: WireType) -> Result<(), DecodeError> {
         let found = decode_key(&mut self.bytes).ok();
         let expected = found == Some((number, kind));

@@ -1,5 +1,6 @@
 //! Where a recording comes from: run, build and machine.
 
+use core::fmt;
 use std::collections::BTreeMap;
 use std::fs;
 
@@ -32,6 +33,53 @@ pub struct Facts {
     pub epoch_unix_ns: u64,
     /// Machine of the launcher.
     pub machine: Machine,
+    /// Where the scenario begins to hold; none if at the start.
+    pub branch: Option<Branched>,
+}
+
+/// Of a flight that was taken up in the middle with something changed: what came before was flown
+/// with another scenario.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Branched {
+    /// Name of the run that it was taken up from.
+    pub parent_run: String,
+    /// Instant from which on the change holds \[ns\].
+    pub at_ns: u64,
+    /// The change, as flags of `morphquad replay --branch`.
+    pub changes: String,
+}
+
+impl Branched {
+    /// Metadata `branch` of the file.
+    #[must_use]
+    pub fn to_metadata(&self) -> BTreeMap<String, String> {
+        let entries = [
+            ("parent_run", self.parent_run.clone()),
+            ("at_ns", self.at_ns.to_string()),
+            ("changes", self.changes.clone()),
+        ];
+        entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+
+    /// The same read back; what is not there is empty, and an instant that is no number the end of
+    /// time.
+    #[must_use]
+    pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Self {
+        let entry = |key: &str| metadata.get(key).cloned().unwrap_or_default();
+        Self {
+            parent_run: entry("parent_run"),
+            at_ns: entry("at_ns").parse().unwrap_or(u64::MAX),
+            changes: entry("changes"),
+        }
+    }
+}
+
+impl fmt::Display for Branched {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { parent_run, at_ns, changes } = self;
+        let at_s = *at_ns as f64 * 1e-9;
+        write!(f, "a branch of run {parent_run} at {at_s} s, flown from there on with {changes}")
+    }
 }
 
 /// The machine, as far as it matters for timing; its name stays out of the file.

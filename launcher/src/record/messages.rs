@@ -43,6 +43,7 @@ pub(super) fn decode_state(bytes: &[u8]) -> Result<(Header, u64, &[u8]), DecodeE
     let header = decode(reader.delimited(1, "header")?)?;
     let layout_hash = reader.varint(2, "layout_hash")?;
     let state = reader.delimited(3, "state")?;
+    reader.finish("state")?;
     Ok((header, layout_hash, state))
 }
 
@@ -153,9 +154,11 @@ pub(super) fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), Dec
     let mut stamp = Fields::new("Timestamp", reader.delimited(1, "timestamp")?);
     let seconds = stamp.varint(1, "seconds")?;
     let nanos = stamp.varint(2, "nanos")?;
+    stamp.finish("nanos")?;
     let level = reader.varint(2, "level")?;
     let text = String::from_utf8_lossy(reader.delimited(3, "message")?).into_owned();
     let source = String::from_utf8_lossy(reader.delimited(4, "name")?).into_owned();
+    reader.finish("name")?;
     let stamp_ns = seconds.saturating_mul(1_000_000_000).saturating_add(nanos);
     Ok((stamp_ns, level, text, source))
 }
@@ -169,5 +172,33 @@ fn level_value(number: i32, name: &str) -> EnumValueDescriptorProto {
         name: Some(name.to_owned()),
         number: Some(number),
         ..EnumValueDescriptorProto::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Event, Severity, decode_log, decode_state, encode_log, encode_state};
+    use shared_types::Header;
+
+    #[test]
+    fn bytes_behind_the_last_field_are_refused() {
+        let mut state = Vec::new();
+        encode_state(&Header::default(), 7, &[1, 2, 3], &mut state);
+        assert_eq!(
+            decode_state(&state).map(|(_, hash, state)| (hash, state)),
+            Ok((7, &[1, 2, 3][..]))
+        );
+        let mut log = Vec::new();
+        let event =
+            Event { logical_ns: 5, severity: Severity::Info, source: "pilot", text: "gust" };
+        encode_log(&event, 5, &mut log);
+        assert!(decode_log(&log).is_ok());
+        for extra in [&[8, 1][..], &[0], &[0, 0, 0]] {
+            let told = |error: super::DecodeError| error.to_string();
+            let state = decode_state(&[&state, extra].concat()).map(drop).map_err(told);
+            assert_eq!(state, Err("ServiceState.state: bytes are left over".to_owned()));
+            let log = decode_log(&[&log, extra].concat()).map(drop).map_err(told);
+            assert_eq!(log, Err("Log.name: bytes are left over".to_owned()));
+        }
     }
 }

@@ -46,6 +46,10 @@ pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
         .create(NoSeek::new(sink))?;
     // First in the file, so that a crash keeps them.
     writer.write_metadata(&Metadata { name: "run".to_owned(), metadata: facts.to_metadata() })?;
+    if let Some(branch) = &facts.branch {
+        let metadata = branch.to_metadata();
+        writer.write_metadata(&Metadata { name: "branch".to_owned(), metadata })?;
+    }
     writer.attach(&Attachment {
         log_time: facts.epoch_unix_ns,
         create_time: facts.epoch_unix_ns,

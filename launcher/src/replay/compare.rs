@@ -56,7 +56,7 @@ pub struct ServiceVerdict {
 pub struct Verification {
     /// Service by service, in data-flow order.
     pub services: Vec<ServiceVerdict>,
-    /// False if the recorder was killed; all that is in the file has been compared.
+    /// False if the file ends early; all that it completely holds has been compared.
     pub complete: bool,
 }
 
@@ -65,7 +65,9 @@ impl Verification {
     #[must_use]
     pub fn first(&self) -> Option<(Role, &Difference)> {
         let all = self.services.iter().filter_map(|s| Some((s.role, s.first.as_ref()?)));
-        all.min_by_key(|(_, difference)| difference.release_ns)
+        // Of several at one release, what was sent comes before what it made others remember; the
+        // services are in data-flow order, and the first of equals is taken.
+        all.min_by_key(|(_, first)| (first.release_ns, first.topic.starts_with("state/")))
     }
 
     /// True if not a bit differs, of something.
@@ -91,6 +93,9 @@ pub fn verify(
     roles: &[Role],
     mut done: impl FnMut(&ServiceVerdict),
 ) -> Result<Verification, ReplayError> {
+    if let Some(branched) = flight.branched() {
+        return Err(ReplayError::Branched(branched.clone()));
+    }
     let scenario = flight.scenario();
     let graph = scenario.graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
     if let Some(role) = roles.iter().find(|role| graph.node(**role).is_none()) {
@@ -250,8 +255,10 @@ impl<'a> Compare<'a> {
                     ),
                 }
             }
-            let end_ns = self.recorded.traces.get(life).copied().unwrap_or(0);
-            for extra in expected.filter(|e| header(e).release_ns <= end_ns) {
+            let traced_ns = self.recorded.traces.get(life).copied();
+            let end_ns = traced_ns.or(self.recorded.closing.complete.then_some(0));
+            let held = |e: &&T| end_ns.is_some_and(|end_ns| header(e).release_ns <= end_ns);
+            for extra in expected.filter(held) {
                 let at_ns = header(extra).release_ns;
                 self.verdict.differ(name, at_ns, "sample", "recorded".into(), "none".into());
             }

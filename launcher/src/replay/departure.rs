@@ -119,6 +119,9 @@ pub fn write_outputs(
     Ok(())
 }
 
+/// What to do about an executable that is no build of this program.
+const REMEDY: &str = "give --with the path of a morphquad executable";
+
 /// Has another build replay `role` and reads what came out.
 fn outputs_of(
     executable: &Path,
@@ -138,11 +141,15 @@ fn outputs_of(
         .args(["--service", role.label(), "--outputs"])
         .arg(&out)
         .output()
-        .map_err(|error| complain(format!("{error}; give the path of a morphquad executable")));
+        .map_err(|error| complain(format!("{error}; {REMEDY}")));
     let read = ran.and_then(|ran| {
         if !ran.status.success() {
             let said = String::from_utf8_lossy(&ran.stderr).trim().to_owned();
-            return Err(complain(format!("{said} ({})", ran.status)));
+            let said = if said.is_empty() { "it said nothing".to_owned() } else { said };
+            return Err(complain(format!("{said} ({}); {REMEDY}", ran.status)));
+        }
+        if !out.is_file() {
+            return Err(complain(format!("it wrote no outputs; {REMEDY}")));
         }
         Ok(load(&RecordedFlight::open(&out)?, role, topics)?.tapes)
     });

@@ -22,8 +22,8 @@ pub use hashes::{Hashes, hashes};
 pub(crate) use fields::numbers_of;
 
 use crate::components::BuildError;
-use crate::record::RecordError;
 use crate::record::read::ReadError;
+use crate::record::{Branched, RecordError};
 use crate::scenario::ScenarioError;
 use runtime::RestoreError;
 use shared_types::Role;
@@ -35,6 +35,13 @@ pub enum ReplayError {
     /// The recording cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// Flown with two scenarios, of which it holds the second.
+    #[error(
+        "this recording is {0}: what is before was flown with another scenario and cannot be \
+         verified with this one; verify the recording of run {run}, and repeat the branch from it",
+        run = .0.parent_run
+    )]
+    Branched(Branched),
     /// Its loops cannot be wired.
     #[error("the recorded scenario cannot be wired: {0}")]
     Wiring(String),

@@ -92,12 +92,18 @@ impl fmt::Display for Verification {
             writeln!(f)?;
         }
         if !self.complete {
-            writeln!(f, "  the file is cut: its recorder was killed; compared up to the cut")?;
+            writeln!(
+                f,
+                "  the file ends early: its recorder was killed or still writes, or the copy is a part; \
+                 compared up to what it completely holds"
+            )?;
         }
         let word = match self.first() {
             Some(_) => "different",
             None if self.identical() => "identical",
-            None => "nothing to compare: the file ends before it can be told what the steps had",
+            None => {
+                "nothing could be compared: the file ends before it can be told what the steps had"
+            }
         };
         f.write_str(word)
     }
@@ -170,7 +176,7 @@ impl Hashes {
             "log_hash": self.log,
             "stored_hash": self.stored_flight,
             "stored_log_hash": self.stored_log,
-            "agree": self.agree(),
+            "agree": (self.stored_flight.is_some() || self.stored_log.is_some()).then(|| self.agree()),
         })
     }
 }
@@ -180,7 +186,7 @@ impl fmt::Display for Hashes {
         let line = |name: &str, ours: &str, stored: &Option<String>| match stored {
             Some(stored) if stored == ours => format!("{name} {ours} as stored"),
             Some(stored) => format!("{name} {ours} DIFFERS, stored {stored}"),
-            None => format!("{name} {ours}, none stored: the recorder was killed"),
+            None => format!("{name} {ours}, none stored: the file ends early"),
         };
         writeln!(f, "{}", line("hash", &self.flight, &self.stored_flight))?;
         write!(f, "{}", line("log_hash", &self.log, &self.stored_log))

@@ -140,11 +140,13 @@ pub(super) fn load(
     let closing = flight.visit(&mut load)?;
     let mut recorded = load.recorded;
     if !closing.complete
-        && let Some(mut last) = recorded.traces.last_entry()
+        && let Some((generation, last_ns)) = recorded.traces.pop_last()
     {
         // Behind a cut, what a step had may be missing although what it gave is there: the recorder
         // takes the topics in turn, and a loop may be this far ahead of another.
-        *last.get_mut() = last.get().saturating_sub(CREDIT_NS);
+        if let Some(held_ns) = last_ns.checked_sub(CREDIT_NS) {
+            recorded.traces.insert(generation, held_ns);
+        }
     }
     recorded.end_at_last_states();
     Ok(Recorded { closing, ..recorded })

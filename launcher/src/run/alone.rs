@@ -12,7 +12,7 @@ use super::summary::Summary;
 use crate::branch::{Branch, Changed};
 use crate::in_process::{Compare, Difference, InProcess, InProcessError, Observer, StateSource};
 use crate::process::stay_on;
-use crate::record::Recording;
+use crate::record::{self, Facts, Recording};
 use crate::run::Pin;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;
@@ -40,7 +40,8 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     }
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
-    let consumers = consumers(&id, path.as_deref(), options)?;
+    let facts = facts(&id, options);
+    let consumers = consumers(&facts, path.as_deref(), options)?;
     let mut flight = InProcess::new(scenario, StateSource::Estimator, consumers)
         .map_err(|error| RunError::NotReady(error.to_string()))?;
     flight.stamp_by(mono_now_ns);
@@ -63,7 +64,8 @@ pub struct Branched {
     pub first: Option<Difference>,
 }
 
-/// Flies a branch of a recorded flight to its end. `origin` tells in the recording what it is.
+/// Flies a branch of a recorded flight to its end. `origin` tells in the recording what it is, and
+/// `branched` from where on its scenario holds.
 ///
 /// # Errors
 /// As [`run_in_process`].
@@ -72,11 +74,13 @@ pub fn run_branch(
     changed: &Changed,
     options: &RunOptions,
     origin: &str,
+    branched: Option<record::Branched>,
 ) -> Result<Branched, RunError> {
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
-    let mut consumers = consumers(&id, path.as_deref(), options)?;
+    let facts = Facts { branch: branched, ..facts(&id, options) };
+    let mut consumers = consumers(&facts, path.as_deref(), options)?;
     consumers.tell(branch.at_ns(), origin);
     branch.show_before(&mut consumers);
     let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
@@ -97,10 +101,14 @@ pub fn run_branch(
 }
 
 /// Everything that takes the samples of a flight, with a recording at `path`.
-fn consumers(id: &str, path: Option<&Path>, options: &RunOptions) -> Result<Consumers, RunError> {
+fn consumers(
+    facts: &Facts,
+    path: Option<&Path>,
+    options: &RunOptions,
+) -> Result<Consumers, RunError> {
     let graph = options.scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
     let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
-    let recording = path.map(|path| Recording::create(path, &facts(id, options))).transpose()?;
+    let recording = path.map(|path| Recording::create(path, facts)).transpose()?;
     Ok(Consumers::new(&roles, Metrics::of(&options.scenario), recording))
 }
 

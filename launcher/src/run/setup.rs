@@ -126,6 +126,7 @@ pub(super) fn facts(id: &str, options: &RunOptions) -> Facts {
         },
         epoch_unix_ns: runtime::clock::unix_now_ns(),
         machine: Machine::read(),
+        branch: None,
     }
 }
 

@@ -14,7 +14,7 @@ mod tests;
 pub use error::{LayoutChange, ReadError};
 pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState};
 
-use super::{Clock, Facts, Machine};
+use super::{Branched, Clock, Facts, Machine};
 use crate::components::{self, StateLayout};
 use crate::scenario::Scenario;
 use core::ops::ControlFlow;
@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
 pub struct RecordedFlight {
     path: PathBuf,
     facts: BTreeMap<String, String>,
+    branched: Option<Branched>,
     scenario: Scenario,
     /// By name, slash included.
     channels: BTreeMap<String, Channel>,
@@ -41,6 +42,7 @@ pub struct RecordedFlight {
 #[derive(Default)]
 struct Head {
     facts: Option<BTreeMap<String, String>>,
+    branched: Option<Branched>,
     scenario: Option<String>,
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     channels: BTreeMap<String, Channel>,
@@ -64,7 +66,7 @@ impl RecordedFlight {
             let complete = head.channels.contains_key(LAST_CHANNEL);
             Ok(if complete { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
         })?;
-        let Head { facts, scenario, channels, .. } = head;
+        let Head { facts, branched, scenario, channels, .. } = head;
         let missing = if facts.is_none() {
             Some("the metadata `run`")
         } else if scenario.is_none() {
@@ -97,7 +99,7 @@ impl RecordedFlight {
             .map_err(|error| refuse(error.problems().map(ToString::to_string).collect()))?;
         let layouts =
             components::state_layouts(&scenario).map_err(|error| refuse(error.to_string()))?;
-        Ok(Self { path: path.to_owned(), facts, scenario, channels, layouts })
+        Ok(Self { path: path.to_owned(), facts, branched, scenario, channels, layouts })
     }
 
     /// The file.
@@ -116,6 +118,12 @@ impl RecordedFlight {
     #[must_use]
     pub fn facts(&self) -> &BTreeMap<String, String> {
         &self.facts
+    }
+
+    /// The change in the air, if it was flown with one.
+    #[must_use]
+    pub fn branched(&self) -> Option<&Branched> {
+        self.branched.as_ref()
     }
 
     /// Clock of the flight.
@@ -142,6 +150,7 @@ impl RecordedFlight {
             clock: self.clock(),
             epoch_unix_ns: fact("epoch_unix_ns").parse().unwrap_or(0),
             machine: Machine { kernel: fact("kernel"), cpu_model: fact("cpu_model") },
+            branch: self.branched.clone(),
         }
     }
 
@@ -189,6 +198,9 @@ impl Head {
         match record {
             Record::Metadata(metadata) if metadata.name == "run" => {
                 self.facts = Some(metadata.metadata);
+            }
+            Record::Metadata(metadata) if metadata.name == "branch" => {
+                self.branched = Some(Branched::from_metadata(&metadata.metadata));
             }
             Record::Attachment { header, data, .. } if header.name == "scenario.toml" => {
                 self.scenario = Some(String::from_utf8_lossy(&data).into_owned());

@@ -53,7 +53,7 @@ pub trait RecordVisitor {
 /// The end of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Closing {
-    /// False if the file is cut: its recorder was killed.
+    /// False if the file is cut: its recorder was killed or still writes, or it is a part.
     pub complete: bool,
     /// The flight's summary; empty in a cut file.
     pub summary: BTreeMap<String, String>,

@@ -6,8 +6,9 @@ use core::ops::ControlFlow;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{MAGIC, McapError};
-use std::fs::File;
+use std::fs::{File, FileType};
 use std::io::{BufReader, Read as _, Seek as _, SeekFrom};
+use std::os::unix::fs::FileTypeExt as _;
 use std::path::{Path, PathBuf};
 
 /// Longest record or chunk that is read \[bytes\]: ours have a megabyte, and a damaged length must
@@ -19,7 +20,7 @@ const LONGEST: usize = 64 << 20;
 pub(super) enum Ending {
     /// As its writer meant it, or as the reader wanted.
     Whole,
-    /// In the middle: the writer was killed.
+    /// In the middle: the writer was killed or still writes, or the copy is a part.
     Cut,
 }
 
@@ -35,12 +36,13 @@ pub(super) struct Records {
 impl Records {
     pub(super) fn open(path: &Path) -> Result<Self, ReadError> {
         let system = || ReadError::system(path);
-        let mut file = File::open(path).map_err(system())?;
-        let facts = file.metadata().map_err(system())?;
+        // Before it is opened: to open a pipe is to wait for its writer.
+        let facts = std::fs::metadata(path).map_err(system())?;
         if !facts.is_file() {
-            let what = "it is no file".to_owned();
+            let what = format!("it is no file but a {}", kind(facts.file_type()));
             return Err(ReadError::Foreign { path: path.to_owned(), what });
         }
+        let mut file = File::open(path).map_err(system())?;
         let length = facts.len();
         if length == 0 {
             return Err(ReadError::Empty { path: path.to_owned() });
@@ -107,6 +109,17 @@ impl Records {
     fn damaged(&self, at: u64, cause: &McapError) -> ReadError {
         let what = words(cause);
         ReadError::Damaged { path: self.path.clone(), at, length: self.length, what }
+    }
+}
+
+/// What there is instead of a file.
+fn kind(found: FileType) -> &'static str {
+    if found.is_dir() {
+        "folder"
+    } else if found.is_fifo() {
+        "pipe"
+    } else {
+        "device or socket"
     }
 }
 

@@ -17,6 +17,7 @@ pub(super) fn facts(clock: Clock) -> Facts {
         clock,
         epoch_unix_ns: EPOCH_NS,
         machine: Machine { kernel: "6.1".to_owned(), cpu_model: "test".to_owned() },
+        branch: None,
     }
 }
 
