@@ -257,7 +257,7 @@ fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_fli
     let record = ["--record", folder.path().to_str().expect("a path")];
     let branch = |flags: &[&str]| {
         let said =
-            replay(&flown.recording_path(), &[&["--branch", "@600ms"], flags, &record].concat());
+            replay(&flown.recording_path(), &[&["--branch", "@605ms"], flags, &record].concat());
         assert_eq!(said.code, Some(0), "{}", said.stderr);
         PathBuf::from(said.json["recording"].as_str().expect("a recording"))
     };
@@ -266,13 +266,13 @@ fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_fli
 
     let changed = branch(&["--set", "plant.mismatch.mass_scale=1.1"]);
     assert_eq!(replay(&changed, &["--hash"]).code, Some(0));
-    for flags in [&["--verify"][..], &["--branch", "@300ms"], &["--branch", "@601"]] {
+    for flags in [&["--verify"][..], &["--branch", "@300ms"], &["--branch", "@606"]] {
         let said = replay(&changed, flags);
         assert_eq!((said.code, said.json), (Some(2), Value::Null), "{}", said.stderr);
         // The terminal's width breaks lines between words.
         let words = said.stderr.replace(['\n', '│', '×'], " ");
         let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
-        for part in [flown.word("run"), "at 0.6 s", "plant.mismatch.mass_scale=1.1"] {
+        for part in [flown.word("run"), "at 0.605 s", "plant.mismatch.mass_scale=1.1"] {
             assert!(words.contains(part), "{part}: {words}");
         }
     }

@@ -94,7 +94,7 @@ impl Branch {
         let last = tape.samples(&topics::TRUTH).last();
         let end_ns = last.map_or(0, |truth| truth.header.release_ns + 1);
         // The recorder takes the topics in turn: at a cut, one may be this far behind another.
-        let recorded_ns = if complete { end_ns } else { end_ns.saturating_sub(CREDIT_NS) };
+        let recorded_ns = if complete { end_ns } else { end_ns.saturating_sub(CREDIT_NS + 1) };
         if at_ns >= recorded_ns {
             let (at_s, recorded_s) = (at_ns as f64 * 1e-9, recorded_ns as f64 * 1e-9);
             return Err(BranchError::Beyond { at_s, recorded_s });

@@ -30,7 +30,7 @@ enum Trouble {
     #[error("{file} is {branched}; at {at_s} s it cannot be taken up with the changed scenario")]
     #[diagnostic(help(
         "branch from the recording of run {}, or here at an instant after {} s by which every loop \
-         has published its state", branched.parent_run, branched.at_ns as f64 * 1e-9
+         has published its state", branched.parent_run, branched.at_ns as f64 / 1e9
     ))]
     Branched { file: String, branched: Branched, at_s: f64 },
     #[error(transparent)]
@@ -103,7 +103,7 @@ fn prepare(file: &Path, at: At) -> Result<Prepared, Trouble> {
     let at_ns = at.instant_ns(graph.node(Role::Plant).map(|plant| plant.rate));
     let refused = |branched: &Branched| {
         let file = file.display().to_string();
-        Trouble::Branched { file, branched: branched.clone(), at_s: at_ns as f64 * 1e-9 }
+        Trouble::Branched { file, branched: branched.clone(), at_s: at_ns as f64 / 1e9 }
     };
     if let Some(branched) = branched.as_ref().filter(|branched| at_ns < branched.at_ns) {
         return Err(refused(branched));
@@ -150,7 +150,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let departs = change.is_none() && !identical && !summary.interrupted;
     let code = summary.exit_code();
     let code = if departs && code == exit::PASS { exit::GATE_FAILED } else { code };
-    let compared_to_s = branch.recorded_ns().min(summary.flown_ns) as f64 * 1e-9;
+    let compared_to_s = branch.recorded_ns().min(summary.flown_ns) as f64 / 1e9;
     let text = match replay.format {
         Format::Json => {
             let mut json = summary.to_json();
@@ -176,7 +176,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
 }
 
 fn seconds(branch: &Branch) -> f64 {
-    branch.at_ns() as f64 * 1e-9
+    branch.at_ns() as f64 / 1e9
 }
 
 fn change(replay: &ReplayArguments) -> Change {

@@ -77,7 +77,7 @@ impl Branched {
 impl fmt::Display for Branched {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { parent_run, at_ns, changes } = self;
-        let at_s = *at_ns as f64 * 1e-9;
+        let at_s = *at_ns as f64 / 1e9;
         write!(f, "a branch of run {parent_run} at {at_s} s, flown from there on with {changes}")
     }
 }
