@@ -97,10 +97,14 @@ fn the_stability_of_other_sizes_and_rates_can_be_asked_for() {
 
 #[test]
 fn impossible_requests_end_with_2_and_a_remedy_and_an_unwritable_folder_with_3() {
-    for bad in ["stability --angle 200", "stability --rate 5000", "stability --rate nan"] {
+    for (bad, flag, remedy) in [
+        ("stability --angle 200", "--angle", "help:"),
+        ("stability --rate 5000", "--rate", "give 50 to 1000 Hz"),
+        ("stability --rate nan", "--rate", "give 50 to 1000 Hz"),
+    ] {
         let (code, out, said) = study(bad, None);
         assert_eq!((code, out.as_str()), (Some(2), ""), "{bad}: {said}");
-        assert!(said.contains("help:") && said.contains("--angle"), "{bad}: {said}");
+        assert!(said.contains(flag) && said.contains(remedy), "{bad}: {said}");
     }
     for bad in ["morphing --seeds 0", "morphing --seeds many", "stability --rate fast", "mopping"] {
         let (code, out, _) = study(bad, None);

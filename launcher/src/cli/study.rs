@@ -15,9 +15,6 @@ use vehicle::{MorphAngle, VehicleParameters};
 
 /// Seeds of a morphing study unless told otherwise, and of a quick one.
 const SEEDS: [u64; 2] = [20, 3];
-/// Time of a flight of 20 s on one core \[s\]: a quick study takes 0.07 of processor each, and some
-/// more for flights that limit cycle.
-const SECONDS_PER_FLIGHT: f64 = 0.1;
 /// Weight of the paper's reproduction, whose limits are told beside those of flight.
 const PAPER_WEIGHT: f64 = 0.25;
 
@@ -55,7 +52,7 @@ pub(super) fn run(
     diagnostics: &mut dyn Write,
 ) -> io::Result<u8> {
     let done = match command {
-        StudyCommand::Morphing(arguments) => fly_morphing(arguments, diagnostics),
+        StudyCommand::Morphing(arguments) => fly_morphing(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
@@ -72,10 +69,7 @@ pub(super) fn run(
     }
 }
 
-fn fly_morphing(
-    arguments: &MorphingArguments,
-    diagnostics: &mut dyn Write,
-) -> Result<(String, u8), StudyError> {
+fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyError> {
     // Before an hour of computing, not after it.
     let mut folder = ResultsFolder::create(&arguments.out.out)?;
     let seeds = arguments.seeds.unwrap_or(SEEDS[usize::from(arguments.out.quick)]);
@@ -84,8 +78,6 @@ fn fly_morphing(
     } else {
         morphing::Plan::full(seeds)
     };
-    // Not worth failing for.
-    let _ = writeln!(diagnostics, "{}", announcement(plan.flights()));
     let bar = bar(plan.flights(), "flights");
     let study = morphing::fly(&plan, &|| bar.inc(1))?;
     bar.finish_and_clear();
@@ -161,18 +153,6 @@ fn certify(arguments: &StabilityArguments) -> Result<(String, u8), StudyError> {
         ),
     };
     Ok((text, exit::PASS))
-}
-
-/// How long so many flights take, roughly.
-fn announcement(flights: usize) -> String {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let seconds = flights as f64 * SECONDS_PER_FLIGHT / cores as f64;
-    let time = if seconds < 90.0 {
-        format!("{:.0} s", seconds.ceil())
-    } else {
-        format!("{:.0} min", (seconds / 60.0).ceil())
-    };
-    format!("{flights} flights, some {time} on {cores} cores")
 }
 
 /// What was written, a line each.
