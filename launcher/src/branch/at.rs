@@ -28,7 +28,7 @@ impl fmt::Display for At {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Tick(tick) => write!(f, "@{tick}"),
-            Self::Time(t_ns) => write!(f, "@{}s", *t_ns as f64 * 1e-9),
+            Self::Time(t_ns) => write!(f, "@{}s", *t_ns as f64 / 1e9),
         }
     }
 }

@@ -133,8 +133,8 @@ impl Change {
             return Err(ChangeError::Kind);
         }
         if scenario.duration_ns() <= at_ns {
-            let end_s = scenario.duration_ns() as f64 * 1e-9;
-            return Err(ChangeError::Short { end_s, at_s: at_ns as f64 * 1e-9 });
+            let end_s = scenario.duration_ns() as f64 / 1e9;
+            return Err(ChangeError::Short { end_s, at_s: at_ns as f64 / 1e9 });
         }
         Ok(scenario)
     }

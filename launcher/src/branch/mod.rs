@@ -96,7 +96,7 @@ impl Branch {
         // The recorder takes the topics in turn: at a cut, one may be this far behind another.
         let recorded_ns = if complete { end_ns } else { end_ns.saturating_sub(CREDIT_NS + 1) };
         if at_ns >= recorded_ns {
-            let (at_s, recorded_s) = (at_ns as f64 * 1e-9, recorded_ns as f64 * 1e-9);
+            let (at_s, recorded_s) = (at_ns as f64 / 1e9, recorded_ns as f64 / 1e9);
             return Err(BranchError::Beyond { at_s, recorded_s });
         }
         let compare = Compare::with(Arc::clone(&tape), recorded_ns);

@@ -72,17 +72,7 @@ pub(super) fn run(
 ) -> io::Result<u8> {
     let many = !replay.branch.sweep.is_empty() || replay.branch.seeds.is_some();
     let flown = if many { fly_many(replay, at) } else { fly_one(replay, at) };
-    match flown {
-        Ok((text, code)) => {
-            writeln!(out, "{}", text.trim_end())?;
-            Ok(code)
-        }
-        Err(error) => {
-            let code = error.exit_code();
-            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
-            Ok(code)
-        }
-    }
+    super::conclude(flown, Trouble::exit_code, out, diagnostics)
 }
 
 /// A branch and the recording that it is of.
@@ -196,7 +186,7 @@ fn told(change: &Change) -> String {
 fn in_json(branch: &Branch, run: &str, same: u64, first: Option<&Difference>) -> serde_json::Value {
     let first = first.map(|first| {
         serde_json::json!({
-            "t_s": first.release_ns as f64 * 1e-9,
+            "t_s": first.release_ns as f64 / 1e9,
             "topic": first.topic,
             "field": first.field,
             "old": first.old,

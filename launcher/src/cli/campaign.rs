@@ -52,17 +52,7 @@ pub(super) fn run(
     out: &mut dyn Write,
     diagnostics: &mut dyn Write,
 ) -> io::Result<u8> {
-    match fly(arguments) {
-        Ok((text, code)) => {
-            writeln!(out, "{}", text.trim_end())?;
-            Ok(code)
-        }
-        Err(error) => {
-            let code = error.exit_code();
-            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
-            Ok(code)
-        }
-    }
+    super::conclude(fly(arguments), Trouble::exit_code, out, diagnostics)
 }
 
 fn fly(arguments: &CampaignArguments) -> Result<(String, u8), Trouble> {

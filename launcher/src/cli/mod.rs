@@ -106,6 +106,26 @@ fn fly(
     }
 }
 
+/// Ends a command: its text to `out`, or its complaint to `diagnostics` with the code that it calls for.
+fn conclude<E: miette::Diagnostic + Send + Sync + 'static>(
+    done: Result<(String, u8), E>,
+    exit_code: impl FnOnce(&E) -> u8,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> io::Result<u8> {
+    match done {
+        Ok((text, code)) => {
+            writeln!(out, "{}", text.trim_end())?;
+            Ok(code)
+        }
+        Err(error) => {
+            let code = exit_code(&error);
+            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
+            Ok(code)
+        }
+    }
+}
+
 /// Loads a scenario; `None` after saying what is wrong with it.
 fn load(
     arguments: &ScenarioArguments,

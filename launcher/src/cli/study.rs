@@ -56,17 +56,7 @@ pub(super) fn run(
         StudyCommand::Stability(arguments) => map_stability(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
-    match done {
-        Ok((text, code)) => {
-            writeln!(out, "{}", text.trim_end())?;
-            Ok(code)
-        }
-        Err(error) => {
-            let code = error.exit_code();
-            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
-            Ok(code)
-        }
-    }
+    super::conclude(done, StudyError::exit_code, out, diagnostics)
 }
 
 fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyError> {

@@ -1,7 +1,7 @@
 //! Two flights, sample by sample: where they first differ.
 
 use super::{Observer, Tape};
-use crate::replay::numbers_of;
+use crate::replay::{first_difference, numbers_of};
 use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -15,7 +15,7 @@ pub struct Difference {
     pub release_ns: u64,
     /// Topic.
     pub topic: &'static str,
-    /// Field, with its index if it is one of several; none if the sample is only in one flight.
+    /// Field, with its index if it is one of several; the sample's number if it is only in one flight.
     pub field: String,
     /// As recorded.
     pub old: String,
@@ -26,7 +26,7 @@ pub struct Difference {
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { release_ns, topic, field, old, new } = self;
-        let t_s = *release_ns as f64 * 1e-9;
+        let t_s = *release_ns as f64 / 1e9;
         write!(f, "at {t_s} s on {topic}: {field} was {old} and is {new}")
     }
 }
@@ -159,7 +159,5 @@ fn difference<T: Sample>(old: &T, new: &T) -> Option<(String, String, String)> {
     if packed(old) == packed(new) {
         return None;
     }
-    let pairs = numbers_of(old, "", &[]).into_iter().zip(numbers_of(new, "", &[]));
-    let mut different = pairs.filter(|(old, new)| !old.1.is_same(new.1));
-    different.next().map(|((field, old), (_, new))| (field, old.to_string(), new.to_string()))
+    first_difference(&numbers_of(old, "", &[]), &numbers_of(new, "", &[]))
 }

@@ -1,23 +1,25 @@
 //! A whole flight in one thread: the components of the processes, behind queues instead of shared
 //! memory, with the same executor, the same graph and the same bytes.
 //!
-//! [`InProcess`] is for studies, tests and benches; nothing in it touches the machine, so flights
-//! may fly side by side on threads. Open `wires.rs` for the queues and `perfect_state.rs` for the
-//! only component that a real run does not have.
+//! [`InProcess`] is behind `run --in-process`, campaigns, branches and studies; nothing in it touches
+//! the machine, so flights may fly side by side on threads. Open `wires.rs` for the queues, `resume.rs`
+//! for a flight taken up in the middle and `perfect_state.rs` for the only component that a real run
+//! does not have.
 
 mod compare;
+mod observer;
 mod perfect_state;
 mod resume;
 mod tape;
 mod wires;
 
 pub use compare::{Compare, Difference};
+pub use observer::Observer;
 pub use perfect_state::PerfectState;
 pub use resume::Checkpoint;
 pub use tape::Tape;
 
 use crate::components::{Component, ComponentVisitor, Crew};
-use crate::run::{FlightHash, LogHash, Metrics};
 use crate::scenario::{Scenario, WiringError};
 use core::cell::RefCell;
 use resume::Feed;
@@ -26,7 +28,7 @@ use runtime::graph::{CREDIT_NS, Marks, ROLES};
 use runtime::input::InputSet as _;
 use runtime::service::RestoreError;
 use runtime::{Executor, Graph, Node, Service};
-use shared_types::{Header, Role, Sample, Topic};
+use shared_types::{Header, Role};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
@@ -40,54 +42,6 @@ pub enum StateSource {
     Estimator,
     /// The plant itself: what the control loops do without estimation errors. For rigs and studies.
     Truth,
-}
-
-/// Sees every sample of a flight, in the order published.
-pub trait Observer: 'static {
-    /// Called once per sample. Allocations made here are the observer's own.
-    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T);
-    /// False if nobody wants states, which then are not published; asked once, at the start.
-    fn wants_states(&self) -> bool {
-        false
-    }
-    /// Called once per published state, after the samples of its step.
-    fn observe_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
-}
-
-impl Observer for () {
-    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &T) {}
-}
-
-impl Observer for FlightHash {
-    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        self.add(&topic.info, sample);
-    }
-}
-
-impl Observer for LogHash {
-    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        self.add(&topic.info, sample);
-    }
-}
-
-impl Observer for Metrics {
-    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        Self::observe(self, topic, sample);
-    }
-}
-
-impl<A: Observer, B: Observer> Observer for (A, B) {
-    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        self.0.observe(topic, sample);
-        self.1.observe(topic, sample);
-    }
-    fn wants_states(&self) -> bool {
-        self.0.wants_states() || self.1.wants_states()
-    }
-    fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
-        self.0.observe_state(role, header, state);
-        self.1.observe_state(role, header, state);
-    }
 }
 
 /// Why a flight cannot be flown to its end.
@@ -305,14 +259,14 @@ impl<O: Observer> InProcess<O> {
         let flown = catch_unwind(AssertUnwindSafe(|| while self.fly_interval(t_ns) {}));
         if let Err(panic) = flown {
             let l = &self.loops[self.stepping];
-            let t_s = l.stepper.mark_ns() as f64 * 1e-9;
+            let t_s = l.stepper.mark_ns() as f64 / 1e9;
             let words = words(panic.as_ref());
             return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
         }
         let slowest = self.loops.iter().min_by_key(|l| l.stepper.mark_ns());
         let behind = slowest.filter(|l| l.stepper.mark_ns() < t_ns.min(self.end_ns));
         behind.map_or(Ok(()), |l| {
-            let t_s = l.stepper.mark_ns() as f64 * 1e-9;
+            let t_s = l.stepper.mark_ns() as f64 / 1e9;
             Err(InProcessError::Stuck { t_s, role: l.node.role.label() })
         })
     }

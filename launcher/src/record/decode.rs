@@ -100,6 +100,27 @@ impl<'a> Decoder<'a> {
         fits.ok_or_else(|| self.error("is out of range"))
     }
 
+    /// One number, or several packed into a length-delimited field.
+    fn numbers<N>(
+        &mut self,
+        field: &Field,
+        single: WireType,
+        values: &mut [N],
+        one: impl Fn(&mut Self) -> Result<N, DecodeError>,
+    ) -> Result<(), DecodeError> {
+        let kind = if field.repeated { WireType::LengthDelimited } else { single };
+        if !self.key(field, kind)? {
+            return Ok(());
+        }
+        let mut read = |decoder: &mut Self| {
+            values.iter_mut().try_for_each(|value| {
+                *value = one(decoder)?;
+                Ok(())
+            })
+        };
+        if field.repeated { self.within(read) } else { read(self) }
+    }
+
     /// Runs `read` over the content of a length-delimited field, all of which it must use.
     fn within(
         &mut self,
@@ -117,33 +138,11 @@ impl Filler for Decoder<'_> {
     type Error = DecodeError;
 
     fn f64s(&mut self, field: &'static Field, values: &mut [f64]) -> Result<(), DecodeError> {
-        let packed = field.repeated;
-        let kind = if packed { WireType::LengthDelimited } else { WireType::SixtyFourBit };
-        if !self.key(field, kind)? {
-            return Ok(());
-        }
-        let mut read = |decoder: &mut Self| {
-            values.iter_mut().try_for_each(|value| {
-                *value = decoder.double()?;
-                Ok(())
-            })
-        };
-        if packed { self.within(read) } else { read(self) }
+        self.numbers(field, WireType::SixtyFourBit, values, Self::double)
     }
 
     fn u64s(&mut self, field: &'static Field, values: &mut [u64]) -> Result<(), DecodeError> {
-        let packed = field.repeated;
-        let kind = if packed { WireType::LengthDelimited } else { WireType::Varint };
-        if !self.key(field, kind)? {
-            return Ok(());
-        }
-        let mut read = |decoder: &mut Self| {
-            values.iter_mut().try_for_each(|value| {
-                *value = decoder.integer(field.kind)?;
-                Ok(())
-            })
-        };
-        if packed { self.within(read) } else { read(self) }
+        self.numbers(field, WireType::Varint, values, |decoder| decoder.integer(field.kind))
     }
 
     fn bytes(&mut self, field: &'static Field, values: &mut [u8]) -> Result<(), DecodeError> {

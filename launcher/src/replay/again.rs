@@ -103,7 +103,7 @@ pub(super) fn fly_again(
         let again = Again { graph: &graph, node, recorded, life, out: Rc::clone(&out) };
         crew.build(role, scenario, again).map_err(ReplayError::component(role))??;
     }
-    Ok(Rc::try_unwrap(out).map_or_else(|_| Replayed::default(), RefCell::into_inner))
+    Ok(out.take())
 }
 
 /// The lives of a process by what each has left in the recording.

@@ -2,7 +2,7 @@
 
 use super::ReplayError;
 use super::again::{Replayed, Topics, fly_again};
-use super::fields::{Named, numbers_of, numbers_of_state};
+use super::fields::{Named, first_difference, numbers_of, numbers_of_state};
 use super::tapes::{Recorded, load};
 use crate::components::{Component, ComponentVisitor, Crew};
 use crate::record::read::{RecordedFlight, RecordedState};
@@ -270,9 +270,8 @@ impl<'a> Compare<'a> {
 
 impl ServiceVerdict {
     fn compare_fields(&mut self, topic: &str, at_ns: u64, a: &[Named], b: &[Named]) {
-        let differing = a.iter().zip(b).find(|((_, was), (_, is))| !was.is_same(*is));
-        if let Some(((field, was), (_, is))) = differing {
-            self.differ(topic, at_ns, field, was.to_string(), is.to_string());
+        if let Some((field, was, is)) = first_difference(a, b) {
+            self.differ(topic, at_ns, &field, was, is);
         }
     }
 

@@ -105,6 +105,13 @@ impl Visitor for Walk<'_> {
     }
 }
 
+/// Name and both values of the first number that differs in any bit.
+pub(crate) fn first_difference(old: &[Named], new: &[Named]) -> Option<(String, String, String)> {
+    let mut pairs = old.iter().zip(new);
+    let ((field, old), (_, new)) = pairs.find(|((_, old), (_, new))| !old.is_same(*new))?;
+    Some((field.clone(), old.to_string(), new.to_string()))
+}
+
 /// Every number of a packed state: counts, output sequences, latches and memory. The stamps and the
 /// generation of a latched sample are those of whichever copy arrived, and are left out.
 pub(super) fn numbers_of_state<S: Service>(state: &[u8]) -> Vec<Named> {

@@ -19,7 +19,7 @@ pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
 pub use fields::Number;
 pub use hashes::{Hashes, hashes};
 
-pub(crate) use fields::numbers_of;
+pub(crate) use fields::{first_difference, numbers_of};
 
 use crate::components::BuildError;
 use crate::record::read::ReadError;

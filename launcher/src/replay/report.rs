@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use shared_types::Role;
 
 fn seconds(t_ns: u64) -> f64 {
-    t_ns as f64 * 1e-9
+    t_ns as f64 / 1e9
 }
 
 impl Difference {
