@@ -131,11 +131,7 @@ impl AttitudeMpc {
             age_s: age_ns as f64 * 1e-9,
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
             setpoint: self.setpoint,
-            applied_torque_nm: inputs
-                .applied_command
-                .sample()
-                .filter(|applied| applied.command_sequence > 0)
-                .map(|applied| applied.torque_b_nm.into()),
+            applied_torque_nm: applied(inputs).map(|applied| applied.torque_b_nm.into()),
         })
     }
 
@@ -167,6 +163,11 @@ impl AttitudeMpc {
         }
         report
     }
+}
+
+/// What the gate applied, once there is a command.
+fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
+    inputs.applied_command.sample().filter(|applied| applied.command_sequence > 0)
 }
 
 /// The path of a command, or its angle if it has none.
@@ -220,6 +221,12 @@ impl Service for AttitudeMpc {
             ..AppliedSetpoint::default()
         });
         outputs.attitude_report.write(self.report(&output));
+    }
+
+    fn track(&mut self, _now_ns: u64, inputs: &Inputs) {
+        if let Some(applied) = applied(inputs) {
+            self.law.track(&applied.torque_b_nm.into(), applied.thrust_n);
+        }
     }
 
     fn memory(&self) -> ComponentMemory {

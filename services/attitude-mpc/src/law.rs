@@ -162,6 +162,24 @@ impl AttitudeLaw {
         memory.applied_nm = latest.into();
     }
 
+    /// Takes u(k−1) from another controller, whose command the plant last applied: `torque_nm` \[N m\]
+    /// as reported, with `thrust_n` \[N\]. For each sample before its step, while another one flies.
+    ///
+    /// A report that is of u(k−2), because the command needs a whole period, is carried on by the
+    /// increment that this law chose at k−1.
+    pub fn track(&mut self, torque_nm: &Vector3<f64>, thrust_n: f64) {
+        let numbers = torque_nm.iter().chain([&thrust_n]);
+        if !self.memory.commanded || !numbers.into_iter().all(|value| value.is_finite()) {
+            // The first step starts from the report anyway.
+            return;
+        }
+        let memory = &mut self.memory;
+        let own = Vector3::from(memory.torque_nm) - Vector3::from(memory.applied_nm);
+        let late = self.config.command_latency_s >= self.config.period_s();
+        memory.torque_nm = if late { torque_nm + own } else { *torque_nm }.into();
+        memory.thrust_n = thrust_n;
+    }
+
     /// x(k) = \[γ, γ̇, τ, u(k−1)\], or why there is none.
     fn state(&self, input: &Input) -> Result<State, Refusal> {
         let Input { gamma_rad: gamma, body_rate_rad_s: omega, setpoint, age_s, .. } = input;

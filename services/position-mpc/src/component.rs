@@ -154,6 +154,15 @@ impl Service for PositionMpc {
         outputs.position_report.write(self.report(&output));
     }
 
+    fn track(&mut self, now_ns: u64, inputs: &Inputs) {
+        let sample = inputs.applied_setpoint.sample();
+        if let Some((sample, setpoint)) = sample.and_then(|s| Some((s, applied(s)?))) {
+            // Chosen before the set point of k−1 could be in effect.
+            let late = sample.header.release_ns + self.period_ns <= now_ns;
+            self.law.track(&setpoint, late);
+        }
+    }
+
     fn memory(&self) -> ComponentMemory {
         ComponentMemory { law: *self.law.memory() }
     }

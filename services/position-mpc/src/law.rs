@@ -169,6 +169,34 @@ impl PositionLaw {
         memory.applied = latest.into();
     }
 
+    /// Takes u(k−1) from another controller, whose set point the attitude loop last applied. For each
+    /// sample before its step, while another one flies.
+    ///
+    /// An attitude loop no faster than this one still reports u(k−2), which is then `late`: it is
+    /// carried on by the increment that this law chose at k−1.
+    pub fn track(&mut self, applied: &Setpoint, late: bool) {
+        let gamma = &applied.gamma_rad;
+        let numbers = gamma.iter().chain([&applied.thrust_n]);
+        if !self.memory.commanded || !numbers.into_iter().all(|value| value.is_finite()) {
+            // The first step starts from what is applied anyway.
+            return;
+        }
+        let memory = &mut self.memory;
+        let given = [gamma.x, gamma.y, gamma.z, applied.thrust_n];
+        let own = if late { memory.previous_setpoint } else { memory.setpoint };
+        // By how much it differs from what this law would have flown, seen in the ψ = 0 frame.
+        let [phi, theta, _, thrust] = core::array::from_fn(|i| given[i] - own[i]);
+        let apart = input_of(phi, theta, memory.heading_rad, thrust);
+        memory.command = (Vector3::from(memory.command) + apart).into();
+        if late {
+            memory.previous_setpoint = given;
+            let last = memory.setpoint;
+            memory.setpoint = [last[0] + phi, last[1] + theta, gamma.z, last[3] + thrust];
+        } else {
+            memory.setpoint = given;
+        }
+    }
+
     fn state(&self, input: &Input<'_>) -> State {
         let age = input.age_s.clamp(0.0, self.config.period_s());
         let (theta, phi) = present_tilt(&input.gamma_rad);

@@ -31,6 +31,14 @@ pub trait Service {
     /// A reason, if the memory cannot belong to this configuration.
     fn restore(&mut self, memory: &Self::Memory) -> Result<(), String>;
 
+    /// Sets the memory so that the output of the next step continues from what the slot last applied.
+    ///
+    /// The runtime calls it before each step while the service shadows a controller of another kind,
+    /// whose memory it cannot restore, with the instant and the inputs of that step. What the slot
+    /// applied is among the inputs (`applied_command` for attitude, `applied_setpoint` for position).
+    /// A service that fills no slot has nothing to track.
+    fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
+
     /// Draws everything random from the streams of another seed from now on, at the places reached.
     fn reseed(&mut self, _seed: u64) {}
 

@@ -31,7 +31,12 @@ impl Noise {
     }
 }
 
+/// Sees what the position law is told and what it answers.
+pub(crate) type Watch = Box<dyn FnMut(&Input<'_>, &Output)>;
+
 pub(crate) struct Cascade {
+    /// Sees nothing unless a test looks.
+    pub(crate) watch: Watch,
     /// Off (0) unless a test turns it on.
     pub(crate) noise_gain: f64,
     noise: Noise,
@@ -75,6 +80,7 @@ impl Cascade {
             ..AttitudeLawConfig::flight(attitude_rate_hz)
         };
         Self {
+            watch: Box::new(|_, _| {}),
             noise_gain: 0.0,
             noise: Noise(1),
             flight,
@@ -137,7 +143,7 @@ impl Cascade {
             (1..=self.preview).map(|j| reference(t + j as f64 * period).0).collect();
         let state = self.flight.sampled().0;
         let gain = self.noise_gain;
-        let output = self.position.step(&Input {
+        let input = Input {
             position_w_m: state.position_w + self.noise.vector(1e-3 * gain),
             velocity_w_m_s: state.velocity_w + self.noise.vector(8e-3 * gain),
             gamma_rad: euler_from_quaternion(&state.q_wb) + self.noise.vector(1e-3 * gain),
@@ -145,7 +151,9 @@ impl Cascade {
             reference_w_m: &points,
             reference_yaw_rad: reference(t).1,
             applied: Some(applied),
-        });
+        };
+        let output = self.position.step(&input);
+        (self.watch)(&input, &output);
         assert_eq!(output.status, LawStatus::Solved);
         assert!(output.violation <= 1e-9, "{output:?}");
         output
