@@ -6,22 +6,24 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 12] = [
+const ALLOWED: [(&str, &[&str]); 13] = [
     ("shared-types", &[]),
     ("qp", &[]),
     ("mpc", &["qp"]),
     ("vehicle", &[]),
-    ("runtime", &["shared-types"]),
-    ("plant", &["runtime", "shared-types", "vehicle"]),
+    ("slot", &["shared-types"]),
+    ("runtime", &["shared-types", "slot"]),
+    ("plant", &["runtime", "shared-types", "slot", "vehicle"]),
     ("estimator", &["runtime", "shared-types", "vehicle"]),
     ("position-mpc", &["runtime", "shared-types", "vehicle", "mpc"]),
-    ("attitude-mpc", &["runtime", "shared-types", "vehicle", "mpc"]),
+    ("attitude-mpc", &["runtime", "shared-types", "slot", "vehicle", "mpc"]),
     ("disturbance-injector", &["runtime", "shared-types"]),
     (
         "launcher",
         &[
             "runtime",
             "shared-types",
+            "slot",
             "vehicle",
             "plant",
             "estimator",

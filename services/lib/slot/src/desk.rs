@@ -1,0 +1,279 @@
+//! The commands on a consumer's table: what each writer said last, and which of it counts now.
+//!
+//! A command is judged once, at its own effective instant. Until the new owner's first command the
+//! old owner's last one stays in effect, as far as it is valid; whoever is the fallback has his
+//! newest command ready.
+
+use crate::consumer::{Consumer, Source, Turn};
+use crate::record::{NO_AUTHOR, SEATS, Seat, Standing};
+use shared_types::Author;
+
+shared_types::memory! {
+    /// A command that was its writer's to give.
+    #[derive(PartialEq)]
+    pub struct Command {
+        /// What is commanded: T \[N\] and τ \[N m\] for attitude, T \[N\] and φ, θ, ψ \[rad\] for
+        /// position.
+        pub value: [f64; 4],
+        /// Its sequence, for the one who asks which command was obeyed.
+        pub sequence: u64,
+        /// Sequence of the sensor sample it descends from.
+        pub cause_sequence: u64,
+        /// Instant from which it counts \[ns\].
+        pub effective_ns: u64,
+        /// Instant from which it counts no longer \[ns\].
+        pub valid_until_ns: u64,
+    }
+}
+
+impl Command {
+    fn is_valid(&self, now_ns: u64) -> bool {
+        self.effective_ns <= now_ns && now_ns < self.valid_until_ns
+    }
+}
+
+/// What counts at an instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Choice {
+    /// The command in effect.
+    pub command: Command,
+    /// Owner or fallback.
+    pub source: Source,
+    /// Who wrote it. Around a flip that can be the owner before.
+    pub author: Author,
+}
+
+shared_types::memory! {
+    /// What one writer said last.
+    #[derive(PartialEq)]
+    struct Held {
+        command: Command,
+        author: [u64; 2],
+    }
+}
+
+impl Held {
+    fn valid(&self, now_ns: u64) -> Option<Self> {
+        Some(*self).filter(|held| held.author != NO_AUTHOR && held.command.is_valid(now_ns))
+    }
+}
+
+shared_types::memory! {
+    /// A [`Desk`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct DeskMemory {
+        held: [Held; SEATS],
+        carried: Held,
+        last: Held,
+    }
+}
+
+/// The table. Of fixed size; nothing here allocates or panics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Desk {
+    /// By seat, the newest command of owner and fallback.
+    held: [Held; SEATS],
+    /// In effect at the last turn.
+    carried: Held,
+    /// In effect at the last decision.
+    last: Held,
+}
+
+impl Default for Desk {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Desk {
+    /// An empty table.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { held: [Held::default(); SEATS], carried: Held::default(), last: Held::default() }
+    }
+
+    /// Keeps what was in effect until the new owner speaks; call it when [`Consumer::advance`] says
+    /// that a record came into effect.
+    pub fn turn(&mut self, turn: &Turn) {
+        self.carried = self.last;
+        for (held, author) in self.held.iter_mut().zip(turn.record.members) {
+            if held.author != author {
+                *held = Held::default();
+            }
+        }
+    }
+
+    /// Judges a command at its effective instant and keeps it if it is the owner's or the
+    /// fallback's. A command that is not fit to be obeyed should not be offered: its writer is then
+    /// silent.
+    pub fn offer(&mut self, consumer: &Consumer, author: Author, command: &Command) -> Standing {
+        let standing = consumer.standing_at(author, command.effective_ns);
+        let seat = consumer.record().and_then(|record| record.seat(author));
+        if let (Standing::Owner | Standing::Fallback, Some(seat)) = (standing, seat) {
+            let held = &mut self.held[seat.index()];
+            if held.author != author || held.command.effective_ns <= command.effective_ns {
+                *held = Held { command: *command, author };
+            }
+        }
+        standing
+    }
+
+    /// What counts at `now_ns`, if anything does.
+    pub fn decide(&mut self, consumer: &mut Consumer, now_ns: u64) -> Option<Choice> {
+        let record = consumer.record()?;
+        let of = |seat: Seat| self.held[seat.index()].valid(now_ns);
+        let owner = of(record.owner).or_else(|| self.carried.valid(now_ns));
+        let fallback = record.fallback.and_then(of);
+        let source = consumer.decide(now_ns, owner.is_some(), fallback.is_some());
+        let held = match source {
+            Source::Owner => owner,
+            Source::Fallback => fallback,
+            Source::Nobody => None,
+        };
+        self.last = held.unwrap_or_default();
+        held.map(|Held { command, author }| Choice { command, source, author })
+    }
+
+    /// Everything that evolves.
+    #[must_use]
+    pub fn memory(&self) -> DeskMemory {
+        DeskMemory { held: self.held, carried: self.carried, last: self.last }
+    }
+
+    /// Continues from a memory.
+    pub fn restore(&mut self, memory: &DeskMemory) {
+        let DeskMemory { held, carried, last } = *memory;
+        *self = Self { held, carried, last };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::consumer::Taken;
+    use crate::record::Record;
+
+    const A: Author = [1, 0];
+    const B: Author = [2, 0];
+    const PERIOD_NS: u64 = 10;
+
+    fn record(epoch: u64, effective_ns: u64, owner: usize, fallback: Option<usize>) -> Record {
+        Record {
+            epoch,
+            owner: Seat::ALL[owner],
+            fallback: fallback.map(|seat| Seat::ALL[seat]),
+            effective_ns,
+            members: [A, B, NO_AUTHOR, NO_AUTHOR],
+            period_ns: [PERIOD_NS, PERIOD_NS, 0, 0],
+            kind_changed: false,
+        }
+    }
+
+    struct Table {
+        consumer: Consumer,
+        desk: Desk,
+    }
+
+    impl Table {
+        fn new(records: &[Record]) -> Self {
+            let mut consumer = Consumer::new();
+            for record in records {
+                assert_eq!(consumer.take_record(record), Taken::Accepted);
+            }
+            Self { consumer, desk: Desk::new() }
+        }
+
+        /// One instant: commands of these writers, then the choice.
+        fn at(&mut self, now_ns: u64, writers: &[Author]) -> Option<(Author, u64)> {
+            if let Some(turn) = self.consumer.advance(now_ns) {
+                self.desk.turn(&turn);
+            }
+            for author in writers {
+                let command = Command {
+                    effective_ns: now_ns,
+                    valid_until_ns: now_ns + 2 * PERIOD_NS,
+                    ..Command::default()
+                };
+                self.desk.offer(&self.consumer, *author, &command);
+            }
+            let choice = self.desk.decide(&mut self.consumer, now_ns);
+            choice.map(|choice| (choice.author, choice.command.effective_ns))
+        }
+    }
+
+    #[test]
+    fn at_a_flip_the_new_owners_command_counts_from_its_instant() {
+        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
+        assert_eq!(table.at(0, &[A, B]), Some((A, 0)));
+        assert_eq!(table.at(10, &[A, B]), Some((A, 10)));
+        assert_eq!(table.at(20, &[A, B]), Some((B, 20)));
+    }
+
+    #[test]
+    fn until_the_new_owner_speaks_the_old_ones_last_command_stays_in_effect() {
+        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, None)]);
+        assert_eq!(table.at(10, &[A]), Some((A, 10)));
+        assert_eq!(table.at(20, &[]), Some((A, 10)));
+        assert_eq!(table.at(25, &[B]), Some((B, 25)));
+    }
+
+    #[test]
+    fn after_a_flip_the_old_owner_is_not_obeyed_again_but_for_a_fail_over() {
+        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
+        assert_eq!(table.at(10, &[A]), Some((A, 10)));
+        assert_eq!(table.at(20, &[A]), Some((A, 10)), "valid, and given while it was the owner's");
+        assert_eq!(table.at(29, &[]), Some((A, 10)));
+        assert_eq!(table.consumer.counters().fail_overs, 0);
+        assert_eq!(table.at(30, &[A]), Some((A, 30)), "the new owner never spoke");
+        assert_eq!(table.consumer.counters().fail_overs, 1);
+        assert_eq!(table.at(40, &[A, B]), Some((A, 40)), "latched for the epoch");
+    }
+
+    #[test]
+    fn a_silent_owner_is_replaced_at_the_end_of_his_last_words_validity() {
+        let mut table = Table::new(&[record(1, 0, 0, Some(1))]);
+        assert_eq!(table.at(10, &[A, B]), Some((A, 10)));
+        assert_eq!(table.at(20, &[B]), Some((A, 10)));
+        assert_eq!(table.at(30, &[B]), Some((B, 30)), "within two periods");
+        assert_eq!(table.at(40, &[A]), Some((B, 30)));
+        assert_eq!(table.at(50, &[A]), None, "the owner is not asked again in this epoch");
+    }
+
+    #[test]
+    fn nobody_else_is_ever_obeyed() {
+        let mut table = Table::new(&[record(1, 0, 0, None)]);
+        assert_eq!(table.at(0, &[B, [7, 7], NO_AUTHOR]), None);
+        assert_eq!(table.at(10, &[B]), None);
+    }
+
+    #[test]
+    fn an_older_command_does_not_replace_a_newer_one() {
+        let mut table = Table::new(&[record(1, 0, 0, None)]);
+        assert_eq!(table.at(30, &[A]), Some((A, 30)));
+        let late = Command { effective_ns: 20, valid_until_ns: 90, ..Command::default() };
+        assert_eq!(table.desk.offer(&table.consumer, A, &late), Standing::Owner);
+        assert_eq!(table.at(40, &[]), Some((A, 30)));
+    }
+
+    #[test]
+    fn a_successor_on_the_same_seat_inherits_no_words() {
+        let successor =
+            Record { members: [B, NO_AUTHOR, NO_AUTHOR, NO_AUTHOR], ..record(2, 20, 0, None) };
+        let mut table = Table::new(&[record(1, 0, 0, None), successor]);
+        assert_eq!(table.at(10, &[A]), Some((A, 10)));
+        assert_eq!(table.at(20, &[]), Some((A, 10)), "carried over the turn");
+        assert_eq!(table.at(30, &[]), None);
+        assert_eq!(table.at(40, &[A]), None);
+        assert_eq!(table.at(50, &[B]), Some((B, 50)));
+    }
+
+    #[test]
+    fn a_restored_table_is_the_same_table() {
+        let mut table = Table::new(&[record(1, 0, 0, Some(1)), record(2, 20, 1, Some(0))]);
+        table.at(10, &[A, B]);
+        table.at(20, &[A]);
+        let mut other = Desk::new();
+        other.restore(&table.desk.memory());
+        assert_eq!(other, table.desk);
+    }
+}

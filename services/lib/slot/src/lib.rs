@@ -1,0 +1,30 @@
+//! Who commands a slot, and how command changes hands in flight: pure code, without clock, transport
+//! or file, the same for the processes that fly and for the supervisor.
+//!
+//! A *slot* (position, attitude) has [`SEATS`] seats; one of them owns it. The supervisor writes
+//! [`Record`]s, which name an owner, perhaps a fallback, and the instant from which they count.
+//!
+//! * [`record`]: the record and the standing it gives each writer. Open it first.
+//! * [`consumer`]: which record is in effect, and the consumer's own move from owner to fallback.
+//! * [`desk`]: the commands on the table: what each may still be used for, and which one counts now.
+//! * [`limiter`]: takes the step out of a change of kind.
+//! * [`gate`]: whether a shadow may fly.
+//! * [`supervisor`]: the state machine of a slot: events in, actions out.
+
+pub mod consumer;
+pub mod desk;
+pub mod gate;
+pub mod limiter;
+pub mod record;
+pub mod supervisor;
+
+pub use consumer::{Consumer, ConsumerMemory, Counters, Source, Taken, Turn};
+pub use desk::{Choice, Command, Desk, DeskMemory};
+pub use gate::{Axis, Gate, GateFigures, GateLimits, Pair, Refusal};
+pub use limiter::{Limiter, LimiterMemory};
+pub use record::{NO_AUTHOR, Record, SEATS, Seat, Standing};
+pub use supervisor::message;
+pub use supervisor::{
+    Action, Clock, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, Report, Request,
+    Slot, SlotConfig, Step, Target,
+};

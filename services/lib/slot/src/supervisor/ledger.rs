@@ -1,0 +1,65 @@
+//! The records that have been written, and whether the consumer has confirmed the last of them.
+
+use super::message::Instance;
+use crate::record::{Record, Seat};
+use shared_types::Author;
+
+/// Records remembered, to know who is meant by an epoch in the consumer's report.
+const REMEMBERED: usize = 6;
+
+/// A record that waits for its confirmation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Outstanding {
+    /// Without it until then the record is written again \[ns\].
+    pub(super) until_ns: u64,
+    /// How often the same has been written.
+    pub(super) tries: u32,
+}
+
+/// Everything written so far that still matters.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
+pub(super) struct Ledger {
+    newest: Option<Record>,
+    /// (epoch, owner's seat, owner), newest first.
+    owners: [Option<(u64, Seat, Author)>; REMEMBERED],
+    pub(super) outstanding: Option<Outstanding>,
+    /// Whom the consumer obeys, as far as it has told.
+    pub(super) in_force: Option<(Seat, Instance)>,
+}
+
+impl Ledger {
+    pub(super) fn newest(&self) -> Option<&Record> {
+        self.newest.as_ref()
+    }
+
+    pub(super) fn epoch(&self) -> u64 {
+        self.newest.map_or(0, |record| record.epoch)
+    }
+
+    pub(super) fn effective_ns(&self) -> u64 {
+        self.newest.map_or(0, |record| record.effective_ns)
+    }
+
+    pub(super) fn owner(&self) -> Option<Seat> {
+        self.newest.map(|record| record.owner)
+    }
+
+    /// Goes on from a record that another has written and the consumer obeys.
+    pub(super) fn take_up(&mut self, record: Record) {
+        let author = record.members[record.owner.index()];
+        self.owners[0] = Some((record.epoch, record.owner, author));
+        self.newest = Some(record);
+    }
+
+    pub(super) fn write(&mut self, record: Record, outstanding: Outstanding) {
+        self.owners.rotate_right(1);
+        self.take_up(record);
+        self.outstanding = Some(outstanding);
+    }
+
+    /// Who owned the slot in an epoch.
+    pub(super) fn owner_of(&self, epoch: u64) -> Option<(Seat, Author)> {
+        let found = self.owners.iter().flatten().find(|(of, ..)| *of == epoch);
+        found.map(|(_, seat, author)| (*seat, *author))
+    }
+}

@@ -1,0 +1,155 @@
+//! What happens when somebody is lost.
+
+use super::chairs::Chair;
+use super::message::{Action, Fault, Now, Reason, Report, Step};
+use super::{Phase, Slot, step};
+use crate::record::Seat;
+
+impl Slot {
+    /// A process is gone.
+    pub(super) fn died(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
+        let chair = *self.chairs.get(seat);
+        self.chairs.set(seat, Chair::Free);
+        match chair {
+            Chair::Free => return,
+            Chair::Starting(program) | Chair::Seated(program, _) => {
+                self.lost(now, seat, Fault::Died, now.logical_ns, out);
+                self.remember_program(seat, program);
+            }
+            Chair::Leaving(_) => step(out, Step::Left(seat)),
+            Chair::Dying(program) => self.remember_program(seat, program),
+        }
+        self.bury(now, seat);
+    }
+
+    /// An owner that is to be started again keeps its seat.
+    fn remember_program(&mut self, seat: Seat, program: super::Program) {
+        if matches!(self.phase, Phase::Ownerless { seat: owner, .. } if owner == seat) {
+            self.chairs.set(seat, Chair::Dying(program));
+        }
+    }
+
+    /// The dead have left their seats: who waited for that can go on.
+    fn bury(&mut self, now: Now, seat: Seat) {
+        match &mut self.phase {
+            Phase::Ownerless { seat: owner, at_ns } if *owner == seat => {
+                *at_ns = Some(now.logical_ns.saturating_add(self.config.restart_ns));
+            }
+            Phase::Steady { rejoin_ns: None } => self.settle(now.logical_ns),
+            _ => {}
+        }
+    }
+
+    /// A process is there and of no use.
+    pub(super) fn misbehaved(&mut self, now: Now, seat: Seat, fault: Fault, out: &mut Vec<Action>) {
+        if matches!(self.chairs.get(seat), Chair::Starting(_) | Chair::Seated(..)) {
+            self.kill(seat, out);
+            self.lost(now, seat, fault, now.logical_ns, out);
+        } else if matches!(self.chairs.get(seat), Chair::Leaving(_)) {
+            self.kill(seat, out);
+        }
+    }
+
+    /// The consumer left the owner of `epoch` for the fallback.
+    pub(super) fn fell_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
+        let Some((seat, author)) = self.ledger.owner_of(epoch) else { return };
+        let there = self.chairs.instance(seat).is_some_and(|instance| instance.author == author);
+        if there {
+            self.kill(seat, out);
+            self.lost(now, seat, Fault::Silent, at_ns, out);
+        }
+    }
+
+    /// Somebody who was starting or seated is out; its chair says so already.
+    fn lost(&mut self, now: Now, seat: Seat, fault: Fault, at_ns: u64, out: &mut Vec<Action>) {
+        let stood_by = self.standby.is_some_and(|standby| standby.seat == Some(seat));
+        self.forget_standby(seat);
+        if stood_by {
+            step(out, Step::StandbyLost(seat, fault));
+        }
+        let owner = self.ledger.owner();
+        match self.phase {
+            Phase::Ownerless { .. } => {}
+            Phase::Joining { seat: candidate, .. } | Phase::Shadowing { seat: candidate, .. }
+                if candidate == seat =>
+            {
+                self.abort(now, seat, Reason::Fault(fault), out);
+            }
+            // The newest record is already another's; without it there is no window.
+            Phase::Flipping { old, .. } if old == seat => {}
+            Phase::Window { new, old, .. } if old == seat => self.commit(now, new, old, out),
+            Phase::Reverting { from, .. } if from == seat => {
+                self.reverted(now, at_ns, out);
+            }
+            _ if owner == Some(seat) => self.owner_lost(now, seat, fault, at_ns, out),
+            Phase::Steady { .. } if stood_by => {
+                self.settle(at_ns);
+                self.count_standby_loss(false, out);
+                self.say_again(now, at_ns, out);
+            }
+            _ if stood_by => self.say_again(now, at_ns, out),
+            _ => {}
+        }
+    }
+
+    /// The same owner, without who has been lost.
+    fn say_again(&mut self, now: Now, at_ns: u64, out: &mut Vec<Action>) {
+        if let Some(owner) = self.ledger.owner().filter(|seat| self.chairs.is_seated(*seat)) {
+            self.publish(now, owner, Some(at_ns), out);
+        }
+    }
+
+    fn owner_lost(
+        &mut self,
+        now: Now,
+        seat: Seat,
+        fault: Fault,
+        at_ns: u64,
+        out: &mut Vec<Action>,
+    ) {
+        let heir = self.fallback(seat);
+        match self.phase {
+            Phase::Joining { seat: candidate, .. } | Phase::Shadowing { seat: candidate, .. } => {
+                // Nobody is left to compare it with, unless it has been judged before.
+                if heir != Some(candidate) {
+                    self.kill(candidate, out);
+                }
+                out.push(Action::Report(Report::Aborted(candidate, Reason::OwnerLost)));
+            }
+            Phase::Flipping { new, .. } | Phase::Window { new, .. } if new == seat => {
+                out.push(Action::Report(Report::Aborted(new, Reason::Fault(fault))));
+            }
+            Phase::Reverting { to, .. } => {
+                out.push(Action::Report(Report::Aborted(to, Reason::Fault(fault))));
+            }
+            _ => {}
+        }
+        if let Some(heir) = heir {
+            self.forget_standby(heir);
+            self.settle(at_ns);
+            self.publish(now, heir, Some(at_ns), out);
+            step(out, Step::TookOver { seat: heir, from: seat, fault });
+        } else {
+            self.ledger.outstanding = None;
+            self.phase = Phase::Ownerless { seat, at_ns: None };
+            step(out, Step::Ownerless(seat, fault));
+        }
+    }
+
+    /// Its seat is empty and it is time.
+    pub(super) fn start_owner(&mut self, seat: Seat, out: &mut Vec<Action>) {
+        let Some(program) = self.chairs.get(seat).program() else { return };
+        self.chairs.set(seat, Chair::Starting(program));
+        self.phase = Phase::Ownerless { seat, at_ns: None };
+        out.push(Action::Restart(seat, program));
+    }
+
+    pub(super) fn count_standby_loss(&mut self, for_good: bool, out: &mut Vec<Action>) {
+        let Some(standby) = &mut self.standby else { return };
+        standby.losses += 1;
+        if for_good || standby.losses >= self.config.standby_losses_max {
+            step(out, Step::StandbyGivenUp(standby.program));
+            self.standby = None;
+        }
+    }
+}

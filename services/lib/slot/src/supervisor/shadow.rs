@@ -1,0 +1,229 @@
+//! The way of a candidate: joining, shadowing, the gate, the flip, the window.
+
+use super::chairs::Chair;
+use super::message::{Action, Instance, Now, Outcome, Reason, Report, Step};
+use super::{Clock, Goal, Phase, Slot, Stage, step};
+use crate::gate::{GateFigures, Refusal};
+use crate::record::Seat;
+
+impl Slot {
+    /// A process has connected: the candidate, or the owner that was started again.
+    pub(super) fn ready(
+        &mut self,
+        now: Now,
+        seat: Seat,
+        instance: Instance,
+        out: &mut Vec<Action>,
+    ) {
+        let Chair::Starting(program) = *self.chairs.get(seat) else { return };
+        self.chairs.set(seat, Chair::Seated(program, instance));
+        match self.phase {
+            Phase::Ownerless { seat: expected, .. } if expected == seat => {
+                let first = self.ledger.newest().is_none();
+                self.settle(now.logical_ns);
+                self.publish(now, seat, None, out);
+                if !first {
+                    let join_ns = self.join_ns(now);
+                    let state_of = Some(seat);
+                    let track_until_ns = join_ns;
+                    out.push(Action::HandOver { seat, state_of, join_ns, track_until_ns });
+                }
+                step(out, Step::Commands(seat));
+            }
+            Phase::Joining { seat: expected, goal } if expected == seat => {
+                self.begin_shadow(now, seat, &instance, goal, out);
+            }
+            _ => self.kill(seat, out),
+        }
+    }
+
+    /// When somebody new begins: with the record that seats it, just written.
+    fn join_ns(&self, now: Now) -> u64 {
+        match self.config.clock {
+            Clock::Lockstep => now.allowed_ns,
+            Clock::Realtime => self.ledger.effective_ns(),
+        }
+    }
+
+    fn begin_shadow(
+        &mut self,
+        now: Now,
+        seat: Seat,
+        instance: &Instance,
+        goal: Goal,
+        out: &mut Vec<Action>,
+    ) {
+        let Some(owner) = self.ledger.owner() else { return };
+        let same_kind = self.chairs.layout(owner) == Some(instance.layout);
+        self.publish(now, owner, None, out);
+        let join_ns = self.join_ns(now);
+        let half_ns = if same_kind { 0 } else { goal.shadow_ns() / 2 };
+        let track_until_ns = join_ns.saturating_add(half_ns);
+        let stage = if same_kind { Stage::Free } else { Stage::Tracking };
+        let until_ns = join_ns.saturating_add(goal.shadow_ns());
+        self.phase = Phase::Shadowing { seat, goal, track_until_ns, until_ns, stage };
+        let state_of = same_kind.then_some(owner);
+        out.push(Action::HandOver { seat, state_of, join_ns, track_until_ns });
+        step(out, Step::Joined { seat, same_kind, at_ns: join_ns });
+    }
+
+    pub(super) fn run_free(&mut self, out: &mut Vec<Action>) {
+        if let Phase::Shadowing { seat, stage, .. } = &mut self.phase {
+            *stage = Stage::Free;
+            step(out, Step::RunsFree(*seat));
+        }
+    }
+
+    pub(super) fn ask(&mut self, out: &mut Vec<Action>) {
+        if let Phase::Shadowing { seat, stage, .. } = &mut self.phase {
+            *stage = Stage::Judged;
+            out.push(Action::Judge(*seat));
+        }
+    }
+
+    /// The gate's word. One that lets the candidate through counts only when asked for.
+    pub(super) fn verdict(
+        &mut self,
+        now: Now,
+        judged: Seat,
+        verdict: Result<Box<GateFigures>, Refusal>,
+        out: &mut Vec<Action>,
+    ) {
+        let Phase::Shadowing { seat, goal, stage, .. } = self.phase else { return };
+        if seat != judged {
+            return;
+        }
+        let asked = stage == Stage::Judged;
+        let force = matches!(goal, Goal::Swap(order) if order.force);
+        match verdict {
+            Ok(figures) if asked => step(out, Step::Passed(seat, figures)),
+            Err(refusal) if force && refusal.yields_to_force() => {
+                if !asked {
+                    return;
+                }
+                step(out, Step::Forced(seat, refusal));
+            }
+            Err(refusal) => return self.abort(now, seat, Reason::Gate(refusal), out),
+            Ok(_) => return,
+        }
+        self.passed(now, seat, goal, out);
+    }
+
+    fn passed(&mut self, now: Now, seat: Seat, goal: Goal, out: &mut Vec<Action>) {
+        let Some(owner) = self.ledger.owner() else { return };
+        match goal {
+            Goal::Swap(order) if order.dry_run => {
+                out.push(Action::Report(Report::Done(seat, Outcome::DryRun)));
+                if self.standby.is_some_and(|standby| standby.seat == Some(seat)) {
+                    self.settle(now.logical_ns);
+                } else {
+                    self.send_away(now, seat, out);
+                }
+            }
+            Goal::Swap(order) => self.flip(now, owner, seat, order.rollback_ns, out),
+            Goal::Standby { .. } => {
+                if let Some(standby) = &mut self.standby {
+                    standby.seat = Some(seat);
+                    standby.losses = 0;
+                }
+                self.settle(now.logical_ns);
+                self.publish(now, owner, None, out);
+                out.push(Action::Report(Report::Done(seat, Outcome::StandsBy)));
+            }
+        }
+    }
+
+    fn flip(&mut self, now: Now, old: Seat, new: Seat, rollback_ns: u64, out: &mut Vec<Action>) {
+        self.forget_standby(new);
+        let epoch = self.ledger.epoch() + 1;
+        self.phase = Phase::Flipping { new, old, epoch, rollback_ns };
+        self.publish(now, new, None, out);
+        step(out, Step::FlipsAt { seat: new, epoch, at_ns: self.ledger.effective_ns() });
+    }
+
+    /// The window is over: the new owner stays and the old one leaves.
+    pub(super) fn commit(&mut self, now: Now, new: Seat, old: Seat, out: &mut Vec<Action>) {
+        out.push(Action::Report(Report::Done(new, Outcome::Swapped)));
+        let Phase::Window { until_ns, .. } = self.phase else { return };
+        self.settle(until_ns.min(now.logical_ns));
+        self.dismiss(old, out);
+        self.publish(now, new, None, out);
+    }
+
+    /// Names the old owner again, with the new one, which is healthy, as its fallback until then.
+    pub(super) fn revert(
+        &mut self,
+        now: Now,
+        from: Seat,
+        to: Seat,
+        asked: bool,
+        out: &mut Vec<Action>,
+    ) {
+        let epoch = self.ledger.epoch() + 1;
+        self.phase = Phase::Reverting { from, to, epoch, asked };
+        self.publish(now, to, None, out);
+        step(out, Step::FlipsAt { seat: to, epoch, at_ns: self.ledger.effective_ns() });
+    }
+
+    /// The old owner commands again.
+    pub(super) fn reverted(&mut self, now: Now, at_ns: u64, out: &mut Vec<Action>) {
+        let Phase::Reverting { from, to, asked, .. } = self.phase else { return };
+        if asked {
+            out.push(Action::Report(Report::Done(to, Outcome::RolledBack)));
+        }
+        self.settle(at_ns);
+        self.dismiss(from, out);
+        self.publish(now, to, None, out);
+    }
+
+    /// Nothing comes of the candidate; if it is healthy it may leave by itself.
+    pub(super) fn abort(&mut self, now: Now, seat: Seat, reason: Reason, out: &mut Vec<Action>) {
+        let standby = matches!(
+            self.phase,
+            Phase::Joining { goal: Goal::Standby { .. }, .. }
+                | Phase::Shadowing { goal: Goal::Standby { .. }, .. }
+        );
+        if standby {
+            // What the gate refuses once it would refuse again.
+            self.count_standby_loss(matches!(reason, Reason::Gate(_)), out);
+        }
+        out.push(Action::Report(Report::Aborted(seat, reason)));
+        self.forget_standby(seat);
+        self.send_away(now, seat, out);
+    }
+
+    /// Back to rest without `seat`.
+    fn send_away(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
+        self.settle(now.logical_ns);
+        let Some(owner) = self.ledger.owner() else { return };
+        match self.chairs.get(seat) {
+            Chair::Seated(..) => {
+                self.dismiss(seat, out);
+                self.publish(now, owner, None, out);
+            }
+            Chair::Starting(_) => self.kill(seat, out),
+            _ => {}
+        }
+    }
+
+    /// Its seat is to be left; the record that says so must follow.
+    pub(super) fn dismiss(&mut self, seat: Seat, out: &mut Vec<Action>) {
+        if let Chair::Seated(program, _) = *self.chairs.get(seat) {
+            self.chairs.set(seat, Chair::Leaving(program));
+            out.push(Action::AwaitExit(seat));
+        }
+    }
+
+    pub(super) fn kill(&mut self, seat: Seat, out: &mut Vec<Action>) {
+        if let Some(program) = self.chairs.get(seat).program() {
+            self.chairs.set(seat, Chair::Dying(program));
+            out.push(Action::Kill(seat));
+        }
+    }
+
+    pub(super) fn forget_standby(&mut self, seat: Seat) {
+        if let Some(standby) = self.standby.as_mut().filter(|standby| standby.seat == Some(seat)) {
+            standby.seat = None;
+        }
+    }
+}
