@@ -2,7 +2,8 @@
 //!
 //! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
-//! supervises, records and sums up a flight; [`pilot`] flies along in the launcher itself.
+//! supervises, records and sums up a flight, and [`control`] lets others ask it; [`pilot`] flies along
+//! in the launcher itself.
 //! [`replay`] flies a recording again; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`paper`] and [`study`] are reproduction and studies,
 //! [`figure`] and [`results`] what they leave behind.
@@ -11,6 +12,7 @@ pub mod branch;
 pub mod campaign;
 pub mod cli;
 pub mod components;
+pub mod control;
 pub mod exit;
 pub mod figure;
 pub mod in_process;

@@ -10,12 +10,13 @@ pub mod check;
 pub mod list;
 pub mod options;
 mod paper;
+mod ps;
 mod replay;
 mod study;
 
 pub use options::{
-    BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments, ReplayArguments,
-    RunArguments, ScenarioArguments,
+    BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments, PsArguments,
+    ReplayArguments, RunArguments, RunChoice, ScenarioArguments,
 };
 
 use crate::run::RunError;
@@ -62,6 +63,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             Some(scenario) => fly(scenario, &arguments, out, diagnostics),
             None => Ok(exit::USAGE),
         },
+        Command::Ps(arguments) => ps::run(&arguments, out, diagnostics),
         Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
         Command::Campaign(arguments) => campaign::run(&arguments, out, diagnostics),
         Command::Replay(arguments) => match arguments.branch.branch {

@@ -25,6 +25,9 @@ pub(super) enum Command {
     List,
     /// Show what a scenario would fly, or what is wrong with it
     Check(ScenarioArguments),
+    /// Show processes and slots of a run in the air
+    #[command(after_help = PS_EXAMPLES)]
+    Ps(PsArguments),
     /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
     Replay(ReplayArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
@@ -38,6 +41,15 @@ pub(super) enum Command {
     #[command(hide = true)]
     Proc(ProcArguments),
 }
+
+const PS_EXAMPLES: &str = "\
+Examples:
+  morphquad ps
+  morphquad ps --run 7f3a --format json
+
+AT is the first instant that a process has not yet published completely, AGE the wall time since this
+last advanced. CPU counts from the start of the process, RSS with the memory that processes share.
+Ends with 2 if no run is in the air, or several and none is named.";
 
 /// Which study.
 #[derive(Debug, Subcommand)]
@@ -166,6 +178,25 @@ impl RunArguments {
         let (pin, disorder) = (self.pin, self.disorder);
         RunOptions { scenario, speed, record, pin, disorder, progress }
     }
+}
+
+/// A run in the air.
+#[derive(Debug, Clone, Args)]
+pub struct RunChoice {
+    /// The run, by its name or the beginning of it; not needed if there is only one
+    #[arg(long, value_name = "ID")]
+    pub run: Option<String>,
+}
+
+/// What to show of a run in the air.
+#[derive(Debug, Clone, Args)]
+pub struct PsArguments {
+    /// The run.
+    #[command(flatten)]
+    pub run: RunChoice,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
 }
 
 /// What to do with a recording.

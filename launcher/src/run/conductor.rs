@@ -63,6 +63,10 @@ impl Conductor {
         self.record.mode
     }
 
+    pub(super) fn has_started(&self) -> bool {
+        self.record.started.is_set()
+    }
+
     pub(super) fn end_ns(&self) -> u64 {
         self.record.end_ns
     }

@@ -4,6 +4,7 @@ use super::child::ChildSpec;
 use super::conductor::{Conductor, Patience, drained_ns};
 use super::consumers::Consumers;
 use super::disorder;
+use super::live::{Live, View};
 use super::metrics::Metrics;
 use super::pilot_thread::{self, PilotEnd};
 use super::services::{HeldServices, Wakers};
@@ -69,7 +70,9 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     let scenario_file = membership.folder().join("scenario.toml");
     std::fs::write(&scenario_file, options.scenario.to_toml())
         .map_err(system(format!("write {}", scenario_file.display())))?;
-    let mut flight = Flight::prepare(options, &membership, stop, recording)?;
+    let name = &options.scenario.settings().scenario.name;
+    let live = Live::open(membership.folder(), &id, name, recording_path.as_deref())?;
+    let mut flight = Flight::prepare(options, &membership, stop, recording, live)?;
     let started = flight.start(&membership, options);
     let outcome = match started {
         Ok(()) => flight.fly(),
@@ -91,6 +94,7 @@ struct Flight {
     pilot_stop: StopFlags,
     stop: StopFlags,
     bus: Bus,
+    live: Live,
     _services: HeldServices,
     stall_limit_ns: u64,
     lag_limit_ns: u64,
@@ -105,6 +109,7 @@ impl Flight {
         membership: &Membership,
         stop: StopFlags,
         recording: Option<Recording>,
+        live: Live,
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;
         let graph = scenario.graph().map_err(|error| RunError::Wiring(format!("{error}")))?;
@@ -149,6 +154,7 @@ impl Flight {
             pilot_stop: StopFlags::default(),
             stop,
             bus,
+            live,
             _services: services,
             stall_limit_ns: seconds(scenario.settings().launcher.stall_timeout_s),
             lag_limit_ns: seconds(scenario.settings().launcher.lag_timeout_s),
@@ -184,6 +190,7 @@ impl Flight {
                 let names = self.supervisor.not_ready();
                 return Err(not_ready(FlightError::StartupTimeout { names, limit_s }));
             }
+            self.answer(mono_now_ns());
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
         let realtime = self.conductor.mode() == ClockMode::Realtime;
@@ -236,8 +243,16 @@ impl Flight {
                 return Outcome::Lost(format!("{names} did not leave after the end of the flight"));
             }
             self.watch_progress(drained, now_ns);
+            self.answer(now_ns);
             sleep_until(now_ns + LOOK_EVERY_NS);
         }
+    }
+
+    /// Answers whoever asks from outside.
+    fn answer(&mut self, now_ns: u64) {
+        let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
+        let view = View { graph, supervisor, conductor, marks: &self.tap.marks };
+        self.live.serve(&view, now_ns);
     }
 
     fn end_early(&mut self, now_ns: u64) {

@@ -7,6 +7,7 @@ mod consumers;
 mod disorder;
 mod flight;
 mod hash;
+mod live;
 mod metrics;
 mod misses;
 mod pilot_thread;

@@ -68,6 +68,17 @@ struct Seat {
     handover: StatePublisher,
 }
 
+/// A seat as others see it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Member {
+    pub(super) role: Role,
+    pub(super) name: &'static str,
+    pub(super) pid: Option<u32>,
+    pub(super) generation: u32,
+    pub(super) ready: bool,
+    pub(super) finished: bool,
+}
+
 /// Supervises all processes of one flight.
 pub(super) struct Supervisor {
     folder: PathBuf,
@@ -338,6 +349,23 @@ impl Supervisor {
         }
     }
 
+    /// Who fills which seat now, for those who ask.
+    pub(super) fn crew(&self) -> impl Iterator<Item = Member> {
+        self.seats.iter().map(|seat| Member {
+            role: seat.role,
+            name: seat.spec.name,
+            pid: seat.child.as_ref().map(RunningChild::pid),
+            generation: seat.generation,
+            ready: seat.ready,
+            finished: seat.finished,
+        })
+    }
+
+    /// Epoch of each slot; 0 before its first owner.
+    pub(super) fn epochs(&self) -> impl Iterator<Item = (Role, u64)> {
+        self.owners.iter().map(|slot| (slot.role, slot.epoch))
+    }
+
     /// Kills everybody, now.
     pub(super) fn kill_all(&mut self) {
         for seat in &mut self.seats {
@@ -370,7 +398,7 @@ fn command_latency_ns(graph: &Graph, role: Role) -> u64 {
 }
 
 /// Who commands a slot in this flight.
-fn owner_role(graph: &Graph, slot: Role) -> Option<Role> {
+pub(super) fn owner_role(graph: &Graph, slot: Role) -> Option<Role> {
     if graph.node(slot).is_some() {
         Some(slot)
     } else {

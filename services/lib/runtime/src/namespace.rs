@@ -7,7 +7,7 @@
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt as _, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -125,6 +125,20 @@ pub fn sweep_dead_runs() -> Vec<PathBuf> {
     swept
 }
 
+/// Name and folder of every run of this user that somebody is in, after a sweep of the dead ones.
+#[must_use]
+pub fn living_runs() -> Vec<(String, PathBuf)> {
+    let _ = sweep_dead_runs();
+    let own = rustix::process::geteuid().as_raw();
+    let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
+    let living = entries.filter_map(|entry| {
+        let id = entry.file_name().to_str()?.strip_prefix(FOLDER_PREFIX)?.to_owned();
+        let is_own = entry.metadata().is_ok_and(|m| m.is_dir() && m.uid() == own);
+        is_own.then(|| (id, entry.path()))
+    });
+    living.collect()
+}
+
 fn older_than_a_minute(path: &Path) -> bool {
     fs::metadata(path)
         .and_then(|m| m.modified())
@@ -237,6 +251,8 @@ mod tests {
         assert!(swept.contains(&dead_folder) || !dead_folder.exists());
         assert!(!stray.exists());
         assert!(living.folder().exists());
+        let listed: Vec<_> = living_runs().into_iter().map(|(_, folder)| folder).collect();
+        assert!(listed.contains(&living.folder().to_path_buf()) && !listed.contains(&dead_folder));
     }
 
     /// The transport waits for ever for an object whose maker died before giving it a size.

@@ -1,0 +1,234 @@
+//! One client: its line as it comes in, its answers as they go out.
+//!
+//! ```text
+//!              whole line              last reply
+//!   Listening ───────────▶ Answering ────────────▶ Listening
+//!       │ too long, too slow, no request │ reads nothing, or more than it may
+//!       └───────────▶ Closing ◀──────────┘
+//! ```
+
+use super::protocol::{Reason, Refusal, Reply, Request};
+use super::server::{Caller, Limits};
+use rustix::event::PollFlags;
+use std::io::{self, Read as _, Write as _};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixStream;
+
+/// What the conversation waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// For a request.
+    Listening,
+    /// For the launcher's answer; nothing more is read until it is there.
+    Answering,
+    /// For the last words to leave.
+    Closing,
+    /// For nothing.
+    Over,
+}
+
+/// One client.
+#[derive(Debug)]
+pub(super) struct Conversation {
+    stream: UnixStream,
+    caller: Caller,
+    limits: Limits,
+    state: State,
+    inbox: Vec<u8>,
+    outbox: Vec<u8>,
+    /// The client will say nothing more.
+    heard_all: bool,
+    /// When patience with this client ends; never while the launcher is the slow one \[ns\].
+    deadline_ns: u64,
+}
+
+impl Conversation {
+    /// With a client that has just been let in; its stream does not block.
+    pub(super) fn new(stream: UnixStream, caller: Caller, limits: Limits, now_ns: u64) -> Self {
+        Self {
+            stream,
+            caller,
+            limits,
+            state: State::Listening,
+            inbox: Vec::new(),
+            outbox: Vec::new(),
+            heard_all: false,
+            deadline_ns: now_ns + limits.patience_ns,
+        }
+    }
+
+    pub(super) fn caller(&self) -> Caller {
+        self.caller
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.state == State::Over
+    }
+
+    /// When to look at the conversation even if nothing happens \[ns\].
+    pub(super) fn deadline_ns(&self) -> u64 {
+        self.deadline_ns
+    }
+
+    /// What to wait for.
+    pub(super) fn interest(&self) -> PollFlags {
+        let mut interest = PollFlags::empty();
+        interest.set(PollFlags::IN, self.state == State::Listening && !self.heard_all);
+        interest.set(PollFlags::OUT, !self.outbox.is_empty());
+        interest
+    }
+
+    /// Does what can be done now; a request if one is complete.
+    pub(super) fn go_on(&mut self, happened: PollFlags, now_ns: u64) -> Option<Request> {
+        if happened.intersects(PollFlags::IN | PollFlags::HUP) && self.state == State::Listening {
+            self.hear();
+        }
+        let request = self.next_request(now_ns);
+        if now_ns >= self.deadline_ns {
+            self.lose_patience(now_ns);
+        }
+        self.speak(now_ns);
+        // Nobody is left to answer; what was asked for happens all the same.
+        if happened.intersects(PollFlags::HUP | PollFlags::ERR) {
+            self.state = State::Over;
+        }
+        request
+    }
+
+    /// Queues a reply; after the last one the client may ask again.
+    pub(super) fn reply(&mut self, reply: &Reply, now_ns: u64) {
+        if matches!(self.state, State::Closing | State::Over) {
+            return;
+        }
+        self.put(reply);
+        if reply.is_last() {
+            self.state = State::Listening;
+        }
+        self.deadline_ns = now_ns + self.limits.patience_ns;
+        self.speak(now_ns);
+    }
+
+    /// Says why this ends, and ends it.
+    pub(super) fn refuse(&mut self, reason: Reason, text: impl Into<String>, now_ns: u64) {
+        self.put(&Reply::Refused(Refusal::new(reason, text)));
+        self.state = State::Closing;
+        self.deadline_ns = now_ns + self.limits.patience_ns;
+        self.speak(now_ns);
+    }
+
+    fn put(&mut self, reply: &Reply) {
+        // Replies hold strings and numbers only, which JSON can say.
+        let _ = serde_json::to_writer(&mut self.outbox, reply);
+        self.outbox.push(b'\n');
+        if self.outbox.len() > self.limits.unread_bytes {
+            self.state = State::Over;
+        }
+    }
+
+    /// Reads what is there, up to a little more than a request may be.
+    fn hear(&mut self) {
+        let mut chunk = [0; 4096];
+        while self.inbox.len() <= self.limits.request_bytes {
+            match self.stream.read(&mut chunk) {
+                Ok(0) => self.heard_all = true,
+                Ok(count) => {
+                    self.inbox.extend_from_slice(&chunk[..count]);
+                    continue;
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(_) => self.state = State::Over,
+            }
+            return;
+        }
+    }
+
+    /// Takes a line out of the inbox, if one is due.
+    fn next_request(&mut self, now_ns: u64) -> Option<Request> {
+        if self.state != State::Listening {
+            return None;
+        }
+        let end = self.inbox.iter().position(|byte| *byte == b'\n');
+        let limit = self.limits.request_bytes;
+        if end.unwrap_or(self.inbox.len()) > limit {
+            let text = format!("a request has at most {limit} bytes, and this one goes on");
+            self.refuse(Reason::BadRequest, text, now_ns);
+            return None;
+        }
+        let Some(end) = end else {
+            if self.heard_all {
+                self.end_of_hearing(now_ns);
+            }
+            return None;
+        };
+        let line: Vec<u8> = self.inbox.drain(..=end).collect();
+        match serde_json::from_slice(&line) {
+            Ok(request) => {
+                self.state = State::Answering;
+                self.deadline_ns = u64::MAX;
+                Some(request)
+            }
+            Err(error) => {
+                let text = format!(
+                    "not a request: {error}; write one JSON object per line, for example {}",
+                    r#"{"request":"ps"}"#
+                );
+                self.refuse(Reason::BadRequest, text, now_ns);
+                None
+            }
+        }
+    }
+
+    fn end_of_hearing(&mut self, now_ns: u64) {
+        if !self.inbox.is_empty() {
+            let text = "the request has no end: close it with a line feed";
+            self.refuse(Reason::BadRequest, text, now_ns);
+        } else if self.outbox.is_empty() {
+            self.state = State::Over;
+        } else {
+            self.state = State::Closing;
+        }
+    }
+
+    fn lose_patience(&mut self, now_ns: u64) {
+        if self.state == State::Listening && self.outbox.is_empty() {
+            let text = format!(
+                "no whole request within {} s: connect again when there is one",
+                self.limits.patience_ns as f64 / 1e9
+            );
+            self.refuse(Reason::BadRequest, text, now_ns);
+        } else {
+            // It does not read, so there is no way to tell it.
+            self.state = State::Over;
+        }
+    }
+
+    /// Writes what the client takes.
+    fn speak(&mut self, now_ns: u64) {
+        while !self.outbox.is_empty() {
+            match self.stream.write(&self.outbox) {
+                Ok(count) => {
+                    self.outbox.drain(..count);
+                    self.deadline_ns = now_ns + self.limits.patience_ns;
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,
+                Err(_) => {
+                    self.state = State::Over;
+                    return;
+                }
+            }
+        }
+        match self.state {
+            State::Closing => self.state = State::Over,
+            State::Answering => self.deadline_ns = u64::MAX,
+            _ => {}
+        }
+    }
+}
+
+impl AsFd for Conversation {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.stream.as_fd()
+    }
+}

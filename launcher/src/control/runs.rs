@@ -1,0 +1,138 @@
+//! Which run is meant: by name, by the beginning of its name, or because there is only one.
+
+use runtime::namespace;
+use std::fs;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A run of this user with processes alive.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Run {
+    id: String,
+    folder: PathBuf,
+}
+
+impl Run {
+    /// Name of the run.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// Folder of the run.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Name and scenario, as far as it can be read.
+    fn described(&self) -> String {
+        let text = fs::read_to_string(self.folder.join("scenario.toml")).unwrap_or_default();
+        let table: toml::Table = text.parse().unwrap_or_default();
+        let name = table.get("scenario").and_then(|scenario| scenario.get("name")?.as_str());
+        format!("{}  {}", self.id, name.unwrap_or("(just starting)"))
+    }
+}
+
+/// Why no run was found.
+#[derive(Debug, Error)]
+pub enum FindError {
+    /// There is none at all.
+    #[error("no run is in the air: start one with `morphquad run`")]
+    NoRun,
+    /// There is none of that name.
+    #[error("no run is called {wanted}; in the air {}", list(.living))]
+    Unknown {
+        /// As asked for.
+        wanted: String,
+        /// All there are.
+        living: Vec<Run>,
+    },
+    /// There is more than one.
+    #[error("{} runs are in the air, name one with --run:{}", .living.len(), list(.living))]
+    Several {
+        /// All that could be meant.
+        living: Vec<Run>,
+    },
+}
+
+fn list(runs: &[Run]) -> String {
+    if runs.is_empty() {
+        return "is none".to_owned();
+    }
+    let lines: Vec<String> = runs.iter().map(Run::described).collect();
+    format!("\n  {}", lines.join("\n  "))
+}
+
+/// Runs of this user with processes alive, in the order of their names.
+#[must_use]
+pub fn living() -> Vec<Run> {
+    let folders = namespace::living_runs();
+    let mut runs: Vec<Run> = folders.into_iter().map(|(id, folder)| Run { id, folder }).collect();
+    runs.sort_by(|a, b| a.id.cmp(&b.id));
+    runs
+}
+
+/// The run that `wanted` names, or the only one there is.
+///
+/// # Errors
+/// There is none, or more than one.
+pub fn find(wanted: Option<&str>) -> Result<Run, FindError> {
+    choose(wanted, living())
+}
+
+/// As [`find`], among `living`.
+fn choose(wanted: Option<&str>, living: Vec<Run>) -> Result<Run, FindError> {
+    if let Some(run) = living.iter().find(|run| Some(run.id()) == wanted) {
+        return Ok(run.clone());
+    }
+    let prefix = wanted.unwrap_or_default();
+    let mut meant = living.iter().filter(|run| run.id.starts_with(prefix));
+    match (meant.next(), meant.next(), wanted) {
+        (Some(run), None, _) => Ok(run.clone()),
+        (Some(_), Some(_), _) => {
+            let meant = living.into_iter().filter(|run| run.id.starts_with(prefix));
+            Err(FindError::Several { living: meant.collect() })
+        }
+        (None, _, None) => Err(FindError::NoRun),
+        (None, _, Some(wanted)) => Err(FindError::Unknown { wanted: wanted.to_owned(), living }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn living(ids: &[&str]) -> Vec<Run> {
+        let run = |id: &&str| Run { id: (*id).to_owned(), folder: PathBuf::from("/nowhere") };
+        ids.iter().map(run).collect()
+    }
+
+    fn chosen(wanted: Option<&str>, ids: &[&str]) -> Result<String, String> {
+        choose(wanted, living(ids)).map(|run| run.id).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_only_run_needs_no_name_and_any_beginning_of_a_name_will_do() {
+        assert_eq!(chosen(None, &["7f3a"]).as_deref(), Ok("7f3a"));
+        assert_eq!(chosen(Some("9"), &["7f3a", "9b01"]).as_deref(), Ok("9b01"));
+        // A whole name is that run's although another one begins with it.
+        assert_eq!(chosen(Some("7f"), &["7f3a", "7f"]).as_deref(), Ok("7f"));
+    }
+
+    #[test]
+    fn none_several_and_unknown_are_refused_with_the_list_of_what_there_is() {
+        let listed = |wanted, ids: &[&str], expected: &[&str]| {
+            let text = chosen(wanted, ids).unwrap_err();
+            for word in expected {
+                assert!(text.contains(word), "{text}");
+            }
+        };
+        listed(None, &[], &["no run is in the air"]);
+        listed(Some("7"), &[], &["no run is called 7", "none"]);
+        listed(None, &["7f3a", "9b01"], &["2 runs", "--run", "7f3a", "9b01"]);
+        listed(Some("7"), &["7f3a", "7f3b", "9b01"], &["2 runs", "7f3a", "7f3b"]);
+        listed(Some("8"), &["7f3a"], &["no run is called 8", "7f3a"]);
+        assert!(!chosen(Some("7"), &["7f3a", "7f3b", "9b01"]).unwrap_err().contains("9b01"));
+    }
+}

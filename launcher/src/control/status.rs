@@ -1,0 +1,95 @@
+//! A flight at a glance, as its launcher knows it.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// A run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunStatus {
+    /// Name of the run.
+    pub run: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// `lockstep` or `realtime`.
+    pub clock: String,
+    /// The clock runs; before that, processes are getting ready.
+    pub started: bool,
+    /// Logical time through which every loop is complete \[s\].
+    pub flown_s: f64,
+    /// Logical time at which the flight ends \[s\].
+    pub end_s: f64,
+    /// Process that answers.
+    pub launcher_pid: u32,
+    /// Where the recording is.
+    pub recording: Option<PathBuf>,
+    /// Every loop, in data-flow order.
+    pub processes: Vec<ProcessStatus>,
+    /// Every slot.
+    pub slots: Vec<SlotStatus>,
+}
+
+/// A loop and the process that it runs in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ProcessStatus {
+    /// Service, or `pilot`.
+    pub name: String,
+    /// What it is in the data flow.
+    pub role: String,
+    /// Its process, if there is one now; the pilot's is the launcher's.
+    pub pid: Option<u32>,
+    /// Place among those that could fill the role.
+    pub seat: u8,
+    /// Restarts so far.
+    pub generation: u32,
+    /// Steps per second of logical time.
+    pub rate_hz: f64,
+    /// What it is doing.
+    pub state: ProcessState,
+    /// First instant that it has not yet published completely \[s\].
+    pub mark_s: f64,
+    /// Wall time since this last advanced \[s\].
+    pub mark_age_s: f64,
+}
+
+/// What a process is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProcessState {
+    /// Not ready for the first time yet.
+    Starting,
+    /// Flies, in a role without a slot.
+    Running,
+    /// Flies, and its commands count.
+    Owner,
+    /// Died; its successor is not ready yet.
+    Restarting,
+    /// Has flown to the end.
+    Finished,
+}
+
+impl ProcessState {
+    /// As shown.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Starting => "starting",
+            Self::Running => "running",
+            Self::Owner => "owner",
+            Self::Restarting => "restarting",
+            Self::Finished => "finished",
+        }
+    }
+}
+
+/// A slot and who commands in it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SlotStatus {
+    /// `attitude` or `position`.
+    pub slot: String,
+    /// Epoch of the last owner record; 0 before the first.
+    pub epoch: u64,
+    /// Whose commands count.
+    pub owner: Option<String>,
+    /// Who takes over when the owner falls silent.
+    pub fallback: Option<String>,
+}
