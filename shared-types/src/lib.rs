@@ -33,7 +33,7 @@ pub use header::{Flag, Header, Quaternion, Sample};
 pub use iceoryx2::prelude::ZeroCopySend;
 pub use sensors::{Imu, MorphAngle, PoseFix};
 pub use supervision::{
-    Author, ClockMode, ClockRecord, Deviation, DeviationKind, Hello, LoopStats, OwnerRecord,
-    Progress, Role,
+    ClockMode, ClockRecord, Deviation, DeviationKind, Handover, Hello, LoopStats, NO_SEAT, NodeId,
+    OwnerRecord, Progress, ROLL_LINES, Role, Roll, RollEntry, SEATS, Seat,
 };
-pub use topics::{Edge, Stamped, Topic, TopicInfo, TopicVisitor};
+pub use topics::{Edge, Topic, TopicInfo, TopicVisitor};

@@ -125,7 +125,7 @@ macro_rules! code {
         $($(#[$variant_meta:meta])* $variant:ident = $value:literal),+ $(,)?
     }) => {
         $(#[$meta])*
-        #[derive(Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+        #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, ZeroCopySend)]
         #[repr(C)]
         pub struct $name(pub u32);
 

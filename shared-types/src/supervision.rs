@@ -46,6 +46,16 @@ impl Role {
         self.index() < Self::STEPPING.len()
     }
 
+    /// How many processes may take part in the role at once: a slot has an owner, a fallback and room
+    /// for two that are about to be either.
+    #[must_use]
+    pub const fn seats(self) -> u32 {
+        match self {
+            Self::Position | Self::Attitude => 4,
+            _ => 1,
+        }
+    }
+
     /// Lower-case name used for progress services, tables and the command line.
     #[must_use]
     pub fn label(self) -> &'static str {
@@ -61,26 +71,97 @@ impl Role {
     }
 }
 
-/// Identity of a publisher, taken from the transport and never from a field the sender fills.
-pub type Author = [u64; 2];
+/// Most seats that a role has, see [`Role::seats`].
+pub const SEATS: usize = 4;
+
+/// No seat at all.
+pub const NO_SEAT: u32 = u32::MAX;
+
+/// A place that a process takes in the data flow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Seat {
+    /// What is done there.
+    pub role: Role,
+    /// Which of the role's seats, below [`Role::seats`].
+    pub index: u32,
+}
+
+impl Seat {
+    /// The seat that a role's process takes at the start.
+    #[must_use]
+    pub const fn first(role: Role) -> Self {
+        Self { role, index: 0 }
+    }
+
+    /// All seats of a role.
+    pub fn all(role: Role) -> impl Iterator<Item = Self> {
+        (0..role.seats()).map(move |index| Self { role, index })
+    }
+
+    /// Name for services and tables: `attitude` for the first seat, then `attitude-1`.
+    #[must_use]
+    pub fn label(self) -> String {
+        match self.index {
+            0 => self.role.label().to_owned(),
+            index => format!("{}-{index}", self.role.label()),
+        }
+    }
+}
+
+/// A process as the transport knows it, whatever it says of itself.
+pub type NodeId = [u64; 2];
+
+sample! {
+    /// Who sits where: one line of the [`Roll`].
+    pub struct RollEntry {
+        /// The process, as told by the transport.
+        pub node: [u64; 2],
+        /// Its control period \[ns\].
+        pub period_ns: u64,
+        /// What it does.
+        pub role: Role,
+        /// Its seat.
+        pub seat: u32,
+        /// How many processes have had the seat before it.
+        pub generation: u32,
+        /// Set while it sits there; what it sent before it left still counts.
+        pub present: Flag,
+    }
+}
+
+/// Lines of the roll; the oldest of processes that have left make room.
+pub const ROLL_LINES: usize = 64;
+
+sample! {
+    /// Every process that may publish. Written by the supervisor alone, who has seen each say hello.
+    pub struct Roll {
+        /// The lines in use come first.
+        pub entries: [RollEntry; 64],
+        /// How many are in use.
+        pub count: u64,
+    }
+}
 
 sample! {
     /// Who owns a slot from an instant on. Epochs only grow; only the supervisor writes.
+    ///
+    /// A command counts if its writer sits on the owner's seat by the record in effect at the
+    /// command's own effective instant.
     pub struct OwnerRecord {
         /// Identity and time; `valid_ns` is the instant of the change.
         pub header: Header,
         /// Epoch, counted from 1.
         pub epoch: u64,
-        /// Publisher whose commands count.
-        pub owner: [u64; 2],
-        /// Publisher that takes over when the owner falls silent; zeros for none.
-        pub fallback: [u64; 2],
-        /// Control period of the owner \[ns\].
-        pub period_ns: u64,
+        /// Control period of whoever sits on each seat \[ns\]; 0 if the seat is free.
+        pub period_ns: [u64; 4],
+        /// Seat whose commands count.
+        pub owner: u32,
+        /// Seat that takes over when the owner falls silent; [`NO_SEAT`] for none.
+        pub fallback: u32,
         /// Slot the record is about: [`Role::Position`] or [`Role::Attitude`].
         pub slot: Role,
-        /// Keeps the size a multiple of eight bytes.
-        pub reserved: u32,
+        /// The owner is of another kind than its predecessor: consumers limit the step between them.
+        pub kind_changed: Flag,
     }
 }
 
@@ -127,13 +208,11 @@ code! {
         SkippedReleases = 3,
         /// `first` times the loop found a later release past and ran the earlier one all the same.
         CaughtUp = 4,
-        /// From sample `first` on, `author` writes the input.
-        Writer = 5,
         /// The process has been restarted and went on from the state of release `first`.
-        Resumed = 6,
+        Resumed = 5,
         /// The loop left in order, and sample `last` was the last of this input that it had; 0 if
         /// there was none. What came after it would have been late.
-        Ended = 7,
+        Ended = 6,
     }
 }
 
@@ -142,10 +221,8 @@ sample! {
     /// each step has seen: nominally all samples in effect, which need not be written down.
     pub struct Deviation {
         /// Identity and time; `release_ns` is the step's. Each life of a process counts for itself:
-        /// the seat is eight times the generation, plus the role.
+        /// the seat tells role, seat and generation.
         pub header: Header,
-        /// Writer of the input, as told by the transport; zeros unless the kind is `Writer`.
-        pub author: [u64; 2],
         /// First sequence, release or number, see the kind.
         pub first: u64,
         /// Last sequence or release, see the kind; equal to `first` if there is only one.
@@ -238,16 +315,30 @@ sample! {
 sample! {
     /// A process has opened all its ports.
     pub struct Hello {
-        /// Publisher of the slot command it would write; zeros if it fills no slot.
-        pub command_author: [u64; 2],
         /// Layout of its published state.
         pub state_layout: u64,
+        /// Its period \[ns\].
+        pub period_ns: u64,
         /// Process id.
         pub pid: u32,
         /// Restarts of the process.
         pub generation: u32,
         /// Role it fills.
         pub role: Role,
+        /// Seat it takes.
+        pub seat: u32,
+    }
+}
+
+sample! {
+    /// What a process is told that takes a seat in flight, ahead of the state it continues from.
+    pub struct Handover {
+        /// First instant at which it may step \[ns\]; 0 if it goes on right after the state.
+        pub join_ns: u64,
+        /// Until then it follows the slot's owner before each step, see `Service::track` \[ns\].
+        pub track_until_ns: u64,
+        /// The state of a process of its own kind follows.
+        pub has_state: Flag,
         /// Keeps the size a multiple of eight bytes.
         pub reserved: u32,
     }

@@ -3,9 +3,9 @@
 //! Ports, recorder, command line and documentation iterate over this table. A new topic is one
 //! sample type and one line here.
 
+use crate::Role;
 use crate::header::Sample;
 use crate::wire::Schema;
-use crate::{Author, Role};
 use core::marker::PhantomData;
 
 /// How the logical time of an arrow is judged (see ARCHITECTURE.md, "Logical execution time").
@@ -67,15 +67,6 @@ pub trait TopicVisitor {
     /// # Errors
     /// Whatever the visitor meets; it ends the walk.
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Self::Error>;
-}
-
-/// A sample together with the identity of its writer.
-#[derive(Debug, Clone, Copy)]
-pub struct Stamped<T> {
-    /// The sample as received.
-    pub sample: T,
-    /// Its writer, as told by the transport.
-    pub author: Author,
 }
 
 macro_rules! floor_plan {
@@ -140,7 +131,7 @@ floor_plan! {
         "bounds, verdict and effort of the attitude controller"
     DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
         "wind, force, torque, payload and rotor faults"
-    ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant], Delayed, history 16;
+    ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant, Position], Delayed, history 16;
         "owner of the attitude slot"
     POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude], Delayed, history 16;
         "owner of the position slot"

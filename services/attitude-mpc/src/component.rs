@@ -6,7 +6,7 @@ use crate::preview::MorphPlan;
 use crate::{AttitudeLawConfig, ConfigError};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, inputs, outputs};
+use runtime::{Link, Service, Standing, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
     SolveStatus, StateEstimate, WrenchCommand, topics,
@@ -54,7 +54,7 @@ shared_types::memory! {
         pub setpoint: [f64; 4],
         /// Sequence of the set point sample in use.
         pub setpoint_sequence: u64,
-        /// Set points refused because they are not finite or their writer does not own the slot.
+        /// Set points refused because they are not finite.
         pub setpoints_refused: u64,
     }
 }
@@ -101,11 +101,12 @@ impl AttitudeMpc {
 
     /// Takes the newest set point whose writer owns the position slot.
     fn take_setpoint(&mut self, inputs: &Inputs) {
-        let owner = inputs.position_owner.sample().map(|record| record.owner);
-        for stamped in inputs.attitude_setpoint.fresh() {
-            let sample = &stamped.sample;
+        for sample in inputs.attitude_setpoint.fresh() {
             let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
-            if owner != Some(stamped.author) || !values.iter().all(|v| v.is_finite()) {
+            if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
+                continue;
+            }
+            if !values.iter().all(|v| v.is_finite()) {
                 self.setpoints_refused += 1;
                 continue;
             }
@@ -167,7 +168,7 @@ impl AttitudeMpc {
 
 /// What the gate applied, once there is a command.
 fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
-    inputs.applied_command.sample().filter(|applied| applied.command_sequence > 0)
+    inputs.applied_command.latest().filter(|applied| applied.command_sequence > 0)
 }
 
 /// The path of a command, or its angle if it has none.
@@ -204,7 +205,7 @@ impl Service for AttitudeMpc {
             self.law.miss();
             return;
         };
-        let plan = inputs.morph_command.sample().map(|command| plan(command, now_ns));
+        let plan = inputs.morph_command.latest().map(|command| plan(command, now_ns));
         let output = self.law.step_along(&input, plan.as_ref());
         outputs.wrench_command.write(WrenchCommand {
             thrust_n: output.thrust_n,

@@ -46,16 +46,14 @@ impl Estimator {
     /// Samples of one step in the order time, then topic: the IMU carries the belief to an
     /// instant before a measurement of that instant corrects it.
     fn take(&mut self, inputs: &Inputs) {
-        for stamped in inputs.imu.fresh() {
-            let sample = &stamped.sample;
+        for sample in inputs.imu.fresh() {
             self.filter.on_imu(&ImuSample {
                 time_ns: sample.header.valid_ns,
                 gyro_rad_s: sample.gyro_b_rad_s.into(),
                 accel_m_s2: sample.specific_force_b_m_s2.into(),
             });
         }
-        for stamped in inputs.pose_fix.fresh() {
-            let sample = &stamped.sample;
+        for sample in inputs.pose_fix.fresh() {
             let q = &sample.q_wb;
             self.filter.on_pose_fix(&PoseFixSample {
                 captured_ns: sample.captured_ns,
@@ -63,8 +61,7 @@ impl Estimator {
                 q_wb: UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)),
             });
         }
-        for stamped in inputs.morph_angle.fresh() {
-            let sample = &stamped.sample;
+        for sample in inputs.morph_angle.fresh() {
             self.filter.on_morph_angle(&MorphAngleSample {
                 time_ns: sample.header.valid_ns,
                 angle_rad: sample.angle_rad,

@@ -13,7 +13,7 @@ use crate::sensors::{
 };
 use nalgebra::Vector3;
 use runtime::Service;
-use shared_types::{AppliedCommand, Flag, GateMode};
+use shared_types::{AppliedCommand, Flag, GateMode, NO_SEAT};
 use vehicle::{
     Actuation, Allocation, GroundContact, LinearModel, MODEL_MEMORY_LEN, MorphAngle,
     NonlinearModel, PlantInputs, PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
@@ -149,8 +149,8 @@ impl Plant {
         effects.advance(now_ns, inputs);
         self.commands.clear();
         let first = effects.commands_from;
-        for stamped in &inputs.wrench_command.fresh()[first..effects.commands_to] {
-            self.commands.push(command(stamped, effects.owner.map_or([0; 2], |o| o.1)));
+        for sample in &inputs.wrench_command.fresh()[first..effects.commands_to] {
+            self.commands.push(command(sample, effects.owner.map_or(NO_SEAT, |o| o.1)));
         }
         if let Some(kick) = effects.take_kick(inputs) {
             self.kick_b_rad_s += kick;
@@ -165,8 +165,8 @@ impl Plant {
             output.accepted.and_then(|i| inputs.wrench_command.fresh().get(first + i))
         {
             self.in_effect = InEffect {
-                sequence: accepted.sample.header.sequence,
-                cause_sequence: accepted.sample.header.cause_sequence,
+                sequence: accepted.header.sequence,
+                cause_sequence: accepted.header.cause_sequence,
                 epoch: effects.owner.map_or(0, |o| o.0),
             };
         }

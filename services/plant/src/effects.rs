@@ -3,22 +3,18 @@
 use crate::gate::Command;
 use crate::ports::Inputs;
 use nalgebra::Vector3;
-use shared_types::{Author, MorphCommand, Stamped, WrenchCommand};
+use shared_types::{MorphCommand, WrenchCommand};
 use vehicle::{Disturbance, Wrench};
 
-pub(crate) fn command(stamped: &Stamped<WrenchCommand>, owner: Author) -> Command {
-    let sample = &stamped.sample;
+/// A command with the seat that owns the slot; a slot without a record obeys nobody.
+pub(crate) fn command(sample: &WrenchCommand, owner: u32) -> Command {
     Command {
         wrench: Wrench { thrust_n: sample.thrust_n, torque_b_nm: sample.torque_b_nm.into() },
-        author: join(stamped.author),
-        owner: join(owner),
+        seat: sample.header.seat,
+        owner,
         effective_ns: sample.header.valid_ns,
         validity_ns: sample.validity_ns,
     }
-}
-
-fn join([high, low]: Author) -> u128 {
-    (u128::from(high) << 64) | u128::from(low)
 }
 
 /// Commanded angle on the planned path, between its points.
@@ -43,17 +39,14 @@ pub(crate) struct Effects {
     disturbances: usize,
     kicks: usize,
     morphs: usize,
-    /// Epoch and identity of the owner now.
-    pub(crate) owner: Option<(u64, Author)>,
+    /// Epoch and seat of the owner now.
+    pub(crate) owner: Option<(u64, u32)>,
 }
 
 impl Effects {
     pub(crate) fn new(inputs: &Inputs) -> Self {
         // What was in effect before this step: the latest value, unless it is itself fresh.
-        let owner = inputs
-            .attitude_owner
-            .before_fresh()
-            .map(|record| (record.sample.epoch, record.sample.owner));
+        let owner = inputs.attitude_owner.before_fresh().map(|record| (record.epoch, record.owner));
         Self {
             commands_from: 0,
             commands_to: 0,
@@ -71,7 +64,7 @@ impl Effects {
         let owners = inputs.attitude_owner.fresh();
         self.owners = due(owners, self.owners, now_ns);
         if let Some(record) = self.owners.checked_sub(1).and_then(|i| owners.get(i)) {
-            self.owner = Some((record.sample.epoch, record.sample.owner));
+            self.owner = Some((record.epoch, record.owner));
         }
         self.disturbances = due(inputs.disturbance.fresh(), self.disturbances, now_ns);
         self.morphs = due(inputs.morph_command.fresh(), self.morphs, now_ns);
@@ -94,7 +87,7 @@ impl Effects {
 
     pub(crate) fn morph<'a>(&self, inputs: &'a Inputs) -> Option<&'a MorphCommand> {
         let fresh = self.morphs.checked_sub(1).and_then(|i| inputs.morph_command.fresh().get(i));
-        fresh.or_else(|| inputs.morph_command.before_fresh()).map(|stamped| &stamped.sample)
+        fresh.or_else(|| inputs.morph_command.before_fresh())
     }
 
     pub(crate) fn disturbance(&self, inputs: &Inputs) -> Disturbance {
@@ -102,15 +95,12 @@ impl Effects {
             self.disturbances.checked_sub(1).and_then(|i| inputs.disturbance.fresh().get(i));
         fresh.or_else(|| inputs.disturbance.before_fresh()).map_or_else(
             Disturbance::default,
-            |stamped| {
-                let sample = &stamped.sample;
-                Disturbance {
-                    force_w_n: sample.force_w_n.into(),
-                    torque_b_nm: sample.torque_b_nm.into(),
-                    wind_w_m_s: sample.wind_w_m_s.into(),
-                    rotor_efficiency: sample.rotor_efficiency,
-                    payload_kg: sample.payload_kg,
-                }
+            |sample| Disturbance {
+                force_w_n: sample.force_w_n.into(),
+                torque_b_nm: sample.torque_b_nm.into(),
+                wind_w_m_s: sample.wind_w_m_s.into(),
+                rotor_efficiency: sample.rotor_efficiency,
+                payload_kg: sample.payload_kg,
             },
         )
     }
@@ -119,14 +109,14 @@ impl Effects {
     pub(crate) fn take_kick(&mut self, inputs: &Inputs) -> Option<Vector3<f64>> {
         let new = inputs.disturbance.fresh().get(self.kicks..self.disturbances)?;
         self.kicks = self.disturbances;
-        new.iter().map(|s| Vector3::from(s.sample.body_rate_kick_b_rad_s)).reduce(|a, b| a + b)
+        new.iter().map(|s| Vector3::from(s.body_rate_kick_b_rad_s)).reduce(|a, b| a + b)
     }
 }
 
-fn due<T: shared_types::Sample>(fresh: &[Stamped<T>], from: usize, now_ns: u64) -> usize {
-    from + fresh[from..].iter().take_while(|s| s.sample.header().valid_ns <= now_ns).count()
+fn due<T: shared_types::Sample>(fresh: &[T], from: usize, now_ns: u64) -> usize {
+    from + fresh[from..].iter().take_while(|s| s.header().valid_ns <= now_ns).count()
 }
 
-fn valid_ns<T: shared_types::Sample>(fresh: &[Stamped<T>], index: usize) -> Option<u64> {
-    fresh.get(index).map(|s| s.sample.header().valid_ns)
+fn valid_ns<T: shared_types::Sample>(fresh: &[T], index: usize) -> Option<u64> {
+    fresh.get(index).map(|s| s.header().valid_ns)
 }

@@ -6,10 +6,10 @@ use crate::preview::{Landing, preview};
 use crate::{ConfigError, PositionLawConfig};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, inputs, outputs};
+use runtime::{Link, Service, Standing, inputs, outputs};
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, Reference, SolveStatus,
-    StateEstimate, topics,
+    AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord, Reference,
+    SolveStatus, StateEstimate, topics,
 };
 use vehicle::{VehicleParameters, euler_from_quaternion};
 
@@ -24,6 +24,8 @@ inputs! {
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
         /// Planned path of the deployable angle.
         morph_command: MorphCommand = topics::MORPH_COMMAND,
+        /// Owner of the attitude slot.
+        attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
     }
 }
 
@@ -42,6 +44,12 @@ shared_types::memory! {
     pub struct ComponentMemory {
         /// The control law's memory.
         pub law: Memory,
+        /// Set point that the attitude slot's owner tracks: φ, θ, ψ [rad] and T [N].
+        pub applied: [f64; 4],
+        /// Whether there is one.
+        pub has_applied: bool,
+        /// Release of the step that said so \[ns\].
+        pub applied_release_ns: u64,
     }
 }
 
@@ -54,6 +62,10 @@ pub struct PositionMpc {
     landing: Landing,
     /// Reference over the horizon, reused every step.
     points: Vec<Vector3<f64>>,
+    /// Set point that the attitude slot's owner tracks.
+    applied: Option<Setpoint>,
+    /// Release of the step that said so \[ns\].
+    applied_release_ns: u64,
 }
 
 impl PositionMpc {
@@ -71,7 +83,17 @@ impl PositionMpc {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
         let period_ns = (1e9 * period_s).ceil() as u64;
         let law = PositionLaw::new(config, vehicle)?;
-        Ok(Self { law, period_s, period_ns, landing, points })
+        Ok(Self { law, period_s, period_ns, landing, points, applied: None, applied_release_ns: 0 })
+    }
+
+    /// Takes what the attitude slot's owner says it tracks; shadows say so too.
+    fn take_applied(&mut self, inputs: &Inputs) {
+        for sample in inputs.applied_setpoint.fresh() {
+            if inputs.attitude_owner.standing_of(&sample.header) == Standing::Owner {
+                self.applied = applied(sample);
+                self.applied_release_ns = sample.header.release_ns;
+            }
+        }
     }
 
     fn report(&self, output: &Output) -> ControllerReport {
@@ -124,8 +146,9 @@ impl Service for PositionMpc {
     type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        self.take_applied(inputs);
         let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
-        let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.sample()) else {
+        let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.latest()) else {
             // The attitude loop keeps the last set point.
             self.law.miss();
             return;
@@ -141,7 +164,7 @@ impl Service for PositionMpc {
             age_s: age_ns as f64 * 1e-9,
             reference_w_m: &self.points,
             reference_yaw_rad: yaw_rad,
-            applied: inputs.applied_setpoint.sample().and_then(applied),
+            applied: self.applied,
         });
         let gamma = output.setpoint.gamma_rad;
         outputs.attitude_setpoint.write(AttitudeSetpoint {
@@ -155,19 +178,30 @@ impl Service for PositionMpc {
     }
 
     fn track(&mut self, now_ns: u64, inputs: &Inputs) {
-        let sample = inputs.applied_setpoint.sample();
-        if let Some((sample, setpoint)) = sample.and_then(|s| Some((s, applied(s)?))) {
+        self.take_applied(inputs);
+        if let Some(setpoint) = self.applied {
             // Chosen before the set point of k−1 could be in effect.
-            let late = sample.header.release_ns + self.period_ns <= now_ns;
+            let late = self.applied_release_ns + self.period_ns <= now_ns;
             self.law.track(&setpoint, late);
         }
     }
 
     fn memory(&self) -> ComponentMemory {
-        ComponentMemory { law: *self.law.memory() }
+        let applied = self.applied.map_or([0.0; 4], |setpoint| {
+            let gamma = setpoint.gamma_rad;
+            [gamma.x, gamma.y, gamma.z, setpoint.thrust_n]
+        });
+        let has_applied = self.applied.is_some();
+        let applied_release_ns = self.applied_release_ns;
+        ComponentMemory { law: *self.law.memory(), applied, has_applied, applied_release_ns }
     }
 
     fn restore(&mut self, memory: &ComponentMemory) -> Result<(), String> {
-        self.law.restore(&memory.law).map_err(|error| error.to_string())
+        self.law.restore(&memory.law).map_err(|error| error.to_string())?;
+        let [roll, pitch, yaw, thrust_n] = memory.applied;
+        let setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
+        self.applied = memory.has_applied.then_some(setpoint);
+        self.applied_release_ns = memory.applied_release_ns;
+        Ok(())
     }
 }

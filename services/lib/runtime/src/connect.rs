@@ -6,7 +6,7 @@ use crate::input::{Input, InputSet as _, InputVisitor};
 use crate::ipc::{Bus, PortError};
 use crate::output::{Output, OutputSet as _, OutputVisitor};
 use crate::service::Service;
-use shared_types::{Author, Role, Sample, Topic, topics};
+use shared_types::{Role, Sample, Topic, topics};
 
 struct Readers<'a> {
     bus: &'a Bus,
@@ -23,7 +23,7 @@ impl InputVisitor for Readers<'_> {
     ) -> Result<(), PortError> {
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
-        input.connect(Box::new(self.bus.reader(topic)?), Some(edge));
+        input.connect(Box::new(self.bus.reader(topic, edge.from)?), Some(edge));
         Ok(())
     }
 }
@@ -31,7 +31,6 @@ impl InputVisitor for Readers<'_> {
 struct Writers<'a> {
     bus: &'a Bus,
     graph: &'a Graph,
-    command_author: Author,
 }
 
 impl OutputVisitor for Writers<'_> {
@@ -42,21 +41,12 @@ impl OutputVisitor for Writers<'_> {
         output: &mut Output<T>,
     ) -> Result<(), PortError> {
         let writer = self.bus.writer(topic)?;
-        if is_slot_command(topic.info.name) {
-            self.command_author = writer.author();
-        }
         output.connect(Box::new(writer), self.graph.latency_ns(&topic.info));
         Ok(())
     }
 }
 
-/// True for the topics whose writer must own a slot.
-fn is_slot_command(name: &str) -> bool {
-    name == topics::WRENCH_COMMAND.info.name || name == topics::ATTITUDE_SETPOINT.info.name
-}
-
-/// Opens every declared port and returns the identity under which slot commands will appear
-/// (zeros if the service writes none).
+/// Opens every declared port.
 ///
 /// # Errors
 /// The first port that cannot be had.
@@ -64,12 +54,11 @@ pub fn connect<S: Service>(
     bus: &Bus,
     graph: &Graph,
     executor: &mut Executor<S>,
-) -> Result<Author, PortError> {
+) -> Result<(), PortError> {
     let role = executor.node().role;
     executor.inputs.visit(&mut Readers { bus, graph, role })?;
-    let mut writers = Writers { bus, graph, command_author: Author::default() };
-    executor.outputs.visit(&mut writers)?;
+    executor.outputs.visit(&mut Writers { bus, graph })?;
     executor.stats.connect(Box::new(bus.writer(&topics::LOOP_STATS)?), 0);
     executor.deviations.connect(Box::new(bus.writer(&topics::DEVIATION)?), 0);
-    Ok(writers.command_author)
+    Ok(())
 }

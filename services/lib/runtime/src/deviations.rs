@@ -3,17 +3,28 @@
 //! What a step should have seen follows from edges and time, so only the exceptions are told: with
 //! them a recording determines every step, also of a realtime flight.
 
-use crate::input::{Input, InputVisitor};
+use crate::input::{Input, InputVisitor, Newest};
 use crate::output::Output;
 use crate::service::StateHeader;
 use core::convert::Infallible;
-use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Topic, topics};
+use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Seat, Topic, topics};
 
 /// Inputs of one loop that are waited for; nobody has more.
 const MOST_AWAITED: usize = 8;
 
-/// Lives of a process have a seat each, so that a successor's numbers are not taken for repetitions.
-const SEATS_PER_LIFE: u32 = 8;
+/// Roles that a number tells apart.
+const ROLE_RADIX: u32 = 8;
+
+/// What tells loops apart on topics that all of them write: role and seat.
+pub(crate) fn loop_number(seat: Seat) -> u32 {
+    seat.index.wrapping_mul(ROLE_RADIX).wrapping_add(seat.role.0)
+}
+
+/// As [`loop_number`]; each life counts for itself, so that a successor's numbers are not taken for
+/// repetitions.
+fn life_number(seat: Seat, generation: u32) -> u32 {
+    generation.wrapping_mul(ROLE_RADIX << 2).wrapping_add(loop_number(seat))
+}
 
 /// Writes deviations of one step.
 pub(crate) struct Report<'a> {
@@ -23,8 +34,9 @@ pub(crate) struct Report<'a> {
 }
 
 impl<'a> Report<'a> {
+    /// `step` is the header of what the step sends.
     pub(crate) fn new(output: &'a mut Output<Deviation>, step: &Header, role: Role) -> Self {
-        let seat = step.generation.wrapping_mul(SEATS_PER_LIFE).wrapping_add(role.0);
+        let seat = life_number(Seat { role, index: step.seat }, step.generation);
         Self { output, header: Header { seat, ..*step }, role }
     }
 
@@ -32,6 +44,11 @@ impl<'a> Report<'a> {
         let input = Deviation::input_from(input);
         self.output.write(Deviation { kind, input, role: self.role, ..deviation });
         self.output.flush(&self.header);
+    }
+
+    fn lost(&mut self, input: &str, writer_seat: u32, first: u64, last: u64) {
+        let lost = Deviation { first, last, writer_seat, ..Deviation::default() };
+        self.write(DeviationKind::LostSamples, input, lost);
     }
 
     fn range(&mut self, kind: DeviationKind, input: &str, first: u64, last: u64) {
@@ -129,28 +146,25 @@ impl InputVisitor for ReportInputs<'_> {
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
         let name = topic.info.name;
-        let mut before = input.before_fresh();
+        let mut newest = input.newest_before();
         let mut late: Option<Deviation> = None;
-        for stamped in input.fresh() {
-            let header = stamped.sample.header();
-            if before.is_none_or(|b| b.author != stamped.author) {
-                let deviation = Deviation {
-                    author: stamped.author,
-                    first: header.sequence,
-                    last: header.sequence,
-                    writer_seat: header.seat,
-                    ..Deviation::default()
-                };
-                self.report.write(DeviationKind::Writer, name, deviation);
-            }
-            let expected = match before.map(|b| b.sample.header()) {
-                None => 1,
-                Some(last) if last.seat == header.seat => last.sequence.saturating_add(1),
-                Some(_) => header.sequence,
+        for sample in input.fresh() {
+            let header = sample.header();
+            let Some(newest) = usize::try_from(header.seat).ok().and_then(|i| newest.get_mut(i))
+            else {
+                continue;
             };
-            if header.sequence > expected {
+            let missing = match newest.replace(Newest::of(header)) {
+                Some(before) => before.missing_before(header),
+                // The first writer of all counts from 1, whoever comes in flight from anywhere.
+                None if header.seat == 0 && header.generation == 0 => {
+                    header.sequence.saturating_sub(1)
+                }
+                None => 0,
+            };
+            if missing > 0 {
                 let last = header.sequence - 1;
-                self.report.range(DeviationKind::LostSamples, name, expected, last);
+                self.report.lost(name, header.seat, header.sequence - missing, last);
             }
             // Samples come in the order of their effect: the late ones are the first.
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
@@ -162,7 +176,6 @@ impl InputVisitor for ReportInputs<'_> {
                 };
                 late.get_or_insert(first).last = header.sequence;
             }
-            before = Some(stamped);
         }
         if let Some(deviation) = late {
             self.report.write(DeviationKind::LateSamples, name, deviation);
@@ -181,7 +194,7 @@ impl InputVisitor for ReportEnd<'_> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
-        let last = input.sample().map_or(0, |sample| sample.header().sequence);
+        let last = input.latest().map_or(0, |sample| sample.header().sequence);
         self.0.range(DeviationKind::Ended, topic.info.name, last, last);
         Ok(())
     }

@@ -1,14 +1,13 @@
 //! Runs the releases of one component, one after the other, and publishes all it owes.
 
-use crate::deviations::{Pending, Report, ReportEnd, ReportInputs};
+use crate::deviations::{Pending, Report, ReportEnd, ReportInputs, loop_number};
 use crate::graph::{Edge, MissPolicy, Node};
 use crate::input::InputSet;
 use crate::output::{Output, OutputSet};
 use crate::service::{
-    RestoreError, Service, StateHeader, pack_state, state_layout, state_size, step_header,
-    unpack_state,
+    RestoreError, Service, StateHeader, pack_state, state_layout, state_size, unpack_state,
 };
-use shared_types::{Deviation, Header, LoopStats};
+use shared_types::{Deviation, Header, LoopStats, Seat};
 
 /// Logical time between two [`LoopStats`] \[ns\].
 const STATS_PERIOD_NS: u64 = 100_000_000;
@@ -30,11 +29,20 @@ pub struct StepStamps {
     pub now_mono_ns: fn() -> u64,
 }
 
+/// Which of its role's seats a component takes, and who it is there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Place {
+    /// Seat of the role.
+    pub seat: u32,
+    /// How many processes have had the seat before.
+    pub generation: u32,
+}
+
 /// One component with its ports, at a place in its release grid.
 pub struct Executor<S: Service> {
     service: S,
     node: Node,
-    generation: u32,
+    place: Place,
     /// Inputs; connected by the transport.
     pub inputs: S::Inputs,
     /// Outputs; connected by the transport.
@@ -54,6 +62,10 @@ pub struct Executor<S: Service> {
     previous_ns: Option<u64>,
     counts: StateHeader,
     rescued_waits: u64,
+    /// Until then the component follows what its slot applies \[ns\].
+    track_until_ns: u64,
+    /// The release before the first of a component that joins a flight \[ns\].
+    joins_after_ns: Option<u64>,
 }
 
 impl<S: Service> core::fmt::Debug for Executor<S> {
@@ -68,11 +80,11 @@ impl<S: Service> core::fmt::Debug for Executor<S> {
 impl<S: Service> Executor<S> {
     /// A component at the start of its grid. Its state is published every `state_every` releases.
     #[must_use]
-    pub fn new(service: S, node: Node, generation: u32, state_every: u64) -> Self {
+    pub fn new(service: S, node: Node, place: Place, state_every: u64) -> Self {
         Self {
             service,
             node,
-            generation,
+            place,
             inputs: S::Inputs::default(),
             outputs: S::Outputs::default(),
             stats: Output::default(),
@@ -87,6 +99,8 @@ impl<S: Service> Executor<S> {
             previous_ns: None,
             counts: StateHeader { layout_hash: state_layout::<S>(), ..StateHeader::default() },
             rescued_waits: 0,
+            track_until_ns: 0,
+            joins_after_ns: None,
         }
     }
 
@@ -101,6 +115,12 @@ impl<S: Service> Executor<S> {
         &self.node
     }
 
+    /// The seat it takes, and who it is there.
+    #[must_use]
+    pub fn place(&self) -> Place {
+        self.place
+    }
+
     /// The component.
     #[must_use]
     pub fn service(&self) -> &S {
@@ -111,6 +131,12 @@ impl<S: Service> Executor<S> {
     #[must_use]
     pub fn mark_ns(&self) -> u64 {
         self.mark_ns
+    }
+
+    /// Instant of the last release that has run; none before the first \[ns\].
+    #[must_use]
+    pub fn previous_ns(&self) -> Option<u64> {
+        self.previous_ns
     }
 
     /// Steps run so far.
@@ -126,6 +152,7 @@ impl<S: Service> Executor<S> {
     pub fn restore(&mut self, state: &[u8]) -> Result<(), RestoreError> {
         let header = unpack_state(&mut self.service, &mut self.inputs, &mut self.outputs, state)?;
         self.go_to(header.release_index + 1);
+        self.inputs.knows_until(header.release_ns);
         self.pending.resumed = Some(header.release_index);
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
@@ -151,6 +178,19 @@ impl<S: Service> Executor<S> {
         self.go_to(self.node.rate.first_at_or_after(t_ns));
     }
 
+    /// Joins a flight at the first release at or after `t_ns`: without a state of its own the component
+    /// knows what is in effect by then and follows its slot until `track_until_ns`.
+    pub fn join_at(&mut self, t_ns: u64, track_until_ns: u64) {
+        let index = self.node.rate.first_at_or_after(t_ns);
+        if self.previous_ns.is_some() {
+            self.leave_out_until(index);
+        } else {
+            self.go_to(index);
+            self.joins_after_ns = index.checked_sub(1).map(|k| self.node.rate.release_ns(k));
+        }
+        self.track_until_ns = track_until_ns;
+    }
+
     /// See [`Service::reseed`].
     pub fn reseed(&mut self, seed: u64) {
         self.service.reseed(seed);
@@ -171,13 +211,20 @@ impl<S: Service> Executor<S> {
     pub fn run_step(&mut self, stamps: StepStamps) {
         let now_ns = self.mark_ns();
         let start_mono_ns = (stamps.now_mono_ns)();
+        if let Some(before_ns) = self.joins_after_ns.take() {
+            self.inputs.skip_until(before_ns);
+            self.previous_ns = Some(before_ns);
+        }
         self.inputs.accept(now_ns, self.previous_ns);
+        if now_ns < self.track_until_ns {
+            self.service.track(now_ns, &self.inputs);
+        }
         self.service.step(now_ns, &self.inputs, &mut self.outputs);
         let header = Header {
             release_mono_ns: stamps.release_mono_ns,
             start_mono_ns,
             publish_mono_ns: (stamps.now_mono_ns)(),
-            ..step_header(now_ns, self.service.cause_sequence(&self.inputs), self.generation)
+            ..self.header(now_ns, self.service.cause_sequence(&self.inputs))
         };
         self.outputs.flush(&header);
         self.counts.steps += 1;
@@ -188,6 +235,12 @@ impl<S: Service> Executor<S> {
         self.publish_state(&header);
         self.previous_ns = Some(now_ns);
         self.go_to(self.next_index + 1);
+    }
+
+    /// Header of everything that one step sends.
+    fn header(&self, release_ns: u64, cause_sequence: u64) -> Header {
+        let Place { seat, generation } = self.place;
+        Header { release_ns, cause_sequence, seat, generation, ..Header::default() }
     }
 
     fn go_to(&mut self, index: u64) {
@@ -261,12 +314,12 @@ impl<S: Service> Executor<S> {
 
     /// Publishes the totals of the whole flight.
     pub fn finish(&mut self) {
-        let header = step_header(self.mark_ns(), 0, self.generation);
+        let header = self.header(self.mark_ns(), 0);
         let mut report = Report::new(&mut self.deviations, &header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
         let Ok(()) = self.inputs.visit(&mut ReportEnd(report));
         let release_ns = self.previous_ns.unwrap_or(0);
-        self.send_stats(&step_header(release_ns, 0, self.generation));
+        self.send_stats(&self.header(release_ns, 0));
     }
 
     fn publish_deviations(&mut self, header: &Header) {
@@ -293,11 +346,12 @@ impl<S: Service> Executor<S> {
             late_samples: inputs.late,
             lost_samples: inputs.lost + inputs.overflowed,
             rescued_waits: self.rescued_waits,
-            generation: u64::from(self.generation),
+            generation: u64::from(self.place.generation),
             role: self.node.role,
             ..LoopStats::default()
         });
-        self.stats.flush(&Header { seat: self.node.role.0, ..*header });
+        let seat = Seat { role: self.node.role, index: self.place.seat };
+        self.stats.flush(&Header { seat: loop_number(seat), ..*header });
     }
 
     fn publish_state(&mut self, header: &Header) {

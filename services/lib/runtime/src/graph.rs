@@ -5,6 +5,7 @@
 //! step may run once every input it waits for is final up to that step's instant, so a process
 //! runs whole intervals and not single ticks (conservative look-ahead, Chandy & Misra 1979).
 
+use crate::ownership::MarkView;
 use crate::rate::Rate;
 use shared_types::{Edge as EdgeKind, Role, TopicInfo, topics};
 use thiserror::Error;
@@ -34,6 +35,14 @@ impl Roles {
     #[must_use]
     pub fn contains(self, role: Role) -> bool {
         self.0.get(role.index()).copied().unwrap_or(false)
+    }
+}
+
+impl FromIterator<Role> for Roles {
+    fn from_iter<I: IntoIterator<Item = Role>>(roles: I) -> Self {
+        let mut all = Self::default();
+        roles.into_iter().for_each(|role| all.insert(role));
+        all
     }
 }
 
@@ -225,17 +234,17 @@ impl Graph {
 
     /// True if `node`'s step at `t_ns` may run, given everyone's marks and the end of allowed time.
     #[must_use]
-    pub fn runnable(&self, node: &Node, t_ns: u64, marks: &Marks, allowed_ns: u64) -> bool {
+    pub fn runnable(&self, node: &Node, t_ns: u64, marks: &impl MarkView, allowed_ns: u64) -> bool {
         t_ns < self.open_until_ns(node, marks, allowed_ns)
     }
 
     /// End of the interval that `node` may run now: every release before it is permitted \[ns\].
     #[must_use]
-    pub fn open_until_ns(&self, node: &Node, marks: &Marks, allowed_ns: u64) -> u64 {
+    pub fn open_until_ns(&self, node: &Node, marks: &impl MarkView, allowed_ns: u64) -> u64 {
         let edges = self.edges.iter().filter(|e| e.to == node.role);
-        let opened = edges.map(|e| e.open_until_ns(marks[e.from.index()]));
+        let opened = edges.map(|e| e.open_until_ns(marks.of(e)));
         let led = (node.lead_ns > 0 && self.node(Role::Plant).is_some())
-            .then(|| marks[Role::Plant.index()].saturating_add(node.lead_ns).saturating_add(1));
+            .then(|| marks.of_role(Role::Plant).saturating_add(node.lead_ns).saturating_add(1));
         opened.chain(led).fold(allowed_ns, u64::min)
     }
 

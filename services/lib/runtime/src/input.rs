@@ -2,13 +2,13 @@
 
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use shared_types::wire::Value;
-use shared_types::{Header, Sample, Stamped, Topic};
+use shared_types::{Header, SEATS, Sample, Topic};
 use std::collections::VecDeque;
 
 /// Where samples come from: a shared-memory subscriber, or a queue within one process.
 pub trait Source<T> {
     /// The next sample that has arrived, if any. Must not block or allocate.
-    fn receive(&mut self) -> Option<Stamped<T>>;
+    fn receive(&mut self) -> Option<T>;
 }
 
 /// Age of an input's latest value at an instant.
@@ -38,14 +38,50 @@ pub struct InputCounts {
     pub overflowed: u64,
 }
 
+/// The newest sample of one seat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Newest {
+    valid_ns: u64,
+    pub(crate) sequence: u64,
+    generation: u32,
+}
+
+impl Newest {
+    pub(crate) fn of(header: &Header) -> Self {
+        let Header { valid_ns, sequence, generation, .. } = *header;
+        Self { valid_ns, sequence, generation }
+    }
+
+    /// True if the seat has said this, or something after it, already. Within a seat effect and
+    /// sequence grow together; whoever takes a seat in flight counts from anywhere, but later.
+    fn has(&self, header: &Header) -> bool {
+        (header.valid_ns, header.sequence) <= (self.valid_ns, self.sequence)
+    }
+
+    /// Samples of the same writer that are missing before this one.
+    pub(crate) fn missing_before(&self, header: &Header) -> u64 {
+        let same = self.generation == header.generation;
+        if same { header.sequence.saturating_sub(self.sequence + 1) } else { 0 }
+    }
+}
+
 /// One input: the samples accepted but not yet effective, the new ones and the latest.
+///
+/// A topic of a slot has a writer on each of the slot's seats. Who of them counts is for the
+/// component to judge, by owner records.
 pub struct Input<T> {
     source: Option<Box<dyn Source<T>>>,
     edge: Option<Edge>,
-    pending: VecDeque<Stamped<T>>,
-    fresh: Vec<Stamped<T>>,
-    before: Option<Stamped<T>>,
-    latest: Option<Stamped<T>>,
+    pending: VecDeque<T>,
+    fresh: Vec<T>,
+    before: Option<T>,
+    latest: Option<T>,
+    /// Of each seat: its newest sample in effect.
+    newest: [Option<Newest>; SEATS],
+    /// The same before this step.
+    newest_before: [Option<Newest>; SEATS],
+    /// What was in effect at the step of a restored state is known, and comes again as history.
+    known_until_ns: Option<u64>,
     counts: InputCounts,
 }
 
@@ -69,6 +105,9 @@ impl<T: Sample> Default for Input<T> {
             fresh: Vec::with_capacity(READER_CAPACITY),
             before: None,
             latest: None,
+            newest: [None; SEATS],
+            newest_before: [None; SEATS],
+            known_until_ns: None,
             counts: InputCounts::default(),
         }
     }
@@ -87,8 +126,8 @@ impl<T: Sample> Input<T> {
     /// the pending one and is otherwise ignored.
     pub fn receive(&mut self) {
         let Some(mut source) = self.source.take() else { return };
-        while let Some(stamped) = source.receive() {
-            self.offer(stamped);
+        while let Some(sample) = source.receive() {
+            self.offer(sample);
         }
         self.source = Some(source);
     }
@@ -102,19 +141,22 @@ impl<T: Sample> Input<T> {
     }
 
     /// Takes one sample, as if it had arrived.
-    pub fn offer(&mut self, stamped: Stamped<T>) {
-        let key = order(stamped.sample.header());
-        if self.latest.as_ref().is_some_and(|last| {
-            let header = last.sample.header();
-            header.seat == key.1 && stamped.sample.header().sequence <= header.sequence
-        }) {
+    pub fn offer(&mut self, sample: T) {
+        let header = sample.header();
+        let Some(newest) = usize::try_from(header.seat).ok().and_then(|i| self.newest.get(i))
+        else {
+            return;
+        };
+        let known = self.known_until_ns.is_some_and(|t| self.in_effect(header.valid_ns, t));
+        if known || newest.is_some_and(|newest| newest.has(header)) {
             return;
         }
-        let at = self.pending.partition_point(|p| order(p.sample.header()) < key);
-        if let Some(same) = self.pending.get_mut(at).filter(|p| order(p.sample.header()) == key) {
-            *same = stamped;
+        let key = order(header);
+        let at = self.pending.partition_point(|p| order(p.header()) < key);
+        if let Some(same) = self.pending.get_mut(at).filter(|p| order(p.header()) == key) {
+            *same = sample;
         } else if self.pending.len() < READER_CAPACITY {
-            self.pending.insert(at, stamped);
+            self.pending.insert(at, sample);
         } else {
             self.counts.overflowed += 1;
         }
@@ -124,25 +166,39 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh.clear();
+        self.newest_before = self.newest;
         let due = |this: &Self| {
-            this.pending.front().is_some_and(|s| this.in_effect(s.sample.header().valid_ns, t_ns))
+            this.pending.front().is_some_and(|s| this.in_effect(s.header().valid_ns, t_ns))
         };
         while due(self) {
-            let Some(stamped) = self.pending.pop_front() else { break };
-            let header = stamped.sample.header();
+            let Some(sample) = self.pending.pop_front() else { break };
+            let header = *sample.header();
             if previous_ns.is_some_and(|p| self.in_effect(header.valid_ns, p)) {
                 self.counts.late += 1;
             }
-            let last = self.fresh.last().or(self.latest.as_ref()).map(|l| l.sample.header());
-            if let Some(last) = last.filter(|last| last.seat == header.seat) {
-                self.counts.lost += header.sequence.saturating_sub(last.sequence + 1);
-            }
-            self.fresh.push(stamped);
+            let newest = usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i));
+            let before = newest.and_then(|newest| newest.replace(Newest::of(&header)));
+            self.counts.lost += before.map_or(0, |before| before.missing_before(&header));
+            self.fresh.push(sample);
         }
         // Samples are large: copied only where something is new.
         if let Some(newest) = self.fresh.last() {
             self.before = self.latest.replace(*newest);
         }
+    }
+
+    /// Lets what is in effect at `t_ns` be known without being new: a loop that joins a flight begins
+    /// with the samples of its first period.
+    pub fn skip_until(&mut self, t_ns: u64) {
+        self.accept(t_ns, None);
+        self.fresh.clear();
+        self.counts = InputCounts::default();
+        self.known_until_ns = Some(t_ns);
+    }
+
+    /// What was in effect at `t_ns` was taken in before a restore: history that repeats it is ignored.
+    pub fn knows_until(&mut self, t_ns: u64) {
+        self.known_until_ns = Some(t_ns);
     }
 
     pub(crate) fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
@@ -157,32 +213,31 @@ impl<T: Sample> Input<T> {
 
     /// Samples that took effect since the previous step, in order.
     #[must_use]
-    pub fn fresh(&self) -> &[Stamped<T>] {
+    pub fn fresh(&self) -> &[T] {
         &self.fresh
     }
 
     /// What was in effect before this step's fresh samples.
     #[must_use]
-    pub fn before_fresh(&self) -> Option<&Stamped<T>> {
+    pub fn before_fresh(&self) -> Option<&T> {
         if self.fresh.is_empty() { self.latest.as_ref() } else { self.before.as_ref() }
     }
 
-    /// The latest sample in effect, with its writer.
+    /// The latest sample in effect, whoever wrote it.
     #[must_use]
-    pub fn latest(&self) -> Option<&Stamped<T>> {
+    pub fn latest(&self) -> Option<&T> {
         self.latest.as_ref()
     }
 
-    /// The latest sample in effect.
-    #[must_use]
-    pub fn sample(&self) -> Option<&T> {
-        self.latest.as_ref().map(|s| &s.sample)
+    /// Of each seat: what was its newest sample before this step.
+    pub(crate) fn newest_before(&self) -> [Option<Newest>; SEATS] {
+        self.newest_before
     }
 
     /// The latest sample, judged by its age.
     #[must_use]
     pub fn link(&self, now_ns: u64, limit_ns: u64) -> Link<'_, T> {
-        match self.sample() {
+        match self.latest() {
             None => Link::Silent,
             Some(last) => {
                 let age_ns = now_ns.saturating_sub(last.header().valid_ns);
@@ -198,27 +253,31 @@ impl<T: Sample> Input<T> {
     }
 
     /// Bytes of the latch in a published state.
-    pub const LATCH_SIZE: usize = 8 + 16 + T::PACKED_SIZE;
+    pub const LATCH_SIZE: usize = 8 + T::PACKED_SIZE;
 
     /// Writes the latched value into a published state.
     pub fn pack_latch(&self, out: &mut [u8]) {
-        let (present, rest) = out.split_at_mut(8);
+        let (present, value) = out.split_at_mut(8);
         u64::from(self.latest.is_some()).pack(present);
         if let Some(latest) = &self.latest {
-            let (author, value) = rest.split_at_mut(16);
-            latest.author.pack(author);
-            latest.sample.pack(value);
+            latest.pack(value);
         } else {
-            rest.fill(0);
+            value.fill(0);
         }
     }
 
     /// Restores the latched value from a published state.
     pub fn unpack_latch(&mut self, from: &[u8]) {
-        let (present, rest) = from.split_at(8);
-        let (author, value) = rest.split_at(16);
-        self.latest = (u64::unpack(present) != 0)
-            .then(|| Stamped { sample: T::unpack(value), author: <[u64; 2]>::unpack(author) });
+        let (present, value) = from.split_at(8);
+        self.latest = (u64::unpack(present) != 0).then(|| T::unpack(value));
+        self.newest = [None; SEATS];
+        let header = self.latest.as_ref().map(|latest| *latest.header());
+        if let Some(header) = header
+            && let Some(newest) =
+                usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i))
+        {
+            *newest = Some(Newest::of(&header));
+        }
     }
 }
 
@@ -268,6 +327,10 @@ pub trait InputSet: Default {
     fn pack_latches(&self, out: &mut [u8]);
     /// Restores all latches.
     fn unpack_latches(&mut self, from: &[u8]);
+    /// See [`Input::skip_until`].
+    fn skip_until(&mut self, t_ns: u64);
+    /// See [`Input::knows_until`].
+    fn knows_until(&mut self, t_ns: u64);
 }
 
 /// Declares a service's inputs: `inputs! { pub struct Inputs { imu: Imu = IMU, .. } }`. The first
@@ -316,7 +379,7 @@ macro_rules! inputs {
             }
             fn cause_sequence(&self) -> u64 {
                 let causes: &[Option<u64>] = &[
-                    $(self.$field.sample().map(|s| {
+                    $(self.$field.latest().map(|s| {
                         ::shared_types::Sample::header(s).cause_sequence
                     })),*
                 ];
@@ -333,6 +396,14 @@ macro_rules! inputs {
                 $(let (head, rest) = rest.split_at($crate::Input::<$sample>::LATCH_SIZE);
                 self.$field.unpack_latch(head);)*
                 debug_assert!(rest.is_empty());
+            }
+            fn skip_until(&mut self, t_ns: u64) {
+                $(self.$field.skip_until(t_ns);)*
+                let _ = t_ns;
+            }
+            fn knows_until(&mut self, t_ns: u64) {
+                $(self.$field.knows_until(t_ns);)*
+                let _ = t_ns;
             }
         }
     };

@@ -2,17 +2,22 @@
 
 use crate::clock::{WallMap, mono_now_ns, sleep_until};
 use crate::executor::{Executor, StepStamps};
-use crate::graph::{Edge, Graph, Marks, ROLES, Roles};
-use crate::input::InputSet as _;
+use crate::graph::{Edge, Graph, Roles};
+use crate::input::{InputSet as _, Source as _};
 use crate::ipc::{
-    Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
+    Bus, IpcSink, IpcSource, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
     WakeListener, WakeNotifier,
 };
 use crate::output::Sink as _;
+use crate::ownership::{MarkView as _, SeatMarks};
 use crate::service::{RestoreError, Service, state_layout, state_size};
 use crate::watch::StopFlags;
 use core::time::Duration;
-use shared_types::{Author, ClockMode, ClockRecord, Hello, Progress, Role};
+use shared_types::wire::Value as _;
+use shared_types::{
+    ClockMode, ClockRecord, Handover, Hello, OwnerRecord, Progress, Role, RollEntry, Seat,
+    TopicInfo, topics,
+};
 use thiserror::Error;
 
 /// Wall-clock limit of every wait, after which shared memory is read again.
@@ -29,6 +34,8 @@ pub enum Ending {
     Signalled,
     /// The launcher died and nobody took over within the grace period.
     LauncherGone,
+    /// Its seat was given up.
+    Retired,
 }
 
 /// Why a process could not fly.
@@ -45,70 +52,97 @@ pub enum ProcessError {
     NoHandover,
 }
 
-/// How far a neighbour has got, and how to wake it.
+/// How far a seat has got, and how to wake whoever sits there.
 struct Neighbour {
-    role: Role,
+    seat: Seat,
     progress: Option<LatestPort<Progress>>,
     wake: Option<WakeNotifier>,
+    /// Generation and period \[ns\] of whoever sits there.
+    present: Option<(u32, u64)>,
+}
+
+/// A slot's owner records, for whoever waits for the slot or sits in it.
+struct SlotReader {
+    role: Role,
+    records: IpcSource<OwnerRecord>,
 }
 
 /// A component in its process, with every port open.
-pub struct Process<S: Service> {
+pub struct Process<'a, S: Service> {
+    bus: &'a Bus,
     executor: Executor<S>,
     graph: Graph,
     neighbours: Vec<Neighbour>,
+    slots: Vec<SlotReader>,
     clock: LatestPort<ClockRecord>,
     progress: IpcSink<Progress>,
     listener: WakeListener,
-    marks: [u64; ROLES],
+    marks: SeatMarks,
     stop: StopFlags,
-    generation: u32,
+    seat: Seat,
     pid: u32,
+    /// Instant from which the seat is no longer this process's \[ns\].
+    leave_ns: u64,
     timed_out: bool,
 }
 
-impl<S: Service> core::fmt::Debug for Process<S> {
+impl<S: Service> core::fmt::Debug for Process<'_, S> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Process").field("executor", &self.executor).finish_non_exhaustive()
     }
 }
 
-impl<S: Service> Process<S> {
+impl<'a, S: Service> Process<'a, S> {
     /// Opens what every process needs besides its topics: clock, progress, wake-ups and state.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn open(
-        bus: &Bus,
+        bus: &'a Bus,
         mut executor: Executor<S>,
         graph: Graph,
         stop: StopFlags,
-        generation: u32,
     ) -> Result<Self, PortError> {
         let role = executor.node().role;
-        let state = StatePublisher::open(bus, ServiceKind::State(role), state_size::<S>())?;
+        let seat = Seat { role, index: executor.place().seat };
+        let state = StatePublisher::open(bus, ServiceKind::State(seat), state_size::<S>())?;
         executor.connect_state(Box::new(state));
         let mut neighbours = Vec::new();
         for node in graph.nodes().iter().filter(|n| n.role != role) {
             let upstream = graph.waits_for(role, node.role);
             let downstream = graph.waits_for(node.role, role);
-            let progress = upstream
-                .then(|| LatestPort::open(bus, ServiceKind::Progress(node.role)))
-                .transpose()?;
-            let wake = downstream.then(|| WakeNotifier::open(bus, node.role)).transpose()?;
-            neighbours.push(Neighbour { role: node.role, progress, wake });
+            for seat in Seat::all(node.role).filter(|_| upstream || downstream) {
+                neighbours.push(Neighbour {
+                    seat,
+                    progress: upstream.then(|| LatestPort::progress(bus, seat)).transpose()?,
+                    wake: downstream.then(|| WakeNotifier::open(bus, seat)).transpose()?,
+                    present: None,
+                });
+            }
+        }
+        let mut slots = Vec::new();
+        for topic in [&topics::ATTITUDE_OWNER, &topics::POSITION_OWNER] {
+            let slot = slot_of(&topic.info);
+            let waited = graph.node(slot).is_some() && graph.waits_for(role, slot);
+            if waited || slot == role {
+                let records = bus.reader(topic, Role::Supervisor)?;
+                slots.push(SlotReader { role: slot, records });
+            }
         }
         Ok(Self {
+            bus,
             executor,
             graph,
             neighbours,
+            slots,
             clock: LatestPort::open(bus, ServiceKind::Clock)?,
-            progress: bus.open_writer(ServiceKind::Progress(role))?,
-            listener: WakeListener::open(bus, role)?,
-            marks: [0; ROLES],
+            progress: bus.open_writer(ServiceKind::Progress(seat))?,
+            listener: WakeListener::open(bus, seat)?,
+            marks: SeatMarks::default(),
             stop,
-            generation,
+            seat,
             pid: std::process::id(),
+            leave_ns: u64::MAX,
             timed_out: false,
         })
     }
@@ -117,36 +151,32 @@ impl<S: Service> Process<S> {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn say_hello(
-        &self,
-        bus: &Bus,
-        command_author: Author,
-    ) -> Result<IpcSink<Hello>, PortError> {
-        let mut hello = bus.open_writer::<Hello>(ServiceKind::Hello)?;
+    pub fn say_hello(&self) -> Result<IpcSink<Hello>, PortError> {
+        let mut hello = self.bus.open_writer::<Hello>(ServiceKind::Hello)?;
         hello.send(Hello {
-            command_author,
             state_layout: state_layout::<S>(),
+            period_ns: self.executor.node().rate.period_ns(),
             pid: self.pid,
-            generation: self.generation,
-            role: self.executor.node().role,
-            reserved: 0,
+            generation: self.executor.place().generation,
+            role: self.seat.role,
+            seat: self.seat.index,
         });
         Ok(hello)
     }
 
-    /// Waits for the predecessor's last state and continues from it.
+    /// Waits to be told where in the flight to begin, and from what state.
     ///
     /// # Errors
-    /// No state came, or it does not fit this build.
-    pub fn take_over(&mut self, bus: &Bus) -> Result<(), ProcessError> {
-        let role = self.executor.node().role;
-        let mut handover = StateSubscriber::open(bus, ServiceKind::Handover(role))?;
+    /// Nothing came, or the state does not fit this build.
+    pub fn take_over(&mut self) -> Result<(), ProcessError> {
+        let kind = ServiceKind::Handover(self.seat);
+        let mut port = StateSubscriber::open(self.bus, kind)?;
         let deadline_ns = mono_now_ns() + HANDOVER_LIMIT_NS;
         let mut outcome = None;
         while outcome.is_none() {
-            while handover.receive(|header, state, _| {
-                if header.generation == self.generation {
-                    outcome = Some(self.executor.restore(state));
+            while port.receive(|header, bytes| {
+                if header.generation == self.executor.place().generation {
+                    outcome = Some(begin(&mut self.executor, bytes));
                 }
             }) {}
             if self.stop.stop() || mono_now_ns() > deadline_ns {
@@ -168,6 +198,7 @@ impl<S: Service> Process<S> {
                 _ => self.wait(WAIT_LIMIT),
             }
         };
+        self.look_around();
         self.publish_progress();
         let ending = if record.mode == ClockMode::Lockstep {
             self.run_lockstep()
@@ -196,12 +227,18 @@ impl<S: Service> Process<S> {
             // Time never ends before what was once allowed, so an older word is as good until then.
             if before_ns >= clock.allowed_ns.min(clock.end_ns) || self.timed_out {
                 clock = self.read_clock();
+                // Whatever was decided before time was allowed is known from here on.
+                self.look_around();
+            }
+            if before_ns >= self.leave_ns {
+                self.announce(before_ns, u64::MAX);
+                return Ending::Retired;
             }
             // Marks first, samples second: what a mark promises is then certainly here.
             self.read_marks(&mut moved);
             self.executor.inputs.receive_if_moved(moved);
             moved = Roles::default();
-            let allowed_ns = clock.allowed_ns.min(clock.end_ns);
+            let allowed_ns = clock.allowed_ns.min(clock.end_ns).min(self.leave_ns);
             let node = self.executor.node();
             let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
             while self.executor.mark_ns() < open_until_ns {
@@ -217,8 +254,7 @@ impl<S: Service> Process<S> {
                     self.executor.count_rescued_wait();
                 }
                 self.serve_and_send(after_ns);
-                let role = self.executor.node().role;
-                self.wake(self.graph.lockstep_wakes(role, before_ns, after_ns));
+                self.wake_lockstep(before_ns, after_ns);
             } else {
                 self.wait(WAIT_LIMIT);
                 if self.timed_out {
@@ -237,7 +273,12 @@ impl<S: Service> Process<S> {
                 return ending;
             }
             let end_ns = self.read_clock().end_ns;
+            self.look_around();
             let before_ns = self.executor.mark_ns();
+            if before_ns >= self.leave_ns {
+                self.announce(before_ns, u64::MAX);
+                return Ending::Retired;
+            }
             if before_ns >= end_ns {
                 return Ending::Finished;
             }
@@ -309,16 +350,54 @@ impl<S: Service> Process<S> {
         self.clock.latest().copied().unwrap_or_default()
     }
 
+    /// Learns who has come and gone, and who owns which slot from when.
+    fn look_around(&mut self) {
+        let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
+        let mut somebody_came = false;
+        // Without a roll nobody would be heard, so the ports could not have been opened.
+        let _ = self.bus.look_at_roll(|entries| {
+            marks.learn_roll(entries);
+            for neighbour in neighbours {
+                let Seat { role, index } = neighbour.seat;
+                let of_seat = |entry: &&RollEntry| (entry.role, entry.seat) == (role, index);
+                let entry = entries.iter().rev().find(of_seat).filter(|e| e.present.is_set());
+                let present = entry.map(|entry| (entry.generation, entry.period_ns));
+                somebody_came |= present.is_some() && present != neighbour.present;
+                neighbour.present = present;
+            }
+        });
+        let done_ns = self.executor.previous_ns().unwrap_or(0);
+        for slot in &mut self.slots {
+            if let Some(book) = self.marks.book(slot.role) {
+                while let Some(record) = slot.records.receive() {
+                    book.learn(&record);
+                }
+                book.forget_before(done_ns);
+                if slot.role == self.seat.role {
+                    self.leave_ns = book.released_ns(self.seat.index).unwrap_or(u64::MAX);
+                }
+            }
+        }
+        if somebody_came {
+            // Its ports are open and empty.
+            self.executor.serve_late_joiners();
+            self.progress.serve_late_joiners();
+        }
+    }
+
     /// Reads the marks and adds whoever has moved its own.
     fn read_marks(&mut self, moved: &mut Roles) {
         for neighbour in &mut self.neighbours {
-            if let Some(progress) = &mut neighbour.progress {
+            let Seat { role, index } = neighbour.seat;
+            if let Some(progress) = &mut neighbour.progress
+                && self.marks.concerns(role, index)
+            {
                 // A restarted producer starts again below what its predecessor finished, and the
                 // words of both may be waiting here in any order.
-                let mark = &mut self.marks[neighbour.role.index()];
+                let marks = &mut self.marks;
                 progress.for_each_new(|p| {
-                    *mark = p.mark_ns.max(*mark);
-                    moved.insert(neighbour.role);
+                    marks.advance(role, index, p.generation, p.mark_ns);
+                    moved.insert(role);
                 });
             }
         }
@@ -327,24 +406,39 @@ impl<S: Service> Process<S> {
     /// Publishes the mark and wakes those whose next release it may unblock.
     fn announce(&mut self, before_ns: u64, after_ns: u64) {
         self.serve_and_send(after_ns);
-        let role = self.executor.node().role;
-        self.wake(self.graph.wakes(role, before_ns, after_ns));
+        self.wake_whom(|graph, from| graph.wakes(from, before_ns, after_ns).collect());
+    }
+
+    fn wake_lockstep(&self, before_ns: u64, after_ns: u64) {
+        self.wake_whom(|graph, from| graph.lockstep_wakes(from, before_ns, after_ns).collect());
+    }
+
+    /// Wakes the processes of some roles. Nobody waits for a shadow; and whoever runs at another rate
+    /// than the graph's is always worth waking.
+    fn wake_whom(&self, whom: impl Fn(&Graph, Role) -> Roles) {
+        let Seat { role, index } = self.seat;
+        if !self.marks.concerns(role, index) {
+            return;
+        }
+        let roles = whom(&self.graph, role);
+        for neighbour in &self.neighbours {
+            let Some((_, period_ns)) = neighbour.present else { continue };
+            let role = neighbour.seat.role;
+            let usual = self.graph.node(role).is_some_and(|n| n.rate.period_ns() == period_ns);
+            if let Some(wake) = &neighbour.wake
+                && (roles.contains(role) || !usual)
+            {
+                wake.wake();
+            }
+        }
     }
 
     /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
     /// what the predecessor had already announced.
     fn publish_progress(&mut self) {
         self.serve_and_send(self.executor.mark_ns());
-        self.wake(self.neighbours.iter().map(|n| n.role));
-    }
-
-    fn wake(&self, roles: impl Iterator<Item = Role>) {
-        for role in roles {
-            let neighbour = self.neighbours.iter().find(|n| n.role == role);
-            if let Some(wake) = neighbour.and_then(|n| n.wake.as_ref()) {
-                wake.wake();
-            }
-        }
+        let present = self.neighbours.iter().filter(|n| n.present.is_some());
+        present.filter_map(|n| n.wake.as_ref()).for_each(WakeNotifier::wake);
     }
 
     /// A reader that has just joined must not learn of the mark before it has the history of
@@ -355,7 +449,7 @@ impl<S: Service> Process<S> {
             mark_ns,
             steps: self.executor.steps(),
             publish_mono_ns: mono_now_ns(),
-            generation: self.generation,
+            generation: self.executor.place().generation,
             pid: self.pid,
         });
     }
@@ -383,11 +477,34 @@ impl<S: Service> Process<S> {
 /// Edges that `role` waits for at `t_ns` and that are not final yet.
 fn missing<'a>(
     graph: &'a Graph,
-    marks: &'a Marks,
+    marks: &'a SeatMarks,
     role: Role,
     t_ns: u64,
 ) -> impl Iterator<Item = &'a Edge> {
-    graph.edges().iter().filter(move |e| {
-        e.to == role && e.deadline_ns > 0 && !e.permits(t_ns, marks[e.from.index()])
-    })
+    graph
+        .edges()
+        .iter()
+        .filter(move |e| e.to == role && e.deadline_ns > 0 && !e.permits(t_ns, marks.of(e)))
+}
+
+/// Begins where a hand-over says.
+fn begin<S: Service>(executor: &mut Executor<S>, bytes: &[u8]) -> Result<(), RestoreError> {
+    let expected = Handover::PACKED_SIZE;
+    if bytes.len() < expected {
+        return Err(RestoreError::Size { actual: bytes.len(), expected });
+    }
+    let (order, state) = bytes.split_at(expected);
+    let order = Handover::unpack(order);
+    if order.has_state.is_set() {
+        executor.restore(state)?;
+    }
+    if order.join_ns > 0 {
+        executor.join_at(order.join_ns, order.track_until_ns);
+    }
+    Ok(())
+}
+
+/// The slot that owner records on a topic are about.
+fn slot_of(topic: &TopicInfo) -> Role {
+    if topic.name == topics::ATTITUDE_OWNER.info.name { Role::Attitude } else { Role::Position }
 }

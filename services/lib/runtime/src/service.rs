@@ -2,7 +2,6 @@
 
 use crate::input::InputSet;
 use crate::output::OutputSet;
-use shared_types::Header;
 use shared_types::wire::{Value, Wire, hash_bytes};
 use thiserror::Error;
 
@@ -163,10 +162,4 @@ pub fn unpack_state<S: Service>(
     inputs.unpack_latches(latches);
     outputs.unpack_sequences(sequences);
     Ok(header)
-}
-
-/// Header of everything that one step sends.
-#[must_use]
-pub fn step_header(release_ns: u64, cause_sequence: u64, generation: u32) -> Header {
-    Header { release_ns, cause_sequence, generation, ..Header::default() }
 }

@@ -12,10 +12,10 @@ const SLACK: f64 = 1e-6;
 pub struct Command {
     /// Commanded wrench.
     pub wrench: Wrench,
-    /// Who wrote it, as told by the transport.
-    pub author: u128,
-    /// Who owns the slot at `effective_ns`.
-    pub owner: u128,
+    /// Seat of its writer, as told by the transport.
+    pub seat: u32,
+    /// Seat that owns the slot at `effective_ns`.
+    pub owner: u32,
     /// Logical instant from which it is in effect \[ns\].
     pub effective_ns: u64,
     /// How long it stays valid from then on \[ns\]: two control periods.
@@ -26,7 +26,7 @@ shared_types::memory! {
     /// What happened since start. The sums never go back.
     #[derive(PartialEq, Eq)]
     pub struct GateCounters {
-        /// Commands refused because their author did not own the slot.
+        /// Commands refused because their writer, perhaps a shadow, did not own the slot.
         pub refused_wrong_owner: u64,
         /// Commands refused because a number was not finite.
         pub refused_not_finite: u64,
@@ -102,7 +102,7 @@ impl CommandRange {
         newest_ns: u64,
     ) -> Result<Wrench, Refusal> {
         let Wrench { thrust_n, torque_b_nm } = command.wrench;
-        if command.author != command.owner {
+        if command.seat != command.owner {
             return Err(Refusal::WrongOwner);
         }
         if !command.wrench.is_finite() {
@@ -135,7 +135,7 @@ mod tests {
     fn good() -> Command {
         Command {
             wrench: Wrench { thrust_n: 1.0, torque_b_nm: Vector3::new(0.01, -0.01, 0.001) },
-            author: 7,
+            seat: 7,
             owner: 7,
             effective_ns: 1000,
             validity_ns: 20_000_000,
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_stray_writer_is_refused_whatever_it_writes() {
-        let stray = Command { author: 8, ..with(f64::NAN, [0.0; 3]) };
+        let stray = Command { seat: 8, ..with(f64::NAN, [0.0; 3]) };
         assert_eq!(verdict(&stray), Err(Refusal::WrongOwner));
     }
 

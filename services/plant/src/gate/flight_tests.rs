@@ -51,7 +51,7 @@ impl Flight {
         let (omega, force) = (truth.state.omega_b, truth.specific_force_b_m_s2);
         let command = wrench.map(|wrench| Command {
             wrench,
-            author: 1,
+            seat: 1,
             owner: 1,
             effective_ns: now_ns,
             validity_ns: 20 * MS,

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use super::*;
 
 const MS: u64 = 1_000_000;
-const OWNER: u128 = 1 << 100;
+const OWNER: u32 = 1 << 100;
 
 fn gate() -> Gate {
     Gate::new(&GateConfig::default(), &VehicleParameters::default()).unwrap()
@@ -13,7 +13,7 @@ fn gate() -> Gate {
 fn command(effective_ns: u64) -> Command {
     Command {
         wrench: Wrench { thrust_n: 1.3, torque_b_nm: Vector3::new(0.004, -0.003, 0.0005) },
-        author: OWNER,
+        seat: OWNER,
         owner: OWNER,
         effective_ns,
         validity_ns: 20 * MS,
@@ -95,7 +95,7 @@ fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
     for now_ns in (1..60).map(|ms| ms * MS) {
         let good = command(now_ns);
         let refused = [
-            Command { author: 2, ..good },
+            Command { seat: 2, ..good },
             Command { wrench: Wrench::thrust(f64::NAN), ..good },
             Command { wrench: Wrench::thrust(-0.1), ..good },
             Command { effective_ns: now_ns + 1, ..good },
@@ -163,11 +163,11 @@ fn vector() -> impl Strategy<Value = Vector3<f64>> {
 
 fn any_command() -> impl Strategy<Value = Command> {
     let times = (0..60 * MS, prop_oneof![Just(u64::MAX), Just(0), 0..30 * MS]);
-    (number(), vector(), 0..3_u128, times).prop_map(
+    (number(), vector(), 0..3_u32, times).prop_map(
         |(thrust_n, torque_b_nm, author, (effective_ns, validity_ns))| Command {
             // Small enough for some to be accepted.
             wrench: Wrench { thrust_n, torque_b_nm: torque_b_nm * 1e-3 },
-            author,
+            seat: author,
             owner: 1,
             effective_ns,
             validity_ns,

@@ -6,11 +6,13 @@
 
 mod names;
 mod ports;
+mod roll;
 mod state;
 mod wake;
 
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort};
+pub use roll::Stray;
 pub use state::{StatePublisher, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
 
@@ -21,8 +23,10 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::Wire;
-use shared_types::{Sample, Topic, TopicInfo};
+use shared_types::{Edge, Role, Sample, Topic, TopicInfo};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use thiserror::Error;
 
 /// The service variant used throughout.
@@ -39,8 +43,35 @@ pub const HANDOVER_DEPTH: usize = 2;
 const LAYOUT_KEY: &str = "layout";
 /// Processes of a run, its launcher, observers and restarts on the way out.
 const MAX_NODES: usize = 32;
-/// Consumers, recorder and two observers.
-const MAX_SUBSCRIBERS: usize = 6;
+/// Recorder and two observers.
+const WATCHERS: usize = 3;
+/// Processes that may take part at once, and those that have just died.
+const MOST_PROCESSES: usize = 16;
+
+/// How many readers and writers a service is made for.
+#[derive(Debug, Clone, Copy)]
+struct Crowd {
+    readers: usize,
+    writers: usize,
+}
+
+impl Crowd {
+    /// A service between the launcher and everybody.
+    const ALL: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: MOST_PROCESSES };
+    /// A service that only the launcher writes: the transport refuses a second writer.
+    const ANNOUNCED: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: 1 };
+
+    fn of(topic: &TopicInfo) -> Self {
+        let seats: u32 = topic.to.iter().map(|role| role.seats()).sum();
+        let readers = usize::try_from(seats).unwrap_or(0) + WATCHERS;
+        let writers = match (topic.from, topic.edge) {
+            (Role::Supervisor, Edge::RecordOnly) => MOST_PROCESSES,
+            (Role::Supervisor, _) => 1,
+            _ => 8,
+        };
+        Self { readers, writers }
+    }
+}
 
 /// Why a port cannot be had.
 #[derive(Debug, Error)]
@@ -87,6 +118,8 @@ pub struct Bus {
     node: IpcNode<Ipc>,
     /// Where the run keeps what is not the transport's.
     folder: PathBuf,
+    /// Who sits where, for all readers of this process.
+    roll: roll::SharedRoll,
 }
 
 impl Bus {
@@ -109,7 +142,7 @@ impl Bus {
             .create::<Ipc>()
             .map_err(PortError::transport(name, "create a node"))?;
         let folder = config_file.parent().unwrap_or(Path::new(".")).to_path_buf();
-        Ok(Self { node, folder })
+        Ok(Self { node, folder, roll: Rc::new(RefCell::new(None)) })
     }
 
     /// Frees what dead processes of this run left behind; only the launcher does this.
@@ -127,7 +160,7 @@ impl Bus {
         topic: &'static Topic<T>,
     ) -> Result<TopicFactory<T>, PortError> {
         let TopicInfo { name, history, .. } = topic.info;
-        self.create::<T>(name, RECORDER_CAPACITY, history)
+        self.create::<T>(name, RECORDER_CAPACITY, history, Crowd::of(&topic.info))
     }
 
     /// Opens a topic's service after comparing layouts.
@@ -141,11 +174,12 @@ impl Bus {
         self.open::<T>(topic.info.name)
     }
 
-    pub(crate) fn create<T>(
+    fn create<T>(
         &self,
         service: &str,
         capacity: usize,
         history: usize,
+        crowd: Crowd,
     ) -> Result<TopicFactory<T>, PortError>
     where
         T: Wire + iceoryx2::prelude::ZeroCopySend,
@@ -160,8 +194,8 @@ impl Bus {
         self.node
             .service_builder(&service_name(service)?)
             .publish_subscribe::<T>()
-            .max_publishers(8)
-            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_publishers(crowd.writers)
+            .max_subscribers(crowd.readers)
             .max_nodes(MAX_NODES)
             .subscriber_max_buffer_size(capacity)
             .subscriber_max_borrowed_samples(2)

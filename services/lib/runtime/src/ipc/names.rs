@@ -1,22 +1,24 @@
 //! Names of the services that are not topics.
 
-use shared_types::Role;
+use shared_types::Seat;
 
 /// A service beside the topics of the floor plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ServiceKind {
-    /// How far a role has got.
-    Progress(Role),
-    /// Wakes a role.
-    Wake(Role),
-    /// A role's published state.
-    State(Role),
-    /// State from which a restarted process continues.
-    Handover(Role),
+    /// How far a seat's process has got.
+    Progress(Seat),
+    /// Wakes a seat's process.
+    Wake(Seat),
+    /// A seat's published state.
+    State(Seat),
+    /// State from which a process that takes a seat continues.
+    Handover(Seat),
     /// The conductor's clock.
     Clock,
     /// Processes that are ready.
     Hello,
+    /// Who sits where.
+    Roll,
 }
 
 impl ServiceKind {
@@ -24,12 +26,13 @@ impl ServiceKind {
     #[must_use]
     pub fn name(self) -> String {
         match self {
-            Self::Progress(role) => format!("progress/{}", role.label()),
-            Self::Wake(role) => format!("wake/{}", role.label()),
-            Self::State(role) => format!("state/{}", role.label()),
-            Self::Handover(role) => format!("handover/{}", role.label()),
+            Self::Progress(seat) => format!("progress/{}", seat.label()),
+            Self::Wake(seat) => format!("wake/{}", seat.label()),
+            Self::State(seat) => format!("state/{}", seat.label()),
+            Self::Handover(seat) => format!("handover/{}", seat.label()),
             Self::Clock => "clock".to_owned(),
             Self::Hello => "hello".to_owned(),
+            Self::Roll => "roll".to_owned(),
         }
     }
 }

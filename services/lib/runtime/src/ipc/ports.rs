@@ -1,36 +1,30 @@
 //! Typed publishers and subscribers behind the [`Source`] and [`Sink`] of a service.
 
-use super::{Bus, FLYING_CAPACITY, Ipc, PortError, ServiceKind, TopicFactory};
+use super::roll::{Accepts, Guard, node_id};
+use super::{Bus, Crowd, FLYING_CAPACITY, Ipc, PortError, ServiceKind, TopicFactory};
 use crate::input::Source;
 use crate::output::Sink;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::ZeroCopySend;
+use iceoryx2::service::header::payload_header::PayloadHeader as _;
 use shared_types::wire::Wire;
-use shared_types::{Author, Sample, Stamped, Topic};
+use shared_types::{Edge as EdgeKind, NodeId, Progress, Role, Sample, Seat, Topic};
 
-/// Splits a publisher's identity for the wire.
-pub(crate) fn author(id: u128) -> Author {
-    #[expect(clippy::cast_possible_truncation, reason = "both halves are kept")]
-    [(id >> 64) as u64, id as u64]
-}
-
-/// A subscriber.
-#[derive(Debug)]
+/// A subscriber, perhaps of those on the roll alone.
 pub struct IpcSource<T: Wire + ZeroCopySend> {
     subscriber: Subscriber<Ipc, T, ()>,
+    guard: Option<Guard<T>>,
+}
+
+impl<T: Wire + ZeroCopySend> core::fmt::Debug for IpcSource<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("IpcSource").field("type", &T::SCHEMA.name).finish_non_exhaustive()
+    }
 }
 
 impl<T: Wire + ZeroCopySend> IpcSource<T> {
-    /// A reader for a step: as deep as the largest batch.
-    ///
-    /// # Errors
-    /// The topic has too many readers.
-    pub fn flying(factory: &TopicFactory<T>) -> Result<Self, PortError> {
-        Self::with_capacity(factory, FLYING_CAPACITY)
-    }
-
     /// A reader of a chosen depth, without history beyond it.
     ///
     /// # Errors
@@ -41,16 +35,33 @@ impl<T: Wire + ZeroCopySend> IpcSource<T> {
             .buffer_size(capacity)
             .create()
             .map_err(PortError::transport(factory_name(factory), "create a reader"))?;
-        Ok(Self { subscriber })
+        Ok(Self { subscriber, guard: None })
+    }
+
+    fn guarded(self, guard: Guard<T>) -> Self {
+        Self { guard: Some(guard), ..self }
+    }
+
+    /// The next sample with its writer's process: identity and process id.
+    pub fn receive_from(&mut self) -> Option<(T, NodeId, u32)> {
+        let sample = self.subscriber.receive().ok().flatten()?;
+        let node = sample.header().node_id();
+        let pid = node.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
+        Some((*sample.payload(), node_id(node), pid))
     }
 }
 
 impl<T: Wire + ZeroCopySend> Source<T> for IpcSource<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
-        // A failed connection to one publisher must not silence the others; it is retried at the
-        // next call, and a lost sample shows as a gap in the sequence.
-        let sample = self.subscriber.receive().ok().flatten()?;
-        Some(Stamped { sample: *sample.payload(), author: author(sample.origin().value()) })
+    fn receive(&mut self) -> Option<T> {
+        loop {
+            // A failed connection to one publisher must not silence the others; it is retried at the
+            // next call, and a lost sample shows as a gap in the sequence.
+            let sample = self.subscriber.receive().ok().flatten()?;
+            let node = sample.header().node_id();
+            if self.guard.as_ref().is_none_or(|guard| guard.passes(node, sample.payload())) {
+                return Some(*sample.payload());
+            }
+        }
     }
 }
 
@@ -72,12 +83,6 @@ impl<T: Wire + ZeroCopySend> IpcSink<T> {
             .create()
             .map_err(PortError::transport(factory_name(factory), "create a writer"))?;
         Ok(Self { publisher })
-    }
-
-    /// Identity by which readers know this writer.
-    #[must_use]
-    pub fn author(&self) -> Author {
-        author(self.publisher.id().value())
     }
 }
 
@@ -121,10 +126,23 @@ impl<T: Wire + ZeroCopySend> LatestPort<T> {
     /// Shows everything that has arrived since the last look. Two writers (a process and its
     /// successor) come in no particular order.
     pub fn for_each_new(&mut self, mut show: impl FnMut(&T)) {
-        while let Some(stamped) = self.source.receive() {
-            show(&stamped.sample);
-            self.latest = Some(stamped.sample);
+        while let Some(sample) = self.source.receive() {
+            show(&sample);
+            self.latest = Some(sample);
         }
+    }
+}
+
+impl LatestPort<Progress> {
+    /// Opens the progress of a seat, as told by whoever sits there.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn progress(bus: &Bus, seat: Seat) -> Result<Self, PortError> {
+        let kind = ServiceKind::Progress(seat);
+        let Self { source, latest } = Self::open(bus, kind)?;
+        let guard = bus.guard(&kind.name(), Accepts::from_seat(seat))?;
+        Ok(Self { source: source.guarded(guard), latest })
     }
 }
 
@@ -138,7 +156,11 @@ impl Bus {
         kind: ServiceKind,
         capacity: usize,
     ) -> Result<TopicFactory<T>, PortError> {
-        self.create::<T>(&kind.name(), capacity, 1)
+        let crowd = match kind {
+            ServiceKind::Clock | ServiceKind::Roll => Crowd::ANNOUNCED,
+            _ => Crowd::ALL,
+        };
+        self.create::<T>(&kind.name(), capacity, 1, crowd)
     }
 
     /// Opens a service that is not a topic.
@@ -171,12 +193,37 @@ impl Bus {
         IpcSink::new(&self.open_topic(topic)?)
     }
 
+    /// Opens a topic for reading: what the processes of role `from` publish on it, and nobody else.
+    /// Topics that everybody writes about itself come from all on the roll; an owner record has one
+    /// writer, the transport sees to that.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn reader_of<T: Sample>(
+        &self,
+        topic: &'static Topic<T>,
+        from: Role,
+        capacity: usize,
+    ) -> Result<IpcSource<T>, PortError> {
+        let source = IpcSource::with_capacity(&self.open_topic(topic)?, capacity)?;
+        let accepts = match (from, topic.info.edge) {
+            (Role::Supervisor, EdgeKind::RecordOnly) => Accepts::from_all(),
+            (Role::Supervisor, _) => return Ok(source),
+            _ => Accepts::from_role(from),
+        };
+        Ok(source.guarded(self.guard(topic.info.name, accepts)?))
+    }
+
     /// Opens a topic for reading in flight.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn reader<T: Sample>(&self, topic: &'static Topic<T>) -> Result<IpcSource<T>, PortError> {
-        IpcSource::flying(&self.open_topic(topic)?)
+    pub fn reader<T: Sample>(
+        &self,
+        topic: &'static Topic<T>,
+        from: Role,
+    ) -> Result<IpcSource<T>, PortError> {
+        self.reader_of(topic, from, FLYING_CAPACITY)
     }
 }
 

@@ -1,13 +1,12 @@
 //! Published states: packed bytes of one service kind, with the header of the step.
 
-use super::ports::author;
 use super::{Bus, Ipc, PortError, ServiceKind, service_name};
 use crate::executor::StateSink;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::{Author, Header};
+use shared_types::Header;
 
 type StateFactory = PortFactory<Ipc, [u8], Header>;
 
@@ -105,10 +104,10 @@ impl StateSubscriber {
     }
 
     /// Shows the next state, if one has arrived; false if none has.
-    pub fn receive(&mut self, mut show: impl FnMut(&Header, &[u8], Author)) -> bool {
+    pub fn receive(&mut self, mut show: impl FnMut(&Header, &[u8])) -> bool {
         match self.subscriber.receive() {
             Ok(Some(sample)) => {
-                show(sample.user_header(), sample.payload(), author(sample.origin().value()));
+                show(sample.user_header(), sample.payload());
                 true
             }
             _ => false,

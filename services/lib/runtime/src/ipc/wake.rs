@@ -13,30 +13,30 @@ use core::time::Duration;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat, open};
 use rustix::io::{Errno, read, write};
-use shared_types::Role;
+use shared_types::Seat;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 
 impl Bus {
-    /// Creates what wakes a role (launcher only); it lives as long as the run's folder.
+    /// Creates what wakes a seat's process (launcher only); it lives as long as the run's folder.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn create_wake(&self, role: Role) -> Result<(), PortError> {
+    pub fn create_wake(&self, seat: Seat) -> Result<(), PortError> {
         let mode = Mode::RUSR | Mode::WUSR;
-        mknodat(CWD, self.wake_path(role), FileType::Fifo, mode, 0)
-            .map_err(PortError::transport(&ServiceKind::Wake(role).name(), "create the pipe"))
+        mknodat(CWD, self.wake_path(seat), FileType::Fifo, mode, 0)
+            .map_err(PortError::transport(&ServiceKind::Wake(seat).name(), "create the pipe"))
     }
 
-    fn open_wake(&self, role: Role) -> Result<OwnedFd, PortError> {
+    fn open_wake(&self, seat: Seat) -> Result<OwnedFd, PortError> {
         // Both directions at each end: nobody has to wait for, or survive, the other end.
         let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        open(self.wake_path(role), flags, Mode::empty())
-            .map_err(PortError::transport(&ServiceKind::Wake(role).name(), "open the pipe"))
+        open(self.wake_path(seat), flags, Mode::empty())
+            .map_err(PortError::transport(&ServiceKind::Wake(seat).name(), "open the pipe"))
     }
 
-    fn wake_path(&self, role: Role) -> PathBuf {
-        self.folder.join(format!("wake-{}", role.label()))
+    fn wake_path(&self, seat: Seat) -> PathBuf {
+        self.folder.join(format!("wake-{}", seat.label()))
     }
 }
 
@@ -47,12 +47,12 @@ pub struct WakeListener {
 }
 
 impl WakeListener {
-    /// Opens the wake-ups of one's own role.
+    /// Opens the wake-ups of one's own seat.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn open(bus: &Bus, role: Role) -> Result<Self, PortError> {
-        Ok(Self { pipe: bus.open_wake(role)? })
+    pub fn open(bus: &Bus, seat: Seat) -> Result<Self, PortError> {
+        Ok(Self { pipe: bus.open_wake(seat)? })
     }
 
     /// Waits for a wake-up; true if one came before the limit. Those that came since the last
@@ -91,12 +91,12 @@ pub struct WakeNotifier {
 }
 
 impl WakeNotifier {
-    /// Opens the wake-ups of another role.
+    /// Opens the wake-ups of another seat.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn open(bus: &Bus, role: Role) -> Result<Self, PortError> {
-        Ok(Self { pipe: bus.open_wake(role)? })
+    pub fn open(bus: &Bus, seat: Seat) -> Result<Self, PortError> {
+        Ok(Self { pipe: bus.open_wake(seat)? })
     }
 
     /// Wakes whoever waits; nobody waiting is fine.

@@ -1,0 +1,337 @@
+//! Whose word counts: a slot's owner from instant to instant, and how far its seats have got.
+//!
+//! A slot's consumers wait for the seats that may command at an instant, owner and fallback, and
+//! never for a shadow. Ownership changes at an effective instant T: what takes effect before T comes
+//! from the old owner, what takes effect from T on from the new one.
+
+use crate::graph::{Edge, Marks, ROLES};
+use crate::input::Input;
+use shared_types::{NO_SEAT, OwnerRecord, Role, RollEntry, SEATS};
+
+/// Announced changes of a slot that can lie ahead.
+const MOST_TENURES: usize = 8;
+
+/// What a seat has to say in its slot at an instant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// Its word counts.
+    Owner,
+    /// Its word counts if the owner is silent.
+    Fallback,
+    /// It only shadows, or has left.
+    Other,
+}
+
+/// Standing of `seat` by `record`.
+#[must_use]
+pub fn standing(record: &OwnerRecord, seat: u32) -> Standing {
+    if record.owner == seat {
+        Standing::Owner
+    } else if record.fallback == seat {
+        Standing::Fallback
+    } else {
+        Standing::Other
+    }
+}
+
+impl Input<OwnerRecord> {
+    /// The record in effect at `t_ns`, an instant since the last step.
+    #[must_use]
+    pub fn in_effect_at(&self, t_ns: u64) -> Option<&OwnerRecord> {
+        let fresh = self.fresh().iter().rev().find(|record| record.header.valid_ns <= t_ns);
+        fresh.or_else(|| self.before_fresh())
+    }
+
+    /// Standing of the writer of a command at the command's effective instant; a slot without a
+    /// record obeys nobody.
+    #[must_use]
+    pub fn standing_of(&self, command: &shared_types::Header) -> Standing {
+        self.in_effect_at(command.valid_ns)
+            .map_or(Standing::Other, |record| standing(record, command.seat))
+    }
+}
+
+/// How far the producer of an arrow has got, for whoever waits for it.
+pub trait MarkView {
+    /// Everything that travels along `edge` and was released before is final \[ns\].
+    fn of(&self, edge: &Edge) -> u64;
+    /// Mark of a role with one seat \[ns\].
+    fn of_role(&self, role: Role) -> u64;
+}
+
+impl MarkView for Marks {
+    fn of(&self, edge: &Edge) -> u64 {
+        self.of_role(edge.from)
+    }
+    fn of_role(&self, role: Role) -> u64 {
+        self.get(role.index()).copied().unwrap_or(0)
+    }
+}
+
+/// Who commands a slot from an instant on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Tenure {
+    from_ns: u64,
+    epoch: u64,
+    owner: u32,
+    fallback: u32,
+    /// Which seats are taken.
+    members: [bool; SEATS],
+}
+
+/// The tenures of one slot: the one in effect and those announced.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SlotBook {
+    tenures: [Tenure; MOST_TENURES],
+    count: usize,
+}
+
+impl SlotBook {
+    /// Takes in a record; one of an epoch that is known already says nothing new.
+    pub fn learn(&mut self, record: &OwnerRecord) {
+        let known = self.tenures().last().map_or(0, |last| last.epoch);
+        if record.epoch <= known {
+            return;
+        }
+        if self.count == MOST_TENURES {
+            self.tenures.copy_within(1.., 0);
+            self.count -= 1;
+        }
+        self.tenures[self.count] = Tenure {
+            from_ns: record.header.valid_ns,
+            epoch: record.epoch,
+            owner: record.owner,
+            fallback: record.fallback,
+            members: core::array::from_fn(|seat| record.period_ns[seat] > 0),
+        };
+        self.count += 1;
+    }
+
+    fn tenures(&self) -> &[Tenure] {
+        &self.tenures[..self.count]
+    }
+
+    /// Forgets what ended before the step at `t_ns`, which has been run.
+    pub fn forget_before(&mut self, t_ns: u64) {
+        let over = self.tenures().iter().skip(1).take_while(|next| next.from_ns < t_ns).count();
+        self.tenures.copy_within(over.., 0);
+        self.count -= over;
+    }
+
+    /// True if `seat` may command, now or at an announced instant.
+    #[must_use]
+    pub fn concerns(&self, seat: u32) -> bool {
+        self.count == 0 && seat == 0
+            || self.tenures().iter().any(|t| t.owner == seat || t.fallback == seat)
+    }
+
+    /// Instant from which `seat` is no longer taken; none if that has not been announced \[ns\].
+    #[must_use]
+    pub fn released_ns(&self, seat: u32) -> Option<u64> {
+        let last = self.tenures().last()?;
+        let index = usize::try_from(seat).ok()?;
+        (!last.members.get(index).copied().unwrap_or(false)).then_some(last.from_ns)
+    }
+
+    /// Mark of the slot for an arrow of this latency \[ns\].
+    fn mark_ns(&self, seats: &[u64; SEATS], latency_ns: u64) -> u64 {
+        let mark_of = |seat: u32| {
+            let index = usize::try_from(seat).ok().filter(|_| seat != NO_SEAT);
+            index.and_then(|index| seats.get(index)).copied().unwrap_or(u64::MAX)
+        };
+        if self.count == 0 {
+            return mark_of(0);
+        }
+        // First release whose sample takes effect in the tenure; the first tenure has all before it.
+        let mut begin_ns = 0;
+        for (index, tenure) in self.tenures().iter().enumerate() {
+            let mark_ns = mark_of(tenure.owner).min(mark_of(tenure.fallback));
+            let next = self.tenures().get(index + 1);
+            let end_ns = next.map_or(u64::MAX, |next| next.from_ns.saturating_sub(latency_ns));
+            if mark_ns < end_ns {
+                return mark_ns.max(begin_ns);
+            }
+            begin_ns = end_ns;
+        }
+        u64::MAX
+    }
+}
+
+/// How far every seat has got, and whose word counts, as one process knows it.
+#[derive(Debug, Clone)]
+pub struct SeatMarks {
+    marks: [[u64; SEATS]; ROLES],
+    generations: [[Option<u32>; SEATS]; ROLES],
+    books: [SlotBook; ROLES],
+}
+
+impl Default for SeatMarks {
+    fn default() -> Self {
+        Self {
+            marks: [[0; SEATS]; ROLES],
+            generations: [[None; SEATS]; ROLES],
+            books: [SlotBook::default(); ROLES],
+        }
+    }
+}
+
+impl SeatMarks {
+    /// The tenures of a role's slot.
+    pub fn book(&mut self, role: Role) -> Option<&mut SlotBook> {
+        self.books.get_mut(role.index())
+    }
+
+    /// True if a consumer of the role may have to wait for this seat.
+    #[must_use]
+    pub fn concerns(&self, role: Role, seat: u32) -> bool {
+        self.books.get(role.index()).is_none_or(|book| book.concerns(seat))
+    }
+
+    /// Takes in how far a seat's process of this generation has got.
+    pub fn advance(&mut self, role: Role, seat: u32, generation: u32, mark_ns: u64) {
+        let Some((mark, known)) = self.seat(role, seat) else { return };
+        match *known {
+            Some(known) if known > generation => {}
+            Some(known) if known == generation => *mark = mark_ns.max(*mark),
+            _ => (*mark, *known) = (mark_ns, Some(generation)),
+        }
+    }
+
+    /// Takes in the roll: who has left is not waited for, and whoever comes after it begins anew.
+    pub fn learn_roll(&mut self, entries: &[RollEntry]) {
+        for entry in entries {
+            let Some((mark, known)) = self.seat(entry.role, entry.seat) else { continue };
+            match *known {
+                Some(known) if known > entry.generation => {}
+                Some(known) if known == entry.generation => {
+                    if !entry.present.is_set() {
+                        *mark = u64::MAX;
+                    }
+                }
+                _ => {
+                    *known = Some(entry.generation);
+                    *mark = if entry.present.is_set() { 0 } else { u64::MAX };
+                }
+            }
+        }
+    }
+
+    fn seat(&mut self, role: Role, seat: u32) -> Option<(&mut u64, &mut Option<u32>)> {
+        let index = usize::try_from(seat).ok()?;
+        let mark = self.marks.get_mut(role.index())?.get_mut(index)?;
+        let generation = self.generations.get_mut(role.index())?.get_mut(index)?;
+        Some((mark, generation))
+    }
+}
+
+impl MarkView for SeatMarks {
+    fn of(&self, edge: &Edge) -> u64 {
+        let role = edge.from.index();
+        match (self.books.get(role), self.marks.get(role)) {
+            (Some(book), Some(seats)) => book.mark_ns(seats, edge.latency_ns),
+            _ => 0,
+        }
+    }
+    fn of_role(&self, role: Role) -> u64 {
+        self.marks.get(role.index()).map_or(0, |seats| seats[0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::{Header, topics};
+
+    const MS: u64 = 1_000_000;
+
+    fn record(epoch: u64, valid_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
+        let header = Header { valid_ns: valid_ms * MS, ..Header::default() };
+        OwnerRecord { header, epoch, owner, fallback, period_ns: [10; 4], ..OwnerRecord::default() }
+    }
+
+    fn marks(seats_ms: [u64; SEATS], records: &[OwnerRecord]) -> SeatMarks {
+        let mut marks = SeatMarks::default();
+        for (seat, mark_ms) in (0..).zip(seats_ms) {
+            marks.advance(Role::Attitude, seat, 0, mark_ms * MS);
+        }
+        for record in records {
+            marks.book(Role::Attitude).unwrap().learn(record);
+        }
+        marks
+    }
+
+    fn of(marks: &SeatMarks, latency_ms: u64) -> u64 {
+        let topic = &topics::WRENCH_COMMAND.info;
+        let edge = Edge { latency_ns: latency_ms * MS, ..Edge::unwaited(topic, Role::Plant) };
+        marks.of(&edge) / MS
+    }
+
+    #[test]
+    fn consumers_wait_for_the_old_owner_until_the_change_and_for_the_new_one_after_it() {
+        let records = [record(1, 0, 0, NO_SEAT), record(2, 101, 1, NO_SEAT)];
+        // The change at 101 ms concerns what is released from 100 ms on.
+        assert_eq!(of(&marks([90, 120, 0, 0], &records), 1), 90);
+        assert_eq!(of(&marks([99, 120, 0, 0], &records), 1), 99);
+        assert_eq!(of(&marks([100, 120, 0, 0], &records), 1), 120);
+        assert_eq!(of(&marks([100, 80, 0, 0], &records), 1), 100);
+        assert_eq!(of(&marks([500, 110, 0, 0], &records), 1), 110);
+        // On an arrow without latency it concerns what is released from 101 ms on.
+        assert_eq!(of(&marks([100, 120, 0, 0], &records), 0), 100);
+    }
+
+    #[test]
+    fn a_fallback_is_waited_for_and_a_shadow_is_not() {
+        let alone = [record(1, 0, 0, NO_SEAT)];
+        assert_eq!(of(&marks([90, 10, 10, 10], &alone), 1), 90);
+        let backed = [record(1, 0, 0, 2)];
+        assert_eq!(of(&marks([90, 10, 70, 10], &backed), 1), 70);
+    }
+
+    #[test]
+    fn who_has_left_is_not_waited_for_and_whoever_comes_next_begins_anew() {
+        let mut seats = marks([90, 0, 0, 0], &[record(1, 0, 0, NO_SEAT)]);
+        let entry = |generation, present: bool| RollEntry {
+            role: Role::Attitude,
+            generation,
+            present: present.into(),
+            ..RollEntry::default()
+        };
+        seats.learn_roll(&[entry(0, true)]);
+        assert_eq!(of(&seats, 1), 90);
+        seats.learn_roll(&[entry(0, false)]);
+        assert_eq!(of(&seats, 1), u64::MAX / MS);
+        seats.learn_roll(&[entry(0, false), entry(1, true)]);
+        assert_eq!(of(&seats, 1), 0);
+        seats.advance(Role::Attitude, 0, 0, 95 * MS);
+        assert_eq!(of(&seats, 1), 0, "its predecessor's last word comes late");
+        seats.advance(Role::Attitude, 0, 1, 96 * MS);
+        assert_eq!(of(&seats, 1), 96);
+    }
+
+    #[test]
+    fn what_is_over_is_forgotten_once_a_step_has_passed_it() {
+        let mut book = SlotBook::default();
+        for (epoch, valid_ms, owner) in [(1, 0, 0), (2, 100, 1), (3, 200, 2)] {
+            book.learn(&record(epoch, valid_ms, owner, NO_SEAT));
+        }
+        book.learn(&record(2, 500, 3, NO_SEAT));
+        assert!(!book.concerns(3), "an old epoch says nothing");
+        book.forget_before(100 * MS);
+        assert!(book.concerns(0), "the step at the change itself still takes from both");
+        book.forget_before(100 * MS + 1);
+        assert!(!book.concerns(0) && book.concerns(1) && book.concerns(2));
+        book.forget_before(900 * MS);
+        assert!(!book.concerns(1) && book.concerns(2));
+    }
+
+    #[test]
+    fn a_seat_that_a_record_leaves_out_is_released_from_then_on() {
+        let mut book = SlotBook::default();
+        book.learn(&record(1, 0, 0, NO_SEAT));
+        assert_eq!(book.released_ns(1), None);
+        let without = OwnerRecord { period_ns: [10, 0, 10, 10], ..record(2, 300, 0, NO_SEAT) };
+        book.learn(&without);
+        assert_eq!(book.released_ns(1), Some(300 * MS));
+        assert_eq!(book.released_ns(0), None);
+    }
+}
