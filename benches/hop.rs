@@ -8,10 +8,10 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Config, NodeBuilder, ipc};
 use runtime::clock::mono_now_ns;
 use runtime::graph::READER_CAPACITY;
-use runtime::ipc::{Bus, RECORDER_CAPACITY};
+use runtime::ipc::{Bus, IpcSink, RECORDER_CAPACITY, ServiceKind, TopicFactory};
 use runtime::namespace::Membership;
-use runtime::{Input, Output};
-use shared_types::{Header, StateEstimate, topics};
+use runtime::{Input, Output, Sink as _};
+use shared_types::{Header, Role, Roll, StateEstimate, topics};
 use std::error::Error;
 use std::io::Write as _;
 
@@ -25,12 +25,26 @@ struct Ported {
     output: Output<StateEstimate>,
     input: Input<StateEstimate>,
     release_ns: u64,
+    /// Tells the reader that it may listen to this process.
+    _roll: (TopicFactory<Roll>, IpcSink<Roll>),
 }
 
 impl Ported {
     fn open(bus: &Bus) -> Result<Self, Box<dyn Error>> {
-        let mut ported = Self { output: Output::default(), input: Input::default(), release_ns: 0 };
-        ported.input.connect(Box::new(bus.reader(&topics::STATE_ESTIMATE)?), None);
+        let factory = bus.create_service::<Roll>(ServiceKind::Roll, 2)?;
+        let mut writer = bus.open_writer::<Roll>(ServiceKind::Roll)?;
+        let mut roll = Roll { count: 1, ..Roll::default() };
+        roll.entries[0].node = bus.identity();
+        roll.entries[0].role = Role::Estimator;
+        writer.send(roll);
+        let mut ported = Self {
+            output: Output::default(),
+            input: Input::default(),
+            release_ns: 0,
+            _roll: (factory, writer),
+        };
+        let reader = bus.reader(&topics::STATE_ESTIMATE, Role::Estimator)?;
+        ported.input.connect(Box::new(reader), None);
         ported.output.connect(Box::new(bus.writer(&topics::STATE_ESTIMATE)?), 0);
         Ok(ported)
     }
@@ -42,7 +56,7 @@ impl Ported {
         self.output.flush(&Header { release_ns: self.release_ns, ..Header::default() });
         self.input.receive();
         self.input.accept(self.release_ns, previous_ns);
-        self.input.sample().map_or(0, |sample| sample.header.sequence)
+        self.input.latest().map_or(0, |sample| sample.header.sequence)
     }
 }
 

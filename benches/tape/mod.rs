@@ -9,15 +9,15 @@ use runtime::clock::mono_now_ns;
 use runtime::graph::Edge;
 use runtime::{
     Executor, Graph, Input, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
-    OutputVisitor, Service, Sink, Source, StateSink, StepStamps,
+    OutputVisitor, Place, Service, Sink, Source, StateSink, StepStamps,
 };
-use shared_types::{Author, Header, OwnerRecord, Role, Sample, Stamped, Topic, topics};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-type Log<T> = RefCell<Vec<Stamped<T>>>;
+type Log<T> = RefCell<Vec<T>>;
 
 /// Every sample of a flight by topic, in the order published.
 #[derive(Clone, Default)]
@@ -41,16 +41,17 @@ impl Tape {
         for (topic, slot) in slots {
             let header = Header { sequence: 1, ..Header::default() };
             let period_ns = graph.node(slot).map_or(0, |node| node.rate.period_ns());
-            let owner = author(slot);
-            let sample =
-                OwnerRecord { header, epoch: 1, owner, period_ns, slot, ..OwnerRecord::default() };
-            self.log(topic).borrow_mut().push(Stamped { sample, author: author(Role::Supervisor) });
+            let sample = OwnerRecord {
+                header,
+                epoch: 1,
+                period_ns: [period_ns, 0, 0, 0],
+                fallback: NO_SEAT,
+                slot,
+                ..OwnerRecord::default()
+            };
+            self.log(topic).borrow_mut().push(sample);
         }
     }
-}
-
-fn author(role: Role) -> Author {
-    [1, u64::from(role.0)]
 }
 
 struct Reader<T> {
@@ -60,24 +61,23 @@ struct Reader<T> {
 }
 
 impl<T: Sample> Source<T> for Reader<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
+    fn receive(&mut self) -> Option<T> {
         let log = self.log.borrow();
-        let shown = |s: &&Stamped<T>| s.sample.header().valid_ns <= self.until_ns.get();
-        let stamped = log.get(self.next).filter(shown).copied()?;
+        let shown = |s: &&T| s.header().valid_ns <= self.until_ns.get();
+        let sample = log.get(self.next).filter(shown).copied()?;
         self.next += 1;
-        Some(stamped)
+        Some(sample)
     }
 }
 
 /// Keeps what is published on the way.
 impl Observer for Tape {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        // The replayed loops have other authors, and owner records of their own.
+        // The replayed loops have owner records of their own.
         if topic.info.from == Role::Supervisor {
             return;
         }
-        let author = author(topic.info.from);
-        self.log(topic).borrow_mut().push(Stamped { sample: *sample, author });
+        self.log(topic).borrow_mut().push(*sample);
     }
 }
 
@@ -138,7 +138,8 @@ impl OutputVisitor for Wiring<'_> {
 impl ComponentVisitor for Wiring<'_> {
     type Output = Box<dyn Loop>;
     fn visit<S: Service + 'static>(mut self, component: Component<S>) -> Box<dyn Loop> {
-        let mut executor = Executor::new(component.service, self.node, 0, component.state_every);
+        let mut executor =
+            Executor::new(component.service, self.node, Place::default(), component.state_every);
         let Ok(()) = executor.inputs.visit(&mut self);
         let Ok(()) = executor.outputs.visit(&mut self);
         executor.connect_state(Box::new(NoReader));

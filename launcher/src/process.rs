@@ -5,11 +5,11 @@ use crate::exit;
 use crate::scenario::Scenario;
 use crate::scenario::settings::Clock;
 use runtime::connect::connect;
-use runtime::ipc::{Bus, PortError};
+use runtime::ipc::Bus;
 use runtime::namespace::Membership;
 use runtime::priority::take_fifo;
 use runtime::watch::StopFlags;
-use runtime::{Ending, Executor, Graph, Node, Process, ProcessError, Service};
+use runtime::{Ending, Executor, Graph, Node, Place, Process, ProcessError, Service};
 use rustix::thread::{CpuSet, sched_setaffinity, set_name};
 use shared_types::Role;
 use std::ffi::CString;
@@ -23,12 +23,12 @@ pub struct ProcOptions {
     pub service: String,
     /// Folder of the run to join.
     pub run: PathBuf,
-    /// Restarts so far.
-    pub generation: u32,
+    /// Which of the role's seats to take, and how many have had it before.
+    pub place: Place,
     /// Process to watch: the flight ends when it is gone.
     pub launcher_pid: u32,
-    /// Continue from the predecessor's last state.
-    pub restore: bool,
+    /// Begin where, and from what state, a hand-over says.
+    pub await_handover: bool,
     /// Processor to stay on.
     pub cpu: Option<usize>,
     /// How much to stand back for others, as `nice` counts.
@@ -48,7 +48,7 @@ pub fn run_process(options: &ProcOptions) -> u8 {
         return exit::USAGE;
     };
     match fly(role, options) {
-        Ok(Ending::Finished) => exit::PASS,
+        Ok(Ending::Finished | Ending::Retired) => exit::PASS,
         Ok(Ending::Signalled) => {
             say(&mut io::stderr(), &format!("{}: stopped by a signal", options.service));
             exit::INTERRUPTED
@@ -118,7 +118,7 @@ impl ComponentVisitor for Fly<'_> {
     type Output = Result<Ending, Box<dyn std::error::Error>>;
     fn visit<S: Service>(self, component: Component<S>) -> Self::Output {
         let options = self.options;
-        let seat = SeatOptions { generation: options.generation, restore: options.restore };
+        let seat = SeatOptions { place: options.place, await_handover: options.await_handover };
         Ok(fly_service(self.bus, self.graph, self.node, self.stop, component, seat)?)
     }
 }
@@ -126,8 +126,8 @@ impl ComponentVisitor for Fly<'_> {
 /// How a service takes its seat.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SeatOptions {
-    pub(crate) generation: u32,
-    pub(crate) restore: bool,
+    pub(crate) place: Place,
+    pub(crate) await_handover: bool,
 }
 
 /// Opens every port of a component, says hello and flies; also used for the pilot, which lives in
@@ -140,14 +140,13 @@ pub(crate) fn fly_service<S: Service>(
     component: Component<S>,
     seat: SeatOptions,
 ) -> Result<Ending, ProcessError> {
-    let mut executor =
-        Executor::new(component.service, node, seat.generation, component.state_every);
-    let author = connect(bus, &graph, &mut executor)?;
-    let mut process = Process::open(bus, executor, graph, stop, seat.generation)?;
+    let mut executor = Executor::new(component.service, node, seat.place, component.state_every);
+    connect(bus, &graph, &mut executor)?;
+    let mut process = Process::open(bus, executor, graph, stop)?;
     // Held until the end: a dropped writer's last sample may not have been read yet.
-    let _hello = process.say_hello(bus, author).map_err(|e: PortError| ProcessError::from(e))?;
-    if seat.restore {
-        process.take_over(bus)?;
+    let _hello = process.say_hello()?;
+    if seat.await_handover {
+        process.take_over()?;
     }
     Ok(process.run())
 }

@@ -66,9 +66,7 @@ impl Recording {
                 number[0].to_bits()
             };
             let key = (message.channel.topic.clone(), number("seat"), number("sequence"));
-            for host in ["owner", "author", "rescued_waits"] {
-                sample.clear_field_by_name(host);
-            }
+            sample.clear_field_by_name("rescued_waits");
             if let Some(state) = sample.get_field_by_name_mut("state") {
                 *state = Value::Bytes(vec![0; state.as_bytes().map_or(0, Bytes::len)].into());
             }

@@ -6,6 +6,7 @@ use crate::run::{Pin, RunOptions, Speed};
 use crate::scenario::{Override, Scenario, ScenarioError, TESTED_RATES_HZ};
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use core::time::Duration;
+use runtime::Place;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 
@@ -338,9 +339,12 @@ pub struct ProcArguments {
     /// Process to outlive by the grace period at most
     #[arg(long, value_name = "PID")]
     pub launcher_pid: u32,
-    /// Continue from the predecessor's state
+    /// Which of the role's seats to take
+    #[arg(long, value_name = "N", default_value = "0")]
+    pub seat: u32,
+    /// Begin where, and from what state, a hand-over says
     #[arg(long)]
-    pub restore: bool,
+    pub await_handover: bool,
     /// Processor to stay on
     #[arg(long, value_name = "CPU")]
     pub cpu: Option<usize>,
@@ -354,9 +358,9 @@ impl ProcArguments {
         ProcOptions {
             service: self.service.clone(),
             run: self.run.clone(),
-            generation: self.generation,
+            place: Place { seat: self.seat, generation: self.generation },
             launcher_pid: self.launcher_pid,
-            restore: self.restore,
+            await_handover: self.await_handover,
             cpu: self.cpu,
             nice: self.nice,
         }

@@ -27,13 +27,13 @@ use runtime::executor::{StateSink, StepStamps};
 use runtime::graph::{CREDIT_NS, Marks, ROLES};
 use runtime::input::InputSet as _;
 use runtime::service::RestoreError;
-use runtime::{Executor, Graph, Node, Service};
+use runtime::{Executor, Graph, Node, Place, Service};
 use shared_types::{Header, Role};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use thiserror::Error;
-use wires::{Authors, Wires};
+use wires::Wires;
 
 /// Who tells the controllers where the vehicle is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -148,8 +148,9 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
     type Output = Result<Loop, InProcessError>;
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
         let generation = self.from.map_or(0, |checkpoint| checkpoint.generation(self.node.role));
+        let place = Place { seat: 0, generation };
         let mut executor =
-            Executor::new(component.service, self.node, generation, component.state_every);
+            Executor::new(component.service, self.node, place, component.state_every);
         self.wires.connect(self.graph, &mut executor);
         let observer = self.wires.observer();
         if observer.borrow().wants_states() {
@@ -181,7 +182,6 @@ pub struct InProcess<O> {
     marks: Marks,
     end_ns: u64,
     now_mono_ns: fn() -> u64,
-    authors: Authors,
     /// The loop that is being stepped.
     stepping: usize,
 }
@@ -214,8 +214,7 @@ impl<O: Observer> InProcess<O> {
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
         let observer = Rc::new(RefCell::new(observer));
-        let authors = from.map(Checkpoint::authors).unwrap_or_default();
-        let mut wires = Wires::new(Rc::clone(&observer), authors.clone());
+        let mut wires = Wires::new(Rc::clone(&observer));
         let mut loops = Vec::new();
         for &node in graph.nodes() {
             let connect = Connect { graph: &graph, node, wires: &mut wires, from };
@@ -227,10 +226,8 @@ impl<O: Observer> InProcess<O> {
             }?);
         }
         if from.is_none() {
-            // A rig flight has no position loop: the pilot owns that slot.
-            let position = graph.node(Role::Position).map_or(Role::Pilot, |node| node.role);
-            wires.own(&graph, Role::Attitude, Role::Attitude);
-            wires.own(&graph, Role::Position, position);
+            wires.own(&graph, Role::Attitude);
+            wires.own(&graph, Role::Position);
         }
         Ok(Self {
             graph,
@@ -239,7 +236,6 @@ impl<O: Observer> InProcess<O> {
             marks: [0; ROLES],
             end_ns: scenario.duration_ns(),
             now_mono_ns: no_clock,
-            authors,
             stepping: 0,
         })
     }

@@ -50,7 +50,7 @@ impl Service for PerfectState {
 
     fn step(&mut self, _now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.steps += 1;
-        let (Some(imu), Some(truth)) = (inputs.imu.sample(), inputs.truth.sample()) else { return };
+        let (Some(imu), Some(truth)) = (inputs.imu.latest(), inputs.truth.latest()) else { return };
         let bias = truth.accelerometer_bias_b_m_s2;
         outputs.state_estimate.write(StateEstimate {
             position_w_m: truth.position_w_m,

@@ -1,7 +1,6 @@
 //! A flight taken up in the middle: states of every component, and what was on its way between them.
 
 use super::tape::Tape;
-use super::wires::{Authors, author_of};
 use super::{InProcess, InProcessError, Observer, StateSource};
 use crate::components::Crew;
 use crate::scenario::Scenario;
@@ -9,7 +8,7 @@ use core::convert::Infallible;
 use runtime::Graph;
 use runtime::graph::{Edge, Marks, ROLES};
 use runtime::input::{Input, InputVisitor};
-use shared_types::{Role, Sample, Stamped, Topic};
+use shared_types::{Role, Sample, Topic};
 use std::sync::Arc;
 
 /// Where and from what a flight is taken up.
@@ -61,11 +60,6 @@ impl Checkpoint {
     pub(super) fn exact_ns(&self) -> Option<u64> {
         self.exact.then_some(self.at_ns)
     }
-
-    /// Who signs what: as on the tape, so that whoever knows a writer goes on obeying.
-    pub(super) fn authors(&self) -> Authors {
-        self.tape.authors_at(self.at_ns)
-    }
 }
 
 impl<O: Observer> InProcess<O> {
@@ -91,7 +85,6 @@ impl<O: Observer> InProcess<O> {
                 tape: &checkpoint.tape,
                 graph: &flight.graph,
                 marks: &flight.marks,
-                authors: &flight.authors,
                 role,
                 at_ns: checkpoint.at_ns,
             };
@@ -123,7 +116,6 @@ pub(super) struct Feed<'a> {
     tape: &'a Tape,
     graph: &'a Graph,
     marks: &'a Marks,
-    authors: &'a Authors,
     role: Role,
     at_ns: u64,
 }
@@ -140,10 +132,9 @@ impl InputVisitor for Feed<'_> {
         // Who does not step, the supervisor, produces nothing any more.
         let mark_ns = self.marks.get(from.index()).map(|mark_ns| self.at_ns.min(*mark_ns));
         let before_ns = mark_ns.unwrap_or(self.at_ns.saturating_add(1));
-        let latched = input.latest().map_or(0, |stamped| stamped.sample.header().sequence);
-        let author = author_of(self.authors, &topic.info, from);
+        let latched = input.latest().map_or(0, |sample| sample.header().sequence);
         for sample in self.tape.waiting(topic, latched, before_ns) {
-            input.offer(Stamped { sample: *sample, author });
+            input.offer(*sample);
         }
         Ok(())
     }

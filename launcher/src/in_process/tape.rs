@@ -1,14 +1,11 @@
 //! Everything that a flight has published, to take it up again in the middle.
 
 use super::Observer;
-use super::wires::Authors;
 use crate::record::read::RecordVisitor;
 use runtime::graph::ROLES;
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
-use shared_types::{
-    Deviation, DeviationKind, Edge, Header, Role, Sample, Topic, TopicInfo, TopicVisitor, topics,
-};
+use shared_types::{Edge, Header, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -105,19 +102,6 @@ impl Tape {
         let keyframes = self.states.get(role.index()).into_iter().flatten();
         let before = keyframes.take_while(|keyframe| keyframe.release_ns < t_ns);
         before.map(|keyframe| keyframe.header.generation).last().unwrap_or(0)
-    }
-
-    /// Who wrote each topic last before `t_ns`, as its readers had it from the transport.
-    pub(super) fn authors_at(&self, t_ns: u64) -> Authors {
-        let told: &[Deviation] = self.samples(&topics::DEVIATION);
-        let told = told.iter().filter(|told| told.kind == DeviationKind::Writer);
-        let author = |topic: &TopicInfo| {
-            let mut told = told.clone().filter(|told| told.input_name() == topic.name);
-            let first = told.clone().next();
-            let last = told.rfind(|told| told.header.release_ns < t_ns);
-            last.or(first).map(|told| (topic.name, told.author))
-        };
-        topics::all().into_iter().filter_map(author).collect()
     }
 
     /// Shows an observer everything released before `t_ns`, and who owned the slots then, topic by

@@ -7,18 +7,18 @@ use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::input::{Input, InputSet as _, InputVisitor};
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::{Executor, Graph, Service, Sink, Source};
-use shared_types::{Author, Header, OwnerRecord, Role, Sample, Stamped, Topic, TopicInfo, topics};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, topics};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-type Queue<T> = Rc<RefCell<VecDeque<Stamped<T>>>>;
+type Queue<T> = Rc<RefCell<VecDeque<T>>>;
 type Readers<T> = Rc<RefCell<Vec<Queue<T>>>>;
 
 struct QueueSource<T>(Queue<T>);
 
 impl<T: Sample> Source<T> for QueueSource<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
+    fn receive(&mut self) -> Option<T> {
         self.0.borrow_mut().pop_front()
     }
 }
@@ -26,7 +26,6 @@ impl<T: Sample> Source<T> for QueueSource<T> {
 struct QueueSink<T: Sample, O> {
     topic: &'static Topic<T>,
     readers: Readers<T>,
-    author: Author,
     observer: Rc<RefCell<O>>,
 }
 
@@ -34,23 +33,10 @@ impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
     fn send(&mut self, sample: T) {
         self.observer.borrow_mut().observe(self.topic, &sample);
         for reader in self.readers.borrow().iter() {
-            reader.borrow_mut().push_back(Stamped { sample, author: self.author });
+            reader.borrow_mut().push_back(sample);
         }
     }
     fn serve_late_joiners(&mut self) {}
-}
-
-/// Identity of each topic's writer, by topic name, in a flight that others have begun.
-pub(super) type Authors = BTreeMap<&'static str, Author>;
-
-/// Identity under which the samples of a topic appear that `from` writes.
-pub(super) fn author_of(known: &Authors, topic: &TopicInfo, from: Role) -> Author {
-    known.get(topic.name).copied().unwrap_or(own_author(from))
-}
-
-/// Identity under which a role's samples appear in a flight of its own.
-fn own_author(role: Role) -> Author {
-    [u64::from(role.0) + 1, 0]
 }
 
 /// All queues of a flight.
@@ -58,12 +44,11 @@ pub(super) struct Wires<O> {
     /// [`Readers`] by topic name.
     readers: BTreeMap<&'static str, Box<dyn Any>>,
     observer: Rc<RefCell<O>>,
-    authors: Authors,
 }
 
 impl<O: Observer> Wires<O> {
-    pub(super) fn new(observer: Rc<RefCell<O>>, authors: Authors) -> Self {
-        Self { readers: BTreeMap::new(), observer, authors }
+    pub(super) fn new(observer: Rc<RefCell<O>>) -> Self {
+        Self { readers: BTreeMap::new(), observer }
     }
 
     pub(super) fn observer(&self) -> Rc<RefCell<O>> {
@@ -90,23 +75,22 @@ impl<O: Observer> Wires<O> {
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::DEVIATION, deviations);
     }
 
-    /// Tells the readers of a slot's owner record who commands from the start.
-    pub(super) fn own(&mut self, graph: &Graph, slot: Role, owner: Role) {
+    /// Tells the readers of a slot's owner record that its first seat commands from the start.
+    pub(super) fn own(&mut self, graph: &Graph, slot: Role) {
         let topic =
             if slot == Role::Attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
-        let node = graph.node(owner).filter(|node| node.role == slot);
+        let period_ns = graph.node(graph.slot_holder(slot)).map_or(0, |n| n.rate.period_ns());
         let sample = OwnerRecord {
             header: Header { sequence: 1, ..Header::default() },
             epoch: 1,
-            owner: own_author(owner),
-            period_ns: node.map_or(0, |node| node.rate.period_ns()),
+            period_ns: [period_ns, 0, 0, 0],
+            fallback: NO_SEAT,
             slot,
             ..OwnerRecord::default()
         };
         self.observer.borrow_mut().observe(topic, &sample);
-        let author = own_author(Role::Supervisor);
         for reader in self.readers(topic).borrow().iter() {
-            reader.borrow_mut().push_back(Stamped { sample, author });
+            reader.borrow_mut().push_back(sample);
         }
     }
 }
@@ -143,7 +127,6 @@ impl<O: Observer> OutputVisitor for Connect<'_, O> {
         let sink = QueueSink {
             topic,
             readers: self.wires.readers(topic),
-            author: author_of(&self.wires.authors, &topic.info, self.role),
             observer: Rc::clone(&self.wires.observer),
         };
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));

@@ -1,5 +1,6 @@
 //! Counts what was recorded per topic and seat, from sequence numbers alone.
 
+use shared_types::Header;
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -20,6 +21,8 @@ pub struct Tally {
     pub renumbered: u64,
     /// Release of the last sample \[ns\].
     last_release_ns: u64,
+    /// Generation of its writer.
+    generation: u32,
 }
 
 impl fmt::Display for Tally {
@@ -57,23 +60,20 @@ impl SequenceAudit {
         Stream(self.streams.len() - 1)
     }
 
-    /// Takes note of a sample; `release_ns` is its logical time \[ns\].
+    /// Takes note of a sample.
     ///
     /// A number that does not grow is a repetition, unless its logical time does grow: then the
     /// producer lost its count, and dropping its samples would lose data.
-    pub fn observe(
-        &mut self,
-        Stream(stream): Stream,
-        seat: u32,
-        sequence: u64,
-        release_ns: u64,
-    ) -> Verdict {
+    pub fn observe(&mut self, Stream(stream): Stream, header: &Header) -> Verdict {
+        let Header { seat, sequence, release_ns, generation, .. } = *header;
         let Some((_, seats)) = self.streams.get_mut(stream) else { return Verdict::New };
         let tally = seats.entry(seat).or_default();
         if tally.count == 0 {
             tally.first = sequence;
         } else if sequence > tally.last {
-            tally.gaps += sequence - tally.last - 1;
+            // Whoever takes a seat in flight counts on from another seat's numbers.
+            let missing = sequence - tally.last - 1;
+            tally.gaps += if generation == tally.generation { missing } else { 0 };
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
         } else {
@@ -83,6 +83,7 @@ impl SequenceAudit {
         tally.count += 1;
         tally.last = sequence;
         tally.last_release_ns = release_ns;
+        tally.generation = generation;
         Verdict::New
     }
 
@@ -106,6 +107,11 @@ impl SequenceAudit {
 #[cfg(test)]
 mod tests {
     use super::{SequenceAudit, Tally, Verdict};
+    use shared_types::Header;
+
+    fn header(seat: u32, sequence: u64, release_ns: u64) -> Header {
+        Header { seat, sequence, release_ns, ..Header::default() }
+    }
 
     fn only(audit: &SequenceAudit) -> Tally {
         let mut tallies = audit.tallies();
@@ -119,7 +125,7 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for sequence in 1..=1000 {
-            assert_eq!(audit.observe(imu, 0, sequence, sequence * 1000), Verdict::New);
+            assert_eq!(audit.observe(imu, &header(0, sequence, sequence * 1000)), Verdict::New);
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.first, tally.last), (1000, 1, 1000));
@@ -131,7 +137,7 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for sequence in [3, 4, 8, 9, 11] {
-            audit.observe(imu, 0, sequence, sequence);
+            audit.observe(imu, &header(0, sequence, sequence));
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.first, tally.last, tally.gaps), (5, 3, 11, 4));
@@ -144,7 +150,7 @@ mod tests {
         let steps = [1, 2, 3, 4, 3, 4, 5, 6];
         let written: Vec<u64> = steps
             .into_iter()
-            .filter(|&s| audit.observe(imu, 0, s, s * 1000) == Verdict::New)
+            .filter(|&s| audit.observe(imu, &header(0, s, s * 1000)) == Verdict::New)
             .collect();
         assert_eq!(written, [1, 2, 3, 4, 5, 6]);
         let tally = only(&audit);
@@ -156,10 +162,21 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for (sequence, release_ns) in [(1, 10), (2, 20), (1, 30), (2, 40)] {
-            assert_eq!(audit.observe(imu, 0, sequence, release_ns), Verdict::New);
+            assert_eq!(audit.observe(imu, &header(0, sequence, release_ns)), Verdict::New);
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.renumbered, tally.repeated), (4, 1, 0));
+    }
+
+    #[test]
+    fn whoever_takes_a_seat_counts_on_from_another_number_without_a_gap() {
+        let mut audit = SequenceAudit::default();
+        let commands = audit.register("/wrench_command");
+        for (generation, sequence) in [(0, 3), (0, 4), (1, 90), (1, 92)] {
+            let header = Header { generation, ..header(1, sequence, sequence) };
+            assert_eq!(audit.observe(commands, &header), Verdict::New);
+        }
+        assert_eq!(only(&audit).gaps, 1);
     }
 
     #[test]
@@ -167,7 +184,7 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let (a, b) = (audit.register("/a"), audit.register("/b"));
         for (channel, seat) in [(a, 1), (b, 0), (a, 0), (a, 1)] {
-            audit.observe(channel, seat, 7, 0);
+            audit.observe(channel, &header(seat, 7, 0));
         }
         let metadata = audit.to_metadata();
         let keys: Vec<_> = metadata.keys().map(String::as_str).collect();

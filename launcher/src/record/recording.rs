@@ -201,8 +201,7 @@ impl Recording {
     }
 
     fn is_repeated(&mut self, channel: Channel, header: &Header) -> bool {
-        let Header { sequence, release_ns, seat, .. } = *header;
-        self.audit.observe(channel.stream, seat, sequence, release_ns) == Verdict::Repeated
+        self.audit.observe(channel.stream, header) == Verdict::Repeated
     }
 
     fn put(

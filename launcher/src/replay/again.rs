@@ -13,9 +13,9 @@ use runtime::graph::Edge;
 use runtime::input::{Input, InputSet as _, InputVisitor};
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::service::StateHeader;
-use runtime::{Executor, Graph, Node, Service, Sink, StateSink};
+use runtime::{Executor, Graph, Node, Place, Service, Sink, StateSink};
 use shared_types::wire::Value as _;
-use shared_types::{Author, Deviation, DeviationKind, Header, Role, Sample, Topic, topics};
+use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Topic, topics};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
@@ -141,8 +141,8 @@ impl ComponentVisitor for Again<'_> {
     type Output = Result<(), ReplayError>;
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
         let Self { graph, node, recorded, life, out } = self;
-        let mut executor =
-            Executor::new(component.service, node, life.generation, component.state_every);
+        let place = Place { seat: 0, generation: life.generation };
+        let mut executor = Executor::new(component.service, node, place, component.state_every);
         let now_ns = Rc::new(Cell::new(0));
         let mut latched = LatchedSequences(Vec::new());
         if let Some(state) = last_state(recorded, &life) {
@@ -159,7 +159,6 @@ impl ComponentVisitor for Again<'_> {
             life: &life,
             latched: latched.0.into_iter(),
             now_ns: Rc::clone(&now_ns),
-            authors: Vec::new(),
             out: Rc::clone(&out),
         };
         let Ok(()) = executor.inputs.visit(&mut connect);
@@ -167,7 +166,6 @@ impl ComponentVisitor for Again<'_> {
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::LOOP_STATS, &mut executor.stats);
         let Ok(()) =
             OutputVisitor::visit(&mut connect, &topics::DEVIATION, &mut executor.deviations);
-        let authors = connect.authors;
         executor.connect_state(Box::new(States(Rc::clone(&out))));
         if let Some(release) = life.resumed_from {
             let state = handed_over(recorded, &life, release)
@@ -175,7 +173,6 @@ impl ComponentVisitor for Again<'_> {
             executor
                 .restore(&state.bytes)
                 .map_err(|error| ReplayError::Restore { role: node.role.label(), error })?;
-            let Ok(()) = executor.inputs.visit(&mut LatchedAuthors(authors.into_iter()));
         }
         Course::new(&node, &life).fly(&mut executor, &now_ns);
         out.borrow_mut().steps += executor.steps() - executor_start(&life, recorded);
@@ -264,8 +261,6 @@ struct Connect<'a> {
     /// Of each input in turn: what the last state of the life had in effect.
     latched: std::vec::IntoIter<u64>,
     now_ns: Rc<Cell<u64>>,
-    /// Of each input in turn: the writer of what comes next.
-    authors: Vec<Rc<Cell<Author>>>,
     out: Rc<RefCell<Replayed>>,
 }
 
@@ -282,11 +277,9 @@ impl InputVisitor for Connect<'_> {
         if let Some(last) = self.latched.next() {
             exceptions = exceptions.killed_after(last);
         }
-        let author = Rc::new(Cell::new(Author::default()));
-        self.authors.push(Rc::clone(&author));
         let samples = self.recorded.tapes.of(topic);
         let now_ns = Rc::clone(&self.now_ns);
-        let source = TapeSource::new(samples, edge, exceptions, now_ns, author);
+        let source = TapeSource::new(samples, edge, exceptions, now_ns);
         input.connect(Box::new(source), Some(edge));
         Ok(())
     }
@@ -315,7 +308,7 @@ impl InputVisitor for LatchedSequences {
         _topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
-        self.0.push(input.sample().map_or(0, |sample| sample.header().sequence));
+        self.0.push(input.latest().map_or(0, |sample| sample.header().sequence));
         Ok(())
     }
 }
@@ -331,23 +324,6 @@ fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedSta
 fn latches_of<S: Service>(state: &[u8]) -> Option<&[u8]> {
     let start = StateHeader::PACKED_SIZE + 8 * S::Outputs::COUNT;
     state.get(start..start + S::Inputs::LATCH_SIZE)
-}
-
-/// Tells each input's source who wrote what is latched after a restore.
-struct LatchedAuthors(std::vec::IntoIter<Rc<Cell<Author>>>);
-
-impl InputVisitor for LatchedAuthors {
-    type Error = Infallible;
-    fn visit<T: Sample>(
-        &mut self,
-        _topic: &'static Topic<T>,
-        input: &mut Input<T>,
-    ) -> Result<(), Infallible> {
-        if let (Some(author), Some(latest)) = (self.0.next(), input.latest()) {
-            author.set(latest.author);
-        }
-        Ok(())
-    }
 }
 
 struct TapeSink<T: Sample> {

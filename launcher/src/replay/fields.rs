@@ -142,10 +142,7 @@ impl InputVisitor for Latches<'_> {
         let present = u64::from(input.latest().is_some());
         self.0.push((format!("{prefix}present"), Number::Integer(present)));
         if let Some(latest) = input.latest() {
-            for (half, author) in latest.author.iter().enumerate() {
-                self.0.push((format!("{prefix}writer[{half}]"), Number::Integer(*author)));
-            }
-            self.0.extend(numbers_of(&latest.sample, &prefix, &["owner", "fallback"]));
+            self.0.extend(numbers_of(latest, &prefix, &[]));
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use core::cell::Cell;
 use runtime::Source;
 use runtime::graph::Edge;
-use shared_types::{Author, Deviation, DeviationKind, Header, Sample, Stamped};
+use shared_types::{Deviation, DeviationKind, Sample};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
@@ -14,8 +14,6 @@ pub(super) struct Exceptions {
     late: BTreeMap<u64, (u64, u64)>,
     /// First sequence -> last sequence that never arrived.
     lost: BTreeMap<u64, u64>,
-    /// Step, first sequence and writer, in the order of the steps.
-    writers: Vec<(u64, u64, Author)>,
     /// Last sequence that arrived, if it is known.
     last: Option<u64>,
 }
@@ -25,7 +23,7 @@ impl Exceptions {
     pub(super) fn of<'a>(input: &str, deviations: impl Iterator<Item = &'a Deviation>) -> Self {
         let mut exceptions = Self::default();
         for deviation in deviations.filter(|d| d.input_name() == input) {
-            let Deviation { first, last, author, .. } = *deviation;
+            let Deviation { first, last, .. } = *deviation;
             let step_ns = deviation.header.release_ns;
             match deviation.kind {
                 DeviationKind::LateSamples => {
@@ -35,7 +33,6 @@ impl Exceptions {
                     exceptions.lost.insert(first, last);
                 }
                 DeviationKind::Ended => exceptions.last = Some(last),
-                DeviationKind::Writer => exceptions.writers.push((step_ns, first, author)),
                 _ => {}
             }
         }
@@ -71,9 +68,6 @@ pub(super) struct TapeSource<T> {
     /// Step that is about to run \[ns\].
     now_ns: Rc<Cell<u64>>,
     exceptions: Exceptions,
-    next_writer: usize,
-    /// Writer of what comes next; after a restore that of the latched sample.
-    author: Rc<Cell<Author>>,
 }
 
 impl<T> TapeSource<T> {
@@ -82,27 +76,13 @@ impl<T> TapeSource<T> {
         edge: Edge,
         exceptions: Exceptions,
         now_ns: Rc<Cell<u64>>,
-        author: Rc<Cell<Author>>,
     ) -> Self {
-        Self { samples, next: 0, edge, now_ns, exceptions, next_writer: 0, author }
-    }
-
-    fn author_of(&mut self, header: &Header) -> Author {
-        let now_ns = self.now_ns.get();
-        let begun = |(step_ns, first, _): &&(u64, u64, Author)| {
-            *step_ns < now_ns || (*step_ns == now_ns && *first <= header.sequence)
-        };
-        while let Some((_, _, author)) = self.exceptions.writers.get(self.next_writer).filter(begun)
-        {
-            self.author.set(*author);
-            self.next_writer += 1;
-        }
-        self.author.get()
+        Self { samples, next: 0, edge, now_ns, exceptions }
     }
 }
 
 impl<T: Sample> Source<T> for TapeSource<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
+    fn receive(&mut self) -> Option<T> {
         let now_ns = self.now_ns.get();
         loop {
             let sample = *self.samples.get(self.next)?;
@@ -123,8 +103,7 @@ impl<T: Sample> Source<T> for TapeSource<T> {
                 return None;
             }
             self.next += 1;
-            let author = self.author_of(&header);
-            return Some(Stamped { sample, author });
+            return Some(sample);
         }
     }
 }
@@ -132,7 +111,7 @@ impl<T: Sample> Source<T> for TapeSource<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Imu, Role, topics};
+    use shared_types::{Header, Imu, Role, topics};
 
     const MS: u64 = 1_000_000;
 
@@ -147,33 +126,31 @@ mod tests {
         Deviation { header, kind, first, last, input, ..Deviation::default() }
     }
 
-    /// Sequences and writers that a step each millisecond has.
-    fn played(deviations: &[Deviation]) -> Vec<Vec<(u64, u64)>> {
+    /// Sequences that a step each millisecond has.
+    fn played(deviations: &[Deviation]) -> Vec<Vec<u64>> {
         let now_ns = Rc::new(Cell::new(0));
         let mut source = TapeSource::new(
             Rc::new((1..=8).map(imu).collect()),
             Edge::unwaited(&topics::IMU.info, Role::Estimator),
             Exceptions::of("imu", deviations.iter()),
             Rc::clone(&now_ns),
-            Rc::new(Cell::new([7, 0])),
         );
         let step = |step_ms: u64| {
             now_ns.set(step_ms * MS);
             let arrived = core::iter::from_fn(|| source.receive());
-            arrived.map(|s| (s.sample.header.sequence, s.author[0])).collect()
+            arrived.map(|s| s.header.sequence).collect()
         };
         (1..=8).map(step).collect()
     }
 
     #[test]
     fn nominally_a_sample_is_there_at_the_step_that_it_takes_effect_at() {
-        let expected: Vec<_> = (1..=8).map(|sequence| vec![(sequence, 7)]).collect();
+        let expected: Vec<_> = (1..=8).map(|sequence| vec![sequence]).collect();
         assert_eq!(played(&[]), expected);
     }
 
     #[test]
-    fn late_and_lost_samples_and_other_writers_come_as_they_came_in_flight() {
-        let writer = Deviation { author: [9, 0], ..deviation(DeviationKind::Writer, 6, 4, 4) };
+    fn late_and_lost_samples_come_as_they_came_in_flight() {
         let of_another_input = Deviation {
             input: Deviation::input_from("pose_fix"),
             ..deviation(DeviationKind::LostSamples, 1, 1, 8)
@@ -181,25 +158,16 @@ mod tests {
         let played = played(&[
             deviation(DeviationKind::LostSamples, 3, 2, 2),
             deviation(DeviationKind::LateSamples, 6, 3, 5),
-            writer,
             of_another_input,
         ]);
-        let expected = [
-            vec![(1, 7)],
-            vec![],
-            vec![],
-            vec![],
-            vec![],
-            vec![(3, 7), (4, 9), (5, 9), (6, 9)],
-            vec![(7, 9)],
-            vec![(8, 9)],
-        ];
+        let expected =
+            [vec![1], vec![], vec![], vec![], vec![], vec![3, 4, 5, 6], vec![7], vec![8]];
         assert_eq!(played, expected);
     }
 
     #[test]
     fn what_had_not_arrived_at_the_end_never_does() {
-        let steps = |played: Vec<Vec<(u64, u64)>>| played.iter().filter(|s| !s.is_empty()).count();
+        let steps = |played: Vec<Vec<u64>>| played.iter().filter(|s| !s.is_empty()).count();
         assert_eq!(steps(played(&[deviation(DeviationKind::Ended, 9, 5, 5)])), 5);
         assert_eq!(steps(played(&[deviation(DeviationKind::Ended, 9, 0, 0)])), 0);
     }

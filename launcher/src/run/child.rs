@@ -1,5 +1,6 @@
 //! One child process: started under its own name, its last words kept.
 
+use runtime::Place;
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader};
 use std::os::fd::AsFd as _;
@@ -16,7 +17,7 @@ const LAST_WORDS: usize = 12;
 #[derive(Debug, Clone)]
 pub(super) struct ChildSpec {
     /// Service name, and the process's name in `ps` and `top`.
-    pub(super) name: &'static str,
+    pub(super) name: String,
     /// Executable.
     pub(super) executable: PathBuf,
     /// Processor to stay on, if any.
@@ -41,17 +42,18 @@ impl RunningChild {
     pub(super) fn start(
         spec: &ChildSpec,
         folder: &Path,
-        generation: u32,
-        restore: bool,
+        place: Place,
+        awaits_handover: bool,
     ) -> io::Result<Self> {
         let mut command = Command::new(&spec.executable);
         command
-            .arg0(spec.name)
+            .arg0(&spec.name)
             .arg("proc")
-            .arg(spec.name)
+            .arg(&spec.name)
             .arg("--run")
             .arg(folder)
-            .args(["--generation", &generation.to_string()])
+            .args(["--seat", &place.seat.to_string()])
+            .args(["--generation", &place.generation.to_string()])
             .args(["--launcher-pid", &std::process::id().to_string()])
             .stdin(Stdio::null())
             .stdout(launcher_stderr())
@@ -63,8 +65,8 @@ impl RunningChild {
         if let Some(nice) = spec.nice {
             command.args(["--nice", &nice.to_string()]);
         }
-        if restore {
-            command.arg("--restore");
+        if awaits_handover {
+            command.arg("--await-handover");
         }
         let mut child = command.spawn()?;
         let last_words = Arc::new(Mutex::new(VecDeque::with_capacity(LAST_WORDS)));

@@ -1,10 +1,10 @@
 //! The conductor: says when the flight starts, how far time may go, and where it ends.
 
 use runtime::clock::WallMap;
-use runtime::graph::{CREDIT_NS, Marks};
+use runtime::graph::CREDIT_NS;
 use runtime::ipc::{Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, ServiceKind};
-use runtime::{Graph, Node, Sink as _};
-use shared_types::{ClockMode, ClockRecord, Flag, Role};
+use runtime::{Graph, MarkView as _, SeatMarks, Sink as _};
+use shared_types::{ClockMode, ClockRecord, Flag, Role, RollEntry, Seat};
 
 /// How long loops may stand still, and what time it is.
 #[derive(Debug, Clone, Copy)]
@@ -138,22 +138,25 @@ fn credit_ns(graph: &Graph) -> u64 {
     (depth / 2 * fastest_ns).min(CREDIT_NS)
 }
 
-/// Instant through which every loop is final and drained.
-pub(super) fn drained_ns(graph: &Graph, marks: &Marks) -> u64 {
-    graph.nodes().iter().map(|n| marks[n.role.index()]).min().unwrap_or(0)
-}
-
 impl Conductor {
-    /// Loops to blame for standing still. Lockstep, once nobody has moved for long enough: whoever
+    /// Processes to blame for standing still. Lockstep, once nobody has moved for long enough: whoever
     /// has permission to step. Realtime: whoever lags behind the plant by more than `lag_ns`, or the
     /// plant, if it lags behind the wall clock by more than `stall_ns`; a machine that stalls as a
     /// whole stalls all of them, and only the longer patience applies.
-    pub(super) fn stalled(&self, graph: &Graph, marks: &Marks, patience: Patience) -> Vec<Role> {
+    pub(super) fn stalled(
+        &self,
+        graph: &Graph,
+        present: &[RollEntry],
+        marks: &SeatMarks,
+        patience: Patience,
+    ) -> Vec<RollEntry> {
         let record = &self.record;
         let wall_ns = WallMap::new(record).logical_ns(patience.now_mono_ns);
-        let plant_ns = marks[Role::Plant.index()].min(record.end_ns);
-        let is_stalled = |node: &Node| {
-            let mark_ns = marks[node.role.index()];
+        let plant_ns = marks.of_role(Role::Plant).min(record.end_ns);
+        let is_stalled = |entry: &&RollEntry| {
+            let Some(node) = graph.node(entry.role) else { return false };
+            let seat = Seat { role: entry.role, index: entry.seat };
+            let mark_ns = marks.of_seat(seat, entry.generation);
             if mark_ns >= record.end_ns {
                 false
             } else if record.mode == ClockMode::Lockstep {
@@ -164,6 +167,6 @@ impl Conductor {
                 mark_ns.saturating_add(patience.lag_ns) < plant_ns
             }
         };
-        graph.nodes().iter().filter(|n| is_stalled(n)).map(|n| n.role).collect()
+        present.iter().filter(is_stalled).copied().collect()
     }
 }

@@ -51,7 +51,7 @@ impl Consumers {
         receipt_mono_ns: u64,
     ) {
         let header = sample.header();
-        let verdict = self.audit.observe(stream, header.seat, header.sequence, header.release_ns);
+        let verdict = self.audit.observe(stream, header);
         if verdict == Verdict::Repeated {
             return;
         }

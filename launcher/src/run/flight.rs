@@ -1,7 +1,7 @@
 //! One flight from founding its run to its last word.
 
 use super::child::ChildSpec;
-use super::conductor::{Conductor, Patience, drained_ns};
+use super::conductor::{Conductor, Patience};
 use super::consumers::Consumers;
 use super::disorder;
 use super::live::{Live, View};
@@ -24,7 +24,7 @@ use runtime::ipc::{Bus, ServiceKind};
 use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::priority::may_take_fifo;
 use runtime::watch::StopFlags;
-use shared_types::{ClockMode, Hello, Role};
+use shared_types::{ClockMode, Hello, Role, RollEntry, Seat};
 use std::path::PathBuf;
 use std::thread::JoinHandle;
 
@@ -99,6 +99,7 @@ struct Flight {
     stall_limit_ns: u64,
     lag_limit_ns: u64,
     progress_at: (u64, u64),
+    drained_ns: u64,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
 }
@@ -120,7 +121,7 @@ impl Flight {
         let executable = std::env::current_exe().map_err(system("find the own executable"))?;
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
         let spec = |role: Role| {
-            let (name, executable) = (components::name_of(role)?, executable.clone());
+            let (name, executable) = (components::name_of(role)?.to_owned(), executable.clone());
             Some((role, ChildSpec { name, executable, cpu, nice: None, pause_ns: 0 }))
         };
         let processes = roles.iter().filter(|role| has_process(**role));
@@ -139,7 +140,7 @@ impl Flight {
         let consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
         let duration_ns = scenario.duration_ns();
         Ok(Self {
-            tap: Tap::open(&bus, &roles, consumers)?,
+            tap: Tap::open(&bus, &graph, consumers)?,
             conductor: Conductor::new(
                 &bus,
                 clock_of(scenario),
@@ -159,6 +160,7 @@ impl Flight {
             stall_limit_ns: seconds(scenario.settings().launcher.stall_timeout_s),
             lag_limit_ns: seconds(scenario.settings().launcher.lag_timeout_s),
             progress_at: (0, 0),
+            drained_ns: 0,
             progress: options.progress.then(|| progress_bar(duration_ns)),
             notices: Vec::new(),
         })
@@ -182,7 +184,7 @@ impl Flight {
         }
         let limit_s = scenario.settings().launcher.startup_timeout_s;
         let deadline_ns = mono_now_ns() + seconds(limit_s);
-        while !self.supervisor.await_ready(&self.graph).map_err(not_ready)? {
+        while !self.supervisor.await_ready(&self.graph, &mut self.tap).map_err(not_ready)? {
             if self.stop.signalled() {
                 return Err(RunError::Interrupted);
             }
@@ -211,13 +213,12 @@ impl Flight {
         loop {
             let now_ns = mono_now_ns();
             self.tap.drain(now_ns);
-            let drained = drained_ns(&self.graph, &self.tap.marks);
+            let drained = self.drained_ns();
             if self.conductor.extend(drained, now_ns) {
                 self.wakers.wake_all();
             }
             self.conductor.serve_late_joiners();
-            let looked_after =
-                self.supervisor.look_after(&self.bus, &self.graph, &self.tap.last_states, now_ns);
+            let looked_after = self.supervisor.look_after(&self.bus, &mut self.tap, now_ns);
             self.publish_notices(drained);
             if let Err(error) = looked_after {
                 return Outcome::Lost(error.to_string());
@@ -251,7 +252,8 @@ impl Flight {
     /// Answers whoever asks from outside.
     fn answer(&mut self, now_ns: u64) {
         let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
-        let view = View { graph, supervisor, conductor, marks: &self.tap.marks };
+        let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
+        let view = View { graph, supervisor, conductor, marks, drained_ns };
         self.live.serve(&view, now_ns);
     }
 
@@ -262,12 +264,26 @@ impl Flight {
         self.wakers.wake_all();
     }
 
+    fn mark_of(&self, entry: &RollEntry) -> u64 {
+        let seat = Seat { role: entry.role, index: entry.seat };
+        self.tap.marks.of_seat(seat, entry.generation)
+    }
+
+    /// Instant through which everybody is final and drained \[ns\].
+    fn drained_ns(&mut self) -> u64 {
+        let slowest_ns = self.supervisor.present().map(|entry| self.mark_of(entry)).min();
+        // Whoever goes on from a predecessor's state begins below what has long been drained.
+        self.drained_ns = slowest_ns.unwrap_or(0).max(self.drained_ns);
+        self.drained_ns
+    }
+
     /// Kills whoever could step and has not for too long.
     fn watch_progress(&mut self, drained: u64, now_ns: u64) {
         if let Some(bar) = &self.progress {
             bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
         }
-        let total: u64 = self.tap.marks.iter().fold(0, |sum, m| sum.wrapping_add(*m));
+        let present: Vec<RollEntry> = self.supervisor.present().copied().collect();
+        let total = present.iter().fold(0_u64, |sum, entry| sum.wrapping_add(self.mark_of(entry)));
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let (since_ns, last_total) = self.progress_at;
         if !realtime && total != last_total {
@@ -281,10 +297,11 @@ impl Flight {
                 stall_ns: self.stall_limit_ns,
                 lag_ns: self.lag_limit_ns,
             };
-            let roles = self.conductor.stalled(&self.graph, &self.tap.marks, patience);
-            if !roles.is_empty() {
+            let marks = &self.tap.marks;
+            let stalled = self.conductor.stalled(&self.graph, &present, marks, patience);
+            if !stalled.is_empty() {
                 self.progress_at.0 = now_ns;
-                self.supervisor.kill_stalled(&roles, &self.tap.marks);
+                self.supervisor.kill_stalled(&stalled, &self.tap);
             }
         }
     }
@@ -295,7 +312,7 @@ impl Flight {
                 let event = Event {
                     logical_ns,
                     severity: crate::record::Severity::Warning,
-                    source: notice.source,
+                    source: &notice.source,
                     text: &notice.text,
                 };
                 if let Err(error) = recording.write_event(&event) {
@@ -347,7 +364,7 @@ impl Flight {
         if let Some(bar) = &self.progress {
             bar.finish_and_clear();
         }
-        let flown_ns = drained_ns(&self.graph, &self.tap.marks).min(self.conductor.end_ns());
+        let flown_ns = self.drained_ns().min(self.conductor.end_ns());
         self.tap.consumers.metrics.finish();
         let mut summary = Summary {
             run_id: id.to_owned(),

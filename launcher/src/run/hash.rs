@@ -17,11 +17,12 @@ pub struct FlightHash(Chains);
 pub struct LogHash(Chains);
 
 /// Fields of hashed samples that tell who commanded, not what happened.
-const IDENTITY_FIELDS: [&str; 3] = ["command_sequence", "command_cause_sequence", "epoch"];
+const IDENTITY_FIELDS: [&str; 4] =
+    ["command_sequence", "command_cause_sequence", "epoch", "refused_wrong_owner"];
 
 /// Fields that depend on the machine: when it got to run, and how it names its publishers. Whatever
 /// compares samples of two flights leaves these out and nothing else.
-pub const MACHINE_FIELDS: [&str; 8] = [
+pub const MACHINE_FIELDS: [&str; 5] = [
     // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
     "release_mono_ns",
     "start_mono_ns",
@@ -29,10 +30,6 @@ pub const MACHINE_FIELDS: [&str; 8] = [
     "generation",
     // Of `loop_stats`: waits that only their limit ended.
     "rescued_waits",
-    // Of owner records and `deviation`: publishers as the transport numbers them.
-    "owner",
-    "fallback",
-    "author",
 ];
 
 /// Bytes that are hashed at once: whole subtrees, whose blocks the hash works on side by side.

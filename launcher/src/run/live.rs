@@ -1,15 +1,15 @@
 //! The flight's side of the control plane: what the main loop answers.
 
-use super::conductor::{Conductor, drained_ns};
+use super::conductor::Conductor;
 use super::setup::{RunError, system};
-use super::supervisor::{Member, Supervisor, owner_role};
+use super::supervisor::{Member, Supervisor};
 use crate::control::server::{ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
 use crate::control::{Reply, Request};
 use runtime::clock::mono_now_ns;
-use runtime::graph::{Marks, ROLES};
-use runtime::{Graph, Node};
-use shared_types::{ClockMode, Role};
+use runtime::{Graph, SeatMarks};
+use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What is asked about.
@@ -17,7 +17,9 @@ pub(super) struct View<'a> {
     pub(super) graph: &'a Graph,
     pub(super) supervisor: &'a Supervisor,
     pub(super) conductor: &'a Conductor,
-    pub(super) marks: &'a Marks,
+    pub(super) marks: &'a SeatMarks,
+    /// Everything before it is final and recorded \[ns\].
+    pub(super) drained_ns: u64,
 }
 
 /// A mark, and since when it has stood there.
@@ -33,7 +35,7 @@ pub(super) struct Live {
     run: String,
     scenario: String,
     recording: Option<PathBuf>,
-    seen: [Seen; ROLES],
+    seen: BTreeMap<Seat, Seen>,
 }
 
 impl Live {
@@ -46,7 +48,7 @@ impl Live {
     ) -> Result<Self, RunError> {
         let server = ControlServer::open(folder, Limits::default())
             .map_err(system(format!("open the control socket in {}", folder.display())))?;
-        let seen = [Seen { mark_ns: 0, since_mono_ns: mono_now_ns() }; ROLES];
+        let seen = BTreeMap::new();
         let recording = recording.map(|path| path.canonicalize().unwrap_or(path.to_path_buf()));
         let (run, scenario) = (run.to_owned(), scenario.to_owned());
         Ok(Self { server, run, scenario, recording, seen })
@@ -54,9 +56,12 @@ impl Live {
 
     /// Answers everything that has been asked; call at every look around.
     pub(super) fn serve(&mut self, view: &View<'_>, now_mono_ns: u64) {
-        for (seen, mark_ns) in self.seen.iter_mut().zip(view.marks) {
-            if seen.mark_ns != *mark_ns {
-                *seen = Seen { mark_ns: *mark_ns, since_mono_ns: now_mono_ns };
+        for member in view.members() {
+            let mark_ns = view.marks.of_seat(member.seat, member.generation);
+            let begun = Seen { mark_ns, since_mono_ns: now_mono_ns };
+            let seen = self.seen.entry(member.seat).or_insert(begun);
+            if seen.mark_ns != mark_ns {
+                *seen = begun;
             }
         }
         while let Some(asked) = self.server.take() {
@@ -74,62 +79,85 @@ impl Live {
             _ => "realtime",
         };
         let end_ns = view.conductor.end_ns();
-        let processes = view.graph.nodes().iter();
         RunStatus {
             run: run.clone(),
             scenario: scenario.clone(),
             clock: clock.to_owned(),
             started: view.conductor.has_started(),
-            flown_s: seconds_of(drained_ns(view.graph, view.marks).min(end_ns)),
+            flown_s: seconds_of(view.drained_ns.min(end_ns)),
             end_s: seconds_of(end_ns),
             launcher_pid: std::process::id(),
             recording: recording.clone(),
-            processes: processes.map(|node| self.process(view, node, now_mono_ns)).collect(),
+            processes: view.members().map(|member| self.process(view, member, now_mono_ns)).collect(),
             slots: slots(view),
         }
     }
 
-    fn process(&self, view: &View<'_>, node: &Node, now_mono_ns: u64) -> ProcessStatus {
-        let member = view.supervisor.crew().find(|member| member.role == node.role);
-        let seen = self.seen.get(node.role.index()).copied().unwrap_or_default();
+    fn process(&self, view: &View<'_>, member: Member<'_>, now_mono_ns: u64) -> ProcessStatus {
+        let Seat { role, index } = member.seat;
+        let seen = self.seen.get(&member.seat).copied().unwrap_or_default();
         ProcessStatus {
-            name: member.map_or(Role::Pilot.label(), |member| member.name).to_owned(),
-            role: node.role.label().to_owned(),
-            // The pilot is a thread of this process.
-            pid: member.map_or(Some(std::process::id()), |member| member.pid),
-            seat: 0,
-            generation: member.map_or(0, |member| member.generation),
-            rate_hz: node.rate.hz(),
-            state: state(view, node.role, member),
+            name: member.name.to_owned(),
+            role: role.label().to_owned(),
+            pid: member.pid,
+            seat: index,
+            generation: member.generation,
+            rate_hz: view.graph.node(role).map_or(0.0, |node| node.rate.hz()),
+            state: state(view, member),
             mark_s: seconds_of(seen.mark_ns),
             mark_age_s: seconds_of(now_mono_ns.saturating_sub(seen.since_mono_ns)),
         }
     }
 }
 
-fn state(view: &View<'_>, role: Role, member: Option<Member>) -> ProcessState {
-    let owns = |(slot, epoch)| epoch > 0 && owner_role(view.graph, slot) == Some(role);
+impl View<'_> {
+    /// Every process, and the pilot, which is a thread of this one.
+    fn members(&self) -> impl Iterator<Item = Member<'_>> {
+        let pilot = self.graph.node(Role::Pilot).map(|_| Member {
+            seat: Seat::first(Role::Pilot),
+            name: Role::Pilot.label(),
+            pid: Some(std::process::id()),
+            generation: 0,
+            ready: true,
+            finished: false,
+        });
+        self.supervisor.crew().chain(pilot)
+    }
+
+    /// Name of whoever sits on a seat of a slot.
+    fn name_on(&self, slot: Role, index: u32) -> Option<String> {
+        let seat = Seat { role: self.graph.slot_holder(slot), index };
+        let member = self.members().find(|member| member.seat == seat)?;
+        Some(member.name.to_owned())
+    }
+}
+
+fn state(view: &View<'_>, member: Member<'_>) -> ProcessState {
+    let Seat { role, index } = member.seat;
+    let record = view.supervisor.owners().find(|r| view.graph.slot_holder(r.slot) == role);
     match member {
-        Some(Member { finished: true, .. }) => ProcessState::Finished,
-        Some(Member { ready: false, generation: 0, pid: Some(_), .. }) => ProcessState::Starting,
-        Some(Member { ready: false, .. }) => ProcessState::Restarting,
-        _ if view.supervisor.epochs().any(owns) => ProcessState::Owner,
-        _ => ProcessState::Running,
+        Member { finished: true, .. } => ProcessState::Finished,
+        Member { ready: false, generation: 0, pid: Some(_), .. } => ProcessState::Starting,
+        Member { ready: false, .. } => ProcessState::Restarting,
+        _ => match record {
+            Some(record) if record.owner == index => ProcessState::Owner,
+            Some(record) if record.fallback == index => ProcessState::Fallback,
+            Some(_) => ProcessState::Shadow,
+            None => ProcessState::Running,
+        },
     }
 }
 
 fn slots(view: &View<'_>) -> Vec<SlotStatus> {
-    let name = |role: Role| {
-        let member = view.supervisor.crew().find(|member| member.role == role);
-        member.map_or(role.label(), |member| member.name).to_owned()
+    let slot = |record: &OwnerRecord| SlotStatus {
+        slot: record.slot.label().to_owned(),
+        epoch: record.epoch,
+        owner: view.name_on(record.slot, record.owner),
+        fallback: Some(record.fallback)
+            .filter(|seat| *seat != NO_SEAT)
+            .and_then(|seat| view.name_on(record.slot, seat)),
     };
-    let slot = |(role, epoch): (Role, u64)| SlotStatus {
-        slot: role.label().to_owned(),
-        epoch,
-        owner: owner_role(view.graph, role).filter(|_| epoch > 0).map(name),
-        fallback: None,
-    };
-    view.supervisor.epochs().map(slot).collect()
+    view.supervisor.owners().map(slot).collect()
 }
 
 fn seconds_of(ns: u64) -> f64 {

@@ -6,7 +6,7 @@ use crate::scenario::Scenario;
 use runtime::ipc::Bus;
 use runtime::priority::take_fifo;
 use runtime::watch::StopFlags;
-use runtime::{Ending, Graph, Service};
+use runtime::{Ending, Graph, Place, Service};
 use shared_types::Role;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
@@ -24,7 +24,7 @@ impl ComponentVisitor for FlyPilot<'_> {
     type Output = PilotEnd;
     fn visit<S: Service>(self, component: Component<S>) -> PilotEnd {
         let node = *self.graph.node(Role::Pilot).ok_or("this flight has no pilot")?;
-        let seat = SeatOptions { generation: 0, restore: false };
+        let seat = SeatOptions { place: Place::default(), await_handover: false };
         fly_service(self.bus, self.graph, node, self.stop, component, seat)
             .map_err(|error| error.to_string())
     }

@@ -2,14 +2,11 @@
 
 use super::consumers::Consumers;
 use crate::record::Stream;
-use runtime::Source as _;
-use runtime::graph::{Marks, ROLES};
 use runtime::ipc::{
     Bus, IpcSource, LatestPort, PortError, RECORDER_CAPACITY, ServiceKind, StateSubscriber,
 };
-use runtime::service::StateHeader;
-use shared_types::wire::Value as _;
-use shared_types::{Progress, Role, Sample, Topic, TopicVisitor, topics};
+use runtime::{Graph, SeatMarks, Source as _};
+use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
 
 /// One topic's reader with its type forgotten.
 trait TapPort {
@@ -26,8 +23,8 @@ struct TypedTap<T: Sample> {
 impl<T: Sample> TapPort for TypedTap<T> {
     fn drain(&mut self, consumers: &mut Consumers, receipt_mono_ns: u64) -> usize {
         let mut count = 0;
-        while let Some(stamped) = self.source.receive() {
-            consumers.take(self.topic, self.stream, &stamped.sample, receipt_mono_ns);
+        while let Some(sample) = self.source.receive() {
+            consumers.take(self.topic, self.stream, &sample, receipt_mono_ns);
             count += 1;
         }
         count
@@ -36,6 +33,7 @@ impl<T: Sample> TapPort for TypedTap<T> {
 
 struct Opener<'a> {
     bus: &'a Bus,
+    graph: &'a Graph,
     consumers: &'a Consumers,
     ports: Vec<Box<dyn TapPort>>,
 }
@@ -44,92 +42,94 @@ impl TopicVisitor for Opener<'_> {
     type Error = PortError;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
         if let Some(stream) = self.consumers.stream(&topic.info) {
-            let factory = self.bus.open_topic(topic)?;
-            let source = IpcSource::with_capacity(&factory, RECORDER_CAPACITY)?;
+            let from = self.graph.producer(&topic.info);
+            let source = self.bus.reader_of(topic, from, RECORDER_CAPACITY)?;
             self.ports.push(Box::new(TypedTap { topic, stream, source }));
         }
         Ok(())
     }
 }
 
-/// Last complete state of one role.
+/// Last complete state from one seat.
 #[derive(Debug, Clone, Default)]
-pub(super) struct LastState {
-    pub(super) bytes: Vec<u8>,
-    sequence: u64,
+struct LastState {
+    bytes: Vec<u8>,
+    /// Its release \[ns\] and sequence.
+    place: (u64, u64),
 }
 
-impl LastState {
-    /// Where in the flight the state was taken; `None` before the first.
-    pub(super) fn header(&self) -> Option<StateHeader> {
-        self.bytes.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack)
-    }
+/// What is known of a seat.
+struct SeatTap {
+    seat: Seat,
+    progress: LatestPort<Progress>,
+    states: StateSubscriber,
+    last_state: LastState,
 }
 
 /// Readers of everything.
 pub(super) struct Tap {
     ports: Vec<Box<dyn TapPort>>,
-    progress: Vec<(Role, LatestPort<Progress>)>,
-    states: Vec<(Role, StateSubscriber)>,
-    /// Last complete state per role, by [`Role::index`].
-    pub(super) last_states: Vec<LastState>,
+    seats: Vec<SeatTap>,
+    /// What has been promised and not yet drained.
+    promised: Vec<(Seat, Progress)>,
     /// Marks as far as everything they promise has been drained.
-    pub(super) marks: Marks,
+    pub(super) marks: SeatMarks,
     pub(super) consumers: Consumers,
 }
 
 impl Tap {
-    pub(super) fn open(bus: &Bus, roles: &[Role], consumers: Consumers) -> Result<Self, PortError> {
-        let mut opener = Opener { bus, consumers: &consumers, ports: Vec::new() };
+    pub(super) fn open(bus: &Bus, graph: &Graph, consumers: Consumers) -> Result<Self, PortError> {
+        let mut opener = Opener { bus, graph, consumers: &consumers, ports: Vec::new() };
         topics::visit_all(&mut opener)?;
         let ports = opener.ports;
-        let progress = roles
-            .iter()
-            .map(|&r| Ok((r, LatestPort::open(bus, ServiceKind::Progress(r))?)))
-            .collect::<Result<_, PortError>>()?;
-        let states = roles
-            .iter()
-            .map(|&r| Ok((r, StateSubscriber::open(bus, ServiceKind::State(r))?)))
-            .collect::<Result<_, PortError>>()?;
-        Ok(Self {
-            ports,
-            progress,
-            states,
-            last_states: vec![LastState::default(); ROLES],
-            marks: [0; ROLES],
-            consumers,
-        })
+        let open = |seat| {
+            Ok(SeatTap {
+                seat,
+                progress: LatestPort::progress(bus, seat)?,
+                states: StateSubscriber::open(bus, ServiceKind::State(seat))?,
+                last_state: LastState::default(),
+            })
+        };
+        let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
+        let seats = seats.map(open).collect::<Result<_, PortError>>()?;
+        Ok(Self { ports, seats, promised: Vec::new(), marks: SeatMarks::default(), consumers })
+    }
+
+    /// Last complete state published from a seat; none before the first.
+    pub(super) fn last_state(&self, seat: Seat) -> Option<&[u8]> {
+        let tap = self.seats.iter().find(|tap| tap.seat == seat)?;
+        Some(tap.last_state.bytes.as_slice()).filter(|bytes| !bytes.is_empty())
     }
 
     /// Takes everything that has arrived; the number of samples.
     pub(super) fn drain(&mut self, now_mono_ns: u64) -> usize {
         // Marks first: when they are raised below, what they promise has been drained.
-        let mut marks = self.marks;
-        for (role, port) in &mut self.progress {
-            if let Some(progress) = port.latest() {
-                let mark = &mut marks[role.index()];
-                *mark = progress.mark_ns.max(*mark);
-            }
+        for tap in &mut self.seats {
+            let promised = &mut self.promised;
+            tap.progress.for_each_new(|progress| promised.push((tap.seat, *progress)));
         }
         let mut count = 0;
         for port in &mut self.ports {
             count += port.drain(&mut self.consumers, now_mono_ns);
         }
-        for (role, subscriber) in &mut self.states {
-            let last = &mut self.last_states[role.index()];
+        for tap in &mut self.seats {
+            let SeatTap { seat, states, last_state: last, .. } = tap;
             let consumers = &mut self.consumers;
-            while subscriber.receive(|header, bytes, _| {
-                if header.sequence <= last.sequence {
+            while states.receive(|header, bytes| {
+                let place = (header.release_ns, header.sequence);
+                if place <= last.place {
                     return;
                 }
-                last.sequence = header.sequence;
+                last.place = place;
                 last.bytes.clear();
                 last.bytes.extend_from_slice(bytes);
-                consumers.take_state(*role, header, bytes, now_mono_ns);
+                consumers.take_state(seat.role, header, bytes, now_mono_ns);
             }) {}
         }
+        for (Seat { role, index }, progress) in self.promised.drain(..) {
+            self.marks.advance(role, index, progress.generation, progress.mark_ns);
+        }
         self.consumers.flush_if_due(now_mono_ns);
-        self.marks = marks;
         count
     }
 }

@@ -7,26 +7,24 @@ use plant::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
 use plant::{ModelKind, Plant, PlantConfig};
 use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
-use shared_types::{
-    Author, Header, OwnerRecord, Role, Sample, Stamped, TopicInfo, WrenchCommand, topics,
-};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, TopicInfo, WrenchCommand, topics};
 use std::collections::VecDeque;
 use vehicle::{MorphAngle, VehicleParameters};
 
-const OWNER: Author = [7, 1];
-const STRANGER: Author = [9, 9];
+const OWNER: u32 = 1;
+const SHADOW: u32 = 2;
 
-struct Queue<T>(VecDeque<Stamped<T>>);
+struct Queue<T>(VecDeque<T>);
 
 impl<T> Source<T> for Queue<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
+    fn receive(&mut self) -> Option<T> {
         self.0.pop_front()
     }
 }
 
-fn at<T: Sample>(mut sample: T, sequence: u64, valid_ns: u64, author: Author) -> Stamped<T> {
-    *sample.header_mut() = Header { sequence, valid_ns, ..Header::default() };
-    Stamped { sample, author }
+fn at<T: Sample>(mut sample: T, sequence: u64, valid_ns: u64, seat: u32) -> T {
+    *sample.header_mut() = Header { sequence, valid_ns, seat, ..Header::default() };
+    sample
 }
 
 fn command(torque_x_nm: f64) -> WrenchCommand {
@@ -55,11 +53,11 @@ fn plant(model: ModelKind) -> Plant {
     .expect("the default plant is possible")
 }
 
-fn inputs(commands: Vec<Stamped<WrenchCommand>>) -> Inputs {
+fn inputs(commands: Vec<WrenchCommand>) -> Inputs {
     let mut inputs = Inputs::default();
-    let owner = OwnerRecord { epoch: 1, owner: OWNER, ..OwnerRecord::default() };
+    let owner = OwnerRecord { epoch: 1, owner: OWNER, fallback: NO_SEAT, ..OwnerRecord::default() };
     let edge = |topic: &'static TopicInfo| Some(Edge::unwaited(topic, Role::Plant));
-    let owners = Queue([at(owner, 1, 0, OWNER)].into());
+    let owners = Queue([at(owner, 1, 0, 0)].into());
     inputs.attitude_owner.connect(Box::new(owners), edge(&topics::ATTITUDE_OWNER.info));
     let commands = Queue(commands.into());
     inputs.wrench_command.connect(Box::new(commands), edge(&topics::WRENCH_COMMAND.info));
@@ -92,9 +90,9 @@ fn a_command_takes_effect_at_its_instant_and_not_at_the_next_tick() {
 }
 
 #[test]
-fn a_stranger_never_moves_a_rotor_and_is_counted() {
+fn a_shadow_never_moves_a_rotor_and_is_counted() {
     let commands =
-        vec![at(command(0.01), 1, 1_000_000, STRANGER), at(command(0.02), 2, 2_000_000, STRANGER)];
+        vec![at(command(0.01), 1, 1_000_000, SHADOW), at(command(0.02), 2, 2_000_000, SHADOW)];
     let mut plant = plant(ModelKind::Nonlinear { ground: false });
     let outputs = fly(&mut plant, &mut inputs(commands), 0, 10);
     let applied = outputs.applied_command.written().unwrap();

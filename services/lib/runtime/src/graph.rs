@@ -226,6 +226,19 @@ impl Graph {
         self.edges.iter().find(|e| e.to == to && e.topic.name == topic.name)
     }
 
+    /// Role that really produces a topic in this flight: the pilot fills the position slot of a rig.
+    #[must_use]
+    pub fn producer(&self, topic: &TopicInfo) -> Role {
+        self.slot_holder(topic.from)
+    }
+
+    /// Role whose process holds a slot, or fills any other role, in this flight.
+    #[must_use]
+    pub fn slot_holder(&self, slot: Role) -> Role {
+        let rig = slot == Role::Position && self.node(Role::Position).is_none();
+        if rig { Role::Pilot } else { slot }
+    }
+
     /// Declared latency of a topic, 0 if nobody in the flight reads it \[ns\].
     #[must_use]
     pub fn latency_ns(&self, topic: &TopicInfo) -> u64 {

@@ -6,7 +6,7 @@
 
 use crate::graph::{Edge, Marks, ROLES};
 use crate::input::Input;
-use shared_types::{NO_SEAT, OwnerRecord, Role, RollEntry, SEATS};
+use shared_types::{NO_SEAT, OwnerRecord, Role, RollEntry, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.
 const MOST_TENURES: usize = 8;
@@ -185,6 +185,16 @@ impl SeatMarks {
     #[must_use]
     pub fn concerns(&self, role: Role, seat: u32) -> bool {
         self.books.get(role.index()).is_none_or(|book| book.concerns(seat))
+    }
+
+    /// How far the process has got that has a seat as `generation`; 0 if nothing is known of it \[ns\].
+    #[must_use]
+    pub fn of_seat(&self, seat: Seat, generation: u32) -> u64 {
+        let index = usize::try_from(seat.index).unwrap_or(usize::MAX);
+        let role = seat.role.index();
+        let known = self.generations.get(role).and_then(|seats| seats.get(index)).copied();
+        let mark = self.marks.get(role).and_then(|seats| seats.get(index)).copied();
+        mark.filter(|_| known == Some(Some(generation))).unwrap_or(0)
     }
 
     /// Takes in how far a seat's process of this generation has got.

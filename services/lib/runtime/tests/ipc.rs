@@ -7,14 +7,14 @@ use core::time::Duration;
 use runtime::executor::StateSink as _;
 use runtime::ipc::{
     Bus, IpcSource, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
-    WakeListener, WakeNotifier,
+    TopicFactory, WakeListener, WakeNotifier,
 };
 use runtime::namespace::Membership;
 use runtime::{Sink as _, Source as _};
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Disturbance, Header, Hello, Imu, MorphAngle, PoseFix, Progress, Role, Truth,
-    topics,
+    ClockRecord, Disturbance, Header, Hello, Imu, MorphAngle, PoseFix, Progress, Role, Roll,
+    RollEntry, Sample, Seat, Truth, topics,
 };
 use std::sync::{Arc, Mutex, Weak};
 
@@ -72,6 +72,11 @@ mod other_build {
     }
 }
 
+/// A reader as deep as those in flight, of whoever writes.
+fn flying<T: Sample>(factory: &TopicFactory<T>) -> IpcSource<T> {
+    IpcSource::with_capacity(factory, runtime::graph::READER_CAPACITY).expect("a reader")
+}
+
 fn assert_refused<Theirs: Wire, Ours: Wire>(error: PortError, name: &str) {
     let text = error.to_string();
     let layout = |hash: u64| format!("{hash:016x}");
@@ -103,44 +108,55 @@ fn a_topic_that_nobody_created_is_refused_by_name() {
 }
 
 #[test]
-fn samples_arrive_in_order_under_the_identity_of_their_writer() {
-    let run = join("identity");
+fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() {
+    let run = join("roll");
     let _topic = run.bus.create_topic(&topics::POSE_FIX).unwrap();
-    let mut reader = run.bus.reader(&topics::POSE_FIX).unwrap();
-    let mut writers =
-        [run.bus.writer(&topics::POSE_FIX).unwrap(), run.bus.writer(&topics::POSE_FIX).unwrap()];
-    assert_ne!(writers[0].author(), writers[1].author());
-    for sequence in 1..=5 {
-        for writer in &mut writers {
-            let header = Header { sequence, ..Header::default() };
-            writer.send(PoseFix { header, ..PoseFix::default() });
-        }
-    }
-    for writer in &writers {
-        assert_ne!(writer.author(), [0, 0]);
-    }
-    let mut seen = [Vec::new(), Vec::new()];
-    while let Some(stamped) = reader.receive() {
-        let from = writers.iter().position(|w| w.author() == stamped.author).unwrap();
-        seen[from].push(stamped.sample.header.sequence);
-    }
-    assert_eq!(seen, [vec![1, 2, 3, 4, 5], vec![1, 2, 3, 4, 5]]);
+    let _roll = run.bus.create_service::<Roll>(ServiceKind::Roll, 2).unwrap();
+    let mut roll = run.bus.open_writer::<Roll>(ServiceKind::Roll).unwrap();
+    assert!(run.bus.open_writer::<Roll>(ServiceKind::Roll).is_err(), "there is one writer");
+    let mut reader = run.bus.reader(&topics::POSE_FIX, Role::Plant).unwrap();
+    let (plant, stranger) = (join("plant"), join("stranger"));
+    let mut says = [&plant, &stranger].map(|who| who.bus.writer(&topics::POSE_FIX).unwrap());
+    let mut say = |who: usize, sequence, seat, generation| {
+        let header = Header { sequence, seat, generation, ..Header::default() };
+        says[who].send(PoseFix { header, ..PoseFix::default() });
+    };
+    let mut heard = || {
+        let next = core::iter::from_fn(|| reader.receive());
+        next.map(|sample| sample.header.sequence).collect::<Vec<_>>()
+    };
+    say(0, 1, 0, 2);
+    assert_eq!(heard(), [], "nobody is on the roll");
+    let mut on_it = Roll { count: 1, ..Roll::default() };
+    let node = plant.bus.identity();
+    on_it.entries[0] = RollEntry { node, role: Role::Plant, generation: 2, ..RollEntry::default() };
+    roll.send(on_it);
+    say(0, 2, 0, 2);
+    say(1, 3, 0, 2);
+    say(0, 4, 1, 2);
+    say(0, 5, 0, 3);
+    say(0, 6, 0, 2);
+    assert_eq!(heard(), [2, 6], "neither a stranger nor a forged seat or generation");
+    let strays = run.bus.strays();
+    let told: Vec<_> = strays.iter().map(|s| (s.pid, &*s.service, s.samples)).collect();
+    let pid = std::process::id();
+    assert_eq!(told, [(pid, "pose_fix", 3), (pid, "pose_fix", 1)]);
 }
 
 #[test]
 fn a_late_reader_gets_the_history_once_the_writer_looks() {
     let run = join("history");
-    let _topic = run.bus.create_topic(&topics::IMU).unwrap();
+    let factory = run.bus.create_topic(&topics::IMU).unwrap();
     let mut writer = run.bus.writer(&topics::IMU).unwrap();
     for sequence in 1..=200 {
         let header = Header { sequence, ..Header::default() };
         writer.send(Imu { header, ..Imu::default() });
     }
-    let mut reader = run.bus.reader(&topics::IMU).unwrap();
+    let mut reader = flying(&factory);
     assert!(reader.receive().is_none());
     writer.serve_late_joiners();
     let seen: Vec<_> =
-        core::iter::from_fn(|| reader.receive()).map(|s| s.sample.header.sequence).collect();
+        core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();
     let kept = topics::IMU.info.history as u64;
     assert_eq!(seen, (201 - kept..=200).collect::<Vec<_>>());
     writer.serve_late_joiners();
@@ -150,15 +166,15 @@ fn a_late_reader_gets_the_history_once_the_writer_looks() {
 #[test]
 fn a_stopped_reader_loses_the_oldest_and_never_stops_the_writer() {
     let run = join("overflow");
-    let _topic = run.bus.create_topic(&topics::MORPH_ANGLE).unwrap();
-    let mut reader = run.bus.reader(&topics::MORPH_ANGLE).unwrap();
+    let factory = run.bus.create_topic(&topics::MORPH_ANGLE).unwrap();
+    let mut reader = flying(&factory);
     let mut writer = run.bus.writer(&topics::MORPH_ANGLE).unwrap();
     for sequence in 1..=3_000 {
         let header = Header { sequence, ..Header::default() };
         writer.send(MorphAngle { header, ..MorphAngle::default() });
     }
     let seen: Vec<_> =
-        core::iter::from_fn(|| reader.receive()).map(|s| s.sample.header.sequence).collect();
+        core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();
     assert_eq!(seen.len(), runtime::graph::READER_CAPACITY);
     assert_eq!(seen.last(), Some(&3_000));
 }
@@ -166,22 +182,22 @@ fn a_stopped_reader_loses_the_oldest_and_never_stops_the_writer() {
 #[test]
 fn what_a_writer_sent_before_it_left_still_arrives_at_a_connected_reader() {
     let run = join("leaving");
-    let _topic = run.bus.create_topic(&topics::DISTURBANCE).unwrap();
-    let mut reader = run.bus.reader(&topics::DISTURBANCE).unwrap();
+    let factory = run.bus.create_topic(&topics::DISTURBANCE).unwrap();
+    let mut reader = flying(&factory);
     let mut writer = run.bus.writer(&topics::DISTURBANCE).unwrap();
     let send = |writer: &mut runtime::ipc::IpcSink<Disturbance>, sequence| {
         let header = Header { sequence, ..Header::default() };
         writer.send(Disturbance { header, ..Disturbance::default() });
     };
     send(&mut writer, 1);
-    assert_eq!(reader.receive().map(|s| s.sample.header.sequence), Some(1));
+    assert_eq!(reader.receive().map(|s| s.header.sequence), Some(1));
     send(&mut writer, 2);
     send(&mut writer, 3);
     drop(writer);
     let mut successor = run.bus.writer(&topics::DISTURBANCE).unwrap();
     send(&mut successor, 4);
     let mut seen: Vec<_> =
-        core::iter::from_fn(|| reader.receive()).map(|s| s.sample.header.sequence).collect();
+        core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();
     seen.sort_unstable();
     assert_eq!(seen, [2, 3, 4]);
 }
@@ -189,7 +205,7 @@ fn what_a_writer_sent_before_it_left_still_arrives_at_a_connected_reader() {
 #[test]
 fn the_furthest_mark_counts_whatever_the_order_of_a_process_and_its_successor() {
     let run = join("marks");
-    let kind = ServiceKind::Progress(Role::Pilot);
+    let kind = ServiceKind::Progress(Seat::first(Role::Pilot));
     let _service = run.bus.create_service::<Progress>(kind, 4).unwrap();
     let mut port = LatestPort::<Progress>::open(&run.bus, kind).unwrap();
     assert!(port.latest().is_none());
@@ -208,7 +224,7 @@ fn the_furthest_mark_counts_whatever_the_order_of_a_process_and_its_successor() 
 #[test]
 fn a_state_reaches_a_late_joiner_whole() {
     let run = join("state");
-    let kind = ServiceKind::State(Role::Estimator);
+    let kind = ServiceKind::State(Seat::first(Role::Estimator));
     let _service = run.bus.create_state_service(kind, 4).unwrap();
     let mut publisher = StatePublisher::open(&run.bus, kind, 5_000).unwrap();
     let bytes: Vec<u8> = (0..5_000_u32).map(|i| i.to_le_bytes()[0] ^ 0x5a).collect();
@@ -217,18 +233,18 @@ fn a_state_reaches_a_late_joiner_whole() {
     let mut subscriber = StateSubscriber::open(&run.bus, kind).unwrap();
     publisher.serve_late_joiners();
     let mut seen = Vec::new();
-    while subscriber.receive(|header, state, author| {
-        seen.push((header.sequence, header.generation, state == bytes, author != [0, 0]));
+    while subscriber.receive(|header, state| {
+        seen.push((header.sequence, header.generation, state == bytes));
     }) {}
-    assert_eq!(seen, [(2, 3, true, true)]);
+    assert_eq!(seen, [(2, 3, true)]);
 }
 
 #[test]
 fn a_listener_wakes_remembers_a_wake_up_and_gives_up() {
     let run = join("wake");
-    run.bus.create_wake(Role::Attitude).unwrap();
-    let listener = WakeListener::open(&run.bus, Role::Attitude).unwrap();
-    let notifier = WakeNotifier::open(&run.bus, Role::Attitude).unwrap();
+    run.bus.create_wake(Seat::first(Role::Attitude)).unwrap();
+    let listener = WakeListener::open(&run.bus, Seat::first(Role::Attitude)).unwrap();
+    let notifier = WakeNotifier::open(&run.bus, Seat::first(Role::Attitude)).unwrap();
     assert!(!listener.wait(Duration::from_millis(1)));
     notifier.wake();
     notifier.wake();
@@ -239,16 +255,16 @@ fn a_listener_wakes_remembers_a_wake_up_and_gives_up() {
 #[test]
 fn a_wake_up_reaches_a_thread_that_is_already_waiting() {
     let run = join("waiting");
-    run.bus.create_wake(Role::Plant).unwrap();
+    run.bus.create_wake(Seat::first(Role::Plant)).unwrap();
     let (ready, started) = std::sync::mpsc::channel();
     let waiter = std::thread::spawn(move || {
         let run = join("waiter");
-        let listener = WakeListener::open(&run.bus, Role::Plant).expect("a listener");
+        let listener = WakeListener::open(&run.bus, Seat::first(Role::Plant)).expect("a listener");
         ready.send(()).expect("the test waits");
         listener.wait(Duration::from_secs(10))
     });
     started.recv().unwrap();
-    WakeNotifier::open(&run.bus, Role::Plant).unwrap().wake();
+    WakeNotifier::open(&run.bus, Seat::first(Role::Plant)).unwrap().wake();
     assert!(waiter.join().unwrap());
 }
 
@@ -263,6 +279,6 @@ fn readers_of_chosen_depth_keep_the_newest() {
         writer.send(Truth { header, ..Truth::default() });
     }
     let seen: Vec<_> =
-        core::iter::from_fn(|| reader.receive()).map(|s| s.sample.header.sequence).collect();
+        core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();
     assert_eq!(seen, [8, 9]);
 }

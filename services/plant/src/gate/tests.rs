@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use super::*;
 
 const MS: u64 = 1_000_000;
-const OWNER: u32 = 1 << 100;
+const OWNER: u32 = 1;
 
 fn gate() -> Gate {
     Gate::new(&GateConfig::default(), &VehicleParameters::default()).unwrap()

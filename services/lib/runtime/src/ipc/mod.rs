@@ -23,7 +23,7 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::Wire;
-use shared_types::{Edge, Role, Sample, Topic, TopicInfo};
+use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -143,6 +143,12 @@ impl Bus {
             .map_err(PortError::transport(name, "create a node"))?;
         let folder = config_file.parent().unwrap_or(Path::new(".")).to_path_buf();
         Ok(Self { node, folder, roll: Rc::new(RefCell::new(None)) })
+    }
+
+    /// This connection as the transport names it to others.
+    #[must_use]
+    pub fn identity(&self) -> NodeId {
+        roll::node_id(*self.node.id())
     }
 
     /// Frees what dead processes of this run left behind; only the launcher does this.

@@ -4,11 +4,10 @@ use core::cell::RefCell;
 use runtime::executor::StepStamps;
 use runtime::graph::Edge;
 use runtime::{
-    Executor, InputSet as _, MissPolicy, Node, Rate, Service, Sink, Source, inputs, outputs,
+    Executor, InputSet as _, MissPolicy, Node, Place, Rate, Service, Sink, Source, inputs, outputs,
 };
 use shared_types::{
-    Author, Deviation, DeviationKind, Header, Imu, PoseFix, Role, Sample, Stamped, StateEstimate,
-    topics,
+    Deviation, DeviationKind, Header, Imu, PoseFix, Role, Sample, StateEstimate, topics,
 };
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -58,12 +57,12 @@ impl Service for Idle {
 }
 
 /// Samples on their way.
-type Wire<T> = Rc<RefCell<VecDeque<Stamped<T>>>>;
+type Wire<T> = Rc<RefCell<VecDeque<T>>>;
 
 struct Queue<T>(Wire<T>);
 
 impl<T: Sample> Source<T> for Queue<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
+    fn receive(&mut self) -> Option<T> {
         self.0.borrow_mut().pop_front()
     }
 }
@@ -78,8 +77,6 @@ impl Sink<Deviation> for Log {
     fn serve_late_joiners(&mut self) {}
 }
 
-const A: Author = [1, 0];
-const B: Author = [2, 0];
 const MS: u64 = 1_000_000;
 
 struct Bench {
@@ -93,7 +90,7 @@ impl Bench {
         let rate = Rate::from_hz(1000.0).expect("a possible rate");
         let role = Role::Estimator;
         let node = Node { role, rate, lead_ns: 0, input_deadline_ns: 0, miss_policy };
-        let mut executor = Executor::new(Idle::default(), node, generation, 1);
+        let mut executor = Executor::new(Idle::default(), node, Place { seat: 0, generation }, 1);
         let (imu, log) = (Wire::default(), Log::default());
         executor.inputs.imu.connect(Box::new(Queue(Rc::clone(&imu))), None);
         executor.deviations.connect(Box::new(log.clone()), 0);
@@ -101,12 +98,12 @@ impl Bench {
     }
 
     /// A sample in effect at its millisecond, with the sequence that follows from it.
-    fn arrives(&self, sequence: u64, author: Author) {
+    fn arrives(&self, sequence: u64) {
         let instant_ns = (sequence - 1) * MS;
         let header =
             Header { sequence, release_ns: instant_ns, valid_ns: instant_ns, ..Header::default() };
         let sample = Imu { header, ..Imu::default() };
-        self.imu.borrow_mut().push_back(Stamped { sample, author });
+        self.imu.borrow_mut().push_back(sample);
     }
 
     fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
@@ -121,29 +118,25 @@ impl Bench {
 }
 
 #[test]
-fn a_step_that_saw_what_it_should_tells_nothing_but_who_writes() {
+fn a_step_that_saw_what_it_should_tells_nothing() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
-    bench.arrives(1, A);
-    assert_eq!(bench.step(), [(DeviationKind::Writer, 1, 1)]);
-    for sequence in 2..20 {
-        bench.arrives(sequence, A);
+    for sequence in 1..20 {
+        bench.arrives(sequence);
         assert_eq!(bench.step(), []);
     }
-    bench.arrives(20, B);
-    assert_eq!(bench.step(), [(DeviationKind::Writer, 20, 20)]);
 }
 
 #[test]
 fn late_and_lost_samples_are_told_by_their_numbers_at_the_step_that_had_to_do_without() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
-    bench.arrives(1, A);
+    bench.arrives(1);
     bench.step();
     assert_eq!(bench.step(), [], "what has not arrived cannot be told yet");
     assert_eq!(bench.step(), []);
     // 2 and 3 were due at 1 and 2 ms, 4 is in time.
-    (2..=4).for_each(|sequence| bench.arrives(sequence, A));
+    (2..=4).for_each(|sequence| bench.arrives(sequence));
     assert_eq!(bench.step(), [(DeviationKind::LateSamples, 2, 3)]);
-    bench.arrives(8, A);
+    bench.arrives(8);
     (0..3).for_each(|_| assert_eq!(bench.step(), []));
     bench.executor.inputs.receive();
     bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
@@ -160,7 +153,7 @@ fn late_and_lost_samples_are_told_by_their_numbers_at_the_step_that_had_to_do_wi
 fn a_late_sample_tells_since_when_it_was_due() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     (0..5).for_each(|_| drop(bench.step()));
-    bench.arrives(3, A);
+    bench.arrives(3);
     bench.executor.inputs.receive();
     bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
     let told = bench.told();
@@ -200,7 +193,7 @@ fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeat
 #[test]
 fn each_life_of_a_process_numbers_its_deviations_for_itself() {
     let mut first = Bench::new(MissPolicy::CatchUp, 0);
-    first.arrives(1, A);
+    first.arrives(1);
     first.step();
     let mut state = vec![0; runtime::service::state_size::<Idle>()];
     let header = runtime::StateHeader {
@@ -216,8 +209,8 @@ fn each_life_of_a_process_numbers_its_deviations_for_itself() {
     second.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
     let told = second.told();
     assert_eq!((told[0].kind, told[0].first), (DeviationKind::Resumed, 4));
-    assert_eq!((told[0].header.sequence, told[0].header.seat), (1, 8 * 3 + Role::Estimator.0));
-    assert_eq!(told.len(), 1, "the writer is known from the latch");
+    assert_eq!((told[0].header.sequence, told[0].header.seat), (1, 32 * 3 + Role::Estimator.0));
+    assert_eq!(told.len(), 1);
 }
 
 #[test]
@@ -233,11 +226,11 @@ fn names_of_all_topics_fit_into_a_deviation() {
 fn at_the_end_each_input_tells_how_far_it_has_got() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     for sequence in 1..=3 {
-        bench.arrives(sequence, A);
+        bench.arrives(sequence);
         bench.step();
     }
     // Arrived, and not in effect any more.
-    bench.arrives(4, A);
+    bench.arrives(4);
     bench.executor.finish();
     let told = bench.told();
     let kinds: Vec<_> = told.iter().map(|d| (d.kind, d.input_name(), d.last)).collect();

@@ -4,24 +4,24 @@ use core::cell::RefCell;
 use proptest::prelude::*;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::{Input, InputCounts, Link, Source};
-use shared_types::{Header, Imu, Role, Stamped, topics};
+use shared_types::{Header, Imu, Role, topics};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
 #[derive(Clone, Default)]
-struct Queue(Rc<RefCell<VecDeque<Stamped<Imu>>>>);
+struct Queue(Rc<RefCell<VecDeque<Imu>>>);
 
 impl Source<Imu> for Queue {
-    fn receive(&mut self) -> Option<Stamped<Imu>> {
+    fn receive(&mut self) -> Option<Imu> {
         self.0.borrow_mut().pop_front()
     }
 }
 
 impl Queue {
-    fn push(&self, valid_ns: u64, seat: u32, sequence: u64, author: u64) {
+    fn push(&self, valid_ns: u64, seat: u32, sequence: u64) {
         let header = Header { valid_ns, seat, sequence, ..Header::default() };
         let sample = Imu { header, ..Imu::default() };
-        self.0.borrow_mut().push_back(Stamped { sample, author: [author, 0] });
+        self.0.borrow_mut().push_back(sample);
     }
 }
 
@@ -38,7 +38,7 @@ fn input(strict: bool) -> (Input<Imu>, Queue) {
 
 fn fresh(input: &Input<Imu>) -> Vec<(u64, u32, u64)> {
     let key = |h: &Header| (h.valid_ns, h.seat, h.sequence);
-    input.fresh().iter().map(|s| key(&s.sample.header)).collect()
+    input.fresh().iter().map(|s| key(&s.header)).collect()
 }
 
 proptest! {
@@ -53,7 +53,7 @@ proptest! {
         for size in chunks {
             let (now, later) = rest.split_at(size.min(rest.len()));
             for &(valid, seat, sequence) in now {
-                queue.push(valid, seat, sequence, 0);
+                queue.push(valid, seat, sequence);
             }
             input.receive();
             rest = later;
@@ -69,9 +69,9 @@ proptest! {
 fn a_strict_arrow_excludes_the_instant_itself_and_the_others_include_it() {
     for (strict, expected) in [(true, 1), (false, 2)] {
         let (mut input, queue) = input(strict);
-        queue.push(9, 0, 1, 0);
-        queue.push(10, 0, 2, 0);
-        queue.push(11, 0, 3, 0);
+        queue.push(9, 0, 1);
+        queue.push(10, 0, 2);
+        queue.push(11, 0, 3);
         input.receive();
         input.accept(10, None);
         assert_eq!(input.fresh().len(), expected);
@@ -83,10 +83,10 @@ fn a_strict_arrow_excludes_the_instant_itself_and_the_others_include_it() {
 fn a_topic_outside_the_waiting_graph_takes_effect_at_its_instant() {
     let (mut input, queue) = (Input::<Imu>::default(), Queue::default());
     input.connect(Box::new(queue.clone()), None);
-    queue.push(10, 0, 1, 0);
+    queue.push(10, 0, 1);
     input.receive();
     input.accept(9, None);
-    assert!(input.sample().is_none());
+    assert!(input.latest().is_none());
     input.accept(10, Some(9));
     assert_eq!(input.fresh().len(), 1);
 }
@@ -94,27 +94,27 @@ fn a_topic_outside_the_waiting_graph_takes_effect_at_its_instant() {
 #[test]
 fn fresh_before_and_latest_are_told_apart() {
     let (mut input, queue) = input(false);
-    queue.push(1, 0, 1, 0);
-    queue.push(2, 0, 2, 0);
+    queue.push(1, 0, 1);
+    queue.push(2, 0, 2);
     input.receive();
     input.accept(2, None);
     assert!(input.before_fresh().is_none());
-    queue.push(3, 0, 3, 0);
+    queue.push(3, 0, 3);
     input.receive();
     input.accept(3, Some(2));
     assert_eq!(fresh(&input), [(3, 0, 3)]);
-    assert_eq!(input.before_fresh().unwrap().sample.header.sequence, 2);
+    assert_eq!(input.before_fresh().unwrap().header.sequence, 2);
     input.accept(4, Some(3));
     assert!(input.fresh().is_empty());
-    assert_eq!(input.latest().unwrap().sample.header.sequence, 3);
+    assert_eq!(input.latest().unwrap().header.sequence, 3);
 }
 
 #[test]
 fn a_sample_is_late_if_the_step_before_should_have_had_it() {
     let (mut input, queue) = input(false);
     input.accept(10, None);
-    queue.push(10, 0, 1, 0);
-    queue.push(11, 0, 2, 0);
+    queue.push(10, 0, 1);
+    queue.push(11, 0, 2);
     input.receive();
     input.accept(20, Some(10));
     assert_eq!(input.counts(), InputCounts { late: 1, ..InputCounts::default() });
@@ -125,7 +125,7 @@ fn a_sample_is_late_if_the_step_before_should_have_had_it() {
 fn a_gap_in_the_sequence_of_one_seat_is_counted_as_lost() {
     let (mut input, queue) = input(false);
     for (valid, seat, sequence) in [(1, 0, 1), (2, 0, 4), (3, 1, 9), (4, 1, 10)] {
-        queue.push(valid, seat, sequence, 0);
+        queue.push(valid, seat, sequence);
     }
     input.receive();
     input.accept(10, None);
@@ -135,18 +135,16 @@ fn a_gap_in_the_sequence_of_one_seat_is_counted_as_lost() {
 #[test]
 fn a_repeated_sample_replaces_the_waiting_one_and_is_ignored_once_in_effect() {
     let (mut input, queue) = input(false);
-    queue.push(5, 0, 1, 1);
+    queue.push(5, 0, 1);
     input.receive();
-    queue.push(5, 0, 1, 2);
+    queue.push(5, 0, 1);
     input.receive();
     assert_eq!(input.waiting(), 1);
     input.accept(5, None);
-    assert_eq!(input.latest().unwrap().author, [2, 0]);
-    queue.push(5, 0, 1, 3);
+    queue.push(5, 0, 1);
     input.receive();
     input.accept(6, Some(5));
     assert!(input.fresh().is_empty());
-    assert_eq!(input.latest().unwrap().author, [2, 0]);
     assert_eq!(input.counts(), InputCounts::default());
 }
 
@@ -155,20 +153,20 @@ fn a_full_reader_counts_what_it_cannot_hold_and_keeps_the_older() {
     let (mut input, queue) = input(false);
     let capacity = READER_CAPACITY as u64;
     for sequence in 1..=capacity + 3 {
-        queue.push(1_000 + sequence, 0, sequence, 0);
+        queue.push(1_000 + sequence, 0, sequence);
     }
     input.receive();
     assert_eq!(input.counts(), InputCounts { overflowed: 3, ..InputCounts::default() });
     input.accept(1_000_000, None);
     assert_eq!(input.fresh().len(), READER_CAPACITY);
-    assert_eq!(input.latest().unwrap().sample.header.sequence, capacity);
+    assert_eq!(input.latest().unwrap().header.sequence, capacity);
 }
 
 #[test]
 fn a_link_is_silent_then_fresh_then_stale() {
     let (mut input, queue) = input(false);
     assert!(matches!(input.link(0, 10), Link::Silent));
-    queue.push(100, 0, 1, 0);
+    queue.push(100, 0, 1);
     input.receive();
     input.accept(100, None);
     assert!(matches!(input.link(100, 0), Link::Fresh(_)));
@@ -177,26 +175,60 @@ fn a_link_is_silent_then_fresh_then_stale() {
 }
 
 #[test]
-fn a_latch_survives_packing_with_its_author_and_hides_what_came_before() {
+fn a_latch_survives_packing_and_hides_what_came_before() {
     let (mut input, queue) = input(false);
     let mut bytes = vec![1; Input::<Imu>::LATCH_SIZE];
     input.pack_latch(&mut bytes);
     let mut twin = Input::<Imu>::default();
     twin.unpack_latch(&bytes);
     assert!(twin.latest().is_none());
-    queue.push(3, 0, 7, 42);
+    queue.push(3, 0, 7);
     input.receive();
     input.accept(3, None);
     input.pack_latch(&mut bytes);
     let again = Queue::default();
     twin.connect(Box::new(again.clone()), Some(edge(false)));
     twin.unpack_latch(&bytes);
-    assert_eq!(twin.latest().unwrap().author, [42, 0]);
-    again.push(2, 0, 6, 42);
-    again.push(3, 0, 7, 42);
-    again.push(4, 0, 8, 42);
+    assert_eq!(twin.latest().unwrap().header.sequence, 7);
+    again.push(2, 0, 6);
+    again.push(3, 0, 7);
+    again.push(4, 0, 8);
     twin.receive();
     twin.accept(4, Some(3));
     assert_eq!(fresh(&twin), [(4, 0, 8)]);
     assert_eq!(twin.counts(), InputCounts::default());
+}
+
+#[test]
+fn whoever_takes_a_seat_in_flight_counts_from_anywhere_and_a_forged_seat_is_ignored() {
+    let (mut input, queue) = input(false);
+    let says = |valid_ns, sequence, generation, seat| {
+        let header = Header { valid_ns, sequence, generation, seat, ..Header::default() };
+        queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });
+    };
+    says(1, 900, 0, 1);
+    says(2, 1, 1, 1);
+    says(3, 2, 1, 1);
+    says(3, 7, 0, 99);
+    input.receive();
+    input.accept(3, None);
+    assert_eq!(fresh(&input), [(1, 1, 900), (2, 1, 1), (3, 1, 2)]);
+    assert_eq!(input.counts(), InputCounts::default());
+}
+
+#[test]
+fn a_loop_that_joins_knows_what_is_in_effect_without_its_being_new() {
+    let (mut input, queue) = input(false);
+    for valid in 1..=6 {
+        queue.push(valid, 0, valid);
+    }
+    input.receive();
+    input.skip_until(4);
+    assert!(input.fresh().is_empty());
+    assert_eq!(input.latest().unwrap().header.sequence, 4);
+    queue.push(2, 1, 1);
+    input.receive();
+    input.accept(6, Some(4));
+    assert_eq!(fresh(&input), [(5, 0, 5), (6, 0, 6)], "older history of another seat is none");
+    assert_eq!(input.counts(), InputCounts::default());
 }

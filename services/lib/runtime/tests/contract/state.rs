@@ -4,13 +4,11 @@ use core::cell::RefCell;
 use proptest::prelude::*;
 use runtime::service::{state_layout, state_size};
 use runtime::{
-    Executor, InputSet as _, MissPolicy, Node, Rate, RestoreError, Service, Sink, Source,
+    Executor, InputSet as _, MissPolicy, Node, Place, Rate, RestoreError, Service, Sink, Source,
     StateHeader, StateSink, StepStamps, inputs, outputs,
 };
 use shared_types::wire::Value as _;
-use shared_types::{
-    Header, Imu, LoopStats, PoseFix, Role, Stamped, StateEstimate, WrenchCommand, topics,
-};
+use shared_types::{Header, Imu, LoopStats, PoseFix, Role, StateEstimate, WrenchCommand, topics};
 use std::rc::Rc;
 
 inputs! {
@@ -48,7 +46,7 @@ impl Service for Sum {
     type Memory = SumMemory;
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         for imu in inputs.imu.fresh() {
-            self.0.sum += imu.sample.gyro_b_rad_s[0];
+            self.0.sum += imu.gyro_b_rad_s[0];
         }
         self.0.last = [now_ns, self.0.last[0], self.0.last[1]];
         let position_w_m = [self.0.sum; 3];
@@ -90,7 +88,7 @@ struct Endless {
 }
 
 impl Source<Imu> for Endless {
-    fn receive(&mut self) -> Option<Stamped<Imu>> {
+    fn receive(&mut self) -> Option<Imu> {
         let valid_ns = self.next * 1_000_000;
         if valid_ns > *self.until_ns.borrow() {
             return None;
@@ -99,7 +97,7 @@ impl Source<Imu> for Endless {
         let header = Header { sequence: self.next, valid_ns, ..Header::default() };
         let gyro_b_rad_s = [valid_ns as f64 * 0.1, 0.0, 0.0];
         let sample = Imu { header, gyro_b_rad_s, ..Imu::default() };
-        Some(Stamped { sample, author: [1, 2] })
+        Some(sample)
     }
 }
 
@@ -147,8 +145,12 @@ struct Bench {
 
 impl Bench {
     fn new(hz: f64, state_every: u64) -> Self {
-        let mut executor =
-            Executor::new(Sum::default(), node(hz, MissPolicy::CatchUp), 0, state_every);
+        let mut executor = Executor::new(
+            Sum::default(),
+            node(hz, MissPolicy::CatchUp),
+            Place::default(),
+            state_every,
+        );
         let until_ns = Rc::new(RefCell::new(0));
         let source = Endless { next: 0, until_ns: Rc::clone(&until_ns) };
         executor.inputs.imu.connect(Box::new(source), None);
@@ -178,7 +180,7 @@ proptest! {
         let mut first = Bench::new(hz, every);
         (0..before).for_each(|_| first.step());
         let mut second = Bench::new(hz, every);
-        second.executor.restore(&first.state()).unwrap();
+        second.executor.take_up(&first.state()).unwrap();
         let keyframe = (before - 1) / every * every;
         prop_assert_eq!(second.executor.mark_ns(), first.executor.node().rate.release_ns(keyframe + 1));
         while second.executor.mark_ns() < first.executor.mark_ns() {
@@ -211,7 +213,7 @@ proptest! {
         let refused = matches!(fresh.executor.restore(&foreign), Err(RestoreError::Layout { .. }));
         prop_assert!(refused);
         prop_assert_eq!(fresh.executor.mark_ns(), 0);
-        prop_assert!(fresh.executor.inputs.imu.sample().is_none());
+        prop_assert!(fresh.executor.inputs.imu.latest().is_none());
     }
 }
 
@@ -219,7 +221,8 @@ proptest! {
 fn another_service_refuses_the_state_and_names_both_layouts() {
     let mut bench = Bench::new(1000.0, 1);
     bench.step();
-    let mut other = Executor::new(Other::default(), node(1000.0, MissPolicy::Hold), 0, 1);
+    let mut other =
+        Executor::new(Other::default(), node(1000.0, MissPolicy::Hold), Place::default(), 1);
     let error = other.restore(&bench.state()).unwrap_err();
     let (theirs, ours) = (state_layout::<Sum>(), state_layout::<Other>());
     assert_eq!(error, RestoreError::Layout { theirs, ours });
@@ -261,7 +264,7 @@ fn each_miss_policy_does_what_it_says() {
         (MissPolicy::CatchUp, 0, 0, 1),
     ];
     for (policy, mark_ns, skipped, caught_up) in expected {
-        let mut executor = Executor::new(Sum::default(), node(150.0, policy), 0, 1);
+        let mut executor = Executor::new(Sum::default(), node(150.0, policy), Place::default(), 1);
         let last = Rc::new(RefCell::new((Header::default(), vec![0; state_size::<Sum>()])));
         executor.connect_state(Box::new(Last(Rc::clone(&last))));
         executor.apply_miss_policy(6_666_665);
@@ -277,7 +280,7 @@ fn each_miss_policy_does_what_it_says() {
 #[test]
 fn a_source_that_works_ahead_is_never_late() {
     let node = Node { lead_ns: 1, ..node(100.0, MissPolicy::Hold) };
-    let mut executor = Executor::new(Sum::default(), node, 0, 1);
+    let mut executor = Executor::new(Sum::default(), node, Place::default(), 1);
     executor.apply_miss_policy(1_000_000_000);
     assert_eq!(executor.mark_ns(), 0);
 }

@@ -4,7 +4,7 @@ use crate::transport::{Network, Outbox, Shared, StateKeeper, StatsSink, shared};
 use core::convert::Infallible;
 use runtime::{
     Executor, Graph, Input, InputCounts, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
-    OutputVisitor, Service, StepStamps,
+    OutputVisitor, Place, Service, StepStamps,
 };
 use shared_types::{Header, Role, Sample, Topic};
 use std::rc::Rc;
@@ -38,7 +38,7 @@ pub(crate) struct Worker<S: Service + Default> {
 impl<S: Service + Default> Worker<S> {
     pub(crate) fn new(graph: &Graph, node: Node, network: &Network, state_every: u64) -> Self {
         let mut worker = Self {
-            executor: Executor::new(S::default(), node, 0, state_every),
+            executor: Executor::new(S::default(), node, Place::default(), state_every),
             graph: graph.clone(),
             network: network.clone(),
             outbox: shared(std::collections::VecDeque::new()),
@@ -52,13 +52,8 @@ impl<S: Service + Default> Worker<S> {
 
     fn connect(&mut self) {
         let role = self.executor.node().role;
-        let mut ports = Ports {
-            network: &self.network,
-            graph: &self.graph,
-            role,
-            outbox: &self.outbox,
-            generation: self.generation,
-        };
+        let mut ports =
+            Ports { network: &self.network, graph: &self.graph, role, outbox: &self.outbox };
         let Ok(()) = self.executor.inputs.visit(&mut ports);
         let Ok(()) = self.executor.outputs.visit(&mut ports);
         self.executor.stats.connect(Box::new(StatsSink { log: Rc::clone(&self.network.log) }), 0);
@@ -91,7 +86,8 @@ impl<S: Service + Default> Seat for Worker<S> {
         self.generation += 1;
         self.network.log.borrow_mut().restarts += 1;
         let node = *self.executor.node();
-        self.executor = Executor::new(S::default(), node, self.generation, self.state_every);
+        let place = Place { seat: 0, generation: self.generation };
+        self.executor = Executor::new(S::default(), node, place, self.state_every);
         self.connect();
         if let Some((_, state)) = &*self.last_state.borrow() {
             self.executor.restore(state).expect("the state of the same build fits");
@@ -117,7 +113,6 @@ struct Ports<'a> {
     graph: &'a Graph,
     role: Role,
     outbox: &'a Outbox,
-    generation: u32,
 }
 
 impl InputVisitor for Ports<'_> {
@@ -140,9 +135,8 @@ impl OutputVisitor for Ports<'_> {
         topic: &'static Topic<T>,
         output: &mut Output<T>,
     ) -> Result<(), Infallible> {
-        let author = [u64::from(self.role.0), u64::from(self.generation)];
         let latency_ns = self.graph.latency_ns(&topic.info);
-        output.connect(self.network.writer(topic, self.outbox, author), latency_ns);
+        output.connect(self.network.writer(topic, self.outbox), latency_ns);
         Ok(())
     }
 }

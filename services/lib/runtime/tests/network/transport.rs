@@ -5,7 +5,7 @@ use core::cell::RefCell;
 use runtime::graph::READER_CAPACITY;
 use runtime::{Sink, Source, StateSink};
 use shared_types::wire::{HASH_SEED, hash_bytes};
-use shared_types::{Author, Header, LoopStats, Role, Sample, Stamped, Topic};
+use shared_types::{Header, LoopStats, Role, Sample, Topic};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
@@ -21,8 +21,8 @@ pub(crate) fn shared<T>(value: T) -> Shared<T> {
 
 /// One topic.
 struct Hub<T> {
-    readers: BTreeMap<usize, VecDeque<Stamped<T>>>,
-    history: VecDeque<Stamped<T>>,
+    readers: BTreeMap<usize, VecDeque<T>>,
+    history: VecDeque<T>,
     depth: usize,
 }
 
@@ -102,12 +102,11 @@ impl Network {
         &self,
         topic: &'static Topic<T>,
         outbox: &Outbox,
-        author: Author,
     ) -> Box<dyn Sink<T>> {
         let hub = self.hub(topic);
         hub.borrow_mut().history.clear();
         let log = Rc::clone(&self.log);
-        Box::new(Writer { hub, log, outbox: Rc::clone(outbox), author, name: topic.info.name })
+        Box::new(Writer { hub, log, outbox: Rc::clone(outbox), name: topic.info.name })
     }
 
     /// Samples that wait in front of a reader.
@@ -122,7 +121,7 @@ struct Reader<T> {
 }
 
 impl<T: Sample> Source<T> for Reader<T> {
-    fn receive(&mut self) -> Option<Stamped<T>> {
+    fn receive(&mut self) -> Option<T> {
         self.hub.borrow_mut().readers.get_mut(&self.role.index())?.pop_front()
     }
 }
@@ -131,16 +130,14 @@ struct Writer<T> {
     hub: Shared<Hub<T>>,
     log: Shared<Log>,
     outbox: Outbox,
-    author: Author,
     name: &'static str,
 }
 
 impl<T: Sample> Sink<T> for Writer<T> {
     fn send(&mut self, sample: T) {
         let (hub, log) = (Rc::clone(&self.hub), Rc::clone(&self.log));
-        let (author, name) = (self.author, self.name);
+        let name = self.name;
         self.outbox.borrow_mut().push_back(Box::new(move || {
-            let stamped = Stamped { sample, author };
             log.borrow_mut().note(name, sample.header(), fingerprint(&sample));
             let hub = &mut *hub.borrow_mut();
             for queue in hub.readers.values_mut() {
@@ -148,12 +145,12 @@ impl<T: Sample> Sink<T> for Writer<T> {
                     queue.pop_front();
                     log.borrow_mut().overflowed += 1;
                 }
-                queue.push_back(stamped);
+                queue.push_back(sample);
             }
             if hub.history.len() == hub.depth {
                 hub.history.pop_front();
             }
-            hub.history.push_back(stamped);
+            hub.history.push_back(sample);
         }));
     }
     fn serve_late_joiners(&mut self) {}

@@ -1,0 +1,94 @@
+//! One supervised process: started, heard, missed, buried.
+
+use super::child::{ChildSpec, RunningChild};
+use super::standstill::Standstill;
+use runtime::ipc::{Bus, PortError, ServiceKind, StatePublisher};
+use runtime::{Place, StateSink as _};
+use shared_types::wire::Value as _;
+use shared_types::{Handover, Header, Seat};
+use std::io;
+use std::path::Path;
+
+/// Largest state that can be handed over \[bytes\].
+const HANDOVER_CAPACITY: usize = 64 * 1024;
+
+/// A process and the seat that it has.
+pub(super) struct Post {
+    pub(super) seat: Seat,
+    pub(super) spec: ChildSpec,
+    pub(super) child: Option<RunningChild>,
+    pub(super) generation: u32,
+    /// Has said hello.
+    pub(super) ready: bool,
+    /// Has left in order.
+    pub(super) finished: bool,
+    /// Instant of each restart \[ns\].
+    pub(super) restarts: Vec<u64>,
+    /// When to start the successor \[ns\].
+    pub(super) restart_at_ns: Option<u64>,
+    /// It waits for a hand-over before it begins.
+    pub(super) awaits_handover: bool,
+    standstill: Option<Standstill>,
+    handover: StatePublisher,
+}
+
+impl Post {
+    /// A post with nobody at it yet.
+    pub(super) fn open(bus: &Bus, seat: Seat, spec: ChildSpec) -> Result<Self, PortError> {
+        let kind = ServiceKind::Handover(seat);
+        Ok(Self {
+            seat,
+            spec,
+            child: None,
+            generation: 0,
+            ready: false,
+            finished: false,
+            restarts: Vec::new(),
+            restart_at_ns: None,
+            awaits_handover: false,
+            standstill: None,
+            handover: StatePublisher::open(bus, kind, HANDOVER_CAPACITY)?,
+        })
+    }
+
+    /// Starts the process; it begins at the start of the flight, or waits for a hand-over.
+    pub(super) fn start(&mut self, folder: &Path, awaits_handover: bool) -> io::Result<()> {
+        let place = Place { seat: self.seat.index, generation: self.generation };
+        self.child = Some(RunningChild::start(&self.spec, folder, place, awaits_handover)?);
+        self.awaits_handover = awaits_handover;
+        self.ready = false;
+        self.standstill = None;
+        Ok(())
+    }
+
+    /// Lets a process that waits for it begin.
+    pub(super) fn hand_over(&mut self, order: Handover, state: &[u8]) {
+        let header = Header { generation: self.generation, ..Header::default() };
+        let mut bytes = vec![0; Handover::PACKED_SIZE];
+        order.pack(&mut bytes);
+        bytes.extend_from_slice(state);
+        self.handover.send(&header, &bytes);
+    }
+
+    /// Lets a process that has just joined see its hand-over.
+    pub(super) fn serve_late_joiners(&mut self) {
+        self.handover.serve_late_joiners();
+    }
+
+    /// Kills a process that stands still at `mark_ns`, unless it only waits for a processor. True if
+    /// it was killed.
+    pub(super) fn kill_if_hung(&mut self, mark_ns: u64) -> bool {
+        let Some(child) = self.child.as_mut().filter(|_| self.ready) else { return false };
+        let hung = Standstill::is_hang(&mut self.standstill, child.pid(), mark_ns);
+        if hung {
+            child.kill();
+        }
+        hung
+    }
+
+    /// What the process said last, for the end of a sentence.
+    pub(super) fn words(&mut self) -> String {
+        let words = self.child.as_mut().map(RunningChild::last_words).unwrap_or_default();
+        if words.is_empty() { String::new() } else { format!(", its last words:\n{words}\n") }
+    }
+}
