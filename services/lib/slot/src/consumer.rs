@@ -11,8 +11,8 @@
 //! [`Consumer::advance`], [`Consumer::standing_at`] for each command effective now,
 //! [`Consumer::decide`]. [`crate::desk::Desk`] does the last two.
 
+use crate::record::Author;
 use crate::record::{Record, RecordMemory, Seat, Standing};
-use shared_types::Author;
 
 /// Records that may wait for their instant.
 pub const PENDING: usize = 4;

@@ -5,8 +5,8 @@
 //! newest command ready.
 
 use crate::consumer::{Consumer, Source, Turn};
+use crate::record::Author;
 use crate::record::{NO_AUTHOR, SEATS, Seat, Standing};
-use shared_types::Author;
 
 shared_types::memory! {
     /// A command that was its writer's to give.

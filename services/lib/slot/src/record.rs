@@ -1,9 +1,11 @@
 //! The owner record, and what it makes of each writer.
 
-use shared_types::Author;
+use shared_types::{Flag, Header, NO_SEAT, OwnerRecord, Role};
 
-/// Seats of a slot: owner, fallback, candidate, and one that is being left.
-pub const SEATS: usize = 4;
+pub use shared_types::SEATS;
+
+/// A writer as the transport tells: whoever sits on a seat, see [`author_on`].
+pub type Author = [u64; 2];
 
 /// Author of a seat on which nobody sits.
 pub const NO_AUTHOR: Author = [0; 2];
@@ -103,6 +105,53 @@ impl Record {
         self.author(self.owner) == other.author(other.owner)
             && self.fallback.and_then(|seat| self.author(seat))
                 == other.fallback.and_then(|seat| other.author(seat))
+    }
+}
+
+/// Who sits on a seat. The transport lets nobody else speak for it, so the seat tells the writer.
+#[must_use]
+pub fn author_on(seat: u32) -> Author {
+    [u64::from(seat) + 1, 0]
+}
+
+impl From<&OwnerRecord> for Record {
+    fn from(sample: &OwnerRecord) -> Self {
+        let mut members = [NO_AUTHOR; SEATS];
+        for ((member, period_ns), seat) in members.iter_mut().zip(sample.period_ns).zip(0..) {
+            if period_ns > 0 {
+                *member = author_on(seat);
+            }
+        }
+        Self {
+            epoch: sample.epoch,
+            owner: Seat::new(sample.owner).unwrap_or(Seat::ALL[0]),
+            fallback: Seat::new(sample.fallback),
+            effective_ns: sample.header.valid_ns,
+            members,
+            period_ns: sample.period_ns,
+            kind_changed: sample.kind_changed.is_set(),
+        }
+    }
+}
+
+impl Record {
+    /// As a sample about `slot`.
+    #[must_use]
+    pub fn to_sample(&self, slot: Role) -> OwnerRecord {
+        OwnerRecord {
+            header: Header {
+                sequence: self.epoch,
+                release_ns: self.effective_ns,
+                valid_ns: self.effective_ns,
+                ..Header::default()
+            },
+            epoch: self.epoch,
+            period_ns: self.period_ns,
+            owner: self.owner.into(),
+            fallback: self.fallback.map_or(NO_SEAT, u32::from),
+            slot,
+            kind_changed: Flag::from(self.kind_changed),
+        }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Who sits where, from the supervisor's side.
 
 use super::message::{Instance, Program};
+use crate::record::Author;
 use crate::record::{NO_AUTHOR, SEATS, Seat};
-use shared_types::Author;
 
 /// A seat and who is on it.
 ///

@@ -1,8 +1,8 @@
 //! The records that have been written, and whether the consumer has confirmed the last of them.
 
 use super::message::Instance;
+use crate::record::Author;
 use crate::record::{Record, Seat};
-use shared_types::Author;
 
 /// Records remembered, to know who is meant by an epoch in the consumer's report.
 const REMEMBERED: usize = 6;

@@ -1,8 +1,8 @@
 //! What the supervisor is told, and what it wants done.
 
 use crate::gate::{GateFigures, Refusal};
+use crate::record::Author;
 use crate::record::{Record, Seat};
-use shared_types::Author;
 use thiserror::Error;
 
 /// An executable with its configuration, as a place in the launcher's own list.
