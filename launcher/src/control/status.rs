@@ -38,7 +38,7 @@ pub struct ProcessStatus {
     /// Its process, if there is one now; the pilot's is the launcher's.
     pub pid: Option<u32>,
     /// Place among those that could fill the role.
-    pub seat: u8,
+    pub seat: u32,
     /// Restarts so far.
     pub generation: u32,
     /// Steps per second of logical time.
@@ -61,6 +61,10 @@ pub enum ProcessState {
     Running,
     /// Flies, and its commands count.
     Owner,
+    /// Flies, and takes over when the owner falls silent.
+    Fallback,
+    /// Flies beside the owner; nobody obeys it.
+    Shadow,
     /// Died; its successor is not ready yet.
     Restarting,
     /// Has flown to the end.
@@ -75,6 +79,8 @@ impl ProcessState {
             Self::Starting => "starting",
             Self::Running => "running",
             Self::Owner => "owner",
+            Self::Fallback => "fallback",
+            Self::Shadow => "shadow",
             Self::Restarting => "restarting",
             Self::Finished => "finished",
         }

@@ -6,7 +6,6 @@ use super::supervisor::{Member, Supervisor};
 use crate::control::server::{ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
 use crate::control::{Reply, Request};
-use runtime::clock::mono_now_ns;
 use runtime::{Graph, SeatMarks};
 use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
 use std::collections::BTreeMap;
@@ -88,7 +87,10 @@ impl Live {
             end_s: seconds_of(end_ns),
             launcher_pid: std::process::id(),
             recording: recording.clone(),
-            processes: view.members().map(|member| self.process(view, member, now_mono_ns)).collect(),
+            processes: view
+                .members()
+                .map(|member| self.process(view, member, now_mono_ns))
+                .collect(),
             slots: slots(view),
         }
     }
