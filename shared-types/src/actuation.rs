@@ -26,7 +26,7 @@ sample! {
         pub command_sequence: u64,
         /// IMU sample that the command in effect descends from.
         pub command_cause_sequence: u64,
-        /// Epoch of the owner whose command is in effect.
+        /// Epoch of the owner record in effect; 0 before the first.
         pub epoch: u64,
         /// Allocated collective thrust, after rotor limits \[N\].
         pub thrust_n: f64,
@@ -38,14 +38,25 @@ sample! {
         pub refused_not_finite: u64,
         /// Commands refused because they ask for more than the rotors can ever give.
         pub refused_out_of_range: u64,
-        /// Commands refused because their writer does not own the attitude slot.
+        /// Commands refused because their writer has no seat in the attitude slot any more.
         pub refused_wrong_owner: u64,
         /// Times the gate left `Normal`.
         pub safe_mode_episodes: u64,
+        /// Moves from owner to fallback so far.
+        pub fail_overs: u64,
+        /// Epoch of the last owner record refused because it came too late; 0 for none.
+        pub refused_epoch: u64,
+        /// Owner records refused so far.
+        pub refused_records: u64,
         /// Mode of the gate.
         pub mode: GateMode,
         /// Rotor limits changed the wrench.
         pub clipped: Flag,
+        /// Seat whose commands count: the owner's, or after a fail-over the fallback's;
+        /// [`NO_SEAT`](crate::NO_SEAT) before the first record.
+        pub seat: u32,
+        /// The fallback commands, until the next epoch.
+        pub failed_over: Flag,
     }
 }
 

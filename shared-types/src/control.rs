@@ -1,6 +1,6 @@
 //! Controllers' arrows: position slot -> attitude slot -> plant, and what they report.
 
-use crate::{Header, sample};
+use crate::{Flag, Header, sample};
 use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
@@ -26,6 +26,10 @@ sample! {
         pub header: Header,
         /// Sequence of the set point sample in use; 0 before the first.
         pub setpoint_sequence: u64,
+        /// Epoch of the position slot's owner record in effect; 0 before the first.
+        pub epoch: u64,
+        /// Epoch of the last owner record refused because it came too late; 0 for none.
+        pub refused_epoch: u64,
         /// Collective thrust \[N\].
         pub thrust_n: f64,
         /// Roll \[rad\].
@@ -34,6 +38,11 @@ sample! {
         pub pitch_rad: f64,
         /// Yaw \[rad\].
         pub yaw_rad: f64,
+        /// Seat whose set points count: the owner's, or after a fail-over the fallback's;
+        /// [`NO_SEAT`](crate::NO_SEAT) before the first record.
+        pub seat: u32,
+        /// The fallback gives the set points, until the next epoch.
+        pub failed_over: Flag,
     }
 }
 

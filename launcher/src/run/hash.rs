@@ -17,8 +17,17 @@ pub struct FlightHash(Chains);
 pub struct LogHash(Chains);
 
 /// Fields of hashed samples that tell who commanded, not what happened.
-const IDENTITY_FIELDS: [&str; 4] =
-    ["command_sequence", "command_cause_sequence", "epoch", "refused_wrong_owner"];
+const IDENTITY_FIELDS: [&str; 9] = [
+    "command_sequence",
+    "command_cause_sequence",
+    "epoch",
+    "refused_wrong_owner",
+    "fail_overs",
+    "refused_epoch",
+    "refused_records",
+    "seat",
+    "failed_over",
+];
 
 /// Fields that depend on the machine: when it got to run, and how it names its publishers. Whatever
 /// compares samples of two flights leaves these out and nothing else.
