@@ -11,8 +11,7 @@
 //! [`Consumer::advance`], [`Consumer::standing_at`] for each command effective now,
 //! [`Consumer::decide`]. [`crate::desk::Desk`] does the last two.
 
-use crate::record::Author;
-use crate::record::{Record, RecordMemory, Seat, Standing};
+use crate::record::{Author, Record, RecordMemory, Seat, Standing};
 
 /// Records that may wait for their instant.
 pub const PENDING: usize = 4;

@@ -5,8 +5,7 @@
 //! newest command ready.
 
 use crate::consumer::{Consumer, Source, Turn};
-use crate::record::Author;
-use crate::record::{NO_AUTHOR, SEATS, Seat, Standing};
+use crate::record::{Author, NO_AUTHOR, SEATS, Seat, Standing};
 
 shared_types::memory! {
     /// A command that was its writer's to give.

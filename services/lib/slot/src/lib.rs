@@ -10,6 +10,8 @@
 //! * [`limiter`]: takes the step out of a change of kind.
 //! * [`gate`]: whether a shadow may fly.
 //! * [`supervisor`]: the state machine of a slot: events in, actions out.
+//!
+//! `tests/model/` searches every interleaving of plant, controllers and launcher through this code.
 
 pub mod consumer;
 pub mod desk;
@@ -22,7 +24,7 @@ pub use consumer::{Consumer, ConsumerMemory, Counters, Source, Taken, Turn};
 pub use desk::{Choice, Command, Desk, DeskMemory};
 pub use gate::{Axis, Gate, GateFigures, GateLimits, Pair, Refusal};
 pub use limiter::{Limiter, LimiterMemory};
-pub use record::{NO_AUTHOR, Record, SEATS, Seat, Standing};
+pub use record::{Author, NO_AUTHOR, Record, SEATS, Seat, Standing, author_on};
 pub use supervisor::message;
 pub use supervisor::{
     Action, Clock, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, Report, Request,

@@ -1,8 +1,7 @@
 //! Who sits where, from the supervisor's side.
 
 use super::message::{Instance, Program};
-use crate::record::Author;
-use crate::record::{NO_AUTHOR, SEATS, Seat};
+use crate::record::{Author, NO_AUTHOR, SEATS, Seat};
 
 /// A seat and who is on it.
 ///
@@ -42,15 +41,33 @@ impl Chair {
 
 /// All seats of a slot.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct Chairs(pub(super) [Chair; SEATS]);
+pub(super) struct Chairs {
+    chairs: [Chair; SEATS],
+    /// First epoch in which whoever is there can have commanded.
+    since: [u64; SEATS],
+}
 
 impl Chairs {
+    pub(super) fn new(chairs: [Chair; SEATS]) -> Self {
+        Self { chairs, since: [0; SEATS] }
+    }
+
+    /// A process has connected; the record of `epoch` will be the first that knows it.
+    pub(super) fn seat(&mut self, seat: Seat, program: Program, instance: Instance, epoch: u64) {
+        self.set(seat, Chair::Seated(program, instance));
+        self.since[seat.index()] = epoch;
+    }
+
+    pub(super) fn since(&self, seat: Seat) -> u64 {
+        self.since[seat.index()]
+    }
+
     pub(super) fn get(&self, seat: Seat) -> &Chair {
-        &self.0[seat.index()]
+        &self.chairs[seat.index()]
     }
 
     pub(super) fn set(&mut self, seat: Seat, chair: Chair) {
-        self.0[seat.index()] = chair;
+        self.chairs[seat.index()] = chair;
     }
 
     pub(super) fn instance(&self, seat: Seat) -> Option<&Instance> {
@@ -74,11 +91,11 @@ impl Chairs {
     }
 
     pub(super) fn members(&self) -> [Author; SEATS] {
-        self.0.map(|chair| chair.instance().map_or(NO_AUTHOR, |instance| instance.author))
+        self.chairs.map(|chair| chair.instance().map_or(NO_AUTHOR, |instance| instance.author))
     }
 
     pub(super) fn periods_ns(&self) -> [u64; SEATS] {
-        self.0.map(|chair| chair.instance().map_or(0, Instance::period_ns))
+        self.chairs.map(|chair| chair.instance().map_or(0, Instance::period_ns))
     }
 }
 

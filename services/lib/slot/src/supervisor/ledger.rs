@@ -1,7 +1,6 @@
 //! The records that have been written, and whether the consumer has confirmed the last of them.
 
 use super::message::Instance;
-use crate::record::Author;
 use crate::record::{Record, Seat};
 
 /// Records remembered, to know who is meant by an epoch in the consumer's report.
@@ -20,8 +19,8 @@ pub(super) struct Outstanding {
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Default)]
 pub(super) struct Ledger {
     newest: Option<Record>,
-    /// (epoch, owner's seat, owner), newest first.
-    owners: [Option<(u64, Seat, Author)>; REMEMBERED],
+    /// (epoch, owner's seat), newest first.
+    owners: [Option<(u64, Seat)>; REMEMBERED],
     pub(super) outstanding: Option<Outstanding>,
     /// Whom the consumer obeys, as far as it has told.
     pub(super) in_force: Option<(Seat, Instance)>,
@@ -46,8 +45,7 @@ impl Ledger {
 
     /// Goes on from a record that another has written and the consumer obeys.
     pub(super) fn take_up(&mut self, record: Record) {
-        let author = record.members[record.owner.index()];
-        self.owners[0] = Some((record.epoch, record.owner, author));
+        self.owners[0] = Some((record.epoch, record.owner));
         self.newest = Some(record);
     }
 
@@ -58,8 +56,7 @@ impl Ledger {
     }
 
     /// Who owned the slot in an epoch.
-    pub(super) fn owner_of(&self, epoch: u64) -> Option<(Seat, Author)> {
-        let found = self.owners.iter().flatten().find(|(of, ..)| *of == epoch);
-        found.map(|(_, seat, author)| (*seat, *author))
+    pub(super) fn owner_of(&self, epoch: u64) -> Option<Seat> {
+        self.owners.iter().flatten().find(|(of, _)| *of == epoch).map(|(_, seat)| *seat)
     }
 }

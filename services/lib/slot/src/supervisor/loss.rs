@@ -52,8 +52,9 @@ impl Slot {
 
     /// The consumer left the owner of `epoch` for the fallback.
     pub(super) fn fell_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
-        let Some((seat, author)) = self.ledger.owner_of(epoch) else { return };
-        let there = self.chairs.instance(seat).is_some_and(|instance| instance.author == author);
+        let Some(seat) = self.ledger.owner_of(epoch) else { return };
+        // Whoever sits there since has nothing to do with it.
+        let there = self.chairs.is_seated(seat) && self.chairs.since(seat) <= epoch;
         if there {
             self.kill(seat, out);
             self.lost(now, seat, Fault::Silent, at_ns, out);

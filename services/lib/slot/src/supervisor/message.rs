@@ -1,8 +1,7 @@
 //! What the supervisor is told, and what it wants done.
 
 use crate::gate::{GateFigures, Refusal};
-use crate::record::Author;
-use crate::record::{Record, Seat};
+use crate::record::{Author, Record, Seat};
 use thiserror::Error;
 
 /// An executable with its configuration, as a place in the launcher's own list.

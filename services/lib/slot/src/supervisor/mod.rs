@@ -163,7 +163,7 @@ impl Slot {
     /// Its [`Event::Ready`] gives it the slot.
     #[must_use]
     pub fn new(config: SlotConfig, seat: Seat, program: Program) -> Self {
-        let mut chairs = Chairs([Chair::Free; SEATS]);
+        let mut chairs = Chairs::new([Chair::Free; SEATS]);
         chairs.set(seat, Chair::Starting(program));
         Self {
             config,
@@ -174,24 +174,26 @@ impl Slot {
         }
     }
 
-    /// A slot found in flight: the newest record that its supervisor had written, and who sits where.
-    /// Whoever is neither owner nor fallback is sent away. Send [`Event::Died`] afterwards for those
-    /// who are not there any more, and [`Event::FellOver`] if the consumer has.
+    /// A slot found in flight: the newest record that its supervisor had written, and who is there.
+    /// Whoever is neither owner nor fallback is sent away; an owner that is not there is replaced, or
+    /// started again as an instance of `owner`. If the consumer obeys the fallback, send
+    /// [`Event::FellOver`] next.
     #[must_use]
     pub fn adopt(
         config: SlotConfig,
         now: Now,
         record: &Record,
+        owner: Program,
         seated: [Option<(Program, Instance)>; SEATS],
     ) -> (Self, Vec<Action>) {
         let chair = |who: Option<(Program, Instance)>| {
             who.map_or(Chair::Free, |(program, instance)| Chair::Seated(program, instance))
         };
-        let chairs = Chairs(seated.map(chair));
+        let chairs = Chairs::new(seated.map(chair));
         let mut ledger = Ledger::default();
         ledger.in_force = chairs.instance(record.owner).map(|owner| (record.owner, *owner));
         ledger.take_up(*record);
-        let standby = record.fallback.and_then(|seat| {
+        let standby = record.fallback.filter(|seat| chairs.is_seated(*seat)).and_then(|seat| {
             let program = chairs.get(seat).program()?;
             Some(Standby { program, shadow_ns: 0, seat: Some(seat), losses: 0 })
         });
@@ -199,12 +201,16 @@ impl Slot {
         let mut slot = Self { config, chairs, ledger, phase, standby };
         let mut actions = Vec::new();
         for seat in Seat::ALL {
-            if slot.chairs.is_seated(seat) && seat != record.owner && Some(seat) != record.fallback
-            {
+            if seat != record.owner && Some(seat) != record.fallback {
                 slot.dismiss(seat, &mut actions);
             }
         }
-        slot.publish(now, record.owner, None, &mut actions);
+        if slot.chairs.is_seated(record.owner) {
+            slot.publish(now, record.owner, None, &mut actions);
+        } else {
+            slot.chairs.set(record.owner, Chair::Starting(owner));
+            actions.extend(slot.on(now, Event::Died(record.owner)));
+        }
         (slot, actions)
     }
 
@@ -319,3 +325,6 @@ impl Slot {
 fn step(out: &mut Vec<Action>, step: Step) {
     out.push(Action::Report(Report::Step(step)));
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,7 +8,7 @@ use crate::record::{Record, Seat};
 impl Slot {
     /// The first instant that no consumer can have decided by the time a record arrives, and not
     /// before an answer to what happened at `at_ns` is due.
-    fn first_open_ns(&self, now: Now, owner: Seat, at_ns: Option<u64>) -> u64 {
+    fn first_open_ns(&self, now: Now, owner: Seat, at_ns: Option<u64>, tries: u32) -> u64 {
         let open_ns = match self.config.clock {
             Clock::Lockstep => {
                 let answer_ns = at_ns.map_or(0, |at_ns| at_ns.saturating_add(self.config.react_ns));
@@ -17,7 +17,9 @@ impl Slot {
             Clock::Realtime => {
                 let old_ns = self.ledger.owner().map_or(0, |seat| self.chairs.period_ns(seat));
                 let slower_ns = old_ns.max(self.chairs.period_ns(owner));
-                now.logical_ns.saturating_add(2 * slower_ns)
+                // Further ahead each time, or a machine that is always slow would always be too late.
+                let ahead_ns = slower_ns.saturating_mul(2 * u64::from(tries));
+                now.logical_ns.saturating_add(ahead_ns)
             }
         };
         // Instants never go back, so the last word on any of them is the newest record's.
@@ -44,7 +46,7 @@ impl Slot {
         tries: u32,
         out: &mut Vec<Action>,
     ) {
-        let open_ns = self.first_open_ns(now, owner, at_ns);
+        let open_ns = self.first_open_ns(now, owner, at_ns, tries);
         let effective_ns = match (self.ledger.in_force, self.chairs.instance(owner)) {
             // Nothing has flown yet.
             _ if self.ledger.newest().is_none() => now.allowed_ns,

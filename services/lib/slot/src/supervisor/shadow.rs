@@ -16,7 +16,7 @@ impl Slot {
         out: &mut Vec<Action>,
     ) {
         let Chair::Starting(program) = *self.chairs.get(seat) else { return };
-        self.chairs.set(seat, Chair::Seated(program, instance));
+        self.chairs.seat(seat, program, instance, self.ledger.epoch() + 1);
         match self.phase {
             Phase::Ownerless { seat: expected, .. } if expected == seat => {
                 let first = self.ledger.newest().is_none();

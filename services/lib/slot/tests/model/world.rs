@@ -1,0 +1,449 @@
+//! The world of the search: who is there, what is on the way, and what must not happen.
+
+use shared_types::Role;
+use shared_types::wire::Value;
+use slot::record::{Author, author_on};
+use slot::{
+    Action, Clock, Command, Consumer, Desk, DeskMemory, Event, Instance, Now, Program, Record,
+    SEATS, Seat, Slot, SlotConfig, Source,
+};
+
+/// If it has not come to rest by then, it never will.
+pub(crate) const NEVER: u64 = 80;
+/// The longest that a record waits: long enough to come too late \[ticks\].
+pub(crate) const RECORD_PATIENCE: u64 = 3;
+/// Lockstep: how far allowed time runs ahead \[ticks\].
+pub(crate) const CREDIT: u64 = 2;
+/// From a release to the command's effect \[ticks\].
+pub(crate) const LATENCY: u64 = 1;
+const INTRUDER: Author = [99, 99];
+/// Rate of a controller that steps each tick, a tick being a nanosecond \[mHz\].
+const EACH_TICK: u64 = 1_000_000_000_000;
+
+/// How much may happen on one path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct Budget {
+    /// Deaths and silences of controllers, and of the launcher.
+    pub misfortunes: u8,
+    /// Requests of users.
+    pub requests: u8,
+    /// The longest that anything but a record waits \[ticks\].
+    pub patience: u64,
+}
+
+impl Budget {
+    pub(crate) const fn new(misfortunes: u8, requests: u8, patience: u64) -> Self {
+        Self { misfortunes, requests, patience }
+    }
+}
+
+/// A mistake put in on purpose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Flaw {
+    IgnoresInstant,
+    ObeysMembers,
+    ForgetsFailOver,
+    NeverFailsOver,
+    NeverTriesAgain,
+}
+
+/// What must not happen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Broken {
+    WrongWriter,
+    Missed,
+    Unlatched,
+    Backwards,
+}
+
+/// A process on a seat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Process {
+    Gone,
+    Starting {
+        program: u32,
+        since: u64,
+    },
+    /// Connected, and not told to begin.
+    Waiting(Instance),
+    Flying {
+        instance: Instance,
+        from: u64,
+        mute: Option<u64>,
+        leaving: Option<u64>,
+    },
+    /// Dead, and nobody has noticed.
+    Dead {
+        since: u64,
+    },
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Table(pub Desk);
+
+impl std::hash::Hash for Table {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        let mut packed = [0; DeskMemory::PACKED_SIZE];
+        self.0.memory().pack(&mut packed);
+        state.write(&packed);
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Hash)]
+pub(crate) struct World {
+    /// The plant's next tick.
+    pub t: u64,
+    /// Lockstep: ticks before it may run.
+    pub allowed: u64,
+    pub clock: Clock,
+    pub budget: Budget,
+    pub flaw: Option<Flaw>,
+    /// `None`: the launcher is dead.
+    pub slot: Option<Slot>,
+    pub consumer: Consumer,
+    pub desk: Table,
+    pub processes: [Process; SEATS],
+    /// On the way to the plant, with when (lockstep: at which end of allowed time) it was sent.
+    pub records: Vec<(Record, u64)>,
+    /// On the way from the plant.
+    pub words: Vec<(Word, u64)>,
+    told: (u64, u64, u64),
+    /// Whose verdict the launcher owes.
+    pub judging: Option<Seat>,
+    /// Ticks in a row at which nothing changed.
+    calm: u8,
+    /// The records that the plant has accepted, newest first, as one who only watches remembers them.
+    accepted: Vec<Record>,
+    /// The newest record written by anybody.
+    pub written: Option<Record>,
+    /// The epoch in which the plant was last seen to obey the fallback.
+    latched: u64,
+    obeyed: Option<Author>,
+    pub broken: Option<Broken>,
+}
+
+/// What the plant tells the launcher.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Word {
+    Acknowledged { epoch: u64, seat: Seat, at_ns: u64 },
+    Refused { epoch: u64 },
+    FellOver { epoch: u64, at_ns: u64 },
+}
+
+pub(crate) const OWNER: Program = Program(0);
+pub(crate) const STANDBY: Program = Program(1);
+pub(crate) const SAME_KIND: Program = Program(2);
+/// Of another kind, and at half the rate.
+pub(crate) const OTHER_KIND: Program = Program(3);
+
+pub(crate) fn config(clock: Clock) -> SlotConfig {
+    let common = SlotConfig { acknowledge_ns: 5, ..SlotConfig::REALTIME };
+    match clock {
+        Clock::Realtime => common,
+        Clock::Lockstep => SlotConfig { clock, react_ns: CREDIT + 1, restart_ns: 1, ..common },
+    }
+}
+
+impl World {
+    /// In flight: an owner, and a standby or none, everything at rest.
+    pub(crate) fn new(clock: Clock, budget: Budget, standby: bool, flaw: Option<Flaw>) -> Self {
+        let mut config = config(clock);
+        if flaw == Some(Flaw::NeverTriesAgain) {
+            config.acknowledge_ns = 2 * NEVER;
+        }
+        let mut world = Self {
+            t: 0,
+            allowed: 0,
+            clock,
+            budget,
+            flaw: None,
+            slot: Some(Slot::new(config, Seat::ALL[0], OWNER)),
+            consumer: Consumer::new(),
+            desk: Table(Desk::new()),
+            processes: [Process::Gone; SEATS],
+            records: Vec::new(),
+            words: Vec::new(),
+            told: (0, 0, 0),
+            judging: None,
+            calm: 0,
+            accepted: Vec::new(),
+            written: None,
+            latched: 0,
+            obeyed: None,
+            broken: None,
+        };
+        let first = Seat::ALL[0];
+        let instance = Self::instance(0, first);
+        world.processes[0] = Process::Flying { instance, from: 0, mute: None, leaving: None };
+        world.tell(Event::Ready(first, instance));
+        if standby {
+            world.calm_down();
+            world.tell(Event::Request(slot::Request::Standby(STANDBY, 2)));
+        }
+        world.calm_down();
+        World { flaw, ..world }
+    }
+
+    /// Does what comes next, without misfortune, until everything is at rest.
+    fn calm_down(&mut self) {
+        let spare = std::mem::replace(&mut self.budget, Budget::new(0, 0, 1));
+        let mut moves = Vec::new();
+        while !self.is_quiet() {
+            moves.clear();
+            self.moves(&mut moves);
+            assert!(self.t < NEVER && !moves.is_empty(), "no rest: {self:#?}");
+            self.make(moves[0]);
+        }
+        self.budget = spare;
+    }
+
+    pub(crate) fn instance(program: u32, seat: Seat) -> Instance {
+        let author = author_on(seat.into());
+        let other = Program(program) == OTHER_KIND;
+        let millihertz = if other { EACH_TICK / 2 } else { EACH_TICK };
+        Instance { author, layout: u64::from(other), millihertz, latency_ns: LATENCY }
+    }
+
+    fn now(&self) -> Now {
+        let allowed_ns = if self.clock == Clock::Lockstep { self.allowed } else { self.t };
+        Now { logical_ns: self.t, allowed_ns }
+    }
+
+    /// The launcher hears of something and does what its slot wants.
+    pub(crate) fn tell(&mut self, event: Event) {
+        let now = self.now();
+        let Some(slot) = &mut self.slot else { return };
+        let actions = slot.on(now, event);
+        self.act(actions);
+    }
+
+    pub(crate) fn act(&mut self, actions: Vec<Action>) {
+        let t = self.t;
+        for action in actions {
+            match action {
+                Action::Spawn(seat, Program(program)) | Action::Restart(seat, Program(program)) => {
+                    assert!(self.processes[seat.index()] == Process::Gone, "{seat} is taken");
+                    self.processes[seat.index()] = Process::Starting { program, since: t };
+                }
+                Action::Publish(record) => {
+                    if self.written.is_some_and(|before| {
+                        record.epoch <= before.epoch || record.effective_ns < before.effective_ns
+                    }) {
+                        self.broken = Some(Broken::Backwards);
+                    }
+                    self.written = Some(record);
+                    let sent = if self.clock == Clock::Lockstep { self.allowed } else { t };
+                    self.records.push((record, sent));
+                }
+                Action::HandOver { seat, join_ns, .. } => {
+                    if let Process::Waiting(instance) = self.processes[seat.index()] {
+                        self.processes[seat.index()] =
+                            Process::Flying { instance, from: join_ns, mute: None, leaving: None };
+                    }
+                }
+                Action::Judge(seat) => self.judging = Some(seat),
+                Action::AwaitExit(seat) => {
+                    if let Process::Flying { leaving, .. } = &mut self.processes[seat.index()] {
+                        *leaving = Some(t);
+                    }
+                }
+                Action::Kill(seat) => match &mut self.processes[seat.index()] {
+                    Process::Gone | Process::Dead { .. } => {}
+                    process => *process = Process::Dead { since: t },
+                },
+                Action::Report(_) => {}
+            }
+        }
+        let candidate = self.slot.as_ref().and_then(Slot::candidate);
+        self.judging = self.judging.filter(|seat| Some(*seat) == candidate);
+    }
+
+    /// A record arrives at the plant.
+    pub(crate) fn deliver(&mut self) {
+        let (written, _) = self.records.remove(0);
+        // As it travels.
+        let mut record = Record::from(&written.to_sample(Role::Attitude));
+        if self.flaw == Some(Flaw::IgnoresInstant) {
+            let mut hasty = record;
+            hasty.effective_ns = self.t;
+            self.accept(&record);
+            record = hasty;
+            self.consumer.take_record(&record);
+        } else if self.consumer.take_record(&record) == slot::Taken::Accepted {
+            self.accept(&record);
+        }
+        self.speak();
+    }
+
+    fn accept(&mut self, record: &Record) {
+        // From the plant's next tick on at the earliest.
+        let effective_ns = record.effective_ns.max(self.t);
+        self.accepted.retain(|older| older.effective_ns < effective_ns);
+        self.accepted.insert(0, Record { effective_ns, ..*record });
+        self.accepted.truncate(6);
+    }
+
+    /// The plant's tick.
+    pub(crate) fn tick(&mut self) {
+        let t = self.t;
+        if let Some(turn) = self.consumer.advance(t) {
+            self.desk.0.turn(&turn);
+        }
+        for seat in Seat::ALL {
+            if let Some((author, command)) = self.command(seat) {
+                self.offer(author, &command);
+            }
+        }
+        let command = Command { effective_ns: t, valid_until_ns: t + 9, ..Command::default() };
+        self.offer(INTRUDER, &command);
+        if self.flaw == Some(Flaw::ForgetsFailOver) {
+            let memory = slot::ConsumerMemory { failed_over: false, ..self.consumer.memory() };
+            self.consumer.restore(&memory);
+        }
+        let choice = if self.flaw == Some(Flaw::NeverFailsOver) {
+            let mut alone = self.consumer.clone();
+            let choice = self.desk.0.decide(&mut alone, t);
+            if choice.is_some_and(|choice| choice.source == Source::Fallback) {
+                let _ = self.consumer.decide(t, false, false);
+                None
+            } else {
+                self.consumer = alone;
+                choice
+            }
+        } else {
+            self.desk.0.decide(&mut self.consumer, t)
+        };
+        let before = self.obeyed;
+        self.obeyed = choice.map(|choice| choice.author);
+        self.judge(choice.map(|choice| (choice.author, choice.source, choice.command)));
+        let said = self.words.len();
+        self.speak();
+        let changed = before != self.obeyed || self.words.len() > said;
+        self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
+        self.t += 1;
+    }
+
+    fn offer(&mut self, author: Author, command: &Command) {
+        let owner = self.consumer.author_in_effect();
+        let member = self.consumer.record().is_some_and(|record| record.seat(author).is_some());
+        let posed_as = match (self.flaw, owner) {
+            (Some(Flaw::ObeysMembers), Some(owner)) if member => {
+                // Whoever speaks is taken for the owner; the watcher remembers who it was.
+                if author != owner {
+                    self.broken = Some(Broken::WrongWriter);
+                }
+                owner
+            }
+            _ => author,
+        };
+        self.desk.0.offer(&self.consumer, posed_as, command);
+    }
+
+    /// What the process on `seat` says for this tick.
+    fn command(&self, seat: Seat) -> Option<(Author, Command)> {
+        let Process::Flying { instance, from, mute: None, .. } = self.processes[seat.index()]
+        else {
+            return None;
+        };
+        let speaks = self.t >= from + LATENCY && instance.effective_at_or_after(self.t) == self.t;
+        let valid_until_ns = self.t + 2 * instance.period_ns();
+        let command = Command { effective_ns: self.t, valid_until_ns, ..Command::default() };
+        speaks.then_some((instance.author, command))
+    }
+
+    /// Compares what the plant does with what one who only watches would expect.
+    fn judge(&mut self, choice: Option<(Author, Source, Command)>) {
+        let at = |t: u64| self.accepted.iter().find(|record| record.effective_ns <= t).copied();
+        let Some(record) = at(self.t) else { return };
+        if self.latched != record.epoch && self.latched > 0 && record.epoch > self.latched {
+            self.latched = 0;
+        }
+        match choice {
+            Some((author, Source::Fallback, _)) => {
+                self.latched = record.epoch;
+                if record.fallback.and_then(|seat| record.author(seat)) != Some(author) {
+                    self.broken = Some(Broken::WrongWriter);
+                }
+            }
+            Some((author, _, command)) => {
+                if self.latched == record.epoch {
+                    self.broken = Some(Broken::Unlatched);
+                }
+                // Around a flip it may be what was obeyed before, while it is valid.
+                let then = at(command.effective_ns);
+                let owned = then.is_some_and(|then| then.author(then.owner) == Some(author));
+                let stood_in = then.is_some_and(|then| {
+                    then.epoch < record.epoch
+                        && then.fallback.and_then(|seat| then.author(seat)) == Some(author)
+                });
+                if !owned && !stood_in {
+                    self.broken = Some(Broken::WrongWriter);
+                }
+            }
+            None => {
+                let owner = self.latched != record.epoch && self.spoke(&record, record.owner);
+                if owner || record.fallback.is_some_and(|seat| self.spoke(&record, seat)) {
+                    self.broken = Some(Broken::Missed);
+                }
+            }
+        }
+    }
+
+    /// True if the process that `record` seats there has a valid command under it.
+    fn spoke(&self, record: &Record, seat: Seat) -> bool {
+        let Process::Flying { instance, from, mute: None, .. } = self.processes[seat.index()]
+        else {
+            return false;
+        };
+        let since = record.effective_ns.max(from + LATENCY);
+        record.author(seat) == Some(instance.author)
+            && instance.effective_at_or_after(since) <= self.t
+    }
+
+    /// The plant tells what has changed.
+    fn speak(&mut self) {
+        let counters = self.consumer.counters();
+        let (epoch, refused, fail_overs) = self.told;
+        self.told = (self.consumer.epoch(), counters.refused_records, counters.fail_overs);
+        if let (Some(record), Some(seat)) = (self.consumer.record(), self.consumer.seat_in_effect())
+            && record.epoch != epoch
+        {
+            let at_ns = record.effective_ns;
+            self.say(Word::Acknowledged { epoch: record.epoch, seat, at_ns });
+        }
+        if counters.refused_records != refused {
+            self.say(Word::Refused { epoch: counters.refused_epoch });
+        }
+        if counters.fail_overs != fail_overs {
+            let at_ns = counters.fail_over_ns;
+            self.say(Word::FellOver { epoch: self.consumer.epoch(), at_ns });
+        }
+    }
+
+    fn say(&mut self, word: Word) {
+        if self.slot.is_some() {
+            self.words.push((word, self.t));
+        }
+    }
+
+    /// Nothing is on the way and nobody has anything to do.
+    pub(crate) fn is_quiet(&self) -> bool {
+        let at_rest = |process: &Process| {
+            matches!(process, Process::Gone | Process::Flying { mute: None, leaving: None, .. })
+        };
+        let still = self.records.is_empty() && self.words.is_empty() && self.calm >= 2;
+        match &self.slot {
+            None => still && self.written.is_none_or(|record| record.effective_ns <= self.t),
+            Some(slot) => {
+                let owner = slot.record().and_then(|record| record.author(record.owner));
+                still
+                    && slot.is_quiet()
+                    && slot.deadline_ns().is_none()
+                    && self.processes.iter().all(at_rest)
+                    && slot.record().is_some_and(|record| record.epoch == self.consumer.epoch())
+                    && owner == self.obeyed
+                    && owner.is_some()
+            }
+        }
+    }
+}
