@@ -7,81 +7,11 @@
 //!
 //! All disagreement is `|u_candidate − u_owner|` per axis over `u_max`.
 
-use thiserror::Error;
+mod limits;
+mod refusal;
 
-/// One coordinate of a command.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Axis {
-    /// Its name, with unit, for messages.
-    pub name: &'static str,
-    /// Least a command may be.
-    pub min: f64,
-    /// Most a command may be.
-    pub max: f64,
-}
-
-impl Axis {
-    /// Largest size of a command, the unit of disagreement.
-    #[must_use]
-    pub fn u_max(&self) -> f64 {
-        self.min.abs().max(self.max.abs())
-    }
-}
-
-/// What a candidate must keep to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GateLimits {
-    /// Largest disagreement one step ahead, over `u_max`.
-    pub tracking: f64,
-    /// Root mean square of the disagreement while running free, over `u_max`.
-    pub free_rms: f64,
-    /// Largest disagreement while running free, over `u_max`.
-    pub free_peak: f64,
-    /// Least slope of the candidate's free commands over the owner's; not asked if they are to be
-    /// equal anyway.
-    pub slope_min: f64,
-    /// Most of it.
-    pub slope_max: f64,
-    /// Standard deviation of the owner's free commands, over `u_max`, below which a slope would be
-    /// that of rounding and is not asked.
-    pub activity_min: f64,
-    /// Fewest instants to compare in each phase that there is.
-    pub instants_min: u64,
-    /// Deadlines that may be missed.
-    pub missed_max: u64,
-}
-
-impl GateLimits {
-    /// A new instance of the owner's kind, from the owner's state: the design's 1 %. In lockstep it
-    /// agrees to the bit.
-    pub const SAME_KIND: Self = Self {
-        tracking: 0.01,
-        free_rms: 0.01,
-        free_peak: 0.01,
-        slope_min: f64::NEG_INFINITY,
-        slope_max: f64::INFINITY,
-        activity_min: f64::INFINITY,
-        instants_min: 10,
-        missed_max: 0,
-    };
-
-    /// Another kind. One step ahead the design's 10 %. Running free, the flip comes at an instant
-    /// like any other, so the *typical* disagreement must be within the bump that is allowed there
-    /// (10 % rms) and the worst within thrice that: in a manoeuvre two good controllers differ by
-    /// their bandwidths for a moment. Such a difference is small in quiet flight whatever the sign,
-    /// so the slope is asked too: controllers whose bandwidths differ by two have slopes around 1/4
-    /// and 4 at the edges, a wrong sign has a negative one, and a gain wrong by ten lies outside.
-    pub const OTHER_KIND: Self = Self {
-        tracking: 0.10,
-        free_rms: 0.10,
-        free_peak: 0.30,
-        slope_min: 0.2,
-        slope_max: 5.0,
-        activity_min: 1e-4,
-        instants_min: 10,
-        missed_max: 0,
-    };
-}
+pub use limits::{Axis, GateLimits};
+pub use refusal::Refusal;
 
 /// Part of the shadow window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -110,120 +40,6 @@ pub struct Pair {
     pub candidate: [f64; 4],
     /// Owner's command in effect then.
     pub owner: [f64; 4],
-}
-
-/// Why a candidate may not fly.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum Refusal {
-    /// A command was not finite.
-    #[error("its {axis} at {:.6} s is {value}", *at_ns as f64 * 1e-9)]
-    NotFinite {
-        /// Axis.
-        axis: &'static str,
-        /// The number.
-        value: f64,
-        /// Effective instant \[ns\].
-        at_ns: u64,
-    },
-    /// A command left its bounds.
-    #[error(
-        "its {axis} at {:.6} s is {value:.6}, outside {min:.6} to {max:.6}", *at_ns as f64 * 1e-9
-    )]
-    OutOfBounds {
-        /// Axis.
-        axis: &'static str,
-        /// The number.
-        value: f64,
-        /// Lower bound.
-        min: f64,
-        /// Upper bound.
-        max: f64,
-        /// Effective instant \[ns\].
-        at_ns: u64,
-    },
-    /// It and the owner differ too much at an instant.
-    #[error(
-        "{phase}, its {axis} at {:.6} s differs from the owner's by {:.3} % of the largest command; {:.3} % is allowed (--force overrides)",
-        *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
-    )]
-    TooFar {
-        /// Part of the window.
-        phase: Phase,
-        /// Axis.
-        axis: &'static str,
-        /// Disagreement over `u_max`.
-        value: f64,
-        /// Limit over `u_max`.
-        limit: f64,
-        /// Effective instant \[ns\].
-        at_ns: u64,
-    },
-    /// It and the owner differ too much over the free window.
-    #[error(
-        "running free until {:.6} s, its {axis} differs from the owner's by {:.3} % rms of the largest command; {:.3} % is allowed (--force overrides)",
-        *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
-    )]
-    TooFarOnTheWhole {
-        /// Axis.
-        axis: &'static str,
-        /// Root mean square over `u_max`.
-        value: f64,
-        /// Limit over `u_max`.
-        limit: f64,
-        /// Last effective instant \[ns\].
-        at_ns: u64,
-    },
-    /// It answers with the wrong sign, or far too much or too little.
-    #[error(
-        "running free until {:.6} s, its {axis} follows the owner's with slope {value:.3}; {min:.3} to {max:.3} is allowed (wrong sign or gain? --force overrides)",
-        *at_ns as f64 * 1e-9
-    )]
-    WrongSlope {
-        /// Axis.
-        axis: &'static str,
-        /// Slope.
-        value: f64,
-        /// Least allowed.
-        min: f64,
-        /// Most allowed.
-        max: f64,
-        /// Last effective instant \[ns\].
-        at_ns: u64,
-    },
-    /// It was late too often.
-    #[error("it missed {missed} deadlines, the first at {:.6} s; {limit} are allowed", *at_ns as f64 * 1e-9)]
-    MissedDeadlines {
-        /// How often.
-        missed: u64,
-        /// How often it may be.
-        limit: u64,
-        /// Instant of the first \[ns\].
-        at_ns: u64,
-    },
-    /// There was too little to compare.
-    #[error(
-        "{phase}, only {seen} of its commands could be compared; {limit} are needed: shadow it longer"
-    )]
-    TooFew {
-        /// Part of the window.
-        phase: Phase,
-        /// Instants compared.
-        seen: u64,
-        /// Instants needed.
-        limit: u64,
-    },
-}
-
-impl Refusal {
-    /// True if it is about disagreement, which `--force` overrides; never about what no controller
-    /// may do.
-    #[must_use]
-    pub fn yields_to_force(&self) -> bool {
-        matches!(
-            self,
-            Self::TooFar { .. } | Self::TooFarOnTheWhole { .. } | Self::WrongSlope { .. }
-        )
-    }
 }
 
 /// A disagreement and where it was.
@@ -444,3 +260,6 @@ fn refuse_value(axis: &Axis, value: f64, at_ns: u64) -> Option<Refusal> {
     }
     (value < min || value > max).then_some(Refusal::OutOfBounds { axis, value, min, max, at_ns })
 }
+
+#[cfg(test)]
+mod tests;
