@@ -107,7 +107,8 @@ impl Instance {
     #[must_use]
     pub fn period_ns(&self) -> u64 {
         let rate = u128::from(self.millihertz);
-        if rate == 0 { 0 } else { u64::try_from(SECOND.div_ceil(rate)).unwrap_or(u64::MAX) }
+        // A period of 0 would say that nobody sits there.
+        if rate == 0 { 1 } else { u64::try_from(SECOND.div_ceil(rate)).unwrap_or(u64::MAX) }
     }
 
     /// Its first effective instant at or after `at_ns`: release floor(k·10⁹/rate) plus latency.
@@ -149,6 +150,7 @@ mod tests {
         assert_eq!(odd.effective_at_or_after(6_666_667), 13_333_333);
         assert_eq!(odd.effective_at_or_after(13_333_334), 20_000_000);
         assert_eq!(instance(0, 5).effective_at_or_after(42), 42);
+        assert!(instance(0, 5).period_ns() > 0, "it would not be a member on the wire");
     }
 
     proptest! {

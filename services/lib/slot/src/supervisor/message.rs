@@ -312,3 +312,53 @@ impl Reason {
         }
     }
 }
+
+impl core::fmt::Display for Step {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let s = |at_ns: u64| at_ns as f64 * 1e-9;
+        match self {
+            Self::Joined { seat, same_kind: true, at_ns } => {
+                write!(f, "{seat} joined at {:.6} s and shadows from the owner's state", s(*at_ns))
+            }
+            Self::Joined { seat, same_kind: false, at_ns } => write!(
+                f,
+                "{seat} joined at {:.6} s; its state has another layout than the owner's, so it tracks what is applied first",
+                s(*at_ns)
+            ),
+            Self::RunsFree(seat) => write!(f, "{seat} tracks no more and runs free"),
+            Self::Passed(seat, _) => write!(f, "the gate lets {seat} through"),
+            Self::Forced(seat, refusal) => write!(f, "{seat} is let through by force: {refusal}"),
+            Self::FlipsAt { seat, epoch, at_ns } => {
+                write!(f, "{seat} gets the slot at {:.6} s, epoch {epoch}", s(*at_ns))
+            }
+            Self::Flipped { seat, epoch, at_ns } => {
+                write!(f, "{seat} commands since {:.6} s, epoch {epoch}", s(*at_ns))
+            }
+            Self::TriedAgain { epoch, tries } => {
+                write!(f, "the record was not taken: try {tries}, epoch {epoch}")
+            }
+            Self::TookOver { seat, from, fault } => {
+                write!(f, "{seat} takes over from {from}: {fault}")
+            }
+            Self::Ownerless(seat, fault) => {
+                write!(f, "nobody can take over from {seat}, which is started again: {fault}")
+            }
+            Self::Commands(seat) => write!(f, "{seat} commands"),
+            Self::StandbyLost(seat, fault) => write!(f, "the standby on {seat} is lost: {fault}"),
+            Self::StandbyGivenUp(_) => f.write_str("the standby is given up"),
+            Self::Left(seat) => write!(f, "{seat} is free"),
+        }
+    }
+}
+
+impl core::fmt::Display for Outcome {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Swapped => "it commands, and the rollback window is over",
+            Self::RolledBack => "it commands again",
+            Self::DryRun => "it passed the gate; nothing was changed",
+            Self::StandsBy => "it stands by",
+            Self::Retired => "it leaves",
+        })
+    }
+}
