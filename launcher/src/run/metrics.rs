@@ -2,6 +2,7 @@
 
 use super::misses::MissLog;
 use super::response::{AxisResponse, StepResponse};
+use super::tracking::{Tracker, Tracking};
 use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
 use shared_types::{
@@ -9,7 +10,7 @@ use shared_types::{
     Role, Sample, SolveStatus, StateEstimate, Topic, Truth, WrenchCommand,
 };
 use std::any::Any;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// Largest bound violation that rounding explains.
 pub const VIOLATION_TOLERANCE: f64 = 1e-9;
@@ -18,22 +19,6 @@ pub const VIOLATION_TOLERANCE: f64 = 1e-9;
 const LOST_M: f64 = 1.0;
 /// Error of an angle at the end of a rig flight from which the vehicle counts as lost \[rad\].
 const LOST_RAD: f64 = 1.0;
-/// Truth samples that wait for their reference.
-const WAITING_CAPACITY: usize = 1 << 16;
-
-/// Position error against the reference.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Tracking {
-    /// Truth samples compared.
-    pub samples: u64,
-    /// Root mean square over the flight \[m\].
-    pub rms_m: f64,
-    /// Largest \[m\].
-    pub max_m: f64,
-    /// Mean over the last second \[m\].
-    pub last_second_m: f64,
-}
-
 /// Effort and verdicts of one controller.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Effort {
@@ -54,13 +39,9 @@ pub struct Effort {
 }
 
 /// Everything the summary tells about the flight.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Metrics {
-    references: VecDeque<Reference>,
-    waiting: VecDeque<(u64, [f64; 3])>,
-    squares: f64,
-    tracking: Tracking,
-    recent: VecDeque<(u64, f64)>,
+    tracker: Tracker,
     efforts: BTreeMap<&'static str, Effort>,
     compute: BTreeMap<&'static str, Histogram<u64>>,
     loops: BTreeMap<u32, LoopStats>,
@@ -72,28 +53,6 @@ pub struct Metrics {
     tilt_square: f64,
     response: Option<StepResponse>,
     misses: MissLog,
-}
-
-impl Default for Metrics {
-    fn default() -> Self {
-        Self {
-            references: VecDeque::new(),
-            waiting: VecDeque::with_capacity(1024),
-            squares: 0.0,
-            tracking: Tracking::default(),
-            recent: VecDeque::new(),
-            efforts: BTreeMap::new(),
-            compute: BTreeMap::new(),
-            loops: BTreeMap::new(),
-            gate: AppliedCommand::default(),
-            clipped_ticks: 0,
-            ticks: 0,
-            safe_ticks: 0,
-            tilt_square: 0.0,
-            response: None,
-            misses: MissLog::default(),
-        }
-    }
 }
 
 impl Metrics {
@@ -113,8 +72,8 @@ impl Metrics {
     /// clipping are judged from here on. An attitude step is still the whole one.
     pub fn judge_from_here(&mut self) {
         let before = core::mem::take(self);
-        let Self { references, loops, gate, response, .. } = before;
-        *self = Self { references, loops, gate, response, ..Self::default() };
+        let Self { tracker, loops, gate, response, .. } = before;
+        *self = Self { tracker: tracker.anew(), loops, gate, response, ..Self::default() };
     }
 
     /// Answer to the last attitude step of a rig flight.
@@ -131,8 +90,7 @@ impl Metrics {
         } else if let Some(estimate) = any.downcast_ref::<StateEstimate>() {
             self.time("estimator", estimate);
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
-            self.references.push_back(*reference);
-            self.compare(false);
+            self.tracker.observe_reference(reference);
         } else if let Some(report) = any.downcast_ref::<ControllerReport>() {
             self.observe_report(topic.info.name, report);
         } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
@@ -170,10 +128,7 @@ impl Metrics {
             response.observe_truth(truth);
             return;
         }
-        if self.waiting.len() < WAITING_CAPACITY {
-            self.waiting.push_back((truth.header.valid_ns, truth.position_w_m));
-        }
-        self.compare(false);
+        self.tracker.observe_position(truth.header.valid_ns, truth.position_w_m);
     }
 
     fn observe_report(&mut self, topic: &'static str, report: &ControllerReport) {
@@ -195,53 +150,15 @@ impl Metrics {
         self.gate = *applied;
     }
 
-    /// Compares waiting truths with the reference in effect at their instant.
-    fn compare(&mut self, finished: bool) {
-        while let Some(&(t_ns, position)) = self.waiting.front() {
-            while self.references.get(1).is_some_and(|r| r.header.valid_ns <= t_ns) {
-                self.references.pop_front();
-            }
-            let settled = self.references.len() > 1 || finished;
-            let Some(reference) = self.references.front().filter(|r| r.header.valid_ns <= t_ns)
-            else {
-                if finished || self.references.front().is_some_and(|r| r.header.valid_ns > t_ns) {
-                    self.waiting.pop_front();
-                    continue;
-                }
-                return;
-            };
-            if !settled {
-                return;
-            }
-            let error_m = distance(&reference_at(reference, t_ns), &position);
-            self.waiting.pop_front();
-            self.add_error(t_ns, error_m);
-        }
-    }
-
-    fn add_error(&mut self, t_ns: u64, error_m: f64) {
-        self.tracking.samples += 1;
-        self.squares += error_m * error_m;
-        self.tracking.max_m = self.tracking.max_m.max(error_m);
-        self.recent.push_back((t_ns, error_m));
-        while self.recent.front().is_some_and(|(t, _)| t + 1_000_000_000 <= t_ns) {
-            self.recent.pop_front();
-        }
-    }
-
-    /// Closes the comparison at the end of the flight.
+    /// Closes the comparison with the reference at the end of the flight.
     pub fn finish(&mut self) {
-        self.compare(true);
-        let samples = self.tracking.samples.max(1) as f64;
-        self.tracking.rms_m = (self.squares / samples).sqrt();
-        let recent = self.recent.len().max(1) as f64;
-        self.tracking.last_second_m = self.recent.iter().map(|(_, e)| e).sum::<f64>() / recent;
+        self.tracker.finish();
     }
 
     /// Position error against the reference; call [`Metrics::finish`] first.
     #[must_use]
     pub fn tracking(&self) -> Tracking {
-        self.tracking
+        self.tracker.tracking()
     }
 
     /// Efforts by report topic.
@@ -283,7 +200,7 @@ impl Metrics {
     /// [`Metrics::finish`] first.
     #[must_use]
     pub fn vehicle_lost(&self) -> bool {
-        let on_path = self.tracking.last_second_m <= LOST_M;
+        let on_path = self.tracking().last_second_m <= LOST_M;
         let mut axes = self.step_response().into_iter().flatten();
         let tumbled = axes.any(|axis| axis.final_error_rad.abs() > LOST_RAD);
         !on_path || tumbled || self.gate.mode == GateMode::Cut
@@ -334,82 +251,10 @@ fn new_histogram() -> Histogram<u64> {
         .unwrap_or_else(|_| unreachable!("constant bounds are valid"))
 }
 
-fn reference_at(reference: &Reference, t_ns: u64) -> [f64; 3] {
-    let ahead_ns = t_ns.saturating_sub(reference.header.valid_ns);
-    let spacing_ns = reference.spacing_ns.max(1);
-    let count = usize::try_from(reference.count).unwrap_or(1).clamp(1, reference.points.len());
-    let index = usize::try_from(ahead_ns / spacing_ns).unwrap_or(count).min(count - 1);
-    let point = &reference.points[index];
-    let rest_ns = ahead_ns.saturating_sub(index as u64 * spacing_ns).min(spacing_ns);
-    let rest_s = if index + 1 == count { 0.0 } else { rest_ns as f64 * 1e-9 };
-    core::array::from_fn(|i| point.position_w_m[i] + point.velocity_w_m_s[i] * rest_s)
-}
-
-fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use shared_types::topics;
-
-    fn truth(t_ms: u64, x_m: f64) -> Truth {
-        let mut truth = Truth { position_w_m: [x_m, 0.0, 0.0], ..Truth::default() };
-        truth.header.valid_ns = t_ms * 1_000_000;
-        truth
-    }
-
-    fn reference(t_ms: u64, x_m: f64, speed_m_s: f64) -> Reference {
-        let mut reference = Reference { spacing_ns: 20_000_000, count: 2, ..Reference::default() };
-        reference.header.valid_ns = t_ms * 1_000_000;
-        for (i, point) in reference.points.iter_mut().take(2).enumerate() {
-            point.position_w_m = [x_m + i as f64 * 0.02 * speed_m_s, 0.0, 0.0];
-            point.velocity_w_m_s = [speed_m_s, 0.0, 0.0];
-        }
-        reference
-    }
-
-    #[test]
-    fn errors_do_not_depend_on_the_order_in_which_topics_are_drained() {
-        let mut first = Metrics::default();
-        let mut second = Metrics::default();
-        for t in 0..40 {
-            first.observe(&topics::TRUTH, &truth(t, 0.001 * t as f64 + 0.01));
-        }
-        for t in [0, 20, 40] {
-            let reference = reference(t, 0.001 * t as f64, 1.0);
-            first.observe(&topics::REFERENCE, &reference);
-            second.observe(&topics::REFERENCE, &reference);
-        }
-        for t in 0..40 {
-            second.observe(&topics::TRUTH, &truth(t, 0.001 * t as f64 + 0.01));
-        }
-        for metrics in [&mut first, &mut second] {
-            metrics.finish();
-            let tracking = metrics.tracking();
-            assert_eq!(tracking.samples, 40);
-            assert!((tracking.rms_m - 0.01).abs() < 1e-12);
-            assert!((tracking.max_m - 0.01).abs() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn what_is_judged_from_here_on_forgets_errors_and_not_where_the_vehicle_is_to_be() {
-        let mut metrics = Metrics::default();
-        metrics.observe(&topics::REFERENCE, &reference(0, 0.0, 1.0));
-        metrics.observe(&topics::REFERENCE, &reference(20, 0.02, 1.0));
-        for t in 0..20 {
-            metrics.observe(&topics::TRUTH, &truth(t, 0.001 * t as f64 + 0.5));
-        }
-        metrics.judge_from_here();
-        for t in 20..30 {
-            metrics.observe(&topics::TRUTH, &truth(t, 0.001 * t as f64 + 0.01));
-        }
-        metrics.finish();
-        assert_eq!(metrics.tracking().samples, 10);
-        assert!((metrics.tracking().max_m - 0.01).abs() < 1e-12);
-    }
 
     #[test]
     fn a_command_outside_its_bounds_is_a_violation_and_so_is_a_nan() {

@@ -20,16 +20,18 @@ mod standstill;
 mod summary;
 mod supervisor;
 mod tap;
+mod tracking;
 
 pub use alone::{Branched, run_branch, run_in_process};
 pub use conductor::Speed;
 pub use flight::run;
 pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};
-pub use metrics::{Effort, Metrics, Tracking, VIOLATION_TOLERANCE};
+pub use metrics::{Effort, Metrics, VIOLATION_TOLERANCE};
 pub use misses::{EdgeName, MissLog, Missed, Place};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
 pub use setup::{RunError, RunOptions};
 pub use summary::Summary;
+pub use tracking::Tracking;
 
 /// Which processor a flight's processes stay on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,0 +1,173 @@
+//! How far the vehicle was from its reference.
+
+use shared_types::Reference;
+use std::collections::VecDeque;
+
+/// Positions that wait for their reference.
+const WAITING_CAPACITY: usize = 1 << 16;
+
+/// Position error against the reference.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tracking {
+    /// Truth samples compared.
+    pub samples: u64,
+    /// Root mean square over the flight \[m\].
+    pub rms_m: f64,
+    /// Largest \[m\].
+    pub max_m: f64,
+    /// Mean over the last second \[m\].
+    pub last_second_m: f64,
+}
+
+/// Compares positions with references, in whatever order they come.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tracker {
+    references: VecDeque<Reference>,
+    waiting: VecDeque<(u64, [f64; 3])>,
+    squares: f64,
+    tracking: Tracking,
+    recent: VecDeque<(u64, f64)>,
+}
+
+impl Tracker {
+    /// One that knows where the vehicle is to be, and of no error yet.
+    pub(super) fn anew(self) -> Self {
+        Self { references: self.references, ..Self::default() }
+    }
+
+    /// Takes note of where the vehicle is to be.
+    pub(super) fn observe_reference(&mut self, reference: &Reference) {
+        self.references.push_back(*reference);
+        self.compare(false);
+    }
+
+    /// Takes note of where it is.
+    pub(super) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
+        if self.waiting.len() < WAITING_CAPACITY {
+            self.waiting.push_back((t_ns, position_w_m));
+        }
+        self.compare(false);
+    }
+
+    /// Compares waiting truths with the reference in effect at their instant.
+    fn compare(&mut self, finished: bool) {
+        while let Some(&(t_ns, position)) = self.waiting.front() {
+            while self.references.get(1).is_some_and(|r| r.header.valid_ns <= t_ns) {
+                self.references.pop_front();
+            }
+            let settled = self.references.len() > 1 || finished;
+            let Some(reference) = self.references.front().filter(|r| r.header.valid_ns <= t_ns)
+            else {
+                if finished || self.references.front().is_some_and(|r| r.header.valid_ns > t_ns) {
+                    self.waiting.pop_front();
+                    continue;
+                }
+                return;
+            };
+            if !settled {
+                return;
+            }
+            let error_m = distance(&reference_at(reference, t_ns), &position);
+            self.waiting.pop_front();
+            self.add_error(t_ns, error_m);
+        }
+    }
+
+    fn add_error(&mut self, t_ns: u64, error_m: f64) {
+        self.tracking.samples += 1;
+        self.squares += error_m * error_m;
+        self.tracking.max_m = self.tracking.max_m.max(error_m);
+        self.recent.push_back((t_ns, error_m));
+        while self.recent.front().is_some_and(|(t, _)| t + 1_000_000_000 <= t_ns) {
+            self.recent.pop_front();
+        }
+    }
+
+    /// Closes the comparison at the end of the flight.
+    pub(super) fn finish(&mut self) {
+        self.compare(true);
+        let samples = self.tracking.samples.max(1) as f64;
+        self.tracking.rms_m = (self.squares / samples).sqrt();
+        let recent = self.recent.len().max(1) as f64;
+        self.tracking.last_second_m = self.recent.iter().map(|(_, e)| e).sum::<f64>() / recent;
+    }
+
+    /// What came of it; complete after [`Tracker::finish`].
+    pub(super) fn tracking(&self) -> Tracking {
+        self.tracking
+    }
+}
+
+fn reference_at(reference: &Reference, t_ns: u64) -> [f64; 3] {
+    let ahead_ns = t_ns.saturating_sub(reference.header.valid_ns);
+    let spacing_ns = reference.spacing_ns.max(1);
+    let count = usize::try_from(reference.count).unwrap_or(1).clamp(1, reference.points.len());
+    let index = usize::try_from(ahead_ns / spacing_ns).unwrap_or(count).min(count - 1);
+    let point = &reference.points[index];
+    let rest_ns = ahead_ns.saturating_sub(index as u64 * spacing_ns).min(spacing_ns);
+    let rest_s = if index + 1 == count { 0.0 } else { rest_ns as f64 * 1e-9 };
+    core::array::from_fn(|i| point.position_w_m[i] + point.velocity_w_m_s[i] * rest_s)
+}
+
+fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reference(t_ms: u64, x_m: f64, speed_m_s: f64) -> Reference {
+        let mut reference = Reference { spacing_ns: 20_000_000, count: 2, ..Reference::default() };
+        reference.header.valid_ns = t_ms * 1_000_000;
+        for (i, point) in reference.points.iter_mut().take(2).enumerate() {
+            point.position_w_m = [x_m + i as f64 * 0.02 * speed_m_s, 0.0, 0.0];
+            point.velocity_w_m_s = [speed_m_s, 0.0, 0.0];
+        }
+        reference
+    }
+
+    fn be(tracker: &mut Tracker, t_ms: u64, x_m: f64) {
+        tracker.observe_position(t_ms * 1_000_000, [x_m, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn errors_do_not_depend_on_the_order_in_which_topics_are_drained() {
+        let (mut first, mut second) = (Tracker::default(), Tracker::default());
+        for t in 0..40 {
+            be(&mut first, t, 0.001 * t as f64 + 0.01);
+        }
+        for t in [0, 20, 40] {
+            let reference = reference(t, 0.001 * t as f64, 1.0);
+            first.observe_reference(&reference);
+            second.observe_reference(&reference);
+        }
+        for t in 0..40 {
+            be(&mut second, t, 0.001 * t as f64 + 0.01);
+        }
+        for tracker in [&mut first, &mut second] {
+            tracker.finish();
+            let tracking = tracker.tracking();
+            assert_eq!(tracking.samples, 40);
+            assert!((tracking.rms_m - 0.01).abs() < 1e-12);
+            assert!((tracking.max_m - 0.01).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_is_judged_anew_forgets_errors_and_not_where_the_vehicle_is_to_be() {
+        let mut tracker = Tracker::default();
+        tracker.observe_reference(&reference(0, 0.0, 1.0));
+        tracker.observe_reference(&reference(20, 0.02, 1.0));
+        for t in 0..20 {
+            be(&mut tracker, t, 0.001 * t as f64 + 0.5);
+        }
+        let mut tracker = tracker.anew();
+        for t in 20..30 {
+            be(&mut tracker, t, 0.001 * t as f64 + 0.01);
+        }
+        tracker.finish();
+        assert_eq!(tracker.tracking().samples, 10);
+        assert!((tracker.tracking().max_m - 0.01).abs() < 1e-12);
+    }
+}
