@@ -238,3 +238,17 @@ fn horizons_that_do_not_see_the_lag_or_do_not_fit_are_refused_as_written() {
     );
     assert_refused(&["hover", "--set", "attitude_mpc.horizon_s=10"], &["horizon_s", "10"]);
 }
+
+#[test]
+fn a_pipe_is_refused_by_name_and_not_waited_for() {
+    let folder = TempDir::new().expect("a folder");
+    let pipe = folder.path().join("pipe.mcap");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("mkfifo").success());
+    for command in [&["replay", "--verify"][..], &["replay", "--branch", "@1s"], &["campaign"]] {
+        let output = morphquad(command).arg(&pipe).output().expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(USAGE), "{command:?}: {said}");
+        assert!(said.contains("pipe.mcap"), "{command:?}: {said}");
+    }
+}

@@ -115,14 +115,16 @@ fn what_cannot_be_changed_in_the_air_is_refused_with_a_reason() {
         ("@500", &["--set", "plant.rate=9"], "rate"),
         ("@500", &["--set", "scenario.duration_s=0.2"], "before the branch"),
         ("@500", &["--set", "plant.model=linear"], "plant.model"),
-        ("@500", &["--swap", "attitude=attitude-pid"], "attitude-mpc"),
+        ("@500", &["--swap", "attitude=attitude-none"], "attitude-mpc"),
         ("@500", &["--swap", "rudder=attitude-mpc"], "rudder"),
         ("@500", &["--sweep", "vehicle.mass_kg=1"], "a..b/n"),
+        ("@500", &["--sweep", "vehicle.mas_kg=1..2/3"], "--sweep vehicle.mas_kg"),
+        ("@500", &["--sweep", "start.yaw_deg=1..2/3"], "began"),
         ("@5s", &[], "recorded up to"),
         ("500", &[], "@1234"),
     ] {
         let (code, json, said) = branch(&flown.recording_path(), at, flags);
-        assert_eq!((code, json), (Some(2), Value::Null), "{flags:?}: {said}");
+        assert_eq!((code, &json["exit"]), (Some(2), &2.into()), "{flags:?}: {said}");
         assert!(said.contains(named), "{flags:?}: {said}");
     }
     let same = ["--swap", "attitude=attitude-mpc", "--swap", "position=position-mpc"];
@@ -156,4 +158,15 @@ fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
     let output = Command::new("sh").args(["-c", &again]).output().expect("a shell");
     let alone: Value = serde_json::from_slice(&output.stdout).expect("a summary");
     assert_eq!(alone["hash"], worst["hash"], "{command}");
+    // A sweep tells of what was flown since the branch, and so does each of its branches.
+    let since = &alone["branch"]["since"];
+    for key in ["outcome", "position_max_m", "hash"] {
+        assert_eq!(since[key], worst[key], "{key}: {command}");
+    }
+
+    // A vehicle that is lost in one of them is no success.
+    let heavy = ["--sweep", "plant.mismatch.mass_scale=[1.0, 3.0]", "--out"];
+    let flags = [&heavy[..], &[out.to_str().expect("a path")]].concat();
+    let (code, json, said) = branch(&flown.recording_path(), "@0.5s", &flags);
+    assert_eq!((code, &json["outcomes"]["lost"]), (Some(1), &1.into()), "{json} {said}");
 }

@@ -23,6 +23,8 @@ const FILE: &str = r#"
     attitude_mpc.prediction_horizon = [16, 20]
 "#;
 const CASES: usize = 72;
+/// Exit code of a campaign in which a vehicle was lost.
+const LOST: i32 = 1;
 
 struct Bench {
     scratch: TempDir,
@@ -67,7 +69,7 @@ fn lines(journal: &Path) -> usize {
 fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
     let bench = Bench::new(FILE);
     let (code, undisturbed, said) = bench.run("whole", &[]);
-    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(code, Some(LOST), "{said}");
     assert_eq!((&undisturbed["cases"], &undisturbed["resumed"]), (&CASES.into(), &0.into()));
     let outcomes = &undisturbed["outcomes"];
     assert_eq!((&outcomes["refused"], &outcomes["failed"]), (&24.into(), &0.into()));
@@ -89,7 +91,7 @@ fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
         }
     }
     let (code, resumed, said) = bench.run("killed", &[]);
-    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(code, Some(LOST), "{said}");
     assert_eq!(resumed["resumed"].as_u64(), Some(before as u64 - 1), "{resumed}");
     assert_eq!(lines(&journal), CASES + 1, "a case was flown twice");
     assert!(bench.tables("killed") == bench.tables("whole"), "the tables differ");
@@ -101,7 +103,7 @@ fn the_command_of_a_worst_case_flies_it_again_with_a_recording() {
     let file = FILE.replace("0..11", "5").replace(", 50.0]", "]");
     let bench = Bench::new(&file);
     let (code, json, said) = bench.run("out", &[]);
-    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(code, Some(LOST), "{said}");
     for worst in json["worst"].as_array().expect("a list") {
         let command = worst["command"].as_str().expect("a command");
         let again = command.replacen("morphquad", env!("CARGO_BIN_EXE_morphquad"), 1);
@@ -125,7 +127,8 @@ fn an_interrupt_keeps_what_was_flown_and_another_file_is_refused_until_restart()
     let output = child.wait_with_output().expect("an end");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{said}");
-    assert!(said.contains("kept") && output.stdout.is_empty(), "{said}");
+    let told: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
+    assert!(said.contains("kept") && told["exit"] == 130, "{said} {told}");
     assert!(!bench.out("out").join("cases.csv").exists());
 
     let other = FILE.replace("0..11", "0..1");
@@ -136,7 +139,7 @@ fn an_interrupt_keeps_what_was_flown_and_another_file_is_refused_until_restart()
     let (code, json, said) = bench.run("out", &["--restart"]);
     assert_eq!(
         (code, &json["cases"], &json["resumed"]),
-        (Some(0), &12.into(), &0.into()),
+        (Some(LOST), &12.into(), &0.into()),
         "{said}"
     );
 }
@@ -157,13 +160,18 @@ fn a_file_that_is_none_ends_with_2_and_an_unwritable_folder_with_3() {
         ("scenario = \"hover\"\nseeds = \"9..0\"", "backwards"),
         ("scenario = \"hover\"\n[set]\nplant.rate = 5", "rate"),
         ("scenario = \"hover\"\n[grid]\nplant.rate_hz = 5", "list"),
+        // Keys that do not exist are known before the first case flies.
+        ("scenario = \"hover\"\n[grid]\nplant.rate = [1, 2]", "test.toml:3:"),
+        ("scenario = \"hover\"\n[grid]\nplant = { rate = [1, 2] }", "test.toml:3:"),
+        ("scenario = \"hover\"\n[grid]\nrotor.lag_s = [1, 2]", "rotor"),
+        ("scenario = \"hover\"\n[set]\nplant.rate_hertz = 5", "test.toml:3:"),
     ] {
         let (code, json, said) = Bench::new(file).run("out", &[]);
-        assert_eq!((code, json), (Some(2), Value::Null), "{said}");
+        assert_eq!((code, &json["exit"]), (Some(2), &2.into()), "{said}");
         assert!(said.contains(named) && said.contains("help"), "{said}");
     }
-    // A key that does not exist: no case flies, and the table says why.
-    let none = Bench::new("scenario = \"hover\"\n[grid]\nplant.rate = [1, 2]");
+    // A value that no case can have is an outcome: no case flies, and the table says why.
+    let none = Bench::new("scenario = \"hover\"\n[grid]\nplant.rate_hz = [-1, -2]");
     let (code, json, said) = none.run("out", &[]);
     assert_eq!((code, &json["outcomes"]["refused"]), (Some(2), &2.into()), "{said}");
     let bench = Bench::new("scenario = \"hover\"");

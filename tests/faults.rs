@@ -8,11 +8,16 @@ mod common;
 
 use common::processes::{Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until};
 use common::recording::Recording;
-use common::{Flown, fly, rounds, turn};
+use common::{Flown, fly, morphquad, rounds, turn};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::Signal;
+use serde_json::Value;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
 use std::sync::OnceLock;
+use tempfile::TempDir;
 
 /// Services that are restarted from their last state.
 const MORTALS: [&str; 4] = ["estimator", "position-mpc", "attitude-mpc", "disturbance-injector"];
@@ -230,9 +235,16 @@ fn a_run_killed_as_a_whole_is_cleaned_up_by_the_next_one() {
 #[test]
 fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
     let _turn = turn();
-    for signal in [Signal::INT, Signal::TERM] {
-        let endless = ["figure8-morph", "--for", "600s", "--speed", "15"];
-        for flight in [&endless[..], &["hover", "--clock", "realtime", "--for", "60s"]] {
+    let endless = ["figure8-morph", "--for", "600s", "--speed", "15"];
+    let realtime = ["hover", "--clock", "realtime", "--for", "60s"];
+    for (signal, flights) in [
+        (Signal::INT, vec![&endless[..], &realtime]),
+        (Signal::TERM, vec![&endless[..], &realtime]),
+        // A terminal that is closed, and Ctrl-\\.
+        (Signal::HUP, vec![&endless[..]]),
+        (Signal::QUIT, vec![&realtime[..]]),
+    ] {
+        for flight in flights {
             let mut running = Running::start_and_fly(flight);
             random_moment(1);
             assert!(kill(running.launcher_pid(), signal));
@@ -267,4 +279,38 @@ fn a_second_interrupt_does_not_wait_for_anybody() {
     assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
     assert!(flown.recording().count_messages_of_a_complete_file() > 100);
     assert_nothing_left(&flown);
+}
+
+#[test]
+fn another_build_that_hangs_is_ended_by_a_signal_and_leaves_nothing() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "100ms"]);
+    let folder = TempDir::new().expect("a folder");
+    let hanging = folder.path().join("hanging");
+    fs::write(&hanging, "#!/bin/sh\necho $$ > \"$0.pid\"\nexec sleep 600\n").expect("a script");
+    let executable = fs::Permissions::from_mode(0o755);
+    fs::set_permissions(&hanging, executable).expect("an executable");
+    let temporary = folder.path().join("tmp");
+    fs::create_dir(&temporary).expect("a folder");
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut command = morphquad(["replay"]);
+        command.arg(flown.recording_path()).arg("--with").arg(&hanging);
+        command.args(["--service", "attitude-mpc", "--format", "json"]);
+        let child = command.env("TMPDIR", &temporary).spawn().expect("the executable starts");
+        let pid = folder.path().join("hanging.pid");
+        let started = || fs::read_to_string(&pid).ok()?.trim().parse::<u32>().ok();
+        wait_until("the other build hangs", || started().is_some());
+        assert!(kill(child.id(), signal));
+        let output = child.wait_with_output().expect("an end");
+        let said: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
+        assert_eq!(
+            (output.status.code(), &said["exit"]),
+            (Some(INTERRUPTED), &INTERRUPTED.into()),
+            "{said}"
+        );
+        assert_eq!(fs::read_dir(&temporary).expect("a folder").count(), 0);
+        let hung = started().expect("its number");
+        assert!(!Path::new(&format!("/proc/{hung}")).exists(), "the other build still runs");
+        fs::remove_file(&pid).expect("there until now");
+    }
 }

@@ -15,6 +15,9 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeSet;
 use std::process::{Child, Command};
 
+/// Rounds after which a long series says how far it has got.
+const TOLD_EVERY: usize = 10;
+
 /// What must not make a difference, drawn by chance.
 #[derive(Debug)]
 struct Conditions {
@@ -91,6 +94,10 @@ fn fly_in_random_conditions(scenario: &str) -> String {
         let flown = conditions.fly(scenario);
         flown.assert_clean();
         assert_eq!(flown.hash(), expected, "{scenario}, round {round}: {conditions:?}");
+        let done = round + 1;
+        if rounds > TOLD_EVERY && done % TOLD_EVERY == 0 {
+            eprintln!("{scenario}: {done} of {rounds} disturbed runs, all with hash {expected}");
+        }
     }
     format!(
         "{rounds} lockstep runs of {scenario}, all disturbed: hash {expected}, as in one process"

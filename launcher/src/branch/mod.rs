@@ -8,6 +8,7 @@
 mod at;
 mod change;
 pub mod sweep;
+mod told;
 
 pub use at::At;
 pub use change::{Change, ChangeError};
@@ -22,6 +23,7 @@ use runtime::graph::CREDIT_NS;
 use shared_types::{ClockMode, Role, topics};
 use std::sync::Arc;
 use thiserror::Error;
+use told::Told;
 
 /// A recorded flight, ready to go on from one instant.
 #[derive(Debug)]
@@ -101,9 +103,16 @@ impl Branch {
         }
         let compare = Compare::with(Arc::clone(&tape), recorded_ns);
         let before = Checkpoint::before(Arc::clone(&tape), at_ns);
-        let mut flight = InProcess::resume(&scenario, Crew::default(), compare, &before)?;
+        let seen = (compare, Told::default());
+        let mut flight = InProcess::resume(&scenario, Crew::default(), seen, &before)?;
+        let begun = flight.marks_ns();
+        flight.repeat(&tape, at_ns);
         flight.fly_until(at_ns)?;
-        if let Some(difference) = flight.seen(|compare| compare.verdict().1.cloned()) {
+        let told = |(role, from_ns): (Role, u64)| {
+            flight.seen(|(_, told)| told.difference(&tape, role, (from_ns, at_ns)))
+        };
+        let difference = flight.seen(|(compare, _)| compare.verdict(at_ns).first);
+        if let Some(difference) = difference.or_else(|| begun.into_iter().find_map(told)) {
             let realtime =
                 ClockMode::from(scenario.settings().scenario.clock) == ClockMode::Realtime;
             let remedy = if realtime { REALTIME } else { OTHER_BUILD };
@@ -204,9 +213,8 @@ mod tests {
         let mut flight = branch.resume(&changed, (hash, compare)).unwrap();
         flight.fly_until(u64::MAX).unwrap();
         let flown_ns = flight.flown_ns();
-        let (hash, mut compare) = flight.seen(core::mem::take);
-        compare.finish(flown_ns);
-        (hash.hex(), compare.verdict().1.cloned())
+        let (hash, compare) = flight.seen(core::mem::take);
+        (hash.hex(), compare.verdict(flown_ns).first)
     }
 
     #[test]

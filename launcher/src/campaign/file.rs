@@ -1,6 +1,6 @@
 //! The campaign's file: scenario, seeds, grid.
 
-use super::case::{Axis, Base};
+use super::case::{Axis, Base, Case};
 use super::values;
 use crate::scenario::shipped;
 use core::ops::Range;
@@ -124,6 +124,7 @@ impl Plan {
             let what = format!("the grid has more than {MAX_CASES} cases");
             return Err(reader.error(what, "take fewer values, or fewer seeds", None));
         }
+        reader.refuse_misspelt(&plan, document.set.iter().chain(&document.grid))?;
         Ok(plan)
     }
 }
@@ -164,6 +165,30 @@ impl Reader<'_> {
                 Some(value.span()),
             ))
         })
+    }
+
+    /// What no case could be flown with: a key that the scenario does not have, or a value of another
+    /// kind. The first case tells.
+    fn refuse_misspelt<'v>(
+        &self,
+        plan: &Plan,
+        mut entries: impl Iterator<Item = (&'v String, &'v Spanned<Value>)>,
+    ) -> Result<(), FileError> {
+        let first = |axis: &Axis| axis.values.first().cloned();
+        let values = plan.axes.iter().filter_map(first).collect();
+        let case = Case { seed: 0, values };
+        let Err(error) = plan.base.scenario(&plan.axes, &case) else { return Ok(()) };
+        let Some(problem) = error.problems().find(|problem| problem.is_malformed()) else {
+            return Ok(());
+        };
+        let owns = |key: &str| {
+            let rest = problem.key().strip_prefix(key);
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
+        };
+        let entry = entries.find(|(key, _)| owns(key));
+        // What is wrong in the scenario itself is told with its own place.
+        let Some((_, value)) = entry else { return Ok(()) };
+        Err(self.error(problem.to_string(), problem.remedy(), Some(value.span())))
     }
 
     /// A shipped scenario by name, or a file beside the campaign's.

@@ -69,6 +69,12 @@ const COLUMNS: [(&str, Kind); 17] = [
     ("hash", Kind::Text),
 ];
 
+/// Columns by which cases are ranked; a flight has the first, a rig the others.
+pub(super) const RANKING: [&str; 3] = ["position_max_m", "settling_s", "final_error_rad"];
+
+/// When a rig settles that never does.
+pub(super) const NEVER: &str = "never";
+
 /// What came of one flight: a cell per column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome(Vec<Value>);
@@ -98,16 +104,16 @@ impl Outcome {
         metrics: &mut Metrics,
         hash: &FlightHash,
         flown_ns: u64,
-        end: &Result<(), InProcessError>,
+        failure: Option<&InProcessError>,
     ) -> Self {
         metrics.finish();
-        let verdict = match end {
-            Err(_) => Verdict::Failed,
-            Ok(()) if metrics.vehicle_lost() => Verdict::Lost,
-            Ok(()) if metrics.violations() > 0 => Verdict::Violated,
-            Ok(()) => Verdict::Flown,
+        let verdict = match failure {
+            Some(_) => Verdict::Failed,
+            None if metrics.vehicle_lost() => Verdict::Lost,
+            None if metrics.violations() > 0 => Verdict::Violated,
+            None => Verdict::Flown,
         };
-        let reason = end.as_ref().err().map(|error| Value::Text(first_line(error)));
+        let reason = failure.map(|error| Value::Text(first_line(error)));
         let tracking = metrics.tracking();
         let tracked = |value: f64| (tracking.samples > 0).then_some(value);
         let axes = metrics.step_response();
@@ -156,11 +162,28 @@ impl Outcome {
         Verdict::ALL.into_iter().find(|v| v.word() == word).unwrap_or(Verdict::Failed)
     }
 
-    /// What makes one case worse than another with the same verdict: how far it was off.
+    /// What makes one case worse than another with the same verdict, the first that differs: how far
+    /// it was off its path, or how long a rig took to settle and how far off it ended.
     #[must_use]
-    pub fn badness(&self) -> f64 {
-        let numbers = ["position_max_m", "final_error_rad"].map(|name| self.cell(name).number());
-        numbers.into_iter().flatten().fold(0.0, f64::max)
+    pub fn badness(&self) -> [f64; 3] {
+        RANKING.map(|name| self.cell(name).number().unwrap_or(0.0))
+    }
+
+    /// Every cell under its heading; infinity, of a rig that never settles, as a word.
+    #[must_use]
+    pub fn to_json(&self) -> serde_json::Value {
+        let value = |cell: &Value| match cell {
+            Value::Missing => serde_json::Value::Null,
+            Value::Whole(whole) => (*whole).into(),
+            Value::Number(number) if number.is_finite() => (*number).into(),
+            Value::Number(_) => NEVER.into(),
+            Value::Text(text) => text.as_str().into(),
+        };
+        COLUMNS
+            .iter()
+            .zip(&self.0)
+            .map(|((name, _), cell)| ((*name).to_owned(), value(cell)))
+            .collect()
     }
 
     /// As text, cell by cell.
@@ -208,7 +231,7 @@ pub fn fly_on(
     }
     let flown_ns = flight.flown_ns();
     let (hash, mut metrics) = flight.seen(core::mem::take);
-    Some(Outcome::of_flight(&mut metrics, &hash, flown_ns, &end))
+    Some(Outcome::of_flight(&mut metrics, &hash, flown_ns, end.err().as_ref()))
 }
 
 #[cfg(test)]
@@ -227,11 +250,12 @@ mod tests {
     fn a_flight_has_positions_and_a_rig_has_angles() {
         let hover = flown("hover", &[]);
         assert_eq!((hover.verdict(), hover.cell("flown_s")), (Verdict::Flown, &Value::Number(0.4)));
-        assert!(hover.badness() > 0.0 && hover.badness() < 0.1);
+        assert!(hover.badness()[0] > 0.0 && hover.badness()[0] < 0.1);
         assert_eq!(hover.cell("settling_s"), &Value::Missing);
         let rig = flown("attitude-step", &[]);
         assert_eq!(rig.cell("position_rms_m"), &Value::Missing);
         assert!(rig.cell("final_error_rad").number().is_some());
+        assert!(rig.badness()[1] > 0.0, "a rig is ranked by how it settles");
     }
 
     #[test]

@@ -1,8 +1,10 @@
 //! What a campaign leaves behind: one table, figures over all cases, the worst with their commands.
 
+use super::outcome::{NEVER, RANKING};
 use super::{Axis, Campaign, Case, Outcome, Verdict};
 use crate::exit;
 use crate::results::{Columns, Kind, ResultsError, ResultsFolder, Table, Value};
+use core::cmp::Ordering;
 use parquet::errors::ParquetError;
 use serde_json::json;
 use thiserror::Error;
@@ -60,7 +62,9 @@ pub fn worst(flown: &[(Case, Outcome)], count: usize) -> Vec<usize> {
     let rank = |place: &usize| (flown[*place].1.verdict(), flown[*place].1.badness());
     places.sort_by(|a, b| {
         let ((verdict_a, bad_a), (verdict_b, bad_b)) = (rank(a), rank(b));
-        verdict_b.cmp(&verdict_a).then(bad_b.total_cmp(&bad_a)).then(a.cmp(b))
+        let worse = bad_b.iter().zip(&bad_a).map(|(b, a)| b.total_cmp(a));
+        let worse = worse.fold(Ordering::Equal, Ordering::then);
+        verdict_b.cmp(&verdict_a).then(worse).then(a.cmp(b))
     });
     places.truncate(count);
     places
@@ -75,14 +79,17 @@ pub fn counts(flown: &[(Case, Outcome)]) -> [(Verdict, usize); 5] {
     })
 }
 
-/// 0; 4 if a component failed in a case, and 2 if the scenario refuses every one.
+/// 0 if every case that could be flown was, within its bounds; 1 if one was lost or violated a bound, 4
+/// if a component failed in one, and 2 if the scenario refuses them all.
 #[must_use]
 pub fn exit_code(flown: &[(Case, Outcome)]) -> u8 {
-    let mut verdicts = flown.iter().map(|(_, outcome)| outcome.verdict());
-    if verdicts.clone().any(|verdict| verdict == Verdict::Failed) {
+    let [_, violated, lost, refused, failed] = counts(flown).map(|(_, count)| count);
+    if failed > 0 {
         exit::CRASHED
-    } else if verdicts.all(|verdict| verdict == Verdict::Refused) {
+    } else if refused == flown.len() {
         exit::USAGE
+    } else if lost + violated > 0 {
+        exit::GATE_FAILED
     } else {
         exit::PASS
     }
@@ -121,6 +128,28 @@ pub fn figures(flown: &[(Case, Outcome)]) -> String {
     format!("  cases         {counts}\n{}", lines.collect::<String>())
 }
 
+/// One outcome in a line, for people.
+#[must_use]
+pub fn in_a_line(outcome: &Outcome) -> String {
+    let spreads = SPREADS.iter().filter_map(|(heading, name, factor, unit)| {
+        let value = outcome.cell(heading).number()?;
+        let told = if value.is_finite() {
+            format!("{:.4} {unit}", value * factor)
+        } else {
+            NEVER.to_owned()
+        };
+        Some(format!(", {name} {told}"))
+    });
+    let counts = ["violations", "unsolved_steps"].map(|heading| {
+        format!(", {} {}", outcome.cell(heading).to_cell(), heading.replace('_', " "))
+    });
+    format!("{}{}{}", outcome.verdict(), spreads.collect::<String>(), counts.concat())
+}
+
+/// Heading and factor for display of each column of the ranking.
+const RANKED: [(&str, f64); 3] =
+    [("position max [mm]", 1e3), ("settling [ms]", 1e3), ("final error [mrad]", 1e3)];
+
 /// The worst cases, and under each the command that flies it again.
 #[must_use]
 pub fn worst_cases(
@@ -130,14 +159,24 @@ pub fn worst_cases(
     command: &dyn Fn(&Case) -> String,
 ) -> String {
     let headings = ["case", "seed"].into_iter().chain(axes.iter().map(|axis| axis.key.as_str()));
-    let mut table = Table::new(headings.chain(["outcome", "position max [mm]", "reason"]));
     let worst = worst(flown, count);
+    let ranked: Vec<_> = RANKED
+        .iter()
+        .zip(RANKING)
+        .filter(|(_, key)| worst.iter().any(|&at| flown[at].1.cell(key).number().is_some()))
+        .collect();
+    let units = ranked.iter().map(|((name, _), _)| *name);
+    let mut table = Table::new(headings.chain(["outcome"]).chain(units).chain(["reason"]));
     for &place in &worst {
         let (case, outcome) = &flown[place];
-        let max = outcome.cell("position_max_m").number();
-        let max = max.map_or_else(String::new, |max| format!("{:.1}", max * 1e3));
+        let shown = |((_, factor), key): &(&(&str, f64), &str)| match outcome.cell(key).number() {
+            Some(value) if value.is_finite() => format!("{:.1}", value * factor),
+            Some(_) => NEVER.to_owned(),
+            None => String::new(),
+        };
         let head = [place.to_string(), case.seed.to_string()];
-        let told = [outcome.verdict().to_string(), max, outcome.cell("reason").to_cell()];
+        let told = [outcome.verdict().to_string()].into_iter().chain(ranked.iter().map(shown));
+        let told = told.chain([outcome.cell("reason").to_cell()]);
         table.push(head.into_iter().chain(case.values.iter().cloned()).chain(told));
     }
     let commands = worst.iter().map(|place| format!("  {}\n", command(&flown[*place].0)));
@@ -168,16 +207,20 @@ pub fn to_json(
     let told = |place: usize| {
         let (case, outcome) = &flown[place];
         let set: Vec<String> = case.settings(axes).collect();
-        json!({
+        let cells = outcome.to_json();
+        let mut told = json!({
             "case": place,
             "seed": case.seed,
             "set": set,
             "outcome": outcome.verdict().word(),
             "reason": outcome.cell("reason").to_cell(),
-            "position_max_m": outcome.cell("position_max_m").number(),
             "hash": outcome.cell("hash").to_cell(),
             "command": command(case),
-        })
+        });
+        for key in RANKING {
+            told[key] = cells[key].clone();
+        }
+        told
     };
     let worst: Vec<_> = worst(flown, count).into_iter().map(told).collect();
     json!({"cases": flown.len(), "outcomes": outcomes, "spread": spreads, "worst": worst})
@@ -227,12 +270,31 @@ mod tests {
     }
 
     #[test]
+    fn rigs_are_ranked_by_when_they_settle_and_then_by_where() {
+        let rig = |seed, settling: &str, error: &str| {
+            let mut cells = Outcome::refused(&"").to_text();
+            cells[0] = "flown".to_owned();
+            cells[10] = settling.to_owned();
+            cells[11] = error.to_owned();
+            (Case { seed, values: Vec::new() }, Outcome::from_text(&cells).unwrap())
+        };
+        let flown = [rig(1, "0.2", "0.001"), rig(2, "inf", "0.1"), rig(3, "inf", "0.2")];
+        assert_eq!(worst(&flown, 3), [2, 1, 0]);
+        let text = worst_cases(&[], &flown, 3, &|_| String::new());
+        assert!(text.contains("settling [ms]") && !text.contains("position"), "{text}");
+        let json = to_json(&[], &flown, 1, &|_| String::new());
+        assert_eq!(json["worst"][0]["settling_s"], "never", "{json}");
+    }
+
+    #[test]
     fn counts_and_spreads_are_over_all_cases() {
         let [(_, flown_well), _, (_, lost), (_, refused), (_, failed)] = counts(&flown());
         assert_eq!([flown_well, lost, refused, failed], [2, 1, 1, 0]);
-        assert_eq!((exit_code(&flown()), exit_code(&flown()[3..])), (exit::PASS, exit::USAGE));
-        assert_eq!(spread(&flown(), "position_max_m"), Some([0.3, 0.6, 0.6]));
-        assert_eq!(spread(&flown(), "settling_s"), None);
+        let flown = flown();
+        let codes = [&flown[..1], &flown[..], &flown[3..]].map(exit_code);
+        assert_eq!(codes, [exit::PASS, exit::GATE_FAILED, exit::USAGE]);
+        assert_eq!(spread(&flown, "position_max_m"), Some([0.3, 0.6, 0.6]));
+        assert_eq!(spread(&flown, "settling_s"), None);
     }
 
     #[test]

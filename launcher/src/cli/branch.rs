@@ -2,8 +2,9 @@
 
 use super::bar::bar;
 use super::options::{BranchArguments, Format, ReplayArguments};
+use super::refusal::Done;
 use crate::branch::sweep::{Interrupted, Sweep};
-use crate::branch::{At, Branch, BranchError, Change};
+use crate::branch::{At, Branch, BranchError, Change, ChangeError};
 use crate::campaign::{Axis, Case, Outcome, quoted, report, values};
 use crate::exit;
 use crate::in_process::{Difference, InProcessError, Tape};
@@ -64,15 +65,10 @@ impl Trouble {
 
 /// Flies one branch or a sweep of them. One branch ends as a run does, and with 1 if nothing was
 /// changed and it still is another flight.
-pub(super) fn run(
-    replay: &ReplayArguments,
-    at: At,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
+pub(super) fn run(replay: &ReplayArguments, at: At, out: &mut dyn Write) -> Done {
     let many = !replay.branch.sweep.is_empty() || replay.branch.seeds.is_some();
     let flown = if many { fly_many(replay, at) } else { fly_one(replay, at) };
-    super::conclude(flown, Trouble::exit_code, out, diagnostics)
+    super::conclude(flown, Trouble::exit_code, out)
 }
 
 /// A branch and the recording that it is of.
@@ -135,7 +131,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         })
         .or(branched);
     let flown = run_branch(&branch, &changed, &options, &origin, branched)?;
-    let run::Branched { summary, same, first } = flown;
+    let run::Branched { summary, since, same, first } = flown;
     let identical = first.is_none() && same > 0;
     let departs = change.is_none() && !identical && !summary.interrupted;
     let code = summary.exit_code();
@@ -147,6 +143,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
             json["branch"] = in_json(&branch, &run, same, first.as_ref());
             json["branch"]["complete"] = complete.into();
             json["branch"]["compared_to_s"] = compared_to_s.into();
+            json["branch"]["since"] = since.to_json();
             json.to_string()
         }
         Format::Text => {
@@ -159,7 +156,8 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
                      {same} samples compared"
                 ),
             };
-            format!("{origin}: {compared}\n{summary}")
+            let since = report::in_a_line(&since);
+            format!("{origin}: {compared}\nsince the branch: {since}\nin all: {summary}")
         }
     };
     Ok((text, code))
@@ -214,13 +212,12 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     }
     let mut folder = ResultsFolder::create(&arguments.out)?;
     let Prepared { branch, run, .. } = prepare(file, at)?;
-    // A swap that cannot be is an error, not a table full of refusals.
-    branch.change(&Change { set: Vec::new(), ..change.clone() }).map_err(BranchError::from)?;
     let own = branch.scenario().settings().scenario.seed;
     let one = vec![arguments.seed.unwrap_or(own)];
     let reseed = seeds.is_some() || arguments.seed.is_some();
     let cases = Case::all(&axes, &seeds.unwrap_or(one));
     let sweep = Sweep { branch: &branch, change: &change, axes: &axes, reseed };
+    refuse_misspelt(&sweep, &cases)?;
     let stop = StopFlags::watch_signals().map_err(Trouble::Signals)?;
     let bar = bar(cases.len(), "branches");
     let flown = sweep.fly(&cases, &|| stop.signalled(), &|| bar.inc(1));
@@ -239,7 +236,8 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
             json.to_string()
         }
         Format::Text => format!(
-            "{} branches of run {run} at {} s\n{}\n{}\nwrote {}",
+            "{} branches of run {run} at {} s; all figures are of what was flown since then\n{}\n{}\n\
+             (the commands tell the same figures as `since the branch`)\nwrote {}",
             flown.len(),
             seconds(&branch),
             report::figures(&flown),
@@ -248,6 +246,25 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         ),
     };
     Ok((text, code))
+}
+
+/// What cannot be changed in any branch is an error, not a table full of refusals: the first tells.
+fn refuse_misspelt(sweep: &Sweep<'_>, cases: &[Case]) -> Result<(), Trouble> {
+    let Some(Err(error)) = cases.first().map(|case| sweep.branch.change(&sweep.change(case)))
+    else {
+        return Ok(());
+    };
+    let ChangeError::Scenario(problems) = &error else {
+        // Another end of the flight may be possible.
+        let may_fly = matches!(error, ChangeError::Short { .. });
+        return if may_fly { Ok(()) } else { Err(BranchError::from(error).into()) };
+    };
+    let Some(problem) = problems.problems().find(|problem| problem.is_malformed()) else {
+        return Ok(());
+    };
+    let swept = sweep.axes.iter().any(|axis| axis.key == problem.key());
+    let flag = if swept { "--sweep " } else { "" };
+    Err(argument(format!("{flag}{problem}"), problem.remedy()))
 }
 
 /// Worst branches listed.

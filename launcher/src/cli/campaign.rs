@@ -2,6 +2,7 @@
 
 use super::bar::bar;
 use super::options::{CampaignArguments, Format};
+use super::refusal::Done;
 use crate::campaign::report::{self, ReportError};
 use crate::campaign::{self, Campaign, CampaignError, FileError, JournalError, Plan, Watch};
 use crate::exit;
@@ -47,12 +48,8 @@ impl Trouble {
 
 /// Flies a campaign; 0 with a table, 2 if no case can be flown, 4 if a component failed in one, 130
 /// if interrupted.
-pub(super) fn run(
-    arguments: &CampaignArguments,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
-    super::conclude(fly(arguments), Trouble::exit_code, out, diagnostics)
+pub(super) fn run(arguments: &CampaignArguments, out: &mut dyn Write) -> Done {
+    super::conclude(fly(arguments), Trouble::exit_code, out)
 }
 
 fn fly(arguments: &CampaignArguments) -> Result<(String, u8), Trouble> {

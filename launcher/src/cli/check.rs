@@ -37,11 +37,11 @@ fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 }
 
 fn loops(graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(out, "{:<14}{:>10}{:>14}{:>10}  MISSED", "LOOP", "RATE", "PERIOD", "LEAD")?;
+    writeln!(out, "{:<14}{:>10}{:>14}{:>14}  MISSED", "LOOP", "RATE", "PERIOD", "LEAD")?;
     for node in graph.nodes() {
         writeln!(
             out,
-            "{:<14}{:>10}{:>14}{:>10}  {}",
+            "{:<14}{:>10}{:>14}{:>14}  {}",
             node.role.label(),
             format!("{} Hz", node.rate.hz()),
             milliseconds(node.rate.period_ns()),

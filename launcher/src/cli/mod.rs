@@ -11,6 +11,7 @@ pub mod list;
 pub mod options;
 mod paper;
 mod ps;
+mod refusal;
 mod replay;
 mod study;
 
@@ -24,24 +25,32 @@ use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
 use clap::Parser as _;
 use options::{Cli, Command};
+use refusal::{Done, Failure, asks_for_json};
 use std::ffi::OsString;
 use std::io::{self, Write};
 
-/// Runs one command and gives its exit code.
+/// Runs one command and gives its exit code. A complaint goes to `diagnostics` and, where JSON is
+/// asked for, as an object with `error` and `exit` to `out` too.
 pub fn execute(
     arguments: impl Iterator<Item = OsString>,
     out: &mut dyn Write,
     diagnostics: &mut dyn Write,
 ) -> u8 {
-    let cli = match Cli::try_parse_from(arguments) {
-        Ok(cli) => cli,
-        Err(error) => {
-            // Clap knows whether this is help or a complaint; a closed pipe changes neither.
-            let _ = error.print();
-            return if error.use_stderr() { exit::USAGE } else { exit::PASS };
+    let arguments: Vec<OsString> = arguments.collect();
+    let done = match Cli::try_parse_from(&arguments) {
+        Ok(cli) => dispatch(cli.command, out, diagnostics),
+        Err(error) if error.use_stderr() => Err(Failure::usage(&error, exit::USAGE)),
+        Err(help) => {
+            // A closed pipe changes nothing.
+            let _ = help.print();
+            return exit::PASS;
         }
     };
-    match dispatch(cli.command, out, diagnostics) {
+    let told = done.or_else(|failure| match failure {
+        Failure::Refused(refusal) => refusal.tell(asks_for_json(&arguments), out, diagnostics),
+        Failure::Unwritten(error) => Err(error),
+    });
+    match told {
         Ok(code) => code,
         // A reader that has seen enough, such as `head`, is no failure.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::PASS,
@@ -52,99 +61,74 @@ pub fn execute(
     }
 }
 
-fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> io::Result<u8> {
+fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> Done {
     match command {
-        Command::List => list::list(out).map(|()| exit::PASS),
-        Command::Check(arguments) => match load(&arguments, diagnostics)? {
-            Some(scenario) => check::print(&scenario, out).map(|()| exit::PASS),
-            None => Ok(exit::USAGE),
-        },
-        Command::Run(arguments) => match load(&arguments.scenario, diagnostics)? {
-            Some(scenario) => fly(scenario, &arguments, out, diagnostics),
-            None => Ok(exit::USAGE),
-        },
-        Command::Ps(arguments) => ps::run(&arguments, out, diagnostics),
-        Command::Paper(arguments) => paper::reproduce(&arguments, out, diagnostics),
-        Command::Campaign(arguments) => campaign::run(&arguments, out, diagnostics),
-        Command::Replay(arguments) => match arguments.branch.branch {
-            Some(at) => branch::run(&arguments, at, out, diagnostics),
-            None => replay::run(&arguments, out, diagnostics),
-        },
-        Command::Study(command) => study::run(&command, out, diagnostics),
-        Command::Proc(arguments) => Ok(process::run_process(&arguments.options())),
+        Command::List => list::list(out)?,
+        Command::Check(arguments) => check::print(&load(&arguments, diagnostics)?, out)?,
+        Command::Run(arguments) => {
+            return fly(load(&arguments.scenario, diagnostics)?, &arguments, out);
+        }
+        Command::Ps(arguments) => return ps::run(&arguments, out),
+        Command::Paper(arguments) => return paper::reproduce(&arguments, out),
+        Command::Campaign(arguments) => return campaign::run(&arguments, out),
+        Command::Replay(arguments) => {
+            return match arguments.branch.branch {
+                Some(at) => branch::run(&arguments, at, out),
+                None => replay::run(&arguments, out),
+            };
+        }
+        Command::Study(command) => return study::run(&command, out),
+        Command::Proc(arguments) => return Ok(process::run_process(&arguments.options())),
     }
+    Ok(exit::PASS)
 }
 
 /// Flies and says how it went; a reader that has gone away changes nothing of it.
-fn fly(
-    scenario: Scenario,
-    arguments: &RunArguments,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
+fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Done {
     let options = arguments.options(scenario);
     let flown =
         if arguments.in_process { run::run_in_process(&options) } else { run::run(&options) };
-    match flown {
-        Ok(summary) => {
-            let written = match arguments.format {
-                Format::Text => writeln!(out, "{summary}"),
-                Format::Json => writeln!(out, "{}", summary.to_json()),
-            };
-            let code = summary.exit_code();
-            match written.and_then(|()| out.flush()) {
-                Err(error) if code == exit::PASS => Err(error),
-                _ => Ok(code),
-            }
-        }
-        Err(error) => {
-            writeln!(diagnostics, "morphquad: {error}")?;
-            Ok(match error {
-                RunError::Interrupted => exit::INTERRUPTED,
-                RunError::NoSuchProcessor { .. } | RunError::RealtimeInProcess => exit::USAGE,
-                _ => exit::UNFIT,
-            })
-        }
+    let summary = flown.map_err(|error| {
+        let code = match error {
+            RunError::Interrupted => exit::INTERRUPTED,
+            RunError::NoSuchProcessor { .. } | RunError::RealtimeInProcess => exit::USAGE,
+            _ => exit::UNFIT,
+        };
+        Failure::plain(&error, code)
+    })?;
+    let written = match arguments.format {
+        Format::Text => writeln!(out, "{summary}"),
+        Format::Json => writeln!(out, "{}", summary.to_json()),
+    };
+    let code = summary.exit_code();
+    match written.and_then(|()| out.flush()) {
+        Err(error) if code == exit::PASS => Err(error.into()),
+        _ => Ok(code),
     }
 }
 
-/// Ends a command: its text to `out`, or its complaint to `diagnostics` with the code that it calls for.
+/// Ends a command: its text to `out`, or its complaint with the code that it calls for.
 fn conclude<E: miette::Diagnostic + Send + Sync + 'static>(
     done: Result<(String, u8), E>,
     exit_code: impl FnOnce(&E) -> u8,
     out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
-    match done {
-        Ok((text, code)) => {
-            writeln!(out, "{}", text.trim_end())?;
-            Ok(code)
-        }
-        Err(error) => {
-            let code = exit_code(&error);
-            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
-            Ok(code)
-        }
-    }
+) -> Done {
+    let (text, code) = done.map_err(|error| {
+        let code = exit_code(&error);
+        Failure::report(error, code)
+    })?;
+    writeln!(out, "{}", text.trim_end())?;
+    out.flush()?;
+    Ok(code)
 }
 
-/// Loads a scenario; `None` after saying what is wrong with it.
-fn load(
-    arguments: &ScenarioArguments,
-    diagnostics: &mut dyn Write,
-) -> io::Result<Option<Scenario>> {
-    match load_quietly(arguments) {
-        Ok(scenario) => {
-            for warning in scenario.warnings() {
-                writeln!(diagnostics, "{:?}", miette::Report::new(warning.clone()))?;
-            }
-            Ok(Some(scenario))
-        }
-        Err(error) => {
-            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
-            Ok(None)
-        }
+/// Loads a scenario and says what is doubtful about it.
+fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Scenario, Failure> {
+    let scenario = load_quietly(arguments).map_err(|error| Failure::report(error, exit::USAGE))?;
+    for warning in scenario.warnings() {
+        writeln!(diagnostics, "{:?}", miette::Report::new(warning.clone()))?;
     }
+    Ok(scenario)
 }
 
 fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
@@ -206,6 +190,34 @@ mod tests {
             let (code, out, diagnostics) = morphquad(bad);
             assert_eq!((code, out.as_str()), (exit::USAGE, ""));
             assert!(diagnostics.contains("help:"), "{diagnostics}");
+        }
+    }
+
+    #[test]
+    fn a_complaint_is_json_where_json_is_asked_for() {
+        let told = |arguments: &str| {
+            let (code, out, diagnostics) = morphquad(arguments);
+            assert_eq!(code, exit::USAGE, "{arguments}");
+            assert!(!diagnostics.is_empty(), "{arguments}");
+            let told: serde_json::Value = serde_json::from_str(&out).unwrap();
+            assert_eq!(told["exit"], 2, "{told}");
+            told
+        };
+        let key = told("run hover --set plant.rate_hertz=5 --format json");
+        assert!(key["error"].as_str().unwrap().contains("plant.rate_hertz"), "{key}");
+        assert!(key["help"].as_str().unwrap().contains("rate_hz"), "{key}");
+        assert_eq!(key["at"], "command line:1:13", "{key}");
+        for (arguments, named) in [
+            ("replay none.mcap --verify --format json", "none.mcap"),
+            ("replay none.mcap --branch @1s --format json", "none.mcap"),
+            ("replay none.mcap --format=json", "--verify"),
+            ("campaign none.toml --format json", "none.toml"),
+            ("study stability --rate 7 --format json", "--rate"),
+            ("paper --test 4 --format json", "--test"),
+            ("study --format json", "study"),
+        ] {
+            let told = told(arguments).to_string();
+            assert!(told.contains(named), "{arguments}: {told}");
         }
     }
 

@@ -1,36 +1,22 @@
 //! `morphquad paper`: the paper's tests, printed and written.
 
+use super::refusal::{Done, Failure};
 use super::{Format, PaperArguments};
 use crate::exit;
 use crate::paper::{Findings, PaperError, Test, report};
 use crate::results::{ResultsError, ResultsFolder};
-use miette::Report;
 use std::io::{self, Write};
 
 /// Runs the tests asked for and gives the exit code.
 ///
 /// # Errors
-/// Those of `out` and `diagnostics`.
-pub(super) fn reproduce(
-    arguments: &PaperArguments,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
+/// Those of `out`, and a folder that cannot be written.
+pub(super) fn reproduce(arguments: &PaperArguments, out: &mut dyn Write) -> Done {
+    let unwritable = |error: ResultsError| Failure::report(error, exit::UNFIT);
     // Before the work: a folder that cannot be is known at once.
-    let mut folder = match ResultsFolder::create(&arguments.out) {
-        Ok(folder) => folder,
-        Err(error) => return unwritable(error, diagnostics),
-    };
-    let findings = match run(arguments) {
-        Ok(findings) => findings,
-        Err(error) => {
-            writeln!(diagnostics, "morphquad: {error}")?;
-            return Ok(exit::USAGE);
-        }
-    };
-    if let Err(error) = write(&findings, &mut folder) {
-        return unwritable(error, diagnostics);
-    }
+    let mut folder = ResultsFolder::create(&arguments.out).map_err(unwritable)?;
+    let findings = run(arguments).map_err(|error| Failure::plain(&error, exit::USAGE))?;
+    write(&findings, &mut folder).map_err(unwritable)?;
     print(&findings, &folder, arguments.format, out)?;
     Ok(if report::holds(&findings) { exit::PASS } else { exit::GATE_FAILED })
 }
@@ -70,9 +56,4 @@ fn print(
         }
     }
     out.flush()
-}
-
-fn unwritable(error: ResultsError, diagnostics: &mut dyn Write) -> io::Result<u8> {
-    writeln!(diagnostics, "{:?}", Report::new(error))?;
-    Ok(exit::UNFIT)
 }

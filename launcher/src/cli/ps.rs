@@ -1,6 +1,7 @@
 //! `morphquad ps`: the processes and slots of a run in the air.
 
 use super::options::{Format, PsArguments};
+use super::refusal::Done;
 use crate::control::client::{AskError, Conversation};
 use crate::control::load::Load;
 use crate::control::runs::{self, FindError};
@@ -10,7 +11,7 @@ use crate::exit;
 use miette::Diagnostic;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use std::io::{self, Write};
+use std::io::Write;
 use thiserror::Error;
 
 /// Why a run in the air did not do as asked.
@@ -35,11 +36,7 @@ impl Trouble {
 }
 
 /// Asks and shows; 0 with an answer, 2 if it is not clear which run is meant, 3 without an answer.
-pub(super) fn run(
-    arguments: &PsArguments,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
+pub(super) fn run(arguments: &PsArguments, out: &mut dyn Write) -> Done {
     let answer = ask(arguments).map(|status| {
         let text = match arguments.format {
             Format::Text => table(&status),
@@ -47,7 +44,7 @@ pub(super) fn run(
         };
         (text, exit::PASS)
     });
-    super::conclude(answer, Trouble::exit_code, out, diagnostics)
+    super::conclude(answer, Trouble::exit_code, out)
 }
 
 fn ask(arguments: &PsArguments) -> Result<RunStatus, Trouble> {

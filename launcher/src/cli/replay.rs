@@ -1,6 +1,7 @@
 //! `morphquad replay`: a recording again, compared with itself, another setting or another build.
 
 use super::options::{Format, ReplayArguments};
+use super::refusal::{Done, Failure};
 use crate::components;
 use crate::exit;
 use crate::record::read::RecordedFlight;
@@ -43,38 +44,27 @@ impl Answer {
 }
 
 /// Replays and says what came of it.
-pub(super) fn run(
-    arguments: &ReplayArguments,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
-    match answer(arguments) {
-        Ok(answer) => {
-            match arguments.format {
-                Format::Text => out.write_all(answer.text.as_bytes())?,
-                Format::Json => writeln!(out, "{}", Value::Object(answer.json))?,
-            }
-            out.flush()?;
-            Ok(if answer.differs { exit::GATE_FAILED } else { exit::PASS })
-        }
-        Err(Refusal::Usage(what)) => {
-            writeln!(diagnostics, "morphquad: {what}")?;
-            Ok(exit::USAGE)
-        }
-        Err(Refusal::Replay(ReplayError::Scenario(error))) => {
-            writeln!(diagnostics, "{:?}", miette::Report::new(error))?;
-            Ok(exit::USAGE)
-        }
-        Err(Refusal::Replay(error)) => {
-            writeln!(diagnostics, "morphquad: {error}")?;
-            Ok(code_of(&error))
-        }
+pub(super) fn run(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
+    let answer = answer(arguments).map_err(|refusal| match refusal {
+        Refusal::Usage(what) => Failure::plain(&what, exit::USAGE),
+        Refusal::Replay(ReplayError::Scenario(error)) => Failure::report(error, exit::USAGE),
+        Refusal::Replay(error) => Failure::plain(&error, code_of(&error)),
+    })?;
+    match arguments.format {
+        Format::Text => out.write_all(answer.text.as_bytes())?,
+        Format::Json => writeln!(out, "{}", Value::Object(answer.json))?,
     }
+    out.flush()?;
+    Ok(if answer.differs { exit::GATE_FAILED } else { exit::PASS })
 }
 
 /// A file that cannot be read, however it came to that, was asked for wrongly.
 fn code_of(error: &ReplayError) -> u8 {
-    if let ReplayError::Record(_) = error { exit::UNFIT } else { exit::USAGE }
+    match error {
+        ReplayError::Record(_) => exit::UNFIT,
+        ReplayError::Interrupted => exit::INTERRUPTED,
+        _ => exit::USAGE,
+    }
 }
 
 fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {

@@ -2,6 +2,7 @@
 
 use super::bar::bar;
 use super::options::{Format, MorphingArguments, StabilityArguments, StudyCommand};
+use super::refusal::Done;
 use crate::exit;
 use crate::results::{ResultsError, ResultsFolder};
 use crate::study::morphing::{self, MorphingError};
@@ -9,7 +10,7 @@ use crate::study::stability::{self, Bench, Grid, StabilityError};
 use crate::study::worst_case::{self, WorstCaseError};
 use attitude_mpc::AttitudeLawConfig;
 use miette::Diagnostic;
-use std::io::{self, Write};
+use std::io::Write;
 use thiserror::Error;
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -46,17 +47,13 @@ impl StudyError {
 }
 
 /// Runs a study; 1 if a mark fails, 2 for an impossible request, 3 for an unwritable folder.
-pub(super) fn run(
-    command: &StudyCommand,
-    out: &mut dyn Write,
-    diagnostics: &mut dyn Write,
-) -> io::Result<u8> {
+pub(super) fn run(command: &StudyCommand, out: &mut dyn Write) -> Done {
     let done = match command {
         StudyCommand::Morphing(arguments) => fly_morphing(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
-    super::conclude(done, StudyError::exit_code, out, diagnostics)
+    super::conclude(done, StudyError::exit_code, out)
 }
 
 fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyError> {

@@ -1,9 +1,8 @@
 //! Two flights, sample by sample: where they first differ.
 
 use super::{Observer, Tape};
-use crate::replay::{first_difference, numbers_of};
+use crate::replay::{Pair, difference, pairs};
 use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
-use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::fmt;
 use std::sync::Arc;
@@ -38,11 +37,17 @@ pub struct Compare {
     tape: Arc<Tape>,
     /// What the flight publishes from here on was not recorded \[ns\].
     recorded_ns: u64,
-    /// Samples compared so far that are the same.
-    same: u64,
-    first: Option<Difference>,
-    /// Last sequence seen, by topic.
-    seen: BTreeMap<&'static str, u64>,
+    /// What the flight has published.
+    again: Tape,
+}
+
+/// What a comparison says.
+#[derive(Debug, Default)]
+pub struct Likeness {
+    /// Samples that are the same.
+    pub same: u64,
+    /// The earliest difference; of several at one release, that of the first topic.
+    pub first: Option<Difference>,
 }
 
 impl Default for Compare {
@@ -55,109 +60,78 @@ impl Compare {
     /// With a flight that has been recorded up to `recorded_ns`.
     #[must_use]
     pub fn with(tape: Arc<Tape>, recorded_ns: u64) -> Self {
-        Self { tape, recorded_ns, same: 0, first: None, seen: BTreeMap::new() }
+        Self { tape, recorded_ns, again: Tape::default() }
     }
 
-    /// Samples that are the same, and the earliest difference so far.
+    /// What a flight that has got to `flown_ns` has in common with the tape.
     #[must_use]
-    pub fn verdict(&self) -> (u64, Option<&Difference>) {
-        (self.same, self.first.as_ref())
-    }
-
-    /// Looks, at the end of a flight that got to `flown_ns`, for samples that it did not publish.
-    pub fn finish(&mut self, flown_ns: u64) {
-        let end_ns = flown_ns.min(self.recorded_ns);
-        let mut missing = Missing { compare: self, end_ns };
-        let Ok(()) = topics::visit_all(&mut missing);
-    }
-
-    fn note(&mut self, difference: Difference) {
-        if self.first.as_ref().is_none_or(|first| difference.release_ns < first.release_ns) {
-            self.first = Some(difference);
-        }
+    pub fn verdict(&self, flown_ns: u64) -> Likeness {
+        let mut judge = Judge { compare: self, flown_ns, likeness: Likeness::default() };
+        let Ok(()) = topics::visit_all(&mut judge);
+        judge.likeness
     }
 }
 
 impl Observer for Compare {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
-        if topic.info.from == Role::Supervisor {
-            // About loops and their host, not about the flight.
-            return;
-        }
-        let header = *sample.header();
-        self.seen.insert(topic.info.name, header.sequence);
-        let tape = Arc::clone(&self.tape);
-        let Some(old) = tape.at(topic, header.sequence) else {
-            if header.release_ns >= self.recorded_ns {
-                return;
-            }
-            self.note(Difference {
-                release_ns: header.release_ns,
-                topic: topic.info.name,
-                field: format!("sample {}", header.sequence),
-                old: "not there".to_owned(),
-                new: "there".to_owned(),
-            });
-            return;
-        };
-        let (old, new) = (without_host(old), without_host(sample));
-        match difference(&old, &new) {
-            None => self.same += 1,
-            Some((field, old, new)) => {
-                let (release_ns, topic) = (header.release_ns, topic.info.name);
-                self.note(Difference { release_ns, topic, field, old, new });
-            }
+        // The supervisor's topics are about loops and their host, not about the flight.
+        if topic.info.from != Role::Supervisor {
+            self.again.observe(topic, sample);
         }
     }
 }
 
-struct Missing<'a> {
-    compare: &'a mut Compare,
-    end_ns: u64,
+struct Judge<'a> {
+    compare: &'a Compare,
+    flown_ns: u64,
+    likeness: Likeness,
 }
 
-impl TopicVisitor for Missing<'_> {
+impl TopicVisitor for Judge<'_> {
     type Error = Infallible;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
-        let Some(&seen) = self.compare.seen.get(topic.info.name) else { return Ok(()) };
-        let tape = Arc::clone(&self.compare.tape);
-        let next = tape.waiting(topic, seen, self.end_ns).next().map(|s| *s.header());
-        if let Some(header) = next {
-            self.compare.note(Difference {
-                release_ns: header.release_ns,
-                topic: topic.info.name,
-                field: format!("sample {}", header.sequence),
-                old: "there".to_owned(),
-                new: "not there".to_owned(),
-            });
+        let Compare { tape, recorded_ns, again } = self.compare;
+        let again = again.samples(topic);
+        let Some(first) = again.first() else { return Ok(()) };
+        let recorded = tape.waiting(topic, first.header().sequence.saturating_sub(1), u64::MAX);
+        for pair in pairs(recorded, again.iter(), |sample| sample.header().sequence) {
+            match pair {
+                Pair::Both(old, new) => match difference(old, new, &[]) {
+                    None => self.likeness.same += 1,
+                    Some(field) => self.note(topic, old.header(), field),
+                },
+                Pair::Recorded(old)
+                    if old.header().release_ns < self.flown_ns.min(*recorded_ns) =>
+                {
+                    self.only_in_one(topic, old.header(), ["there", "not there"]);
+                }
+                Pair::Again(new) if new.header().release_ns < *recorded_ns => {
+                    self.only_in_one(topic, new.header(), ["not there", "there"]);
+                }
+                // Beyond the end of one of the two.
+                Pair::Recorded(_) | Pair::Again(_) => {}
+            }
         }
         Ok(())
     }
 }
 
-/// A sample as every machine produces it.
-fn without_host<T: Sample>(sample: &T) -> T {
-    let mut sample = *sample;
-    let header = sample.header_mut();
-    *header = Header {
-        release_mono_ns: 0,
-        start_mono_ns: 0,
-        publish_mono_ns: 0,
-        generation: 0,
-        ..*header
-    };
-    sample
-}
-
-/// Name and both values of the first field that differs in any bit.
-fn difference<T: Sample>(old: &T, new: &T) -> Option<(String, String, String)> {
-    let packed = |sample: &T| {
-        let mut bytes = vec![0; T::PACKED_SIZE];
-        sample.pack(&mut bytes);
-        bytes
-    };
-    if packed(old) == packed(new) {
-        return None;
+impl Judge<'_> {
+    fn only_in_one<T>(&mut self, topic: &Topic<T>, header: &Header, [old, new]: [&str; 2]) {
+        let field = format!("sample {}", header.sequence);
+        self.note(topic, header, (field, old.to_owned(), new.to_owned()));
     }
-    first_difference(&numbers_of(old, "", &[]), &numbers_of(new, "", &[]))
+
+    fn note<T>(
+        &mut self,
+        topic: &Topic<T>,
+        header: &Header,
+        (field, old, new): (String, String, String),
+    ) {
+        let release_ns = header.release_ns;
+        if self.likeness.first.as_ref().is_none_or(|first| release_ns < first.release_ns) {
+            let topic = topic.info.name;
+            self.likeness.first = Some(Difference { release_ns, topic, field, old, new });
+        }
+    }
 }

@@ -13,13 +13,14 @@ mod resume;
 mod tape;
 mod wires;
 
-pub use compare::{Compare, Difference};
+pub use compare::{Compare, Difference, Likeness};
 pub use observer::Observer;
 pub use perfect_state::PerfectState;
 pub use resume::Checkpoint;
 pub use tape::Tape;
 
 use crate::components::{Component, ComponentVisitor, Crew};
+use crate::replay::{Course, Repeats};
 use crate::scenario::{Scenario, WiringError};
 use core::cell::RefCell;
 use resume::Feed;
@@ -92,8 +93,7 @@ fn no_clock() -> u64 {
 }
 
 /// An executor with its type forgotten.
-trait Stepper {
-    fn mark_ns(&self) -> u64;
+trait Stepper: Repeats {
     fn step(&mut self, now_mono_ns: fn() -> u64);
     fn finish(&mut self);
     fn state(&mut self) -> Option<Vec<u8>>;
@@ -102,9 +102,6 @@ trait Stepper {
 }
 
 impl<S: Service> Stepper for Executor<S> {
-    fn mark_ns(&self) -> u64 {
-        Self::mark_ns(self)
-    }
     fn step(&mut self, now_mono_ns: fn() -> u64) {
         self.inputs.receive();
         self.run_step(StepStamps { release_mono_ns: now_mono_ns(), now_mono_ns });
@@ -164,7 +161,7 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
                 executor.continue_at(at_ns);
             }
         }
-        Ok(Loop { node: self.node, stepper: Box::new(executor) })
+        Ok(Loop { node: self.node, stepper: Box::new(executor), course: Course::default() })
     }
 }
 
@@ -172,6 +169,8 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
 struct Loop {
     node: Node,
     stepper: Box<dyn Stepper>,
+    /// What it goes through again; nothing in a flight of its own.
+    course: Course,
 }
 
 /// A flight in progress.
@@ -255,14 +254,14 @@ impl<O: Observer> InProcess<O> {
         let flown = catch_unwind(AssertUnwindSafe(|| while self.fly_interval(t_ns) {}));
         if let Err(panic) = flown {
             let l = &self.loops[self.stepping];
-            let t_s = l.stepper.mark_ns() as f64 / 1e9;
+            let t_s = l.stepper.next_ns() as f64 / 1e9;
             let words = words(panic.as_ref());
             return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
         }
-        let slowest = self.loops.iter().min_by_key(|l| l.stepper.mark_ns());
-        let behind = slowest.filter(|l| l.stepper.mark_ns() < t_ns.min(self.end_ns));
+        let slowest = self.loops.iter().min_by_key(|l| l.stepper.next_ns());
+        let behind = slowest.filter(|l| l.stepper.next_ns() < t_ns.min(self.end_ns));
         behind.map_or(Ok(()), |l| {
-            let t_s = l.stepper.mark_ns() as f64 / 1e9;
+            let t_s = l.stepper.next_ns() as f64 / 1e9;
             Err(InProcessError::Stuck { t_s, role: l.node.role.label() })
         })
     }
@@ -283,7 +282,7 @@ impl<O: Observer> InProcess<O> {
     }
 
     fn allowed_ns(&self, t_ns: u64) -> u64 {
-        let slowest_ns = self.loops.iter().map(|l| l.stepper.mark_ns()).min().unwrap_or(0);
+        let slowest_ns = self.loops.iter().map(|l| l.stepper.next_ns()).min().unwrap_or(0);
         slowest_ns.saturating_add(CREDIT_NS).min(self.end_ns).min(t_ns)
     }
 
@@ -309,13 +308,20 @@ impl<O: Observer> InProcess<O> {
         self.stepping = index;
         let one = &mut self.loops[index];
         one.stepper.step(self.now_mono_ns);
-        self.marks[one.node.role.index()] = one.stepper.mark_ns();
+        one.course.prepare(&mut *one.stepper);
+        self.marks[one.node.role.index()] = one.stepper.next_ns();
     }
 
     /// Next release of a loop \[ns\].
     #[must_use]
     pub fn mark_ns(&self, index: usize) -> u64 {
-        self.loops[index].stepper.mark_ns()
+        self.loops[index].stepper.next_ns()
+    }
+
+    /// Next release of each loop \[ns\].
+    #[must_use]
+    pub fn marks_ns(&self) -> Vec<(Role, u64)> {
+        self.loops.iter().map(|l| (l.node.role, l.stepper.next_ns())).collect()
     }
 
     /// Role of a loop.
@@ -327,7 +333,7 @@ impl<O: Observer> InProcess<O> {
     /// Instant through which every loop is complete \[ns\].
     #[must_use]
     pub fn flown_ns(&self) -> u64 {
-        self.loops.iter().map(|l| l.stepper.mark_ns()).min().unwrap_or(0).min(self.end_ns)
+        self.loops.iter().map(|l| l.stepper.next_ns()).min().unwrap_or(0).min(self.end_ns)
     }
 
     /// What the observer has seen so far.

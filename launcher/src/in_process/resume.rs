@@ -3,6 +3,7 @@
 use super::tape::Tape;
 use super::{InProcess, InProcessError, Observer, StateSource};
 use crate::components::Crew;
+use crate::replay::Course;
 use crate::scenario::Scenario;
 use core::convert::Infallible;
 use runtime::Graph;
@@ -77,7 +78,7 @@ impl<O: Observer> InProcess<O> {
         let mut flight =
             Self::build(scenario, crew, StateSource::Estimator, observer, Some(checkpoint))?;
         for l in &flight.loops {
-            flight.marks[l.node.role.index()] = l.stepper.mark_ns();
+            flight.marks[l.node.role.index()] = l.stepper.next_ns();
         }
         for index in 0..flight.loops.len() {
             let role = flight.loops[index].node.role;
@@ -91,6 +92,17 @@ impl<O: Observer> InProcess<O> {
             flight.loops[index].stepper.feed(&mut feed);
         }
         Ok(flight)
+    }
+
+    /// Goes through what happened to its loops before `t_ns`, as `tape` tells of each: releases left out
+    /// or caught up and deadlines missed, which only a realtime flight has.
+    pub fn repeat(&mut self, tape: &Tape, t_ns: u64) {
+        for l in &mut self.loops {
+            let generation = tape.generation_at(l.node.role, t_ns);
+            l.course = Course::new(l.node.rate, tape.told_by(l.node.role, generation, t_ns));
+            l.course.prepare(&mut *l.stepper);
+            self.marks[l.node.role.index()] = l.stepper.next_ns();
+        }
     }
 
     /// The state of the whole flight at `at_ns`, up to which it has been flown; `tape` has

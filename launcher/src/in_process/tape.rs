@@ -5,7 +5,7 @@ use crate::record::read::RecordVisitor;
 use runtime::graph::ROLES;
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
-use shared_types::{Edge, Header, Role, Sample, Topic, TopicVisitor, topics};
+use shared_types::{Deviation, Edge, Header, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -69,13 +69,6 @@ impl Tape {
         log.map_or(&[], Vec::as_slice)
     }
 
-    /// The sample of this sequence; for topics with one producer.
-    pub(super) fn at<T: Sample>(&self, topic: &'static Topic<T>, sequence: u64) -> Option<&T> {
-        self.waiting(topic, sequence.saturating_sub(1), u64::MAX)
-            .next()
-            .filter(|sample| sample.header().sequence == sequence)
-    }
-
     /// Samples that come after `sequence` and were released before `before_ns`; for topics with one
     /// producer.
     pub(super) fn waiting<T: Sample>(
@@ -98,10 +91,23 @@ impl Tape {
     }
 
     /// How many times the process of a role had been restarted by `t_ns`.
-    pub(super) fn generation_at(&self, role: Role, t_ns: u64) -> u32 {
+    pub(crate) fn generation_at(&self, role: Role, t_ns: u64) -> u32 {
         let keyframes = self.states.get(role.index()).into_iter().flatten();
         let before = keyframes.take_while(|keyframe| keyframe.release_ns < t_ns);
         before.map(|keyframe| keyframe.header.generation).last().unwrap_or(0)
+    }
+
+    /// What one life of a role's process told of its steps before `t_ns`.
+    pub(crate) fn told_by(
+        &self,
+        role: Role,
+        generation: u32,
+        t_ns: u64,
+    ) -> impl Iterator<Item = &Deviation> {
+        self.samples(&topics::DEVIATION).iter().filter(move |told| {
+            let Header { generation: life, release_ns, .. } = told.header;
+            told.role == role && life == generation && release_ns < t_ns
+        })
     }
 
     /// Shows an observer everything released before `t_ns`, and who owned the slots then, topic by

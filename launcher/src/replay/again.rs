@@ -1,6 +1,7 @@
 //! One component flies again: every life of its process, on the inputs that it had.
 
 use super::ReplayError;
+use super::course::Course;
 use super::source::{Exceptions, TapeSource};
 use super::tapes::{Recorded, Tapes};
 use crate::components::{Component, ComponentVisitor, Crew};
@@ -16,7 +17,6 @@ use runtime::service::StateHeader;
 use runtime::{Executor, Graph, Node, Place, Service, Sink, StateSink};
 use shared_types::wire::Value as _;
 use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Topic, topics};
-use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// What a component did the second time.
@@ -174,9 +174,24 @@ impl ComponentVisitor for Again<'_> {
                 .restore(&state.bytes)
                 .map_err(|error| ReplayError::Restore { role: node.role.label(), error })?;
         }
-        Course::new(&node, &life).fly(&mut executor, &now_ns);
+        fly(&mut executor, &Course::new(node.rate, &life.deviations), &life, &now_ns);
         out.borrow_mut().steps += executor.steps() - executor_start(&life, recorded);
         Ok(())
+    }
+}
+
+/// Runs the steps of a life at the instants at which they ran.
+fn fly<S: Service>(executor: &mut Executor<S>, course: &Course, life: &Life, now_ns: &Cell<u64>) {
+    course.prepare(executor);
+    while executor.mark_ns() <= life.last_ns {
+        now_ns.set(executor.mark_ns());
+        executor.inputs.receive();
+        executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        course.prepare(executor);
+    }
+    // Whoever left in order has published its totals once more.
+    if executor.stats.sequence() < life.last_stats {
+        executor.finish();
     }
 }
 
@@ -198,58 +213,6 @@ fn state_header(state: &RecordedState) -> StateHeader {
         .bytes
         .get(..StateHeader::PACKED_SIZE)
         .map_or_else(StateHeader::default, StateHeader::unpack)
-}
-
-/// When a life's steps ran.
-struct Course<'a> {
-    life: &'a Life,
-    /// Release at which others were left out, by the instant of the first \[ns\].
-    skips: BTreeMap<u64, &'a Deviation>,
-    /// What else happened to the loop before a step, by the step's instant \[ns\].
-    before: BTreeMap<u64, Vec<&'a Deviation>>,
-}
-
-impl<'a> Course<'a> {
-    fn new(node: &Node, life: &'a Life) -> Self {
-        let mut course = Self { life, skips: BTreeMap::new(), before: BTreeMap::new() };
-        for deviation in &life.deviations {
-            match deviation.kind {
-                DeviationKind::SkippedReleases => {
-                    course.skips.insert(node.rate.release_ns(deviation.first), deviation);
-                }
-                DeviationKind::MissedDeadline | DeviationKind::CaughtUp => {
-                    let step_ns = deviation.header.release_ns;
-                    course.before.entry(step_ns).or_default().push(deviation);
-                }
-                _ => {}
-            }
-        }
-        course
-    }
-
-    /// What happened since the last step.
-    fn prepare<S: Service>(&self, executor: &mut Executor<S>) {
-        while let Some(skip) = self.skips.get(&executor.mark_ns()) {
-            executor.repeat(skip);
-        }
-        for deviation in self.before.get(&executor.mark_ns()).into_iter().flatten() {
-            executor.repeat(deviation);
-        }
-    }
-
-    fn fly<S: Service>(&self, executor: &mut Executor<S>, now_ns: &Cell<u64>) {
-        self.prepare(executor);
-        while executor.mark_ns() <= self.life.last_ns {
-            now_ns.set(executor.mark_ns());
-            executor.inputs.receive();
-            executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
-            self.prepare(executor);
-        }
-        // Whoever left in order has published its totals once more.
-        if executor.stats.sequence() < self.life.last_stats {
-            executor.finish();
-        }
-    }
 }
 
 /// Connects every port of a component with the recording.

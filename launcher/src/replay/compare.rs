@@ -2,7 +2,8 @@
 
 use super::ReplayError;
 use super::again::{Replayed, Topics, fly_again};
-use super::fields::{Named, first_difference, numbers_of, numbers_of_state};
+use super::fields::{Named, first_difference, numbers_of_state};
+use super::pairs::{Pair, difference, pairs};
 use super::tapes::{Recorded, load};
 use crate::components::{Component, ComponentVisitor, Crew};
 use crate::record::read::{RecordedFlight, RecordedState};
@@ -93,9 +94,7 @@ pub fn verify(
     roles: &[Role],
     mut done: impl FnMut(&ServiceVerdict),
 ) -> Result<Verification, ReplayError> {
-    if let Some(branched) = flight.branched() {
-        return Err(ReplayError::Branched(branched.clone()));
-    }
+    super::refuse_branched(flight)?;
     let scenario = flight.scenario();
     let graph = scenario.graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
     if let Some(role) = roles.iter().find(|role| graph.node(**role).is_none()) {
@@ -151,7 +150,6 @@ impl OutputVisitor for Compare<'_> {
         let replayed = self.replayed.tapes.of(topic);
         let name = topic.info.name;
         let lossy = self.recorded.has_gaps(name);
-        let mut buffers = (vec![0; T::PACKED_SIZE], vec![0; T::PACKED_SIZE]);
         self.pairs(
             &recorded,
             &replayed,
@@ -159,22 +157,9 @@ impl OutputVisitor for Compare<'_> {
             |sample| *sample.header(),
             |verdict, a, b| {
                 verdict.samples += 1;
-                // The replay has no host: lent stamps make the rest comparable at once.
-                let mut lent = *b;
-                let stamps = *a.header();
-                *lent.header_mut() = Header {
-                    release_mono_ns: stamps.release_mono_ns,
-                    start_mono_ns: stamps.start_mono_ns,
-                    publish_mono_ns: stamps.publish_mono_ns,
-                    ..*b.header()
-                };
-                a.pack(&mut buffers.0);
-                lent.pack(&mut buffers.1);
-                if buffers.0 == buffers.1 {
-                    return;
+                if let Some((field, was, is)) = difference(a, b, &REPRODUCED) {
+                    verdict.differ(name, a.header().release_ns, &field, was, is);
                 }
-                let fields = (numbers_of(a, "", &REPRODUCED), numbers_of(b, "", &REPRODUCED));
-                verdict.compare_fields(name, stamps.release_ns, &fields.0, &fields.1);
             },
         );
         Ok(())
@@ -231,38 +216,46 @@ impl<'a> Compare<'a> {
         let mut known = 0;
         for life in &lives {
             let of_life = |item: &&T| header(item).generation == *life;
-            let mut expected = recorded.iter().filter(of_life).peekable();
-            for item in replayed.iter().filter(of_life) {
-                let Header { sequence, release_ns, .. } = header(item);
-                while let Some(extra) = expected.next_if(|e| header(e).sequence < sequence) {
-                    let at_ns = header(extra).release_ns;
-                    self.verdict.differ(name, at_ns, "sample", "recorded".into(), "none".into());
-                }
-                match expected.next_if(|e| header(e).sequence == sequence) {
-                    Some(before) => same(&mut self.verdict, before, item),
-                    // A successor repeats its predecessor's last steps; the recorder took one.
-                    None if sequence <= known => {}
-                    None if lossy => self.verdict.unrecorded += 1,
-                    // Killed between two samples of a step.
-                    None if expected.peek().is_none()
-                        && !(self.ended && Some(life) == lives.last()) => {}
-                    None => self.verdict.differ(
-                        name,
-                        release_ns,
-                        "sample",
-                        "none".into(),
-                        "replayed".into(),
-                    ),
-                }
-            }
+            let last = recorded.iter().filter(of_life).map(|item| header(item).sequence).max();
             let traced_ns = self.recorded.traces.get(life).copied();
             let end_ns = traced_ns.or(self.recorded.closing.complete.then_some(0));
-            let held = |e: &&T| end_ns.is_some_and(|end_ns| header(e).release_ns <= end_ns);
-            for extra in expected.filter(held) {
-                let at_ns = header(extra).release_ns;
-                self.verdict.differ(name, at_ns, "sample", "recorded".into(), "none".into());
+            let may_be_cut = !(self.ended && Some(life) == lives.last());
+            let both = (recorded.iter().filter(of_life), replayed.iter().filter(of_life));
+            for pair in pairs(both.0, both.1, |item| header(item).sequence) {
+                match pair {
+                    Pair::Both(before, item) => same(&mut self.verdict, before, item),
+                    Pair::Recorded(extra) => {
+                        let at_ns = header(extra).release_ns;
+                        if end_ns.is_some_and(|end_ns| at_ns <= end_ns) {
+                            self.verdict.differ(
+                                name,
+                                at_ns,
+                                "sample",
+                                "recorded".into(),
+                                "none".into(),
+                            );
+                        }
+                    }
+                    Pair::Again(item) => {
+                        let Header { sequence, release_ns, .. } = header(item);
+                        // A successor repeats its predecessor's last steps; the recorder took one.
+                        let repeated = sequence <= known;
+                        // Killed between two samples of a step.
+                        let cut = may_be_cut && last.is_none_or(|last| sequence > last);
+                        if lossy && !repeated {
+                            self.verdict.unrecorded += 1;
+                        } else if !repeated && !cut {
+                            self.verdict.differ(
+                                name,
+                                release_ns,
+                                "sample",
+                                "none".into(),
+                                "replayed".into(),
+                            );
+                        }
+                    }
+                }
             }
-            let last = recorded.iter().filter(of_life).map(|item| header(item).sequence).max();
             known = known.max(last.unwrap_or(0));
         }
     }

@@ -4,6 +4,7 @@ use super::ReplayError;
 use super::again::{Topics, fly_again};
 use super::compare::Difference;
 use super::fields::numbers_of;
+use super::other::outputs_of;
 use super::tapes::{Recorded, Tapes, load};
 use crate::components::{Component, ComponentVisitor, Crew};
 use crate::record::read::RecordedFlight;
@@ -15,7 +16,6 @@ use runtime::{Node, Service};
 use shared_types::{Role, Sample, Topic};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// Who replays.
 #[derive(Debug, Clone)]
@@ -66,6 +66,7 @@ pub struct Departure {
 /// # Errors
 /// [`ReplayError`]; a departure is none.
 pub fn depart(flight: &RecordedFlight, role: Role, with: &With) -> Result<Departure, ReplayError> {
+    super::refuse_branched(flight)?;
     let graph = flight.scenario().graph().map_err(|e| ReplayError::Wiring(e.to_string()))?;
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
     let (flown, mut crew) = (Crew::default(), Crew::default());
@@ -107,6 +108,7 @@ pub fn write_outputs(
     overrides: &[Override],
     out: &Path,
 ) -> Result<(), ReplayError> {
+    super::refuse_branched(flight)?;
     let crew = Crew::default();
     let topics = Topics::of(&crew, role, flight.scenario())?;
     let recorded = load(flight, role, &topics)?;
@@ -117,44 +119,6 @@ pub fn write_outputs(
     write = crew.build(role, flight.scenario(), write).map_err(ReplayError::component(role))??;
     write.recording.finish(&BTreeMap::new())?;
     Ok(())
-}
-
-/// What to do about an executable that is no build of this program.
-const REMEDY: &str = "give --with the path of a morphquad executable";
-
-/// Has another build replay `role` and reads what came out.
-fn outputs_of(
-    executable: &Path,
-    flight: &RecordedFlight,
-    role: Role,
-    topics: &Topics,
-) -> Result<Tapes, ReplayError> {
-    let name = executable.display().to_string();
-    let complain = |said: String| ReplayError::Other { executable: name.clone(), said };
-    let folder = std::env::temp_dir().join(format!("morphquad-replay-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).map_err(|error| complain(error.to_string()))?;
-    let out = folder.join("outputs.mcap");
-    let _ = std::fs::remove_file(&out);
-    let ran = Command::new(executable)
-        .arg("replay")
-        .arg(flight.path())
-        .args(["--service", role.label(), "--outputs"])
-        .arg(&out)
-        .output()
-        .map_err(|error| complain(format!("{error}; {REMEDY}")));
-    let read = ran.and_then(|ran| {
-        if !ran.status.success() {
-            let said = String::from_utf8_lossy(&ran.stderr).trim().to_owned();
-            let said = if said.is_empty() { "it said nothing".to_owned() } else { said };
-            return Err(complain(format!("{said} ({}); {REMEDY}", ran.status)));
-        }
-        if !out.is_file() {
-            return Err(complain(format!("it wrote no outputs; {REMEDY}")));
-        }
-        Ok(load(&RecordedFlight::open(&out)?, role, topics)?.tapes)
-    });
-    let _ = std::fs::remove_dir_all(&folder);
-    read
 }
 
 /// Writes the outputs of whatever component it is given.

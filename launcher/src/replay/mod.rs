@@ -7,9 +7,12 @@
 
 mod again;
 mod compare;
+mod course;
 mod departure;
 mod fields;
 mod hashes;
+mod other;
+mod pairs;
 mod report;
 mod source;
 mod tapes;
@@ -19,10 +22,11 @@ pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
 pub use fields::Number;
 pub use hashes::{Hashes, hashes};
 
-pub(crate) use fields::{first_difference, numbers_of};
+pub(crate) use course::{Course, Repeats};
+pub(crate) use pairs::{Pair, difference, pairs};
 
 use crate::components::BuildError;
-use crate::record::read::ReadError;
+use crate::record::read::{ReadError, RecordedFlight};
 use crate::record::{Branched, RecordError};
 use crate::scenario::ScenarioError;
 use runtime::RestoreError;
@@ -38,7 +42,7 @@ pub enum ReplayError {
     /// Flown with two scenarios, of which it holds the second.
     #[error(
         "this recording is {0}: what is before was flown with another scenario and cannot be \
-         verified with this one; verify the recording of run {run}, and repeat the branch from it",
+         flown again with this one; take the recording of run {run}, and repeat the branch from it",
         run = .0.parent_run
     )]
     Branched(Branched),
@@ -89,9 +93,17 @@ pub enum ReplayError {
         /// What it, or the system, said.
         said: String,
     },
+    /// The user ended it.
+    #[error("interrupted: the other build was told to stop, and nothing is left of what it wrote")]
+    Interrupted,
     /// The replayed outputs cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
+}
+
+/// What was flown with two scenarios is no flight of the one that the file holds.
+fn refuse_branched(flight: &RecordedFlight) -> Result<(), ReplayError> {
+    flight.branched().map_or(Ok(()), |branched| Err(ReplayError::Branched(branched.clone())))
 }
 
 impl ReplayError {

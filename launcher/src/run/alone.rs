@@ -10,7 +10,10 @@ use super::setup::{
 };
 use super::summary::Summary;
 use crate::branch::{Branch, Changed};
-use crate::in_process::{Compare, Difference, InProcess, InProcessError, Observer, StateSource};
+use crate::campaign::Outcome;
+use crate::in_process::{
+    Compare, Difference, InProcess, InProcessError, Likeness, Observer, StateSource,
+};
 use crate::process::stay_on;
 use crate::record::{self, Facts, Recording};
 use crate::run::Pin;
@@ -58,6 +61,8 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
 pub struct Branched {
     /// Of the whole flight, what was recorded before the branch included.
     pub summary: Summary,
+    /// What was flown since the branch, as a sweep tells it.
+    pub since: Outcome,
     /// Samples since the branch that are as recorded.
     pub same: u64,
     /// The first that is not.
@@ -83,21 +88,23 @@ pub fn run_branch(
     let mut consumers = consumers(&facts, path.as_deref(), options)?;
     consumers.tell(branch.at_ns(), origin);
     branch.show_before(&mut consumers);
+    let mut since = consumers.metrics.clone();
+    since.judge_from_here();
     let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
     let mut flight = branch
-        .resume(changed, (consumers, compare))
+        .resume(changed, (consumers, (compare, since)))
         .map_err(|error| RunError::NotReady(error.to_string()))?;
     flight.stamp_by(mono_now_ns);
     let start_ns = mono_now_ns();
     let end = fly(&mut flight, options, &stop, branch.at_ns());
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
+    let (consumers, (compare, mut since)) = flight.seen(core::mem::take);
+    let Likeness { same, first } = compare.verdict(flown_ns);
+    let since = Outcome::of_flight(&mut since, &consumers.hash, flown_ns, end.as_ref().err());
     let ended = Ended { id, path, wall_ns, from_ns: branch.at_ns(), flown_ns, end };
-    let (consumers, mut compare) = flight.seen(core::mem::take);
-    compare.finish(flown_ns);
     let summary = sum_up(consumers, options, ended)?;
-    let (same, first) = compare.verdict();
-    Ok(Branched { summary, same, first: first.cloned() })
+    Ok(Branched { summary, since, same, first })
 }
 
 /// Everything that takes the samples of a flight, with a recording at `path`.
@@ -168,7 +175,7 @@ impl HasConsumers for Consumers {
     }
 }
 
-impl HasConsumers for (Consumers, Compare) {
+impl HasConsumers for (Consumers, (Compare, Metrics)) {
     fn consumers(&mut self) -> &mut Consumers {
         &mut self.0
     }

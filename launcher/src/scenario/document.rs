@@ -109,11 +109,13 @@ impl<'t> Document<'t> {
         let place = self.texts.place(&(text.start..text.start + 1));
         let Some((key, value)) = take(&mut table, &keys) else {
             let remedy = "write --set SECTION.KEY=VALUE with the value in TOML";
-            return Err(Problem::new(&*edit.key, "is not a plain dotted key", remedy, place));
+            let what = "is not a plain dotted key";
+            return Err(Problem::new(&*edit.key, what, remedy, place).into_malformed());
         };
         put(&mut self.root, &keys, &key.span(), value).map_err(|blocking| {
             let what = format!("`{blocking}` is a value and has no such entry");
             Problem::new(&*edit.key, what, format!("set `{blocking}` itself"), place)
+                .into_malformed()
         })
     }
 

@@ -14,6 +14,7 @@ struct Facts {
     remedy: String,
     place: Option<Place>,
     severity: Severity,
+    malformed: bool,
 }
 
 /// Where in which text.
@@ -31,7 +32,14 @@ impl Problem {
         place: Option<Place>,
     ) -> Self {
         let (key, what, remedy) = (key.into(), what.into(), remedy.into());
-        Self(Box::new(Facts { key, what, remedy, place, severity: Severity::Error }))
+        let severity = Severity::Error;
+        Self(Box::new(Facts { key, what, remedy, place, severity, malformed: false }))
+    }
+
+    /// The same about how the text is written, not about how much a value is.
+    pub(super) fn into_malformed(mut self) -> Self {
+        self.0.malformed = true;
+        self
     }
 
     pub(super) fn into_warning(mut self) -> Self {
@@ -57,6 +65,12 @@ impl Problem {
         let place = self.0.place.as_ref()?;
         let before = place.source.inner().get(..place.span.start)?;
         Some(before.matches('\n').count() + 1)
+    }
+
+    /// True if the key does not exist, or takes no value of this kind.
+    #[must_use]
+    pub fn is_malformed(&self) -> bool {
+        self.0.malformed
     }
 
     /// What to do about it.

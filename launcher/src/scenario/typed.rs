@@ -243,7 +243,8 @@ impl<'t> Reader<'_, 't> {
         remedy: String,
         span: &Range<usize>,
     ) {
-        self.problems.push(Problem::new(key, what, remedy, self.document.place(span)));
+        let problem = Problem::new(key, what, remedy, self.document.place(span));
+        self.problems.push(problem.into_malformed());
     }
 }
 

@@ -61,6 +61,8 @@ pub struct Executor<S: Service> {
     mark_ns: u64,
     previous_ns: Option<u64>,
     counts: StateHeader,
+    /// Late and lost samples of the steps before a restored state.
+    before: (u64, u64),
     rescued_waits: u64,
     /// Until then the component follows what its slot applies \[ns\].
     track_until_ns: u64,
@@ -98,6 +100,7 @@ impl<S: Service> Executor<S> {
             mark_ns: node.rate.release_ns(0),
             previous_ns: None,
             counts: StateHeader { layout_hash: state_layout::<S>(), ..StateHeader::default() },
+            before: (0, 0),
             rescued_waits: 0,
             track_until_ns: 0,
             joins_after_ns: None,
@@ -157,6 +160,7 @@ impl<S: Service> Executor<S> {
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
         self.stats.resume_after(header.stats_sequence);
+        self.before = (header.late_samples, header.lost_samples);
         self.counts = header;
         Ok(())
     }
@@ -200,11 +204,22 @@ impl<S: Service> Executor<S> {
     /// the first.
     pub fn state(&mut self) -> Option<&[u8]> {
         self.previous_ns?;
+        self.pack_state();
+        Some(&self.state)
+    }
+
+    fn pack_state(&mut self) {
         self.counts.state_sequence = self.state_sequence;
         self.counts.stats_sequence = self.stats.sequence();
         self.counts.deviation_sequence = self.deviations.sequence();
         pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
-        Some(&self.state)
+    }
+
+    /// Brings the counts of what the inputs lacked up to date.
+    fn count_samples(&mut self) {
+        let inputs = self.inputs.counts();
+        self.counts.late_samples = self.before.0 + inputs.late;
+        self.counts.lost_samples = self.before.1 + inputs.lost + inputs.overflowed;
     }
 
     /// Runs the next release: accept, step, publish outputs, then state and statistics.
@@ -230,6 +245,7 @@ impl<S: Service> Executor<S> {
         self.counts.steps += 1;
         self.counts.release_index = self.next_index;
         self.counts.release_ns = now_ns;
+        self.count_samples();
         self.publish_deviations(&header);
         self.publish_stats(&header);
         self.publish_state(&header);
@@ -318,6 +334,7 @@ impl<S: Service> Executor<S> {
         let mut report = Report::new(&mut self.deviations, &header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
         let Ok(()) = self.inputs.visit(&mut ReportEnd(report));
+        self.count_samples();
         let release_ns = self.previous_ns.unwrap_or(0);
         self.send_stats(&self.header(release_ns, 0));
     }
@@ -337,14 +354,13 @@ impl<S: Service> Executor<S> {
     }
 
     fn send_stats(&mut self, header: &Header) {
-        let inputs = self.inputs.counts();
         self.stats.write(LoopStats {
             steps: self.counts.steps,
             skipped: self.counts.skipped,
             caught_up: self.counts.caught_up,
             input_deadline_misses: self.counts.input_deadline_misses,
-            late_samples: inputs.late,
-            lost_samples: inputs.lost + inputs.overflowed,
+            late_samples: self.counts.late_samples,
+            lost_samples: self.counts.lost_samples,
             rescued_waits: self.rescued_waits,
             generation: u64::from(self.place.generation),
             role: self.node.role,
@@ -355,17 +371,15 @@ impl<S: Service> Executor<S> {
     }
 
     fn publish_state(&mut self, header: &Header) {
-        let Some(sink) = &mut self.state_sink else { return };
-        if !self.next_index.is_multiple_of(self.state_every) {
+        if self.state_sink.is_none() || !self.next_index.is_multiple_of(self.state_every) {
             return;
         }
         self.state_sequence += 1;
-        self.counts.state_sequence = self.state_sequence;
-        self.counts.stats_sequence = self.stats.sequence();
-        self.counts.deviation_sequence = self.deviations.sequence();
-        pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
+        self.pack_state();
         let header =
             Header { sequence: self.state_sequence, valid_ns: header.release_ns, ..*header };
-        sink.send(&header, &self.state);
+        if let Some(sink) = &mut self.state_sink {
+            sink.send(&header, &self.state);
+        }
     }
 }

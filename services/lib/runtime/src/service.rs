@@ -64,6 +64,10 @@ shared_types::memory! {
         pub caught_up: u64,
         /// Steps started without final inputs so far.
         pub input_deadline_misses: u64,
+        /// Samples that came after the step they were for so far.
+        pub late_samples: u64,
+        /// Samples never seen so far.
+        pub lost_samples: u64,
         /// Sequence of this state.
         pub state_sequence: u64,
         /// Sequence of the last loop statistics.

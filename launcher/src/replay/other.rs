@@ -1,0 +1,128 @@
+//! Another build replays: a process of its own, and a folder for what it writes that nobody finds later.
+
+use super::ReplayError;
+use super::again::Topics;
+use super::tapes::{Tapes, load};
+use crate::record::read::RecordedFlight;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::watch::StopFlags;
+use rustix::io::Errno;
+use rustix::process::{Pid, test_kill_process};
+use shared_types::Role;
+use std::fs::{self, DirBuilder, File};
+use std::io;
+use std::os::unix::fs::DirBuilderExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+
+/// Start of the folder's name; the rest is the process that owns it.
+const PREFIX: &str = "morphquad-replay-";
+/// Between two looks at whether the other build has ended \[ns\].
+const LOOK_EVERY_NS: u64 = 20_000_000;
+/// What to do about an executable that is no build of this program.
+const REMEDY: &str = "give --with the path of a morphquad executable";
+
+/// Has another build replay `role` and reads what came out. A signal ends it.
+pub(super) fn outputs_of(
+    executable: &Path,
+    flight: &RecordedFlight,
+    role: Role,
+    topics: &Topics,
+) -> Result<Tapes, ReplayError> {
+    let name = executable.display().to_string();
+    let complain = |said: String| ReplayError::Other { executable: name.clone(), said };
+    let system = |error: io::Error| complain(format!("{error}; {REMEDY}"));
+    let stop = StopFlags::watch_signals().map_err(system)?;
+    let scratch = Scratch::create(&std::env::temp_dir()).map_err(system)?;
+    let (out, words) = (scratch.0.join("outputs.mcap"), scratch.0.join("said"));
+    let child = Command::new(executable)
+        .arg("replay")
+        .arg(flight.path())
+        .args(["--service", role.label(), "--outputs"])
+        .arg(&out)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(File::create(&words).map_err(system)?)
+        .spawn()
+        .map_err(system)?;
+    let status = wait(child, &stop).map_err(system)?.ok_or(ReplayError::Interrupted)?;
+    if !status.success() {
+        let said = String::from_utf8_lossy(&fs::read(&words).unwrap_or_default()).trim().to_owned();
+        let said = if said.is_empty() { "it said nothing".to_owned() } else { said };
+        return Err(complain(format!("{said} ({status}); {REMEDY}")));
+    }
+    if !out.is_file() {
+        return Err(complain(format!("it wrote no outputs; {REMEDY}")));
+    }
+    let tapes = load(&RecordedFlight::open(&out)?, role, topics)?.tapes;
+    if stop.signalled() { Err(ReplayError::Interrupted) } else { Ok(tapes) }
+}
+
+/// Waits for a child; kills it, and gives nothing, once a signal asks this process to stop.
+fn wait(mut child: Child, stop: &StopFlags) -> io::Result<Option<ExitStatus>> {
+    loop {
+        if stop.signalled() {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        sleep_until(mono_now_ns() + LOOK_EVERY_NS);
+    }
+}
+
+/// A folder of this process, gone when dropped.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    /// Makes one below `base`, and wipes those of processes that have died without doing so.
+    fn create(base: &Path) -> io::Result<Self> {
+        for entry in fs::read_dir(base)?.flatten() {
+            let name = entry.file_name();
+            let owner = name.to_str().and_then(|name| name.strip_prefix(PREFIX)?.parse().ok());
+            let gone = |pid: Pid| test_kill_process(pid) == Err(Errno::SRCH);
+            if owner.and_then(Pid::from_raw).is_some_and(gone) {
+                // Another user's stays, and does no harm.
+                let _ = fs::remove_dir_all(entry.path());
+            }
+        }
+        let path = base.join(format!("{PREFIX}{}", std::process::id()));
+        // What has the own number is of a process before.
+        if path.exists() {
+            fs::remove_dir_all(&path)?;
+        }
+        DirBuilder::new().mode(0o700).create(&path)?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_goes_with_its_owner_and_those_of_the_dead_go_with_the_next() {
+        let base = tempfile::tempdir().unwrap();
+        let mut dead = Command::new("true").spawn().unwrap();
+        dead.wait().unwrap();
+        let of = |pid: u32| base.path().join(format!("{PREFIX}{pid}"));
+        let alive = std::os::unix::process::parent_id();
+        let (dead, alive, other) =
+            (of(dead.id()), of(alive), base.path().join("morphquad-replay-x"));
+        for folder in [&dead, &alive, &other] {
+            fs::create_dir(folder).unwrap();
+        }
+        let scratch = Scratch::create(base.path()).unwrap();
+        assert!(!dead.exists() && alive.exists() && other.exists() && scratch.0.exists());
+        drop(scratch);
+        assert!(!of(std::process::id()).exists());
+    }
+}
