@@ -339,7 +339,7 @@ sample! {
         pub track_until_ns: u64,
         /// The state of a process of its own kind follows.
         pub has_state: Flag,
-        /// Keeps the size a multiple of eight bytes.
-        pub reserved: u32,
+        /// Realtime: the releases since that state are run at once, on the history of their inputs.
+        pub catches_up: Flag,
     }
 }

@@ -156,6 +156,7 @@ fn sum_up(
         metrics: core::mem::take(&mut consumers.metrics),
         audit: consumers.audit.clone(),
         recovered: 0,
+        swaps: Vec::new(),
         notices: Vec::new(),
         lost: end.as_ref().err().map(ToString::to_string),
         interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),

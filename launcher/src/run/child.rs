@@ -1,6 +1,7 @@
 //! One child process: started under its own name, its last words kept.
 
 use runtime::Place;
+use rustix::process::{Pid, Signal, kill_process};
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader};
 use std::os::fd::AsFd as _;
@@ -26,6 +27,13 @@ pub(super) struct ChildSpec {
     pub(super) nice: Option<i32>,
     /// Pause before the first start \[ns\].
     pub(super) pause_ns: u64,
+}
+
+impl ChildSpec {
+    /// True if both start the same program.
+    pub(super) fn is_same_program(&self, other: &Self) -> bool {
+        self.name == other.name && self.executable == other.executable
+    }
 }
 
 /// A running child.
@@ -90,6 +98,13 @@ impl RunningChild {
     pub(super) fn kill(&mut self) {
         // It may have ended by itself in the meantime.
         let _ = self.child.kill();
+    }
+
+    /// Stops the child where it is, without ending it.
+    pub(super) fn stop(&mut self) {
+        let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+        // It may have ended by itself in the meantime.
+        let _ = pid.map(|pid| kill_process(pid, Signal::STOP));
     }
 
     /// What the child said last; call after it has exited.

@@ -50,12 +50,15 @@ impl Conductor {
         Ok(Self { sink, record, speed, duration_ns, credit_ns: credit_ns(graph) })
     }
 
-    /// Starts the flight: logical time 0 is at `start_mono_ns`.
-    pub(super) fn start(&mut self, start_mono_ns: u64) {
+    /// Starts the flight: logical time 0 is at `start_mono_ns`; allowed time ends at `cap_ns`.
+    pub(super) fn start(&mut self, start_mono_ns: u64, cap_ns: u64) {
         self.record.start_mono_ns = start_mono_ns;
         self.record.started = Flag::Yes;
-        self.record.allowed_ns =
-            if self.record.mode == ClockMode::Lockstep { self.credit_ns } else { u64::MAX };
+        self.record.allowed_ns = if self.record.mode == ClockMode::Lockstep {
+            self.credit_ns.min(cap_ns)
+        } else {
+            u64::MAX
+        };
         self.sink.send(self.record);
     }
 
@@ -65,6 +68,16 @@ impl Conductor {
 
     pub(super) fn has_started(&self) -> bool {
         self.record.started.is_set()
+    }
+
+    /// Lockstep: steps at or after this instant have not run yet \[ns\].
+    pub(super) fn allowed_ns(&self) -> u64 {
+        self.record.allowed_ns
+    }
+
+    /// Logical time by the wall clock \[ns\].
+    pub(super) fn wall_ns(&self, now_mono_ns: u64) -> u64 {
+        WallMap::new(&self.record).logical_ns(now_mono_ns)
     }
 
     pub(super) fn end_ns(&self) -> u64 {
@@ -81,8 +94,8 @@ impl Conductor {
     }
 
     /// Lockstep: extends allowed time to what has been drained plus the credit, once half of the
-    /// credit is used up. True if everybody should be woken.
-    pub(super) fn extend(&mut self, drained_ns: u64, now_mono_ns: u64) -> bool {
+    /// credit is used up, and never beyond `cap_ns`. True if everybody should be woken.
+    pub(super) fn extend(&mut self, drained_ns: u64, cap_ns: u64, now_mono_ns: u64) -> bool {
         if self.record.mode != ClockMode::Lockstep {
             return false;
         }
@@ -95,7 +108,10 @@ impl Conductor {
             allowed_ns = allowed_ns.min(paced_ns);
             step_ns = step_ns.min(5_000_000);
         }
-        if allowed_ns < self.record.allowed_ns.saturating_add(step_ns) {
+        // The last bit before the cap may be as short as it is.
+        let reaches_cap = allowed_ns >= cap_ns && cap_ns > self.record.allowed_ns;
+        allowed_ns = allowed_ns.min(cap_ns);
+        if !reaches_cap && allowed_ns < self.record.allowed_ns.saturating_add(step_ns) {
             return false;
         }
         self.record.allowed_ns = allowed_ns;

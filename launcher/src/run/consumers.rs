@@ -2,6 +2,7 @@
 
 use super::hash::{FlightHash, LogHash};
 use super::metrics::Metrics;
+use super::slots::SlotWatch;
 use super::summary::Summary;
 use crate::in_process::Observer;
 use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
@@ -22,6 +23,8 @@ pub(super) struct Consumers {
     pub(super) recording: Option<Recording>,
     /// First error of the recording; the flight goes on without it.
     pub(super) recording_error: Option<String>,
+    /// What the slots want to know; none if nobody commands them by turns.
+    pub(super) slot_watch: Option<SlotWatch>,
     /// Topics of the flight, under audit.
     streams: Vec<(&'static TopicInfo, Stream)>,
 }
@@ -58,6 +61,9 @@ impl Consumers {
         self.hash.add(&topic.info, sample);
         self.log_hash.add(&topic.info, sample);
         self.metrics.observe(topic, sample);
+        if let Some(watch) = &mut self.slot_watch {
+            watch.observe(sample);
+        }
         for (logical_ns, text) in self.metrics.take_news() {
             self.note(logical_ns, Severity::Warning, &text);
         }
@@ -91,7 +97,7 @@ impl Consumers {
         self.note(logical_ns, Severity::Info, text);
     }
 
-    fn note(&mut self, logical_ns: u64, severity: Severity, text: &str) {
+    pub(super) fn note(&mut self, logical_ns: u64, severity: Severity, text: &str) {
         let event = Event { logical_ns, severity, source: "launcher", text };
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write_event(&event)

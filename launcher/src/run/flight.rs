@@ -12,12 +12,14 @@ use super::setup::{
     RunError, RunOptions, allowed_processors, clock_of, facts, pinned_cpu, progress_bar,
     recording_path, require_processor, require_shared_memory, run_id, seconds, system,
 };
+use super::slots::{Means, SlotWatch, Slots};
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
 use super::tap::Tap;
 use crate::components;
 use crate::process::has_process;
-use crate::record::{Event, Recording};
+use crate::record::{Event, Recording, Severity};
+use crate::scenario::Scenario;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind};
@@ -25,8 +27,26 @@ use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::priority::may_take_fifo;
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Hello, Role, RollEntry, Seat};
+use slot::supervisor::Now;
 use std::path::PathBuf;
 use std::thread::JoinHandle;
+use vehicle::MorphAngle;
+
+/// Largest command of each slot, T and τ, or T, φ, θ and ψ, at the smallest arms.
+fn largest_commands(scenario: &Scenario) -> Vec<(Role, [f64; 4])> {
+    let vehicle = scenario.modelled_vehicle();
+    let rotor_n = vehicle.rotor_thrust_max_n;
+    let arm_m = vehicle.geometry.arm_length_m(MorphAngle::MAX);
+    // eq. (1) with each rotor between 0 and its most.
+    let torque_nm = [arm_m, arm_m, 2.0 * vehicle.yaw_coefficient_m].map(|lever| lever * rotor_n);
+    let thrust_n = 4.0 * rotor_n;
+    let [x, y, z] = torque_nm;
+    let tilt_rad = core::f64::consts::FRAC_PI_2;
+    vec![
+        (Role::Attitude, [thrust_n, x, y, z]),
+        (Role::Position, [thrust_n, tilt_rad, tilt_rad, core::f64::consts::PI]),
+    ]
+}
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -87,6 +107,7 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
 struct Flight {
     graph: Graph,
     supervisor: Supervisor,
+    slots: Slots,
     conductor: Conductor,
     tap: Tap,
     wakers: Wakers,
@@ -135,9 +156,11 @@ impl Flight {
             backoff_max_ns: seconds(patience.restart_backoff_max_s),
             limit: patience.restart_limit as usize,
         };
+        let slots = Slots::new(clock_of(scenario), &specs, largest_commands(scenario));
         let supervisor =
             Supervisor::new(&bus, membership.folder().to_path_buf(), specs, &hello, policy)?;
-        let consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
+        let mut consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
+        consumers.slot_watch = Some(SlotWatch::default());
         let duration_ns = scenario.duration_ns();
         Ok(Self {
             tap: Tap::open(&bus, &graph, consumers)?,
@@ -150,6 +173,7 @@ impl Flight {
             )?,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
+            slots,
             graph,
             pilot: None,
             pilot_stop: StopFlags::default(),
@@ -184,7 +208,13 @@ impl Flight {
         }
         let limit_s = scenario.settings().launcher.startup_timeout_s;
         let deadline_ns = mono_now_ns() + seconds(limit_s);
-        while !self.supervisor.await_ready(&self.graph, &mut self.tap).map_err(not_ready)? {
+        loop {
+            let ready = self.supervisor.await_ready(&self.graph, &mut self.tap);
+            let ready = ready.map_err(not_ready)?;
+            self.tend_slots(mono_now_ns()).map_err(not_ready)?;
+            if ready && self.supervisor.owners_known() {
+                break;
+            }
             if self.stop.signalled() {
                 return Err(RunError::Interrupted);
             }
@@ -200,7 +230,7 @@ impl Flight {
         if let Some(recording) = &mut self.tap.consumers.recording {
             recording.set_start(start_ns);
         }
-        self.conductor.start(start_ns);
+        self.conductor.start(start_ns, self.slots.cap_ns(u64::MAX));
         self.wakers.wake_all();
         self.progress_at = (mono_now_ns(), 0);
         Ok(())
@@ -214,15 +244,16 @@ impl Flight {
             let now_ns = mono_now_ns();
             self.tap.drain(now_ns);
             let drained = self.drained_ns();
-            if self.conductor.extend(drained, now_ns) {
-                self.wakers.wake_all();
-            }
-            self.conductor.serve_late_joiners();
-            let looked_after = self.supervisor.look_after(&self.bus, &mut self.tap, now_ns);
+            let looked_after = self.look_after(now_ns);
             self.publish_notices(drained);
             if let Err(error) = looked_after {
                 return Outcome::Lost(error.to_string());
             }
+            let cap_ns = self.slots.cap_ns(self.conductor.allowed_ns());
+            if self.conductor.extend(drained, cap_ns, now_ns) {
+                self.wakers.wake_all();
+            }
+            self.conductor.serve_late_joiners();
             if self.supervisor.all_finished() {
                 self.tap.drain(mono_now_ns());
                 return if interrupted { Outcome::Interrupted } else { Outcome::Flown };
@@ -255,6 +286,52 @@ impl Flight {
         let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
         let view = View { graph, supervisor, conductor, marks, drained_ns };
         self.live.serve(&view, now_ns);
+    }
+
+    /// Looks after processes, then slots.
+    fn look_after(&mut self, now_ns: u64) -> Result<(), FlightError> {
+        let slots = &self.slots;
+        let keeps = |seat: Seat| slots.keeps(seat);
+        self.supervisor.look_after(&self.bus, &mut self.tap, &keeps, now_ns)?;
+        self.tend_slots(now_ns)
+    }
+
+    /// Gives the slots what has happened, and passes on what they say.
+    fn tend_slots(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
+        let now = self.logical_now(now_mono_ns);
+        let mut means = Means {
+            bus: &self.bus,
+            graph: &self.graph,
+            supervisor: &mut self.supervisor,
+            tap: &mut self.tap,
+            now,
+            now_mono_ns,
+        };
+        let tended = self.slots.tend(&mut means);
+        self.pass_on_news(now.logical_ns);
+        tended
+    }
+
+    /// Where the flight is, for whoever decides about instants.
+    fn logical_now(&self, now_mono_ns: u64) -> Now {
+        if self.conductor.mode() == ClockMode::Lockstep {
+            Now { logical_ns: self.drained_ns, allowed_ns: self.conductor.allowed_ns() }
+        } else {
+            let started = self.conductor.has_started();
+            let wall_ns = if started { self.conductor.wall_ns(now_mono_ns) } else { 0 };
+            Now { logical_ns: wall_ns, allowed_ns: wall_ns }
+        }
+    }
+
+    fn pass_on_news(&mut self, logical_ns: u64) {
+        for news in core::mem::take(&mut self.slots.news) {
+            let text = format!("{}: {}", news.slot.label(), news.text);
+            let severity = if news.warning { Severity::Warning } else { Severity::Info };
+            self.tap.consumers.note(logical_ns, severity, &text);
+            if news.warning {
+                self.notice(&text);
+            }
+        }
     }
 
     fn end_early(&mut self, now_ns: u64) {
@@ -311,7 +388,7 @@ impl Flight {
             if let Some(recording) = &mut self.tap.consumers.recording {
                 let event = Event {
                     logical_ns,
-                    severity: crate::record::Severity::Warning,
+                    severity: Severity::Warning,
                     source: &notice.source,
                     text: &notice.text,
                 };
@@ -366,6 +443,7 @@ impl Flight {
         }
         let flown_ns = self.drained_ns().min(self.conductor.end_ns());
         self.tap.consumers.metrics.finish();
+        self.slots.finish();
         let mut summary = Summary {
             run_id: id.to_owned(),
             scenario: options.scenario.settings().scenario.name.clone(),
@@ -381,6 +459,7 @@ impl Flight {
             metrics: core::mem::take(&mut self.tap.consumers.metrics),
             audit: self.tap.consumers.audit.clone(),
             recovered: self.supervisor.recovered,
+            swaps: core::mem::take(&mut self.slots.reports),
             notices: core::mem::take(&mut self.notices),
             lost: pilot_error,
             interrupted: false,

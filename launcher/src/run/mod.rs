@@ -16,6 +16,7 @@ mod post;
 mod response;
 mod services;
 mod setup;
+mod slots;
 mod standstill;
 mod summary;
 mod supervisor;
@@ -30,6 +31,7 @@ pub use metrics::{Effort, Metrics, VIOLATION_TOLERANCE};
 pub use misses::{EdgeName, MissLog, Missed, Place};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
 pub use setup::{RunError, RunOptions};
+pub use slots::SwapReport;
 pub use summary::Summary;
 pub use tracking::Tracking;
 

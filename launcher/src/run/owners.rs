@@ -100,26 +100,16 @@ impl SlotOwner {
 
     /// The first seat owns the slot from the start.
     pub(super) fn begin(&mut self, period_ns: u64, marks: &mut SeatMarks) {
-        let mut record = OwnerRecord { epoch: 1, ..self.last };
+        let header = Header { sequence: 1, ..Header::default() };
+        let mut record = OwnerRecord { header, epoch: 1, ..self.last };
         record.period_ns = [0; SEATS];
         record.period_ns[0] = period_ns.max(1);
-        self.publish(record, 0, marks);
+        self.publish(record, marks);
     }
 
-    /// Announces a record that is in effect from `effective_ns` on.
-    pub(super) fn publish(
-        &mut self,
-        record: OwnerRecord,
-        effective_ns: u64,
-        marks: &mut SeatMarks,
-    ) {
-        let header = Header {
-            sequence: self.last.header.sequence + 1,
-            release_ns: effective_ns,
-            valid_ns: effective_ns,
-            ..Header::default()
-        };
-        self.last = OwnerRecord { header, ..record };
+    /// Announces a record.
+    pub(super) fn publish(&mut self, record: OwnerRecord, marks: &mut SeatMarks) {
+        self.last = record;
         if let Some(book) = marks.book(self.role) {
             book.learn(&self.last);
         }

@@ -28,6 +28,10 @@ pub(super) struct Post {
     pub(super) restart_at_ns: Option<u64>,
     /// It waits for a hand-over before it begins.
     pub(super) awaits_handover: bool,
+    /// Its successor goes on from its last state, and nobody is told.
+    pub(super) goes_on: bool,
+    /// It has been killed on purpose.
+    pub(super) scripted: bool,
     standstill: Option<Standstill>,
     handover: StatePublisher,
 }
@@ -46,6 +50,8 @@ impl Post {
             restarts: Vec::new(),
             restart_at_ns: None,
             awaits_handover: false,
+            goes_on: true,
+            scripted: false,
             standstill: None,
             handover: StatePublisher::open(bus, kind, HANDOVER_CAPACITY)?,
         })

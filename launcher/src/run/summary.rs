@@ -1,6 +1,7 @@
 //! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
 
 use super::metrics::{Effort, Metrics};
+use super::slots::{SwapReport, write_table};
 use crate::exit;
 use crate::record::SequenceAudit;
 use hdrhistogram::Histogram;
@@ -43,6 +44,8 @@ pub struct Summary {
     pub audit: SequenceAudit,
     /// Crashes that a restart made good.
     pub recovered: u64,
+    /// Changes of who commands a slot.
+    pub swaps: Vec<SwapReport>,
     /// What happened on the way.
     pub notices: Vec<String>,
     /// Why the flight ended before its time, if it crashed.
@@ -163,7 +166,11 @@ impl Summary {
         put("misses", self.metrics.misses().to_json().to_string());
         put("recorded_samples", self.recorded().to_string());
         put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
+        put("unguided_ticks", self.metrics.ticks().2.to_string());
         put("recovered_crashes", self.recovered.to_string());
+        if !self.swaps.is_empty() {
+            put("swaps", serde_json::json!(self.swaps).to_string());
+        }
         map
     }
 
@@ -190,6 +197,7 @@ impl Summary {
         let recording = self.recording.as_ref().map(|p| p.display().to_string());
         object.insert("recording".to_owned(), recording.into());
         object.insert("notices".to_owned(), self.notices.clone().into());
+        object.insert("swaps".to_owned(), serde_json::json!(self.swaps));
         serde_json::Value::from_iter(object)
     }
 
@@ -305,6 +313,7 @@ impl Summary {
         }
         writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), misses.dropped)?;
         self.write_loops(out)?;
+        write_table(&self.swaps, out)?;
         for notice in &self.notices {
             writeln!(out, "  event        {}", notice.replace('\n', "\n               "))?;
         }

@@ -15,6 +15,9 @@ use thiserror::Error;
 /// Restarts older than this no longer count against a process \[ns\].
 const RESTART_WINDOW_NS: u64 = 60_000_000_000;
 
+/// How long a killed process may take to be gone \[ns\].
+const KILL_LIMIT_NS: u64 = 1_000_000_000;
+
 /// What to do about crashes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RestartPolicy {
@@ -61,6 +64,23 @@ pub(super) struct Member<'a> {
     pub(super) finished: bool,
 }
 
+/// What has happened at a post in a slot.
+#[derive(Debug, Clone)]
+pub(super) enum PostEvent {
+    /// A process is on the roll and may be told to begin.
+    Joined { place: Seat, layout: u64, period_ns: u64 },
+    /// A process has left, with an obituary unless it did so in order.
+    Gone { place: Seat, obituary: Option<String> },
+}
+
+impl PostEvent {
+    pub(super) fn place(&self) -> Seat {
+        match self {
+            Self::Joined { place, .. } | Self::Gone { place, .. } => *place,
+        }
+    }
+}
+
 /// Supervises all processes of one flight.
 pub(super) struct Supervisor {
     folder: PathBuf,
@@ -69,8 +89,24 @@ pub(super) struct Supervisor {
     hello: IpcSource<Hello>,
     roll: RollKeeper,
     slots: Vec<SlotOwner>,
+    events: Vec<PostEvent>,
     pub(super) notices: Vec<Notice>,
     pub(super) recovered: u64,
+}
+
+/// A process that has just got onto the roll.
+struct Joined {
+    seat: Seat,
+    layout: u64,
+    period_ns: u64,
+}
+
+impl Joined {
+    /// For a slot of several seats.
+    fn to_event(&self) -> Option<PostEvent> {
+        let Self { seat, layout, period_ns } = *self;
+        (seat.role.seats() > 1).then_some(PostEvent::Joined { place: seat, layout, period_ns })
+    }
 }
 
 impl Supervisor {
@@ -90,6 +126,7 @@ impl Supervisor {
             hello: IpcSource::with_capacity(hello, 64)?,
             roll: RollKeeper::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
+            events: Vec::new(),
             notices: Vec::new(),
             recovered: 0,
         })
@@ -121,18 +158,27 @@ impl Supervisor {
                 });
             }
         }
-        for (seat, _) in self.take_hellos(true, tap) {
+        for joined in self.take_hellos(true, tap) {
             // The pilot holds the position slot of a rig flight.
-            let slot = self.slots.iter_mut().find(|slot| graph.slot_holder(slot.role) == seat.role);
-            if let Some(slot) = slot.filter(|slot| slot.epoch() == 0) {
-                slot.begin(graph.node(seat.role).map_or(0, |n| n.rate.period_ns()), &mut tap.marks);
+            let role = joined.seat.role;
+            let rigged = |slot: &&mut SlotOwner| {
+                slot.role != role && graph.slot_holder(slot.role) == role && slot.epoch() == 0
+            };
+            if let Some(slot) = self.slots.iter_mut().find(rigged) {
+                slot.begin(joined.period_ns, &mut tap.marks);
             }
+            self.events.extend(joined.to_event());
         }
         // A reader that joined after the record was written has it only now.
         self.serve_late_joiners();
         let nodes = graph.nodes().iter();
         let seated = nodes.clone().all(|n| self.present().any(|e| e.role == n.role));
-        Ok(seated && self.slots.iter().all(|slot| slot.epoch() > 0))
+        Ok(seated)
+    }
+
+    /// True once every slot has an owner.
+    pub(super) fn owners_known(&self) -> bool {
+        self.slots.iter().all(|slot| slot.epoch() > 0)
     }
 
     /// Lets processes that have just joined see owners and states.
@@ -159,31 +205,43 @@ impl Supervisor {
         &mut self,
         bus: &Bus,
         tap: &mut Tap,
+        keeps: &dyn Fn(Seat) -> bool,
         now_ns: u64,
     ) -> Result<(), FlightError> {
         for index in 0..self.posts.len() {
-            self.bury_the_dead(bus, index, now_ns)?;
+            self.bury_the_dead(bus, index, keeps, tap, now_ns)?;
             let post = &mut self.posts[index];
             if post.restart_at_ns.is_some_and(|at| now_ns >= at) {
                 post.restart_at_ns = None;
                 let has_state = tap.last_state(post.seat).is_some();
                 post.generation += 1;
-                start(post, &self.folder, has_state)?;
+                start(post, &self.folder, has_state || !post.goes_on)?;
             }
         }
-        for (seat, awaits_handover) in self.take_hellos(false, tap) {
+        for joined in self.take_hellos(false, tap) {
+            let seat = joined.seat;
             let post = self.posts.iter_mut().find(|post| post.seat == seat);
-            if let Some(post) = post.filter(|_| awaits_handover) {
+            let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
+            if post.goes_on {
                 // It is on the roll before it can say a word.
                 let order = Handover { has_state: Flag::Yes, ..Handover::default() };
                 post.hand_over(order, tap.last_state(seat).unwrap_or_default());
+            } else {
+                self.events.extend(joined.to_event());
             }
         }
         self.serve_late_joiners();
         Ok(())
     }
 
-    fn bury_the_dead(&mut self, bus: &Bus, index: usize, now_ns: u64) -> Result<(), FlightError> {
+    fn bury_the_dead(
+        &mut self,
+        bus: &Bus,
+        index: usize,
+        keeps: &dyn Fn(Seat) -> bool,
+        tap: &mut Tap,
+        now_ns: u64,
+    ) -> Result<(), FlightError> {
         let post = &mut self.posts[index];
         let Some(status) = post.child.as_mut().and_then(RunningChild::exited) else {
             return Ok(());
@@ -191,6 +249,11 @@ impl Supervisor {
         if status.success() {
             post.finished = true;
             post.child = None;
+            let place = post.seat;
+            if place.role.seats() > 1 {
+                self.leave_roll(place, tap);
+                self.events.push(PostEvent::Gone { place, obituary: None });
+            }
             return Ok(());
         }
         let name = post.spec.name.clone();
@@ -201,18 +264,25 @@ impl Supervisor {
         bus.sweep_dead_processes();
         let lost = |reason: String| {
             let (name, how, words) = (name.clone(), how.clone(), words.clone());
-            Err(FlightError::Lost { name, how, words, reason })
+            FlightError::Lost { name, how, words, reason }
         };
         if post.seat.role == Role::Plant {
-            return lost("the plant is the world and cannot be restarted: the flight ends".into());
+            let reason = "the plant is the world and cannot be restarted: the flight ends";
+            return Err(lost(reason.to_owned()));
         }
-        post.restarts.retain(|at| at + RESTART_WINDOW_NS > now_ns);
-        let count = post.restarts.len();
-        if count >= self.policy.limit {
-            return lost(format!("restarted {count} times within a minute: the flight ends"));
+        if post.seat.role.seats() > 1 && (post.scripted || !keeps(post.seat)) {
+            // Who commands the slot now is not decided here.
+            let place = post.seat;
+            let obituary = (!post.scripted).then(|| format!("{name} {how}{words}"));
+            post.scripted = false;
+            post.ready = false;
+            self.leave_roll(place, tap);
+            self.events.push(PostEvent::Gone { place, obituary });
+            return Ok(());
         }
-        let delay_ns = (self.policy.backoff_ns << count.min(20)).min(self.policy.backoff_max_ns);
-        post.restarts.push(now_ns);
+        post.goes_on = true;
+        let delay_ns = self.pause_before_restart(index, now_ns).map_err(lost)?;
+        let post = &mut self.posts[index];
         post.restart_at_ns = Some(now_ns + delay_ns);
         post.ready = false;
         self.recovered += 1;
@@ -221,8 +291,121 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Enters who has become ready on the roll; seats, and whether they wait for a hand-over.
-    fn take_hellos(&mut self, starting: bool, tap: &mut Tap) -> Vec<(Seat, bool)> {
+    /// Counts a restart and tells how long to wait before it, or why there shall be none \[ns\].
+    fn pause_before_restart(&mut self, index: usize, now_ns: u64) -> Result<u64, String> {
+        let post = &mut self.posts[index];
+        post.restarts.retain(|at| at + RESTART_WINDOW_NS > now_ns);
+        let count = post.restarts.len();
+        if count >= self.policy.limit {
+            return Err(format!("restarted {count} times within a minute: the flight ends"));
+        }
+        post.restarts.push(now_ns);
+        Ok((self.policy.backoff_ns << count.min(20)).min(self.policy.backoff_max_ns))
+    }
+
+    /// What has happened in the slots since the last time.
+    pub(super) fn take_events(&mut self) -> Vec<PostEvent> {
+        core::mem::take(&mut self.events)
+    }
+
+    /// Starts a process on a seat that is free.
+    pub(super) fn spawn(
+        &mut self,
+        bus: &Bus,
+        seat: Seat,
+        spec: ChildSpec,
+    ) -> Result<(), FlightError> {
+        let before = self.posts.iter().position(|post| post.seat == seat);
+        let mut post = Post::open(bus, seat, spec)?;
+        if let Some(before) = before {
+            post.generation = self.posts.swap_remove(before).generation + 1;
+        }
+        start(&mut post, &self.folder, true)?;
+        self.posts.push(post);
+        Ok(())
+    }
+
+    /// Starts the process of a seat again; it will be told where to begin.
+    pub(super) fn restart(&mut self, seat: Seat, now_ns: u64) -> Result<(), FlightError> {
+        let Some(index) = self.posts.iter().position(|post| post.seat == seat) else {
+            return Ok(());
+        };
+        let pause_ns = self.pause_before_restart(index, now_ns).map_err(|reason| {
+            let (how, words) = ("keeps dying".to_owned(), String::new());
+            FlightError::Lost { name: self.posts[index].spec.name.clone(), how, words, reason }
+        })?;
+        self.recovered += 1;
+        let post = &mut self.posts[index];
+        post.goes_on = false;
+        post.restart_at_ns = Some(now_ns + pause_ns);
+        Ok(())
+    }
+
+    /// Lets a process begin that has been started in flight.
+    pub(super) fn hand_over(&mut self, seat: Seat, order: Handover, state: &[u8]) {
+        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
+            post.hand_over(order, state);
+        }
+    }
+
+    /// Tells everybody who owns a slot from when.
+    pub(super) fn announce(&mut self, record: OwnerRecord, tap: &mut Tap) {
+        let slot = self.slots.iter_mut().find(|slot| slot.role == record.slot);
+        if let Some(slot) = slot {
+            slot.publish(record, &mut tap.marks);
+        }
+    }
+
+    /// Ends a process; its death is told as an event.
+    pub(super) fn kill(&mut self, seat: Seat) {
+        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
+            post.scripted = true;
+            if let Some(child) = &mut post.child {
+                child.kill();
+            }
+        }
+    }
+
+    /// Stops a process without ending it, and lets nobody wait for it any more.
+    pub(super) fn stop(&mut self, seat: Seat, tap: &mut Tap) {
+        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat)
+            && let Some(child) = &mut post.child
+        {
+            child.stop();
+            self.leave_roll(seat, tap);
+        }
+    }
+
+    /// Ends a process and waits until it is gone, so that a scripted death has its instant.
+    pub(super) fn kill_at_once(&mut self, seat: Seat) {
+        self.kill(seat);
+        let post = self.posts.iter_mut().find(|post| post.seat == seat);
+        let Some(child) = post.and_then(|post| post.child.as_mut()) else { return };
+        let give_up_ns = mono_now_ns() + KILL_LIMIT_NS;
+        while child.exited().is_none() && mono_now_ns() < give_up_ns {
+            sleep_until(mono_now_ns() + 100_000);
+        }
+    }
+
+    /// Nobody waits for a seat any more.
+    fn leave_roll(&mut self, seat: Seat, tap: &mut Tap) {
+        self.roll.leave(seat);
+        self.roll.publish();
+        tap.marks.learn_roll(self.roll.entries());
+    }
+
+    /// Seat of the process of this name that is not in a slot, or of the only one of its role.
+    pub(super) fn seat_of(&self, name: &str) -> Option<Seat> {
+        self.posts.iter().find(|post| post.spec.name == name).map(|post| post.seat)
+    }
+
+    /// True while a process on a seat is to be waited for at the end: it flies to the end.
+    fn flies_on(post: &Post) -> bool {
+        post.child.is_some() || post.restart_at_ns.is_some()
+    }
+
+    /// Enters who has become ready on the roll.
+    fn take_hellos(&mut self, starting: bool, tap: &mut Tap) -> Vec<Joined> {
         let mut joined = Vec::new();
         while let Some((hello, node, pid)) = self.hello.receive_from() {
             let seat = Seat { role: hello.role, index: hello.seat };
@@ -233,12 +416,10 @@ impl Supervisor {
             };
             if let Some(post) = self.posts.iter_mut().find(own) {
                 post.ready = true;
-                joined.push((seat, post.awaits_handover));
-            } else if seat.role == Role::Pilot && starting && pid == std::process::id() {
-                joined.push((seat, false));
-            } else {
+            } else if seat.role != Role::Pilot || !starting || pid != std::process::id() {
                 continue;
             }
+            joined.push(Joined { seat, layout: hello.state_layout, period_ns: hello.period_ns });
             self.enter(node, seat, &hello, tap);
         }
         joined
@@ -268,7 +449,9 @@ impl Supervisor {
 
     /// Who fills which seat now, for those who ask.
     pub(super) fn crew(&self) -> impl Iterator<Item = Member<'_>> {
-        self.posts.iter().map(|post| Member {
+        // Whoever has left its seat in a slot is not there any more.
+        let there = |post: &&Post| post.seat.role.seats() == 1 || Self::flies_on(post);
+        self.posts.iter().filter(there).map(|post| Member {
             seat: post.seat,
             name: &post.spec.name,
             pid: post.child.as_ref().map(RunningChild::pid),
@@ -293,12 +476,12 @@ impl Supervisor {
 
     /// True once every process has finished its flight.
     pub(super) fn all_finished(&self) -> bool {
-        self.posts.iter().all(|post| post.finished)
+        self.posts.iter().all(|post| post.finished || !Self::flies_on(post))
     }
 
     /// Names of processes still running.
     pub(super) fn unfinished(&self) -> Vec<&str> {
-        let running = self.posts.iter().filter(|post| !post.finished);
+        let running = self.posts.iter().filter(|post| Self::flies_on(post));
         running.map(|post| post.spec.name.as_str()).collect()
     }
 }

@@ -68,6 +68,8 @@ pub struct Executor<S: Service> {
     track_until_ns: u64,
     /// The release before the first of a component that joins a flight \[ns\].
     joins_after_ns: Option<u64>,
+    /// Runs every past release until the first that is in time, whatever the policy.
+    catching_up: bool,
 }
 
 impl<S: Service> core::fmt::Debug for Executor<S> {
@@ -104,6 +106,7 @@ impl<S: Service> Executor<S> {
             rescued_waits: 0,
             track_until_ns: 0,
             joins_after_ns: None,
+            catching_up: false,
         }
     }
 
@@ -193,6 +196,11 @@ impl<S: Service> Executor<S> {
             self.joins_after_ns = index.checked_sub(1).map(|k| self.node.rate.release_ns(k));
         }
         self.track_until_ns = track_until_ns;
+    }
+
+    /// Lets a component that shadows begin behind time and run what it has missed.
+    pub fn catch_up(&mut self) {
+        self.catching_up = true;
     }
 
     /// See [`Service::reseed`].
@@ -288,6 +296,10 @@ impl<S: Service> Executor<S> {
     pub fn apply_miss_policy(&mut self, now_ns: u64) {
         let following_ns = self.node.rate.release_ns(self.next_index + 1);
         if self.node.lead_ns > 0 || now_ns < following_ns {
+            self.catching_up = false;
+            return;
+        }
+        if self.catching_up {
             return;
         }
         match self.node.miss_policy {

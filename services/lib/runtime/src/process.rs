@@ -498,6 +498,9 @@ fn begin<S: Service>(executor: &mut Executor<S>, bytes: &[u8]) -> Result<(), Res
     if order.has_state.is_set() {
         executor.restore(state)?;
     }
+    if order.catches_up.is_set() {
+        executor.catch_up();
+    }
     if order.join_ns > 0 {
         executor.join_at(order.join_ns, order.track_until_ns);
     }

@@ -1,0 +1,135 @@
+//! Sets a candidate's commands beside the owner's, and measures the bump of a flip.
+
+use super::watch::Commanded;
+use slot::gate::{Axis, Gate, GateFigures, GateLimits, Pair, Phase, Refusal};
+use std::collections::VecDeque;
+
+/// Commands kept of each of the two.
+const KEPT: usize = 256;
+
+/// Two streams of commands of one slot, compared instant by instant.
+#[derive(Debug)]
+pub(super) struct Gatekeeper {
+    axes: [Axis; 4],
+    gate: Gate,
+    candidate: u32,
+    owner: u32,
+    /// Until then the candidate tracks \[ns\].
+    track_until_ns: u64,
+    from_candidate: VecDeque<Commanded>,
+    from_owner: VecDeque<Commanded>,
+    /// Steps that the candidate had missed when it was first heard of.
+    missed_before: Option<u64>,
+    /// The flip, once it is known \[ns\], and the bump there, per axis over the largest command.
+    flip_ns: Option<u64>,
+    bump: Option<[f64; 4]>,
+}
+
+impl Gatekeeper {
+    pub(super) fn new(
+        axes: [Axis; 4],
+        limits: GateLimits,
+        (candidate, owner): (u32, u32),
+        (tracks, track_until_ns): (bool, u64),
+    ) -> Self {
+        Self {
+            axes,
+            gate: Gate::new(axes, limits, tracks),
+            candidate,
+            owner,
+            track_until_ns,
+            from_candidate: VecDeque::with_capacity(KEPT),
+            from_owner: VecDeque::with_capacity(KEPT),
+            missed_before: None,
+            flip_ns: None,
+            bump: None,
+        }
+    }
+
+    /// Takes a command of either.
+    ///
+    /// # Errors
+    /// The candidate did what no controller may do.
+    pub(super) fn take(&mut self, command: &Commanded) -> Result<(), Refusal> {
+        let queue = match command.seat {
+            seat if seat == self.candidate => &mut self.from_candidate,
+            seat if seat == self.owner => &mut self.from_owner,
+            _ => return Ok(()),
+        };
+        if queue.len() == KEPT {
+            queue.pop_front();
+        }
+        queue.push_back(*command);
+        self.compare()
+    }
+
+    /// Compares all that both have said something about.
+    fn compare(&mut self) -> Result<(), Refusal> {
+        while let Some(candidate) = self.from_candidate.front() {
+            let Some(newest) = self.from_owner.back() else { return Ok(()) };
+            if newest.effective_ns < candidate.effective_ns {
+                return Ok(());
+            }
+            let candidate = *candidate;
+            self.from_candidate.pop_front();
+            let before = |owner: &&Commanded| owner.effective_ns <= candidate.effective_ns;
+            let Some(owner) = self.from_owner.iter().rev().find(before).copied() else { continue };
+            self.measure(&candidate, &owner)?;
+        }
+        Ok(())
+    }
+
+    fn measure(&mut self, candidate: &Commanded, owner: &Commanded) -> Result<(), Refusal> {
+        if let Some(flip_ns) = self.flip_ns {
+            if candidate.effective_ns >= flip_ns && self.bump.is_none() {
+                let over = |i: usize| {
+                    (candidate.value[i] - owner.value[i]).abs()
+                        / self.axes[i].u_max().max(f64::MIN_POSITIVE)
+                };
+                self.bump = Some(core::array::from_fn(over));
+            }
+            return Ok(());
+        }
+        let tracking = candidate.release_ns < self.track_until_ns;
+        let phase = if tracking { Phase::Tracking } else { Phase::Free };
+        let pair = Pair {
+            effective_ns: candidate.effective_ns,
+            candidate: candidate.value,
+            owner: owner.value,
+        };
+        self.gate.compare(phase, &pair)
+    }
+
+    /// Takes how many steps the candidate has missed in all.
+    pub(super) fn missed(&mut self, seat: u32, steps: u64, at_ns: u64) {
+        if seat != self.candidate || self.flip_ns.is_some() {
+            return;
+        }
+        // What it missed on its way in is no fault of its own.
+        let before = *self.missed_before.get_or_insert(steps);
+        let known = self.gate.figures().missed;
+        for _ in known..steps.saturating_sub(before) {
+            self.gate.miss(at_ns);
+        }
+    }
+
+    pub(super) fn verdict(&self) -> Result<GateFigures, Refusal> {
+        self.gate.verdict()
+    }
+
+    pub(super) fn figures(&self) -> GateFigures {
+        self.gate.figures()
+    }
+
+    /// From here on only the bump at this instant matters; a later one takes its place.
+    pub(super) fn flips_at(&mut self, flip_ns: u64) {
+        self.flip_ns = Some(flip_ns);
+        self.bump = None;
+    }
+
+    /// Largest difference of the two commands for the instant of the flip, per axis over the largest
+    /// command; none before it has been seen.
+    pub(super) fn bump(&self) -> Option<[f64; 4]> {
+        self.bump
+    }
+}

@@ -1,0 +1,115 @@
+//! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
+
+use shared_types::{
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Header, LoopStats, Role, Sample,
+    WrenchCommand,
+};
+use std::any::Any;
+
+/// A command that somebody on a seat has published.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::run) struct Commanded {
+    pub(super) slot: Role,
+    pub(super) seat: u32,
+    pub(super) release_ns: u64,
+    pub(super) effective_ns: u64,
+    /// T and τ, or T, φ, θ and ψ.
+    pub(super) value: [f64; 4],
+}
+
+/// What a slot's consumer says about whom it obeys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(in crate::run) struct Obeyed {
+    pub(super) at_ns: u64,
+    pub(super) epoch: u64,
+    pub(super) seat: u32,
+    pub(super) failed_over: bool,
+    pub(super) refused_epoch: u64,
+}
+
+/// One observation, in the order drained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::run) enum Seen {
+    /// A command.
+    Command(Commanded),
+    /// A consumer changed its mind, or says for the first time what it thinks.
+    Obeys { slot: Role, by_seat: u32, obeyed: Obeyed },
+    /// A process on a seat has missed so many steps since its start.
+    Missed { slot: Role, seat: u32, steps: u64, at_ns: u64 },
+}
+
+/// Keeps what has been seen until it is asked for.
+#[derive(Debug, Clone, Default)]
+pub(in crate::run) struct SlotWatch {
+    seen: Vec<Seen>,
+    /// What each consumer said last: the plant, then the seats of the attitude slot.
+    last: [Obeyed; 1 + shared_types::SEATS],
+}
+
+impl SlotWatch {
+    /// Looks at one sample.
+    pub(in crate::run) fn observe<T: Sample>(&mut self, sample: &T) {
+        let any: &dyn Any = sample;
+        if let Some(command) = any.downcast_ref::<WrenchCommand>() {
+            let [x, y, z] = command.torque_b_nm;
+            self.command(Role::Attitude, &command.header, [command.thrust_n, x, y, z]);
+        } else if let Some(setpoint) = any.downcast_ref::<AttitudeSetpoint>() {
+            let AttitudeSetpoint { thrust_n, roll_rad, pitch_rad, yaw_rad, .. } = *setpoint;
+            let value = [thrust_n, roll_rad, pitch_rad, yaw_rad];
+            self.command(Role::Position, &setpoint.header, value);
+        } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
+            let obeyed = Obeyed {
+                at_ns: applied.header.release_ns,
+                epoch: applied.epoch,
+                seat: applied.seat,
+                failed_over: applied.failed_over.is_set(),
+                refused_epoch: applied.refused_epoch,
+            };
+            self.obeys(Role::Attitude, 0, 0, obeyed);
+        } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
+            let obeyed = Obeyed {
+                at_ns: applied.header.release_ns,
+                epoch: applied.epoch,
+                seat: applied.seat,
+                failed_over: applied.failed_over.is_set(),
+                refused_epoch: applied.refused_epoch,
+            };
+            let by_seat = applied.header.seat;
+            let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
+            self.obeys(Role::Position, by_seat, place, obeyed);
+        } else if let Some(stats) = any.downcast_ref::<LoopStats>()
+            && matches!(stats.role, Role::Attitude | Role::Position)
+        {
+            self.seen.push(Seen::Missed {
+                slot: stats.role,
+                seat: stats.header.seat / 8,
+                steps: stats.skipped + stats.input_deadline_misses,
+                at_ns: stats.header.release_ns,
+            });
+        }
+    }
+
+    fn command(&mut self, slot: Role, header: &Header, value: [f64; 4]) {
+        self.seen.push(Seen::Command(Commanded {
+            slot,
+            seat: header.seat,
+            release_ns: header.release_ns,
+            effective_ns: header.valid_ns,
+            value,
+        }));
+    }
+
+    /// Notes what a consumer says if it is news.
+    fn obeys(&mut self, slot: Role, by_seat: u32, place: usize, obeyed: Obeyed) {
+        let Some(last) = self.last.get_mut(place) else { return };
+        if (Obeyed { at_ns: last.at_ns, ..obeyed }) != *last {
+            *last = obeyed;
+            self.seen.push(Seen::Obeys { slot, by_seat, obeyed });
+        }
+    }
+
+    /// Everything seen since the last time.
+    pub(in crate::run) fn take(&mut self) -> Vec<Seen> {
+        core::mem::take(&mut self.seen)
+    }
+}
