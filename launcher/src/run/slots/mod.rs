@@ -3,31 +3,35 @@
 //! The protocol itself is `slot::supervisor`, which knows neither processes nor clocks. This gives it
 //! events (hellos, deaths, what consumers say, time, requests) and does what it wants done.
 
+mod facts;
 mod gatekeeper;
 mod ledger;
-
+mod script;
 mod watch;
+mod words;
 
 pub use ledger::SwapReport;
 pub(super) use ledger::write_table;
-
+pub(super) use script::Script;
 pub(super) use watch::SlotWatch;
 
 use super::child::ChildSpec;
 use super::supervisor::{FlightError, PostEvent, Supervisor};
 use super::tap::Tap;
+use facts::{axes, command_latency_ns, millihertz};
 use gatekeeper::Gatekeeper;
 use ledger::seconds;
 use runtime::Graph;
 use runtime::ipc::Bus;
-use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place, topics};
-use slot::gate::{Axis, GateLimits};
+use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
+use slot::gate::GateLimits;
 use slot::record::{Seat, author_on};
 use slot::supervisor::{
-    Action, Event, Fault, Instance, Now, Order, Outcome, Program, Report, Request, Slot,
+    Action, Event, Fault, Instance, Now, Outcome, Program, Report, Request, Slot,
     SlotConfig, Step, Target,
 };
 use watch::Seen;
+use words::{Names, words};
 
 /// Wall time that a process may take to leave, or to say hello \[ns\].
 const PATIENCE_NS: u64 = 10_000_000_000;
@@ -87,7 +91,6 @@ pub(super) struct Means<'a> {
 pub(super) struct Slots {
     slots: Vec<Managed>,
     programs: Vec<ChildSpec>,
-    axes: fn(Role, &[f64; 4]) -> [Axis; 4],
     u_max: Vec<(Role, [f64; 4])>,
     mode: ClockMode,
     pub(super) reports: Vec<SwapReport>,
@@ -108,7 +111,6 @@ impl Slots {
         let mut all = Self {
             slots: Vec::new(),
             programs: Vec::new(),
-            axes,
             u_max,
             mode,
             reports: Vec::new(),
@@ -395,7 +397,7 @@ impl Slots {
             return;
         }
         let u_max = self.u_max.iter().find(|(role, _)| *role == managed.role);
-        let axes = (self.axes)(managed.role, &u_max.map_or([1.0; 4], |(_, u_max)| *u_max));
+        let axes = axes(managed.role, &u_max.map_or([1.0; 4], |(_, u_max)| *u_max));
         let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
         if let Some(max_bump) = managed.limits.max_bump {
             limits.tracking = max_bump;
@@ -452,7 +454,11 @@ impl Slots {
                 {
                     gate.flips_at(at_ns);
                 }
-                let (text, warning) = self.words(index, &step);
+                let names = Names {
+                    on: &|seat| format!("{} on {seat}", self.name_on(index, seat)),
+                    of: &|program| self.name(program),
+                };
+                let (text, warning) = words(&step, &names);
                 self.say(index, text, warning, None);
             }
         }
@@ -470,63 +476,6 @@ impl Slots {
         }
         outcome.clone_into(&mut report.outcome);
         report.done = done;
-    }
-
-    fn words(&self, index: usize, step: &Step) -> (String, bool) {
-        let name = |seat: &Seat| format!("{} on {seat}", self.name_on(index, *seat));
-        match step {
-            Step::Joined { seat, same_kind, at_ns } => {
-                let how = if *same_kind {
-                    "restores its predecessor's state"
-                } else {
-                    "is of another kind (its state has another layout) and tracks what is applied"
-                };
-                (format!("{} joined at {:.6} s and {how}", name(seat), seconds(*at_ns)), false)
-            }
-            Step::RunsFree(seat) => (format!("{} runs free", name(seat)), false),
-            Step::Passed(seat, figures) => {
-                let worst = |worst: &[slot::gate::Worst; 4]| {
-                    100.0 * worst.iter().map(|w| w.value).fold(0.0, f64::max)
-                };
-                let text = format!(
-                    "{} passed the gate: {} commands one step ahead, at most {:.3} % apart; {} running free, at most {:.3} %",
-                    name(seat),
-                    figures.tracked,
-                    worst(&figures.tracking_worst),
-                    figures.free,
-                    worst(&figures.free_worst),
-                );
-                (text, false)
-            }
-            Step::Forced(seat, refusal) => {
-                (format!("{} goes on by force although {refusal}", name(seat)), true)
-            }
-            Step::FlipsAt { seat, epoch, at_ns } => {
-                let at_s = seconds(*at_ns);
-                (format!("{} is to command from {at_s:.6} s on, epoch {epoch}", name(seat)), false)
-            }
-            Step::Flipped { seat, epoch, at_ns } => {
-                let at_s = seconds(*at_ns);
-                (format!("{} commands since {at_s:.6} s, epoch {epoch}", name(seat)), false)
-            }
-            Step::TriedAgain { epoch, tries } => {
-                (format!("the owner record came too late; attempt {tries} is epoch {epoch}"), true)
-            }
-            Step::TookOver { seat, from, fault } => {
-                (format!("{} took over from {from}: {fault}", name(seat)), true)
-            }
-            Step::Ownerless(seat, fault) => {
-                (format!("nobody commands: {fault}; {} is started again", name(seat)), true)
-            }
-            Step::Commands(seat) => (format!("{} commands", name(seat)), false),
-            Step::StandbyLost(seat, fault) => {
-                (format!("{} no longer stands by: {fault}", name(seat)), true)
-            }
-            Step::StandbyGivenUp(program) => {
-                (format!("{} is given up as a standby", self.name(*program)), true)
-            }
-            Step::Left(seat) => (format!("{} has left", name(seat)), false),
-        }
     }
 
     fn say(&mut self, index: usize, text: String, warning: bool, ends: Option<u8>) {
@@ -589,42 +538,4 @@ impl Slots {
             self.end(index, "the flight ended before it did", false);
         }
     }
-}
-
-/// A default order, as the command line has it.
-pub(super) const fn order(shadow_ns: u64, rollback_ns: u64) -> Order {
-    Order { shadow_ns, rollback_ns, force: false, dry_run: false }
-}
-
-/// Axes of a slot's command, by its largest values.
-fn axes(slot: Role, u_max: &[f64; 4]) -> [Axis; 4] {
-    let names = match slot {
-        Role::Attitude => ["thrust (N)", "torque x (N m)", "torque y (N m)", "torque z (N m)"],
-        _ => ["thrust (N)", "roll (rad)", "pitch (rad)", "yaw (rad)"],
-    };
-    core::array::from_fn(|i| {
-        // Thrust pulls and never pushes; rounding at a bound is no offence.
-        let slack = 1e-6 * u_max[i];
-        let min = if i == 0 { -slack } else { -u_max[i] - slack };
-        Axis { name: names[i], min, max: u_max[i] + slack }
-    })
-}
-
-/// From release to effect of the command by which a role fills its slot \[ns\].
-fn command_latency_ns(graph: &Graph, role: Role) -> u64 {
-    match role {
-        Role::Attitude => graph.latency_ns(&topics::WRENCH_COMMAND.info),
-        Role::Position => graph.latency_ns(&topics::ATTITUDE_SETPOINT.info),
-        _ => 0,
-    }
-}
-
-/// Rate of a controller: the slot's own if its period is, so that no rounding comes in.
-fn millihertz(graph: &Graph, role: Role, period_ns: u64) -> u64 {
-    let node = graph.node(role).filter(|node| node.rate.period_ns() == period_ns);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
-    node.map_or_else(
-        || 1_000_000_000_000_u64.checked_div(period_ns).unwrap_or(0),
-        |node| (node.rate.hz() * 1000.0).round() as u64,
-    )
 }

@@ -1,6 +1,7 @@
 //! What is done to a flight on purpose, at logical instants: swaps and faults.
 
-use super::{Limits, Means, Slots, order};
+use super::facts::order;
+use super::{Limits, Means, Slots};
 use crate::run::child::ChildSpec;
 use crate::run::supervisor::FlightError;
 use crate::scenario::settings::{FaultKind, FaultSettings, SwapSettings};
