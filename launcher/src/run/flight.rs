@@ -306,6 +306,7 @@ impl Flight {
             tap: &mut self.tap,
             now,
             now_mono_ns,
+            is_over: self.drained_ns >= self.conductor.end_ns(),
         };
         let tended = self.slots.tend(&mut means);
         self.pass_on_news(now.logical_ns);

@@ -85,6 +85,8 @@ pub(super) struct Means<'a> {
     pub(super) tap: &'a mut Tap,
     pub(super) now: Now,
     pub(super) now_mono_ns: u64,
+    /// The flight has reached its end: whoever leaves does so in order.
+    pub(super) is_over: bool,
 }
 
 /// All slots that have processes.
@@ -241,6 +243,7 @@ impl Slots {
                 };
                 self.tell(index, Event::Ready(seat, instance), means)
             }
+            PostEvent::Gone { .. } if means.is_over => Ok(()),
             PostEvent::Gone { obituary, .. } => {
                 if let Some(obituary) = obituary {
                     self.say(index, obituary.clone(), true, None);
