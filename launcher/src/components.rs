@@ -123,6 +123,18 @@ pub fn build<V: ComponentVisitor>(
     build_service(name_of(role), scenario, visitor)
 }
 
+/// Builds a service by its name.
+///
+/// # Errors
+/// The component refuses its configuration.
+pub fn build_named<V: ComponentVisitor>(
+    name: &str,
+    scenario: &Scenario,
+    visitor: V,
+) -> Result<V::Output, BuildError> {
+    build_service(Some(name), scenario, visitor)
+}
+
 /// Builds a service by name; the pilot has none.
 fn build_service<V: ComponentVisitor>(
     name: Option<&str>,

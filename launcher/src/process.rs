@@ -29,6 +29,8 @@ pub struct ProcOptions {
     pub launcher_pid: u32,
     /// Begin where, and from what state, a hand-over says.
     pub await_handover: bool,
+    /// Scenario that configures the service, if not the run's.
+    pub config: Option<PathBuf>,
     /// Processor to stay on.
     pub cpu: Option<usize>,
     /// How much to stand back for others, as `nice` counts.
@@ -102,7 +104,11 @@ fn fly(role: Role, options: &ProcOptions) -> Result<Ending, Box<dyn std::error::
     let graph = scenario.graph()?;
     let node = *graph.node(role).ok_or("this flight has no such process")?;
     let flight = Fly { bus: &bus, graph, node, stop, options };
-    components::build(role, &scenario, flight)?
+    let configured = match &options.config {
+        Some(file) => &Scenario::load(&file.to_string_lossy(), &[])?,
+        None => &scenario,
+    };
+    components::build_named(&options.service, configured, flight)?
 }
 
 /// Connects and flies whatever component it is given.

@@ -346,6 +346,9 @@ pub struct ProcArguments {
     /// Begin where, and from what state, a hand-over says
     #[arg(long)]
     pub await_handover: bool,
+    /// Scenario that configures the service, if not the run's
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Processor to stay on
     #[arg(long, value_name = "CPU")]
     pub cpu: Option<usize>,
@@ -362,6 +365,7 @@ impl ProcArguments {
             place: Place { seat: self.seat, generation: self.generation },
             launcher_pid: self.launcher_pid,
             await_handover: self.await_handover,
+            config: self.config.clone(),
             cpu: self.cpu,
             nice: self.nice,
         }

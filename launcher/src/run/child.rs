@@ -14,6 +14,15 @@ use std::thread;
 /// Lines of standard error kept for the obituary.
 const LAST_WORDS: usize = 12;
 
+/// How an executable is told what to be.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Launch {
+    /// `morphquad proc NAME`, perhaps with another scenario's configuration.
+    Service { config: Option<PathBuf> },
+    /// Somebody's own controller of a slot, perhaps with a configuration of its own.
+    Foreign { slot: &'static str, config: Option<PathBuf> },
+}
+
 /// What to start.
 #[derive(Debug, Clone)]
 pub(super) struct ChildSpec {
@@ -21,19 +30,14 @@ pub(super) struct ChildSpec {
     pub(super) name: String,
     /// Executable.
     pub(super) executable: PathBuf,
+    /// What it is told.
+    pub(super) launch: Launch,
     /// Processor to stay on, if any.
     pub(super) cpu: Option<usize>,
     /// How much to stand back for others, if at all.
     pub(super) nice: Option<i32>,
     /// Pause before the first start \[ns\].
     pub(super) pause_ns: u64,
-}
-
-impl ChildSpec {
-    /// True if both start the same program.
-    pub(super) fn is_same_program(&self, other: &Self) -> bool {
-        self.name == other.name && self.executable == other.executable
-    }
 }
 
 /// A running child.
@@ -45,7 +49,7 @@ pub(super) struct RunningChild {
 }
 
 impl RunningChild {
-    /// Starts `morphquad proc NAME` with its own process group, so that a Ctrl-C at the terminal
+    /// Starts the process with its own process group, so that a Ctrl-C at the terminal
     /// reaches the launcher alone.
     pub(super) fn start(
         spec: &ChildSpec,
@@ -54,10 +58,20 @@ impl RunningChild {
         awaits_handover: bool,
     ) -> io::Result<Self> {
         let mut command = Command::new(&spec.executable);
+        let config = match &spec.launch {
+            Launch::Service { config } => {
+                command.arg0(&spec.name).arg("proc").arg(&spec.name);
+                config
+            }
+            Launch::Foreign { slot, config } => {
+                command.args(["--slot", slot]);
+                config
+            }
+        };
+        if let Some(config) = config {
+            command.arg("--config").arg(config);
+        }
         command
-            .arg0(&spec.name)
-            .arg("proc")
-            .arg(&spec.name)
             .arg("--run")
             .arg(folder)
             .args(["--seat", &place.seat.to_string()])

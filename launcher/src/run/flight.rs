@@ -1,6 +1,6 @@
 //! One flight from founding its run to its last word.
 
-use super::child::ChildSpec;
+use super::child::{ChildSpec, Launch};
 use super::conductor::{Conductor, Patience};
 use super::consumers::Consumers;
 use super::disorder;
@@ -12,7 +12,7 @@ use super::setup::{
     RunError, RunOptions, allowed_processors, clock_of, facts, pinned_cpu, progress_bar,
     recording_path, require_processor, require_shared_memory, run_id, seconds, system,
 };
-use super::slots::{Means, SlotWatch, Slots};
+use super::slots::{Means, Script, SlotWatch, Slots};
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
 use super::tap::Tap;
@@ -108,6 +108,7 @@ struct Flight {
     graph: Graph,
     supervisor: Supervisor,
     slots: Slots,
+    script: Script,
     conductor: Conductor,
     tap: Tap,
     wakers: Wakers,
@@ -143,7 +144,8 @@ impl Flight {
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
         let spec = |role: Role| {
             let (name, executable) = (components::name_of(role)?.to_owned(), executable.clone());
-            Some((role, ChildSpec { name, executable, cpu, nice: None, pause_ns: 0 }))
+            let launch = Launch::Service { config: None };
+            Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
         };
         let processes = roles.iter().filter(|role| has_process(**role));
         let mut specs: Vec<_> = processes.filter_map(|&role| spec(role)).collect();
@@ -174,6 +176,7 @@ impl Flight {
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             slots,
+            script: Script::new(&scenario.settings().swap, &scenario.settings().fault),
             graph,
             pilot: None,
             pilot_stop: StopFlags::default(),
@@ -222,7 +225,7 @@ impl Flight {
                 let names = self.supervisor.not_ready();
                 return Err(not_ready(FlightError::StartupTimeout { names, limit_s }));
             }
-            self.answer(mono_now_ns());
+            self.answer(mono_now_ns()).map_err(not_ready)?;
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
         let realtime = self.conductor.mode() == ClockMode::Realtime;
@@ -230,7 +233,8 @@ impl Flight {
         if let Some(recording) = &mut self.tap.consumers.recording {
             recording.set_start(start_ns);
         }
-        self.conductor.start(start_ns, self.slots.cap_ns(u64::MAX));
+        let cap_ns = self.cap_ns(u64::MAX);
+        self.conductor.start(start_ns, cap_ns);
         self.wakers.wake_all();
         self.progress_at = (mono_now_ns(), 0);
         Ok(())
@@ -244,12 +248,12 @@ impl Flight {
             let now_ns = mono_now_ns();
             self.tap.drain(now_ns);
             let drained = self.drained_ns();
-            let looked_after = self.look_after(now_ns);
+            let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
             self.publish_notices(drained);
             if let Err(error) = looked_after {
                 return Outcome::Lost(error.to_string());
             }
-            let cap_ns = self.slots.cap_ns(self.conductor.allowed_ns());
+            let cap_ns = self.cap_ns(self.conductor.allowed_ns());
             if self.conductor.extend(drained, cap_ns, now_ns) {
                 self.wakers.wake_all();
             }
@@ -275,17 +279,25 @@ impl Flight {
                 return Outcome::Lost(format!("{names} did not leave after the end of the flight"));
             }
             self.watch_progress(drained, now_ns);
-            self.answer(now_ns);
+            if let Err(error) = self.answer(now_ns) {
+                return Outcome::Lost(error.to_string());
+            }
             sleep_until(now_ns + LOOK_EVERY_NS);
         }
     }
 
     /// Answers whoever asks from outside.
-    fn answer(&mut self, now_ns: u64) {
+    fn answer(&mut self, now_ns: u64) -> Result<(), FlightError> {
         let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
         let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
         let view = View { graph, supervisor, conductor, marks, drained_ns };
-        self.live.serve(&view, now_ns);
+        let orders = self.live.serve(&view, now_ns);
+        if orders.is_empty() {
+            return Ok(());
+        }
+        self.with_slots(now_ns, |slots, means| {
+            orders.into_iter().try_for_each(|(order, answer)| slots.order(&order, answer, means))
+        })
     }
 
     /// Looks after processes, then slots.
@@ -298,6 +310,25 @@ impl Flight {
 
     /// Gives the slots what has happened, and passes on what they say.
     fn tend_slots(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
+        self.with_slots(now_mono_ns, |slots, means| slots.tend(means))
+    }
+
+    /// Does what the script has for now; whoever dies of it is buried before time goes on.
+    fn follow_script(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
+        if self.script.next_ns() > self.logical_now(now_mono_ns).logical_ns {
+            return Ok(());
+        }
+        let mut script = core::mem::take(&mut self.script);
+        let done = self.with_slots(now_mono_ns, |slots, means| script.run(slots, means));
+        self.script = script;
+        done.and_then(|()| self.look_after(now_mono_ns))
+    }
+
+    fn with_slots(
+        &mut self,
+        now_mono_ns: u64,
+        act: impl FnOnce(&mut Slots, &mut Means<'_>) -> Result<(), FlightError>,
+    ) -> Result<(), FlightError> {
         let now = self.logical_now(now_mono_ns);
         let mut means = Means {
             bus: &self.bus,
@@ -308,9 +339,9 @@ impl Flight {
             now_mono_ns,
             is_over: self.drained_ns >= self.conductor.end_ns(),
         };
-        let tended = self.slots.tend(&mut means);
+        let done = act(&mut self.slots, &mut means);
         self.pass_on_news(now.logical_ns);
-        tended
+        done
     }
 
     /// Where the flight is, for whoever decides about instants.
@@ -326,11 +357,10 @@ impl Flight {
 
     fn pass_on_news(&mut self, logical_ns: u64) {
         for news in core::mem::take(&mut self.slots.news) {
-            let text = format!("{}: {}", news.slot.label(), news.text);
             let severity = if news.warning { Severity::Warning } else { Severity::Info };
-            self.tap.consumers.note(logical_ns, severity, &text);
+            self.tap.consumers.note(logical_ns, severity, &news.text);
             if news.warning {
-                self.notice(&text);
+                self.notice(&news.text);
             }
         }
     }
@@ -340,6 +370,11 @@ impl Flight {
         let elapsed_ns = now_ns.saturating_sub(self.conductor.start_mono_ns());
         self.conductor.end_early(elapsed_ns);
         self.wakers.wake_all();
+    }
+
+    /// Lockstep: where time has to stop for slots and script \[ns\].
+    fn cap_ns(&self, allowed_ns: u64) -> u64 {
+        self.slots.cap_ns(allowed_ns).min(self.script.next_ns())
     }
 
     fn mark_of(&self, entry: &RollEntry) -> u64 {

@@ -3,10 +3,9 @@
 use super::conductor::Conductor;
 use super::setup::{RunError, system};
 use super::supervisor::{Member, Supervisor};
-use crate::control::orders::{Machines, Orders};
-use crate::control::server::{ControlServer, Limits};
+use crate::control::server::{Answer, ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
-use crate::control::{Reason, Refusal, Reply, Request};
+use crate::control::{Reply, Request};
 use runtime::{Graph, SeatMarks};
 use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
 use std::collections::BTreeMap;
@@ -54,8 +53,9 @@ impl Live {
         Ok(Self { server, run, scenario, recording, seen })
     }
 
-    /// Answers everything that has been asked; call at every look around.
-    pub(super) fn serve(&mut self, view: &View<'_>, now_mono_ns: u64) {
+    /// Answers everything that has been asked, and gives back the orders; call at every look around.
+    pub(super) fn serve(&mut self, view: &View<'_>, now_mono_ns: u64) -> Vec<(Request, Answer)> {
+        let mut orders = Vec::new();
         for member in view.members() {
             let mark_ns = view.marks.of_seat(member.seat, member.generation);
             let begun = Seen { mark_ns, since_mono_ns: now_mono_ns };
@@ -65,12 +65,12 @@ impl Live {
             }
         }
         while let Some(asked) = self.server.take() {
-            let reply = match &asked.request {
-                Request::Ps => Reply::Status(self.status(view, now_mono_ns)),
-                order => Reply::Refused(refusal_of(order)),
-            };
-            asked.answer.send(reply);
+            match asked.request {
+                Request::Ps => asked.answer.send(Reply::Status(self.status(view, now_mono_ns))),
+                order => orders.push((order, asked.answer)),
+            }
         }
+        orders
     }
 
     fn status(&self, view: &View<'_>, now_mono_ns: u64) -> RunStatus {
@@ -162,14 +162,6 @@ fn slots(view: &View<'_>) -> Vec<SlotStatus> {
             .and_then(|seat| view.name_on(record.slot, seat)),
     };
     view.supervisor.owners().map(slot).collect()
-}
-
-/// What is wrong with an order; to a flight whose slots stay as they are, that at least.
-fn refusal_of(order: &Request) -> Refusal {
-    let understood = Orders::default().understand(order, &Machines::new());
-    understood
-        .err()
-        .unwrap_or_else(|| Refusal::new(Reason::NoSense, "no slot of this flight can change hands"))
 }
 
 fn seconds_of(ns: u64) -> f64 {

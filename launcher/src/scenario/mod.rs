@@ -11,7 +11,7 @@ mod document;
 mod overrides;
 pub mod pilot;
 mod problem;
-mod script;
+pub mod script;
 pub mod settings;
 pub mod shipped;
 mod suggest;

@@ -3,12 +3,6 @@
 use runtime::Graph;
 use shared_types::{Role, topics};
 use slot::gate::Axis;
-use slot::supervisor::Order;
-
-/// An order that nothing overrules.
-pub(super) const fn order(shadow_ns: u64, rollback_ns: u64) -> Order {
-    Order { shadow_ns, rollback_ns, force: false, dry_run: false }
-}
 
 /// Axes of a slot's command, by its largest values.
 pub(super) fn axes(slot: Role, u_max: &[f64; 4]) -> [Axis; 4] {

@@ -1,8 +1,8 @@
 //! What came of each swap, for the summary, its JSON and the recording.
 
 use super::gatekeeper::Gatekeeper;
+use crate::candidate::Slot;
 use serde::Serialize;
-use shared_types::Role;
 use slot::gate::GateFigures;
 use std::fmt::{self, Write as _};
 
@@ -41,7 +41,7 @@ pub struct SwapReport {
 }
 
 impl SwapReport {
-    pub(super) fn new(slot: Role, from: &str, to: &str, at_ns: u64) -> Self {
+    pub(super) fn new(slot: Slot, from: &str, to: &str, at_ns: u64) -> Self {
         Self {
             slot: slot.label(),
             to: to.to_owned(),

@@ -8,16 +8,19 @@ mod gatekeeper;
 mod ledger;
 mod script;
 mod watch;
-mod words;
 
 pub use ledger::SwapReport;
 pub(super) use ledger::write_table;
 pub(super) use script::Script;
 pub(super) use watch::SlotWatch;
 
-use super::child::ChildSpec;
+use super::child::{ChildSpec, Launch};
 use super::supervisor::{FlightError, PostEvent, Supervisor};
 use super::tap::Tap;
+use crate::candidate::{Candidate, Slot};
+use crate::control::orders::{Executable, Machines, Ordered, Orders};
+use crate::control::server::Answer;
+use crate::control::{Reply, Request as Asked};
 use facts::{axes, command_latency_ns, millihertz};
 use gatekeeper::Gatekeeper;
 use ledger::seconds;
@@ -25,13 +28,11 @@ use runtime::Graph;
 use runtime::ipc::Bus;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
-use slot::record::{Seat, author_on};
-use slot::supervisor::{
-    Action, Event, Fault, Instance, Now, Outcome, Program, Report, Request, Slot,
-    SlotConfig, Step, Target,
-};
-use watch::Seen;
-use words::{Names, words};
+use slot::record::author_on;
+use slot::supervisor::{Event, Fault, Instance, Now, SlotConfig};
+use slot::{Action, Outcome, Program, Report, Request, Seat, Step, Target};
+use std::collections::BTreeMap;
+use watch::{Obeyed, Seen};
 
 /// Wall time that a process may take to leave, or to say hello \[ns\].
 const PATIENCE_NS: u64 = 10_000_000_000;
@@ -39,28 +40,17 @@ const PATIENCE_NS: u64 = 10_000_000_000;
 /// A sentence about a slot, for whoever follows the flight.
 #[derive(Debug, Clone)]
 pub(super) struct News {
-    pub(super) slot: Role,
     pub(super) text: String,
     /// Something did not go as asked for.
     pub(super) warning: bool,
-    /// Exit code for whoever asked, once there is nothing more to come.
-    pub(super) ends: Option<u8>,
 }
 
-/// How much a candidate may differ, if not as the gate has it.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Limits {
-    /// Largest disagreement over the largest command.
-    pub(super) max_bump: Option<f64>,
-}
-
-/// One slot and what is going on in it.
-struct Managed {
-    role: Role,
-    slot: Slot,
+/// What goes on around one slot's state machine.
+#[derive(Debug, Default)]
+struct Around {
     gate: Option<Gatekeeper>,
-    limits: Limits,
-    programs: [Option<Program>; shared_types::SEATS],
+    /// How much the candidate may differ, if not as the gate has it.
+    max_bump: Option<f64>,
     /// Seats that somebody is to leave, or to take, by a wall-clock instant \[ns\].
     expected: Vec<(Seat, Expected, u64)>,
     /// Index of the swap that is going on.
@@ -91,8 +81,11 @@ pub(super) struct Means<'a> {
 
 /// All slots that have processes.
 pub(super) struct Slots {
-    slots: Vec<Managed>,
-    programs: Vec<ChildSpec>,
+    machines: Machines,
+    around: BTreeMap<Slot, Around>,
+    orders: Orders,
+    /// How a service of this executable is started.
+    pattern: Option<ChildSpec>,
     u_max: Vec<(Role, [f64; 4])>,
     mode: ClockMode,
     pub(super) reports: Vec<SwapReport>,
@@ -110,59 +103,54 @@ impl Slots {
             ClockMode::Lockstep => SlotConfig::LOCKSTEP,
             _ => SlotConfig::REALTIME,
         };
-        let mut all = Self {
-            slots: Vec::new(),
-            programs: Vec::new(),
-            u_max,
-            mode,
-            reports: Vec::new(),
-            news: Vec::new(),
-        };
-        for (role, spec) in specs.iter().filter(|(role, _)| role.seats() > 1) {
-            let program = all.program(spec.clone());
-            let mut programs = [None; shared_types::SEATS];
-            programs[0] = Some(program);
-            all.slots.push(Managed {
-                role: *role,
-                slot: Slot::new(config, Seat::ALL[0], program),
-                gate: None,
-                limits: Limits::default(),
-                programs,
-                expected: Vec::new(),
-                current: None,
-                acknowledged: 0,
-                refused_epoch: 0,
-                fell_over: 0,
-            });
+        let pattern = specs.first().map(|(_, spec)| spec.clone());
+        let mut orders = Orders::default();
+        let (mut machines, mut around) = (Machines::new(), BTreeMap::new());
+        for slot in Slot::ALL {
+            let spec = specs.iter().find(|(role, _)| *role == slot.role());
+            let found = spec.and_then(|(_, spec)| Candidate::find(slot, &spec.name).ok());
+            let Some(candidate) = found else { continue };
+            let program = orders.program(Executable { candidate, config: None });
+            orders.seat(slot, Seat::ALL[0], program);
+            machines.insert(slot, slot::Slot::new(config, Seat::ALL[0], program));
+            around.insert(slot, Around::default());
         }
-        all
+        let (reports, news) = (Vec::new(), Vec::new());
+        Self { machines, around, orders, pattern, u_max, mode, reports, news }
     }
 
-    /// The place of a program in the list.
-    pub(super) fn program(&mut self, spec: ChildSpec) -> Program {
-        let known = self.programs.iter().position(|known| known.is_same_program(&spec));
-        let index = known.unwrap_or_else(|| {
-            self.programs.push(spec);
-            self.programs.len() - 1
-        });
-        Program(u32::try_from(index).unwrap_or(u32::MAX))
+    /// How a program is started.
+    fn spec(&self, slot: Slot, program: Program) -> Option<ChildSpec> {
+        let Executable { candidate, config } = self.orders.executable(program)?;
+        let pattern = self.pattern.clone()?;
+        let name = candidate.name().to_owned();
+        let config = config.clone();
+        Some(match candidate {
+            Candidate::Service(_) => {
+                ChildSpec { name, launch: Launch::Service { config }, ..pattern }
+            }
+            Candidate::Executable(path) => {
+                let launch = Launch::Foreign { slot: slot.label(), config };
+                ChildSpec { name, executable: path.clone(), launch, ..pattern }
+            }
+        })
     }
 
-    fn spec(&self, program: Program) -> Option<&ChildSpec> {
-        self.programs.get(usize::try_from(program.0).ok()?)
+    fn slot_of(&self, role: Role) -> Option<Slot> {
+        self.machines.keys().copied().find(|slot| slot.role() == role)
     }
 
     /// True if a slot of this role has processes of its own.
     pub(super) fn has(&self, role: Role) -> bool {
-        self.slots.iter().any(|managed| managed.role == role)
+        self.slot_of(role).is_some()
     }
 
     /// Lockstep: whoever commands, or is about to, is started again in place when it dies, and time
     /// waits for it, so that a death from outside leaves no trace.
     pub(super) fn keeps(&self, place: Place) -> bool {
-        let Some(managed) = self.slots.iter().find(|m| m.role == place.role) else { return true };
-        let record = managed.slot.record();
-        let named = record.is_some_and(|r| {
+        let machine = self.slot_of(place.role).and_then(|slot| self.machines.get(&slot));
+        let Some(machine) = machine else { return true };
+        let named = machine.record().is_some_and(|r| {
             u32::from(r.owner) == place.index
                 || r.fallback.is_some_and(|seat| u32::from(seat) == place.index)
         });
@@ -171,37 +159,95 @@ impl Slots {
 
     /// Lockstep: the end of allowed time until the slots have had their say \[ns\].
     pub(super) fn cap_ns(&self, allowed_ns: u64) -> u64 {
-        let held = self.slots.iter().any(|managed| managed.slot.holds_time());
-        let deadlines = self.slots.iter().filter_map(|managed| managed.slot.deadline_ns());
+        let held = self.machines.values().any(slot::Slot::holds_time);
+        let deadlines = self.machines.values().filter_map(slot::Slot::deadline_ns);
         let cap_ns = deadlines.min().unwrap_or(u64::MAX);
         if held { allowed_ns } else { cap_ns }
     }
 
-    /// Asks for something in a slot.
-    pub(super) fn request(
+    /// Takes an order from outside, and answers it in the course of time.
+    pub(super) fn order(
         &mut self,
-        role: Role,
-        request: Request,
-        limits: Limits,
+        asked: &Asked,
+        answer: Answer,
         means: &mut Means<'_>,
     ) -> Result<(), FlightError> {
-        let Some(index) = self.slots.iter().position(|managed| managed.role == role) else {
+        match self.orders.understand(asked, &self.machines) {
+            Ok(None) => Ok(()),
+            Ok(Some(ordered)) => self.request(&ordered, Some(answer), means),
+            Err(refusal) => {
+                answer.send(Reply::Refused(refusal));
+                Ok(())
+            }
+        }
+    }
+
+    /// Takes an order of the script.
+    pub(super) fn script(
+        &mut self,
+        asked: &Asked,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        match self.orders.understand(asked, &self.machines) {
+            Ok(None) => Ok(()),
+            Ok(Some(ordered)) => self.request(&ordered, None, means),
+            Err(refusal) => {
+                self.say(refusal.text, true);
+                Ok(())
+            }
+        }
+    }
+
+    fn request(
+        &mut self,
+        ordered: &Ordered,
+        answer: Option<Answer>,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let slot = ordered.slot;
+        let (Some(machine), Some(around)) =
+            (self.machines.get_mut(&slot), self.around.get_mut(&slot))
+        else {
             return Ok(());
         };
-        let busy = self.slots[index].current.is_some();
-        if let Request::Swap(target, _) = request
-            && !busy
-        {
-            let to = match target {
-                Target::New(program) => self.name(program),
-                Target::Seated(seat) => self.name_on(index, seat),
-            };
-            let from = self.owner_name(index);
-            self.reports.push(SwapReport::new(role, &from, &to, means.now.logical_ns));
-            self.slots[index].current = Some(self.reports.len() - 1);
-            self.slots[index].limits = limits;
+        let from = machine.record().map(|record| record.owner);
+        let actions = machine.on(means.now, Event::Request(ordered.request));
+        let refused =
+            actions.iter().any(|action| matches!(action, Action::Report(Report::Refused(_))));
+        if let Request::Swap(target, _) = ordered.request {
+            if around.current.is_none() || refused {
+                let to = match target {
+                    Target::New(program) => {
+                        let executable = self.orders.executable(program);
+                        executable.map_or("?", |e| e.candidate.name()).to_owned()
+                    }
+                    Target::Seated(seat) => self.orders.name(slot, seat),
+                };
+                let from = from.map_or(String::new(), |seat| self.orders.name(slot, seat));
+                self.reports.push(SwapReport::new(slot, &from, &to, means.now.logical_ns));
+            }
+            if refused {
+                self.end_last(&actions);
+            } else {
+                around.current = Some(self.reports.len() - 1);
+                around.max_bump = ordered.max_bump;
+            }
         }
-        self.tell(index, Event::Request(request), means)
+        if let Some(answer) = answer {
+            self.orders.follow(ordered, &self.machines, &actions, answer);
+        }
+        self.carry_out(slot, actions, means)
+    }
+
+    /// A swap that has been refused at once ends there.
+    fn end_last(&mut self, actions: &[Action]) {
+        let reason = actions.iter().find_map(|action| match action {
+            Action::Report(Report::Refused(reason)) => Some(reason.to_string()),
+            _ => None,
+        });
+        if let (Some(report), Some(reason)) = (self.reports.last_mut(), reason) {
+            report.outcome = format!("refused: {reason}");
+        }
     }
 
     /// Takes in everything that has happened; call once per round of the launcher's loop.
@@ -213,13 +259,11 @@ impl Slots {
         for event in means.supervisor.take_events() {
             self.hear(&event, means)?;
         }
-        for index in 0..self.slots.len() {
-            self.lose_patience(index, means)?;
-            let due = |managed: &Managed| {
-                managed.slot.deadline_ns().is_some_and(|at_ns| at_ns <= means.now.logical_ns)
-            };
-            if due(&self.slots[index]) {
-                self.tell(index, Event::Time, means)?;
+        for slot in Slot::ALL {
+            self.lose_patience(slot, means)?;
+            let deadline_ns = self.machines.get(&slot).and_then(slot::Slot::deadline_ns);
+            if deadline_ns.is_some_and(|at_ns| at_ns <= means.now.logical_ns) {
+                self.tell(slot, Event::Time, means)?;
             }
         }
         Ok(())
@@ -227,28 +271,28 @@ impl Slots {
 
     fn hear(&mut self, event: &PostEvent, means: &mut Means<'_>) -> Result<(), FlightError> {
         let place = event.place();
-        let Some(index) = self.slots.iter().position(|m| m.role == place.role) else {
+        let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
             return Ok(());
         };
-        let Some(seat) = Seat::new(place.index) else { return Ok(()) };
-        self.slots[index].expected.retain(|(expected, ..)| *expected != seat);
+        if let Some(around) = self.around.get_mut(&slot) {
+            around.expected.retain(|(expected, ..)| *expected != seat);
+        }
         match event {
             PostEvent::Joined { layout, period_ns, .. } => {
-                let latency_ns = command_latency_ns(means.graph, place.role);
                 let instance = Instance {
                     author: author_on(place.index),
                     layout: *layout,
                     millihertz: millihertz(means.graph, place.role, *period_ns),
-                    latency_ns,
+                    latency_ns: command_latency_ns(means.graph, place.role),
                 };
-                self.tell(index, Event::Ready(seat, instance), means)
+                self.tell(slot, Event::Ready(seat, instance), means)
             }
             PostEvent::Gone { .. } if means.is_over => Ok(()),
             PostEvent::Gone { obituary, .. } => {
                 if let Some(obituary) = obituary {
-                    self.say(index, obituary.clone(), true, None);
+                    self.say(obituary.clone(), true);
                 }
-                self.tell(index, Event::Died(seat), means)
+                self.tell(slot, Event::Died(seat), means)
             }
         }
     }
@@ -258,99 +302,113 @@ impl Slots {
             Seen::Command(command) => command.slot,
             Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } => *slot,
         };
-        let Some(index) = self.slots.iter().position(|managed| managed.role == role) else {
-            return Ok(());
-        };
+        let Some(slot) = self.slot_of(role) else { return Ok(()) };
+        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
         match *seen {
             Seen::Command(command) => {
-                let gate = self.slots[index].gate.as_mut();
-                if let Some(Err(refusal)) = gate.map(|gate| gate.take(&command))
-                    && let Some(seat) = self.slots[index].slot.candidate()
+                let gate = around.gate.as_mut();
+                let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+                if let (Some(Err(refusal)), Some(seat)) =
+                    (gate.map(|gate| gate.take(&command)), candidate)
                 {
-                    return self.tell(index, Event::Verdict(seat, Err(refusal)), means);
+                    return self.tell(slot, Event::Verdict(seat, Err(refusal)), means);
                 }
                 Ok(())
             }
             Seen::Missed { seat, steps, at_ns, .. } => {
-                if let Some(gate) = &mut self.slots[index].gate {
+                if let Some(gate) = &mut around.gate {
                     gate.missed(seat, steps, at_ns);
                 }
                 Ok(())
             }
-            Seen::Obeys { by_seat, obeyed, .. } => {
-                // Of several attitude controllers the one that commands decides whom it obeys.
-                if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) {
-                    return Ok(());
-                }
-                let managed = &mut self.slots[index];
-                if obeyed.refused_epoch > managed.refused_epoch {
-                    managed.refused_epoch = obeyed.refused_epoch;
-                    let epoch = obeyed.refused_epoch;
-                    self.tell(index, Event::RecordRefused { epoch }, means)?;
-                }
-                let managed = &mut self.slots[index];
-                if obeyed.epoch > managed.acknowledged
-                    && let Some(seat) = Seat::new(obeyed.seat)
-                {
-                    managed.acknowledged = obeyed.epoch;
-                    let (epoch, at_ns) = (obeyed.epoch, obeyed.at_ns);
-                    self.tell(index, Event::Acknowledged { epoch, seat, at_ns }, means)?;
-                }
-                let managed = &mut self.slots[index];
-                if obeyed.failed_over && obeyed.epoch > managed.fell_over {
-                    managed.fell_over = obeyed.epoch;
-                    let (epoch, at_ns) = (obeyed.epoch, obeyed.at_ns);
-                    self.tell(index, Event::FellOver { epoch, at_ns }, means)?;
-                }
+            // Of several attitude controllers the one that commands decides whom it obeys.
+            Seen::Obeys { by_seat, .. }
+                if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) =>
+            {
                 Ok(())
             }
+            Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
         }
     }
 
+    fn consumer_says(
+        &mut self,
+        slot: Slot,
+        obeyed: &Obeyed,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let Obeyed { at_ns, epoch, seat, failed_over, refused_epoch } = *obeyed;
+        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        let mut events = Vec::new();
+        if refused_epoch > around.refused_epoch {
+            around.refused_epoch = refused_epoch;
+            events.push(Event::RecordRefused { epoch: refused_epoch });
+        }
+        if let Some(seat) = Seat::new(seat).filter(|_| epoch > around.acknowledged) {
+            around.acknowledged = epoch;
+            events.push(Event::Acknowledged { epoch, seat, at_ns });
+        }
+        if failed_over && epoch > around.fell_over {
+            around.fell_over = epoch;
+            events.push(Event::FellOver { epoch, at_ns });
+        }
+        events.into_iter().try_for_each(|event| self.tell(slot, event, means))
+    }
+
     /// Whoever takes too long to come or to go is dealt with.
-    fn lose_patience(&mut self, index: usize, means: &mut Means<'_>) -> Result<(), FlightError> {
+    fn lose_patience(&mut self, slot: Slot, means: &mut Means<'_>) -> Result<(), FlightError> {
         let now_mono_ns = means.now_mono_ns;
         let late = |(_, _, by_ns): &(Seat, Expected, u64)| *by_ns < now_mono_ns;
-        while let Some(at) = self.slots[index].expected.iter().position(late) {
-            let (seat, what, _) = self.slots[index].expected.swap_remove(at);
+        while let Some(around) = self.around.get_mut(&slot)
+            && let Some(at) = around.expected.iter().position(late)
+        {
+            let (seat, what, _) = around.expected.swap_remove(at);
             let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
-            self.tell(index, Event::Misbehaved(seat, fault), means)?;
+            self.tell(slot, Event::Misbehaved(seat, fault), means)?;
         }
         Ok(())
     }
 
     /// Gives an event to the protocol and does what it wants done.
-    fn tell(
+    fn tell(&mut self, slot: Slot, event: Event, means: &mut Means<'_>) -> Result<(), FlightError> {
+        let Some(machine) = self.machines.get_mut(&slot) else { return Ok(()) };
+        let actions = machine.on(means.now, event);
+        self.carry_out(slot, actions, means)
+    }
+
+    fn carry_out(
         &mut self,
-        index: usize,
-        event: Event,
+        slot: Slot,
+        actions: Vec<Action>,
         means: &mut Means<'_>,
     ) -> Result<(), FlightError> {
-        let actions = self.slots[index].slot.on(means.now, event);
-        for action in actions {
-            self.act(index, action, means)?;
+        actions.into_iter().try_for_each(|action| self.act(slot, action, means))
+    }
+
+    /// Expects something of a seat before patience is over.
+    fn expect(&mut self, slot: Slot, seat: Seat, what: Expected, means: &Means<'_>) {
+        if let Some(around) = self.around.get_mut(&slot) {
+            around.expected.push((seat, what, means.now_mono_ns.saturating_add(PATIENCE_NS)));
         }
-        Ok(())
     }
 
     fn act(
         &mut self,
-        index: usize,
+        slot: Slot,
         action: Action,
         means: &mut Means<'_>,
     ) -> Result<(), FlightError> {
-        let role = self.slots[index].role;
+        let role = slot.role();
         let place = |seat: Seat| Place { role, index: seat.into() };
-        let by_ns = means.now_mono_ns.saturating_add(PATIENCE_NS);
         match action {
             Action::Spawn(seat, program) => {
-                let Some(spec) = self.spec(program).cloned() else { return Ok(()) };
-                self.slots[index].programs[seat.index()] = Some(program);
-                self.slots[index].expected.push((seat, Expected::Hello, by_ns));
+                let Some(spec) = self.spec(slot, program) else { return Ok(()) };
+                self.orders.seat(slot, seat, program);
+                self.expect(slot, seat, Expected::Hello, means);
                 means.supervisor.spawn(means.bus, place(seat), spec)?;
             }
             Action::Restart(seat, _) => {
-                self.slots[index].expected.push((seat, Expected::Hello, by_ns));
+                self.expect(slot, seat, Expected::Hello, means);
                 means.supervisor.restart(place(seat), means.now_mono_ns)?;
             }
             Action::Publish(record) => {
@@ -368,19 +426,19 @@ impl Slots {
                     catches_up: Flag::from(catches_up),
                 };
                 means.supervisor.hand_over(place(seat), order, state.unwrap_or_default());
-                self.open_gate(index, seat, state_of.is_some(), track_until_ns, means);
+                self.open_gate(slot, seat, state_of.is_some(), track_until_ns, means);
             }
             Action::Judge(seat) => {
-                let gate = self.slots[index].gate.as_ref();
+                let gate = self.around.get(&slot).and_then(|around| around.gate.as_ref());
                 if let Some(verdict) = gate.map(Gatekeeper::verdict) {
-                    return self.tell(index, Event::Verdict(seat, verdict.map(Box::new)), means);
+                    return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), means);
                 }
             }
             Action::AwaitExit(seat) => {
-                self.slots[index].expected.push((seat, Expected::Exit, by_ns));
+                self.expect(slot, seat, Expected::Exit, means);
             }
             Action::Kill(seat) => means.supervisor.kill(place(seat)),
-            Action::Report(report) => self.report(index, report),
+            Action::Report(report) => self.report(slot, &report),
         }
         Ok(())
     }
@@ -388,92 +446,91 @@ impl Slots {
     /// Begins to compare a candidate with the owner.
     fn open_gate(
         &mut self,
-        index: usize,
+        slot: Slot,
         seat: Seat,
         same_kind: bool,
         track_until_ns: u64,
         means: &Means<'_>,
     ) {
-        let managed = &self.slots[index];
-        let Some(owner) = managed.slot.record().map(|record| record.owner) else { return };
-        if managed.slot.candidate() != Some(seat) || owner == seat {
+        let Some(machine) = self.machines.get(&slot) else { return };
+        let Some(owner) = machine.record().map(|record| record.owner) else { return };
+        if machine.candidate() != Some(seat) || owner == seat {
             return;
         }
-        let u_max = self.u_max.iter().find(|(role, _)| *role == managed.role);
-        let axes = axes(managed.role, &u_max.map_or([1.0; 4], |(_, u_max)| *u_max));
+        let u_max = self.u_max.iter().find(|(role, _)| *role == slot.role());
+        let axes = axes(slot.role(), &u_max.map_or([1.0; 4], |(_, u_max)| *u_max));
+        let Some(around) = self.around.get_mut(&slot) else { return };
         let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
-        if let Some(max_bump) = managed.limits.max_bump {
+        if let Some(max_bump) = around.max_bump {
             limits.tracking = max_bump;
             limits.free_rms = max_bump;
             limits.free_peak = limits.free_peak.max(max_bump);
         }
         let tracks = !same_kind && track_until_ns > means.now.logical_ns;
         let who = (u32::from(seat), u32::from(owner));
-        let gate = Gatekeeper::new(axes, limits, who, (tracks, track_until_ns));
-        self.slots[index].gate = Some(gate);
+        around.gate = Some(Gatekeeper::new(axes, limits, who, (tracks, track_until_ns)));
     }
 
-    fn report(&mut self, index: usize, report: Report) {
-        let current = self.slots[index].current;
-        match report {
+    fn report(&mut self, slot: Slot, report: &Report) {
+        let text = self.orders.tell(slot, report);
+        let warning = match report {
             Report::Refused(reason) => {
-                self.end(index, &reason.to_string(), false);
-                self.say(index, format!("refused: {reason}"), true, Some(reason.exit_code()));
+                // The request that is under way goes on.
+                let _ = reason;
+                true
             }
-            Report::Aborted(seat, reason) => {
-                let name = self.name_on(index, seat);
-                self.end(index, &reason.to_string(), false);
-                let text = format!("{name} on {seat} is out: {reason}");
-                self.say(index, text, true, Some(reason.exit_code()));
+            Report::Aborted(_, reason) => {
+                self.end(slot, &reason.to_string(), false);
+                true
             }
-            Report::Done(seat, outcome) => {
-                let name = self.name_on(index, seat);
-                let words = match outcome {
-                    Outcome::Swapped => "commands; the rollback window is over",
-                    Outcome::RolledBack => "commands again, rolled back as asked",
-                    Outcome::DryRun => "passed the gate; nothing was changed (dry run)",
-                    Outcome::StandsBy => "stands by as the fallback",
-                    Outcome::Retired => "leaves",
-                };
-                self.end(index, words, true);
-                self.say(index, format!("{name} on {seat} {words}"), false, Some(0));
+            Report::Done(_, outcome) => {
+                if *outcome != Outcome::Retired {
+                    self.end(slot, &text, true);
+                }
+                false
             }
             Report::Step(step) => {
-                if let Some(report) = current.and_then(|current| self.reports.get_mut(current)) {
-                    match &step {
-                        Step::Joined { same_kind, at_ns, .. } => {
-                            report.joined_s = Some(seconds(*at_ns));
-                            report.same_kind = Some(*same_kind);
-                        }
-                        Step::Flipped { epoch, at_ns, .. } => {
-                            report.flipped_s = Some(seconds(*at_ns));
-                            report.epoch = Some(*epoch);
-                        }
-                        _ => {}
-                    }
-                }
-                if let Step::FlipsAt { at_ns, .. } = step
-                    && let Some(gate) = &mut self.slots[index].gate
-                {
-                    gate.flips_at(at_ns);
-                }
-                let names = Names {
-                    on: &|seat| format!("{} on {seat}", self.name_on(index, seat)),
-                    of: &|program| self.name(program),
-                };
-                let (text, warning) = words(&step, &names);
-                self.say(index, text, warning, None);
+                self.note(slot, step);
+                matches!(
+                    step,
+                    Step::Forced(..)
+                        | Step::TriedAgain { .. }
+                        | Step::TookOver { .. }
+                        | Step::Ownerless(..)
+                        | Step::StandbyLost(..)
+                        | Step::StandbyGivenUp(_)
+                )
             }
+        };
+        self.say(text, warning);
+    }
+
+    /// Writes a step into the report of the swap that is going on.
+    fn note(&mut self, slot: Slot, step: &Step) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
+            gate.flips_at(*at_ns);
+        }
+        let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
+        match step {
+            Step::Joined { same_kind, at_ns, .. } => {
+                report.joined_s = Some(seconds(*at_ns));
+                report.same_kind = Some(*same_kind);
+            }
+            Step::Flipped { epoch, at_ns, .. } => {
+                report.flipped_s = Some(seconds(*at_ns));
+                report.epoch = Some(*epoch);
+            }
+            _ => {}
         }
     }
 
     /// Writes down how what was going on ended.
-    fn end(&mut self, index: usize, outcome: &str, done: bool) {
-        let managed = &mut self.slots[index];
-        let gate = managed.gate.take();
-        let Some(report) = managed.current.take().and_then(|at| self.reports.get_mut(at)) else {
-            return;
-        };
+    fn end(&mut self, slot: Slot, outcome: &str, done: bool) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        let gate = around.gate.take();
+        let report = around.current.take().and_then(|at| self.reports.get_mut(at));
+        let Some(report) = report else { return };
         if let Some(gate) = &gate {
             report.measured(gate);
         }
@@ -481,39 +538,27 @@ impl Slots {
         report.done = done;
     }
 
-    fn say(&mut self, index: usize, text: String, warning: bool, ends: Option<u8>) {
-        let slot = self.slots[index].role;
-        self.news.push(News { slot, text, warning, ends });
-    }
-
-    fn name(&self, program: Program) -> String {
-        self.spec(program).map_or_else(|| "somebody".to_owned(), |spec| spec.name.clone())
-    }
-
-    fn name_on(&self, index: usize, seat: Seat) -> String {
-        let program = self.slots[index].programs[seat.index()];
-        program.map_or_else(|| "somebody".to_owned(), |program| self.name(program))
-    }
-
-    fn owner_name(&self, index: usize) -> String {
-        let owner = self.slots[index].slot.record().map(|record| record.owner);
-        owner.map_or_else(String::new, |seat| self.name_on(index, seat))
+    fn say(&mut self, text: String, warning: bool) {
+        self.news.push(News { text, warning });
     }
 
     /// Seat that commands a slot by the newest record.
     pub(super) fn owner_seat(&self, role: Role) -> Option<u32> {
-        let managed = self.slots.iter().find(|managed| managed.role == role)?;
-        managed.slot.record().map(|record| record.owner.into())
+        let machine = self.slot_of(role).and_then(|slot| self.machines.get(&slot));
+        machine?.record().map(|record| record.owner.into())
     }
 
-    /// Seats of a slot on which `name` sits, the owner's first.
+    /// Seats on which `name` sits, or `NAME@SEAT`; who commands comes first.
     pub(super) fn seats_of(&self, name: &str) -> Vec<Place> {
         let mut places = Vec::new();
-        for (index, managed) in self.slots.iter().enumerate() {
-            let named =
-                |seat: &Seat| managed.slot.is_taken(*seat) && self.name_on(index, *seat) == name;
+        for (slot, machine) in &self.machines {
+            let named = |seat: &Seat| {
+                let full = self.orders.name(*slot, *seat);
+                let bare = full.rsplit_once('@').map(|(bare, _)| bare);
+                machine.is_taken(*seat) && (full == name || bare == Some(name))
+            };
             let seats = Seat::ALL.into_iter().filter(named);
-            places.extend(seats.map(|seat| Place { role: managed.role, index: seat.into() }));
+            places.extend(seats.map(|seat| Place { role: slot.role(), index: seat.into() }));
         }
         places.sort_by_key(|place| self.owner_seat(place.role) != Some(place.index));
         places
@@ -525,20 +570,16 @@ impl Slots {
         place: Place,
         means: &mut Means<'_>,
     ) -> Result<(), FlightError> {
-        let index = self.slots.iter().position(|managed| managed.role == place.role);
-        let (Some(index), Some(seat)) = (index, Seat::new(place.index)) else { return Ok(()) };
-        self.tell(index, Event::Misbehaved(seat, Fault::Stalled), means)
-    }
-
-    /// Nothing is going on in any slot.
-    pub(super) fn are_quiet(&self) -> bool {
-        self.slots.iter().all(|managed| managed.slot.is_quiet())
+        let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
+            return Ok(());
+        };
+        self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), means)
     }
 
     /// The flight is over: what is still going on ends as it is.
     pub(super) fn finish(&mut self) {
-        for index in 0..self.slots.len() {
-            self.end(index, "the flight ended before it did", false);
+        for slot in Slot::ALL {
+            self.end(slot, "the flight ended first", false);
         }
     }
 }

@@ -1,17 +1,15 @@
 //! What is done to a flight on purpose, at logical instants: swaps and faults.
 
-use super::facts::order;
-use super::{Limits, Means, Slots};
-use crate::run::child::ChildSpec;
+use super::{Means, Slots};
+use crate::control::Request;
+use crate::control::protocol::Order;
 use crate::run::supervisor::FlightError;
-use crate::scenario::settings::{FaultKind, FaultSettings, SwapSettings};
-use shared_types::Role;
-use slot::supervisor::{Request, Target};
+use crate::scenario::script::{FaultKind, FaultSettings, SwapSettings};
 
 /// One thing to be done.
 #[derive(Debug, Clone)]
 enum Deed {
-    Swap { slot: Role, spec: Box<ChildSpec>, settings: SwapSettings },
+    Swap(SwapSettings),
     Fault(FaultSettings),
 }
 
@@ -22,15 +20,9 @@ pub(in crate::run) struct Script {
 }
 
 impl Script {
-    /// `swaps` come with whom to start.
-    pub(in crate::run) fn new(
-        swaps: Vec<(SwapSettings, ChildSpec)>,
-        faults: &[FaultSettings],
-    ) -> Self {
-        let swaps = swaps.into_iter().map(|(settings, spec)| {
-            let (slot, at_ns) = (settings.slot.role(), nanoseconds(settings.at_s));
-            (at_ns, Deed::Swap { slot, spec: Box::new(spec), settings })
-        });
+    /// The deeds of a scenario.
+    pub(in crate::run) fn new(swaps: &[SwapSettings], faults: &[FaultSettings]) -> Self {
+        let swaps = swaps.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
         let faults = faults.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
         let mut deeds: Vec<_> = swaps.chain(faults).collect();
         // Stable: what is written first at an instant is done first.
@@ -44,31 +36,36 @@ impl Script {
         self.deeds.last().map_or(u64::MAX, |(at_ns, _)| *at_ns)
     }
 
-    /// Does what is due. True if something was done.
+    /// Does what is due.
     pub(in crate::run) fn run(
         &mut self,
         slots: &mut Slots,
         means: &mut Means<'_>,
-    ) -> Result<bool, FlightError> {
-        let mut done = false;
-        while self.next_ns() <= means.now.logical_ns {
-            let Some((_, deed)) = self.deeds.pop() else { break };
-            done = true;
+    ) -> Result<(), FlightError> {
+        while self.next_ns() <= means.now.logical_ns
+            && let Some((_, deed)) = self.deeds.pop()
+        {
             match deed {
-                Deed::Swap { slot, spec, settings } => {
-                    let program = slots.program(*spec);
-                    let mut order =
-                        order(nanoseconds(settings.shadow_s), nanoseconds(settings.rollback_s));
-                    order.force = settings.force;
-                    let request = Request::Swap(Target::New(program), order);
-                    let limits = Limits { max_bump: settings.max_bump };
-                    slots.request(slot, request, limits, means)?;
-                }
+                Deed::Swap(swap) => slots.script(&order(&swap), means)?,
                 Deed::Fault(fault) => afflict(&fault, slots, means)?,
             }
         }
-        Ok(done)
+        Ok(())
     }
+}
+
+/// A scripted swap is what a user would have asked for.
+fn order(swap: &SwapSettings) -> Request {
+    Request::Swap(Order {
+        slot: swap.slot.label().to_owned(),
+        to: swap.to.clone(),
+        config: None,
+        shadow_ns: nanoseconds(swap.shadow_s),
+        max_bump: swap.max_bump,
+        rollback_ns: nanoseconds(swap.rollback_s),
+        force: swap.force,
+        dry_run: false,
+    })
 }
 
 /// Kills or stops whoever has the name; of several in a slot the one that commands.
