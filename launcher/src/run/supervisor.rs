@@ -320,6 +320,7 @@ impl Supervisor {
         if let Some(before) = before {
             post.generation = self.posts.swap_remove(before).generation + 1;
         }
+        post.goes_on = false;
         start(&mut post, &self.folder, true)?;
         self.posts.push(post);
         Ok(())

@@ -474,11 +474,7 @@ impl Slots {
     fn report(&mut self, slot: Slot, report: &Report) {
         let text = self.orders.tell(slot, report);
         let warning = match report {
-            Report::Refused(reason) => {
-                // The request that is under way goes on.
-                let _ = reason;
-                true
-            }
+            Report::Refused(_) => true,
             Report::Aborted(_, reason) => {
                 self.end(slot, &reason.to_string(), false);
                 true
