@@ -64,12 +64,12 @@ impl Crowd {
     fn of(topic: &TopicInfo) -> Self {
         let seats: u32 = topic.to.iter().map(|role| role.seats()).sum();
         let readers = usize::try_from(seats).unwrap_or(0) + WATCHERS;
-        let writers = match (topic.from, topic.edge) {
-            (Role::Supervisor, Edge::RecordOnly) => MOST_PROCESSES,
-            (Role::Supervisor, _) => 1,
-            _ => 8,
-        };
-        Self { readers, writers }
+        match (topic.from, topic.edge) {
+            (Role::Supervisor, Edge::RecordOnly) => Self { readers, writers: MOST_PROCESSES },
+            // Whoever waits for a slot reads its records beside the component that judges by them.
+            (Role::Supervisor, _) => Self { readers: 2 * MOST_PROCESSES + WATCHERS, writers: 1 },
+            _ => Self { readers, writers: 8 },
+        }
     }
 }
 
