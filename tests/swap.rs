@@ -1,7 +1,8 @@
 //! Controllers change hands in flight: to the same kind without a trace, to another without a bump, and
 //! after a death without a pause. All in lockstep, where a flight follows from its script alone.
 //!
-//! `MORPHQUAD_SWAPS=1000 cargo test --release --test swap null -- --nocapture` is the full proof.
+//! `MORPHQUAD_SWAPS=1000 cargo test --release --test swap null -- --nocapture` and
+//! `MORPHQUAD_SWAPS=10000 cargo test --release --test swap storm -- --nocapture` are the full proofs.
 
 mod common;
 
@@ -9,6 +10,9 @@ use common::{Flown, fly, turn};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
+
+const ATTITUDE: [&str; 3] = ["attitude-mpc", "attitude-lqr", "attitude-pid"];
+const POSITION: [&str; 2] = ["position-mpc", "position-pid"];
 
 /// Swaps to make in all.
 fn swaps(default: usize) -> usize {
@@ -20,47 +24,65 @@ fn reports(flown: &Flown) -> &[Value] {
     flown.summary()["swaps"].as_array().map_or(&[], Vec::as_slice)
 }
 
-#[track_caller]
-fn assert_all_done(flown: &Flown, count: usize) {
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
-    let done = reports(flown).iter().filter(|report| report["done"] == true).count();
-    assert_eq!(done, count, "{}", flown.said());
+fn done(flown: &Flown) -> usize {
+    reports(flown).iter().filter(|report| report["done"] == true).count()
 }
 
-/// A swap script for one slot: instants drawn between 0.3 s and `until_s`, as close as a window of
-/// 120 ms and a rollback of 60 ms allow, each to one of `names`.
-fn script(random: &mut ChaCha8Rng, slot: &str, names: &[&str], until_s: f64) -> Vec<String> {
+/// A number from 0 to `end` - 1.
+fn below(random: &mut ChaCha8Rng, end: u64) -> u64 {
+    random.next_u64() % end
+}
+
+fn pick<'a>(random: &mut ChaCha8Rng, names: &[&'a str]) -> &'a str {
+    names[usize::try_from(below(random, names.len() as u64)).unwrap_or(0)]
+}
+
+/// Swaps of one slot at random instants of 20 s, as close as their windows allow.
+fn script(
+    random: &mut ChaCha8Rng,
+    slot: &str,
+    names: &[&str],
+    windows_ms: [u64; 2],
+) -> Vec<String> {
+    let [shadow, rollback] = windows_ms;
     let mut flags = Vec::new();
-    let mut at_ms = 300 + random.next_u64() % 100;
-    while (at_ms as f64) < until_s * 1e3 - 900.0 {
-        let name = names[usize::try_from(random.next_u64()).unwrap_or(0) % names.len()];
-        flags.push(format!("{slot}={name}@{at_ms}ms,shadow=120ms,rollback=60ms"));
-        // Shadow, rollback, three periods, and the old owner's way out.
-        at_ms += 300 + random.next_u64() % 150;
+    let mut at_ms = 300 + below(random, 200);
+    while at_ms + shadow + rollback < 19_000 {
+        let name = pick(random, names);
+        flags.push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms"));
+        // Windows, the way to the flip, and the old owner's way out.
+        at_ms += shadow + rollback + 120 + below(random, 200);
     }
     flags
 }
 
-fn fly_scripted(scenario: &[&str], script: &[String]) -> Flown {
-    let swaps = script.iter().flat_map(|swap| ["--swap", swap.as_str()]);
-    let arguments: Vec<&str> = scenario.iter().copied().chain(swaps).collect();
+/// Both slots' swaps by turns, at most `most` of them.
+fn by_turns(a: Vec<String>, b: Vec<String>, most: usize) -> Vec<String> {
+    a.into_iter().zip(b).flat_map(|(a, b)| [a, b]).take(most).collect()
+}
+
+fn fly_scripted(scenario: &[&str], swaps: &[String], faults: &[String]) -> Flown {
+    let swaps = swaps.iter().flat_map(|swap| ["--swap", swap.as_str()]);
+    let faults = faults.iter().flat_map(|fault| ["--fault", fault.as_str()]);
+    let arguments: Vec<&str> = scenario.iter().copied().chain(swaps).chain(faults).collect();
     fly(&arguments)
 }
 
 #[test]
 fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_flight_as_it_was() {
     let _turn = turn();
-    let wanted = swaps(40);
-    let scenario = ["figure8-morph"];
+    let wanted = swaps(60);
+    let scenario = ["figure8-morph", "--no-record"];
     let expected = fly(&scenario);
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut made = 0;
     while made < wanted {
-        let mut plan = script(&mut random, "attitude", &["attitude-mpc"], 20.0);
-        plan.extend(script(&mut random, "position", &["position-mpc"], 20.0));
-        plan.truncate(wanted - made);
-        let flown = fly_scripted(&scenario, &plan);
-        assert_all_done(&flown, plan.len());
+        let attitude = script(&mut random, "attitude", &["attitude-mpc"], [120, 60]);
+        let position = script(&mut random, "position", &["position-mpc"], [240, 60]);
+        let plan = by_turns(attitude, position, wanted - made);
+        let flown = fly_scripted(&scenario, &plan, &[]);
+        flown.assert_clean();
+        assert_eq!(done(&flown), plan.len(), "{}", flown.said());
         assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
         for report in reports(&flown) {
             assert_eq!(report["same_kind"], true, "{report}");
@@ -68,5 +90,88 @@ fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_fligh
         }
         made += plan.len();
         println!("{made} null swaps, hash {}", flown.hash());
+    }
+}
+
+/// Swaps between kinds: each slot always has a commander, and nothing jumps.
+#[test]
+fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
+    let _turn = turn();
+    let wanted = swaps(60);
+    let mut random = ChaCha8Rng::seed_from_u64(6);
+    let (mut made, mut flipped, mut worst_bump, mut furthest_m) = (0, 0, 0.0_f64, 0.0_f64);
+    while made < wanted {
+        let attitude = script(&mut random, "attitude", &ATTITUDE, [400, 200]);
+        let position = script(&mut random, "position", &POSITION, [600, 200]);
+        let plan = by_turns(attitude, position, wanted - made);
+        // Somebody dies or stops in between; who commands then is for the protocol to say.
+        let faults: Vec<String> = (0..6)
+            .map(|_| {
+                let kind = pick(&mut random, &["kill", "stop"]);
+                let who = pick(&mut random, &["attitude-mpc", "position-mpc"]);
+                format!("{kind}:{who}@{}ms", 500 + below(&mut random, 18_000))
+            })
+            .collect();
+        let flown = fly_scripted(&["figure8-morph", "--no-record"], &plan, &faults);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        for report in reports(&flown).iter().filter(|report| !report["flipped_s"].is_null()) {
+            let limit = if report["same_kind"] == true { 0.01 } else { 0.10 };
+            let bump = report["bump"].as_f64().unwrap_or(0.0);
+            assert!(bump <= limit, "{report}");
+            worst_bump = worst_bump.max(bump);
+            flipped += 1;
+        }
+        furthest_m = furthest_m.max(flown.number("position_max_m"));
+        assert!(furthest_m <= 0.5, "{}", flown.said());
+        made += plan.len();
+        println!(
+            "{made} swaps asked for, {flipped} made; bump at most {:.2} %, {:.0} mm from the path",
+            100.0 * worst_bump,
+            1e3 * furthest_m
+        );
+    }
+    assert!(flipped > 0);
+}
+
+#[test]
+fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods_and_nobody_levels() {
+    let _turn = turn();
+    // After the flip at 1.4 s the old owner stays warm until 6.4 s.
+    let swap = ["attitude=attitude-mpc@1s,shadow=400ms,rollback=5s".to_owned()];
+    for kind in ["kill", "stop"] {
+        let faults = [format!("{kind}:attitude-mpc@2500ms")];
+        let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &swap, &faults);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert_eq!(flown.number("unguided_ticks"), 0.0, "{}", flown.said());
+        assert!(flown.number("position_max_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back() {
+    let _turn = turn();
+    for slot in ["attitude-mpc", "position-mpc"] {
+        let faults = [format!("kill:{slot}@2500ms")];
+        let flown = fly_scripted(&["figure8-morph", "--for", "9s"], &[], &faults);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.number("unguided_ticks") <= 150.0, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_scripted_flight_with_swaps_and_deaths_has_one_hash() {
+    let _turn = turn();
+    let swaps = [
+        "attitude=attitude-pid@1s,shadow=400ms,rollback=200ms".to_owned(),
+        "position=position-pid@1500ms,shadow=600ms,rollback=2s".to_owned(),
+        "attitude=attitude-lqr@3s,shadow=400ms,rollback=1s".to_owned(),
+    ];
+    let faults = ["kill:position-pid@3100ms".to_owned(), "stop:attitude-lqr@3600ms".to_owned()];
+    let fly = || fly_scripted(&["figure8-morph", "--for", "6s"], &swaps, &faults);
+    let first = fly();
+    assert_eq!(first.code, Some(0), "{}", first.said());
+    for _ in 0..3 {
+        assert_eq!(fly().hash(), first.hash(), "{}", first.said());
     }
 }
