@@ -118,6 +118,15 @@ fn no_step_of_a_rig_allocates_where_the_pilot_writes_the_set_points() {
 }
 
 #[test]
+fn no_step_of_any_other_controller_allocates() {
+    for crew in
+        ["attitude=\"attitude-lqr\"", "attitude=\"attitude-pid\"", "position=\"position-pid\""]
+    {
+        assert_no_step_allocates(&scenario("figure8-morph", 4_000, &[&format!("crew.{crew}")]));
+    }
+}
+
+#[test]
 fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
     let _turn = turn();
     for name in launcher::scenario::shipped::names() {
@@ -126,6 +135,17 @@ fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
         flown.assert_clean();
         assert_eq!(hash, flown.hash(), "{name}");
     }
+}
+
+#[test]
+fn another_crew_flies_the_same_flight_in_one_process_and_in_six() {
+    let _turn = turn();
+    let crew = ["crew.attitude=attitude-lqr", "crew.position=position-pid"];
+    let hash = hash_of(start(&scenario("figure8-morph", 4_000, &crew), FlightHash::default()));
+    let crew = "attitude=attitude-lqr,position=position-pid";
+    let flown = fly(&["figure8-morph", "--for", "4s", "--no-record", "--crew", crew]);
+    flown.assert_clean();
+    assert_eq!(hash, flown.hash());
 }
 
 #[test]

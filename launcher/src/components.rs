@@ -1,13 +1,15 @@
 //! The one table that turns a scenario into components: a new built-in service is a line here.
 
 use crate::pilot::{Pilot, RigPilot};
-use crate::scenario::{Plan, Scenario};
+use crate::scenario::{Plan, Scenario, Settings};
+use attitude_lqr::{AttitudeLqr, LqrLaw};
 use attitude_mpc::AttitudeMpc;
+use attitude_pid::{AttitudePid, PidLaw};
 use disturbance_injector::DisturbanceInjector;
 use estimator::Estimator;
 use plant::Plant;
-use position_mpc::PositionMpc;
-use position_mpc::preview::Landing;
+use position_mpc::{Landing, PositionMpc};
+use position_pid::PositionPid;
 use runtime::Service;
 use runtime::graph::ROLES;
 use runtime::service::state_layout;
@@ -36,17 +38,20 @@ pub type BuildError = Box<dyn std::error::Error>;
 
 /// Services and the roles they fill, in data-flow order; the first of a role fills it unless another
 /// one is asked for.
-const PROCESSES: [(&str, Role); 5] = [
+const PROCESSES: [(&str, Role); 8] = [
     ("plant", Role::Plant),
     ("estimator", Role::Estimator),
     ("position-mpc", Role::Position),
+    ("position-pid", Role::Position),
     ("attitude-mpc", Role::Attitude),
+    ("attitude-lqr", Role::Attitude),
+    ("attitude-pid", Role::Attitude),
     ("disturbance-injector", Role::Disturbance),
 ];
 
 /// Names of all built-in services.
 #[must_use]
-pub fn names() -> [&'static str; 5] {
+pub fn names() -> [&'static str; 8] {
     PROCESSES.map(|(name, _)| name)
 }
 
@@ -56,9 +61,29 @@ pub fn role_of(name: &str) -> Option<Role> {
     PROCESSES.iter().find(|(n, _)| *n == name).map(|(_, role)| *role)
 }
 
-/// Name of the service that fills a role by default.
+/// Roles whose owner can change.
+pub const SLOTS: [Role; 2] = [Role::Attitude, Role::Position];
+
+/// A slot and the service that is to fill it, by their names.
+///
+/// # Errors
+/// What is wrong with them.
+pub fn filling(slot: &str, name: &str) -> Result<(Role, &'static str), &'static str> {
+    let role = SLOTS.into_iter().find(|role| role.label() == slot);
+    let role = role.ok_or("there is no such slot")?;
+    let service = names_for(role).find(|service| *service == name);
+    Ok((role, service.ok_or("no service of this name fills the slot")?))
+}
+
+/// Every slot with every service that fills it, as words.
 #[must_use]
-pub fn name_of(role: Role) -> Option<&'static str> {
+pub fn fillings() -> String {
+    let names = |role: Role| names_for(role).map(move |name| format!("{}={name}", role.label()));
+    SLOTS.into_iter().flat_map(names).collect::<Vec<_>>().join(" or ")
+}
+
+/// Name of the service that fills a role by default.
+fn name_of(role: Role) -> Option<&'static str> {
     PROCESSES.iter().find(|(_, r)| *r == role).map(|(name, _)| *name)
 }
 
@@ -72,7 +97,7 @@ pub fn thread_name(name: &str) -> &str {
 }
 
 /// Services that fill `role`.
-pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> {
+pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> + Clone {
     PROCESSES.into_iter().filter(move |(_, r)| *r == role).map(|(name, _)| name)
 }
 
@@ -87,6 +112,23 @@ impl Default for Crew {
 }
 
 impl Crew {
+    /// Who flies a scenario. A name that fills nothing, which no scenario that has been loaded has,
+    /// changes nothing.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let mut crew = Self::default();
+        for (role, name) in settings.crew.slots() {
+            let _ = name.is_some_and(|name| crew.swap(role, name));
+        }
+        crew
+    }
+
+    /// Name of the service that fills a role; the pilot has none.
+    #[must_use]
+    pub fn name(&self, role: Role) -> Option<&'static str> {
+        self.0.get(role.index()).copied().flatten()
+    }
+
     /// Lets another service fill a role. False if the service is of another role.
     #[must_use]
     pub fn swap(&mut self, role: Role, service: &str) -> bool {
@@ -107,11 +149,11 @@ impl Crew {
         scenario: &Scenario,
         visitor: V,
     ) -> Result<V::Output, BuildError> {
-        build_service(self.0.get(role.index()).copied().flatten(), scenario, visitor)
+        build_service(self.name(role), scenario, visitor)
     }
 }
 
-/// Builds the component that fills `role` by default and hands it to the visitor.
+/// Builds the component that fills `role` in a scenario and hands it to the visitor.
 ///
 /// # Errors
 /// The component refuses its configuration.
@@ -120,29 +162,23 @@ pub fn build<V: ComponentVisitor>(
     scenario: &Scenario,
     visitor: V,
 ) -> Result<V::Output, BuildError> {
-    build_service(name_of(role), scenario, visitor)
-}
-
-/// Builds a service by its name.
-///
-/// # Errors
-/// The component refuses its configuration.
-pub fn build_named<V: ComponentVisitor>(
-    name: &str,
-    scenario: &Scenario,
-    visitor: V,
-) -> Result<V::Output, BuildError> {
-    build_service(Some(name), scenario, visitor)
+    Crew::of(scenario.settings()).build(role, scenario, visitor)
 }
 
 /// Builds a service by name; the pilot has none.
-fn build_service<V: ComponentVisitor>(
+///
+/// # Errors
+/// The component refuses its configuration.
+pub fn build_service<V: ComponentVisitor>(
     name: Option<&str>,
     scenario: &Scenario,
     visitor: V,
 ) -> Result<V::Output, BuildError> {
     let settings = scenario.settings();
     let vehicle = scenario.modelled_vehicle();
+    let after_s = settings.launcher.launcher_grace_s;
+    let landing = Landing { after_s, ..Landing::default() };
+    let yaw_rad = scenario.start_yaw_rad();
     Ok(match name {
         Some("plant") => visitor.visit(Component {
             service: Plant::new(&scenario.plant_config()?)?,
@@ -156,14 +192,26 @@ fn build_service<V: ComponentVisitor>(
             })
         }
         Some("position-mpc") => {
-            let after_s = settings.launcher.launcher_grace_s;
-            let landing = Landing { after_s, ..Landing::default() };
             let service = PositionMpc::new(scenario.position_law()?, &vehicle, landing)?;
             visitor.visit(Component { service, state_every: 1 })
         }
+        Some("position-pid") => {
+            let service = PositionPid::new(scenario.position_pid()?, &vehicle, landing)?;
+            visitor.visit(Component { service, state_every: 1 })
+        }
         Some("attitude-mpc") => {
-            let yaw_rad = scenario.start_yaw_rad();
             let service = AttitudeMpc::new(scenario.attitude_law()?, &vehicle, yaw_rad)?;
+            visitor.visit(Component { service, state_every: 1 })
+        }
+        Some("attitude-lqr") => {
+            let config = scenario.attitude_lqr();
+            let law = LqrLaw::new(config, &vehicle)?;
+            let service = AttitudeLqr::new(law, &vehicle, config.timing, yaw_rad);
+            visitor.visit(Component { service, state_every: 1 })
+        }
+        Some("attitude-pid") => {
+            let config = scenario.attitude_pid();
+            let service = AttitudePid::new(PidLaw::new(config)?, &vehicle, config.timing, yaw_rad);
             visitor.visit(Component { service, state_every: 1 })
         }
         Some("disturbance-injector") => {

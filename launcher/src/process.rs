@@ -108,7 +108,7 @@ fn fly(role: Role, options: &ProcOptions) -> Result<Ending, Box<dyn std::error::
         Some(file) => &Scenario::load(&file.to_string_lossy(), &[])?,
         None => &scenario,
     };
-    components::build_named(&options.service, configured, flight)?
+    components::build_service(Some(&options.service), configured, flight)?
 }
 
 /// Connects and flies whatever component it is given.

@@ -1,9 +1,8 @@
 //! What may be changed in the air.
 
-use crate::components::{Crew, names_for};
+use crate::components::{self, Crew};
 use crate::scenario::{Override, Scenario, ScenarioError};
 use miette::Diagnostic;
-use shared_types::Role;
 use thiserror::Error;
 
 /// Keys, or sections, that a flight cannot be taken up with, and why. Everything else takes effect
@@ -22,9 +21,6 @@ const FIXED: [(&str, &str); 12] = [
     ("plant.pose_fix", "is in the sensor's memory, with the fixes on their way"),
     ("plant.morph_encoder.rate_hz", "is in the sensor's memory"),
 ];
-
-/// Slots whose owner can be swapped.
-const SLOTS: [Role; 2] = [Role::Attitude, Role::Position];
 
 /// What is changed at a branch.
 #[derive(Debug, Clone, Default)]
@@ -84,37 +80,31 @@ pub enum ChangeError {
 }
 
 impl Change {
-    /// True if the flight goes on as it was recorded; one swapped for its like is no change.
+    /// True if the flight goes on as it was `recorded`; one swapped for its like is no change.
     #[must_use]
-    pub fn is_none(&self) -> bool {
-        let same_crew = self.crew().is_ok_and(|crew| crew == Crew::default());
+    pub fn is_none(&self, recorded: &Scenario) -> bool {
+        let same_crew = self.crew(recorded).is_ok_and(|crew| crew == Crew::of(recorded.settings()));
         self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_crew
     }
 
     /// True if steps may differ from those recorded; a flight that only ends elsewhere has the same.
     #[must_use]
-    pub fn changes_steps(&self) -> bool {
-        !Self { duration: None, ..self.clone() }.is_none()
+    pub fn changes_steps(&self, recorded: &Scenario) -> bool {
+        !Self { duration: None, ..self.clone() }.is_none(recorded)
     }
 
     /// Who flies from the branch on.
-    pub(super) fn crew(&self) -> Result<Crew, ChangeError> {
-        let mut crew = Crew::default();
+    fn crew(&self, recorded: &Scenario) -> Result<Crew, ChangeError> {
+        let mut crew = Crew::of(recorded.settings());
         for swap in &self.swap {
             let (slot, name) = swap.split_once('=').unwrap_or((swap, ""));
-            let slot = SLOTS.into_iter().find(|role| role.label() == slot.trim());
-            let wrong = |what: &str| {
-                let (swap, what) = (swap.clone(), what.to_owned());
-                let names = |role: Role| {
-                    names_for(role).map(move |name| format!("{}={name}", role.label()))
-                };
-                let known = SLOTS.into_iter().flat_map(names).collect::<Vec<_>>().join(" or ");
-                ChangeError::Swap { swap, what, known }
-            };
-            let slot = slot.ok_or_else(|| wrong("there is no such slot"))?;
-            if !crew.swap(slot, name.trim()) {
-                return Err(wrong("no service of this name fills the slot"));
-            }
+            let filled = components::filling(slot.trim(), name.trim());
+            let (role, name) = filled.map_err(|what| ChangeError::Swap {
+                swap: swap.clone(),
+                what: what.to_owned(),
+                known: components::fillings(),
+            })?;
+            let _ = crew.swap(role, name);
         }
         Ok(crew)
     }
@@ -125,6 +115,13 @@ impl Change {
         for setting in &self.set {
             refuse_fixed(setting)?;
             edits.push(Override::set(setting)?);
+        }
+        let crew = self.crew(recorded)?;
+        if crew != Crew::of(recorded.settings()) {
+            for role in components::SLOTS {
+                let name = crew.name(role).unwrap_or_default();
+                edits.push(Override::crew(&format!("{}={name}", role.label()))?);
+            }
         }
         edits.extend(self.seed.map(Override::seed));
         edits.extend(self.duration.map(Override::duration));

@@ -13,7 +13,6 @@ mod told;
 pub use at::At;
 pub use change::{Change, ChangeError};
 
-use crate::components::Crew;
 use crate::in_process::{
     Checkpoint, Compare, Difference, InProcess, InProcessError, Observer, Tape,
 };
@@ -104,7 +103,7 @@ impl Branch {
         let compare = Compare::with(Arc::clone(&tape), recorded_ns);
         let before = Checkpoint::before(Arc::clone(&tape), at_ns);
         let seen = (compare, Told::default());
-        let mut flight = InProcess::resume(&scenario, Crew::default(), seen, &before)?;
+        let mut flight = InProcess::resume(&scenario, seen, &before)?;
         let begun = flight.marks_ns();
         flight.repeat(&tape, at_ns);
         flight.fly_until(at_ns)?;
@@ -160,8 +159,7 @@ impl Branch {
         changed: &Changed,
         observer: O,
     ) -> Result<InProcess<O>, BranchError> {
-        let mut flight =
-            InProcess::resume(&changed.scenario, changed.crew, observer, &self.checkpoint)?;
+        let mut flight = InProcess::resume(&changed.scenario, observer, &self.checkpoint)?;
         if let Some(seed) = changed.seed {
             flight.reseed(seed);
         }
@@ -174,7 +172,7 @@ impl Branch {
     /// [`ChangeError`].
     pub fn change(&self, change: &Change) -> Result<Changed, ChangeError> {
         let scenario = change.apply(&self.scenario, self.at_ns())?;
-        Ok(Changed { scenario, seed: change.seed, crew: change.crew()? })
+        Ok(Changed { scenario, seed: change.seed })
     }
 }
 
@@ -183,7 +181,6 @@ impl Branch {
 pub struct Changed {
     /// With everything that was changed.
     pub scenario: Scenario,
-    crew: Crew,
     seed: Option<u64>,
 }
 
@@ -228,6 +225,34 @@ mod tests {
         }
         let beyond = Branch::prepare(scenario, tape, true, At::Time(1_500_000_000)).unwrap_err();
         assert!(matches!(beyond, BranchError::Beyond { .. }));
+    }
+
+    #[test]
+    fn a_slot_given_to_another_kind_flies_on_from_what_was_applied() {
+        let (scenario, hash, tape) = record("figure8-morph", Duration::from_secs(3));
+        let branch = Branch::prepare(scenario, tape, true, At::Time(1_500_000_000)).unwrap();
+        for swap in ["attitude=attitude-lqr", "attitude=attitude-pid", "position=position-pid"] {
+            let change = Change { swap: vec![swap.to_owned()], ..Change::default() };
+            let (other, first) = fly(&branch, &change);
+            assert_ne!(other, hash, "{swap}");
+            assert!(first.unwrap().release_ns >= 1_500_000_000, "{swap}");
+            let seen = (crate::run::Metrics::default(), Tape::default());
+            let changed = branch.change(&change).unwrap();
+            let mut flight = branch.resume(&changed, seen).unwrap();
+            flight.fly_until(u64::MAX).unwrap();
+            let (metrics, flown) = flight.seen(core::mem::take);
+            assert_eq!((metrics.violations(), metrics.gate().refused_wrong_owner), (0, 0));
+            let commands = flown.samples(&topics::WRENCH_COMMAND);
+            let before = branch.tape().samples(&topics::WRENCH_COMMAND);
+            let last = before.iter().rfind(|c| c.header.release_ns < 1_500_000_000).unwrap();
+            // The sequence goes on, and so does the torque: within a fifth of roll's bound of 0.056 N m.
+            assert_eq!(commands[0].header.sequence, last.header.sequence + 1, "{swap}");
+            let jump = (commands[0].torque_b_nm[0] - last.torque_b_nm[0]).abs();
+            assert!(jump <= 0.011, "{swap}: {jump} N m");
+        }
+        let nobody = Change { swap: vec!["attitude=position-pid".to_owned()], ..Change::default() };
+        let refusal = branch.change(&nobody).unwrap_err();
+        assert!(matches!(refusal, ChangeError::Swap { .. }));
     }
 
     #[test]

@@ -123,7 +123,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     };
     let origin = format!("branch of run {run} at {} s{}", seconds(&branch), told(&change));
     let branched = change
-        .changes_steps()
+        .changes_steps(branch.scenario())
         .then(|| Branched {
             parent_run: run.clone(),
             at_ns: branch.at_ns(),
@@ -133,7 +133,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let flown = run_branch(&branch, &changed, &options, &origin, branched)?;
     let run::Branched { summary, since, same, first } = flown;
     let identical = first.is_none() && same > 0;
-    let departs = change.is_none() && !identical && !summary.interrupted;
+    let departs = change.is_none(branch.scenario()) && !identical && !summary.interrupted;
     let code = summary.exit_code();
     let code = if departs && code == exit::PASS { exit::GATE_FAILED } else { code };
     let compared_to_s = branch.recorded_ns().min(summary.flown_ns) as f64 / 1e9;

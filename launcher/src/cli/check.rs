@@ -1,5 +1,6 @@
 //! `morphquad check`: what a scenario would fly.
 
+use crate::components::{self, Crew};
 use crate::scenario::pilot::Manoeuvre;
 use crate::scenario::settings::{Clock, FaultSettings, ScenarioSettings, SwapSettings};
 use crate::scenario::{self, Scenario};
@@ -15,7 +16,7 @@ use std::io::{self, Write};
 pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let graph = scenario.graph().map_err(io::Error::other)?;
     summary(scenario, out)?;
-    loops(&graph, out)?;
+    loops(scenario, &graph, out)?;
     arrows(&graph, &scenario.settings().scenario, out)?;
     world(scenario, out)?;
     writeln!(out, "ok")
@@ -36,20 +37,26 @@ fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     )
 }
 
-fn loops(graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(out, "{:<14}{:>10}{:>14}{:>14}  MISSED", "LOOP", "RATE", "PERIOD", "LEAD")?;
+fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
+    let crew = Crew::of(scenario.settings());
+    writeln!(
+        out,
+        "{:<14}{:<22}{:>10}{:>14}{:>14}  MISSED",
+        "LOOP", "FLOWN BY", "RATE", "PERIOD", "LEAD"
+    )?;
     for node in graph.nodes() {
         writeln!(
             out,
-            "{:<14}{:>10}{:>14}{:>14}  {}",
+            "{:<14}{:<22}{:>10}{:>14}{:>14}  {}",
             node.role.label(),
+            crew.name(node.role).unwrap_or("launcher"),
             format!("{} Hz", node.rate.hz()),
             milliseconds(node.rate.period_ns()),
             milliseconds(node.lead_ns),
             missed(node)
         )?;
     }
-    writeln!(out)
+    writeln!(out, "Others can fill a slot: --crew {}.\n", components::fillings())
 }
 
 fn missed(node: &Node) -> &'static str {

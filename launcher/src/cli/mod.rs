@@ -252,6 +252,29 @@ mod tests {
     }
 
     #[test]
+    fn check_says_who_flies_and_refuses_who_cannot_with_those_who_can() {
+        let (code, out, _) =
+            morphquad("check hover --crew attitude=attitude-pid,position=position-pid");
+        assert_eq!(code, exit::PASS);
+        assert!(out.contains("attitude-pid ") && out.contains("position-pid "), "{out}");
+        let (_, out, _) =
+            morphquad("check hover --crew attitude=attitude-lqr --rate attitude-lqr=250");
+        assert!(out.contains("attitude-lqr") && out.contains("250 Hz"), "{out}");
+        for (bad, remedy) in [
+            ("check hover --crew attitude=attitude-lqg", "attitude=attitude-lqr"),
+            ("check hover --crew attitude", "position=position-pid"),
+            ("check hover --crew height=attitude-lqr", "SLOT=NAME"),
+            ("check hover --set crew.attitude=attitude-lqg", "did you mean `attitude-lqr`"),
+            ("check hover --set crew.estimator=estimator", "crew"),
+            ("check hover --set attitude_lqr.integral_s=[1.0,1.0,0.0]", "0.001"),
+        ] {
+            let (code, out, diagnostics) = morphquad(bad);
+            assert_eq!((code, out.as_str()), (exit::USAGE, ""), "{bad}");
+            assert!(diagnostics.contains(remedy), "{bad}: {diagnostics}");
+        }
+    }
+
+    #[test]
     fn durations_may_be_written_in_minutes_seconds_and_milliseconds() {
         for (text, shown) in
             [("20s", "20 s"), ("500ms", "0.5 s"), ("2m", "120 s"), ("1.5s", "1.5 s")]

@@ -66,6 +66,8 @@ pub(super) enum Command {
 /// Which study.
 #[derive(Debug, Subcommand)]
 pub(super) enum StudyCommand {
+    /// Fly every attitude controller under every position controller and compare them in one table
+    Controllers(StudyOutput),
     /// Fly figure8-morph at sweeps from 4 s to 0.3 s, with the law scheduled and not
     Morphing(MorphingArguments),
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
@@ -130,6 +132,9 @@ pub struct ScenarioArguments {
     /// Rate of one loop, for example `attitude-mpc=500`
     #[arg(long, value_name = "NAME=HZ")]
     pub rate: Vec<String>,
+    /// Who fills a slot, for example `attitude=attitude-lqr`; `check` names them
+    #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
+    pub crew: Vec<String>,
     /// Any key of the scenario, for example `start.morph_angle_deg=120`
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
@@ -154,7 +159,8 @@ impl ScenarioArguments {
         let rate = self.rate.iter().map(|argument| Override::rate(argument));
         let swap = self.swap.iter().map(|argument| Override::swap(argument));
         let fault = self.fault.iter().map(|argument| Override::fault(argument));
-        let all = set.chain(rate).chain(swap).chain(fault);
+        let crew = self.crew.iter().map(|argument| Override::crew(argument));
+        let all = set.chain(rate).chain(crew).chain(swap).chain(fault);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
         overrides.extend(self.clock.as_deref().map(Override::clock));
         overrides.extend(self.duration.map(Override::duration));

@@ -1,10 +1,11 @@
 //! `morphquad study`: from arguments to tables on stdout, files in a folder and an exit code.
 
 use super::bar::bar;
-use super::options::{Format, MorphingArguments, StabilityArguments, StudyCommand};
+use super::options::{Format, MorphingArguments, StabilityArguments, StudyCommand, StudyOutput};
 use super::refusal::Done;
 use crate::exit;
 use crate::results::{ResultsError, ResultsFolder};
+use crate::study::controllers::{self, ControllersError};
 use crate::study::morphing::{self, MorphingError};
 use crate::study::stability::{self, Bench, Grid, StabilityError};
 use crate::study::worst_case::{self, WorstCaseError};
@@ -27,6 +28,9 @@ enum StudyError {
     Results(#[from] ResultsError),
     #[error(transparent)]
     #[diagnostic(help("the flights are fixed: this is a defect, please report it"))]
+    Controllers(#[from] ControllersError),
+    #[error(transparent)]
+    #[diagnostic(help("the flights are fixed: this is a defect, please report it"))]
     Morphing(#[from] MorphingError),
     #[error(transparent)]
     #[diagnostic(help("give a --rate from 50 to 1000 Hz and an --angle from 45 to 160 degrees"))]
@@ -40,7 +44,7 @@ impl StudyError {
     fn exit_code(&self) -> u8 {
         match self {
             Self::Results(_) => exit::UNFIT,
-            Self::Morphing(_) => exit::CRASHED,
+            Self::Controllers(_) | Self::Morphing(_) => exit::CRASHED,
             Self::Stability(_) | Self::WorstCase(_) => exit::USAGE,
         }
     }
@@ -49,11 +53,37 @@ impl StudyError {
 /// Runs a study; 1 if a mark fails, 2 for an impossible request, 3 for an unwritable folder.
 pub(super) fn run(command: &StudyCommand, out: &mut dyn Write) -> Done {
     let done = match command {
+        StudyCommand::Controllers(output) => compare_controllers(output),
         StudyCommand::Morphing(arguments) => fly_morphing(arguments),
         StudyCommand::Stability(arguments) => map_stability(arguments),
         StudyCommand::WorstCase(arguments) => certify(arguments),
     };
     super::conclude(done, StudyError::exit_code, out)
+}
+
+fn compare_controllers(output: &StudyOutput) -> Result<(String, u8), StudyError> {
+    let mut folder = ResultsFolder::create(&output.out)?;
+    let plan = if output.quick { controllers::Plan::quick() } else { controllers::Plan::full() };
+    let bar = bar(plan.flights(), "flights");
+    let study = controllers::fly(&plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    controllers::report::write(&study, &mut folder)?;
+    let broken = study.rows.iter().any(|row| row.violations > 0 || row.lost > 0);
+    let text = match output.format {
+        Format::Json => controllers::report::to_json(&study).to_string(),
+        Format::Text => format!(
+            "figure8-morph (rms, max; {} seeds), hover pushed for a second with more than the tilt \
+             bound holds (push, back\nwithin 0.1 m), attitude-step (roll or pitch, yaw, peak) and \
+             disturbance (pulse, back within 0.02 rad) at {:?} deg,\nthe worst of each; commands \
+             outside their bounds, clipped rotors, flights lost; times of a step over the first row's\
+             \n\n{}\n{}",
+            plan.seeds,
+            plan.sizes_deg,
+            controllers::report::table(&study),
+            files(&folder),
+        ),
+    };
+    Ok((text, if broken { exit::GATE_FAILED } else { exit::PASS }))
 }
 
 fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyError> {

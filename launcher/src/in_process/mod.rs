@@ -11,6 +11,7 @@ mod observer;
 mod perfect_state;
 mod resume;
 mod tape;
+mod tracking;
 mod wires;
 
 pub use compare::{Compare, Difference, Likeness};
@@ -27,13 +28,14 @@ use resume::Feed;
 use runtime::executor::{StateSink, StepStamps};
 use runtime::graph::{CREDIT_NS, Marks, ROLES};
 use runtime::input::InputSet as _;
-use runtime::service::RestoreError;
+use runtime::service::{RestoreError, ports_layout};
 use runtime::{Executor, Graph, Node, Place, Service};
 use shared_types::{Header, Role};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use thiserror::Error;
+use tracking::Tracking;
 use wires::Wires;
 
 /// Who tells the controllers where the vehicle is.
@@ -100,6 +102,7 @@ trait Stepper: Repeats {
     fn step(&mut self, now_mono_ns: fn() -> u64);
     fn finish(&mut self);
     fn state(&mut self) -> Option<Vec<u8>>;
+    fn ports(&self) -> u64;
     fn reseed(&mut self, seed: u64);
     fn feed(&mut self, feed: &mut Feed<'_>);
 }
@@ -114,6 +117,9 @@ impl<S: Service> Stepper for Executor<S> {
     }
     fn state(&mut self) -> Option<Vec<u8>> {
         Self::state(self).map(<[u8]>::to_vec)
+    }
+    fn ports(&self) -> u64 {
+        ports_layout::<S>()
     }
     fn reseed(&mut self, seed: u64) {
         Self::reseed(self, seed);
@@ -147,7 +153,26 @@ struct Connect<'a, O> {
 impl<O: Observer> ComponentVisitor for Connect<'_, O> {
     type Output = Result<Loop, InProcessError>;
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
-        let generation = self.from.map_or(0, |checkpoint| checkpoint.generation(self.node.role));
+        let role = self.node.role;
+        let generation = self.from.map_or(0, |checkpoint| checkpoint.generation(role));
+        let taken_over = self.from.and_then(|from| from.taken_over(role, &component.service));
+        if let Some(state) = taken_over {
+            let Component { service, state_every } = component;
+            let component = Component { service: Tracking::first(service), state_every };
+            return self.connect(component, generation, Some(&state));
+        }
+        let state = self.from.and_then(|checkpoint| checkpoint.state(role));
+        self.connect(component, generation, state)
+    }
+}
+
+impl<O: Observer> Connect<'_, O> {
+    fn connect<S: Service + 'static>(
+        self,
+        component: Component<S>,
+        generation: u32,
+        state: Option<&[u8]>,
+    ) -> Result<Loop, InProcessError> {
         let place = Place { seat: 0, generation };
         let mut executor =
             Executor::new(component.service, self.node, place, component.state_every);
@@ -158,7 +183,7 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
         }
         if let Some(checkpoint) = self.from {
             let role = self.node.role;
-            let restored = checkpoint.state(role).map_or(Ok(()), |state| executor.take_up(state));
+            let restored = state.map_or(Ok(()), |state| executor.take_up(state));
             restored.map_err(|error| InProcessError::Restore { role: role.label(), error })?;
             if let Some(at_ns) = checkpoint.exact_ns() {
                 executor.continue_at(at_ns);
@@ -207,17 +232,17 @@ impl<O: Observer> InProcess<O> {
         if scenario.settings().is_scripted() {
             return Err(InProcessError::Scripted);
         }
-        Self::build(scenario, Crew::default(), state, observer, None)
+        Self::build(scenario, state, observer, None)
     }
 
     fn build(
         scenario: &Scenario,
-        crew: Crew,
         state: StateSource,
         observer: O,
         from: Option<&Checkpoint>,
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
+        let crew = Crew::of(scenario.settings());
         let observer = Rc::new(RefCell::new(observer));
         let mut wires = Wires::new(Rc::clone(&observer));
         let mut loops = Vec::new();

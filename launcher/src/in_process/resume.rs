@@ -2,13 +2,14 @@
 
 use super::tape::Tape;
 use super::{InProcess, InProcessError, Observer, StateSource};
-use crate::components::Crew;
 use crate::replay::Course;
 use crate::scenario::Scenario;
 use core::convert::Infallible;
-use runtime::Graph;
 use runtime::graph::{Edge, Marks, ROLES};
 use runtime::input::{Input, InputVisitor};
+use runtime::service::{StateHeader, ports_layout, state_layout, with_memory_of};
+use runtime::{Graph, Service};
+use shared_types::wire::Value as _;
 use shared_types::{Role, Sample, Topic};
 use std::sync::Arc;
 
@@ -22,6 +23,8 @@ pub struct Checkpoint {
     states: [Option<Vec<u8>>; ROLES],
     /// The states are those of `at_ns`, not of the keyframes before it.
     exact: bool,
+    /// What each role reads and writes, if the states are exact.
+    ports: [Option<u64>; ROLES],
 }
 
 impl Checkpoint {
@@ -33,7 +36,7 @@ impl Checkpoint {
         for role in Role::STEPPING {
             states[role.index()] = tape.last_state_before(role, at_ns).map(<[u8]>::to_vec);
         }
-        Self { tape, at_ns, states, exact: false }
+        Self { tape, at_ns, states, exact: false, ports: [None; ROLES] }
     }
 
     /// The instant \[ns\].
@@ -57,6 +60,16 @@ impl Checkpoint {
         self.states.get(role.index())?.as_deref()
     }
 
+    /// State from which `service` takes over, if the state of `role` is of another kind with the same
+    /// ports: sequences and latches of the predecessor, the memory of `service` as it is.
+    pub(super) fn taken_over<S: Service>(&self, role: Role, service: &S) -> Option<Vec<u8>> {
+        let state = self.state(role)?;
+        let same_ports = *self.ports.get(role.index())? == Some(ports_layout::<S>());
+        let same_kind = StateHeader::unpack(state.get(..StateHeader::PACKED_SIZE)?).layout_hash
+            == state_layout::<S>();
+        (same_ports && !same_kind).then(|| with_memory_of(service, state)).flatten()
+    }
+
     /// The instant at which every loop goes on, if the states are exactly of it \[ns\].
     pub(super) fn exact_ns(&self) -> Option<u64> {
         self.exact.then_some(self.at_ns)
@@ -64,19 +77,17 @@ impl Checkpoint {
 }
 
 impl<O: Observer> InProcess<O> {
-    /// A flight of `scenario` by `crew` that goes on from a checkpoint. The observer sees what is published
+    /// A flight of `scenario` that goes on from a checkpoint. The observer sees what is published
     /// from there on.
     ///
     /// # Errors
     /// As [`InProcess::new`], and a component that refuses its state.
     pub fn resume(
         scenario: &Scenario,
-        crew: Crew,
         observer: O,
         checkpoint: &Checkpoint,
     ) -> Result<Self, InProcessError> {
-        let mut flight =
-            Self::build(scenario, crew, StateSource::Estimator, observer, Some(checkpoint))?;
+        let mut flight = Self::build(scenario, StateSource::Estimator, observer, Some(checkpoint))?;
         for l in &flight.loops {
             flight.marks[l.node.role.index()] = l.stepper.next_ns();
         }
@@ -108,11 +119,12 @@ impl<O: Observer> InProcess<O> {
     /// The state of the whole flight at `at_ns`, up to which it has been flown; `tape` has
     /// everything that was published before.
     pub fn checkpoint(&mut self, tape: Arc<Tape>, at_ns: u64) -> Checkpoint {
-        let mut states = [const { None }; ROLES];
+        let (mut states, mut ports) = ([const { None }; ROLES], [None; ROLES]);
         for l in &mut self.loops {
             states[l.node.role.index()] = l.stepper.state();
+            ports[l.node.role.index()] = Some(l.stepper.ports());
         }
-        Checkpoint { tape, at_ns, states, exact: true }
+        Checkpoint { tape, at_ns, states, exact: true, ports }
     }
 
     /// Draws everything random from the streams of another seed from now on.

@@ -100,7 +100,7 @@ pub fn verify(
     if let Some(role) = roles.iter().find(|role| graph.node(**role).is_none()) {
         return Err(ReplayError::NotFlown { role: role.label() });
     }
-    let crew = Crew::default();
+    let crew = Crew::of(scenario.settings());
     let mut verification = Verification { services: Vec::new(), complete: true };
     for node in graph.nodes().iter().filter(|n| roles.is_empty() || roles.contains(&n.role)) {
         let topics = Topics::of(&crew, node.role, scenario)?;

@@ -69,7 +69,8 @@ pub fn depart(flight: &RecordedFlight, role: Role, with: &With) -> Result<Depart
     super::refuse_branched(flight)?;
     let graph = flight.scenario().graph().map_err(|e| ReplayError::Wiring(e.to_string()))?;
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
-    let (flown, mut crew) = (Crew::default(), Crew::default());
+    let flown = Crew::of(flight.scenario().settings());
+    let mut crew = flown;
     let mut topics = Topics::of(&flown, role, flight.scenario())?;
     let (recorded, other) = match with {
         With::Service { name, overrides } => {
@@ -109,7 +110,7 @@ pub fn write_outputs(
     out: &Path,
 ) -> Result<(), ReplayError> {
     super::refuse_branched(flight)?;
-    let crew = Crew::default();
+    let crew = Crew::of(flight.scenario().settings());
     let topics = Topics::of(&crew, role, flight.scenario())?;
     let recorded = load(flight, role, &topics)?;
     let scenario = changed(flight, overrides)?;

@@ -16,7 +16,7 @@ use super::slots::{Means, Script, SlotWatch, Slots};
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
 use super::tap::Tap;
-use crate::components;
+use crate::components::Crew;
 use crate::process::has_process;
 use crate::record::{Event, Recording, Severity};
 use crate::scenario::Scenario;
@@ -142,8 +142,9 @@ impl Flight {
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let executable = std::env::current_exe().map_err(system("find the own executable"))?;
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
+        let crew = Crew::of(scenario.settings());
         let spec = |role: Role| {
-            let (name, executable) = (components::name_of(role)?.to_owned(), executable.clone());
+            let (name, executable) = (crew.name(role)?.to_owned(), executable.clone());
             let launch = Launch::Service { config: None };
             Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
         };

@@ -1,5 +1,6 @@
 //! Rules that span keys or sections, after every section is valid by itself.
 
+mod crew;
 mod laws;
 
 pub(crate) use laws::TESTED_RATES_HZ;
@@ -29,6 +30,7 @@ pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Proble
     if !scenario.settings.pilot.is_rig() {
         checker.position();
     }
+    checker.crew();
     checker.idle_keys();
     checker.estimator();
     checker.gate();
@@ -104,7 +106,7 @@ impl<'s> Checker<'s> {
     /// The gate drops a command after its validity, two periods of its writer.
     fn gate(&mut self) {
         let validity_s = self.settings().plant.gate.validity_max_s;
-        let needed_s = 2.0 / self.settings().attitude_mpc.rate_hz;
+        let needed_s = 2.0 / self.scenario.slot_rate_hz(Role::Attitude);
         if needed_s > validity_s {
             let what = format!(
                 "a command is valid for two periods, {needed_s:.3} s, but the gate allows {validity_s} s"

@@ -29,14 +29,21 @@ pub use settings::Settings;
 pub(crate) use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 
+use crate::components::Crew;
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
+use attitude_lqr::LqrConfig;
 use attitude_mpc::AttitudeLawConfig;
 use attitude_mpc::settings::Surroundings;
+use attitude_pid::PidConfig;
+use controller::attitude::Timing;
 use document::{Document, Edit, Texts};
 use estimator::{FilterConfig, InitialState};
 use pilot::Frame;
 use position_mpc::PositionLawConfig;
+use position_pid::PositionPidConfig;
+use position_pid::settings::Shared;
 use runtime::Graph;
+use shared_types::Role;
 use std::path::Path;
 
 /// A scenario that can be flown.
@@ -212,7 +219,7 @@ impl Scenario {
             rotor_lag_s: settings.vehicle.rotor_lag_s,
             wrench_latency_s: settings.latency.wrench_command_s,
             report_period_s: 1.0 / settings.plant.rate_hz,
-            setpoint_period_s: if rig { 0.0 } else { 1.0 / settings.position_mpc.rate_hz },
+            setpoint_period_s: if rig { 0.0 } else { 1.0 / self.slot_rate_hz(Role::Position) },
         })
     }
 
@@ -222,6 +229,49 @@ impl Scenario {
     /// None for a scenario that has been loaded.
     pub fn position_law(&self) -> Result<PositionLawConfig, position_mpc::ConfigError> {
         self.settings.position_mpc.law_config(self.settings.vehicle.rotor_lag_s)
+    }
+
+    /// Rate of the loop in a slot \[Hz\].
+    pub(crate) fn slot_rate_hz(&self, role: Role) -> f64 {
+        self.settings.rate_hz(Crew::of(&self.settings).name(role).unwrap_or("pilot"))
+    }
+
+    /// Times on the way of an attitude command at the rate of `[attitude_mpc]`.
+    fn attitude_timing(&self) -> Timing {
+        Timing {
+            period_s: 1.0 / self.settings.attitude_mpc.rate_hz,
+            latency_s: self.settings.latency.wrench_command_s,
+            report_s: 1.0 / self.settings.plant.rate_hz,
+            rotor_lag_s: self.settings.vehicle.rotor_lag_s,
+        }
+    }
+
+    /// What the attitude LQR is built from.
+    #[must_use]
+    pub fn attitude_lqr(&self) -> LqrConfig {
+        self.settings.attitude_lqr.law_config(self.attitude_timing())
+    }
+
+    /// What the attitude PID is built from.
+    #[must_use]
+    pub fn attitude_pid(&self) -> PidConfig {
+        self.settings.attitude_pid.law_config(self.attitude_timing())
+    }
+
+    /// What the position PID is built from; its bounds are those of the position MPC unless it has its
+    /// own.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn position_pid(&self) -> Result<PositionPidConfig, position_mpc::ConfigError> {
+        let mpc = self.position_law()?;
+        Ok(self.settings.position_pid.law_config(&Shared {
+            rate_hz: mpc.rate_hz,
+            tilt_max_rad: mpc.tilt_max_rad,
+            tilt_step_max_rad: mpc.tilt_step_max_rad,
+            thrust_weights: [mpc.thrust_min_weights, mpc.thrust_max_weights],
+            thrust_step_max_weights: mpc.thrust_step_max_weights,
+        }))
     }
 
     /// What the pilot is built from.

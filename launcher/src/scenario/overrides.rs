@@ -4,17 +4,21 @@ use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
 use super::suggest;
 use crate::candidate::share;
+use crate::components;
 use miette::NamedSource;
 use shared_types::Role;
 
 /// Names under which a loop may be given to `--rate`, with the section that holds its rate.
-const LOOPS: [(&str, &str, Role); 6] = [
+const LOOPS: [(&str, &str, Role); 9] = [
     ("plant", "plant", Role::Plant),
     ("estimator", "estimator", Role::Estimator),
     ("position-mpc", "position_mpc", Role::Position),
     ("attitude-mpc", "attitude_mpc", Role::Attitude),
     ("disturbance-injector", "disturbance_injector", Role::Disturbance),
     ("pilot", "pilot", Role::Pilot),
+    ("position-pid", "position_pid", Role::Position),
+    ("attitude-lqr", "attitude_lqr", Role::Attitude),
+    ("attitude-pid", "attitude_pid", Role::Attitude),
 ];
 
 /// One edit of the scenario, remembered with the flag that asked for it.
@@ -114,6 +118,25 @@ impl Override {
     /// One more entry of a list.
     fn entry(shown: String, list: &str, entry: &str) -> Self {
         Self(Edit { shown, key: list.to_owned(), value: format!("[{{ {entry} }}]"), added: true })
+    }
+
+    /// `--crew SLOT=NAME`: who fills a slot.
+    ///
+    /// # Errors
+    /// No `=`, no such slot, or nobody of that name who fills it.
+    pub fn crew(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--crew {argument}");
+        let (slot, name) = argument.split_once('=').unwrap_or((argument, ""));
+        match components::filling(slot.trim(), name.trim()) {
+            Ok((role, name)) => {
+                let key = format!("crew.{}", role.label());
+                Ok(Self(Edit { shown, key, value: format!("{name:?}"), added: false }))
+            }
+            Err(what) => {
+                let remedy = format!("write --crew SLOT=NAME with {}", components::fillings());
+                Err(refusal("--crew", &shown, what, &remedy))
+            }
+        }
     }
 
     /// `--seed N`.

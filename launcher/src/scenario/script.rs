@@ -3,7 +3,7 @@
 use super::settings::Settings;
 use super::suggest;
 use crate::candidate::{Candidate, NoCandidate, Slot, name_of};
-use crate::components;
+use crate::components::Crew;
 use crate::process::has_process;
 use garde::Validate;
 use runtime::Graph;
@@ -135,7 +135,8 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut complaints = Vec::new();
     let end_s = settings.scenario.duration_s;
     let flown = graph.nodes().iter().map(|node| node.role).filter(|role| has_process(*role));
-    let mut known: Vec<&str> = flown.filter_map(components::name_of).collect();
+    let crew = Crew::of(settings);
+    let mut known: Vec<&str> = flown.filter_map(|role| crew.name(role)).collect();
     known.extend(settings.swap.iter().map(|swap| name_of(&swap.to)));
     for (index, fault) in settings.fault.iter().enumerate() {
         if !known.contains(&fault.name.as_str()) {

@@ -29,6 +29,14 @@ pub struct Settings {
     pub position_mpc: position_mpc::settings::Settings,
     /// `[attitude_mpc]`.
     pub attitude_mpc: attitude_mpc::settings::Settings,
+    /// `[position_pid]`.
+    pub position_pid: position_pid::settings::Settings,
+    /// `[attitude_lqr]`.
+    pub attitude_lqr: attitude_lqr::settings::Settings,
+    /// `[attitude_pid]`.
+    pub attitude_pid: attitude_pid::settings::Settings,
+    /// `[crew]`.
+    pub crew: CrewSettings,
     /// `[disturbance_injector]`.
     pub disturbance_injector: disturbance_injector::settings::Settings,
     /// `[latency]`.
@@ -48,6 +56,45 @@ impl Settings {
     #[must_use]
     pub fn is_scripted(&self) -> bool {
         !(self.swap.is_empty() && self.fault.is_empty())
+    }
+}
+
+impl Settings {
+    /// Rate of the loop that `service` would run \[Hz\]; the controllers of a slot take that of its MPC
+    /// unless they have their own.
+    #[must_use]
+    pub fn rate_hz(&self, service: &str) -> f64 {
+        match service {
+            "plant" => self.plant.rate_hz,
+            "estimator" => self.estimator.rate_hz,
+            "position-mpc" => self.position_mpc.rate_hz,
+            "position-pid" => self.position_pid.rate_hz.unwrap_or(self.position_mpc.rate_hz),
+            "attitude-mpc" => self.attitude_mpc.rate_hz,
+            "attitude-lqr" => self.attitude_lqr.rate_hz.unwrap_or(self.attitude_mpc.rate_hz),
+            "attitude-pid" => self.attitude_pid.rate_hz.unwrap_or(self.attitude_mpc.rate_hz),
+            "disturbance-injector" => self.disturbance_injector.rate_hz,
+            _ => self.pilot.common.rate_hz,
+        }
+    }
+}
+
+/// Who fills the slots, by the name of a service; the first of `morphquad check`'s list if left out.
+#[derive(Debug, Clone, Default, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct CrewSettings {
+    /// Position slot.
+    #[garde(skip)]
+    pub position: Option<String>,
+    /// Attitude slot.
+    #[garde(skip)]
+    pub attitude: Option<String>,
+}
+
+impl CrewSettings {
+    /// What is said about each slot.
+    #[must_use]
+    pub fn slots(&self) -> [(Role, Option<&str>); 2] {
+        [(Role::Position, self.position.as_deref()), (Role::Attitude, self.attitude.as_deref())]
     }
 }
 

@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Every section of a scenario.
-const SECTIONS: [&str; 14] = [
+const SECTIONS: [&str; 18] = [
     "scenario",
     "vehicle",
     "start",
@@ -22,6 +22,10 @@ const SECTIONS: [&str; 14] = [
     "estimator",
     "position_mpc",
     "attitude_mpc",
+    "position_pid",
+    "attitude_lqr",
+    "attitude_pid",
+    "crew",
     "disturbance_injector",
     "latency",
     "realtime",
@@ -47,6 +51,10 @@ pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>
         estimator: reader.section("estimator"),
         position_mpc: reader.section("position_mpc"),
         attitude_mpc: reader.section("attitude_mpc"),
+        position_pid: reader.section("position_pid"),
+        attitude_lqr: reader.section("attitude_lqr"),
+        attitude_pid: reader.section("attitude_pid"),
+        crew: reader.section("crew"),
         disturbance_injector: reader.injector(),
         latency: reader.section("latency"),
         realtime: reader.section("realtime"),

@@ -2,6 +2,7 @@
 
 use super::ns_from_s;
 use super::settings::{LatencySettings, Settings};
+use crate::components::Crew;
 use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
 use shared_types::{Role, TopicInfo, topics};
@@ -60,14 +61,7 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
 }
 
 fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
-    let rate_hz = match role {
-        Role::Plant => settings.plant.rate_hz,
-        Role::Estimator => settings.estimator.rate_hz,
-        Role::Position => settings.position_mpc.rate_hz,
-        Role::Attitude => settings.attitude_mpc.rate_hz,
-        Role::Disturbance => settings.disturbance_injector.rate_hz,
-        _ => settings.pilot.common.rate_hz,
-    };
+    let rate_hz = settings.rate_hz(Crew::of(settings).name(role).unwrap_or("pilot"));
     let rate = Rate::from_hz(rate_hz)
         .map_err(|error| WiringError::Rate { section: section(role), error })?;
     let lead_ns = match role {

@@ -99,23 +99,28 @@ impl AttitudeMpc {
         })
     }
 
-    /// Takes the newest set point whose writer owns the position slot.
-    fn take_setpoint(&mut self, inputs: &Inputs) {
+    /// Takes every new set point whose writer owns the position slot.
+    fn take_setpoints(&mut self, inputs: &Inputs) {
         for sample in inputs.attitude_setpoint.fresh() {
-            let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
-            if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
-                continue;
-            }
-            if !values.iter().all(|v| v.is_finite()) {
-                self.setpoints_refused += 1;
-                continue;
-            }
-            self.setpoint = Setpoint {
-                gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
-                thrust_n: sample.thrust_n,
-            };
-            self.setpoint_sequence = sample.header.sequence;
+            self.take(sample, inputs);
         }
+    }
+
+    /// Takes a set point if its writer owned the position slot when it took effect.
+    fn take(&mut self, sample: &AttitudeSetpoint, inputs: &Inputs) {
+        let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
+        if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
+            return;
+        }
+        if !values.iter().all(|v| v.is_finite()) {
+            self.setpoints_refused += 1;
+            return;
+        }
+        self.setpoint = Setpoint {
+            gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
+            thrust_n: sample.thrust_n,
+        };
+        self.setpoint_sequence = sample.header.sequence;
     }
 
     fn law_input(&self, now_ns: u64, inputs: &Inputs) -> Option<Input> {
@@ -200,7 +205,7 @@ impl Service for AttitudeMpc {
     type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.take_setpoint(inputs);
+        self.take_setpoints(inputs);
         let Some(input) = self.law_input(now_ns, inputs) else {
             self.law.miss();
             return;
@@ -225,6 +230,10 @@ impl Service for AttitudeMpc {
     }
 
     fn track(&mut self, _now_ns: u64, inputs: &Inputs) {
+        // In effect since before this controller began.
+        if let Some(latest) = inputs.attitude_setpoint.latest() {
+            self.take(latest, inputs);
+        }
         if let Some(applied) = applied(inputs) {
             self.law.track(&applied.torque_b_nm.into(), applied.thrust_n);
         }

@@ -96,10 +96,7 @@ pub(crate) fn torque_bounds(
     let weight = vehicle.weight_n();
     let arm = vehicle.geometry.arm_length_m(beta);
     match config.torque_bound {
-        TorqueBound::Rotors => {
-            let tilt = weight * arm * (0.5 * thrust / weight).min(0.5);
-            Vector3::new(tilt, tilt, vehicle.yaw_coefficient_m * weight)
-        }
+        TorqueBound::Rotors => vehicle.torque_bound_nm(beta, thrust),
         TorqueBound::Paper => Vector3::new(1.0, 1.0, 2.0) * (weight * arm),
         TorqueBound::RotorThrusts => {
             // The box around what four rotors can give beside `thrust`.

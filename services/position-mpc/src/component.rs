@@ -2,8 +2,8 @@
 
 use crate::law::{Input, LawStatus, Output, PositionLaw, Setpoint};
 use crate::memory::Memory;
-use crate::preview::{Landing, preview};
 use crate::{ConfigError, PositionLawConfig};
+use controller::preview::{Landing, preview};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use runtime::{Link, Service, Standing, inputs, outputs};

@@ -1,11 +1,11 @@
 //! One step of the position law, (7) and (10)-(17).
 
+use controller::heading::{angles_at, input_of, present_tilt};
 use mpc::{IncrementalMpc, LaggedAxis, Limits, Measured, Move, Operating, QpStatus};
 use nalgebra::{SVector, Vector3};
 use vehicle::VehicleParameters;
 
 use crate::config::{ConfigError, PositionLawConfig};
-use crate::heading::{angles_at, input_of, present_tilt};
 use crate::memory::Memory;
 use crate::model;
 

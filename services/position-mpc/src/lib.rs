@@ -9,15 +9,14 @@
 
 pub mod component;
 mod config;
-mod heading;
 mod law;
 mod memory;
 mod model;
-pub mod preview;
 pub mod settings;
 
 pub use component::PositionMpc;
 pub use config::{ConfigError, PositionLawConfig};
+pub use controller::preview::Landing;
 pub use law::{Input, LawStatus, Output, PositionLaw, Refusal, Setpoint};
 pub use memory::{Counters, Memory};
 pub use mpc::{Basis, Horizon, MpcError, QpStatus, SolverKind};

@@ -47,8 +47,9 @@ impl LaggedAxis {
         from_actuator * actuator + from_command * command
     }
 
-    /// One period from (position, rate, actuator, u(k-1)), with u(k) from `delay_s` on.
-    pub(crate) fn advance(&self, state: [f64; 4], u: f64, period: f64) -> [f64; 4] {
+    /// One period \[s\] from (position, rate, actuator, u(k-1)), with u(k) from `delay_s` on.
+    #[must_use]
+    pub fn advance(&self, state: [f64; 4], u: f64, period: f64) -> [f64; 4] {
         let [mut position, mut rate, mut actuator, previous] = state;
         for (duration, command) in [(self.delay_s, previous), (period - self.delay_s, u)] {
             if duration <= 0.0 {

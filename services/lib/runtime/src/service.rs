@@ -111,6 +111,26 @@ pub fn state_layout<S: Service>() -> u64 {
     hash_bytes(hash, &(S::Outputs::COUNT as u64).to_le_bytes())
 }
 
+/// What the ports of `S` are, whatever it remembers: services of one slot may have the same.
+#[must_use]
+pub fn ports_layout<S: Service>() -> u64 {
+    hash_bytes(S::Inputs::LAYOUT_HASH, &(S::Outputs::COUNT as u64).to_le_bytes())
+}
+
+/// The state of a predecessor with the same [`ports_layout`] and the memory of `service` in place of
+/// its own: where in the flight it was, what it had latched and sent last. `None` if it is too short.
+#[must_use]
+pub fn with_memory_of<S: Service>(service: &S, state: &[u8]) -> Option<Vec<u8>> {
+    let ports = state_size::<S>() - S::Memory::PACKED_SIZE;
+    let mut taken = state.get(..ports)?.to_vec();
+    let header = StateHeader::unpack(&taken[..StateHeader::PACKED_SIZE]);
+    let header = StateHeader { layout_hash: state_layout::<S>(), ..header };
+    header.pack(&mut taken[..StateHeader::PACKED_SIZE]);
+    taken.resize(state_size::<S>(), 0);
+    service.memory().pack(&mut taken[ports..]);
+    Some(taken)
+}
+
 /// Bytes of the published state of `S`.
 #[must_use]
 pub fn state_size<S: Service>() -> usize {

@@ -123,6 +123,17 @@ impl VehicleParameters {
         ServoPath::new(self, beta, command).at(duration_s).beta
     }
 
+    /// What a controller may ask of each torque \[N m\] at `beta` and `thrust_n` \[N\] without
+    /// taking from the others more than its share: roll and pitch m g L min(1/2, T/(2 m g)), yaw
+    /// k m g.
+    #[must_use]
+    pub fn torque_bound_nm(&self, beta: MorphAngle, thrust_n: f64) -> Vector3<f64> {
+        let weight = self.weight_n();
+        let arm = self.geometry.arm_length_m(beta);
+        let tilt = weight * arm * (0.5 * thrust_n / weight).min(0.5);
+        Vector3::new(tilt, tilt, self.yaw_coefficient_m * weight)
+    }
+
     /// The control allocation for the arms at `beta`.
     #[must_use]
     pub fn allocator(&self, beta: MorphAngle) -> Allocator {

@@ -7,20 +7,23 @@
 use nalgebra::Vector3;
 
 /// (φ, θ) at heading `psi` that accelerates like `u` in the ψ = 0 frame.
-pub(crate) fn angles_at(u: &Vector3<f64>, psi: f64) -> (f64, f64) {
+#[must_use]
+pub fn angles_at(u: &Vector3<f64>, psi: f64) -> (f64, f64) {
     let (s, c) = libm::sincos(psi);
     let (theta, phi) = (u.x, u.y);
     (c * phi + s * theta, c * theta - s * phi)
 }
 
 /// u in the ψ = 0 frame of (φ, θ) at heading `psi` with thrust `thrust`.
-pub(crate) fn input_of(phi: f64, theta: f64, psi: f64, thrust: f64) -> Vector3<f64> {
+#[must_use]
+pub fn input_of(phi: f64, theta: f64, psi: f64, thrust: f64) -> Vector3<f64> {
     let (s, c) = libm::sincos(psi);
     Vector3::new(c * theta + s * phi, c * phi - s * theta, thrust)
 }
 
 /// (θ₀, φ₀) that the vehicle now has, from the direction of its thrust, the first column of (2).
-pub(crate) fn present_tilt(gamma: &Vector3<f64>) -> (f64, f64) {
+#[must_use]
+pub fn present_tilt(gamma: &Vector3<f64>) -> (f64, f64) {
     let (s_phi, c_phi) = libm::sincos(gamma.x);
     let s_theta = libm::sin(gamma.y);
     let (s, c) = libm::sincos(gamma.z);

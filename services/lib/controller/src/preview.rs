@@ -33,14 +33,56 @@ pub fn preview(
 ) -> f64 {
     let age_s = now_ns.saturating_sub(reference.header.valid_ns) as f64 * 1e-9;
     for (i, point) in points.iter_mut().enumerate() {
-        let ahead_s = age_s + (i + 1) as f64 * period_s;
-        *point = position_at(reference, ahead_s);
-        let overdue_s = ahead_s - landing.after_s;
-        if overdue_s > 0.0 {
-            point.z =
-                (point.z - landing.descent_m_s * overdue_s).max(landing.ground_m.min(point.z));
-        }
+        *point = place(reference, age_s + (i + 1) as f64 * period_s, landing);
     }
+    yaw_at(reference, age_s)
+}
+
+/// The reference at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Target {
+    /// Position \[m\] in W, for now.
+    pub position_w_m: Vector3<f64>,
+    /// Velocity \[m/s\] in W, for now.
+    pub velocity_w_m_s: Vector3<f64>,
+    /// Acceleration \[m/s²\] in W, for `lead_s` from now.
+    pub acceleration_w_m_s2: Vector3<f64>,
+    /// Heading \[rad\], for now.
+    pub yaw_rad: f64,
+}
+
+/// Where to be now and how to move, with the acceleration of `lead_s` \[s\] from now, for a loop that
+/// answers so much later.
+#[must_use]
+pub fn target(reference: &Reference, now_ns: u64, lead_s: f64, landing: &Landing) -> Target {
+    /// Two of these are less than the spacing of any reference, and differences still exact \[s\].
+    const STEP_S: f64 = 0.005;
+    let age_s = now_ns.saturating_sub(reference.header.valid_ns) as f64 * 1e-9;
+    let ahead = |from_s: f64| {
+        [0.0, 1.0, 2.0].map(|step| place(reference, age_s + from_s + step * STEP_S, landing))
+    };
+    // Exact for parabolas: (−3 p₀ + 4 p₁ − p₂)/2h and (p₀ − 2 p₁ + p₂)/h².
+    let [p0, p1, p2] = ahead(0.0);
+    let [q0, q1, q2] = ahead(lead_s);
+    Target {
+        position_w_m: p0,
+        velocity_w_m_s: (p1 * 4.0 - p0 * 3.0 - p2) / (2.0 * STEP_S),
+        acceleration_w_m_s2: (q0 - q1 * 2.0 + q2) / (STEP_S * STEP_S),
+        yaw_rad: yaw_at(reference, age_s),
+    }
+}
+
+/// Where the reference is `ahead_s` after its own instant, or where the landing is by then.
+fn place(reference: &Reference, ahead_s: f64, landing: &Landing) -> Vector3<f64> {
+    let mut point = position_at(reference, ahead_s);
+    let overdue_s = ahead_s - landing.after_s;
+    if overdue_s > 0.0 {
+        point.z = (point.z - landing.descent_m_s * overdue_s).max(landing.ground_m.min(point.z));
+    }
+    point
+}
+
+fn yaw_at(reference: &Reference, age_s: f64) -> f64 {
     in_use(reference).get(segment(reference, age_s).0).map_or(0.0, |point| point.yaw_rad)
 }
 
@@ -110,6 +152,23 @@ mod tests {
             assert!((point - Vector3::new(p, -p, 2.0 * p)).norm() < 1e-12);
         }
         assert!((yaw - 0.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_motion_of_a_parabola_is_known_exactly_and_a_lead_looks_ahead() {
+        let mut reference = Reference { spacing_ns: 20_000_000, count: 48, ..Reference::default() };
+        for (i, point) in reference.points.iter_mut().enumerate() {
+            let t = i as f64 * 0.02;
+            point.position_w_m = [t * t, 1.0 - t, 0.0];
+            point.velocity_w_m_s = [2.0 * t, -1.0, 0.0];
+        }
+        let now = target(&reference, 113_000_000, 0.05, &Landing::default());
+        assert!((now.position_w_m - Vector3::new(0.012769, 0.887, 0.0)).norm() < 1e-12);
+        assert!((now.velocity_w_m_s - Vector3::new(0.226, -1.0, 0.0)).norm() < 1e-10);
+        assert!((now.acceleration_w_m_s2 - Vector3::new(2.0, 0.0, 0.0)).norm() < 1e-8);
+        // The reference rests after its last point, and so does what looks beyond it.
+        let late = target(&reference, 900_000_000, 0.1, &Landing::default());
+        assert!((late.acceleration_w_m_s2.norm(), late.velocity_w_m_s.x > 1.7) == (0.0, true));
     }
 
     #[test]

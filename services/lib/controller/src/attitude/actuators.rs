@@ -1,0 +1,180 @@
+//! The torque behind the rotors' lag, and u(k−1), as far as the plant's reports tell.
+
+use mpc::LaggedAxis;
+use nalgebra::Vector3;
+
+/// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
+const ROUNDING_S: f64 = 1e-9;
+
+/// Times on the way of a command \[s\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Timing {
+    /// Control period.
+    pub period_s: f64,
+    /// From a step to its command taking effect; modelled up to one period.
+    pub latency_s: f64,
+    /// Between the plant's reports of the applied torque.
+    pub report_s: f64,
+    /// Rotor lag.
+    pub rotor_lag_s: f64,
+}
+
+impl Timing {
+    /// One axis of the sampled model (10) for the gain 1: angle, rate, lagged torque, u(k−1).
+    #[must_use]
+    pub fn axis(&self) -> LaggedAxis {
+        let delay_s = self.latency_s.min(self.period_s);
+        LaggedAxis { gain: 1.0, lag_s: self.rotor_lag_s, delay_s }
+    }
+
+    /// True if a report is of u(k−2), because a command takes a whole period to take effect.
+    fn reports_late(&self) -> bool {
+        self.latency_s >= self.period_s
+    }
+
+    /// True if a report is of u(k−1): the command was in effect for all of the reported tick.
+    fn reports_in_time(&self) -> bool {
+        self.latency_s + self.report_s <= self.period_s + ROUNDING_S
+    }
+}
+
+shared_types::memory! {
+    /// Open-loop copy of the actuators, brought in line with what was applied.
+    #[derive(PartialEq)]
+    pub struct Actuators {
+        /// False until a torque was commanded.
+        pub commanded: bool,
+        /// Torque behind the lag at this sample \[N m\].
+        pub torque_nm: [f64; 3],
+        /// u(k−1) as applied \[N m\].
+        pub applied_nm: [f64; 3],
+        /// u(k−2) as applied \[N m\].
+        pub before_nm: [f64; 3],
+        /// Last command \[N m\].
+        pub command_nm: [f64; 3],
+    }
+}
+
+impl Actuators {
+    /// No torque, never commanded.
+    #[must_use]
+    pub fn at_rest() -> Self {
+        let zero = [0.0; 3];
+        let (torque_nm, applied_nm, before_nm, command_nm) = (zero, zero, zero, zero);
+        Self { commanded: false, torque_nm, applied_nm, before_nm, command_nm }
+    }
+
+    /// Brings the copy to this sample; `reported` is the torque of the plant's last whole tick.
+    ///
+    /// A report that may be of u(k−1) or u(k−2) is not used. One that is of u(k−2) tells by how much
+    /// the plant departs from what is commanded, and u(k−1) is taken to depart as much.
+    pub fn follow(&mut self, reported: Option<Vector3<f64>>, timing: &Timing) {
+        let reported = reported.filter(|torque| torque.iter().all(|t| t.is_finite()));
+        if !self.commanded {
+            // A successor starts from what its predecessor left in effect.
+            let start: [f64; 3] = reported.unwrap_or_default().into();
+            (self.torque_nm, self.applied_nm, self.before_nm) = (start, start, start);
+            return;
+        }
+        let mut before = Vector3::from(self.applied_nm);
+        let mut latest = Vector3::from(self.command_nm);
+        if timing.reports_in_time() {
+            latest = reported.unwrap_or(latest);
+        } else if timing.reports_late()
+            && let Some(reported) = reported
+        {
+            latest += reported - before;
+            before = reported;
+        }
+        let axis = timing.axis();
+        for i in 0..3 {
+            let early = axis.actuator_after(self.torque_nm[i], before[i], axis.delay_s);
+            let rest_s = timing.period_s - axis.delay_s;
+            self.torque_nm[i] = axis.actuator_after(early, latest[i], rest_s);
+        }
+        self.before_nm = before.into();
+        self.applied_nm = latest.into();
+    }
+
+    /// Takes u(k−1) from another controller, whose command the plant has applied, before
+    /// [`follow`](Self::follow).
+    pub fn track(&mut self, applied: &Vector3<f64>, timing: &Timing) {
+        if self.commanded && !timing.reports_late() && applied.iter().all(|t| t.is_finite()) {
+            self.command_nm = (*applied).into();
+        }
+    }
+
+    /// Remembers u(k).
+    pub fn command(&mut self, torque: &Vector3<f64>) {
+        self.commanded = true;
+        self.command_nm = (*torque).into();
+    }
+
+    /// True if every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let numbers = [self.torque_nm, self.applied_nm, self.before_nm, self.command_nm];
+        numbers.iter().flatten().all(|number| number.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: f64 = 1e-3;
+
+    fn timing(period_s: f64) -> Timing {
+        Timing { period_s, latency_s: MS, report_s: MS, rotor_lag_s: 15.0 * MS }
+    }
+
+    #[test]
+    fn behind_the_lag_the_torque_is_the_closed_form_of_its_steps() {
+        let timing = timing(10.0 * MS);
+        let mut copy = Actuators::at_rest();
+        copy.follow(None, &timing);
+        copy.command(&Vector3::new(1.0, -2.0, 0.5));
+        copy.follow(None, &timing);
+        let expected = 1.0 - libm::exp(-9.0 / 15.0);
+        assert!((copy.torque_nm[0] - expected).abs() < 1e-15);
+        assert!((copy.torque_nm[1] + 2.0 * expected).abs() < 1e-15);
+        copy.command(&Vector3::zeros());
+        copy.follow(None, &timing);
+        // One millisecond more of the old command, then nine of none.
+        let rising = 1.0 - libm::exp(-10.0 / 15.0);
+        assert!((copy.torque_nm[0] - rising * libm::exp(-9.0 / 15.0)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_the_plant_did_not_give_is_known_at_every_rate_at_which_a_report_is_of_one_command() {
+        for (period_s, steps) in [(10.0 * MS, 1), (2.0 * MS, 1), (MS, 2)] {
+            let timing = timing(period_s);
+            let mut copy = Actuators::at_rest();
+            copy.follow(None, &timing);
+            // A plant that gives half of what is commanded.
+            let mut reported = Vector3::zeros();
+            for _ in 0..40 {
+                copy.command(&Vector3::repeat(0.02));
+                if steps == 1 {
+                    reported = Vector3::repeat(0.01);
+                }
+                copy.follow(Some(reported), &timing);
+                reported = Vector3::repeat(0.01);
+            }
+            assert!((copy.applied_nm[0] - 0.01).abs() < 1e-15, "{period_s}: {copy:?}");
+        }
+    }
+
+    #[test]
+    fn a_report_that_is_of_either_command_is_not_used() {
+        let timing = timing(1.5 * MS);
+        let mut copy = Actuators::at_rest();
+        copy.follow(None, &timing);
+        copy.command(&Vector3::repeat(0.02));
+        copy.follow(Some(Vector3::repeat(7.0)), &timing);
+        assert_eq!(copy.applied_nm, [0.02; 3]);
+        copy.track(&Vector3::repeat(0.03), &timing);
+        copy.follow(Some(Vector3::repeat(7.0)), &timing);
+        assert_eq!(copy.applied_nm, [0.03; 3]);
+    }
+}

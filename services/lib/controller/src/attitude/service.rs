@@ -1,0 +1,166 @@
+//! An attitude loop between its ports: state estimate and set point in, wrench command out.
+
+use super::{AttitudeLaw, AttitudeLoop, Measurement, Output, Setpoint, Timing};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use runtime::{Link, Service, Standing, inputs, outputs};
+use shared_types::{
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
+    SolveStatus, StateEstimate, WrenchCommand, topics,
+};
+use vehicle::{MorphAngle, VehicleParameters, euler_from_quaternion};
+
+/// An estimate older than this, and than two periods, is flown no more: the command lapses and the
+/// plant's gate, which has a gyro of its own, takes over \[ns\].
+const STALE_NS: u64 = 20_000_000;
+
+inputs! {
+    /// What an attitude loop reads, as the attitude MPC does; its commands descend from the state
+    /// estimate.
+    pub struct Inputs {
+        /// Believed state.
+        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
+        /// Target of the position slot's owner.
+        attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
+        /// What the plant's gate made of the last command.
+        applied_command: AppliedCommand = topics::APPLIED_COMMAND,
+        /// Planned path of the deployable angle.
+        morph_command: MorphCommand = topics::MORPH_COMMAND,
+        /// Owner of the position slot.
+        position_owner: OwnerRecord = topics::POSITION_OWNER,
+    }
+}
+
+outputs! {
+    /// What an attitude loop writes.
+    pub struct Outputs {
+        /// Wrench asked of the rotors.
+        wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
+        /// Set point in use.
+        applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
+        /// Bounds, verdict and effort.
+        attitude_report: ControllerReport = topics::ATTITUDE_REPORT,
+    }
+}
+
+/// A service of the attitude slot.
+#[derive(Debug)]
+pub struct AttitudeController<L> {
+    inner: AttitudeLoop<L>,
+    period_ns: u64,
+}
+
+impl<L: AttitudeLaw> AttitudeController<L> {
+    /// A controller at trim: level, at the start's heading, until the first set point.
+    #[must_use]
+    pub fn new(law: L, vehicle: &VehicleParameters, timing: Timing, start_yaw_rad: f64) -> Self {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        let period_ns = (1e9 * timing.period_s).ceil() as u64;
+        Self { inner: AttitudeLoop::new(law, vehicle, timing, start_yaw_rad), period_ns }
+    }
+
+    /// Takes every new set point whose writer owns the position slot.
+    fn take_setpoints(&mut self, inputs: &Inputs) {
+        for sample in inputs.attitude_setpoint.fresh() {
+            self.take(sample, inputs);
+        }
+    }
+
+    /// Takes a set point if its writer owned the position slot when it took effect.
+    fn take(&mut self, sample: &AttitudeSetpoint, inputs: &Inputs) {
+        let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
+        if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
+            return;
+        }
+        if !values.iter().all(|v| v.is_finite()) {
+            self.inner.common_mut().setpoints_refused += 1;
+            return;
+        }
+        let common = self.inner.common_mut();
+        common.setpoint = values;
+        common.setpoint_sequence = sample.header.sequence;
+    }
+
+    fn measurement(&self, now_ns: u64, inputs: &Inputs) -> Option<Measurement> {
+        let limit_ns = (2 * self.period_ns).max(STALE_NS);
+        let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, limit_ns) else {
+            return None;
+        };
+        let q = &estimate.q_wb;
+        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+        Some(Measurement {
+            gamma_rad: euler_from_quaternion(&attitude),
+            body_rate_rad_s: estimate.body_rate_b_rad_s.into(),
+            age_s: now_ns.saturating_sub(estimate.header.valid_ns) as f64 * 1e-9,
+            morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
+            applied_nm: applied(inputs).map(|applied| applied.torque_b_nm.into()),
+        })
+    }
+
+    fn report(&self, output: &Output, morph_angle: MorphAngle) -> ControllerReport {
+        let vehicle = self.inner.vehicle();
+        let status = if output.is_new { SolveStatus::Solved } else { SolveStatus::Refused };
+        ControllerReport {
+            thrust_n: output.thrust_n,
+            arm_length_m: vehicle.geometry.arm_length_m(morph_angle),
+            yaw_coefficient_m: vehicle.yaw_coefficient_m,
+            rotor_thrust_max_n: f64::INFINITY,
+            refused: self.inner.common().refused,
+            ..output.torque.report(status)
+        }
+    }
+}
+
+/// What the gate applied, once there is a command.
+fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
+    inputs.applied_command.latest().filter(|applied| applied.command_sequence > 0)
+}
+
+impl<L: AttitudeLaw> Service for AttitudeController<L> {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    type Memory = L::Memory;
+
+    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        self.take_setpoints(inputs);
+        let Some(measurement) = self.measurement(now_ns, inputs) else {
+            self.inner.miss();
+            return;
+        };
+        let [roll_rad, pitch_rad, yaw_rad, thrust_n] = self.inner.common().setpoint;
+        let gamma_rad = Vector3::new(roll_rad, pitch_rad, yaw_rad);
+        let output = self.inner.step(&measurement, &Setpoint { gamma_rad, thrust_n });
+        outputs.wrench_command.write(WrenchCommand {
+            thrust_n: output.thrust_n,
+            torque_b_nm: output.torque.input.into(),
+            validity_ns: 2 * self.period_ns,
+            ..WrenchCommand::default()
+        });
+        outputs.applied_setpoint.write(AppliedSetpoint {
+            setpoint_sequence: self.inner.common().setpoint_sequence,
+            thrust_n: output.thrust_n,
+            roll_rad,
+            pitch_rad,
+            yaw_rad,
+            ..AppliedSetpoint::default()
+        });
+        outputs.attitude_report.write(self.report(&output, measurement.morph_angle));
+    }
+
+    fn track(&mut self, _now_ns: u64, inputs: &Inputs) {
+        // In effect since before this controller began.
+        if let Some(latest) = inputs.attitude_setpoint.latest() {
+            self.take(latest, inputs);
+        }
+        if let Some(applied) = applied(inputs) {
+            self.inner.track(&applied.torque_b_nm.into(), applied.thrust_n);
+        }
+    }
+
+    fn memory(&self) -> L::Memory {
+        self.inner.memory()
+    }
+
+    fn restore(&mut self, memory: &L::Memory) -> Result<(), String> {
+        self.inner.restore(memory)
+    }
+}

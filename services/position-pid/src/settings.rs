@@ -1,0 +1,110 @@
+//! The section `[position_pid]` of a scenario.
+
+use garde::Validate;
+use serde::Deserialize;
+
+use crate::law::PositionPidConfig;
+
+/// What the law is told by a scenario; bounds left out are those of `[position_mpc]`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Control rate \[Hz\]; that of `[position_mpc]` if left out.
+    #[garde(range(min = 1.0, max = 1000.0))]
+    pub rate_hz: Option<f64>,
+    /// Velocity per position error for x, y and z \[1/s\].
+    #[garde(inner(range(min = 1e-3, max = 1e3)))]
+    pub position_gain_s: [f64; 3],
+    /// Acceleration per velocity error \[1/s\].
+    #[garde(inner(range(min = 1e-3, max = 1e3)))]
+    pub velocity_gain_s: [f64; 3],
+    /// Integral time of the velocity error \[s\].
+    #[garde(inner(range(min = 1e-3, max = 1e6)))]
+    pub integral_s: [f64; 3],
+    /// Largest velocity that a position error may ask for beside the reference's \[m/s\].
+    #[garde(range(min = 1e-3, max = 1e3))]
+    pub speed_max_m_s: f64,
+    /// How far ahead the reference's acceleration is taken \[s\]: the lag of the attitude loop.
+    #[garde(range(min = 0.0, max = 0.5))]
+    pub lead_s: f64,
+    /// Time in which the integral takes back what was not applied \[s\].
+    #[garde(range(min = 1e-3, max = 1e3))]
+    pub windup_s: f64,
+    /// Bound on |φ| and |θ| \[rad\].
+    #[garde(range(min = 0.01, max = 0.8))]
+    pub tilt_max_rad: Option<f64>,
+    /// Bound on their change in one sample \[rad\].
+    #[garde(range(min = 1e-3, max = 1.6))]
+    pub tilt_step_max_rad: Option<f64>,
+    /// Least thrust over weight.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub thrust_min_weights: Option<f64>,
+    /// Largest thrust over weight.
+    #[garde(range(min = 1.0, max = 4.0))]
+    pub thrust_max_weights: Option<f64>,
+    /// Bound on the change of thrust over weight in one sample.
+    #[garde(range(min = 1e-3, max = 4.0))]
+    pub thrust_step_max_weights: Option<f64>,
+}
+
+impl Default for Settings {
+    /// The attitude loop answers after some 55 ms, by a PID after 90: K = 1/2θ for the velocity, a
+    /// quarter of it a second for the position less a tenth, integral times of 8θ [Skogestad].
+    fn default() -> Self {
+        Self {
+            rate_hz: None,
+            position_gain_s: [2.2, 2.2, 3.0],
+            velocity_gain_s: [5.5, 5.5, 8.0],
+            integral_s: [0.7, 0.7, 0.5],
+            speed_max_m_s: 2.0,
+            lead_s: 0.05,
+            windup_s: 0.2,
+            tilt_max_rad: None,
+            tilt_step_max_rad: None,
+            thrust_min_weights: None,
+            thrust_max_weights: None,
+            thrust_step_max_weights: None,
+        }
+    }
+}
+
+/// What is taken from the section of the position MPC.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shared {
+    /// Control rate \[Hz\].
+    pub rate_hz: f64,
+    /// Bound on |φ| and |θ| \[rad\].
+    pub tilt_max_rad: f64,
+    /// Bound on their change in one sample \[rad\].
+    pub tilt_step_max_rad: f64,
+    /// Least and largest thrust over weight.
+    pub thrust_weights: [f64; 2],
+    /// Bound on the change of thrust over weight in one sample.
+    pub thrust_step_max_weights: f64,
+}
+
+impl Settings {
+    /// The law's numbers.
+    #[must_use]
+    pub fn law_config(&self, shared: &Shared) -> PositionPidConfig {
+        let [least, most] = shared.thrust_weights;
+        PositionPidConfig {
+            rate_hz: self.rate_hz.unwrap_or(shared.rate_hz),
+            position_gain_s: self.position_gain_s,
+            velocity_gain_s: self.velocity_gain_s,
+            integral_s: self.integral_s,
+            speed_max_m_s: self.speed_max_m_s,
+            lead_s: self.lead_s,
+            windup_s: self.windup_s,
+            tilt_max_rad: self.tilt_max_rad.unwrap_or(shared.tilt_max_rad),
+            tilt_step_max_rad: self.tilt_step_max_rad.unwrap_or(shared.tilt_step_max_rad),
+            thrust_weights: [
+                self.thrust_min_weights.unwrap_or(least),
+                self.thrust_max_weights.unwrap_or(most),
+            ],
+            thrust_step_max_weights: self
+                .thrust_step_max_weights
+                .unwrap_or(shared.thrust_step_max_weights),
+        }
+    }
+}
