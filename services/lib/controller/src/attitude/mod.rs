@@ -10,6 +10,7 @@ pub use actuators::{Actuators, Timing};
 pub use service::{AttitudeController, Inputs, Outputs};
 
 use crate::Limited;
+use runtime::obey::setpoints::{SetpointMemory, SetpointSlot};
 use nalgebra::Vector3;
 use shared_types::wire::Wire;
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
@@ -92,8 +93,8 @@ shared_types::memory! {
         pub setpoint: [f64; 4],
         /// Sequence of the set point sample in use.
         pub setpoint_sequence: u64,
-        /// Set points refused because they are not finite.
-        pub setpoints_refused: u64,
+        /// Whose set point counts.
+        pub slot: SetpointMemory,
         /// Torques given.
         pub actuators: Actuators,
         /// Last commanded thrust \[N\].
@@ -134,7 +135,7 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         let common = Common {
             setpoint: [0.0, 0.0, yaw_rad, weight_n],
             setpoint_sequence: 0,
-            setpoints_refused: 0,
+            slot: SetpointSlot::new(weight_n).memory(),
             actuators: Actuators::at_rest(),
             thrust_n: weight_n,
             primed: false,

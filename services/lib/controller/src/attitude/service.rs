@@ -46,6 +46,7 @@ outputs! {
 #[derive(Debug)]
 pub struct AttitudeController<L> {
     inner: AttitudeLoop<L>,
+    slot: SetpointSlot,
     period_ns: u64,
 }
 
@@ -55,29 +56,21 @@ impl<L: AttitudeLaw> AttitudeController<L> {
     pub fn new(law: L, vehicle: &VehicleParameters, timing: Timing, start_yaw_rad: f64) -> Self {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
         let period_ns = (1e9 * timing.period_s).ceil() as u64;
-        Self { inner: AttitudeLoop::new(law, vehicle, timing, start_yaw_rad), period_ns }
+        let slot = SetpointSlot::new(vehicle.weight_n());
+        Self { inner: AttitudeLoop::new(law, vehicle, timing, start_yaw_rad), slot, period_ns }
     }
 
-    /// Takes every new set point whose writer owns the position slot.
-    fn take_setpoints(&mut self, inputs: &Inputs) {
-        for sample in inputs.attitude_setpoint.fresh() {
-            self.take(sample, inputs);
-        }
-    }
-
-    /// Takes a set point if its writer owned the position slot when it took effect.
-    fn take(&mut self, sample: &AttitudeSetpoint, inputs: &Inputs) {
-        let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
-        if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
-            return;
-        }
-        if !values.iter().all(|v| v.is_finite()) {
-            self.inner.common_mut().setpoints_refused += 1;
-            return;
-        }
+    /// Takes the set point that counts; the last one stays if nobody's does.
+    fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
+        let taken = self.slot.take(now_ns, &inputs.position_owner, &inputs.attitude_setpoint);
+        let slot = self.slot.memory();
         let common = self.inner.common_mut();
-        common.setpoint = values;
-        common.setpoint_sequence = sample.header.sequence;
+        common.slot = slot;
+        if let Some(command) = taken {
+            let [thrust_n, roll_rad, pitch_rad, yaw_rad] = command.value;
+            common.setpoint = [roll_rad, pitch_rad, yaw_rad, thrust_n];
+            common.setpoint_sequence = command.sequence;
+        }
     }
 
     fn measurement(&self, now_ns: u64, inputs: &Inputs) -> Option<Measurement> {
@@ -121,7 +114,7 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
     type Memory = L::Memory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.take_setpoints(inputs);
+        self.take_setpoint(now_ns, inputs);
         let Some(measurement) = self.measurement(now_ns, inputs) else {
             self.inner.miss();
             return;
@@ -141,16 +134,12 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
             roll_rad,
             pitch_rad,
             yaw_rad,
-            ..AppliedSetpoint::default()
+            ..self.slot.applied()
         });
         outputs.attitude_report.write(self.report(&output, measurement.morph_angle));
     }
 
     fn track(&mut self, _now_ns: u64, inputs: &Inputs) {
-        // In effect since before this controller began.
-        if let Some(latest) = inputs.attitude_setpoint.latest() {
-            self.take(latest, inputs);
-        }
         if let Some(applied) = applied(inputs) {
             self.inner.track(&applied.torque_b_nm.into(), applied.thrust_n);
         }
@@ -161,6 +150,8 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
     }
 
     fn restore(&mut self, memory: &L::Memory) -> Result<(), String> {
-        self.inner.restore(memory)
+        self.inner.restore(memory)?;
+        self.slot.restore(&self.inner.common().slot);
+        Ok(())
     }
 }
