@@ -150,9 +150,12 @@ impl Obedience {
         Some(Order { command: self.given, is_new: before != (self.given, self.given_by) })
     }
 
-    /// Says that every instant before `now_ns` is past.
+    /// Says that every instant before `now_ns` is past. Before the first record nothing was decided:
+    /// one that comes late then is better than none.
     pub fn close_before(&mut self, now_ns: u64) {
-        self.consumer.close_before(now_ns);
+        if self.consumer.record().is_some() {
+            self.consumer.close_before(now_ns);
+        }
     }
 
     /// Says that the last order is no longer what is applied: nothing has to continue from it.

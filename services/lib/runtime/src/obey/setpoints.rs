@@ -129,3 +129,63 @@ impl Input<AppliedSetpoint> {
         newest(Standing::Owner).or_else(|| newest(Standing::Fallback))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Header;
+
+    fn said(valid_ns: u64, seat: u32) -> AppliedSetpoint {
+        let header = Header { sequence: valid_ns + 1, valid_ns, seat, ..Header::default() };
+        AppliedSetpoint { header, ..AppliedSetpoint::default() }
+    }
+
+    fn in_command(samples: &[(u64, u32)]) -> Option<(u64, u32)> {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        for (epoch, valid_ns, owner, fallback) in [(1, 0, 0, 1), (2, 50, 2, 0)] {
+            records.offer(OwnerRecord {
+                header: Header { sequence: epoch, valid_ns, ..Header::default() },
+                epoch,
+                owner,
+                fallback,
+                period_ns: [10; 4],
+                ..OwnerRecord::default()
+            });
+        }
+        for &(valid_ns, seat) in samples {
+            setpoints.offer(said(valid_ns, seat));
+        }
+        records.accept(100, None);
+        setpoints.accept(100, None);
+        setpoints.in_command(&records).map(|s| (s.header.valid_ns, s.header.seat))
+    }
+
+    #[test]
+    fn the_owners_word_counts_and_the_fallbacks_only_without_it() {
+        assert_eq!(in_command(&[(10, 0), (20, 0), (20, 1), (30, 3)]), Some((20, 0)));
+        assert_eq!(in_command(&[(10, 1), (20, 1), (20, 3)]), Some((20, 1)));
+        assert_eq!(in_command(&[(10, 0), (60, 2), (70, 0)]), Some((60, 2)));
+        assert_eq!(in_command(&[(10, 3), (60, 1)]), None);
+    }
+
+    #[test]
+    fn a_set_point_that_is_not_finite_is_its_writers_silence() {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        records.offer(OwnerRecord { epoch: 1, period_ns: [10, 0, 0, 0], ..OwnerRecord::default() });
+        records.accept(0, None);
+        let mut slot = SetpointSlot::new(1.0);
+        let mut take = |now_ns: u64, roll_rad: Option<f64>| {
+            if let Some(roll_rad) = roll_rad {
+                let header = Header { sequence: now_ns + 1, valid_ns: now_ns, ..Header::default() };
+                setpoints.offer(AttitudeSetpoint { header, roll_rad, ..Default::default() });
+            }
+            setpoints.accept(now_ns, None);
+            slot.take(now_ns, &records, &setpoints).map(|command| command.sequence)
+        };
+        assert_eq!(take(5, Some(0.1)), Some(6));
+        assert_eq!(take(15, Some(f64::NAN)), Some(6), "two periods are not over");
+        assert_eq!(take(25, None), None);
+        assert_eq!(take(30, Some(0.1)), Some(31));
+        assert_eq!(slot.refused(), 1);
+    }
+}
