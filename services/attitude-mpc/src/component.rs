@@ -109,23 +109,6 @@ impl AttitudeMpc {
         }
     }
 
-    /// Takes a set point if its writer owned the position slot when it took effect.
-    fn take(&mut self, sample: &AttitudeSetpoint, inputs: &Inputs) {
-        let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
-        if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
-            return;
-        }
-        if !values.iter().all(|v| v.is_finite()) {
-            self.setpoints_refused += 1;
-            return;
-        }
-        self.setpoint = Setpoint {
-            gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
-            thrust_n: sample.thrust_n,
-        };
-        self.setpoint_sequence = sample.header.sequence;
-    }
-
     fn law_input(&self, now_ns: u64, inputs: &Inputs) -> Option<Input> {
         let limit_ns = (2 * self.period_ns).max(STALE_NS);
         let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, limit_ns) else {

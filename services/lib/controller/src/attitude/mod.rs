@@ -10,8 +10,8 @@ pub use actuators::{Actuators, Timing};
 pub use service::{AttitudeController, Inputs, Outputs};
 
 use crate::Limited;
-use runtime::obey::setpoints::{SetpointMemory, SetpointSlot};
 use nalgebra::Vector3;
+use runtime::obey::setpoints::{SetpointMemory, SetpointSlot};
 use shared_types::wire::Wire;
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
 

@@ -2,7 +2,8 @@
 
 use super::{AttitudeLaw, AttitudeLoop, Measurement, Output, Setpoint, Timing};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, Standing, inputs, outputs};
+use runtime::obey::setpoints::SetpointSlot;
+use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
     SolveStatus, StateEstimate, WrenchCommand, topics,
