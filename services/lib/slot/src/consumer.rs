@@ -195,6 +195,18 @@ impl Consumer {
         Source::Fallback
     }
 
+    /// Says that every instant before `now_ns` has been decided, also those at which nobody asked:
+    /// what was decided last was in effect until then.
+    pub fn close_before(&mut self, now_ns: u64) {
+        self.open_ns = self.open_ns.max(now_ns);
+    }
+
+    /// First instant not decided yet \[ns\].
+    #[must_use]
+    pub fn open_ns(&self) -> u64 {
+        self.open_ns
+    }
+
     /// The record in effect.
     #[must_use]
     pub fn record(&self) -> Option<&Record> {
@@ -314,6 +326,16 @@ mod tests {
         assert_eq!(consumer.counters().refused_epoch, 2);
         assert_eq!(consumer.take_record(&record(3, 21, 1, None)), Taken::Accepted);
         assert_eq!(consumer.counters().refused_records, 1);
+    }
+
+    #[test]
+    fn an_instant_at_which_nobody_asked_is_decided_all_the_same_once_it_is_past() {
+        let mut consumer = consumer(&[record(1, 0, 0, None)]);
+        consumer.advance(20);
+        consumer.decide(20, true, false);
+        consumer.close_before(30);
+        assert_eq!(consumer.take_record(&record(2, 29, 1, None)), Taken::Late);
+        assert_eq!(consumer.take_record(&record(3, 30, 1, None)), Taken::Accepted);
     }
 
     #[test]

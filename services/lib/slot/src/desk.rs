@@ -133,6 +133,13 @@ impl Desk {
         held.map(|Held { command, author }| Choice { command, source, author })
     }
 
+    /// What `author` commands at `now_ns`, whether it counts or not.
+    #[must_use]
+    pub fn said_by(&self, author: Author, now_ns: u64) -> Option<Command> {
+        let said = self.held.iter().find(|held| held.author == author)?;
+        said.valid(now_ns).map(|held| held.command)
+    }
+
     /// Everything that evolves.
     #[must_use]
     pub fn memory(&self) -> DeskMemory {

@@ -1,0 +1,222 @@
+//! How the consumer of a slot obeys: whose command counts from instant to instant.
+//!
+//! Once per step [`Obedience::hear`] takes the owner records. Then, instant by instant:
+//! [`advance`](Obedience::advance), [`offer`](Obedience::offer) for each command that takes effect,
+//! [`decide`](Obedience::decide). A step that ends after its last decision says so with
+//! [`close_before`](Obedience::close_before): a record for an instant that is past then came too
+//! late and is refused. [`setpoints`] does all this for whoever tracks attitude set points.
+
+pub mod setpoints;
+
+use crate::input::Input;
+use shared_types::{Header, NO_SEAT, OwnerRecord};
+use slot::record::{NO_AUTHOR, author_on};
+use slot::{
+    Command, Consumer, ConsumerMemory, Counters, Desk, DeskMemory, Limiter, LimiterMemory, Seat,
+    Source, Standing,
+};
+
+/// Time over which what the limiter takes out of a change of kind comes back \[ns\].
+pub const LIMITED_FOR_NS: u64 = 100_000_000;
+
+/// The command to apply.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Order {
+    /// The command in effect, its value as the limiter leaves it.
+    pub command: Command,
+    /// It is another than at the decision before, or the limiter has moved on.
+    pub is_new: bool,
+}
+
+shared_types::memory! {
+    /// An [`Obedience`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct ObedienceMemory {
+        /// Records.
+        pub consumer: ConsumerMemory,
+        /// Commands.
+        pub desk: DeskMemory,
+        /// What is still taken out of a change of kind.
+        pub limiter: LimiterMemory,
+        /// Last order.
+        pub given: Command,
+        /// Who gave it; zeros for nobody.
+        pub given_by: [u64; 2],
+        /// An owner of another kind has not spoken yet.
+        pub kind_changes: bool,
+    }
+}
+
+/// The obedience of one slot's consumer. Of fixed size; nothing here allocates or panics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Obedience {
+    consumer: Consumer,
+    desk: Desk,
+    limiter: Limiter,
+    given: Command,
+    given_by: [u64; 2],
+    kind_changes: bool,
+}
+
+impl Default for Obedience {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Obedience {
+    /// Knows no record and obeys nobody.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            consumer: Consumer::new(),
+            desk: Desk::new(),
+            limiter: Limiter::new([0.0; 4], LIMITED_FOR_NS),
+            given: Command::default(),
+            given_by: NO_AUTHOR,
+            kind_changes: false,
+        }
+    }
+
+    /// Takes the records of this step; whoever joins a flight begins with the one in effect.
+    pub fn hear(&mut self, records: &Input<OwnerRecord>) {
+        let joined = records.before_fresh().filter(|_| self.consumer.record().is_none());
+        for record in joined.into_iter().chain(records.fresh()) {
+            // A refusal is counted, and told by `counters`.
+            let _taken = self.consumer.take_record(&record.into());
+        }
+    }
+
+    /// Puts into effect the record that is due at `now_ns`.
+    pub fn advance(&mut self, now_ns: u64) {
+        if let Some(turn) = self.consumer.advance(now_ns) {
+            self.desk.turn(&turn);
+            self.kind_changes = turn.kind_changed;
+        }
+    }
+
+    /// Standing of a command's writer at the command's effective instant.
+    #[must_use]
+    pub fn standing_of(&self, header: &Header) -> Standing {
+        self.consumer.standing_at(author_on(header.seat), header.valid_ns)
+    }
+
+    /// Two control periods of a command's writer, by the record in effect \[ns\].
+    #[must_use]
+    pub fn two_periods_ns(&self, header: &Header) -> u64 {
+        let period_ns = || Some(self.consumer.record()?.period_ns[Seat::new(header.seat)?.index()]);
+        period_ns().unwrap_or(0).saturating_mul(2)
+    }
+
+    /// Puts a command on the table that is fit to be obeyed and counts for `validity_ns` from its
+    /// effective instant on.
+    pub fn offer(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
+        let command = Command {
+            value,
+            sequence: header.sequence,
+            cause_sequence: header.cause_sequence,
+            effective_ns: header.valid_ns,
+            valid_until_ns: header.valid_ns.saturating_add(validity_ns),
+        };
+        self.desk.offer(&self.consumer, author_on(header.seat), &command);
+    }
+
+    /// What to apply at `now_ns`; `None` if nobody has a valid command. A change of kind may step by
+    /// at most `limit` per axis, in the command's units.
+    pub fn decide(&mut self, now_ns: u64, limit: &[f64; 4]) -> Option<Order> {
+        let choice = self.desk.decide(&mut self.consumer, now_ns)?;
+        let (author, command) = (choice.author, choice.command);
+        let by_owner = choice.source == Source::Owner
+            && self.consumer.record().is_some_and(|r| r.author(r.owner) == Some(author));
+        let before = (self.given, self.given_by);
+        if author != self.given_by {
+            if by_owner && self.kind_changes && self.given_by != NO_AUTHOR {
+                let old = self.desk.said_by(self.given_by, now_ns);
+                let old =
+                    old.map_or(self.given.value, |old| self.limiter.apply(now_ns, &old.value));
+                self.limiter = Limiter::new(*limit, LIMITED_FOR_NS);
+                self.limiter.engage(now_ns, &old, &command.value);
+            } else {
+                // What was taken out was the difference between two others.
+                self.limiter.restore(&LimiterMemory::default());
+            }
+        }
+        // Until the new owner speaks, the one before is still heard, and the change is to come.
+        if by_owner || choice.source == Source::Fallback {
+            self.kind_changes = false;
+        }
+        self.given = Command { value: self.limiter.apply(now_ns, &command.value), ..command };
+        self.given_by = author;
+        Some(Order { command: self.given, is_new: before != (self.given, self.given_by) })
+    }
+
+    /// Says that every instant before `now_ns` is past. Before the first record nothing was decided:
+    /// one that comes late then is better than none.
+    pub fn close_before(&mut self, now_ns: u64) {
+        if self.consumer.record().is_some() {
+            self.consumer.close_before(now_ns);
+        }
+    }
+
+    /// Says that the last order is no longer what is applied: nothing has to continue from it.
+    pub fn forget_order(&mut self) {
+        self.given_by = NO_AUTHOR;
+        self.limiter.restore(&LimiterMemory::default());
+    }
+
+    /// When the fallback takes over unless the owner speaks again \[ns\].
+    #[must_use]
+    pub fn lapses_ns(&self) -> Option<u64> {
+        let has_fallback = self.consumer.record()?.fallback.is_some();
+        (has_fallback && !self.failed_over() && self.given_by != NO_AUTHOR)
+            .then_some(self.given.valid_until_ns)
+    }
+
+    /// Epoch in effect; 0 before the first.
+    #[must_use]
+    pub fn epoch(&self) -> u64 {
+        self.consumer.epoch()
+    }
+
+    /// Seat whose commands count: the owner's, or after a fail-over the fallback's; [`NO_SEAT`]
+    /// before the first record.
+    #[must_use]
+    pub fn seat(&self) -> u32 {
+        self.consumer.seat_in_effect().map_or(NO_SEAT, u32::from)
+    }
+
+    /// True once the fallback commands, until the next epoch.
+    #[must_use]
+    pub fn failed_over(&self) -> bool {
+        self.consumer.failed_over()
+    }
+
+    /// What happened since the start.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        self.consumer.counters()
+    }
+
+    /// Everything that evolves.
+    #[must_use]
+    pub fn memory(&self) -> ObedienceMemory {
+        ObedienceMemory {
+            consumer: self.consumer.memory(),
+            desk: self.desk.memory(),
+            limiter: self.limiter.memory(),
+            given: self.given,
+            given_by: self.given_by,
+            kind_changes: self.kind_changes,
+        }
+    }
+
+    /// Continues from a memory, bit for bit.
+    pub fn restore(&mut self, memory: &ObedienceMemory) {
+        self.consumer.restore(&memory.consumer);
+        self.desk.restore(&memory.desk);
+        self.limiter.restore(&memory.limiter);
+        self.given = memory.given;
+        self.given_by = memory.given_by;
+        self.kind_changes = memory.kind_changes;
+    }
+}

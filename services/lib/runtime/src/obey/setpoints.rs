@@ -1,0 +1,185 @@
+//! The position slot's consumer, and what its owner reads back from the attitude slot.
+
+use super::{Obedience, ObedienceMemory};
+use crate::input::Input;
+use crate::ownership::Standing;
+use shared_types::{AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord};
+use slot::{Command, Standing as Seated};
+
+/// A change of kind may step the tilt at once by 10 % of this bound of the position loops \[rad\].
+const TILT_BOUND_RAD: f64 = 0.35;
+/// Share of a bound by which a change of kind may step at once.
+const STEP_SHARE: f64 = 0.1;
+
+shared_types::memory! {
+    /// A [`SetpointSlot`] as plain numbers.
+    #[derive(PartialEq)]
+    pub struct SetpointMemory {
+        /// Whose set point counts.
+        pub obedience: ObedienceMemory,
+        /// Set points refused because they are not finite.
+        pub refused: u64,
+    }
+}
+
+/// Whose attitude set point counts, at whoever tracks it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SetpointSlot {
+    obedience: Obedience,
+    refused: u64,
+    limit: [f64; 4],
+}
+
+impl SetpointSlot {
+    /// Obeys nobody yet; `weight_n` is the vehicle's.
+    #[must_use]
+    pub fn new(weight_n: f64) -> Self {
+        let tilt = STEP_SHARE * TILT_BOUND_RAD;
+        // The heading comes from the reference whoever owns the slot, and it wraps: never limited.
+        let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
+        Self { obedience: Obedience::new(), refused: 0, limit }
+    }
+
+    /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if nobody's is
+    /// valid, which is for two control periods of its writer.
+    pub fn take(
+        &mut self,
+        now_ns: u64,
+        records: &Input<OwnerRecord>,
+        setpoints: &Input<AttitudeSetpoint>,
+    ) -> Option<Command> {
+        self.obedience.hear(records);
+        let at_once =
+            |a: &AttitudeSetpoint, b: &AttitudeSetpoint| a.header.valid_ns == b.header.valid_ns;
+        for samples in setpoints.fresh().chunk_by(at_once) {
+            let Some(first) = samples.first() else { continue };
+            // A late one counts from the last decision on, which stays as it was.
+            let at_ns = first.header.valid_ns.max(self.obedience.consumer.open_ns());
+            self.obedience.advance(at_ns);
+            for sample in samples {
+                self.offer(sample);
+            }
+            if at_ns < now_ns {
+                self.obedience.decide(at_ns, &self.limit);
+            }
+        }
+        self.obedience.advance(now_ns);
+        self.obedience.decide(now_ns, &self.limit).map(|order| order.command)
+    }
+
+    fn offer(&mut self, sample: &AttitudeSetpoint) {
+        let standing = self.obedience.standing_of(&sample.header);
+        if !matches!(standing, Seated::Owner | Seated::Fallback) {
+            return;
+        }
+        let value = [sample.thrust_n, sample.roll_rad, sample.pitch_rad, sample.yaw_rad];
+        if value.iter().all(|v| v.is_finite()) {
+            let validity_ns = self.obedience.two_periods_ns(&sample.header);
+            self.obedience.offer(&sample.header, value, validity_ns);
+        } else {
+            self.refused += 1;
+        }
+    }
+
+    /// A sample that tells who commands; the set point itself is the caller's to fill in.
+    #[must_use]
+    pub fn applied(&self) -> AppliedSetpoint {
+        AppliedSetpoint {
+            epoch: self.obedience.epoch(),
+            refused_epoch: self.obedience.counters().refused_epoch,
+            seat: self.obedience.seat(),
+            failed_over: Flag::from(self.obedience.failed_over()),
+            ..AppliedSetpoint::default()
+        }
+    }
+
+    /// Set points refused because they are not finite.
+    #[must_use]
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Everything that evolves.
+    #[must_use]
+    pub fn memory(&self) -> SetpointMemory {
+        SetpointMemory { obedience: self.obedience.memory(), refused: self.refused }
+    }
+
+    /// Continues from a memory, bit for bit.
+    pub fn restore(&mut self, memory: &SetpointMemory) {
+        self.obedience.restore(&memory.obedience);
+        self.refused = memory.refused;
+    }
+}
+
+impl Input<AppliedSetpoint> {
+    /// The newest of this step that the attitude slot's owner has said; the fallback's if the owner
+    /// says nothing any more. Shadows say what they track too.
+    #[must_use]
+    pub fn in_command(&self, records: &Input<OwnerRecord>) -> Option<&AppliedSetpoint> {
+        let newest = |standing| {
+            self.fresh().iter().rev().find(|s| records.standing_of(&s.header) == standing)
+        };
+        newest(Standing::Owner).or_else(|| newest(Standing::Fallback))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Header;
+
+    fn said(valid_ns: u64, seat: u32) -> AppliedSetpoint {
+        let header = Header { sequence: valid_ns + 1, valid_ns, seat, ..Header::default() };
+        AppliedSetpoint { header, ..AppliedSetpoint::default() }
+    }
+
+    fn in_command(samples: &[(u64, u32)]) -> Option<(u64, u32)> {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        for (epoch, valid_ns, owner, fallback) in [(1, 0, 0, 1), (2, 50, 2, 0)] {
+            records.offer(OwnerRecord {
+                header: Header { sequence: epoch, valid_ns, ..Header::default() },
+                epoch,
+                owner,
+                fallback,
+                period_ns: [10; 4],
+                ..OwnerRecord::default()
+            });
+        }
+        for &(valid_ns, seat) in samples {
+            setpoints.offer(said(valid_ns, seat));
+        }
+        records.accept(100, None);
+        setpoints.accept(100, None);
+        setpoints.in_command(&records).map(|s| (s.header.valid_ns, s.header.seat))
+    }
+
+    #[test]
+    fn the_owners_word_counts_and_the_fallbacks_only_without_it() {
+        assert_eq!(in_command(&[(10, 0), (20, 0), (20, 1), (30, 3)]), Some((20, 0)));
+        assert_eq!(in_command(&[(10, 1), (20, 1), (20, 3)]), Some((20, 1)));
+        assert_eq!(in_command(&[(10, 0), (60, 2), (70, 0)]), Some((60, 2)));
+        assert_eq!(in_command(&[(10, 3), (60, 1)]), None);
+    }
+
+    #[test]
+    fn a_set_point_that_is_not_finite_is_its_writers_silence() {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        records.offer(OwnerRecord { epoch: 1, period_ns: [10, 0, 0, 0], ..OwnerRecord::default() });
+        records.accept(0, None);
+        let mut slot = SetpointSlot::new(1.0);
+        let mut take = |now_ns: u64, roll_rad: Option<f64>| {
+            if let Some(roll_rad) = roll_rad {
+                let header = Header { sequence: now_ns + 1, valid_ns: now_ns, ..Header::default() };
+                setpoints.offer(AttitudeSetpoint { header, roll_rad, ..Default::default() });
+            }
+            setpoints.accept(now_ns, None);
+            slot.take(now_ns, &records, &setpoints).map(|command| command.sequence)
+        };
+        assert_eq!(take(5, Some(0.1)), Some(6));
+        assert_eq!(take(15, Some(f64::NAN)), Some(6), "two periods are not over");
+        assert_eq!(take(25, None), None);
+        assert_eq!(take(30, Some(0.1)), Some(31));
+        assert_eq!(slot.refused(), 1);
+    }
+}
