@@ -6,7 +6,7 @@ use crate::preview::MorphPlan;
 use crate::{AttitudeLawConfig, ConfigError};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, Standing, inputs, outputs};
+use runtime::{Link, Service, SetpointMemory, SetpointSlot, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
     SolveStatus, StateEstimate, WrenchCommand, topics,
@@ -54,8 +54,8 @@ shared_types::memory! {
         pub setpoint: [f64; 4],
         /// Sequence of the set point sample in use.
         pub setpoint_sequence: u64,
-        /// Set points refused because they are not finite.
-        pub setpoints_refused: u64,
+        /// Whose set point counts.
+        pub slot: SetpointMemory,
     }
 }
 
@@ -67,7 +67,7 @@ pub struct AttitudeMpc {
     yaw_coefficient_m: f64,
     setpoint: Setpoint,
     setpoint_sequence: u64,
-    setpoints_refused: u64,
+    slot: SetpointSlot,
 }
 
 impl AttitudeMpc {
@@ -95,26 +95,17 @@ impl AttitudeMpc {
                 thrust_n: vehicle.weight_n(),
             },
             setpoint_sequence: 0,
-            setpoints_refused: 0,
+            slot: SetpointSlot::new(vehicle.weight_n()),
         })
     }
 
-    /// Takes the newest set point whose writer owns the position slot.
-    fn take_setpoint(&mut self, inputs: &Inputs) {
-        for sample in inputs.attitude_setpoint.fresh() {
-            let values = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
-            if inputs.position_owner.standing_of(&sample.header) != Standing::Owner {
-                continue;
-            }
-            if !values.iter().all(|v| v.is_finite()) {
-                self.setpoints_refused += 1;
-                continue;
-            }
-            self.setpoint = Setpoint {
-                gamma_rad: Vector3::new(sample.roll_rad, sample.pitch_rad, sample.yaw_rad),
-                thrust_n: sample.thrust_n,
-            };
-            self.setpoint_sequence = sample.header.sequence;
+    /// Takes the set point that counts; the last one stays if nobody's does.
+    fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
+        let taken = self.slot.take(now_ns, &inputs.position_owner, &inputs.attitude_setpoint);
+        if let Some(command) = taken {
+            let [thrust_n, roll, pitch, yaw] = command.value;
+            self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
+            self.setpoint_sequence = command.sequence;
         }
     }
 
@@ -200,7 +191,7 @@ impl Service for AttitudeMpc {
     type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.take_setpoint(inputs);
+        self.take_setpoint(now_ns, inputs);
         let Some(input) = self.law_input(now_ns, inputs) else {
             self.law.miss();
             return;
@@ -219,7 +210,7 @@ impl Service for AttitudeMpc {
             roll_rad: self.setpoint.gamma_rad.x,
             pitch_rad: self.setpoint.gamma_rad.y,
             yaw_rad: self.setpoint.gamma_rad.z,
-            ..AppliedSetpoint::default()
+            ..self.slot.applied()
         });
         outputs.attitude_report.write(self.report(&output));
     }
@@ -236,7 +227,7 @@ impl Service for AttitudeMpc {
             law: *self.law.memory(),
             setpoint: [gamma.x, gamma.y, gamma.z, self.setpoint.thrust_n],
             setpoint_sequence: self.setpoint_sequence,
-            setpoints_refused: self.setpoints_refused,
+            slot: self.slot.memory(),
         }
     }
 
@@ -245,7 +236,7 @@ impl Service for AttitudeMpc {
         let [roll, pitch, yaw, thrust_n] = memory.setpoint;
         self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
         self.setpoint_sequence = memory.setpoint_sequence;
-        self.setpoints_refused = memory.setpoints_refused;
+        self.slot.restore(&memory.slot);
         Ok(())
     }
 }

@@ -12,8 +12,9 @@ use crate::sensors::{
     Imu, ImuMemory, ImuSample, MorphEncoder, MorphEncoderMemory, Pose, PoseFix, PoseFixMemory,
 };
 use nalgebra::Vector3;
-use runtime::Service;
-use shared_types::{AppliedCommand, Flag, GateMode, NO_SEAT};
+use runtime::{Obedience, ObedienceMemory, Service};
+use shared_types::{AppliedCommand, Flag, GateMode, WrenchCommand};
+use slot::Standing;
 use vehicle::{
     Actuation, Allocation, GroundContact, LinearModel, MODEL_MEMORY_LEN, MorphAngle,
     NonlinearModel, PlantInputs, PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
@@ -21,8 +22,8 @@ use vehicle::{
 
 /// Longest integration step \[s\].
 const MAX_STEP_S: f64 = 1e-3;
-/// Commands that can take effect at one instant without reserving memory.
-const COMMAND_CAPACITY: usize = runtime::graph::READER_CAPACITY;
+/// Share of the rotors' bounds by which a change of kind may step at once.
+const STEP_SHARE: f64 = 0.1;
 
 shared_types::memory! {
     /// Everything that evolves.
@@ -37,6 +38,8 @@ shared_types::memory! {
         pub morph_encoder: MorphEncoderMemory,
         /// Actuation gate.
         pub gate: GateMemory,
+        /// Whose command counts.
+        pub obedience: ObedienceMemory,
         /// Instant up to which the vehicle has been integrated \[ns\].
         pub integrated_ns: u64,
         /// Whether `reading` holds the inertial reading of that instant.
@@ -47,8 +50,8 @@ shared_types::memory! {
         pub measured_morph_rad: f64,
         /// Sequence of the last inertial sample.
         pub imu_sequence: u64,
-        /// Sequence of the command in effect, its cause and its owner's epoch.
-        pub in_effect: [u64; 3],
+        /// Sequence of the command in effect and its cause.
+        pub in_effect: [u64; 2],
         /// Body-rate jump still to be applied \[rad/s\].
         pub kick_b_rad_s: [f64; 3],
     }
@@ -75,7 +78,7 @@ pub struct Plant {
     morph_encoder: MorphEncoder,
     gate: Gate,
     start_morph: MorphAngle,
-    commands: Vec<Command>,
+    obedience: Obedience,
     integrated_ns: u64,
     reading: Option<ImuSample>,
     measured_morph_rad: f64,
@@ -90,7 +93,6 @@ pub struct Plant {
 struct InEffect {
     sequence: u64,
     cause_sequence: u64,
-    epoch: u64,
 }
 
 impl Plant {
@@ -118,7 +120,7 @@ impl Plant {
             morph_encoder: MorphEncoder::new(&config.morph_encoder, config.seed)?,
             gate: Gate::new(&config.gate, &vehicle)?,
             start_morph: config.morph_angle,
-            commands: Vec::with_capacity(COMMAND_CAPACITY),
+            obedience: Obedience::new(),
             integrated_ns: 0,
             reading: None,
             measured_morph_rad: config.morph_angle.rad(),
@@ -129,46 +131,90 @@ impl Plant {
         })
     }
 
-    /// Integrates to `until_ns`, stopping at every instant at which something takes effect.
+    /// Integrates to `until_ns`, stopping at every instant at which something takes effect, or at
+    /// which a silent owner's command gives way to the fallback's.
     fn integrate(&mut self, until_ns: u64, inputs: &Inputs) {
-        let mut effects = Effects::new(inputs);
+        let mut effects = Effects::default();
+        self.obedience.hear(&inputs.attitude_owner);
         loop {
             let from_ns = self.integrated_ns;
             let held = self.take_effect(from_ns, inputs, &mut effects);
-            let to_ns = effects.next_ns(inputs).map_or(until_ns, |t| t.min(until_ns));
+            let lapses_ns = self.obedience.lapses_ns().filter(|t| *t > from_ns);
+            let stops = [effects.next_ns(inputs), lapses_ns];
+            let to_ns = stops.into_iter().flatten().fold(until_ns, u64::min);
             self.advance(to_ns - from_ns, &held);
             self.integrated_ns = to_ns;
             if to_ns >= until_ns {
                 break;
             }
         }
+        self.obedience.close_before(until_ns);
     }
 
-    /// Runs the gate on the commands that take effect now; what to hold until the next instant.
+    /// Judges a command and puts it on the table if its writer may command.
+    fn offer(&mut self, now_ns: u64, sample: &WrenchCommand) {
+        match self.obedience.standing_of(&sample.header) {
+            Standing::Owner | Standing::Fallback => {}
+            Standing::Member => return,
+            Standing::Stray => return self.gate.refuse_stray(),
+        }
+        if let Some(Command { wrench, validity_ns, .. }) = self.gate.judge(now_ns, &command(sample))
+        {
+            let [x, y, z] = wrench.torque_b_nm.into();
+            self.obedience.offer(&sample.header, [wrench.thrust_n, x, y, z], validity_ns);
+        }
+    }
+
+    /// The command that counts from now on, if it is another than before.
+    fn obey(&mut self, now_ns: u64) -> Option<Command> {
+        let limit = self.largest_wrench().map(|most| STEP_SHARE * most);
+        let order = self.obedience.decide(now_ns, &limit).filter(|order| order.is_new)?;
+        let slot::Command { sequence, cause_sequence, .. } = order.command;
+        self.in_effect = InEffect { sequence, cause_sequence };
+        let [thrust_n, x, y, z] = order.command.value;
+        let (effective_ns, valid_until_ns) =
+            (order.command.effective_ns, order.command.valid_until_ns);
+        Some(Command {
+            wrench: Wrench { thrust_n, torque_b_nm: Vector3::new(x, y, z) },
+            effective_ns,
+            validity_ns: valid_until_ns - effective_ns,
+        })
+    }
+
+    /// T \[N\] of hover and, by (1), the torque \[N m\] that rotors can add to it at the measured
+    /// angle.
+    fn largest_wrench(&self) -> [f64; 4] {
+        let VehicleParameters { rotor_thrust_max_n, yaw_coefficient_m, .. } = self.vehicle;
+        let weight_n = self.vehicle.weight_n();
+        // The pair that slows down can give up half of the weight, the other as much as is left.
+        let spare_n = (0.5 * weight_n).min(2.0 * rotor_thrust_max_n - 0.5 * weight_n).max(0.0);
+        let tilt_nm = self.vehicle.geometry.arm_length_m(self.measured_morph()) * spare_n;
+        [weight_n, tilt_nm, tilt_nm, 2.0 * yaw_coefficient_m * spare_n]
+    }
+
+    fn measured_morph(&self) -> MorphAngle {
+        MorphAngle::saturating_from_rad(self.measured_morph_rad).unwrap_or(self.start_morph)
+    }
+
+    /// Runs the gate on the command that counts now; what to hold until the next instant.
     fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, effects: &mut Effects) -> PlantInputs {
         effects.advance(now_ns, inputs);
-        self.commands.clear();
-        let first = effects.commands_from;
-        for sample in &inputs.wrench_command.fresh()[first..effects.commands_to] {
-            self.commands.push(command(sample, effects.owner.map_or(NO_SEAT, |o| o.1)));
+        self.obedience.advance(now_ns);
+        for sample in &inputs.wrench_command.fresh()[effects.commands_from..effects.commands_to] {
+            self.offer(now_ns, sample);
         }
+        let command = self.obey(now_ns);
         if let Some(kick) = effects.take_kick(inputs) {
             self.kick_b_rad_s += kick;
         }
         let output = self.gate.tick(&GateInput {
             now_ns,
-            commands: &self.commands,
+            command,
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,
         });
-        if let Some(accepted) =
-            output.accepted.and_then(|i| inputs.wrench_command.fresh().get(first + i))
-        {
-            self.in_effect = InEffect {
-                sequence: accepted.header.sequence,
-                cause_sequence: accepted.header.cause_sequence,
-                epoch: effects.owner.map_or(0, |o| o.0),
-            };
+        if matches!(output.mode, Mode::Level { .. } | Mode::Cut) {
+            self.obedience.forget_order();
         }
         let applied = self.allocate(&output);
         let held = self.plant_inputs(now_ns, inputs, effects, &applied);
@@ -177,8 +223,7 @@ impl Plant {
     }
 
     fn allocate(&self, output: &GateOutput) -> Applied {
-        let morph =
-            MorphAngle::saturating_from_rad(self.measured_morph_rad).unwrap_or(self.start_morph);
+        let morph = self.measured_morph();
         let off =
             Allocation { rotor_thrust_n: [0.0; 4], achieved: Wrench::thrust(0.0), clipped: true };
         // The gate's wrench is finite, so allocation has an answer; rotors off if it had none.
@@ -283,10 +328,11 @@ impl Plant {
     }
 
     fn applied_command(&self, applied: &Applied, gate: &GateOutput) -> AppliedCommand {
+        let slot = self.obedience.counters();
         AppliedCommand {
             command_sequence: self.in_effect.sequence,
             command_cause_sequence: self.in_effect.cause_sequence,
-            epoch: self.in_effect.epoch,
+            epoch: self.obedience.epoch(),
             thrust_n: applied.achieved.thrust_n,
             torque_b_nm: applied.achieved.torque_b_nm.into(),
             rotor_thrust_n: applied.rotor_thrust_n,
@@ -297,6 +343,11 @@ impl Plant {
             safe_mode_episodes: gate.counters.safe_mode_episodes,
             mode: GateMode(applied.mode.code()),
             clipped: Flag::from(applied.clipped),
+            fail_overs: slot.fail_overs,
+            refused_epoch: slot.refused_epoch,
+            refused_records: slot.refused_records,
+            seat: self.obedience.seat(),
+            failed_over: Flag::from(self.obedience.failed_over()),
             ..AppliedCommand::default()
         }
     }
@@ -356,16 +407,13 @@ impl Service for Plant {
             pose_fix: self.pose_fix.memory(),
             morph_encoder: self.morph_encoder.memory(),
             gate: self.gate.memory(),
+            obedience: self.obedience.memory(),
             integrated_ns: self.integrated_ns,
             has_reading: self.reading.is_some(),
             reading,
             measured_morph_rad: self.measured_morph_rad,
             imu_sequence: self.imu_sequence,
-            in_effect: [
-                self.in_effect.sequence,
-                self.in_effect.cause_sequence,
-                self.in_effect.epoch,
-            ],
+            in_effect: [self.in_effect.sequence, self.in_effect.cause_sequence],
             kick_b_rad_s: self.kick_b_rad_s.into(),
         }
     }
@@ -376,6 +424,7 @@ impl Service for Plant {
         self.pose_fix.restore(&memory.pose_fix);
         self.morph_encoder.restore(&memory.morph_encoder);
         self.gate.restore(&memory.gate);
+        self.obedience.restore(&memory.obedience);
         self.integrated_ns = memory.integrated_ns;
         let [gx, gy, gz, fx, fy, fz] = memory.reading;
         self.reading = memory.has_reading.then(|| ImuSample {
@@ -385,8 +434,8 @@ impl Service for Plant {
         });
         self.measured_morph_rad = memory.measured_morph_rad;
         self.imu_sequence = memory.imu_sequence;
-        let [sequence, cause_sequence, epoch] = memory.in_effect;
-        self.in_effect = InEffect { sequence, cause_sequence, epoch };
+        let [sequence, cause_sequence] = memory.in_effect;
+        self.in_effect = InEffect { sequence, cause_sequence };
         self.kick_b_rad_s = memory.kick_b_rad_s.into();
         Ok(())
     }

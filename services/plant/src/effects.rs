@@ -6,12 +6,10 @@ use nalgebra::Vector3;
 use shared_types::{MorphCommand, WrenchCommand};
 use vehicle::{Disturbance, Wrench};
 
-/// A command with the seat that owns the slot; a slot without a record obeys nobody.
-pub(crate) fn command(sample: &WrenchCommand, owner: u32) -> Command {
+/// A command for the gate to judge.
+pub(crate) fn command(sample: &WrenchCommand) -> Command {
     Command {
         wrench: Wrench { thrust_n: sample.thrust_n, torque_b_nm: sample.torque_b_nm.into() },
-        seat: sample.header.seat,
-        owner,
         effective_ns: sample.header.valid_ns,
         validity_ns: sample.validity_ns,
     }
@@ -32,6 +30,7 @@ pub(crate) fn commanded_morph(command: &MorphCommand, now_ns: u64) -> f64 {
 }
 
 /// Cursor over the samples that take effect within one step.
+#[derive(Default)]
 pub(crate) struct Effects {
     pub(crate) commands_from: usize,
     pub(crate) commands_to: usize,
@@ -39,33 +38,12 @@ pub(crate) struct Effects {
     disturbances: usize,
     kicks: usize,
     morphs: usize,
-    /// Epoch and seat of the owner now.
-    pub(crate) owner: Option<(u64, u32)>,
 }
 
 impl Effects {
-    pub(crate) fn new(inputs: &Inputs) -> Self {
-        // What was in effect before this step: the latest value, unless it is itself fresh.
-        let owner = inputs.attitude_owner.before_fresh().map(|record| (record.epoch, record.owner));
-        Self {
-            commands_from: 0,
-            commands_to: 0,
-            owners: 0,
-            disturbances: 0,
-            kicks: 0,
-            morphs: 0,
-            owner,
-        }
-    }
-
-    /// Moves past everything effective at or before `now_ns`; owners first, so that a command is
-    /// judged by the owner of its own instant.
+    /// Moves past everything effective at or before `now_ns`.
     pub(crate) fn advance(&mut self, now_ns: u64, inputs: &Inputs) {
-        let owners = inputs.attitude_owner.fresh();
-        self.owners = due(owners, self.owners, now_ns);
-        if let Some(record) = self.owners.checked_sub(1).and_then(|i| owners.get(i)) {
-            self.owner = Some((record.epoch, record.owner));
-        }
+        self.owners = due(inputs.attitude_owner.fresh(), self.owners, now_ns);
         self.disturbances = due(inputs.disturbance.fresh(), self.disturbances, now_ns);
         self.morphs = due(inputs.morph_command.fresh(), self.morphs, now_ns);
         self.commands_from = self.commands_to;

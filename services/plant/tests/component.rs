@@ -13,6 +13,7 @@ use vehicle::{MorphAngle, VehicleParameters};
 
 const OWNER: u32 = 1;
 const SHADOW: u32 = 2;
+const STRAY: u32 = 3;
 
 struct Queue<T>(VecDeque<T>);
 
@@ -55,7 +56,13 @@ fn plant(model: ModelKind) -> Plant {
 
 fn inputs(commands: Vec<WrenchCommand>) -> Inputs {
     let mut inputs = Inputs::default();
-    let owner = OwnerRecord { epoch: 1, owner: OWNER, fallback: NO_SEAT, ..OwnerRecord::default() };
+    let owner = OwnerRecord {
+        epoch: 1,
+        period_ns: [0, 10_000_000, 10_000_000, 0],
+        owner: OWNER,
+        fallback: NO_SEAT,
+        ..OwnerRecord::default()
+    };
     let edge = |topic: &'static TopicInfo| Some(Edge::unwaited(topic, Role::Plant));
     let owners = Queue([at(owner, 1, 0, 0)].into());
     inputs.attitude_owner.connect(Box::new(owners), edge(&topics::ATTITUDE_OWNER.info));
@@ -90,13 +97,18 @@ fn a_command_takes_effect_at_its_instant_and_not_at_the_next_tick() {
 }
 
 #[test]
-fn a_shadow_never_moves_a_rotor_and_is_counted() {
-    let commands =
-        vec![at(command(0.01), 1, 1_000_000, SHADOW), at(command(0.02), 2, 2_000_000, SHADOW)];
+fn only_the_owner_moves_a_rotor_and_who_has_no_seat_is_counted() {
+    let commands = vec![
+        at(command(0.01), 1, 1_000_000, SHADOW),
+        at(command(f64::NAN), 2, 2_000_000, SHADOW),
+        at(command(0.02), 1, 2_000_000, STRAY),
+        at(command(f64::NAN), 2, 3_000_000, STRAY),
+    ];
     let mut plant = plant(ModelKind::Nonlinear { ground: false });
     let outputs = fly(&mut plant, &mut inputs(commands), 0, 10);
     let applied = outputs.applied_command.written().unwrap();
     assert_eq!((applied.refused_wrong_owner, applied.command_sequence), (2, 0));
+    assert_eq!(applied.refused_not_finite, 0);
     assert!(applied.torque_b_nm.iter().all(|t| t.abs() < 1e-12));
 }
 

@@ -6,7 +6,7 @@ use crate::preview::{Landing, preview};
 use crate::{ConfigError, PositionLawConfig};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, Standing, inputs, outputs};
+use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord, Reference,
     SolveStatus, StateEstimate, topics,
@@ -88,11 +88,9 @@ impl PositionMpc {
 
     /// Takes what the attitude slot's owner says it tracks; shadows say so too.
     fn take_applied(&mut self, inputs: &Inputs) {
-        for sample in inputs.applied_setpoint.fresh() {
-            if inputs.attitude_owner.standing_of(&sample.header) == Standing::Owner {
-                self.applied = applied(sample);
-                self.applied_release_ns = sample.header.release_ns;
-            }
+        if let Some(sample) = inputs.applied_setpoint.in_command(&inputs.attitude_owner) {
+            self.applied = applied(sample);
+            self.applied_release_ns = sample.header.release_ns;
         }
     }
 

@@ -1,4 +1,4 @@
-//! Which commands may reach the rotors.
+//! Which commands may reach the rotors, whoever writes them.
 
 use vehicle::{MorphAngle, VehicleParameters, Wrench};
 
@@ -7,15 +7,11 @@ use super::config::GateConfig;
 /// Commands at a bound must not fail by the rounding of a solver, whose residuals are below 1e-8.
 const SLACK: f64 = 1e-6;
 
-/// A wrench command that takes effect, with what the transport knows about it.
+/// A wrench command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Command {
     /// Commanded wrench.
     pub wrench: Wrench,
-    /// Seat of its writer, as told by the transport.
-    pub seat: u32,
-    /// Seat that owns the slot at `effective_ns`.
-    pub owner: u32,
     /// Logical instant from which it is in effect \[ns\].
     pub effective_ns: u64,
     /// How long it stays valid from then on \[ns\]: two control periods.
@@ -26,14 +22,13 @@ shared_types::memory! {
     /// What happened since start. The sums never go back.
     #[derive(PartialEq, Eq)]
     pub struct GateCounters {
-        /// Commands refused because their writer, perhaps a shadow, did not own the slot.
+        /// Commands refused because their writer has no seat in the slot.
         pub refused_wrong_owner: u64,
         /// Commands refused because a number was not finite.
         pub refused_not_finite: u64,
         /// Commands refused because they ask for more than the rotors can ever give.
         pub refused_out_of_range: u64,
-        /// Commands refused because they were not yet in effect, no longer valid, or older than the one
-        /// in effect.
+        /// Commands refused because they were not yet in effect or no longer valid.
         pub refused_out_of_time: u64,
         /// Inertial readings ignored because they were not finite or beyond any sensor.
         pub bad_readings: u64,
@@ -93,18 +88,9 @@ impl CommandRange {
         command.effective_ns.saturating_add(command.validity_ns.min(self.validity_max_ns))
     }
 
-    /// The wrench to apply from `now_ns` on; `newest_ns` is the effective instant of the command in
-    /// effect.
-    pub(super) fn judge(
-        &self,
-        command: &Command,
-        now_ns: u64,
-        newest_ns: u64,
-    ) -> Result<Wrench, Refusal> {
+    /// The command as it may be applied from `now_ns` on.
+    pub(super) fn judge(&self, command: &Command, now_ns: u64) -> Result<Command, Refusal> {
         let Wrench { thrust_n, torque_b_nm } = command.wrench;
-        if command.seat != command.owner {
-            return Err(Refusal::WrongOwner);
-        }
         if !command.wrench.is_finite() {
             return Err(Refusal::NotFinite);
         }
@@ -119,10 +105,21 @@ impl CommandRange {
         }
         let begun = command.effective_ns <= now_ns;
         let ended = self.valid_until_ns(command) <= now_ns;
-        if !begun || ended || command.effective_ns < newest_ns {
+        if !begun || ended {
             return Err(Refusal::OutOfTime);
         }
-        Ok(Wrench { thrust_n: thrust_n.clamp(0.0, self.thrust_max), torque_b_nm })
+        let validity_ns = command.validity_ns.min(self.validity_max_ns);
+        Ok(Command { wrench: self.within(&command.wrench), validity_ns, ..*command })
+    }
+
+    /// A finite wrench within what rotors can ever give; one in range keeps its torque's bits.
+    pub(super) fn within(&self, wrench: &Wrench) -> Wrench {
+        let mut torque_b_nm = wrench.torque_b_nm;
+        for (torque, max) in torque_b_nm.iter_mut().zip(&self.torque_max) {
+            let most = max * (1.0 + SLACK);
+            *torque = torque.clamp(-most, most);
+        }
+        Wrench { thrust_n: wrench.thrust_n.clamp(0.0, self.thrust_max), torque_b_nm }
     }
 }
 
@@ -135,8 +132,6 @@ mod tests {
     fn good() -> Command {
         Command {
             wrench: Wrench { thrust_n: 1.0, torque_b_nm: Vector3::new(0.01, -0.01, 0.001) },
-            seat: 7,
-            owner: 7,
             effective_ns: 1000,
             validity_ns: 20_000_000,
         }
@@ -148,18 +143,13 @@ mod tests {
 
     fn verdict(command: &Command) -> Result<Wrench, Refusal> {
         let vehicle = VehicleParameters::default();
-        CommandRange::new(&GateConfig::default(), &vehicle).judge(command, 1000, 500)
+        let judged = CommandRange::new(&GateConfig::default(), &vehicle).judge(command, 1000);
+        judged.map(|command| command.wrench)
     }
 
     #[test]
-    fn the_owners_command_within_range_passes_unchanged() {
+    fn a_command_within_range_passes_unchanged() {
         assert_eq!(verdict(&good()), Ok(good().wrench));
-    }
-
-    #[test]
-    fn a_stray_writer_is_refused_whatever_it_writes() {
-        let stray = Command { seat: 8, ..with(f64::NAN, [0.0; 3]) };
-        assert_eq!(verdict(&stray), Err(Refusal::WrongOwner));
     }
 
     #[test]
@@ -210,11 +200,10 @@ mod tests {
     }
 
     #[test]
-    fn future_expired_and_overtaken_commands_are_refused() {
+    fn future_and_expired_commands_are_refused() {
         let at = |effective_ns, validity_ns| Command { effective_ns, validity_ns, ..good() };
         assert_eq!(verdict(&at(1001, 100)), Err(Refusal::OutOfTime));
         assert_eq!(verdict(&at(900, 100)), Err(Refusal::OutOfTime));
-        assert_eq!(verdict(&at(499, 10_000)), Err(Refusal::OutOfTime));
         assert!(verdict(&at(500, 10_000)).is_ok());
     }
 
@@ -222,6 +211,8 @@ mod tests {
     fn an_absurd_validity_does_not_hold_a_command_for_ever() {
         let range = CommandRange::new(&GateConfig::default(), &VehicleParameters::default());
         let endless = Command { validity_ns: u64::MAX, ..good() };
+        let judged = range.judge(&endless, 1000).map(|command| command.validity_ns);
+        assert_eq!(judged, Ok(200_000_000));
         assert_eq!(range.valid_until_ns(&endless), 1000 + 200_000_000);
     }
 }

@@ -49,16 +49,11 @@ impl Flight {
         };
         let truth = self.model.truth(&inputs(Wrench::thrust(0.0)));
         let (omega, force) = (truth.state.omega_b, truth.specific_force_b_m_s2);
-        let command = wrench.map(|wrench| Command {
-            wrench,
-            seat: 1,
-            owner: 1,
-            effective_ns: now_ns,
-            validity_ns: 20 * MS,
-        });
+        let command =
+            wrench.map(|wrench| Command { wrench, effective_ns: now_ns, validity_ns: 20 * MS });
         let output = self.gate.tick(&GateInput {
             now_ns,
-            commands: command.as_slice(),
+            command,
             reading: self.imu.sample(now_ns, &omega, &force),
             morph_angle_rad: self.beta.rad(),
         });

@@ -1,9 +1,8 @@
-//! The last check before the rotors: who may command, what is in range, and what to do when nobody
-//! commands.
+//! The last check before the rotors: what is in range, and what to do when nobody commands.
 //!
 //! The gate sees commands, the plant's own inertial readings and the morph angle, never the truth.
 //! It starts airborne at trim: hover thrust, valid for as long as a HOLD may last. Start with
-//! [`Mode`] for the state machine, then [`Gate::tick`].
+//! [`Mode`] for the state machine, then [`Gate::judge`] and [`Gate::tick`].
 
 mod command;
 mod config;
@@ -19,7 +18,7 @@ pub use config::GateConfig;
 pub use mode::Mode;
 
 use crate::sensors::ImuSample;
-use command::CommandRange;
+use command::{CommandRange, Refusal};
 use level::{LevelLaw, UpFilter};
 use mode::{ModeLimits, Observation};
 
@@ -39,11 +38,12 @@ pub enum GateError {
 
 /// What the gate sees at one plant tick.
 #[derive(Debug, Clone, Copy)]
-pub struct GateInput<'a> {
+pub struct GateInput {
     /// The tick's logical instant \[ns\].
     pub now_ns: u64,
-    /// Commands that took effect since the last tick, oldest first.
-    pub commands: &'a [Command],
+    /// The command that counts from now on, if it is another than at the last tick; one that
+    /// [`Gate::judge`] has let through, or lies between such.
+    pub command: Option<Command>,
     /// The plant's own inertial reading, if there is a new one.
     pub reading: Option<ImuSample>,
     /// Measured β \[rad\]; the last usable one stands in for a NaN.
@@ -57,8 +57,6 @@ pub struct GateOutput {
     pub wrench: Wrench,
     /// The mode.
     pub mode: Mode,
-    /// Which of this tick's commands is now in effect; `None` if none of them is.
-    pub accepted: Option<usize>,
     /// What happened since start.
     pub counters: GateCounters,
 }
@@ -71,8 +69,6 @@ shared_types::memory! {
         pub mode: [u64; 3],
         /// Last accepted wrench: T \[N\], τ \[N m\].
         pub wrench: [f64; 4],
-        /// Effective instant of the last accepted command \[ns\].
-        pub effective_ns: u64,
         /// End of its validity \[ns\].
         pub valid_until_ns: u64,
         /// How long it may be held after that \[ns\].
@@ -96,7 +92,6 @@ shared_types::memory! {
 #[derive(Debug, Clone, Copy)]
 struct Held {
     wrench: Wrench,
-    effective_ns: u64,
     valid_until_ns: u64,
     hold_ns: u64,
 }
@@ -130,7 +125,6 @@ impl Gate {
         let hold_max_ns = config.hold_max_ns();
         let held = Held {
             wrench: Wrench::thrust(vehicle.weight_n()),
-            effective_ns: 0,
             valid_until_ns: hold_max_ns,
             hold_ns: hold_max_ns,
         };
@@ -154,13 +148,30 @@ impl Gate {
         })
     }
 
-    /// One plant tick. Bounded by the number of commands; nothing in the input can make it panic or
-    /// let a number that is not finite through.
-    pub fn tick(&mut self, input: &GateInput<'_>) -> GateOutput {
+    /// The command as it may be obeyed at `now_ns`; what may not is counted.
+    pub fn judge(&mut self, now_ns: u64, command: &Command) -> Option<Command> {
+        self.range.judge(command, now_ns).map_err(|refusal| self.counters.refuse(refusal)).ok()
+    }
+
+    /// Counts a command whose writer has no seat in the slot.
+    pub fn refuse_stray(&mut self) {
+        self.counters.refuse(Refusal::WrongOwner);
+    }
+
+    /// One plant tick. Nothing in the input can make it panic or let a number that is not finite
+    /// through.
+    pub fn tick(&mut self, input: &GateInput) -> GateOutput {
         self.beta = MorphAngle::saturating_from_rad(input.morph_angle_rad).unwrap_or(self.beta);
         self.estimate_up(input);
-        let accepted = self.take_commands(input);
-        self.change_mode(input.now_ns, accepted.is_some());
+        let command = input.command.filter(|command| command.wrench.is_finite());
+        if let Some(command) = &command {
+            self.held = Held {
+                wrench: self.range.within(&command.wrench),
+                valid_until_ns: self.range.valid_until_ns(command),
+                hold_ns: command.validity_ns.min(self.hold_max_ns),
+            };
+        }
+        self.change_mode(input.now_ns, command.is_some());
 
         let mut wrench = match self.mode {
             Mode::Normal | Mode::Hold { .. } => self.held.wrench,
@@ -174,10 +185,10 @@ impl Gate {
             self.mode = Mode::Cut;
             wrench = Wrench::thrust(0.0);
         }
-        GateOutput { wrench, mode: self.mode, accepted, counters: self.counters }
+        GateOutput { wrench, mode: self.mode, counters: self.counters }
     }
 
-    fn estimate_up(&mut self, input: &GateInput<'_>) {
+    fn estimate_up(&mut self, input: &GateInput) {
         let since_s = |then_ns: u64| input.now_ns.saturating_sub(then_ns) as f64 * 1e-9;
         let (tick_s, reading_s) = (since_s(self.tick_ns), since_s(self.filter.reading_ns));
         self.tick_ns = input.now_ns;
@@ -191,25 +202,6 @@ impl Gate {
             let gravity = self.vehicle.gravity_m_s2;
             self.filter.correct(&reading.specific_force_b_m_s2, gravity, share);
         }
-    }
-
-    fn take_commands(&mut self, input: &GateInput<'_>) -> Option<usize> {
-        let mut accepted = None;
-        for (index, command) in input.commands.iter().enumerate() {
-            match self.range.judge(command, input.now_ns, self.held.effective_ns) {
-                Ok(wrench) => {
-                    accepted = Some(index);
-                    self.held = Held {
-                        wrench,
-                        effective_ns: command.effective_ns,
-                        valid_until_ns: self.range.valid_until_ns(command),
-                        hold_ns: command.validity_ns.min(self.hold_max_ns),
-                    };
-                }
-                Err(refusal) => self.counters.refuse(refusal),
-            }
-        }
-        accepted
     }
 
     fn change_mode(&mut self, now_ns: u64, fresh: bool) {
@@ -233,7 +225,6 @@ impl Gate {
         GateMemory {
             mode: self.mode.to_words(),
             wrench: [thrust_n, torque_b_nm.x, torque_b_nm.y, torque_b_nm.z],
-            effective_ns: self.held.effective_ns,
             valid_until_ns: self.held.valid_until_ns,
             hold_ns: self.held.hold_ns,
             up_b: self.filter.up_b.into(),
@@ -251,7 +242,6 @@ impl Gate {
         self.mode = Mode::from_words(memory.mode);
         self.held = Held {
             wrench: Wrench { thrust_n, torque_b_nm: [x, y, z].into() },
-            effective_ns: memory.effective_ns,
             valid_until_ns: memory.valid_until_ns,
             hold_ns: memory.hold_ns,
         };

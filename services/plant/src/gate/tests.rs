@@ -4,7 +4,6 @@ use proptest::prelude::*;
 use super::*;
 
 const MS: u64 = 1_000_000;
-const OWNER: u32 = 1;
 
 fn gate() -> Gate {
     Gate::new(&GateConfig::default(), &VehicleParameters::default()).unwrap()
@@ -13,11 +12,15 @@ fn gate() -> Gate {
 fn command(effective_ns: u64) -> Command {
     Command {
         wrench: Wrench { thrust_n: 1.3, torque_b_nm: Vector3::new(0.004, -0.003, 0.0005) },
-        seat: OWNER,
-        owner: OWNER,
         effective_ns,
         validity_ns: 20 * MS,
     }
+}
+
+/// Of those that may be obeyed.
+fn newest(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> Option<Command> {
+    let judged = commands.iter().filter_map(|command| gate.judge(now_ns, command));
+    judged.max_by_key(|command| command.effective_ns)
 }
 
 fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
@@ -26,7 +29,8 @@ fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
         specific_force_b_m_s2: Vector3::new(0.0, 0.0, 9.81),
         saturated: false,
     };
-    gate.tick(&GateInput { now_ns, commands, reading: Some(reading), morph_angle_rad: 1.0 })
+    let command = newest(gate, now_ns, commands);
+    gate.tick(&GateInput { now_ns, command, reading: Some(reading), morph_angle_rad: 1.0 })
 }
 
 /// Ticks of 1 ms without commands over [from, until), which is not empty.
@@ -49,7 +53,7 @@ fn without_commands_it_holds_the_last_one_then_levels_then_cuts_for_good() {
     let mut gate = gate();
     let last = command(5 * MS);
     let taken = tick(&mut gate, 5 * MS, &[last]);
-    assert_eq!((taken.accepted, taken.wrench), (Some(0), last.wrench));
+    assert_eq!((taken.mode, taken.wrench), (Mode::Normal, last.wrench));
 
     let normal = silence(&mut gate, 6, 25);
     assert_eq!((normal.mode, normal.wrench), (Mode::Normal, last.wrench));
@@ -95,7 +99,6 @@ fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
     for now_ns in (1..60).map(|ms| ms * MS) {
         let good = command(now_ns);
         let refused = [
-            Command { seat: 2, ..good },
             Command { wrench: Wrench::thrust(f64::NAN), ..good },
             Command { wrench: Wrench::thrust(-0.1), ..good },
             Command { effective_ns: now_ns + 1, ..good },
@@ -103,9 +106,9 @@ fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
         last = Some(tick(&mut gate, now_ns, &refused));
     }
     let last = last.unwrap();
-    assert!(matches!(last.mode, Mode::Level { .. }) && last.accepted.is_none());
+    assert!(matches!(last.mode, Mode::Level { .. }));
     let expected = GateCounters {
-        refused_wrong_owner: 59,
+        refused_wrong_owner: 0,
         refused_not_finite: 59,
         refused_out_of_range: 59,
         refused_out_of_time: 59,
@@ -116,12 +119,23 @@ fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
 }
 
 #[test]
-fn of_several_valid_commands_in_one_tick_the_newest_wins() {
+fn a_command_older_than_the_last_owners_counts_if_it_is_the_fallbacks() {
     let mut gate = gate();
-    let newest = Command { wrench: Wrench::thrust(1.0), ..command(3 * MS) };
-    let output = tick(&mut gate, 3 * MS, &[command(MS), newest, command(2 * MS)]);
-    assert_eq!((output.accepted, output.wrench), (Some(1), newest.wrench));
-    assert_eq!(output.counters.refused_out_of_time, 1);
+    tick(&mut gate, 3 * MS, &[command(3 * MS)]);
+    let fallback = Command { wrench: Wrench::thrust(1.0), ..command(2 * MS) };
+    assert_eq!(tick(&mut gate, 4 * MS, &[fallback]).wrench, fallback.wrench);
+    assert_eq!(tick(&mut gate, 22 * MS, &[]).mode, Mode::Hold { since_ns: 22 * MS });
+}
+
+#[test]
+fn between_two_commands_in_range_nothing_is_refused_and_nothing_leaves_the_range() {
+    let mut gate = gate();
+    let wrench = Wrench { thrust_n: -0.3, torque_b_nm: Vector3::new(9.0, 0.0, 0.0) };
+    let command = Some(Command { wrench, ..command(0) });
+    let output = gate.tick(&GateInput { now_ns: 0, command, reading: None, morph_angle_rad: 1.0 });
+    assert_eq!(output.wrench.thrust_n.to_bits(), 0.0_f64.to_bits());
+    assert!((0.01..1.0).contains(&output.wrench.torque_b_nm.x), "{:?}", output.wrench);
+    assert_eq!((output.mode, output.counters), (Mode::Normal, GateCounters::default()));
 }
 
 #[test]
@@ -163,16 +177,14 @@ fn vector() -> impl Strategy<Value = Vector3<f64>> {
 
 fn any_command() -> impl Strategy<Value = Command> {
     let times = (0..60 * MS, prop_oneof![Just(u64::MAX), Just(0), 0..30 * MS]);
-    (number(), vector(), 0..3_u32, times).prop_map(
-        |(thrust_n, torque_b_nm, author, (effective_ns, validity_ns))| Command {
+    (number(), vector(), times).prop_map(|(thrust_n, torque_b_nm, (effective_ns, validity_ns))| {
+        Command {
             // Small enough for some to be accepted.
             wrench: Wrench { thrust_n, torque_b_nm: torque_b_nm * 1e-3 },
-            seat: author,
-            owner: 1,
             effective_ns,
             validity_ns,
-        },
-    )
+        }
+    })
 }
 
 fn any_reading() -> impl Strategy<Value = Option<ImuSample>> {
@@ -195,9 +207,12 @@ proptest! {
         let (mut now_ns, mut was_cut) = (0, false);
         for (commands, reading, morph_angle_rad, step_ns) in &ticks {
             now_ns += step_ns;
+            // Whatever gets past the judge must not get past the gate.
+            let unjudged = commands.first().copied().filter(|_| now_ns % 2 == 0);
+            let command = newest(&mut gate, now_ns, commands).or(unjudged);
             let input = GateInput {
                 now_ns,
-                commands: commands.as_slice(),
+                command,
                 reading: *reading,
                 morph_angle_rad: *morph_angle_rad,
             };
