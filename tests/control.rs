@@ -139,6 +139,31 @@ fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
 }
 
 #[test]
+fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&LOCKSTEP);
+    let id = running.id();
+    for (order, words) in [
+        (&["swap", "altitude", "--to", "attitude-mpc"][..], "slot"),
+        (&["swap", "attitude", "--to", "./nowhere/controller"], "×"),
+        (&["swap", "attitude", "--to", "attitude-mpc", "--max-bump", "lots"], "write 1% or 0.01"),
+        (&["swap", "attitude", "--to", "attitude-mpc", "--shadow", "soon"], "--shadow"),
+        (&["swap", "attitude"], "--to"),
+        (&["rollback", "altitude"], "slot"),
+        (&["retire", "nobody"], "×"),
+        (&["standby", "altitude", "attitude-mpc"], "slot"),
+    ] {
+        let said = say(&[order, &["--run", id]].concat());
+        assert_eq!((said.code, said.out.as_str()), (Some(2), ""), "{}", said.diagnostics);
+        assert!(said.diagnostics.contains(words), "{order:?}: {}", said.diagnostics);
+        let said = say(&[order, &["--run", "no-such-run"]].concat());
+        assert_eq!(said.code, Some(2), "{}", said.diagnostics);
+    }
+    assert!(ps(&running).is_some());
+    end(running);
+}
+
+#[test]
 fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_gone() {
     let _turn = turn();
     let running = Running::start_and_fly(&REALTIME);

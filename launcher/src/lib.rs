@@ -10,6 +10,7 @@
 
 pub mod branch;
 pub mod campaign;
+pub mod candidate;
 pub mod cli;
 pub mod components;
 pub mod control;

@@ -1,8 +1,8 @@
 //! `morphquad check`: what a scenario would fly.
 
-use crate::scenario::Scenario;
 use crate::scenario::pilot::Manoeuvre;
-use crate::scenario::settings::{Clock, ScenarioSettings};
+use crate::scenario::settings::{Clock, FaultSettings, ScenarioSettings, SwapSettings};
+use crate::scenario::{self, Scenario};
 use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
 use runtime::{Graph, MissPolicy, Node};
@@ -130,6 +130,24 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     }
     if script.is_empty() {
         writeln!(out, "wind    none")?;
+    }
+    script_of(settings, out)
+}
+
+/// What is done to the flight on purpose.
+fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+    for swap in &settings.swap {
+        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force } = swap;
+        let bump = max_bump.map_or(String::new(), |bump| format!(", bump at most {bump}"));
+        let force = if *force { ", whatever the gate says" } else { "" };
+        let slot = slot.label();
+        writeln!(
+            out,
+            "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{force}"
+        )?;
+    }
+    for FaultSettings { kind, name, at_s } in &settings.fault {
+        writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ mod campaign;
 pub mod check;
 pub mod list;
 pub mod options;
+mod orders;
 mod paper;
 mod ps;
 mod refusal;
@@ -17,7 +18,8 @@ mod study;
 
 pub use options::{
     BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments, PsArguments,
-    ReplayArguments, RunArguments, RunChoice, ScenarioArguments,
+    ReplayArguments, RetireArguments, RollbackArguments, RunArguments, RunChoice,
+    ScenarioArguments, StandbyArguments, SwapArguments,
 };
 
 use crate::run::RunError;
@@ -69,6 +71,10 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             return fly(load(&arguments.scenario, diagnostics)?, &arguments, out);
         }
         Command::Ps(arguments) => return ps::run(&arguments, out),
+        Command::Swap(arguments) => return orders::swap(&arguments, out),
+        Command::Rollback(arguments) => return orders::roll_back(&arguments, out),
+        Command::Retire(arguments) => return orders::retire(&arguments, out),
+        Command::Standby(arguments) => return orders::stand_by(&arguments, out),
         Command::Paper(arguments) => return paper::reproduce(&arguments, out),
         Command::Campaign(arguments) => return campaign::run(&arguments, out),
         Command::Replay(arguments) => {
@@ -91,7 +97,9 @@ fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Don
     let summary = flown.map_err(|error| {
         let code = match error {
             RunError::Interrupted => exit::INTERRUPTED,
-            RunError::NoSuchProcessor { .. } | RunError::RealtimeInProcess => exit::USAGE,
+            RunError::NoSuchProcessor { .. }
+            | RunError::RealtimeInProcess
+            | RunError::ScriptInProcess => exit::USAGE,
             _ => exit::UNFIT,
         };
         Failure::plain(&error, code)
@@ -132,7 +140,9 @@ fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Sc
 }
 
 fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
-    Scenario::load(&arguments.scenario, &arguments.overrides()?)
+    let scenario = Scenario::load(&arguments.scenario, &arguments.overrides()?)?;
+    scenario.require_candidates()?;
+    Ok(scenario)
 }
 
 #[cfg(test)]
@@ -185,12 +195,32 @@ mod tests {
     }
 
     #[test]
+    fn check_shows_what_is_done_to_a_flight_on_purpose() {
+        let script = "--swap attitude=attitude-mpc@4.2s,max-bump=5% --fault kill:estimator@2s";
+        let (code, out, diagnostics) = morphquad(&format!("check hover {script}"));
+        assert_eq!(code, exit::PASS, "{diagnostics}");
+        let swap = "swap    attitude to attitude-mpc at 4.2 s, shadow 2 s, rollback 0.5 s, bump at most 0.05\n";
+        assert!(out.contains(swap) && out.contains("fault   kill estimator at 2 s\n"), "{out}");
+    }
+
+    #[test]
     fn a_scenario_that_does_not_fly_ends_with_2_and_an_empty_stdout() {
-        for bad in ["check hoover", "check hover --rate rotor=5", "run hover --set plant.rate=5"] {
+        for bad in [
+            "check hoover",
+            "check hover --rate rotor=5",
+            "run hover --set plant.rate=5",
+            "run hover --swap attitude=attitude-mpq@1s",
+            "run hover --swap attitude=attitude-mpc@99s",
+            "run hover --fault kill:nobody@1s",
+        ] {
             let (code, out, diagnostics) = morphquad(bad);
             assert_eq!((code, out.as_str()), (exit::USAGE, ""));
             assert!(diagnostics.contains("help:"), "{diagnostics}");
         }
+        let scripted = "run hover --in-process --no-record --fault kill:plant@1s";
+        let (code, out, diagnostics) = morphquad(scripted);
+        assert_eq!((code, out.as_str()), (exit::USAGE, ""));
+        assert!(diagnostics.contains("--in-process"), "{diagnostics}");
     }
 
     #[test]

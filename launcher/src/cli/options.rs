@@ -1,4 +1,10 @@
-//! The grammar of the command line.
+//! The grammar of the command line; `air` has the commands to a run in the air.
+
+mod air;
+
+pub use air::{
+    PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments, SwapArguments,
+};
 
 use crate::branch::At;
 use crate::process::ProcOptions;
@@ -27,8 +33,22 @@ pub(super) enum Command {
     /// Show what a scenario would fly, or what is wrong with it
     Check(ScenarioArguments),
     /// Show processes and slots of a run in the air
-    #[command(after_help = PS_EXAMPLES)]
+    #[command(after_help = air::PS_EXAMPLES)]
     Ps(PsArguments),
+    /// Let another controller take over a slot of a run in the air
+    #[command(after_help = air::SWAP_EXAMPLES)]
+    Swap(SwapArguments),
+    /// Give a slot back to its old owner while that is still warm
+    #[command(after_help = "Example:\n  morphquad rollback attitude")]
+    Rollback(RollbackArguments),
+    /// Send away an instance that does not command
+    #[command(
+        after_help = "Examples:\n  morphquad retire attitude-lqr\n  morphquad retire attitude-mpc@1"
+    )]
+    Retire(RetireArguments),
+    /// Keep an instance warm that takes a slot over when its owner fails
+    #[command(after_help = "Example:\n  morphquad standby attitude attitude-mpc")]
+    Standby(StandbyArguments),
     /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
     Replay(ReplayArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
@@ -42,15 +62,6 @@ pub(super) enum Command {
     #[command(hide = true)]
     Proc(ProcArguments),
 }
-
-const PS_EXAMPLES: &str = "\
-Examples:
-  morphquad ps
-  morphquad ps --run 7f3a --format json
-
-AT is the first instant that a process has not yet published completely, AGE the wall time since this
-last advanced. CPU counts from the start of the process, RSS with the memory that processes share.
-Ends with 2 if no run is in the air, or several and none is named.";
 
 /// Which study.
 #[derive(Debug, Subcommand)]
@@ -125,6 +136,12 @@ pub struct ScenarioArguments {
     /// Logical seconds per wall second
     #[arg(long, value_name = "N|max")]
     pub speed: Option<String>,
+    /// Another controller for a slot at a time, for example `attitude=attitude-mpc@4.2s,shadow=1s`
+    #[arg(long, value_name = "SLOT=NAME@TIME")]
+    pub swap: Vec<String>,
+    /// Kill or stop a process at a time, for example `kill:estimator@4.2s`
+    #[arg(long, value_name = "kill|stop:NAME@TIME")]
+    pub fault: Vec<String>,
 }
 
 impl ScenarioArguments {
@@ -135,7 +152,10 @@ impl ScenarioArguments {
     pub fn overrides(&self) -> Result<Vec<Override>, ScenarioError> {
         let set = self.set.iter().map(|argument| Override::set(argument));
         let rate = self.rate.iter().map(|argument| Override::rate(argument));
-        let mut overrides = set.chain(rate).collect::<Result<Vec<_>, _>>()?;
+        let swap = self.swap.iter().map(|argument| Override::swap(argument));
+        let fault = self.fault.iter().map(|argument| Override::fault(argument));
+        let all = set.chain(rate).chain(swap).chain(fault);
+        let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
         overrides.extend(self.clock.as_deref().map(Override::clock));
         overrides.extend(self.duration.map(Override::duration));
         overrides.extend(self.seed.map(Override::seed));
@@ -179,25 +199,6 @@ impl RunArguments {
         let (pin, disorder) = (self.pin, self.disorder);
         RunOptions { scenario, speed, record, pin, disorder, progress }
     }
-}
-
-/// A run in the air.
-#[derive(Debug, Clone, Args)]
-pub struct RunChoice {
-    /// The run, by its name or the beginning of it; not needed if there is only one
-    #[arg(long, value_name = "ID")]
-    pub run: Option<String>,
-}
-
-/// What to show of a run in the air.
-#[derive(Debug, Clone, Args)]
-pub struct PsArguments {
-    /// The run.
-    #[command(flatten)]
-    pub run: RunChoice,
-    /// Form of the answer
-    #[arg(long, value_enum, default_value = "text")]
-    pub format: Format,
 }
 
 /// What to do with a recording.

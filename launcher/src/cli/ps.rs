@@ -23,13 +23,15 @@ pub(super) enum Trouble {
     Ask(#[from] AskError),
     #[error("{0}")]
     Refused(Refusal),
+    #[error("the launcher answered another question: ask with the executable that flies")]
+    Astray,
 }
 
 impl Trouble {
     pub(super) fn exit_code(&self) -> u8 {
         match self {
             Self::Find(_) => exit::USAGE,
-            Self::Ask(_) => exit::UNFIT,
+            Self::Ask(_) | Self::Astray => exit::UNFIT,
             Self::Refused(refusal) => refusal.exit_code,
         }
     }
@@ -52,6 +54,7 @@ fn ask(arguments: &PsArguments) -> Result<RunStatus, Trouble> {
     match Conversation::ask(&run, &Request::Ps)?.hear()? {
         Reply::Status(status) => Ok(status),
         Reply::Refused(refusal) => Err(Trouble::Refused(refusal)),
+        Reply::Progress(_) | Reply::Done(_) => Err(Trouble::Astray),
     }
 }
 

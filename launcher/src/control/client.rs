@@ -102,6 +102,12 @@ impl Conversation {
         serde_json::from_slice(&line).map_err(|source| AskError::NotUnderstood { run, source })
     }
 
+    /// Waits as long as it takes from now on.
+    pub fn be_patient(&self) {
+        // A socket that does not take this will not answer either.
+        let _ = self.reader.get_ref().set_read_timeout(None);
+    }
+
     fn silent(&self, source: io::Error) -> AskError {
         AskError::Silent { run: self.run.clone(), source }
     }

@@ -8,10 +8,12 @@
 pub mod client;
 mod conversation;
 pub mod load;
+pub mod orders;
 pub mod protocol;
 pub mod runs;
 pub mod server;
 pub mod status;
+mod telling;
 #[cfg(test)]
 mod tests;
 

@@ -4,6 +4,7 @@ use super::status::RunStatus;
 use crate::exit;
 use core::fmt;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// One line towards the launcher, for example `{"request":"ps"}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -11,6 +12,64 @@ use serde::{Deserialize, Serialize};
 pub enum Request {
     /// How processes and slots are doing.
     Ps,
+    /// Another controller is to command a slot.
+    Swap(Order),
+    /// Back to the old owner, while it is still warm.
+    Rollback {
+        /// Slot.
+        slot: String,
+    },
+    /// An instance that does not command is to leave.
+    Retire {
+        /// Its name, with its seat if others have the same: `attitude-mpc@1`.
+        name: String,
+    },
+    /// Keep an instance warm beside the owner, which takes over when the owner fails.
+    Standby {
+        /// Slot.
+        slot: String,
+        /// Controller, or path of an executable.
+        name: String,
+        /// How long it shadows before it is judged \[ns\].
+        #[serde(default = "shadow_ns")]
+        shadow_ns: u64,
+    },
+}
+
+/// A swap.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Order {
+    /// Slot.
+    pub slot: String,
+    /// Controller or path of an executable, of which a new instance is started; or one that is there.
+    pub to: String,
+    /// Path of a scenario that configures it, if not the flight's.
+    #[serde(default)]
+    pub config: Option<PathBuf>,
+    /// How long it shadows before it is judged \[ns\].
+    #[serde(default = "shadow_ns")]
+    pub shadow_ns: u64,
+    /// Largest step of the command, over the largest command; what suits the kind if left out.
+    #[serde(default)]
+    pub max_bump: Option<f64>,
+    /// How long the old owner stays warm \[ns\].
+    #[serde(default = "rollback_ns")]
+    pub rollback_ns: u64,
+    /// Overrule the gate where it is about disagreement.
+    #[serde(default)]
+    pub force: bool,
+    /// Shadow and judge only.
+    #[serde(default)]
+    pub dry_run: bool,
+}
+
+fn shadow_ns() -> u64 {
+    2_000_000_000
+}
+
+fn rollback_ns() -> u64 {
+    500_000_000
 }
 
 /// One line from the launcher, for example `{"reply":"refused","reason":"bad_request",...}`.
@@ -19,8 +78,57 @@ pub enum Request {
 pub enum Reply {
     /// To [`Request::Ps`].
     Status(RunStatus),
-    /// No; nothing was changed.
+    /// A step on the way; more follows.
+    Progress(Progress),
+    /// It was done as asked.
+    Done(Done),
+    /// No, or it came to nothing; the owner commands as before.
     Refused(Refusal),
+}
+
+/// A step on the way.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Slot.
+    pub slot: String,
+    /// For programs: `joined`, `shadowing`, `gate`, `flips`, `flipped` and others.
+    pub step: String,
+    /// Logical instant that it is about \[ns\].
+    pub at_ns: Option<u64>,
+    /// For people.
+    pub text: String,
+    /// What the gate measured, with the step `gate`.
+    pub figures: Option<Figures>,
+}
+
+/// What the gate measured: disagreement of candidate and owner per axis, over the largest command.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// Instants compared one step ahead.
+    pub tracked: u64,
+    /// Instants compared while it ran free.
+    pub free: u64,
+    /// Worst, one step ahead.
+    pub tracking_worst: [f64; 4],
+    /// Worst, running free.
+    pub free_worst: [f64; 4],
+    /// Root mean square, running free.
+    pub free_rms: [f64; 4],
+    /// Slope over the owner's commands; `None` where the owner was quiet.
+    pub slope: [Option<f64>; 4],
+    /// Deadlines missed.
+    pub missed: u64,
+}
+
+/// The good end of an order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Done {
+    /// Slot.
+    pub slot: String,
+    /// For programs: `swapped`, `rolled back`, `dry run`, `stands by` or `retired`.
+    pub outcome: String,
+    /// For people.
+    pub text: String,
 }
 
 /// Why not.
@@ -40,6 +148,18 @@ pub struct Refusal {
 pub enum Reason {
     /// No request of this launcher, too long, or too slow in coming.
     BadRequest,
+    /// The flight has no such slot.
+    UnknownSlot,
+    /// Nobody answers to a name.
+    UnknownName,
+    /// It cannot be asked of that instance, or not now that things are as they are.
+    NoSense,
+    /// Something else is going on in the slot.
+    Busy,
+    /// The gate let the candidate not through.
+    Gate,
+    /// Somebody failed on the way.
+    Failed,
     /// Of another user.
     NotYours,
     /// More conversations than the launcher holds at a time.
@@ -47,12 +167,24 @@ pub enum Reason {
 }
 
 impl Reason {
+    /// What a slot's state machine means.
+    #[must_use]
+    pub fn of(reason: &slot::Reason) -> Self {
+        match (reason, reason.exit_code()) {
+            (slot::Reason::Gate(_), _) => Self::Gate,
+            (_, exit::USAGE) => Self::NoSense,
+            (_, exit::UNFIT) => Self::Busy,
+            _ => Self::Failed,
+        }
+    }
+
     /// What a command ends with that was refused so.
     #[must_use]
     pub fn exit_code(self) -> u8 {
         match self {
-            Self::BadRequest => exit::USAGE,
-            Self::NotYours | Self::TooMany => exit::UNFIT,
+            Self::BadRequest | Self::UnknownSlot | Self::UnknownName | Self::NoSense => exit::USAGE,
+            Self::Gate | Self::Failed => exit::GATE_FAILED,
+            Self::Busy | Self::NotYours | Self::TooMany => exit::UNFIT,
         }
     }
 }
@@ -76,7 +208,8 @@ impl Reply {
     #[must_use]
     pub fn is_last(&self) -> bool {
         match self {
-            Self::Status(_) | Self::Refused(_) => true,
+            Self::Status(_) | Self::Done(_) | Self::Refused(_) => true,
+            Self::Progress(_) => false,
         }
     }
 }

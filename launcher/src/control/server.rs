@@ -77,14 +77,31 @@ pub struct Answer {
 impl Answer {
     /// Sends a reply without waiting.
     pub fn send(&self, reply: Reply) {
-        self.post.send(Letter::Reply(self.client, reply));
+        self.post.send(Letter::Reply(self.client, Box::new(reply)));
+    }
+}
+
+#[cfg(test)]
+impl Answer {
+    /// An answer with all that is sent to it.
+    pub(super) fn overheard() -> (Self, impl FnMut() -> Vec<Reply>) {
+        let (letters, inbox) = channel();
+        let bell = eventfd(0, EventfdFlags::NONBLOCK).expect("a descriptor");
+        let heard = move || {
+            let letters = inbox.try_iter().filter_map(|letter| match letter {
+                Letter::Reply(_, reply) => Some(*reply),
+                Letter::Leave => None,
+            });
+            letters.collect()
+        };
+        (Self { client: 0, post: Post { letters, bell: Arc::new(bell) } }, heard)
     }
 }
 
 /// What the main loop tells the thread.
 #[derive(Debug)]
 enum Letter {
-    Reply(u64, Reply),
+    Reply(u64, Box<Reply>),
     Leave,
 }
 
@@ -186,7 +203,6 @@ impl Desk {
                 }
             }
             self.clients.retain(|_, conversation| !conversation.is_over());
-            // Last: whoever has left makes room.
             if newcomers {
                 self.let_in();
             }
@@ -231,18 +247,14 @@ impl Desk {
         true
     }
 
+    /// Lets one in: before the next one, whoever has left by then makes room.
     fn let_in(&mut self) {
-        loop {
-            let now_ns = mono_now_ns();
-            match self.listener.accept() {
-                Ok((stream, _)) => self.greet(stream, now_ns),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return,
-                Err(_) => {
-                    self.deaf_until_ns = now_ns + DEAF_NS;
-                    return;
-                }
-            }
+        use io::ErrorKind::{Interrupted, WouldBlock};
+        let now_ns = mono_now_ns();
+        match self.listener.accept() {
+            Ok((stream, _)) => self.greet(stream, now_ns),
+            Err(error) if matches!(error.kind(), Interrupted | WouldBlock) => {}
+            Err(_) => self.deaf_until_ns = now_ns + DEAF_NS,
         }
     }
 

@@ -48,6 +48,9 @@ pub enum StateSource {
 /// Why a flight cannot be flown to its end.
 #[derive(Debug, Error)]
 pub enum InProcessError {
+    /// There are no processes to swap, kill or stop.
+    #[error("swaps and faults of a script need processes: leave [[swap]] and [[fault]] away here")]
+    Scripted,
     /// The loops cannot be wired.
     #[error(transparent)]
     Wiring(#[from] WiringError),
@@ -201,6 +204,9 @@ impl<O: Observer> InProcess<O> {
         state: StateSource,
         observer: O,
     ) -> Result<Self, InProcessError> {
+        if scenario.settings().is_scripted() {
+            return Err(InProcessError::Scripted);
+        }
         Self::build(scenario, Crew::default(), state, observer, None)
     }
 

@@ -37,6 +37,9 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     if clock_of(scenario) == ClockMode::Realtime {
         return Err(RunError::RealtimeInProcess);
     }
+    if scenario.settings().is_scripted() {
+        return Err(RunError::ScriptInProcess);
+    }
     require_processor(options.pin)?;
     if let Pin::Cpu(cpu) = options.pin {
         stay_on(cpu);

@@ -3,9 +3,10 @@
 use super::conductor::Conductor;
 use super::setup::{RunError, system};
 use super::supervisor::{Member, Supervisor};
+use crate::control::orders::{Machines, Orders};
 use crate::control::server::{ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
-use crate::control::{Reply, Request};
+use crate::control::{Reason, Refusal, Reply, Request};
 use runtime::{Graph, SeatMarks};
 use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
 use std::collections::BTreeMap;
@@ -64,8 +65,9 @@ impl Live {
             }
         }
         while let Some(asked) = self.server.take() {
-            let reply = match asked.request {
+            let reply = match &asked.request {
                 Request::Ps => Reply::Status(self.status(view, now_mono_ns)),
+                order => Reply::Refused(refusal_of(order)),
             };
             asked.answer.send(reply);
         }
@@ -160,6 +162,14 @@ fn slots(view: &View<'_>) -> Vec<SlotStatus> {
             .and_then(|seat| view.name_on(record.slot, seat)),
     };
     view.supervisor.owners().map(slot).collect()
+}
+
+/// What is wrong with an order; to a flight whose slots stay as they are, that at least.
+fn refusal_of(order: &Request) -> Refusal {
+    let understood = Orders::default().understand(order, &Machines::new());
+    understood
+        .err()
+        .unwrap_or_else(|| Refusal::new(Reason::NoSense, "no slot of this flight can change hands"))
 }
 
 fn seconds_of(ns: u64) -> f64 {

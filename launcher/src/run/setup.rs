@@ -80,6 +80,9 @@ pub enum RunError {
         "--clock realtime needs processes, whose waiting and lateness it is about: leave --in-process away, or pace the same flight with --clock lockstep --speed 1"
     )]
     RealtimeInProcess,
+    /// A script for processes, without processes.
+    #[error("--in-process has no processes to swap, kill or stop: leave it away, or the script")]
+    ScriptInProcess,
     /// The processes did not get ready.
     #[error("{0}")]
     NotReady(String),

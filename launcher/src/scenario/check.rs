@@ -8,6 +8,7 @@ use super::deadlines;
 use super::document::Document;
 use super::pilot::Plan;
 use super::problem::Problem;
+use super::script;
 use super::settings::{Clock, Settings};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
@@ -218,7 +219,12 @@ impl<'s> Checker<'s> {
 
     fn graph(&mut self) {
         match self.scenario.graph() {
-            Ok(graph) => self.resumable(&graph),
+            Ok(graph) => {
+                self.resumable(&graph);
+                for (key, what, remedy) in script::check(self.settings(), &graph) {
+                    self.error(&key, what, remedy);
+                }
+            }
             Err(WiringError::Rate { section, error }) => {
                 let remedy = "write a rate with at most three decimals";
                 self.error(&format!("{section}.rate_hz"), error.to_string(), remedy);

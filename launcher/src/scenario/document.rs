@@ -32,6 +32,8 @@ pub(super) struct Edit {
     pub(super) key: String,
     /// Value in TOML.
     pub(super) value: String,
+    /// The value is a list whose entries are added to those that are there.
+    pub(super) added: bool,
 }
 
 /// One contributing text.
@@ -112,6 +114,7 @@ impl<'t> Document<'t> {
             let what = "is not a plain dotted key";
             return Err(Problem::new(&*edit.key, what, remedy, place).into_malformed());
         };
+        let value = if edit.added { joined(self.root.get(keys[0]), value) } else { value };
         put(&mut self.root, &keys, &key.span(), value).map_err(|blocking| {
             let what = format!("`{blocking}` is a value and has no such entry");
             Problem::new(&*edit.key, what, format!("set `{blocking}` itself"), place)
@@ -171,6 +174,20 @@ impl<'t> Document<'t> {
     pub(super) fn walk(&self, visit: &mut Visit<'_>) {
         walk(&self.root, "", visit);
     }
+}
+
+/// The entries of both lists; `more` alone if there is no list yet.
+fn joined<'t>(list: Option<&Value<'t>>, more: Value<'t>) -> Value<'t> {
+    let (Some(DeValue::Array(list)), DeValue::Array(entries)) =
+        (list.map(Spanned::get_ref), more.get_ref())
+    else {
+        return more;
+    };
+    let mut both = list.clone();
+    for entry in entries {
+        both.push(entry.clone());
+    }
+    Spanned::new(more.span(), DeValue::Array(both))
 }
 
 fn take<'t>(table: &mut Table<'t>, keys: &[&str]) -> Option<(Key<'t>, Value<'t>)> {

@@ -11,6 +11,7 @@ mod document;
 mod overrides;
 pub mod pilot;
 mod problem;
+mod script;
 pub mod settings;
 pub mod shipped;
 mod suggest;
@@ -44,6 +45,7 @@ pub struct Scenario {
     settings: Settings,
     effective: String,
     warnings: Vec<Problem>,
+    absent: Vec<Problem>,
 }
 
 impl Scenario {
@@ -79,8 +81,15 @@ impl Scenario {
         };
         let effective = document.to_table().map_err(|_| unwritable(name))?;
         let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
-        let mut scenario = Self { settings, effective, warnings: Vec::new() };
+        let mut scenario = Self { settings, effective, warnings: Vec::new(), absent: Vec::new() };
         let (errors, warnings) = check::check(&scenario, &document);
+        let absent = script::absent(&scenario.settings).into_iter();
+        scenario.absent = absent
+            .map(|(key, what, remedy)| {
+                let place = document.place_of(&key);
+                Problem::new(key, what, remedy, place)
+            })
+            .collect();
         refuse(errors).map_or(Ok(()), Err)?;
         scenario.warnings = warnings;
         Ok(scenario)
@@ -96,6 +105,15 @@ impl Scenario {
     #[must_use]
     pub fn warnings(&self) -> &[Problem] {
         &self.warnings
+    }
+
+    /// Refuses swaps to controllers that are not there. A flight asks once, before it starts: what its
+    /// processes load later must not depend on which executables exist by then.
+    ///
+    /// # Errors
+    /// Each candidate that nobody on this machine answers to.
+    pub fn require_candidates(&self) -> Result<(), ScenarioError> {
+        ScenarioError::from_problems(self.absent.clone()).map_or(Ok(()), Err)
     }
 
     /// The text with every override in it, for the processes of a run to read back.

@@ -3,6 +3,7 @@
 use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
 use super::suggest;
+use crate::candidate::share;
 use miette::NamedSource;
 use shared_types::Role;
 
@@ -34,7 +35,7 @@ impl Override {
         let (key, value) = (key.trim().to_owned(), value.trim());
         let is_toml = toml::de::ValueDeserializer::parse(value).is_ok();
         let value = if is_toml { value.to_owned() } else { format!("{value:?}") };
-        Ok(Self(Edit { shown, key, value }))
+        Ok(Self(Edit { shown, key, value, added: false }))
     }
 
     /// `--rate NAME=HZ`: the rate of one loop.
@@ -57,7 +58,62 @@ impl Override {
             let remedy = "give the rate in Hz as a number, for example 500";
             return Err(refusal("--rate", &shown, &format!("`{hz}` is not a number"), remedy));
         }
-        Ok(Self(Edit { shown, key: format!("{section}.rate_hz"), value: toml_number(hz) }))
+        Ok(Self(Edit {
+            shown,
+            key: format!("{section}.rate_hz"),
+            value: toml_number(hz),
+            added: false,
+        }))
+    }
+
+    /// `--swap SLOT=NAME@TIME`, with `,shadow=TIME`, `,rollback=TIME`, `,max-bump=SHARE` and `,force`.
+    ///
+    /// # Errors
+    /// Not of this form.
+    pub fn swap(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--swap {argument}");
+        let refuse = |what: &str| Err(refusal("--swap", &shown, what, SWAP_FORM));
+        let mut parts = argument.split(',');
+        let head = parts.next().unwrap_or_default();
+        let Some((slot, (to, at_s))) =
+            head.split_once('=').and_then(|(slot, rest)| Some((slot, named_at(rest)?)))
+        else {
+            return refuse("says not who takes which slot when");
+        };
+        let mut entry = format!("slot = {slot:?}, to = {to:?}, at_s = {at_s:?}");
+        for part in parts {
+            let (name, value) = part.split_once('=').unwrap_or((part, ""));
+            let number = match name {
+                "shadow" | "rollback" => seconds(value).map(|s| format!("{name}_s = {s:?}")),
+                "max-bump" => share(value).map(|share| format!("max_bump = {share:?}")),
+                "force" if part == "force" => Some("force = true".to_owned()),
+                _ => None,
+            };
+            let Some(number) = number else { return refuse(&format!("`{part}` is unknown")) };
+            entry = format!("{entry}, {number}");
+        }
+        Ok(Self::entry(shown, "swap", &entry))
+    }
+
+    /// `--fault KIND:NAME@TIME`.
+    ///
+    /// # Errors
+    /// Not of this form.
+    pub fn fault(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--fault {argument}");
+        let Some((kind, (name, at_s))) =
+            argument.split_once(':').and_then(|(kind, rest)| Some((kind, named_at(rest)?)))
+        else {
+            let what = "says not what happens to whom when";
+            return Err(refusal("--fault", &shown, what, FAULT_FORM));
+        };
+        let entry = format!("kind = {kind:?}, name = {name:?}, at_s = {at_s:?}");
+        Ok(Self::entry(shown, "fault", &entry))
+    }
+
+    /// One more entry of a list.
+    fn entry(shown: String, list: &str, entry: &str) -> Self {
+        Self(Edit { shown, key: list.to_owned(), value: format!("[{{ {entry} }}]"), added: true })
     }
 
     /// `--seed N`.
@@ -88,8 +144,23 @@ impl Override {
     }
 
     fn flag(flag: &str, argument: &str, key: &str, value: String) -> Self {
-        Self(Edit { shown: format!("{flag} {argument}"), key: key.to_owned(), value })
+        Self(Edit { shown: format!("{flag} {argument}"), key: key.to_owned(), value, added: false })
     }
+}
+
+const SWAP_FORM: &str = "write --swap SLOT=NAME@TIME, for example --swap attitude=attitude-mpc@4.2s; behind it \
+    may stand ,shadow=2s ,rollback=500ms ,max-bump=1% and ,force";
+
+const FAULT_FORM: &str = "write --fault kill:NAME@TIME or --fault stop:NAME@TIME, for example --fault kill:estimator@4.2s";
+
+/// From `NAME@TIME` to both \[s\].
+fn named_at(text: &str) -> Option<(&str, f64)> {
+    let (name, at) = text.rsplit_once('@')?;
+    Some((name, seconds(at)?))
+}
+
+fn seconds(text: &str) -> Option<f64> {
+    humantime::parse_duration(text.trim()).ok().map(|duration| duration.as_secs_f64())
 }
 
 /// A number that Rust can read, as TOML writes it: `.5` and `NaN` are none.

@@ -2,6 +2,7 @@
 
 pub use super::clock::{Clock, Speed};
 use super::pilot::PilotSettings;
+pub use super::script::{FaultKind, FaultSettings, SwapSettings};
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
 use garde::Validate;
 use runtime::MissPolicy;
@@ -36,6 +37,18 @@ pub struct Settings {
     pub realtime: RealtimeSettings,
     /// `[launcher]`.
     pub launcher: LauncherSettings,
+    /// Each `[[swap]]`.
+    pub swap: Vec<SwapSettings>,
+    /// Each `[[fault]]`.
+    pub fault: Vec<FaultSettings>,
+}
+
+impl Settings {
+    /// True if something is to be done to processes in the air.
+    #[must_use]
+    pub fn is_scripted(&self) -> bool {
+        !(self.swap.is_empty() && self.fault.is_empty())
+    }
 }
 
 /// What is flown, for how long and on which clock.

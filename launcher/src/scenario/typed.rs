@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Every section of a scenario.
-const SECTIONS: [&str; 12] = [
+const SECTIONS: [&str; 14] = [
     "scenario",
     "vehicle",
     "start",
@@ -26,6 +26,8 @@ const SECTIONS: [&str; 12] = [
     "latency",
     "realtime",
     "launcher",
+    "swap",
+    "fault",
 ];
 
 /// Types the whole document.
@@ -49,6 +51,8 @@ pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>
         latency: reader.section("latency"),
         realtime: reader.section("realtime"),
         launcher: reader.section("launcher"),
+        swap: reader.list("swap"),
+        fault: reader.list("fault"),
     };
     if reader.problems.is_empty() { Ok(settings) } else { Err(reader.problems) }
 }
@@ -87,6 +91,23 @@ impl<'t> Reader<'_, 't> {
     fn section<T: DeserializeOwned + Validate<Context = ()> + Default>(&mut self, name: &str) -> T {
         let value = self.document.root().get(name).cloned();
         self.validated(name, value)
+    }
+
+    /// Each `[[name]]`.
+    fn list<T: DeserializeOwned + Validate<Context = ()>>(&mut self, name: &str) -> Vec<T> {
+        let Some(section) = self.document.root().get(name).cloned() else { return Vec::new() };
+        let Some(entries) = section.get_ref().as_array() else {
+            let remedy = format!("write [[{name}]] above each entry");
+            self.complain(name, "is not a list", remedy, &section.span());
+            return Vec::new();
+        };
+        let mut list = Vec::new();
+        for (index, entry) in entries.iter().enumerate() {
+            let Some(settings) = self.typed::<T>(entry.clone()) else { continue };
+            self.validate(&format!("{name}[{index}]"), &settings);
+            list.push(settings);
+        }
+        list
     }
 
     fn validated<T>(&mut self, name: &str, value: Option<Value<'t>>) -> T
