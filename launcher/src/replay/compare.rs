@@ -104,7 +104,7 @@ pub fn verify(
     let mut verification = Verification { services: Vec::new(), complete: true };
     for node in graph.nodes().iter().filter(|n| roles.is_empty() || roles.contains(&n.role)) {
         let topics = Topics::of(&crew, node.role, scenario)?;
-        let recorded = load(flight, node.role, &topics)?;
+        let recorded = load(flight, node.role, &topics)?.of_one_hand()?;
         let replayed = fly_again(flight, &crew, node.role, scenario, &recorded)?;
         verification.complete = recorded.closing.complete;
         let compare = Compare::new(&recorded, &replayed, node.role);

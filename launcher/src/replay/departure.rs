@@ -81,13 +81,14 @@ pub fn depart(flight: &RecordedFlight, role: Role, with: &With) -> Result<Depart
             }
             let scenario = changed(flight, overrides)?;
             topics.read.extend(Topics::of(&crew, role, &scenario)?.read);
-            let recorded = load(flight, role, &topics)?;
+            let recorded = load(flight, role, &topics)?.of_one_hand()?;
             let other = fly_again(flight, &crew, role, &scenario, &recorded)?.tapes;
             (recorded, other)
         }
-        With::Executable(executable) => {
-            (load(flight, role, &topics)?, outputs_of(executable, flight, role, &topics)?)
-        }
+        With::Executable(executable) => (
+            load(flight, role, &topics)?.of_one_hand()?,
+            outputs_of(executable, flight, role, &topics)?,
+        ),
     };
     let compare = Compare { node, recorded: &recorded, other: &other, out: Departure::default() };
     flown.build(role, flight.scenario(), compare).map_err(ReplayError::component(role))
@@ -112,7 +113,7 @@ pub fn write_outputs(
     super::refuse_branched(flight)?;
     let crew = Crew::of(flight.scenario().settings());
     let topics = Topics::of(&crew, role, flight.scenario())?;
-    let recorded = load(flight, role, &topics)?;
+    let recorded = load(flight, role, &topics)?.of_one_hand()?;
     let scenario = changed(flight, overrides)?;
     let replayed = fly_again(flight, &crew, role, &scenario, &recorded)?;
     let recording = Recording::create(out, &flight.to_facts())?;

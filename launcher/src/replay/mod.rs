@@ -93,6 +93,12 @@ pub enum ReplayError {
         /// What it, or the system, said.
         said: String,
     },
+    /// Several processes had a slot in turn.
+    #[error(
+        "a slot changed hands in this flight, and replay knows only who began: compare with the \
+         flight flown again, which has the same hash in lockstep"
+    )]
+    ChangedHands,
     /// The user ended it.
     #[error("interrupted: the other build was told to stop, and nothing is left of what it wrote")]
     Interrupted,

@@ -1,5 +1,6 @@
 //! Samples by topic with their types forgotten: what was recorded, and what comes out of a replay.
 
+use super::ReplayError;
 use super::again::Topics;
 use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
 use runtime::graph::CREDIT_NS;
@@ -51,9 +52,16 @@ pub(super) struct Recorded {
     /// Last step that left a trace and can be replayed, by the generation of the process \[ns\].
     pub(super) traces: BTreeMap<u32, u64>,
     pub(super) closing: Closing,
+    /// Somebody has published from another seat than the first.
+    pub(super) changed_hands: bool,
 }
 
 impl Recorded {
+    /// Only of flights in which nobody followed anybody on a slot's other seats.
+    pub(super) fn of_one_hand(self) -> Result<Self, ReplayError> {
+        if self.changed_hands { Err(ReplayError::ChangedHands) } else { Ok(self) }
+    }
+
     /// True if the flight's own audit says that the recorder lost samples of a topic.
     pub(super) fn has_gaps(&self, topic: &str) -> bool {
         let of_topic = |key: &str| key.split_once('#').is_some_and(|(name, _)| name == topic);
@@ -117,6 +125,8 @@ impl RecordVisitor for Load<'_> {
             }
             self.role
         };
+        let about_loops = topic.info.from == Role::Supervisor;
+        self.recorded.changed_hands |= header.seat > 0 && !about_loops;
         if role == self.role {
             self.recorded.tapes.push(topic, *sample);
         }

@@ -122,6 +122,7 @@ struct Flight {
     lag_limit_ns: u64,
     progress_at: (u64, u64),
     drained_ns: u64,
+    known_strays: usize,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
 }
@@ -189,6 +190,7 @@ impl Flight {
             lag_limit_ns: seconds(scenario.settings().launcher.lag_timeout_s),
             progress_at: (0, 0),
             drained_ns: 0,
+            known_strays: 0,
             progress: options.progress.then(|| progress_bar(duration_ns)),
             notices: Vec::new(),
         })
@@ -251,6 +253,7 @@ impl Flight {
             let drained = self.drained_ns();
             let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
             self.publish_notices(drained);
+            self.name_strays();
             if let Err(error) = looked_after {
                 return Outcome::Lost(error.to_string());
             }
@@ -364,6 +367,20 @@ impl Flight {
                 self.notice(&news.text);
             }
         }
+    }
+
+    /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
+    fn name_strays(&mut self) {
+        let strays = self.bus.strays();
+        for stray in strays.iter().skip(self.known_strays) {
+            let comm = std::fs::read_to_string(format!("/proc/{}/comm", stray.pid));
+            let name = comm.as_deref().map_or("gone by now", str::trim);
+            self.notice(&format!(
+                "process {} ({name}) writes on {} without a seat: every sample of it is ignored",
+                stray.pid, stray.service
+            ));
+        }
+        self.known_strays = strays.len();
     }
 
     fn end_early(&mut self, now_ns: u64) {
@@ -481,6 +498,10 @@ impl Flight {
         let flown_ns = self.drained_ns().min(self.conductor.end_ns());
         self.tap.consumers.metrics.finish();
         self.slots.finish();
+        let ignored: u64 = self.bus.strays().iter().map(|stray| stray.samples).sum();
+        if ignored > 0 {
+            self.notice(&format!("{ignored} samples of strangers ignored"));
+        }
         let mut summary = Summary {
             run_id: id.to_owned(),
             scenario: options.scenario.settings().scenario.name.clone(),

@@ -6,8 +6,8 @@ use super::tracking::{Tracker, Tracking};
 use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
 use shared_types::{
-    AppliedCommand, AttitudeSetpoint, ControllerReport, Deviation, GateMode, LoopStats, Reference,
-    Role, Sample, SolveStatus, StateEstimate, Topic, Truth, WrenchCommand,
+    AppliedCommand, AttitudeSetpoint, ControllerReport, Deviation, GateMode, Header, LoopStats,
+    OwnerRecord, Reference, Role, Sample, SolveStatus, StateEstimate, Topic, Truth, WrenchCommand,
 };
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -45,6 +45,8 @@ pub struct Metrics {
     efforts: BTreeMap<&'static str, Effort>,
     compute: BTreeMap<&'static str, Histogram<u64>>,
     loops: BTreeMap<u32, LoopStats>,
+    /// Slot, instant \[ns\] and seat of each owner.
+    owners: Vec<(Role, u64, u32)>,
     gate: AppliedCommand,
     clipped_ticks: u64,
     ticks: u64,
@@ -92,11 +94,15 @@ impl Metrics {
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
             self.tracker.observe_reference(reference);
         } else if let Some(report) = any.downcast_ref::<ControllerReport>() {
-            self.observe_report(topic.info.name, report);
+            if self.commands(topic.info.from, &report.header) {
+                self.observe_report(topic.info.name, report);
+            }
+        } else if let Some(record) = any.downcast_ref::<OwnerRecord>() {
+            self.owners.push((record.slot, record.header.valid_ns, record.owner));
         } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
             self.observe_applied(applied);
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
-            self.loops.insert(stats.role.0, *stats);
+            self.loops.insert(stats.header.seat, *stats);
         } else if let Some(deviation) = any.downcast_ref::<Deviation>() {
             self.misses.observe(deviation, self.response.is_some());
         } else if any.is::<WrenchCommand>() {
@@ -129,6 +135,13 @@ impl Metrics {
             return;
         }
         self.tracker.observe_position(truth.header.valid_ns, truth.position_w_m);
+    }
+
+    /// True if whoever says this owned the slot then; a shadow's errors harm nobody.
+    fn commands(&self, slot: Role, header: &Header) -> bool {
+        let of_slot = self.owners.iter().rev().filter(|(of, ..)| *of == slot);
+        let owner = of_slot.clone().find(|(_, from_ns, _)| *from_ns <= header.valid_ns);
+        owner.is_none_or(|(.., seat)| *seat == header.seat)
     }
 
     fn observe_report(&mut self, topic: &'static str, report: &ControllerReport) {

@@ -1,8 +1,9 @@
 //! One input of a service: what has arrived, what is in effect, what is new.
 
 use crate::graph::{Edge, READER_CAPACITY, Roles};
+use crate::ownership::SlotBook;
 use shared_types::wire::Value;
-use shared_types::{Header, SEATS, Sample, Topic};
+use shared_types::{Header, Role, SEATS, Sample, Topic};
 use std::collections::VecDeque;
 
 /// Where samples come from: a shared-memory subscriber, or a queue within one process.
@@ -82,6 +83,9 @@ pub struct Input<T> {
     newest_before: [Option<Newest>; SEATS],
     /// What was in effect at the step of a restored state is known, and comes again as history.
     known_until_ns: Option<u64>,
+    /// Of a slot: whose samples count when. Nobody waits for the others, so that it is for chance to
+    /// say when those come, and they are left out.
+    slot: Option<SlotBook>,
     counts: InputCounts,
 }
 
@@ -108,6 +112,7 @@ impl<T: Sample> Default for Input<T> {
             newest: [None; SEATS],
             newest_before: [None; SEATS],
             known_until_ns: None,
+            slot: None,
             counts: InputCounts::default(),
         }
     }
@@ -173,6 +178,9 @@ impl<T: Sample> Input<T> {
         while due(self) {
             let Some(sample) = self.pending.pop_front() else { break };
             let header = *sample.header();
+            if self.slot.is_some_and(|slot| !slot.counts(header.seat, header.valid_ns)) {
+                continue;
+            }
             if previous_ns.is_some_and(|p| self.in_effect(header.valid_ns, p)) {
                 self.counts.late += 1;
             }
@@ -194,6 +202,13 @@ impl<T: Sample> Input<T> {
         self.fresh.clear();
         self.counts = InputCounts::default();
         self.known_until_ns = Some(t_ns);
+    }
+
+    /// Takes in who owns the slot from when, if this input comes from it.
+    pub fn obey(&mut self, role: Role, slot: &SlotBook) {
+        if self.edge.is_some_and(|edge| edge.from == role) {
+            self.slot = Some(*slot);
+        }
     }
 
     /// What was in effect at `t_ns` was taken in before a restore: history that repeats it is ignored.
@@ -331,6 +346,8 @@ pub trait InputSet: Default {
     fn skip_until(&mut self, t_ns: u64);
     /// See [`Input::knows_until`].
     fn knows_until(&mut self, t_ns: u64);
+    /// See [`Input::obey`].
+    fn obey(&mut self, role: Role, slot: &SlotBook);
 }
 
 /// Declares a service's inputs: `inputs! { pub struct Inputs { imu: Imu = IMU, .. } }`. The first
@@ -400,6 +417,14 @@ macro_rules! inputs {
             fn skip_until(&mut self, t_ns: u64) {
                 $(self.$field.skip_until(t_ns);)*
                 let _ = t_ns;
+            }
+            fn obey(
+                &mut self,
+                role: ::shared_types::Role,
+                slot: &$crate::ownership::SlotBook,
+            ) {
+                $(self.$field.obey(role, slot);)*
+                let _ = (role, slot);
             }
             fn knows_until(&mut self, t_ns: u64) {
                 $(self.$field.knows_until(t_ns);)*

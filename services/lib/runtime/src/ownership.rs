@@ -125,6 +125,16 @@ impl SlotBook {
             || self.tenures().iter().any(|t| t.owner == seat || t.fallback == seat)
     }
 
+    /// True if what `seat` says for the instant `t_ns` can be obeyed: then, and only then, has it been
+    /// waited for.
+    #[must_use]
+    pub fn counts(&self, seat: u32, t_ns: u64) -> bool {
+        let in_effect = self.tenures().iter().rev().find(|tenure| tenure.from_ns <= t_ns);
+        in_effect
+            .or(self.tenures().first())
+            .is_none_or(|tenure| tenure.owner == seat || tenure.fallback == seat)
+    }
+
     /// Instant from which `seat` is no longer taken; none if that has not been announced \[ns\].
     #[must_use]
     pub fn released_ns(&self, seat: u32) -> Option<u64> {
@@ -332,6 +342,19 @@ mod tests {
         assert!(!book.concerns(0) && book.concerns(1) && book.concerns(2));
         book.forget_before(900 * MS);
         assert!(!book.concerns(1) && book.concerns(2));
+    }
+
+    #[test]
+    fn a_seat_counts_for_the_instants_of_its_tenure_and_as_a_fallback() {
+        let mut book = SlotBook::default();
+        assert!(book.counts(3, 0), "without a record everybody does");
+        book.learn(&record(1, 0, 0, NO_SEAT));
+        book.learn(&record(2, 100, 1, 0));
+        for (seat, at_ms, counts) in
+            [(0, 99, true), (1, 99, false), (1, 100, true), (0, 100, true), (2, 100, false)]
+        {
+            assert_eq!(book.counts(seat, at_ms * MS), counts, "{seat} at {at_ms}");
+        }
     }
 
     #[test]

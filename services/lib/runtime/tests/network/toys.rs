@@ -58,7 +58,7 @@ fn absorb<T: Carrier>(hash: u64, input: &Input<T>) -> u64 {
             .fold(hash, mix)
     };
     let hash = mix(hash, input.fresh().len() as u64);
-    let hash = input.fresh().iter().fold(hash, |hash, s| one(hash, s));
+    let hash = input.fresh().iter().fold(hash, one);
     let hash = input.before_fresh().map_or(hash, |s| one(hash, s));
     input.latest().map_or(mix(hash, 7), |s| one(hash, s))
 }
