@@ -173,7 +173,9 @@ impl Conductor {
             let Some(node) = graph.node(entry.role) else { return false };
             let seat = Seat { role: entry.role, index: entry.seat };
             let mark_ns = marks.of_seat(seat, entry.generation);
-            if mark_ns >= record.end_ns {
+            // Whoever has just taken a seat in flight has not had its first word yet.
+            let arrives = mark_ns == 0 && (entry.seat > 0 || entry.generation > 0);
+            if mark_ns >= record.end_ns || (arrives && record.mode != ClockMode::Lockstep) {
                 false
             } else if record.mode == ClockMode::Lockstep {
                 graph.runnable(node, mark_ns, marks, record.allowed_ns)

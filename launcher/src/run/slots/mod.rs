@@ -468,7 +468,9 @@ impl Slots {
         }
         let tracks = !same_kind && track_until_ns > means.now.logical_ns;
         let who = (u32::from(seat), u32::from(owner));
-        around.gate = Some(Gatekeeper::new(axes, limits, who, (tracks, track_until_ns)));
+        let patient = self.mode != ClockMode::Lockstep;
+        let gate = Gatekeeper::new(axes, limits, who, (tracks, track_until_ns), patient);
+        around.gate = Some(gate);
     }
 
     fn report(&mut self, slot: Slot, report: &Report) {
