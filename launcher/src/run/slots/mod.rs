@@ -3,10 +3,12 @@
 //! The protocol itself is `slot::supervisor`, which knows neither processes nor clocks. This gives it
 //! events (hellos, deaths, what consumers say, time, requests) and does what it wants done.
 
+mod events;
 mod facts;
 mod gatekeeper;
 mod ledger;
 mod script;
+mod telling;
 mod watch;
 
 pub use ledger::SwapReport;
@@ -15,24 +17,21 @@ pub(super) use script::Script;
 pub(super) use watch::SlotWatch;
 
 use super::child::{ChildSpec, Launch};
-use super::supervisor::{FlightError, PostEvent, Supervisor};
+use super::supervisor::{FlightError, Supervisor};
 use super::tap::Tap;
 use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
 use crate::control::{Reply, Request as Asked};
-use facts::{axes, command_latency_ns, millihertz};
+use facts::axes;
 use gatekeeper::Gatekeeper;
-use ledger::seconds;
 use runtime::Graph;
 use runtime::ipc::Bus;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
-use slot::record::author_on;
-use slot::supervisor::{Event, Fault, Instance, Now, SlotConfig};
-use slot::{Action, Outcome, Program, Report, Request, Seat, Step, Target};
+use slot::supervisor::{Event, Fault, Now, SlotConfig};
+use slot::{Action, Program, Report, Request, Seat, Target};
 use std::collections::BTreeMap;
-use watch::{Obeyed, Seen};
 
 /// Wall time that a process may take to leave, or to say hello \[ns\].
 const PATIENCE_NS: u64 = 10_000_000_000;
@@ -239,17 +238,6 @@ impl Slots {
         self.carry_out(slot, actions, means)
     }
 
-    /// A swap that has been refused at once ends there.
-    fn end_last(&mut self, actions: &[Action]) {
-        let reason = actions.iter().find_map(|action| match action {
-            Action::Report(Report::Refused(reason)) => Some(reason.to_string()),
-            _ => None,
-        });
-        if let (Some(report), Some(reason)) = (self.reports.last_mut(), reason) {
-            report.outcome = format!("refused: {reason}");
-        }
-    }
-
     /// Takes in everything that has happened; call once per round of the launcher's loop.
     pub(super) fn tend(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
         let seen = means.tap.consumers.slot_watch.as_mut().map(SlotWatch::take);
@@ -265,106 +253,6 @@ impl Slots {
             if deadline_ns.is_some_and(|at_ns| at_ns <= means.now.logical_ns) {
                 self.tell(slot, Event::Time, means)?;
             }
-        }
-        Ok(())
-    }
-
-    fn hear(&mut self, event: &PostEvent, means: &mut Means<'_>) -> Result<(), FlightError> {
-        let place = event.place();
-        let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
-            return Ok(());
-        };
-        if let Some(around) = self.around.get_mut(&slot) {
-            around.expected.retain(|(expected, ..)| *expected != seat);
-        }
-        match event {
-            PostEvent::Joined { layout, period_ns, .. } => {
-                let instance = Instance {
-                    author: author_on(place.index),
-                    layout: *layout,
-                    millihertz: millihertz(means.graph, place.role, *period_ns),
-                    latency_ns: command_latency_ns(means.graph, place.role),
-                };
-                self.tell(slot, Event::Ready(seat, instance), means)
-            }
-            PostEvent::Gone { .. } if means.is_over => Ok(()),
-            PostEvent::Gone { obituary, .. } => {
-                if let Some(obituary) = obituary {
-                    self.say(obituary.clone(), true);
-                }
-                self.tell(slot, Event::Died(seat), means)
-            }
-        }
-    }
-
-    fn see(&mut self, seen: &Seen, means: &mut Means<'_>) -> Result<(), FlightError> {
-        let role = match seen {
-            Seen::Command(command) => command.slot,
-            Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } => *slot,
-        };
-        let Some(slot) = self.slot_of(role) else { return Ok(()) };
-        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
-        match *seen {
-            Seen::Command(command) => {
-                let gate = around.gate.as_mut();
-                let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
-                if let (Some(Err(refusal)), Some(seat)) =
-                    (gate.map(|gate| gate.take(&command)), candidate)
-                {
-                    return self.tell(slot, Event::Verdict(seat, Err(refusal)), means);
-                }
-                Ok(())
-            }
-            Seen::Missed { seat, steps, at_ns, .. } => {
-                if let Some(gate) = &mut around.gate {
-                    gate.missed(seat, steps, at_ns);
-                }
-                Ok(())
-            }
-            // Of several attitude controllers the one that commands decides whom it obeys.
-            Seen::Obeys { by_seat, .. }
-                if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) =>
-            {
-                Ok(())
-            }
-            Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
-        }
-    }
-
-    fn consumer_says(
-        &mut self,
-        slot: Slot,
-        obeyed: &Obeyed,
-        means: &mut Means<'_>,
-    ) -> Result<(), FlightError> {
-        let Obeyed { at_ns, epoch, seat, failed_over, refused_epoch } = *obeyed;
-        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
-        let mut events = Vec::new();
-        if refused_epoch > around.refused_epoch {
-            around.refused_epoch = refused_epoch;
-            events.push(Event::RecordRefused { epoch: refused_epoch });
-        }
-        if let Some(seat) = Seat::new(seat).filter(|_| epoch > around.acknowledged) {
-            around.acknowledged = epoch;
-            events.push(Event::Acknowledged { epoch, seat, at_ns });
-        }
-        if failed_over && epoch > around.fell_over {
-            around.fell_over = epoch;
-            events.push(Event::FellOver { epoch, at_ns });
-        }
-        events.into_iter().try_for_each(|event| self.tell(slot, event, means))
-    }
-
-    /// Whoever takes too long to come or to go is dealt with.
-    fn lose_patience(&mut self, slot: Slot, means: &mut Means<'_>) -> Result<(), FlightError> {
-        let now_mono_ns = means.now_mono_ns;
-        let late = |(_, _, by_ns): &(Seat, Expected, u64)| *by_ns < now_mono_ns;
-        while let Some(around) = self.around.get_mut(&slot)
-            && let Some(at) = around.expected.iter().position(late)
-        {
-            let (seat, what, _) = around.expected.swap_remove(at);
-            let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
-            self.tell(slot, Event::Misbehaved(seat, fault), means)?;
         }
         Ok(())
     }
@@ -473,73 +361,6 @@ impl Slots {
         around.gate = Some(gate);
     }
 
-    fn report(&mut self, slot: Slot, report: &Report) {
-        let text = self.orders.tell(slot, report);
-        let warning = match report {
-            Report::Refused(_) => true,
-            Report::Aborted(_, reason) => {
-                self.end(slot, &reason.to_string(), false);
-                true
-            }
-            Report::Done(_, outcome) => {
-                if *outcome != Outcome::Retired {
-                    self.end(slot, &text, true);
-                }
-                false
-            }
-            Report::Step(step) => {
-                self.note(slot, step);
-                matches!(
-                    step,
-                    Step::Forced(..)
-                        | Step::TriedAgain { .. }
-                        | Step::TookOver { .. }
-                        | Step::Ownerless(..)
-                        | Step::StandbyLost(..)
-                        | Step::StandbyGivenUp(_)
-                )
-            }
-        };
-        self.say(text, warning);
-    }
-
-    /// Writes a step into the report of the swap that is going on.
-    fn note(&mut self, slot: Slot, step: &Step) {
-        let Some(around) = self.around.get_mut(&slot) else { return };
-        if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
-            gate.flips_at(*at_ns);
-        }
-        let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
-        match step {
-            Step::Joined { same_kind, at_ns, .. } => {
-                report.joined_s = Some(seconds(*at_ns));
-                report.same_kind = Some(*same_kind);
-            }
-            Step::Flipped { epoch, at_ns, .. } => {
-                report.flipped_s = Some(seconds(*at_ns));
-                report.epoch = Some(*epoch);
-            }
-            _ => {}
-        }
-    }
-
-    /// Writes down how what was going on ended.
-    fn end(&mut self, slot: Slot, outcome: &str, done: bool) {
-        let Some(around) = self.around.get_mut(&slot) else { return };
-        let gate = around.gate.take();
-        let report = around.current.take().and_then(|at| self.reports.get_mut(at));
-        let Some(report) = report else { return };
-        if let Some(gate) = &gate {
-            report.measured(gate);
-        }
-        outcome.clone_into(&mut report.outcome);
-        report.done = done;
-    }
-
-    fn say(&mut self, text: String, warning: bool) {
-        self.news.push(News { text, warning });
-    }
-
     /// Seat that commands a slot by the newest record.
     pub(super) fn owner_seat(&self, role: Role) -> Option<u32> {
         let machine = self.slot_of(role).and_then(|slot| self.machines.get(&slot));
@@ -572,12 +393,5 @@ impl Slots {
             return Ok(());
         };
         self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), means)
-    }
-
-    /// The flight is over: what is still going on ends as it is.
-    pub(super) fn finish(&mut self) {
-        for slot in Slot::ALL {
-            self.end(slot, "the flight ended first", false);
-        }
     }
 }

@@ -1,0 +1,121 @@
+//! What the slots hear: hellos and deaths of processes, what consumers say, and silence.
+
+use super::facts::{command_latency_ns, millihertz};
+use super::watch::{Obeyed, Seen};
+use super::{Expected, Means, Slots};
+use crate::candidate::Slot;
+use crate::run::supervisor::{FlightError, PostEvent};
+use shared_types::Role;
+use slot::Seat;
+use slot::record::author_on;
+use slot::supervisor::{Event, Fault, Instance};
+
+impl Slots {
+    pub(super) fn hear(
+        &mut self,
+        event: &PostEvent,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let place = event.place();
+        let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
+            return Ok(());
+        };
+        if let Some(around) = self.around.get_mut(&slot) {
+            around.expected.retain(|(expected, ..)| *expected != seat);
+        }
+        match event {
+            PostEvent::Joined { layout, period_ns, .. } => {
+                let instance = Instance {
+                    author: author_on(place.index),
+                    layout: *layout,
+                    millihertz: millihertz(means.graph, place.role, *period_ns),
+                    latency_ns: command_latency_ns(means.graph, place.role),
+                };
+                self.tell(slot, Event::Ready(seat, instance), means)
+            }
+            PostEvent::Gone { .. } if means.is_over => Ok(()),
+            PostEvent::Gone { obituary, .. } => {
+                if let Some(obituary) = obituary {
+                    self.say(obituary.clone(), true);
+                }
+                self.tell(slot, Event::Died(seat), means)
+            }
+        }
+    }
+
+    pub(super) fn see(&mut self, seen: &Seen, means: &mut Means<'_>) -> Result<(), FlightError> {
+        let role = match seen {
+            Seen::Command(command) => command.slot,
+            Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } => *slot,
+        };
+        let Some(slot) = self.slot_of(role) else { return Ok(()) };
+        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        match *seen {
+            Seen::Command(command) => {
+                let gate = around.gate.as_mut();
+                let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+                if let (Some(Err(refusal)), Some(seat)) =
+                    (gate.map(|gate| gate.take(&command)), candidate)
+                {
+                    return self.tell(slot, Event::Verdict(seat, Err(refusal)), means);
+                }
+                Ok(())
+            }
+            Seen::Missed { seat, steps, at_ns, .. } => {
+                if let Some(gate) = &mut around.gate {
+                    gate.missed(seat, steps, at_ns);
+                }
+                Ok(())
+            }
+            // Of several attitude controllers the one that commands decides whom it obeys.
+            Seen::Obeys { by_seat, .. }
+                if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) =>
+            {
+                Ok(())
+            }
+            Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
+        }
+    }
+
+    fn consumer_says(
+        &mut self,
+        slot: Slot,
+        obeyed: &Obeyed,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let Obeyed { at_ns, epoch, seat, failed_over, refused_epoch } = *obeyed;
+        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        let mut events = Vec::new();
+        if refused_epoch > around.refused_epoch {
+            around.refused_epoch = refused_epoch;
+            events.push(Event::RecordRefused { epoch: refused_epoch });
+        }
+        if let Some(seat) = Seat::new(seat).filter(|_| epoch > around.acknowledged) {
+            around.acknowledged = epoch;
+            events.push(Event::Acknowledged { epoch, seat, at_ns });
+        }
+        if failed_over && epoch > around.fell_over {
+            around.fell_over = epoch;
+            events.push(Event::FellOver { epoch, at_ns });
+        }
+        events.into_iter().try_for_each(|event| self.tell(slot, event, means))
+    }
+
+    /// Whoever takes too long to come or to go is dealt with.
+    pub(super) fn lose_patience(
+        &mut self,
+        slot: Slot,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let now_mono_ns = means.now_mono_ns;
+        let late = |(_, _, by_ns): &(Seat, Expected, u64)| *by_ns < now_mono_ns;
+        while let Some(around) = self.around.get_mut(&slot)
+            && let Some(at) = around.expected.iter().position(late)
+        {
+            let (seat, what, _) = around.expected.swap_remove(at);
+            let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
+            self.tell(slot, Event::Misbehaved(seat, fault), means)?;
+        }
+        Ok(())
+    }
+}

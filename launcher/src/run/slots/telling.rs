@@ -1,0 +1,93 @@
+//! What is told of a slot: sentences for the flight's log, answers to whoever asked, the table of swaps.
+
+use super::ledger::seconds;
+use super::{News, Slots};
+use crate::candidate::Slot;
+use slot::{Action, Outcome, Report, Step};
+
+impl Slots {
+    pub(super) fn report(&mut self, slot: Slot, report: &Report) {
+        let text = self.orders.tell(slot, report);
+        let warning = match report {
+            Report::Refused(_) => true,
+            Report::Aborted(_, reason) => {
+                self.end(slot, &reason.to_string(), false);
+                true
+            }
+            Report::Done(_, outcome) => {
+                if *outcome != Outcome::Retired {
+                    self.end(slot, &text, true);
+                }
+                false
+            }
+            Report::Step(step) => {
+                self.note(slot, step);
+                matches!(
+                    step,
+                    Step::Forced(..)
+                        | Step::TriedAgain { .. }
+                        | Step::TookOver { .. }
+                        | Step::Ownerless(..)
+                        | Step::StandbyLost(..)
+                        | Step::StandbyGivenUp(_)
+                )
+            }
+        };
+        self.say(text, warning);
+    }
+
+    /// Writes a step into the report of the swap that is going on.
+    pub(super) fn note(&mut self, slot: Slot, step: &Step) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
+            gate.flips_at(*at_ns);
+        }
+        let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
+        match step {
+            Step::Joined { same_kind, at_ns, .. } => {
+                report.joined_s = Some(seconds(*at_ns));
+                report.same_kind = Some(*same_kind);
+            }
+            Step::Flipped { epoch, at_ns, .. } => {
+                report.flipped_s = Some(seconds(*at_ns));
+                report.epoch = Some(*epoch);
+            }
+            _ => {}
+        }
+    }
+
+    /// Writes down how what was going on ended.
+    pub(super) fn end(&mut self, slot: Slot, outcome: &str, done: bool) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        let gate = around.gate.take();
+        let report = around.current.take().and_then(|at| self.reports.get_mut(at));
+        let Some(report) = report else { return };
+        if let Some(gate) = &gate {
+            report.measured(gate);
+        }
+        outcome.clone_into(&mut report.outcome);
+        report.done = done;
+    }
+
+    pub(super) fn say(&mut self, text: String, warning: bool) {
+        self.news.push(News { text, warning });
+    }
+
+    /// A swap that has been refused at once ends there.
+    pub(super) fn end_last(&mut self, actions: &[Action]) {
+        let reason = actions.iter().find_map(|action| match action {
+            Action::Report(Report::Refused(reason)) => Some(reason.to_string()),
+            _ => None,
+        });
+        if let (Some(report), Some(reason)) = (self.reports.last_mut(), reason) {
+            report.outcome = format!("refused: {reason}");
+        }
+    }
+
+    /// The flight is over: what is still going on ends as it is.
+    pub(in crate::run) fn finish(&mut self) {
+        for slot in Slot::ALL {
+            self.end(slot, "the flight ended first", false);
+        }
+    }
+}
