@@ -8,7 +8,7 @@ use nalgebra::{SMatrix, SVector};
 /// Doublings after which the solution of 2²⁴ samples of horizon is as good as that of endlessly many.
 const DOUBLINGS: usize = 24;
 
-/// P of P = AᵀPA − AᵀPB (r + BᵀPB)⁻¹ BᵀPA + Q for one input; `None` if the pair cannot be stabilised.
+/// P of `P = AᵀPA − AᵀPB (r + BᵀPB)⁻¹ BᵀPA + Q` for one input; `None` if the pair cannot be stabilised.
 ///
 /// Structure-preserving doubling [Chu, Fan, Lin]: after j turns P is that of a horizon of 2ʲ samples.
 #[must_use]
@@ -38,7 +38,7 @@ pub fn doubling<const N: usize>(
     h.iter().all(|number| number.is_finite()).then_some(h)
 }
 
-/// K of u = −K x: (r + BᵀPB)⁻¹ BᵀPA.
+/// K of `u = −K x`: `(r + BᵀPB)⁻¹ BᵀPA`.
 #[must_use]
 pub fn gain<const N: usize>(
     a: &SMatrix<f64, N, N>,

@@ -264,7 +264,7 @@ impl PositionPidLaw {
         self.memory.integral_m_s2 = integral.into();
     }
 
-    /// The wish (θ₀, φ₀, T): the thrust along m (a + g e_z), and so much of it that the present tilt
+    /// The wish (θ₀, φ₀, T): the thrust along m (a + g e₃), and so much of it that the present tilt
     /// leaves its vertical part.
     fn thrust_and_tilt(&self, acceleration: &Vector3<f64>, input: &Input) -> Vector3<f64> {
         let g = self.gravity_m_s2;
