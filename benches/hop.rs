@@ -1,17 +1,20 @@
 //! A state estimate from publication to effect through the runtime's ports, against the bare transport
 //! with the same sample and the same service, in one process.
 
+mod roll;
+
 use core::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Config, NodeBuilder, ipc};
+use roll::{Held, enrol};
 use runtime::clock::mono_now_ns;
 use runtime::graph::READER_CAPACITY;
-use runtime::ipc::{Bus, IpcSink, RECORDER_CAPACITY, ServiceKind, TopicFactory};
+use runtime::ipc::{Bus, RECORDER_CAPACITY};
 use runtime::namespace::Membership;
-use runtime::{Input, Output, Sink as _};
-use shared_types::{Header, Role, Roll, StateEstimate, topics};
+use runtime::{Input, Output};
+use shared_types::{Header, Role, StateEstimate, topics};
 use std::error::Error;
 use std::io::Write as _;
 
@@ -26,22 +29,16 @@ struct Ported {
     input: Input<StateEstimate>,
     release_ns: u64,
     /// Tells the reader that it may listen to this process.
-    _roll: (TopicFactory<Roll>, IpcSink<Roll>),
+    _roll: Held,
 }
 
 impl Ported {
     fn open(bus: &Bus) -> Result<Self, Box<dyn Error>> {
-        let factory = bus.create_service::<Roll>(ServiceKind::Roll, 2)?;
-        let mut writer = bus.open_writer::<Roll>(ServiceKind::Roll)?;
-        let mut roll = Roll { count: 1, ..Roll::default() };
-        roll.entries[0].node = bus.identity();
-        roll.entries[0].role = Role::Estimator;
-        writer.send(roll);
         let mut ported = Self {
             output: Output::default(),
             input: Input::default(),
             release_ns: 0,
-            _roll: (factory, writer),
+            _roll: enrol(bus, Role::Estimator)?,
         };
         let reader = bus.reader(&topics::STATE_ESTIMATE, Role::Estimator)?;
         ported.input.connect(Box::new(reader), None);

@@ -19,6 +19,8 @@ const ALLOWED: [(&str, &[&str]); 17] = [
     ("position-mpc", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("position-pid", &["runtime", "shared-types", "vehicle", "controller"]),
     ("attitude-mpc", &["runtime", "shared-types", "slot", "vehicle", "mpc"]),
+    ("attitude-lqr", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
+    ("attitude-pid", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("disturbance-injector", &["runtime", "shared-types"]),
     (
         "launcher",

@@ -142,7 +142,7 @@ fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods_and_nobody
         let faults = [format!("{kind}:attitude-mpc@2500ms")];
         let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &swap, &faults);
         assert_eq!(flown.code, Some(0), "{}", flown.said());
-        assert_eq!(flown.number("unguided_ticks"), 0.0, "{}", flown.said());
+        assert!(flown.number("unguided_ticks") < 1.0, "{}", flown.said());
         assert!(flown.number("position_max_m") < 0.05, "{}", flown.said());
     }
 }

@@ -1,6 +1,7 @@
 //! What a simulated millisecond consists of: steps, samples, states, and the time of each.
 
 use crate::flights::scenario;
+use crate::roll::enrol;
 use crate::{Plan, Result, Rounds};
 use core::hint::black_box;
 use launcher::in_process::{InProcess, Observer, StateSource};
@@ -148,11 +149,12 @@ fn each_step_us(flight: &mut InProcess<Packing>) -> Vec<(f64, u64)> {
 pub(crate) fn sample_us(bus: &Bus) -> Result<f64> {
     let topic = &topics::STATE_ESTIMATE;
     let factory = bus.create_topic(topic)?;
+    let _roll = enrol(bus, Role::Estimator)?;
     let mut output = Output::<StateEstimate>::default();
     let mut input = Input::<StateEstimate>::default();
     let mut recorder = IpcSource::with_capacity(&factory, RECORDER_CAPACITY)?;
     output.connect(Box::new(bus.writer(topic)?), 0);
-    input.connect(Box::new(bus.reader(topic)?), None);
+    input.connect(Box::new(bus.reader(topic, Role::Estimator)?), None);
     let mut blocks = Rounds::default();
     let mut release_ns = 0;
     for _ in 0..BLOCKS {
@@ -164,7 +166,7 @@ pub(crate) fn sample_us(bus: &Bus) -> Result<f64> {
             output.flush(&Header { release_ns, ..Header::default() });
             input.receive();
             input.accept(release_ns, previous_ns);
-            black_box(input.sample());
+            black_box(input.latest());
         }
         blocks.add((mono_now_ns() - start_ns) as f64 * 1e-3 / BLOCK as f64);
         while recorder.receive().is_some() {}

@@ -10,6 +10,8 @@ mod flights;
 mod floor;
 mod report;
 mod ring;
+#[path = "../roll/mod.rs"]
+mod roll;
 
 use clap::{Parser, ValueEnum};
 use floor::{Floor, Ground};

@@ -14,7 +14,7 @@ use runtime::clock::mono_now_ns;
 use runtime::ipc::{Bus, WakeListener, WakeNotifier};
 use runtime::namespace::Membership;
 use rustix::thread::{CpuSet, sched_setaffinity};
-use shared_types::{Header, Role, StateEstimate};
+use shared_types::{Header, Role, Seat, StateEstimate};
 use std::any::Any;
 use std::io::{BufRead as _, Write as _};
 use std::path::Path;
@@ -64,7 +64,7 @@ pub(crate) fn create(bus: &Bus) -> Result<Held> {
     let node = node()?;
     let mut services: Vec<Box<dyn Any>> = Vec::new();
     for (place, role) in Role::STEPPING.into_iter().enumerate().take(NODES) {
-        bus.create_wake(role)?;
+        bus.create_wake(Seat::first(role))?;
         let event = node.service_builder(&name("event", place)?).event().create()?;
         let topic = node
             .service_builder(&name("topic", place)?)
@@ -89,8 +89,9 @@ impl Wake {
     fn open(waking: Waking, bus: &Bus, node: &Node<Ipc>, place: usize) -> Result<Self> {
         let next = (place + 1) % NODES;
         if waking == Waking::Runtime {
-            let listener = WakeListener::open(bus, Role::STEPPING[place])?;
-            return Ok(Self::Runtime(listener, WakeNotifier::open(bus, Role::STEPPING[next])?));
+            let seat = |place: usize| Seat::first(Role::STEPPING[place]);
+            let listener = WakeListener::open(bus, seat(place))?;
+            return Ok(Self::Runtime(listener, WakeNotifier::open(bus, seat(next))?));
         }
         let open = |place| -> Result<event::PortFactory<Ipc>> {
             Ok(node.service_builder(&name("event", place)?).event().open()?)

@@ -106,7 +106,7 @@ fn table(status: &RunStatus) -> String {
             age(process.mark_age_s),
         );
     }
-    let _ = writeln!(text, "\n{:<12}{:>6}  {:<21}{}", "SLOT", "EPOCH", "OWNER", "FALLBACK");
+    let _ = writeln!(text, "\n{:<12}{:>6}  {:<21}FALLBACK", "SLOT", "EPOCH", "OWNER");
     for slot in &status.slots {
         let name = |name: &Option<String>| name.clone().unwrap_or_else(|| "-".to_owned());
         let (owner, fallback) = (name(&slot.owner), name(&slot.fallback));

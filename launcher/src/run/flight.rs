@@ -314,7 +314,7 @@ impl Flight {
 
     /// Gives the slots what has happened, and passes on what they say.
     fn tend_slots(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
-        self.with_slots(now_mono_ns, |slots, means| slots.tend(means))
+        self.with_slots(now_mono_ns, Slots::tend)
     }
 
     /// Does what the script has for now; whoever dies of it is buried before time goes on.

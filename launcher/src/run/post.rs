@@ -13,6 +13,7 @@ use std::path::Path;
 const HANDOVER_CAPACITY: usize = 64 * 1024;
 
 /// A process and the seat that it has.
+#[expect(clippy::struct_excessive_bools, reason = "facts of their own, in any combination")]
 pub(super) struct Post {
     pub(super) seat: Seat,
     pub(super) spec: ChildSpec,

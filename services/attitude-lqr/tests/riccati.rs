@@ -3,6 +3,7 @@
 
 use attitude_lqr::settings::Settings;
 use attitude_lqr::{GainTable, LqrConfig, STATES, Timing, doubling, gain};
+use faer::linalg::solvers::Solve as _;
 use faer::{Mat, c64};
 use nalgebra::{SMatrix, SVector};
 use vehicle::{MorphAngle, VehicleParameters};
@@ -28,7 +29,6 @@ fn by_eigenvectors(a: &Square, b: &SVector<f64, STATES>, q: &Square, r: f64) -> 
     assert_eq!(stable.len(), N);
     let part = |from: usize| Mat::<c64>::from_fn(N, N, |i, j| vectors[(from + i, stable[j])]);
     // P = X₂ X₁⁻¹, that is Pᵀ from X₁ᵀ Pᵀ = X₂ᵀ.
-    use faer::linalg::solvers::Solve as _;
     let p = part(0).transpose().partial_piv_lu().solve(part(N).transpose());
     Square::from_fn(|i, j| p[(j, i)].re)
 }

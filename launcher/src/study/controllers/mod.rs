@@ -182,7 +182,8 @@ fn row(crew: Crew, flown: &[(Case, Flown)]) -> Row {
     let count = figures().count().max(1) as f64;
     let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
     let slowest = |values: &mut dyn Iterator<Item = Option<f64>>| {
-        values.fold(Some(0.0), |worst, value| Some(f64::max(worst?, value?)))
+        let values: Option<Vec<f64>> = values.collect();
+        values.map(|values| values.into_iter().fold(0.0, f64::max))
     };
     let squares: f64 = figures().map(|(_, f)| f.rms_m * f.rms_m).sum();
     let all = own().chain(rig().filter(|(case, _)| {
