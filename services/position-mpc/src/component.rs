@@ -6,7 +6,7 @@ use crate::{ConfigError, PositionLawConfig};
 use controller::preview::{Landing, preview};
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, inputs, outputs};
+use runtime::{Link, Service, Standing, inputs, outputs};
 use shared_types::{
     AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord, Reference,
     SolveStatus, StateEstimate, topics,
@@ -177,6 +177,14 @@ impl Service for PositionMpc {
 
     fn track(&mut self, now_ns: u64, inputs: &Inputs) {
         self.take_applied(inputs);
+        let (owner, latest) = (&inputs.attitude_owner, inputs.applied_setpoint.latest());
+        if let (None, Some(latest)) = (self.applied, latest)
+            && owner.standing_of(&latest.header) == Standing::Owner
+        {
+            // In effect since before this controller began.
+            self.applied = applied(latest);
+            self.applied_release_ns = latest.header.release_ns;
+        }
         if let Some(setpoint) = self.applied {
             // Chosen before the set point of k−1 could be in effect.
             let late = self.applied_release_ns + self.period_ns <= now_ns;

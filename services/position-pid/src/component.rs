@@ -4,10 +4,10 @@ use crate::law::{Input, Memory, Output, PositionPidConfig, PositionPidLaw, Setpo
 use controller::OutOfRange;
 use controller::preview::{Landing, target};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, inputs, outputs};
+use runtime::{Link, Service, Standing, inputs, outputs};
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, Reference, SolveStatus,
-    StateEstimate, topics,
+    AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord, Reference,
+    SolveStatus, StateEstimate, topics,
 };
 use vehicle::{VehicleParameters, euler_from_quaternion};
 
@@ -22,6 +22,8 @@ inputs! {
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
         /// Planned path of the deployable angle.
         morph_command: MorphCommand = topics::MORPH_COMMAND,
+        /// Owner of the attitude slot.
+        attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
     }
 }
 
@@ -35,10 +37,24 @@ outputs! {
     }
 }
 
+shared_types::memory! {
+    /// Everything that evolves.
+    pub struct ComponentMemory {
+        /// The control law's memory.
+        pub law: Memory,
+        /// Set point that the attitude slot's owner tracks: φ, θ, ψ \[rad\] and T \[N\].
+        pub applied: [f64; 4],
+        /// Whether there is one.
+        pub has_applied: bool,
+    }
+}
+
 /// The position PID between its ports.
 #[derive(Debug)]
 pub struct PositionPid {
     law: PositionPidLaw,
+    /// Set point that the attitude slot's owner tracks.
+    applied: Option<Setpoint>,
     lead_s: f64,
     period_ns: u64,
     landing: Landing,
@@ -57,7 +73,14 @@ impl PositionPid {
         let law = PositionPidLaw::new(config, vehicle)?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
         let period_ns = (1e9 / config.rate_hz).ceil() as u64;
-        Ok(Self { law, lead_s: config.lead_s, period_ns, landing })
+        Ok(Self { law, applied: None, lead_s: config.lead_s, period_ns, landing })
+    }
+
+    /// Takes what the attitude slot's owner says it tracks; shadows say so too.
+    fn take_applied(&mut self, inputs: &Inputs) {
+        if let Some(sample) = inputs.applied_setpoint.in_command(&inputs.attitude_owner) {
+            self.applied = applied(sample);
+        }
     }
 
     fn report(&self, output: &Output) -> ControllerReport {
@@ -77,9 +100,10 @@ fn applied(sample: &AppliedSetpoint) -> Option<Setpoint> {
 impl Service for PositionPid {
     type Inputs = Inputs;
     type Outputs = Outputs;
-    type Memory = Memory;
+    type Memory = ComponentMemory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        self.take_applied(inputs);
         let estimate = inputs.state_estimate.link(now_ns, 2 * self.period_ns);
         let (Link::Fresh(estimate), Some(reference)) = (estimate, inputs.reference.latest()) else {
             // The attitude loop keeps the last set point.
@@ -94,7 +118,7 @@ impl Service for PositionPid {
             gamma_rad: euler_from_quaternion(&attitude),
             age_s: now_ns.saturating_sub(estimate.header.valid_ns) as f64 * 1e-9,
             target: target(reference, now_ns, self.lead_s, &self.landing),
-            applied: inputs.applied_setpoint.latest().and_then(applied),
+            applied: self.applied,
         });
         let gamma = output.setpoint.gamma_rad;
         outputs.attitude_setpoint.write(AttitudeSetpoint {
@@ -108,16 +132,32 @@ impl Service for PositionPid {
     }
 
     fn track(&mut self, _now_ns: u64, inputs: &Inputs) {
-        if inputs.applied_setpoint.latest().is_some() {
+        self.take_applied(inputs);
+        let (owner, latest) = (&inputs.attitude_owner, inputs.applied_setpoint.latest());
+        if let (None, Some(latest)) = (self.applied, latest)
+            && owner.standing_of(&latest.header) == Standing::Owner
+        {
+            // In effect since before this controller began.
+            self.applied = applied(latest);
+        }
+        if self.applied.is_some() {
             self.law.track();
         }
     }
 
-    fn memory(&self) -> Memory {
-        *self.law.memory()
+    fn memory(&self) -> ComponentMemory {
+        let applied = self.applied.map_or([0.0; 4], |setpoint| {
+            let gamma = setpoint.gamma_rad;
+            [gamma.x, gamma.y, gamma.z, setpoint.thrust_n]
+        });
+        ComponentMemory { law: *self.law.memory(), applied, has_applied: self.applied.is_some() }
     }
 
-    fn restore(&mut self, memory: &Memory) -> Result<(), String> {
-        self.law.restore(memory)
+    fn restore(&mut self, memory: &ComponentMemory) -> Result<(), String> {
+        self.law.restore(&memory.law)?;
+        let [roll, pitch, yaw, thrust_n] = memory.applied;
+        let setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
+        self.applied = memory.has_applied.then_some(setpoint);
+        Ok(())
     }
 }
