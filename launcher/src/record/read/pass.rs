@@ -4,6 +4,7 @@ use super::{LayoutChange, ReadError, RecordedFlight};
 use crate::components::StateLayout;
 use crate::record::messages::{decode_log, decode_state};
 use crate::record::{DecodeError, decode};
+use core::cell::Cell;
 use core::ops::ControlFlow;
 use mcap::records::Record;
 use shared_types::topics::visit_all;
@@ -67,7 +68,8 @@ type Show<V> = Box<dyn Fn(&[u8], &mut V) -> Result<(), DecodeError>>;
 /// What to do with the messages of one channel.
 enum Reader<V> {
     Sample(Show<V>),
-    State(Role, StateLayout),
+    /// Role, layout of who flies it by the scenario, and whether that one has been met.
+    State(Role, StateLayout, Cell<bool>),
     Events,
 }
 
@@ -111,13 +113,13 @@ fn read<V: RecordVisitor>(
     };
     match reader {
         Reader::Sample(show) => show(data, visitor).map_err(broken),
-        Reader::State(role, layout) => {
+        Reader::State(role, layout, known) => {
             let (header, layout_hash, state) = decode_state(data).map_err(broken)?;
-            let first = header.seat == 0 && header.generation == 0;
-            if layout_hash != layout.hash && !first {
-                // Another kind of controller had the seat for a while.
+            if layout_hash != layout.hash && known.get() {
+                // Another kind of controller has followed the one that the scenario names.
                 return Ok(());
             }
+            known.set(true);
             if layout_hash != layout.hash {
                 return Err(ReadError::Layout(Box::new(LayoutChange {
                     path: flight.path.clone(),
@@ -151,7 +153,8 @@ fn readers<V: RecordVisitor>(
     for layout in &flight.layouts {
         let topic = format!("/state/{}", layout.role.label());
         if let Some(channel) = flight.channels.get(&topic) {
-            readers.insert(channel.id, (topic, Reader::State(layout.role, *layout)));
+            readers
+                .insert(channel.id, (topic, Reader::State(layout.role, *layout, Cell::new(false))));
         }
     }
     if let Some(channel) = flight.channels.get("/events") {

@@ -8,6 +8,11 @@ use slot::{Action, Outcome, Report, Step};
 impl Slots {
     pub(super) fn report(&mut self, slot: Slot, report: &Report) {
         let text = self.orders.tell(slot, report);
+        let begun = self.machines.get(&slot).and_then(|m| m.record()).is_none_or(|r| r.epoch > 1);
+        if matches!(report, Report::Step(Step::Commands(_))) && !begun {
+            // Who begins is in the scenario, and no news.
+            return;
+        }
         let warning = match report {
             Report::Refused(_) => true,
             Report::Aborted(_, reason) => {
