@@ -32,9 +32,11 @@ pub(crate) fn rounds(default: usize) -> usize {
     std::env::var("MORPHQUAD_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
-/// The executable under test.
+/// The executable under test, with every signal as a shell would have it: whoever runs the tests under
+/// `nohup` has it ignore SIGHUP, and so would the executable.
 pub(crate) fn morphquad<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_morphquad"));
+    let mut command = Command::new("env");
+    command.arg("--default-signal=HUP").arg(env!("CARGO_BIN_EXE_morphquad"));
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
