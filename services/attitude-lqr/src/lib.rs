@@ -4,7 +4,7 @@
 //! cost over an endless horizon, without constraints: what remains of model predictive control if
 //! bounds are left to clipping. [`LqrLaw`] is the pure law; open `law.rs` next (one step), then
 //! `design.rs` (model, cost, gains over the morph angle), `riccati.rs` and `settings.rs` (every number
-//! with its reason). [Kwakernaak, Sivan] is the textbook; equation numbers are those of [Zhao].
+//! with its reason). \[Kwakernaak, Sivan\] is the textbook; equation numbers are those of \[Zhao\].
 
 #![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
 

@@ -16,7 +16,7 @@ fn config(rate_hz: f64) -> LqrConfig {
     Settings::default().law_config(around)
 }
 
-/// P by the stable invariant subspace of the symplectic matrix [Laub], eigenvectors from faer.
+/// P by the stable invariant subspace of the symplectic matrix \[Laub\], eigenvectors from faer.
 fn by_eigenvectors(a: &Square, b: &SVector<f64, STATES>, q: &Square, r: f64) -> Square {
     const N: usize = STATES;
     let transposed = a.transpose().try_inverse().unwrap();

@@ -49,7 +49,7 @@ pub struct Settings {
 
 impl Default for Settings {
     /// The attitude loop answers after some 55 ms, by a PID after 90: K = 1/2θ for the velocity, a
-    /// quarter of it a second for the position less a tenth, integral times of 8θ [Skogestad].
+    /// quarter of it a second for the position less a tenth, integral times of 8θ \[Skogestad\].
     fn default() -> Self {
         Self {
             rate_hz: None,
