@@ -53,7 +53,9 @@ impl Conditions {
         let _neighbours: Vec<_> = (0..self.neighbours).map(|_| Neighbour::busy()).collect();
         let nice = self.nice.to_string();
         let flags = self.flags.iter().map(String::as_str);
-        let arguments: Vec<&str> = std::iter::once(scenario).chain(flags).collect();
+        // Whoever is starved of processors may take as long as it likes to begin.
+        let patience = ["--set", "launcher.startup_timeout_s=600"];
+        let arguments: Vec<&str> = std::iter::once(scenario).chain(flags).chain(patience).collect();
         fly_with(&["nice", "-n", &nice], &arguments)
     }
 }

@@ -43,8 +43,8 @@ impl Recording {
         messages.expect("a readable start").map_while(Result::ok).count()
     }
 
-    /// Every message without what depends on the host: stamps, identities of the transport (also
-    /// inside states, of which the length remains), rescued waits. By channel, seat and sequence.
+    /// Every message without what depends on the host: stamps (also inside states, of which
+    /// the length remains), rescued waits. By channel, seat and sequence.
     pub(crate) fn contents(&self) -> BTreeMap<(String, u64, u64), Vec<u8>> {
         let mut contents = BTreeMap::new();
         let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();

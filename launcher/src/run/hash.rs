@@ -29,7 +29,7 @@ const IDENTITY_FIELDS: [&str; 9] = [
     "failed_over",
 ];
 
-/// Fields that depend on the machine: when it got to run, and how it names its publishers. Whatever
+/// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever
 /// compares samples of two flights leaves these out and nothing else.
 pub const MACHINE_FIELDS: [&str; 5] = [
     // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
