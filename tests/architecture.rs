@@ -6,13 +6,14 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 17] = [
+const ALLOWED: [(&str, &[&str]); 20] = [
     ("shared-types", &[]),
     ("qp", &[]),
     ("mpc", &["qp"]),
     ("vehicle", &[]),
     ("slot", &["shared-types"]),
     ("runtime", &["shared-types", "slot"]),
+    ("host", &["runtime", "shared-types", "vehicle"]),
     ("plant", &["runtime", "shared-types", "slot", "vehicle"]),
     ("estimator", &["runtime", "shared-types", "vehicle"]),
     ("controller", &["runtime", "shared-types", "vehicle", "mpc"]),
@@ -25,6 +26,7 @@ const ALLOWED: [(&str, &[&str]); 17] = [
     (
         "launcher",
         &[
+            "host",
             "runtime",
             "shared-types",
             "slot",
@@ -42,6 +44,8 @@ const ALLOWED: [(&str, &[&str]); 17] = [
             "qp",
         ],
     ),
+    ("my-attitude-controller", &["host", "runtime", "shared-types", "vehicle"]),
+    ("my-position-controller", &["host", "runtime", "shared-types", "vehicle"]),
     ("morphquad", &["launcher"]),
 ];
 

@@ -87,15 +87,6 @@ fn name_of(role: Role) -> Option<&'static str> {
     PROCESSES.iter().find(|(_, r)| *r == role).map(|(name, _)| *name)
 }
 
-/// Thread names hold 15 characters.
-#[must_use]
-pub fn thread_name(name: &str) -> &str {
-    match name {
-        "disturbance-injector" => "disturbance",
-        other => other,
-    }
-}
-
 /// Services that fill `role`.
 pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> + Clone {
     PROCESSES.into_iter().filter(move |(_, r)| *r == role).map(|(name, _)| name)

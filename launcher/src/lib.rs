@@ -6,7 +6,8 @@
 //! in the launcher itself.
 //! [`replay`] flies a recording again; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`paper`] and [`study`] are reproduction and studies,
-//! [`figure`] and [`results`] what they leave behind.
+//! [`figure`] and [`results`] what they leave behind. [`new_controller`] and [`types`] are for users'
+//! own controllers, in Rust and in other languages.
 
 pub mod branch;
 pub mod campaign;
@@ -14,9 +15,9 @@ pub mod candidate;
 pub mod cli;
 pub mod components;
 pub mod control;
-pub mod exit;
 pub mod figure;
 pub mod in_process;
+pub mod new_controller;
 pub mod paper;
 pub mod pilot;
 pub mod process;
@@ -26,3 +27,6 @@ pub mod results;
 pub mod run;
 pub mod scenario;
 pub mod study;
+pub mod types;
+
+pub use host::exit;

@@ -8,6 +8,7 @@ mod branch;
 mod campaign;
 pub mod check;
 pub mod list;
+mod new_controller;
 pub mod options;
 mod orders;
 mod paper;
@@ -15,6 +16,7 @@ mod ps;
 mod refusal;
 mod replay;
 mod study;
+mod types;
 
 pub use options::{
     BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments, PsArguments,
@@ -84,7 +86,11 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             };
         }
         Command::Study(command) => return study::run(&command, out),
-        Command::Proc(arguments) => return Ok(process::run_process(&arguments.options())),
+        Command::NewController(arguments) => return new_controller::run(&arguments, out),
+        Command::Types(arguments) => return types::run(&arguments, out),
+        Command::Proc(arguments) => {
+            return Ok(process::run_process(&arguments.service, arguments.place));
+        }
     }
     Ok(exit::PASS)
 }

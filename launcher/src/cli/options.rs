@@ -7,12 +7,11 @@ pub use air::{
 };
 
 use crate::branch::At;
-use crate::process::ProcOptions;
 use crate::run::{Pin, RunOptions, Speed};
 use crate::scenario::{Override, Scenario, ScenarioError, TESTED_RATES_HZ};
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use core::time::Duration;
-use runtime::Place;
+use host::PlaceArguments;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 
@@ -58,6 +57,11 @@ pub(super) enum Command {
     /// Fly or compute a whole range of conditions
     #[command(subcommand)]
     Study(StudyCommand),
+    /// Write a small crate that flies a slot, to begin one's own controller with
+    #[command(after_help = NEW_CONTROLLER_EXAMPLES)]
+    NewController(NewControllerArguments),
+    /// Show the samples as another language declares them
+    Types(TypesArguments),
     /// Be one process of a run
     #[command(hide = true)]
     Proc(ProcArguments),
@@ -332,48 +336,45 @@ fn pin(text: &str) -> Result<Pin, String> {
     }
 }
 
+const NEW_CONTROLLER_EXAMPLES: &str = "\
+Examples:
+  morphquad new-controller my-controller
+  morphquad new-controller my-planner --slot position --dir ~/controllers/my-planner";
+
+/// What to begin a controller with.
+#[derive(Debug, Clone, Args)]
+pub struct NewControllerArguments {
+    /// Name of the crate and of its executable
+    pub name: String,
+    /// Slot that it flies
+    #[arg(long, value_name = "attitude|position", default_value = "attitude")]
+    pub slot: String,
+    /// Folder to make; NAME if left out
+    #[arg(long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+    /// Source tree of morphquad to build against; the one that this executable is from if left out
+    #[arg(long, value_name = "DIR")]
+    pub path: Option<PathBuf>,
+}
+
+/// For which language, and where to.
+#[derive(Debug, Clone, Args)]
+#[command(group(ArgGroup::new("language").required(true)))]
+pub struct TypesArguments {
+    /// As ctypes structures of Python 3
+    #[arg(long, group = "language")]
+    pub python: bool,
+    /// File to write; stdout if left out
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
 /// Everything one process of a run is told.
 #[derive(Debug, Clone, Args)]
 pub struct ProcArguments {
     /// Which service to be
     pub service: String,
-    /// Folder of the run
-    #[arg(long, value_name = "FOLDER")]
-    pub run: PathBuf,
-    /// How many times this service has been restarted
-    #[arg(long, value_name = "N")]
-    pub generation: u32,
-    /// Process to outlive by the grace period at most
-    #[arg(long, value_name = "PID")]
-    pub launcher_pid: u32,
-    /// Which of the role's seats to take
-    #[arg(long, value_name = "N", default_value = "0")]
-    pub seat: u32,
-    /// Begin where, and from what state, a hand-over says
-    #[arg(long)]
-    pub await_handover: bool,
-    /// Scenario that configures the service, if not the run's
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Processor to stay on
-    #[arg(long, value_name = "CPU")]
-    pub cpu: Option<usize>,
-    /// How much to stand back for others
-    #[arg(long, value_name = "N")]
-    pub nice: Option<i32>,
-}
-
-impl ProcArguments {
-    pub(super) fn options(&self) -> ProcOptions {
-        ProcOptions {
-            service: self.service.clone(),
-            run: self.run.clone(),
-            place: Place { seat: self.seat, generation: self.generation },
-            launcher_pid: self.launcher_pid,
-            await_handover: self.await_handover,
-            config: self.config.clone(),
-            cpu: self.cpu,
-            nice: self.nice,
-        }
-    }
+    /// Where it takes part.
+    #[command(flatten)]
+    pub place: PlaceArguments,
 }

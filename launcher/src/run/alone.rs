@@ -14,9 +14,9 @@ use crate::campaign::Outcome;
 use crate::in_process::{
     Compare, Difference, InProcess, InProcessError, Likeness, Observer, StateSource,
 };
-use crate::process::stay_on;
 use crate::record::{self, Facts, Recording};
 use crate::run::Pin;
+use host::stay_on;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Role};

@@ -90,6 +90,10 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     let scenario_file = membership.folder().join("scenario.toml");
     std::fs::write(&scenario_file, options.scenario.to_toml())
         .map_err(system(format!("write {}", scenario_file.display())))?;
+    let flight = options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
+    flight
+        .write(membership.folder())
+        .map_err(system(format!("describe the flight in {}", membership.folder().display())))?;
     let name = &options.scenario.settings().scenario.name;
     let live = Live::open(membership.folder(), &id, name, recording_path.as_deref())?;
     let mut flight = Flight::prepare(options, &membership, stop, recording, live)?;

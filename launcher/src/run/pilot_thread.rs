@@ -1,12 +1,12 @@
 //! The pilot: a flying component like the others, on a thread of the launcher.
 
 use crate::components::{self, Component, ComponentVisitor};
-use crate::process::{SeatOptions, fly_service, name_thread, stay_on};
 use crate::scenario::Scenario;
+use host::{fly_service, name_thread, stay_on};
 use runtime::ipc::Bus;
 use runtime::priority::take_fifo;
 use runtime::watch::StopFlags;
-use runtime::{Ending, Graph, Place, Service};
+use runtime::{Ending, Executor, Graph, Place, Service};
 use shared_types::Role;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
@@ -24,8 +24,9 @@ impl ComponentVisitor for FlyPilot<'_> {
     type Output = PilotEnd;
     fn visit<S: Service>(self, component: Component<S>) -> PilotEnd {
         let node = *self.graph.node(Role::Pilot).ok_or("this flight has no pilot")?;
-        let seat = SeatOptions { place: Place::default(), await_handover: false };
-        fly_service(self.bus, self.graph, node, self.stop, component, seat)
+        let Component { service, state_every } = component;
+        let executor = Executor::new(service, node, Place::default(), state_every);
+        fly_service(self.bus, self.graph, self.stop, executor, false)
             .map_err(|error| error.to_string())
     }
 }

@@ -38,6 +38,8 @@ use attitude_pid::PidConfig;
 use controller::attitude::Timing;
 use document::{Document, Edit, Texts};
 use estimator::{FilterConfig, InitialState};
+use host::Flight;
+use host::flight::{Clock, Facts};
 use pilot::Frame;
 use position_mpc::PositionLawConfig;
 use position_pid::PositionPidConfig;
@@ -140,6 +142,24 @@ impl Scenario {
     pub fn fifo_priority(&self) -> Option<u8> {
         let realtime = self.settings.scenario.clock == settings::Clock::Realtime;
         Some(self.settings.realtime.priority).filter(|&priority| realtime && priority > 0)
+    }
+
+    /// What the processes of a run must know of the flight.
+    ///
+    /// # Errors
+    /// As [`graph`](Self::graph).
+    pub fn flight(&self) -> Result<Flight, WiringError> {
+        Ok(Flight::new(Facts {
+            clock: match self.settings.scenario.clock {
+                settings::Clock::Lockstep => Clock::Lockstep,
+                settings::Clock::Realtime => Clock::Realtime,
+            },
+            priority: self.settings.realtime.priority,
+            grace_s: self.settings.launcher.launcher_grace_s,
+            start_yaw_rad: self.start_yaw_rad(),
+            vehicle: &self.modelled_vehicle(),
+            graph: &self.graph()?,
+        }))
     }
 
     /// Loops and arrows.

@@ -1,4 +1,4 @@
-//! Exit codes of the `morphquad` command.
+//! Exit codes of the `morphquad` command and of the processes of a run.
 
 /// All went well.
 pub const PASS: u8 = 0;

@@ -1,0 +1,349 @@
+//! What a process must know of its flight, as the launcher leaves it in the run's folder.
+//!
+//! The file is TOML, so that controllers in other languages read it too.
+
+use crate::HostError;
+use runtime::graph::Edge;
+use runtime::{Graph, MissPolicy, Node, Rate};
+use serde::{Deserialize, Serialize};
+use shared_types::{Role, TopicInfo};
+use std::io;
+use std::path::Path;
+use vehicle::{Geometry, Quadratic, VehicleParameters};
+
+/// The file's name in the run's folder.
+pub const FILE: &str = "flight.toml";
+
+/// Clock, loops, arrows and modelled vehicle of a flight.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Flight {
+    /// `lockstep` or `realtime`.
+    pub clock: Clock,
+    /// Priority over other programs that realtime loops ask for (`SCHED_FIFO`); 0 for none.
+    pub priority: u8,
+    /// How long processes go on after the launcher's death \[s\].
+    pub grace_s: f64,
+    /// Heading at the start \[rad\].
+    pub start_yaw_rad: f64,
+    /// The vehicle as everybody models it.
+    vehicle: Vehicle,
+    /// The loops that take part, in data-flow order.
+    loops: Vec<Loop>,
+    /// Who waits for whom, and how old what arrives is.
+    edges: Vec<Arrow>,
+}
+
+/// How a flight's clock runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// Simulated time.
+    Lockstep,
+    /// Logical time follows the wall clock.
+    Realtime,
+}
+
+/// What a flight is described from.
+#[derive(Debug, Clone, Copy)]
+pub struct Facts<'a> {
+    /// Clock.
+    pub clock: Clock,
+    /// See [`Flight::priority`].
+    pub priority: u8,
+    /// See [`Flight::grace_s`].
+    pub grace_s: f64,
+    /// See [`Flight::start_yaw_rad`].
+    pub start_yaw_rad: f64,
+    /// The vehicle as it is modelled.
+    pub vehicle: &'a VehicleParameters,
+    /// Loops and arrows.
+    pub graph: &'a Graph,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Loop {
+    role: String,
+    rate_hz: f64,
+    lead_ns: u64,
+    input_deadline_ns: u64,
+    miss_policy: Miss,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Miss {
+    Skip,
+    CatchUp,
+    Hold,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Arrow {
+    topic: String,
+    from: String,
+    to: String,
+    latency_ns: u64,
+    deadline_ns: u64,
+}
+
+/// [`VehicleParameters`], each geometry law as `[c0, c1, c2]` over β in degrees.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Vehicle {
+    mass_kg: f64,
+    gravity_m_s2: f64,
+    yaw_coefficient_m: f64,
+    rotor_thrust_max_n: f64,
+    rotor_lag_s: f64,
+    drag_n_s_m: f64,
+    servo_rate_limit_rad_s: f64,
+    servo_lag_s: f64,
+    inertia_scale: f64,
+    arm_length_m: [f64; 3],
+    inertia_xx_kg_m2: [f64; 3],
+    inertia_yy_kg_m2: [f64; 3],
+    inertia_zz_kg_m2: [f64; 3],
+}
+
+impl Flight {
+    /// Describes a flight.
+    #[must_use]
+    pub fn new(facts: Facts) -> Self {
+        let Facts { clock, priority, grace_s, start_yaw_rad, vehicle, graph } = facts;
+        Self {
+            clock,
+            priority,
+            grace_s,
+            start_yaw_rad,
+            vehicle: vehicle.into(),
+            loops: graph.nodes().iter().map(Loop::from).collect(),
+            edges: graph.edges().iter().map(Arrow::from).collect(),
+        }
+    }
+
+    /// Reads what the launcher has left in a run's folder.
+    ///
+    /// # Errors
+    /// There is no such file, or it is of another build.
+    pub fn read(folder: &Path) -> Result<Self, HostError> {
+        let path = folder.join(FILE);
+        let wrong = |reason: String| HostError::Flight { path: path.clone(), reason };
+        let text = std::fs::read_to_string(&path).map_err(|error| wrong(error.to_string()))?;
+        toml::from_str(&text).map_err(|error| wrong(error.to_string()))
+    }
+
+    /// Leaves it in a run's folder.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, folder: &Path) -> io::Result<()> {
+        let text = toml::to_string(self).map_err(io::Error::other)?;
+        std::fs::write(folder.join(FILE), text)
+    }
+
+    /// True if logical time follows the wall clock.
+    #[must_use]
+    pub fn is_realtime(&self) -> bool {
+        self.clock == Clock::Realtime
+    }
+
+    /// Priority that the loops of this flight ask for, if any.
+    #[must_use]
+    pub fn fifo_priority(&self) -> Option<u8> {
+        Some(self.priority).filter(|&priority| self.is_realtime() && priority > 0)
+    }
+
+    /// The vehicle as everybody models it.
+    #[must_use]
+    pub fn vehicle(&self) -> VehicleParameters {
+        self.vehicle.into()
+    }
+
+    /// Rate of a role's loop \[Hz\]; `None` if nobody fills it in this flight.
+    #[must_use]
+    pub fn rate_hz(&self, role: Role) -> Option<f64> {
+        self.loops.iter().find(|l| l.role == role.label()).map(|l| l.rate_hz)
+    }
+
+    /// Declared latency of a topic, from the step that sends it to its effect \[s\]; 0 if nobody reads it.
+    #[must_use]
+    pub fn latency_s(&self, topic: &TopicInfo) -> f64 {
+        let arrow = self.edges.iter().find(|arrow| arrow.topic == topic.name);
+        arrow.map_or(0.0, |arrow| arrow.latency_ns as f64 * 1e-9)
+    }
+
+    /// Loops and arrows.
+    ///
+    /// # Errors
+    /// The file names a role or a rate that this build does not know, or cannot be wired.
+    pub fn graph(&self) -> Result<Graph, HostError> {
+        let nodes = self.loops.iter().map(Loop::node).collect::<Result<Vec<_>, _>>()?;
+        let latency_ns = |topic: &TopicInfo| {
+            let arrow = self.edges.iter().find(|arrow| arrow.topic == topic.name);
+            arrow.map_or(0, |arrow| arrow.latency_ns)
+        };
+        let deadline_ns = |edge: &Edge| {
+            let is_edge = |a: &&Arrow| a.topic == edge.topic.name && a.to == edge.to.label();
+            self.edges.iter().find(is_edge).map(|arrow| arrow.deadline_ns)
+        };
+        Ok(Graph::new(nodes, &latency_ns)?.with_deadlines(&deadline_ns))
+    }
+}
+
+impl From<&Node> for Loop {
+    fn from(node: &Node) -> Self {
+        Self {
+            role: node.role.label().to_owned(),
+            rate_hz: node.rate.hz(),
+            lead_ns: node.lead_ns,
+            input_deadline_ns: node.input_deadline_ns,
+            miss_policy: match node.miss_policy {
+                MissPolicy::Skip => Miss::Skip,
+                MissPolicy::CatchUp => Miss::CatchUp,
+                MissPolicy::Hold => Miss::Hold,
+            },
+        }
+    }
+}
+
+impl Loop {
+    fn node(&self) -> Result<Node, HostError> {
+        let role = Role::STEPPING.into_iter().find(|role| role.label() == self.role);
+        Ok(Node {
+            role: role.ok_or_else(|| HostError::Flight {
+                path: FILE.into(),
+                reason: format!("no loop is called {}", self.role),
+            })?,
+            rate: Rate::from_hz(self.rate_hz)?,
+            lead_ns: self.lead_ns,
+            input_deadline_ns: self.input_deadline_ns,
+            miss_policy: match self.miss_policy {
+                Miss::Skip => MissPolicy::Skip,
+                Miss::CatchUp => MissPolicy::CatchUp,
+                Miss::Hold => MissPolicy::Hold,
+            },
+        })
+    }
+}
+
+impl From<&Edge> for Arrow {
+    fn from(edge: &Edge) -> Self {
+        Self {
+            topic: edge.topic.name.to_owned(),
+            from: edge.from.label().to_owned(),
+            to: edge.to.label().to_owned(),
+            latency_ns: edge.latency_ns,
+            deadline_ns: edge.deadline_ns,
+        }
+    }
+}
+
+impl From<&VehicleParameters> for Vehicle {
+    fn from(vehicle: &VehicleParameters) -> Self {
+        let law = |Quadratic { c0, c1, c2 }| [c0, c1, c2];
+        Self {
+            mass_kg: vehicle.mass_kg,
+            gravity_m_s2: vehicle.gravity_m_s2,
+            yaw_coefficient_m: vehicle.yaw_coefficient_m,
+            rotor_thrust_max_n: vehicle.rotor_thrust_max_n,
+            rotor_lag_s: vehicle.rotor_lag_s,
+            drag_n_s_m: vehicle.drag_n_s_m,
+            servo_rate_limit_rad_s: vehicle.servo_rate_limit_rad_s,
+            servo_lag_s: vehicle.servo_lag_s,
+            inertia_scale: vehicle.inertia_scale,
+            arm_length_m: law(vehicle.geometry.arm_length_m),
+            inertia_xx_kg_m2: law(vehicle.geometry.inertia_xx_kg_m2),
+            inertia_yy_kg_m2: law(vehicle.geometry.inertia_yy_kg_m2),
+            inertia_zz_kg_m2: law(vehicle.geometry.inertia_zz_kg_m2),
+        }
+    }
+}
+
+impl From<Vehicle> for VehicleParameters {
+    fn from(vehicle: Vehicle) -> Self {
+        let law = |[c0, c1, c2]: [f64; 3]| Quadratic { c0, c1, c2 };
+        Self {
+            mass_kg: vehicle.mass_kg,
+            gravity_m_s2: vehicle.gravity_m_s2,
+            yaw_coefficient_m: vehicle.yaw_coefficient_m,
+            rotor_thrust_max_n: vehicle.rotor_thrust_max_n,
+            rotor_lag_s: vehicle.rotor_lag_s,
+            drag_n_s_m: vehicle.drag_n_s_m,
+            servo_rate_limit_rad_s: vehicle.servo_rate_limit_rad_s,
+            servo_lag_s: vehicle.servo_lag_s,
+            inertia_scale: vehicle.inertia_scale,
+            geometry: Geometry {
+                arm_length_m: law(vehicle.arm_length_m),
+                inertia_xx_kg_m2: law(vehicle.inertia_xx_kg_m2),
+                inertia_yy_kg_m2: law(vehicle.inertia_yy_kg_m2),
+                inertia_zz_kg_m2: law(vehicle.inertia_zz_kg_m2),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::topics;
+
+    /// A third of a millisecond has no short decimal form.
+    fn flight() -> (Flight, Graph, VehicleParameters) {
+        let node = |role, hz, policy| Node {
+            role,
+            rate: Rate::from_hz(hz).unwrap(),
+            lead_ns: 7,
+            input_deadline_ns: 333_333,
+            miss_policy: policy,
+        };
+        let nodes = vec![
+            node(Role::Plant, 1000.0, MissPolicy::CatchUp),
+            node(Role::Estimator, 333.333, MissPolicy::CatchUp),
+            node(Role::Attitude, 150.0, MissPolicy::Skip),
+            node(Role::Pilot, 50.0, MissPolicy::Hold),
+        ];
+        let graph = Graph::new(nodes, &|_| 1_234_567).unwrap();
+        let graph = graph.with_deadlines(&|edge| (edge.to == Role::Attitude).then_some(99));
+        let geometry = Geometry { arm_length_m: Quadratic::constant(0.1), ..Geometry::default() };
+        let vehicle =
+            VehicleParameters { mass_kg: 0.1 + 0.2, geometry, ..VehicleParameters::default() };
+        let facts = Facts {
+            clock: Clock::Realtime,
+            priority: 10,
+            grace_s: 2.0,
+            start_yaw_rad: 1.0 / 3.0,
+            vehicle: &vehicle,
+            graph: &graph,
+        };
+        (Flight::new(facts), graph, vehicle)
+    }
+
+    #[test]
+    fn what_the_launcher_writes_is_what_a_process_reads_to_the_bit() {
+        let (flight, graph, vehicle) = flight();
+        let folder = tempfile::tempdir().unwrap();
+        flight.write(folder.path()).unwrap();
+        let read = Flight::read(folder.path()).unwrap();
+        assert_eq!(read, flight);
+        assert_eq!(read.vehicle(), vehicle);
+        let shown = |graph: &Graph| format!("{graph:?}");
+        assert_eq!(shown(&read.graph().unwrap()), shown(&graph));
+        assert_eq!(read.rate_hz(Role::Attitude), Some(150.0));
+        assert_eq!(read.rate_hz(Role::Position), None);
+        assert_eq!(read.latency_s(&topics::WRENCH_COMMAND.info), 1_234_567.0 * 1e-9);
+        assert_eq!(read.fifo_priority(), Some(10));
+    }
+
+    #[test]
+    fn a_run_without_the_file_or_with_another_builds_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = Flight::read(folder.path()).unwrap_err().to_string();
+        assert!(missing.contains(FILE) && missing.contains("same build"), "{missing}");
+        std::fs::write(folder.path().join(FILE), "clock = \"sundial\"").unwrap();
+        let other = Flight::read(folder.path()).unwrap_err().to_string();
+        assert!(other.contains("sundial") || other.contains("clock"), "{other}");
+    }
+}
