@@ -60,8 +60,7 @@ impl Flight {
     }
 
     fn ready(&mut self, seat: Seat) {
-        let author = [1 + seat.index() as u64, 1];
-        let instance = Instance { author, layout: 7, millihertz: 100_000, latency_ns: 1_000_000 };
+        let instance = Instance { layout: 7, millihertz: 100_000, latency_ns: 1_000_000 };
         self.happen(Event::Ready(seat, instance));
     }
 

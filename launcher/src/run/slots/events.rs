@@ -7,7 +7,6 @@ use crate::candidate::Slot;
 use crate::run::supervisor::{FlightError, PostEvent};
 use shared_types::Role;
 use slot::Seat;
-use slot::record::author_on;
 use slot::supervisor::{Event, Fault, Instance};
 
 impl Slots {
@@ -26,7 +25,6 @@ impl Slots {
         match event {
             PostEvent::Joined { layout, period_ns, .. } => {
                 let instance = Instance {
-                    author: author_on(place.index),
                     layout: *layout,
                     millihertz: millihertz(means.graph, place.role, *period_ns),
                     latency_ns: command_latency_ns(means.graph, place.role),

@@ -10,10 +10,9 @@ pub mod setpoints;
 
 use crate::input::Input;
 use shared_types::{Header, NO_SEAT, OwnerRecord};
-use slot::record::{NO_AUTHOR, author_on};
 use slot::{
-    Command, Consumer, ConsumerMemory, Counters, Desk, DeskMemory, Limiter, LimiterMemory, Seat,
-    Source, Standing,
+    Command, Consumer, ConsumerMemory, Counters, Desk, DeskMemory, Limiter, LimiterMemory, Record,
+    Seat, Source, Standing,
 };
 
 /// Time over which what the limiter takes out of a change of kind comes back \[ns\].
@@ -40,8 +39,8 @@ shared_types::memory! {
         pub limiter: LimiterMemory,
         /// Last order.
         pub given: Command,
-        /// Who gave it; zeros for nobody.
-        pub given_by: [u64; 2],
+        /// Who gave it; [`NO_SEAT`] for nobody.
+        pub given_by: u32,
         /// An owner of another kind has not spoken yet.
         pub kind_changes: bool,
     }
@@ -54,7 +53,7 @@ pub struct Obedience {
     desk: Desk,
     limiter: Limiter,
     given: Command,
-    given_by: [u64; 2],
+    given_by: Option<Seat>,
     kind_changes: bool,
 }
 
@@ -73,7 +72,7 @@ impl Obedience {
             desk: Desk::new(),
             limiter: Limiter::new([0.0; 4], LIMITED_FOR_NS),
             given: Command::default(),
-            given_by: NO_AUTHOR,
+            given_by: None,
             kind_changes: false,
         }
     }
@@ -81,9 +80,9 @@ impl Obedience {
     /// Takes the records of this step; whoever joins a flight begins with the one in effect.
     pub fn hear(&mut self, records: &Input<OwnerRecord>) {
         let joined = records.before_fresh().filter(|_| self.consumer.record().is_none());
-        for record in joined.into_iter().chain(records.fresh()) {
+        for record in joined.into_iter().chain(records.fresh()).filter_map(Record::read) {
             // A refusal is counted, and told by `counters`.
-            let _taken = self.consumer.take_record(&record.into());
+            let _taken = self.consumer.take_record(&record);
         }
     }
 
@@ -98,7 +97,8 @@ impl Obedience {
     /// Standing of a command's writer at the command's effective instant.
     #[must_use]
     pub fn standing_of(&self, header: &Header) -> Standing {
-        self.consumer.standing_at(author_on(header.seat), header.valid_ns)
+        Seat::new(header.seat)
+            .map_or(Standing::Stray, |seat| self.consumer.standing_at(seat, header.valid_ns))
     }
 
     /// Two control periods of a command's writer, by the record in effect \[ns\].
@@ -111,6 +111,7 @@ impl Obedience {
     /// Puts a command on the table that is fit to be obeyed and counts for `validity_ns` from its
     /// effective instant on.
     pub fn offer(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
+        let Some(seat) = Seat::new(header.seat) else { return };
         let command = Command {
             value,
             sequence: header.sequence,
@@ -118,20 +119,20 @@ impl Obedience {
             effective_ns: header.valid_ns,
             valid_until_ns: header.valid_ns.saturating_add(validity_ns),
         };
-        self.desk.offer(&self.consumer, author_on(header.seat), &command);
+        self.desk.offer(&self.consumer, seat, &command);
     }
 
     /// What to apply at `now_ns`; `None` if nobody has a valid command. A change of kind may step by
     /// at most `limit` per axis, in the command's units.
     pub fn decide(&mut self, now_ns: u64, limit: &[f64; 4]) -> Option<Order> {
         let choice = self.desk.decide(&mut self.consumer, now_ns)?;
-        let (author, command) = (choice.author, choice.command);
+        let (seat, command) = (choice.seat, choice.command);
         let by_owner = choice.source == Source::Owner
-            && self.consumer.record().is_some_and(|r| r.author(r.owner) == Some(author));
+            && self.consumer.record().is_some_and(|record| record.owner == seat);
         let before = (self.given, self.given_by);
-        if author != self.given_by {
-            if by_owner && self.kind_changes && self.given_by != NO_AUTHOR {
-                let old = self.desk.said_by(self.given_by, now_ns);
+        if Some(seat) != self.given_by {
+            if let Some(given_by) = self.given_by.filter(|_| by_owner && self.kind_changes) {
+                let old = self.desk.said_by(given_by, now_ns);
                 let old =
                     old.map_or(self.given.value, |old| self.limiter.apply(now_ns, &old.value));
                 self.limiter = Limiter::new(*limit, LIMITED_FOR_NS);
@@ -146,7 +147,7 @@ impl Obedience {
             self.kind_changes = false;
         }
         self.given = Command { value: self.limiter.apply(now_ns, &command.value), ..command };
-        self.given_by = author;
+        self.given_by = Some(seat);
         Some(Order { command: self.given, is_new: before != (self.given, self.given_by) })
     }
 
@@ -160,7 +161,7 @@ impl Obedience {
 
     /// Says that the last order is no longer what is applied: nothing has to continue from it.
     pub fn forget_order(&mut self) {
-        self.given_by = NO_AUTHOR;
+        self.given_by = None;
         self.limiter.restore(&LimiterMemory::default());
     }
 
@@ -168,7 +169,7 @@ impl Obedience {
     #[must_use]
     pub fn lapses_ns(&self) -> Option<u64> {
         let has_fallback = self.consumer.record()?.fallback.is_some();
-        (has_fallback && !self.failed_over() && self.given_by != NO_AUTHOR)
+        (has_fallback && !self.failed_over() && self.given_by.is_some())
             .then_some(self.given.valid_until_ns)
     }
 
@@ -205,7 +206,7 @@ impl Obedience {
             desk: self.desk.memory(),
             limiter: self.limiter.memory(),
             given: self.given,
-            given_by: self.given_by,
+            given_by: self.given_by.map_or(NO_SEAT, u32::from),
             kind_changes: self.kind_changes,
         }
     }
@@ -216,7 +217,7 @@ impl Obedience {
         self.desk.restore(&memory.desk);
         self.limiter.restore(&memory.limiter);
         self.given = memory.given;
-        self.given_by = memory.given_by;
+        self.given_by = Seat::new(memory.given_by);
         self.kind_changes = memory.kind_changes;
     }
 }

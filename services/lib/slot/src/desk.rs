@@ -5,7 +5,7 @@
 //! newest command ready.
 
 use crate::consumer::{Consumer, Source, Turn};
-use crate::record::{Author, NO_AUTHOR, SEATS, Seat, Standing};
+use crate::record::{SEATS, Seat, Standing};
 
 shared_types::memory! {
     /// A command that was its writer's to give.
@@ -26,8 +26,9 @@ shared_types::memory! {
 }
 
 impl Command {
-    fn is_valid(&self, now_ns: u64) -> bool {
-        self.effective_ns <= now_ns && now_ns < self.valid_until_ns
+    /// Itself, if it counts at `now_ns`; the default never does.
+    fn valid(&self, now_ns: u64) -> Option<Self> {
+        (self.effective_ns <= now_ns && now_ns < self.valid_until_ns).then_some(*self)
     }
 }
 
@@ -39,21 +40,25 @@ pub struct Choice {
     /// Owner or fallback.
     pub source: Source,
     /// Who wrote it. Around a flip that can be the owner before.
-    pub author: Author,
+    pub seat: Seat,
 }
 
 shared_types::memory! {
-    /// What one writer said last.
+    /// A command and who gave it; one that is never valid for none.
     #[derive(PartialEq)]
-    struct Held {
+    struct Given {
         command: Command,
-        author: [u64; 2],
+        seat: u8,
     }
 }
 
-impl Held {
-    fn valid(&self, now_ns: u64) -> Option<Self> {
-        Some(*self).filter(|held| held.author != NO_AUTHOR && held.command.is_valid(now_ns))
+impl Given {
+    fn new((seat, command): (Seat, Command)) -> Self {
+        Self { command, seat: seat.into() }
+    }
+
+    fn valid(&self, now_ns: u64) -> Option<(Seat, Command)> {
+        Some((Seat::new(self.seat.into())?, self.command.valid(now_ns)?))
     }
 }
 
@@ -61,9 +66,9 @@ shared_types::memory! {
     /// A [`Desk`] as plain numbers.
     #[derive(PartialEq)]
     pub struct DeskMemory {
-        held: [Held; SEATS],
-        carried: Held,
-        last: Held,
+        held: [Command; SEATS],
+        carried: Given,
+        last: Given,
     }
 }
 
@@ -71,11 +76,11 @@ shared_types::memory! {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Desk {
     /// By seat, the newest command of owner and fallback.
-    held: [Held; SEATS],
+    held: [Command; SEATS],
     /// In effect at the last turn.
-    carried: Held,
+    carried: Given,
     /// In effect at the last decision.
-    last: Held,
+    last: Given,
 }
 
 impl Default for Desk {
@@ -88,31 +93,36 @@ impl Desk {
     /// An empty table.
     #[must_use]
     pub fn new() -> Self {
-        Self { held: [Held::default(); SEATS], carried: Held::default(), last: Held::default() }
+        Self {
+            held: [Command::default(); SEATS],
+            carried: Given::default(),
+            last: Given::default(),
+        }
     }
 
     /// Keeps what was in effect until the new owner speaks; call it when [`Consumer::advance`] says
     /// that a record came into effect.
     pub fn turn(&mut self, turn: &Turn) {
         self.carried = self.last;
-        for (held, author) in self.held.iter_mut().zip(turn.record.members) {
-            if held.author != author {
-                *held = Held::default();
+        for (held, seat) in self.held.iter_mut().zip(Seat::ALL) {
+            if !turn.record.is_taken(seat) {
+                *held = Command::default();
             }
         }
     }
 
-    /// Judges a command at its effective instant and keeps it if it is the owner's or the
+    /// Judges a command of `seat`'s at its effective instant and keeps it if it is the owner's or the
     /// fallback's. A command that is not fit to be obeyed should not be offered: its writer is then
     /// silent.
-    pub fn offer(&mut self, consumer: &Consumer, author: Author, command: &Command) -> Standing {
-        let standing = consumer.standing_at(author, command.effective_ns);
-        let seat = consumer.record().and_then(|record| record.seat(author));
-        if let (Standing::Owner | Standing::Fallback, Some(seat)) = (standing, seat) {
-            let held = &mut self.held[seat.index()];
-            if held.author != author || held.command.effective_ns <= command.effective_ns {
-                *held = Held { command: *command, author };
-            }
+    pub fn offer(&mut self, consumer: &Consumer, seat: Seat, command: &Command) -> Standing {
+        let standing = consumer.standing_at(seat, command.effective_ns);
+        let is_seated = consumer.record().is_some_and(|record| record.is_taken(seat));
+        let held = &mut self.held[seat.index()];
+        if matches!(standing, Standing::Owner | Standing::Fallback)
+            && is_seated
+            && held.effective_ns <= command.effective_ns
+        {
+            *held = *command;
         }
         standing
     }
@@ -120,24 +130,23 @@ impl Desk {
     /// What counts at `now_ns`, if anything does.
     pub fn decide(&mut self, consumer: &mut Consumer, now_ns: u64) -> Option<Choice> {
         let record = consumer.record()?;
-        let of = |seat: Seat| self.held[seat.index()].valid(now_ns);
+        let of = |seat: Seat| Some((seat, self.held[seat.index()].valid(now_ns)?));
         let owner = of(record.owner).or_else(|| self.carried.valid(now_ns));
         let fallback = record.fallback.and_then(of);
         let source = consumer.decide(now_ns, owner.is_some(), fallback.is_some());
-        let held = match source {
+        let given = match source {
             Source::Owner => owner,
             Source::Fallback => fallback,
             Source::Nobody => None,
         };
-        self.last = held.unwrap_or_default();
-        held.map(|Held { command, author }| Choice { command, source, author })
+        self.last = given.map_or_else(Given::default, Given::new);
+        given.map(|(seat, command)| Choice { command, source, seat })
     }
 
-    /// What `author` commands at `now_ns`, whether it counts or not.
+    /// What `seat` commands at `now_ns`, whether it counts or not.
     #[must_use]
-    pub fn said_by(&self, author: Author, now_ns: u64) -> Option<Command> {
-        let said = self.held.iter().find(|held| held.author == author)?;
-        said.valid(now_ns).map(|held| held.command)
+    pub fn said_by(&self, seat: Seat, now_ns: u64) -> Option<Command> {
+        self.held[seat.index()].valid(now_ns)
     }
 
     /// Everything that evolves.
@@ -159,8 +168,10 @@ mod tests {
     use crate::consumer::Taken;
     use crate::record::Record;
 
-    const A: Author = [1, 0];
-    const B: Author = [2, 0];
+    const A: Seat = Seat::ALL[0];
+    const B: Seat = Seat::ALL[1];
+    const C: Seat = Seat::ALL[2];
+    const D: Seat = Seat::ALL[3];
     const PERIOD_NS: u64 = 10;
 
     fn record(epoch: u64, effective_ns: u64, owner: usize, fallback: Option<usize>) -> Record {
@@ -169,7 +180,6 @@ mod tests {
             owner: Seat::ALL[owner],
             fallback: fallback.map(|seat| Seat::ALL[seat]),
             effective_ns,
-            members: [A, B, NO_AUTHOR, NO_AUTHOR],
             period_ns: [PERIOD_NS, PERIOD_NS, 0, 0],
             kind_changed: false,
         }
@@ -190,20 +200,20 @@ mod tests {
         }
 
         /// One instant: commands of these writers, then the choice.
-        fn at(&mut self, now_ns: u64, writers: &[Author]) -> Option<(Author, u64)> {
+        fn at(&mut self, now_ns: u64, writers: &[Seat]) -> Option<(Seat, u64)> {
             if let Some(turn) = self.consumer.advance(now_ns) {
                 self.desk.turn(&turn);
             }
-            for author in writers {
+            for seat in writers {
                 let command = Command {
                     effective_ns: now_ns,
                     valid_until_ns: now_ns + 2 * PERIOD_NS,
                     ..Command::default()
                 };
-                self.desk.offer(&self.consumer, *author, &command);
+                self.desk.offer(&self.consumer, *seat, &command);
             }
             let choice = self.desk.decide(&mut self.consumer, now_ns);
-            choice.map(|choice| (choice.author, choice.command.effective_ns))
+            choice.map(|choice| (choice.seat, choice.command.effective_ns))
         }
     }
 
@@ -248,7 +258,7 @@ mod tests {
     #[test]
     fn nobody_else_is_ever_obeyed() {
         let mut table = Table::new(&[record(1, 0, 0, None)]);
-        assert_eq!(table.at(0, &[B, [7, 7], NO_AUTHOR]), None);
+        assert_eq!(table.at(0, &[B, C, D]), None);
         assert_eq!(table.at(10, &[B]), None);
     }
 
@@ -263,14 +273,16 @@ mod tests {
 
     #[test]
     fn a_successor_on_the_same_seat_inherits_no_words() {
-        let successor =
-            Record { members: [B, NO_AUTHOR, NO_AUTHOR, NO_AUTHOR], ..record(2, 20, 0, None) };
-        let mut table = Table::new(&[record(1, 0, 0, None), successor]);
-        assert_eq!(table.at(10, &[A]), Some((A, 10)));
-        assert_eq!(table.at(20, &[]), Some((A, 10)), "carried over the turn");
-        assert_eq!(table.at(30, &[]), None);
-        assert_eq!(table.at(40, &[A]), None);
-        assert_eq!(table.at(50, &[B]), Some((B, 50)));
+        let alone = |record: Record| Record { period_ns: [0, PERIOD_NS, 0, 0], ..record };
+        let mut table = Table::new(&[
+            record(1, 0, 0, Some(1)),
+            alone(record(2, 20, 1, None)),
+            record(3, 22, 0, Some(1)),
+        ]);
+        assert_eq!(table.at(10, &[A, B]), Some((A, 10)));
+        assert_eq!(table.at(20, &[B]), Some((B, 20)));
+        assert_eq!(table.at(22, &[]), Some((B, 20)), "not what A said before it left");
+        assert_eq!(table.at(30, &[A]), Some((A, 30)));
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub use consumer::{Consumer, ConsumerMemory, Counters, Source, Taken, Turn};
 pub use desk::{Choice, Command, Desk, DeskMemory};
 pub use gate::{Axis, Gate, GateFigures, GateLimits, Pair, Refusal};
 pub use limiter::{Limiter, LimiterMemory};
-pub use record::{Author, NO_AUTHOR, Record, SEATS, Seat, Standing, author_on};
+pub use record::{Record, SEATS, Seat, Standing};
 pub use supervisor::message;
 pub use supervisor::{
     Action, Clock, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, Report, Request,

@@ -4,13 +4,8 @@ use shared_types::{Flag, Header, NO_SEAT, OwnerRecord, Role};
 
 pub use shared_types::SEATS;
 
-/// A writer as the transport tells: whoever sits on a seat, see [`author_on`].
-pub type Author = [u64; 2];
-
-/// Author of a seat on which nobody sits.
-pub const NO_AUTHOR: Author = [0; 2];
-
-/// A seat of a slot.
+/// A seat of a slot. The transport lets nobody but its holder speak for a seat, so it also tells who
+/// wrote a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Seat(u8);
 
@@ -28,6 +23,12 @@ impl Seat {
     #[must_use]
     pub const fn index(self) -> usize {
         self.0 as usize
+    }
+}
+
+impl From<Seat> for u8 {
+    fn from(seat: Seat) -> Self {
+        seat.0
     }
 }
 
@@ -54,9 +55,7 @@ pub struct Record {
     pub fallback: Option<Seat>,
     /// Logical instant T from which the record counts, for commands effective at T or later \[ns\].
     pub effective_ns: u64,
-    /// Who sits where, as the transport tells; [`NO_AUTHOR`] where nobody does.
-    pub members: [Author; SEATS],
-    /// Control period of each member \[ns\]; 0 where nobody sits.
+    /// Control period of whoever sits there, by seat \[ns\]; 0 where nobody does.
     pub period_ns: [u64; SEATS],
     /// The new owner is a controller of another kind than the one before it.
     pub kind_changed: bool,
@@ -76,65 +75,51 @@ pub enum Standing {
 }
 
 impl Record {
-    /// Who sits on `seat`.
+    /// True if somebody sits on `seat`.
     #[must_use]
-    pub fn author(&self, seat: Seat) -> Option<Author> {
-        Some(self.members[seat.index()]).filter(|author| *author != NO_AUTHOR)
+    pub fn is_taken(&self, seat: Seat) -> bool {
+        self.period_ns[seat.index()] > 0
     }
 
-    /// Where `author` sits.
+    /// Standing of `seat`'s writer under this record.
     #[must_use]
-    pub fn seat(&self, author: Author) -> Option<Seat> {
-        Seat::ALL.into_iter().find(|seat| self.author(*seat) == Some(author))
-    }
-
-    /// Standing of `author` under this record.
-    #[must_use]
-    pub fn standing(&self, author: Author) -> Standing {
-        match self.seat(author) {
-            Some(seat) if seat == self.owner => Standing::Owner,
-            Some(seat) if Some(seat) == self.fallback => Standing::Fallback,
-            Some(_) => Standing::Member,
-            None => Standing::Stray,
+    pub fn standing(&self, seat: Seat) -> Standing {
+        if !self.is_taken(seat) {
+            Standing::Stray
+        } else if seat == self.owner {
+            Standing::Owner
+        } else if Some(seat) == self.fallback {
+            Standing::Fallback
+        } else {
+            Standing::Member
         }
     }
 
     /// True if the same two writers would be obeyed, in the same order.
     #[must_use]
     pub fn same_hands(&self, other: &Self) -> bool {
-        self.author(self.owner) == other.author(other.owner)
-            && self.fallback.and_then(|seat| self.author(seat))
-                == other.fallback.and_then(|seat| other.author(seat))
-    }
-}
-
-/// Who sits on a seat. The transport lets nobody else speak for it, so the seat tells the writer.
-#[must_use]
-pub fn author_on(seat: u32) -> Author {
-    [u64::from(seat) + 1, 0]
-}
-
-impl From<&OwnerRecord> for Record {
-    fn from(sample: &OwnerRecord) -> Self {
-        let mut members = [NO_AUTHOR; SEATS];
-        for ((member, period_ns), seat) in members.iter_mut().zip(sample.period_ns).zip(0..) {
-            if period_ns > 0 {
-                *member = author_on(seat);
-            }
-        }
-        Self {
-            epoch: sample.epoch,
-            owner: Seat::new(sample.owner).unwrap_or(Seat::ALL[0]),
-            fallback: Seat::new(sample.fallback),
-            effective_ns: sample.header.valid_ns,
-            members,
-            period_ns: sample.period_ns,
-            kind_changed: sample.kind_changed.is_set(),
-        }
+        let hands = |record: &Self| {
+            let fallback = record.fallback.filter(|seat| record.is_taken(*seat));
+            (record.is_taken(record.owner).then_some(record.owner), fallback)
+        };
+        hands(self) == hands(other)
     }
 }
 
 impl Record {
+    /// As a sample says; `None` if it names an owner's seat that no slot has.
+    #[must_use]
+    pub fn read(sample: &OwnerRecord) -> Option<Self> {
+        Some(Self {
+            epoch: sample.epoch,
+            owner: Seat::new(sample.owner)?,
+            fallback: Seat::new(sample.fallback),
+            effective_ns: sample.header.valid_ns,
+            period_ns: sample.period_ns,
+            kind_changed: sample.kind_changed.is_set(),
+        })
+    }
+
     /// As a sample about `slot`.
     #[must_use]
     pub fn to_sample(&self, slot: Role) -> OwnerRecord {
@@ -163,14 +148,12 @@ shared_types::memory! {
         pub epoch: u64,
         /// Instant from which it counts \[ns\].
         pub effective_ns: u64,
-        /// Who sits where.
-        pub members: [[u64; 2]; SEATS],
-        /// Control periods \[ns\].
+        /// Control periods \[ns\]; 0 where nobody sits.
         pub period_ns: [u64; SEATS],
         /// Owner's seat.
-        pub owner: u32,
+        pub owner: u8,
         /// Fallback's seat, or a number that is no seat.
-        pub fallback: u32,
+        pub fallback: u8,
         /// Whether the owner is of another kind than before.
         pub kind_changed: bool,
     }
@@ -181,10 +164,9 @@ impl From<Option<Record>> for RecordMemory {
         record.map_or_else(Self::default, |record| Self {
             epoch: record.epoch,
             effective_ns: record.effective_ns,
-            members: record.members,
             period_ns: record.period_ns,
-            owner: record.owner.into(),
-            fallback: record.fallback.map_or(u32::MAX, u32::from),
+            owner: record.owner.0,
+            fallback: record.fallback.map_or(u8::MAX, |seat| seat.0),
             kind_changed: record.kind_changed,
         })
     }
@@ -193,13 +175,12 @@ impl From<Option<Record>> for RecordMemory {
 impl From<RecordMemory> for Option<Record> {
     fn from(memory: RecordMemory) -> Self {
         // A damaged memory names no seat, and then there is no record.
-        let owner = Seat::new(memory.owner).filter(|_| memory.epoch > 0)?;
+        let owner = Seat::new(memory.owner.into()).filter(|_| memory.epoch > 0)?;
         Some(Record {
             epoch: memory.epoch,
             owner,
-            fallback: Seat::new(memory.fallback),
+            fallback: Seat::new(memory.fallback.into()),
             effective_ns: memory.effective_ns,
-            members: memory.members,
             period_ns: memory.period_ns,
             kind_changed: memory.kind_changed,
         })
@@ -216,7 +197,6 @@ mod tests {
             owner: Seat(1),
             fallback: Some(Seat(0)),
             effective_ns: 7,
-            members: [[1, 0], [2, 0], [3, 0], NO_AUTHOR],
             period_ns: [10, 10, 20, 0],
             kind_changed: true,
         }
@@ -225,28 +205,25 @@ mod tests {
     #[test]
     fn standing_follows_from_the_seat_and_nothing_else() {
         let record = record();
-        assert_eq!(record.standing([2, 0]), Standing::Owner);
-        assert_eq!(record.standing([1, 0]), Standing::Fallback);
-        assert_eq!(record.standing([3, 0]), Standing::Member);
-        assert_eq!(record.standing([4, 0]), Standing::Stray);
-        assert_eq!(record.standing(NO_AUTHOR), Standing::Stray, "an empty seat is nobody's");
+        let standings = Seat::ALL.map(|seat| record.standing(seat));
+        let expected = [Standing::Fallback, Standing::Owner, Standing::Member, Standing::Stray];
+        assert_eq!(standings, expected, "an empty seat is nobody's");
+        let gone = Record { period_ns: [10, 0, 20, 0], ..record };
+        assert_eq!(gone.standing(Seat(1)), Standing::Stray, "named or not");
     }
 
     #[test]
     fn an_owner_that_falls_back_on_itself_is_just_the_owner() {
         let record = Record { fallback: Some(Seat(1)), ..record() };
-        assert_eq!(record.standing([2, 0]), Standing::Owner);
+        assert_eq!(record.standing(Seat(1)), Standing::Owner);
     }
 
     #[test]
-    fn hands_are_the_same_if_the_people_are_wherever_they_sit() {
-        let moved = Record {
-            owner: Seat(0),
-            fallback: Some(Seat(1)),
-            members: [[2, 0], [1, 0], NO_AUTHOR, NO_AUTHOR],
-            ..record()
-        };
-        assert!(record().same_hands(&moved));
+    fn hands_are_the_same_if_owner_and_fallback_are_whoever_else_sits_there() {
+        let joined = Record { epoch: 4, period_ns: [10, 10, 20, 30], ..record() };
+        assert!(record().same_hands(&joined));
+        let empty = Record { period_ns: [0, 10, 20, 0], ..record() };
+        assert!(empty.same_hands(&Record { fallback: None, ..empty }), "a fallback that is gone");
         assert!(!record().same_hands(&Record { owner: Seat(0), ..record() }));
         assert!(!record().same_hands(&Record { fallback: None, ..record() }));
     }
@@ -258,6 +235,13 @@ mod tests {
         assert_eq!(back(None.into()), None);
         let damaged = RecordMemory { owner: 9, ..Some(record()).into() };
         assert_eq!(back(damaged), None);
+    }
+
+    #[test]
+    fn a_record_survives_being_a_sample_and_one_of_a_seat_that_no_slot_has_is_none() {
+        let sample = record().to_sample(Role::Attitude);
+        assert_eq!(Record::read(&sample), Some(record()));
+        assert_eq!(Record::read(&OwnerRecord { owner: 4, ..sample }), None);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Who sits where, from the supervisor's side.
 
 use super::message::{Instance, Program};
-use crate::record::{Author, NO_AUTHOR, SEATS, Seat};
+use crate::record::{SEATS, Seat};
 
 /// A seat and who is on it.
 ///
@@ -90,10 +90,6 @@ impl Chairs {
         self.instance(seat).map_or(0, Instance::period_ns)
     }
 
-    pub(super) fn members(&self) -> [Author; SEATS] {
-        self.chairs.map(|chair| chair.instance().map_or(NO_AUTHOR, |instance| instance.author))
-    }
-
     pub(super) fn periods_ns(&self) -> [u64; SEATS] {
         self.chairs.map(|chair| chair.instance().map_or(0, Instance::period_ns))
     }
@@ -135,7 +131,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn instance(millihertz: u64, latency_ns: u64) -> Instance {
-        Instance { author: [1, 0], layout: 1, millihertz, latency_ns }
+        Instance { layout: 1, millihertz, latency_ns }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What the supervisor is told, and what it wants done.
 
 use crate::gate::{GateFigures, Refusal};
-use crate::record::{Author, Record, Seat};
+use crate::record::{Record, Seat};
 use thiserror::Error;
 
 /// An executable with its configuration, as a place in the launcher's own list.
@@ -21,8 +21,6 @@ pub struct Now {
 /// A process that has connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Instance {
-    /// Its identity, as the transport tells.
-    pub author: Author,
     /// Hash of its state's layout: two of one layout are of one kind.
     pub layout: u64,
     /// Its rate \[mHz\]; 0 for one without a grid of its own.

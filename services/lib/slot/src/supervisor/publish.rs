@@ -63,7 +63,6 @@ impl Slot {
             owner,
             fallback: self.fallback(owner),
             effective_ns,
-            members: self.chairs.members(),
             period_ns: self.chairs.periods_ns(),
             kind_changed: layout_in_force.is_some() && layout != layout_in_force,
         };

@@ -2,15 +2,14 @@
 
 use super::*;
 use crate::gate::{GateFigures, Refusal};
-use crate::record::author_on;
 use proptest::prelude::*;
 
 const MS: u64 = 1_000_000;
 const SEAT: [Seat; 4] = Seat::ALL;
 
-fn instance(seat: Seat, layout: u64) -> Instance {
+fn instance(layout: u64) -> Instance {
     // 100 Hz, effective 1 ms after the release.
-    Instance { author: author_on(seat.into()), layout, millihertz: 100_000, latency_ns: MS }
+    Instance { layout, millihertz: 100_000, latency_ns: MS }
 }
 
 const fn order(shadow_ns: u64) -> Order {
@@ -31,7 +30,7 @@ impl Desk {
         let slot = Slot::new(config, SEAT[0], Program(0));
         let mut desk = Self { slot, now, actions: Vec::new() };
         assert!(desk.slot.holds_time());
-        desk.on(Event::Ready(SEAT[0], instance(SEAT[0], 7)));
+        desk.on(Event::Ready(SEAT[0], instance(7)));
         assert_eq!(desk.record().effective_ns, 0, "the first record counts from the start");
         desk.confirm();
         assert!(desk.slot.is_quiet());
@@ -83,7 +82,7 @@ impl Desk {
             "{:?}",
             self.actions
         );
-        self.on(Event::Ready(SEAT[1], instance(SEAT[1], layout)))
+        self.on(Event::Ready(SEAT[1], instance(layout)))
     }
 
     fn pass(&mut self, seat: Seat) -> &mut Self {
@@ -103,7 +102,7 @@ impl Desk {
     fn with_standby(config: SlotConfig) -> Self {
         let mut desk = Self::new(config);
         desk.on(Event::Request(Request::Standby(Program(2), 100 * MS)));
-        desk.on(Event::Ready(SEAT[1], instance(SEAT[1], 7))).confirm().wait().pass(SEAT[1]);
+        desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
         assert_eq!(desk.record().fallback, Some(SEAT[1]));
         desk.confirm();
         desk
@@ -202,7 +201,7 @@ fn force_overrules_disagreement_and_nothing_else() {
         let mut desk = Desk::new(SlotConfig::LOCKSTEP);
         let forced = Order { force: true, ..order(MS) };
         desk.on(Event::Request(Request::Swap(Target::New(Program(1)), forced)));
-        desk.on(Event::Ready(SEAT[1], instance(SEAT[1], 7))).confirm().wait();
+        desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait();
         desk.on(Event::Verdict(SEAT[1], Err(refusal)));
         assert_eq!(desk.record().owner == SEAT[1], flips);
     }
@@ -213,7 +212,7 @@ fn a_dry_run_judges_and_sends_away() {
     let mut desk = Desk::new(SlotConfig::LOCKSTEP);
     let dry = Order { dry_run: true, ..order(MS) };
     desk.on(Event::Request(Request::Swap(Target::New(Program(1)), dry)));
-    desk.on(Event::Ready(SEAT[1], instance(SEAT[1], 7))).confirm().wait().pass(SEAT[1]);
+    desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
     assert!(desk.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::DryRun))));
     assert_eq!(desk.record().owner, SEAT[0]);
 }
@@ -327,7 +326,7 @@ fn an_owner_without_a_fallback_is_started_again_on_its_own_seat() {
     desk.wait();
     assert!(desk.has(|action| *action == Action::Restart(SEAT[0], Program(0))));
     assert!(desk.slot.holds_time());
-    desk.on(Event::Ready(SEAT[0], instance(SEAT[0], 7)));
+    desk.on(Event::Ready(SEAT[0], instance(7)));
     let from_its_state = |action: &Action| {
         matches!(action, Action::HandOver { state_of, join_ns, .. }
             if *state_of == Some(SEAT[0]) && *join_ns == 2100 * MS)
@@ -390,8 +389,8 @@ fn a_retired_standby_leaves_and_stays_away() {
 fn a_new_supervisor_goes_on_from_the_record_and_sends_strangers_away() {
     let before = Desk::with_standby(SlotConfig::REALTIME);
     let mut seated = [None; SEATS];
-    for (seat, place) in SEAT.into_iter().zip(&mut seated).take(3) {
-        *place = Some((Program(9), instance(seat, 7)));
+    for place in seated.iter_mut().take(3) {
+        *place = Some((Program(9), instance(7)));
     }
     let now = before.now;
     let (slot, actions) =
@@ -419,7 +418,7 @@ fn any_event() -> impl Strategy<Value = Event> {
         Just(Event::Request(Request::Rollback)),
         seat.clone().prop_map(|s| Event::Request(Request::Retire(s))),
         Just(Event::Request(Request::Standby(Program(2), MS))),
-        (seat.clone(), 7..9_u64).prop_map(|(s, layout)| Event::Ready(s, instance(s, layout))),
+        (seat.clone(), 7..9_u64).prop_map(|(s, layout)| Event::Ready(s, instance(layout))),
         seat.clone().prop_map(|s| Event::Verdict(s, Ok(Box::default()))),
         seat.clone().prop_map(|s| Event::Verdict(s, Err(failed()))),
         Just(Event::Time),
@@ -453,9 +452,9 @@ proptest! {
                     prop_assert!(record.epoch > before.epoch);
                     prop_assert!(record.effective_ns >= before.effective_ns);
                 }
-                prop_assert!(record.author(record.owner).is_some(), "an owner that is there");
+                prop_assert!(record.is_taken(record.owner), "an owner that is there");
                 prop_assert_ne!(record.fallback, Some(record.owner));
-                prop_assert!(record.fallback.is_none_or(|seat| record.author(seat).is_some()));
+                prop_assert!(record.fallback.is_none_or(|seat| record.is_taken(seat)));
                 newest = Some(record);
             }
         }

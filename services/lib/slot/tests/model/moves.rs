@@ -133,12 +133,11 @@ impl World {
     }
 
     fn may_exit(&self, seat: Seat) -> bool {
-        let Process::Flying { instance, mute: None, leaving: Some(_), .. } =
-            self.processes[seat.index()]
+        let Process::Flying { mute: None, leaving: Some(_), .. } = self.processes[seat.index()]
         else {
             return false;
         };
-        self.consumer.record().is_none_or(|record| record.seat(instance.author).is_none())
+        self.consumer.record().is_none_or(|record| !record.is_taken(seat))
     }
 
     fn time_is_due(&self) -> bool {
@@ -270,7 +269,7 @@ impl World {
 
     fn connect(&mut self, seat: Seat) {
         let Process::Starting { program, .. } = self.processes[seat.index()] else { return };
-        let instance = Self::instance(program, seat);
+        let instance = Self::instance(program);
         self.processes[seat.index()] = Process::Waiting(instance);
         self.tell(Event::Ready(seat, instance));
     }

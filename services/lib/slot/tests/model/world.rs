@@ -2,7 +2,6 @@
 
 use shared_types::Role;
 use shared_types::wire::Value;
-use slot::record::{Author, author_on};
 use slot::{
     Action, Clock, Command, Consumer, Desk, DeskMemory, Event, Instance, Now, Program, Record,
     SEATS, Seat, Slot, SlotConfig, Source,
@@ -16,7 +15,6 @@ pub(crate) const RECORD_PATIENCE: u64 = 3;
 pub(crate) const CREDIT: u64 = 2;
 /// From a release to the command's effect \[ticks\].
 pub(crate) const LATENCY: u64 = 1;
-const INTRUDER: Author = [99, 99];
 /// Rate of a controller that steps each tick, a tick being a nanosecond \[mHz\].
 const EACH_TICK: u64 = 1_000_000_000_000;
 
@@ -118,7 +116,7 @@ pub(crate) struct World {
     pub written: Option<Record>,
     /// The epoch in which the plant was last seen to obey the fallback.
     latched: u64,
-    obeyed: Option<Author>,
+    obeyed: Option<Seat>,
     pub broken: Option<Broken>,
 }
 
@@ -173,7 +171,7 @@ impl World {
             broken: None,
         };
         let first = Seat::ALL[0];
-        let instance = Self::instance(0, first);
+        let instance = Self::instance(0);
         world.processes[0] = Process::Flying { instance, from: 0, mute: None, leaving: None };
         world.tell(Event::Ready(first, instance));
         if standby {
@@ -197,11 +195,10 @@ impl World {
         self.budget = spare;
     }
 
-    pub(crate) fn instance(program: u32, seat: Seat) -> Instance {
-        let author = author_on(seat.into());
+    pub(crate) fn instance(program: u32) -> Instance {
         let other = Program(program) == OTHER_KIND;
         let millihertz = if other { EACH_TICK / 2 } else { EACH_TICK };
-        Instance { author, layout: u64::from(other), millihertz, latency_ns: LATENCY }
+        Instance { layout: u64::from(other), millihertz, latency_ns: LATENCY }
     }
 
     fn now(&self) -> Now {
@@ -262,7 +259,8 @@ impl World {
     pub(crate) fn deliver(&mut self) {
         let (written, _) = self.records.remove(0);
         // As it travels.
-        let mut record = Record::from(&written.to_sample(Role::Attitude));
+        let mut record =
+            Record::read(&written.to_sample(Role::Attitude)).expect("seats that exist");
         if self.flaw == Some(Flaw::IgnoresInstant) {
             let mut hasty = record;
             hasty.effective_ns = self.t;
@@ -290,12 +288,15 @@ impl World {
             self.desk.0.turn(&turn);
         }
         for seat in Seat::ALL {
-            if let Some((author, command)) = self.command(seat) {
-                self.offer(author, &command);
+            if let Some(command) = self.command(seat) {
+                self.offer(seat, &command);
+            } else if self.consumer.record().is_none_or(|record| !record.is_taken(seat)) {
+                // An intruder, who finds the seat empty.
+                let valid_until_ns = t + 9;
+                let forged = Command { effective_ns: t, valid_until_ns, ..Command::default() };
+                self.offer(seat, &forged);
             }
         }
-        let command = Command { effective_ns: t, valid_until_ns: t + 9, ..Command::default() };
-        self.offer(INTRUDER, &command);
         if self.flaw == Some(Flaw::ForgetsFailOver) {
             let memory = slot::ConsumerMemory { failed_over: false, ..self.consumer.memory() };
             self.consumer.restore(&memory);
@@ -314,8 +315,8 @@ impl World {
             self.desk.0.decide(&mut self.consumer, t)
         };
         let before = self.obeyed;
-        self.obeyed = choice.map(|choice| choice.author);
-        self.judge(choice.map(|choice| (choice.author, choice.source, choice.command)));
+        self.obeyed = choice.map(|choice| choice.seat);
+        self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
         let said = self.words.len();
         self.speak();
         let changed = before != self.obeyed || self.words.len() > said;
@@ -323,24 +324,24 @@ impl World {
         self.t += 1;
     }
 
-    fn offer(&mut self, author: Author, command: &Command) {
-        let owner = self.consumer.author_in_effect();
-        let member = self.consumer.record().is_some_and(|record| record.seat(author).is_some());
+    fn offer(&mut self, seat: Seat, command: &Command) {
+        let owner = self.consumer.obeyed();
+        let member = self.consumer.record().is_some_and(|record| record.is_taken(seat));
         let posed_as = match (self.flaw, owner) {
             (Some(Flaw::ObeysMembers), Some(owner)) if member => {
                 // Whoever speaks is taken for the owner; the watcher remembers who it was.
-                if author != owner {
+                if seat != owner {
                     self.broken = Some(Broken::WrongWriter);
                 }
                 owner
             }
-            _ => author,
+            _ => seat,
         };
         self.desk.0.offer(&self.consumer, posed_as, command);
     }
 
     /// What the process on `seat` says for this tick.
-    fn command(&self, seat: Seat) -> Option<(Author, Command)> {
+    fn command(&self, seat: Seat) -> Option<Command> {
         let Process::Flying { instance, from, mute: None, .. } = self.processes[seat.index()]
         else {
             return None;
@@ -348,33 +349,32 @@ impl World {
         let speaks = self.t >= from + LATENCY && instance.effective_at_or_after(self.t) == self.t;
         let valid_until_ns = self.t + 2 * instance.period_ns();
         let command = Command { effective_ns: self.t, valid_until_ns, ..Command::default() };
-        speaks.then_some((instance.author, command))
+        speaks.then_some(command)
     }
 
     /// Compares what the plant does with what one who only watches would expect.
-    fn judge(&mut self, choice: Option<(Author, Source, Command)>) {
+    fn judge(&mut self, choice: Option<(Seat, Source, Command)>) {
         let at = |t: u64| self.accepted.iter().find(|record| record.effective_ns <= t).copied();
         let Some(record) = at(self.t) else { return };
         if self.latched != record.epoch && self.latched > 0 && record.epoch > self.latched {
             self.latched = 0;
         }
         match choice {
-            Some((author, Source::Fallback, _)) => {
+            Some((seat, Source::Fallback, _)) => {
                 self.latched = record.epoch;
-                if record.fallback.and_then(|seat| record.author(seat)) != Some(author) {
+                if record.fallback != Some(seat) || !record.is_taken(seat) {
                     self.broken = Some(Broken::WrongWriter);
                 }
             }
-            Some((author, _, command)) => {
+            Some((seat, _, command)) => {
                 if self.latched == record.epoch {
                     self.broken = Some(Broken::Unlatched);
                 }
                 // Around a flip it may be what was obeyed before, while it is valid.
                 let then = at(command.effective_ns);
-                let owned = then.is_some_and(|then| then.author(then.owner) == Some(author));
+                let owned = then.is_some_and(|then| then.owner == seat && then.is_taken(seat));
                 let stood_in = then.is_some_and(|then| {
-                    then.epoch < record.epoch
-                        && then.fallback.and_then(|seat| then.author(seat)) == Some(author)
+                    then.epoch < record.epoch && then.fallback == Some(seat) && then.is_taken(seat)
                 });
                 if !owned && !stood_in {
                     self.broken = Some(Broken::WrongWriter);
@@ -396,8 +396,7 @@ impl World {
             return false;
         };
         let since = record.effective_ns.max(from + LATENCY);
-        record.author(seat) == Some(instance.author)
-            && instance.effective_at_or_after(since) <= self.t
+        record.is_taken(seat) && instance.effective_at_or_after(since) <= self.t
     }
 
     /// The plant tells what has changed.
@@ -435,7 +434,10 @@ impl World {
         match &self.slot {
             None => still && self.written.is_none_or(|record| record.effective_ns <= self.t),
             Some(slot) => {
-                let owner = slot.record().and_then(|record| record.author(record.owner));
+                let owner = slot
+                    .record()
+                    .filter(|record| record.is_taken(record.owner))
+                    .map(|record| record.owner);
                 still
                     && slot.is_quiet()
                     && slot.deadline_ns().is_none()

@@ -1,0 +1,193 @@
+use super::*;
+use shared_types::wire::Value;
+
+const A: Seat = Seat::ALL[0];
+const B: Seat = Seat::ALL[1];
+const C: Seat = Seat::ALL[2];
+const D: Seat = Seat::ALL[3];
+
+fn record(epoch: u64, effective_ns: u64, owner: usize, fallback: Option<usize>) -> Record {
+    Record {
+        epoch,
+        owner: Seat::ALL[owner],
+        fallback: fallback.map(|seat| Seat::ALL[seat]),
+        effective_ns,
+        period_ns: [10, 10, 10, 0],
+        kind_changed: false,
+    }
+}
+
+fn consumer(records: &[Record]) -> Consumer {
+    let mut consumer = Consumer::new();
+    for record in records {
+        assert_eq!(consumer.take_record(record), Taken::Accepted);
+    }
+    consumer
+}
+
+#[test]
+fn a_record_counts_from_its_instant_on_and_not_before() {
+    let mut consumer = consumer(&[record(1, 0, 0, None), record(2, 50, 1, Some(0))]);
+    assert_eq!(consumer.standing_at(A, 49), Standing::Owner);
+    assert_eq!(consumer.standing_at(B, 49), Standing::Member);
+    assert_eq!(consumer.standing_at(A, 50), Standing::Fallback);
+    assert_eq!(consumer.standing_at(B, 50), Standing::Owner);
+    assert!(consumer.advance(49).is_some());
+    assert_eq!(consumer.epoch(), 1);
+    let turn = consumer.advance(50).unwrap();
+    assert_eq!((turn.from, turn.record.epoch), (Some(A), 2));
+    assert_eq!(consumer.advance(51), None);
+    // A command that comes late is still judged by the owner of its own instant.
+    assert_eq!(consumer.standing_at(A, 49), Standing::Owner);
+}
+
+#[test]
+fn a_record_for_an_instant_already_decided_is_refused_and_counted() {
+    let mut consumer = consumer(&[record(1, 0, 0, None)]);
+    consumer.advance(20);
+    assert_eq!(consumer.decide(20, true, false), Source::Owner);
+    assert_eq!(consumer.take_record(&record(2, 20, 1, None)), Taken::Late);
+    assert_eq!(consumer.counters().refused_records, 1);
+    assert_eq!(consumer.counters().refused_epoch, 2);
+    assert_eq!(consumer.take_record(&record(3, 21, 1, None)), Taken::Accepted);
+    assert_eq!(consumer.counters().refused_records, 1);
+}
+
+#[test]
+fn an_instant_at_which_nobody_asked_is_decided_all_the_same_once_it_is_past() {
+    let mut consumer = consumer(&[record(1, 0, 0, None)]);
+    consumer.advance(20);
+    consumer.decide(20, true, false);
+    consumer.close_before(30);
+    assert_eq!(consumer.take_record(&record(2, 29, 1, None)), Taken::Late);
+    assert_eq!(consumer.take_record(&record(3, 30, 1, None)), Taken::Accepted);
+}
+
+#[test]
+fn a_late_record_that_changes_no_hands_is_taken_from_now_on() {
+    let mut consumer = consumer(&[record(1, 0, 0, None)]);
+    consumer.advance(20);
+    consumer.decide(20, true, false);
+    let mut joined = record(2, 20, 0, None);
+    joined.period_ns[D.index()] = 10;
+    assert_eq!(consumer.take_record(&joined), Taken::Accepted);
+    assert_eq!(consumer.advance(21).map(|turn| turn.record.effective_ns), Some(21));
+}
+
+#[test]
+fn a_late_record_does_not_undo_a_fail_over() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1))]);
+    consumer.advance(20);
+    assert_eq!(consumer.decide(20, false, true), Source::Fallback);
+    assert_eq!(consumer.take_record(&record(2, 20, 0, Some(1))), Taken::Late);
+    assert!(consumer.failed_over());
+}
+
+#[test]
+fn epochs_only_grow() {
+    let mut consumer = consumer(&[record(5, 0, 0, None)]);
+    assert_eq!(consumer.take_record(&record(5, 40, 1, None)), Taken::Known);
+    assert_eq!(consumer.take_record(&record(4, 40, 1, None)), Taken::Known);
+    assert_eq!(consumer.take_record(&record(6, 40, 1, None)), Taken::Accepted);
+    assert_eq!(consumer.take_record(&record(6, 50, 2, None)), Taken::Known);
+    consumer.advance(100);
+    assert_eq!(consumer.epoch(), 6);
+    assert_eq!(consumer.counters().refused_records, 0, "a repetition is no refusal");
+}
+
+#[test]
+fn a_newer_record_for_an_earlier_instant_voids_those_that_wait_beyond_it() {
+    let mut consumer = consumer(&[record(1, 0, 0, None), record(2, 80, 1, None)]);
+    consumer.advance(10);
+    assert_eq!(consumer.take_record(&record(3, 40, 2, None)), Taken::Accepted);
+    consumer.advance(200);
+    assert_eq!(consumer.seat_in_effect(), Some(C));
+    assert_eq!(consumer.epoch(), 3);
+}
+
+#[test]
+fn more_records_than_there_is_room_for_are_refused_and_counted() {
+    let mut consumer = Consumer::new();
+    for epoch in 1..=PENDING as u64 {
+        assert_eq!(consumer.take_record(&record(epoch, epoch * 10, 0, None)), Taken::Accepted);
+    }
+    assert_eq!(consumer.take_record(&record(9, 90, 0, None)), Taken::Full);
+    assert_eq!(consumer.counters().refused_epoch, 9);
+    consumer.advance(10);
+    assert_eq!(consumer.take_record(&record(10, 90, 1, None)), Taken::Accepted);
+}
+
+#[test]
+fn a_fail_over_lasts_for_its_epoch_and_no_longer() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1))]);
+    consumer.advance(0);
+    assert_eq!(consumer.decide(0, true, true), Source::Owner);
+    assert_eq!(consumer.decide(10, false, true), Source::Fallback);
+    assert_eq!(consumer.decide(20, true, true), Source::Fallback, "the owner is back too late");
+    assert_eq!(consumer.decide(30, true, false), Source::Nobody, "and is not asked again");
+    assert_eq!(consumer.seat_in_effect(), Some(Seat::ALL[1]));
+    assert_eq!(consumer.take_record(&record(2, 40, 0, Some(1))), Taken::Accepted);
+    let turn = consumer.advance(40).unwrap();
+    assert_eq!(turn.from, Some(B));
+    assert_eq!(consumer.decide(40, true, true), Source::Owner);
+    let counters = consumer.counters();
+    assert_eq!((counters.fail_overs, counters.fail_over_ns, counters.missed), (1, 10, 1));
+}
+
+#[test]
+fn without_a_fallback_nobody_commands_when_the_owner_is_silent() {
+    let mut consumer = consumer(&[record(1, 0, 0, None)]);
+    consumer.advance(0);
+    assert_eq!(consumer.decide(0, false, true), Source::Nobody);
+    assert_eq!(consumer.decide(10, true, false), Source::Owner, "silence alone latches nothing");
+    assert_eq!(consumer.counters().missed, 1);
+}
+
+#[test]
+fn the_answer_to_a_fail_over_changes_nothing_for_the_limiter() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1))]);
+    consumer.advance(0);
+    consumer.decide(0, false, true);
+    let answer = Record { kind_changed: true, ..record(2, 10, 1, None) };
+    assert_eq!(consumer.take_record(&answer), Taken::Accepted);
+    assert!(!consumer.advance(10).unwrap().kind_changed, "it already obeys that seat");
+    let other = Record { kind_changed: true, ..record(3, 20, 2, None) };
+    assert_eq!(consumer.take_record(&other), Taken::Accepted);
+    assert!(consumer.advance(20).unwrap().kind_changed);
+}
+
+#[test]
+fn only_a_writer_that_no_known_record_seats_is_a_stray() {
+    let mut gone = record(2, 50, 1, None);
+    gone.period_ns[A.index()] = 0;
+    let mut consumer = consumer(&[record(1, 0, 0, None), gone]);
+    consumer.advance(60);
+    assert_eq!(consumer.standing_at(A, 60), Standing::Member, "it has just left");
+    assert_eq!(consumer.standing_at(D, 60), Standing::Stray);
+    assert_eq!(
+        consumer.take_record(&Record { epoch: 3, effective_ns: 70, ..gone }),
+        Taken::Accepted
+    );
+    consumer.advance(70);
+    assert_eq!(consumer.standing_at(A, 70), Standing::Stray);
+}
+
+#[test]
+fn a_consumer_that_joins_late_believes_the_history() {
+    let mut consumer =
+        consumer(&[record(1, 0, 0, None), record(2, 50, 1, Some(0)), record(3, 70, 2, Some(1))]);
+    consumer.advance(500);
+    assert_eq!((consumer.epoch(), consumer.seat_in_effect()), (3, Some(C)));
+}
+
+#[test]
+fn a_restored_consumer_goes_on_as_the_first_would_have() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 50, 1, Some(0))]);
+    consumer.advance(10);
+    consumer.decide(10, false, true);
+    let mut packed = vec![0; ConsumerMemory::PACKED_SIZE];
+    consumer.memory().pack(&mut packed);
+    let mut other = Consumer::new();
+    other.restore(&ConsumerMemory::unpack(&packed));
+    assert_eq!(other, consumer);
+}
