@@ -237,7 +237,8 @@ pub struct StateLayout {
     pub hash: u64,
 }
 
-/// Layouts of the states that a scenario's components publish.
+/// Layouts of the states that a scenario's components publish, and of those that others in their
+/// slots would.
 ///
 /// # Errors
 /// A component refuses its configuration, or the loops cannot be wired.
@@ -254,7 +255,17 @@ pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError
         }
     }
     let graph = scenario.graph()?;
-    graph.nodes().iter().map(|node| build(node.role, scenario, Layout(node.role))).collect()
+    let crew = Crew::of(scenario.settings());
+    let mut layouts = Vec::new();
+    for role in graph.nodes().iter().map(|node| node.role) {
+        layouts.push(crew.build(role, scenario, Layout(role))?);
+        let others = names_for(role).filter(|name| Some(*name) != crew.name(role));
+        // Whoever does not fit the scenario has not flown in it.
+        layouts.extend(
+            others.filter_map(|name| build_service(Some(name), scenario, Layout(role)).ok()),
+        );
+    }
+    Ok(layouts)
 }
 
 /// The pilot is a function of time; its state is a counter.

@@ -113,4 +113,5 @@ samples!(
     crate::OwnerRecord,
     crate::LoopStats,
     crate::Deviation,
+    crate::Seating,
 );

@@ -34,6 +34,6 @@ pub use iceoryx2::prelude::ZeroCopySend;
 pub use sensors::{Imu, MorphAngle, PoseFix};
 pub use supervision::{
     ClockMode, ClockRecord, Deviation, DeviationKind, Handover, Hello, LoopStats, NO_SEAT, NodeId,
-    OwnerRecord, Progress, ROLL_LINES, Role, Roll, RollEntry, SEATS, Seat,
+    OwnerRecord, Progress, ROLL_LINES, Role, Roll, RollEntry, SEATS, Seat, Seating, SeatingKind,
 };
 pub use topics::{Edge, Topic, TopicInfo, TopicVisitor};

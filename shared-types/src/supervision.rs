@@ -210,8 +210,9 @@ code! {
         CaughtUp = 4,
         /// The process has been restarted and went on from the state of release `first`.
         Resumed = 5,
-        /// The loop left in order, and sample `last` was the last of this input that it had; 0 if
-        /// there was none. What came after it would have been late.
+        /// The loop left in order, or another process follows on the writer's seat, and sample `last`
+        /// was the last of this writer that the loop had; 0 if there was none at all. What came after
+        /// it would have been late.
         Ended = 6,
     }
 }
@@ -237,8 +238,8 @@ sample! {
         pub role: Role,
         /// Seat of the input's writer.
         pub writer_seat: u32,
-        /// Keeps the size a multiple of eight bytes.
-        pub reserved: u32,
+        /// How many processes had that seat before it.
+        pub writer_generation: u32,
     }
 }
 
@@ -260,6 +261,74 @@ impl Deviation {
     pub fn input_name(&self) -> &str {
         let end = self.input.iter().position(|byte| *byte == 0).unwrap_or(self.input.len());
         core::str::from_utf8(&self.input[..end]).unwrap_or_default()
+    }
+}
+
+code! {
+    /// What a [`Seating`] tells.
+    pub enum SeatingKind {
+        /// A process begins in flight.
+        Joined = 0,
+        /// Nobody waits for the process any more: it was killed, stopped, or died.
+        Lost = 1,
+    }
+}
+
+sample! {
+    /// A process that takes a slot's seat in flight, and how it begins; or its end, unless it leaves in
+    /// order and says so itself. Whoever begins with the flight is in the scenario.
+    pub struct Seating {
+        /// Identity and time of the joining, or of the loss. Each life counts for itself, as in
+        /// [`Deviation`].
+        pub header: Header,
+        /// First instant at which it may step \[ns\]; 0 if it goes on right after its state.
+        pub join_ns: u64,
+        /// Until then it follows what its slot applies \[ns\].
+        pub track_until_ns: u64,
+        /// Release of the state that it goes on from, in the grid of its writer.
+        pub state_release: u64,
+        /// Name of the controller, padded with zeros.
+        pub controller: [u8; 64],
+        /// What is told.
+        pub kind: SeatingKind,
+        /// The slot.
+        pub role: Role,
+        /// The seat.
+        pub seat: u32,
+        /// How many processes had the seat before.
+        pub generation: u32,
+        /// There is a state to go on from.
+        pub has_state: Flag,
+        /// Seat whose process published that state.
+        pub state_seat: u32,
+        /// Generation of that process.
+        pub state_generation: u32,
+        /// Realtime: it first runs the releases that it has missed.
+        pub catches_up: Flag,
+        /// The controller is a service of the executable, not an executable of its own.
+        pub built_in: Flag,
+        /// It has a scenario of its own to configure it.
+        pub configured: Flag,
+    }
+}
+
+impl Seating {
+    /// Name of a controller as the sample holds it; longer ones are cut.
+    #[must_use]
+    pub fn controller_from(name: &str) -> [u8; 64] {
+        let mut controller = [0; 64];
+        for (slot, byte) in controller.iter_mut().zip(name.bytes()) {
+            *slot = byte;
+        }
+        controller
+    }
+
+    /// Name of the controller.
+    #[must_use]
+    pub fn controller_name(&self) -> &str {
+        let end = self.controller.iter().position(|byte| *byte == 0);
+        let name = &self.controller[..end.unwrap_or(self.controller.len())];
+        core::str::from_utf8(name).unwrap_or_default()
     }
 }
 

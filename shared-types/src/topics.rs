@@ -139,4 +139,6 @@ floor_plan! {
         "running totals of every loop"
     DEVIATION "deviation": Deviation, Supervisor => [], RecordOnly, history 64;
         "where a step's inputs were not what edges and time prescribe"
+    SEATING "seating": Seating, Supervisor => [], RecordOnly, history 64;
+        "who takes a slot's seat in flight, and how it begins"
 }

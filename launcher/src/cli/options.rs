@@ -223,7 +223,8 @@ pub struct ReplayArguments {
     /// Fly each service again on what it had, and compare every output and state bit for bit
     #[arg(long, group = "what")]
     pub verify: bool,
-    /// Only this service, for example `attitude-mpc`
+    /// Only this service, for example `plant`; of a slot that changed hands `attitude`, `attitude-lqr`,
+    /// `attitude@1` for whoever sat on seat 1, or `attitude-lqr@1`
     #[arg(long, value_name = "NAME")]
     pub service: Vec<String>,
     /// Let another controller replay and say how far it departs: a service, or another build

@@ -5,7 +5,7 @@ use super::refusal::{Done, Failure};
 use crate::components;
 use crate::exit;
 use crate::record::read::RecordedFlight;
-use crate::replay::{self, ReplayError, With};
+use crate::replay::{self, ReplayError, Who, With};
 use crate::scenario::{Override, suggestion};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value};
@@ -68,8 +68,8 @@ fn code_of(error: &ReplayError) -> u8 {
 }
 
 fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
-    let roles = arguments.service.iter().map(|name| role(name)).collect::<Result<Vec<_>, _>>()?;
-    if !roles.is_empty()
+    let whom = arguments.service.iter().map(|name| who(name)).collect::<Result<Vec<_>, _>>()?;
+    if !whom.is_empty()
         && !arguments.verify
         && arguments.with.is_none()
         && arguments.outputs.is_none()
@@ -80,7 +80,7 @@ fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
     let overrides =
         arguments.set.iter().map(|set| Override::set(set)).collect::<Result<Vec<_>, _>>();
     let overrides = overrides.map_err(ReplayError::Scenario)?;
-    let with = arguments.with.as_deref().map(|with| controller(with, &roles, &overrides));
+    let with = arguments.with.as_deref().map(|with| controller(with, &whom, &overrides));
     let with = with.transpose()?;
     if !overrides.is_empty() && with.is_none() && arguments.outputs.is_none() {
         let what = "--set changes the controller that --with or --outputs names: add one of them";
@@ -95,36 +95,36 @@ fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
         answer.add("hashes", &hashes, hashes.to_json(), !hashes.agree());
     }
     if arguments.verify {
-        let bar = progress(roles.len());
-        let verified = replay::verify(&flight, &roles, |service| {
-            bar.set_message(service.role.label());
+        let bar = progress(whom.len());
+        let verified = replay::verify(&flight, &whom, |service| {
+            bar.set_message(service.instance.to_string());
             bar.inc(1);
         });
         bar.finish_and_clear();
         let verified = verified?;
         answer.add("verify", &verified, verified.to_json(), !verified.identical());
     }
-    if let Some((role, with)) = with {
-        let departure = replay::depart(&flight, role, &with)?;
-        answer.add("with", &departure, departure.to_json(role), false);
+    if let Some((who, with)) = with {
+        let departure = replay::depart(&flight, &who, &with)?;
+        answer.add("with", &departure, departure.to_json(who.role), false);
     }
     if let Some(path) = &arguments.outputs {
-        write_outputs(&flight, &roles, &overrides, path)?;
+        write_outputs(&flight, &whom, &overrides, path)?;
     }
     Ok(answer)
 }
 
 fn write_outputs(
     flight: &RecordedFlight,
-    roles: &[Role],
+    whom: &[Who],
     overrides: &[Override],
     path: &Path,
 ) -> Result<(), Refusal> {
-    let [role] = *roles else {
+    let [who] = whom else {
         let what = "--outputs writes those of one service: name it with --service";
         return Err(Refusal::Usage(what.to_owned()));
     };
-    Ok(replay::write_outputs(flight, role, overrides, path)?)
+    Ok(replay::write_outputs(flight, who, overrides, path)?)
 }
 
 /// Role by its own name or that of its service.
@@ -137,16 +137,37 @@ fn role(name: &str) -> Result<Role, Refusal> {
     })
 }
 
+/// `NAME`, `NAME@SEAT` or `ROLE@SEAT`: whom a replay is about.
+fn who(text: &str) -> Result<Who, Refusal> {
+    let (name, seat) = match text.rsplit_once('@') {
+        Some((name, seat)) => (name, Some(seat)),
+        None => (text, None),
+    };
+    let role = role(name)?;
+    let seat = seat.map(|seat| {
+        let index = seat.parse().ok().filter(|index| *index < role.seats());
+        index.ok_or_else(|| {
+            let last = role.seats() - 1;
+            let what = format!("--service {text}: {} has seats 0 to {last}", role.label());
+            Refusal::Usage(what)
+        })
+    });
+    // Of a role that one service alone fills, its name says no more than the role.
+    let named = components::names_for(role).find(|known| *known == name);
+    let several = components::names_for(role).count() > 1;
+    Ok(Who { role, name: named.filter(|_| several), seat: seat.transpose()? })
+}
+
 /// Who replays in whose place.
-fn controller(with: &str, roles: &[Role], overrides: &[Override]) -> Result<(Role, With), Refusal> {
+fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, With), Refusal> {
     if let Ok(role) = role(with) {
-        return if roles.iter().all(|other| *other == role) {
-            let named = components::names().into_iter().find(|name| *name == with);
-            Ok((role, With::Service { name: named, overrides: overrides.to_vec() }))
-        } else {
+        if whom.len() > 1 || whom.iter().any(|who| who.role != role) {
             let what = format!("--with {with} replaces {}, not what --service names", role.label());
-            Err(Refusal::Usage(what))
-        };
+            return Err(Refusal::Usage(what));
+        }
+        let name = components::names().into_iter().find(|name| *name == with);
+        let who = whom.first().copied().unwrap_or_else(|| Who::all_of(role));
+        return Ok((who, With::Service { name, overrides: overrides.to_vec() }));
     }
     if !Path::new(with).is_file() {
         let what =
@@ -157,11 +178,11 @@ fn controller(with: &str, roles: &[Role], overrides: &[Override]) -> Result<(Rol
         let what = "--set changes a service of this build; another executable has its own settings";
         return Err(Refusal::Usage(what.to_owned()));
     }
-    let [role] = *roles else {
+    let [who] = *whom else {
         let what = format!("--with {with}: say with --service which one it replays");
         return Err(Refusal::Usage(what));
     };
-    Ok((role, With::Executable(with.into())))
+    Ok((who, With::Executable(with.into())))
 }
 
 /// A bar over services, on a terminal only.

@@ -97,6 +97,12 @@ impl Orders {
         format!("{}@{}", self.program_name(slot, seat), seat.index())
     }
 
+    /// What flies, or flew last, on a seat.
+    #[must_use]
+    pub fn seated_on(&self, slot: Slot, seat: Seat) -> Option<&Executable> {
+        self.executable(*self.seats.get(&(slot, seat))?)
+    }
+
     fn program_name(&self, slot: Slot, seat: Seat) -> &str {
         let program = self.seats.get(&(slot, seat));
         let executable = program.and_then(|program| self.executable(*program));

@@ -2,9 +2,10 @@
 
 use super::ReplayError;
 use super::course::Course;
+use super::lives::{Life, LifeKey, state_header};
 use super::source::{Exceptions, TapeSource};
 use super::tapes::{Recorded, Tapes};
-use crate::components::{Component, ComponentVisitor, Crew};
+use crate::components::{Component, ComponentVisitor, Crew, build_service, names_for};
 use crate::record::read::{RecordedFlight, RecordedState};
 use crate::scenario::Scenario;
 use core::cell::{Cell, RefCell};
@@ -13,10 +14,10 @@ use runtime::executor::StepStamps;
 use runtime::graph::Edge;
 use runtime::input::{Input, InputSet as _, InputVisitor};
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
-use runtime::service::StateHeader;
+use runtime::service::{StateHeader, state_layout};
 use runtime::{Executor, Graph, Node, Place, Service, Sink, StateSink};
 use shared_types::wire::Value as _;
-use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Topic, topics};
+use shared_types::{Header, Role, Sample, Topic, topics};
 use std::rc::Rc;
 
 /// What a component did the second time.
@@ -28,18 +29,6 @@ pub(super) struct Replayed {
     pub(super) steps: u64,
 }
 
-/// One life of a process, from its start or restart to its death or the end of the recording.
-struct Life {
-    generation: u32,
-    /// Release of the state it went on from.
-    resumed_from: Option<u64>,
-    /// Last step that left a trace \[ns\].
-    last_ns: u64,
-    deviations: Vec<Deviation>,
-    /// Sequence of the last totals published.
-    last_stats: u64,
-}
-
 /// Topics that a component reads and writes.
 pub(super) struct Topics {
     pub(super) read: Vec<&'static str>,
@@ -47,8 +36,12 @@ pub(super) struct Topics {
 }
 
 impl Topics {
-    /// Of the component with which `crew` fills `role` in `scenario`.
-    pub(super) fn of(crew: &Crew, role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
+    /// Of a service that fills `role` in `scenario`.
+    pub(super) fn of(
+        service: Option<&str>,
+        role: Role,
+        scenario: &Scenario,
+    ) -> Result<Self, ReplayError> {
         struct Names;
         struct Collect(Vec<&'static str>);
         impl InputVisitor for Collect {
@@ -82,50 +75,42 @@ impl Topics {
                 Topics { read: read.0, written: written.0 }
             }
         }
-        crew.build(role, scenario, Names).map_err(ReplayError::component(role))
+        build_service(service, scenario, Names).map_err(ReplayError::component(role))
+    }
+
+    /// Of all who may have filled `role` in `scenario`.
+    pub(super) fn of_all(role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
+        let begins = Crew::of(scenario.settings()).name(role);
+        let mut all = Self::of(begins, role, scenario)?;
+        for name in names_for(role).filter(|name| Some(*name) != begins) {
+            // Whoever does not fit the scenario has not flown in it.
+            if let Ok(other) = Self::of(Some(name), role, scenario) {
+                all.read.extend(other.read);
+                all.written.extend(other.written);
+            }
+        }
+        Ok(all)
     }
 }
 
-/// Flies the component with which `crew` fills `role` in `scenario` on what was recorded for the role;
-/// the loop itself stays as it was in `flight`.
+/// Flies `service` of `scenario` through `lives` of `role`, on what was recorded for them; the loop
+/// itself stays as it was in `flight`.
 pub(super) fn fly_again(
     flight: &RecordedFlight,
-    crew: &Crew,
-    role: Role,
+    (role, service): (Role, Option<&str>),
     scenario: &Scenario,
     recorded: &Recorded,
+    lives: &[Life],
 ) -> Result<Replayed, ReplayError> {
     let graph =
         flight.scenario().graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
     let out = Rc::new(RefCell::new(Replayed::default()));
-    for life in lives(recorded) {
+    for life in lives {
         let again = Again { graph: &graph, node, recorded, life, out: Rc::clone(&out) };
-        crew.build(role, scenario, again).map_err(ReplayError::component(role))??;
+        build_service(service, scenario, again).map_err(ReplayError::component(role))??;
     }
     Ok(out.take())
-}
-
-/// The lives of a process by what each has left in the recording.
-fn lives(recorded: &Recorded) -> Vec<Life> {
-    let deviations = recorded.tapes.of(&topics::DEVIATION);
-    let stats = recorded.tapes.of(&topics::LOOP_STATS);
-    let life = |(&generation, &last_ns): (&u32, &u64)| {
-        let deviations: Vec<Deviation> =
-            deviations.iter().filter(|d| d.header.generation == generation).copied().collect();
-        let resumed = deviations.iter().find(|d| d.kind == DeviationKind::Resumed);
-        let of_life = stats
-            .iter()
-            .filter(|s| s.header.generation == generation && s.header.release_ns <= last_ns);
-        Life {
-            generation,
-            resumed_from: resumed.map(|d| d.first),
-            last_ns,
-            last_stats: of_life.map(|s| s.header.sequence).max().unwrap_or(0),
-            deviations,
-        }
-    };
-    recorded.traces.iter().map(life).collect()
 }
 
 /// Flies one life of whatever component it is given.
@@ -133,7 +118,7 @@ struct Again<'a> {
     graph: &'a Graph,
     node: Node,
     recorded: &'a Recorded,
-    life: Life,
+    life: &'a Life,
     out: Rc<RefCell<Replayed>>,
 }
 
@@ -141,22 +126,40 @@ impl ComponentVisitor for Again<'_> {
     type Output = Result<(), ReplayError>;
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
         let Self { graph, node, recorded, life, out } = self;
-        let place = Place { seat: 0, generation: life.generation };
+        let role = node.role.label();
+        let LifeKey { seat, generation } = life.key;
+        let place = Place { seat, generation };
         let mut executor = Executor::new(component.service, node, place, component.state_every);
         let now_ns = Rc::new(Cell::new(0));
-        let mut latched = LatchedSequences(Vec::new());
-        if let Some(state) = last_state(recorded, &life) {
+        let mut latched = Latched(Vec::new());
+        if let Some(state) = last_state(recorded, life).filter(|_| !life.in_order) {
             let mut inputs = S::Inputs::default();
             if let Some(latches) = latches_of::<S>(&state.bytes) {
                 inputs.unpack_latches(latches);
                 let Ok(()) = inputs.visit(&mut latched);
             }
         }
+        let handed = life.handed_over(recorded);
+        if let Some(release) = life.lacks_state(handed) {
+            return Err(ReplayError::NoState { role, release });
+        }
+        // Another controller cannot go on from the state of the one that flew.
+        let fits = |state: &&RecordedState| state_header(state).layout_hash == state_layout::<S>();
+        let restored = handed.filter(fits);
+        let joined = match (handed, restored) {
+            (Some(state), None) => {
+                let at_ns = state_header(state).release_ns + 1;
+                let at_ns = life.joined.map_or(at_ns, |(join_ns, _)| join_ns);
+                Some((at_ns, node.rate.release_ns(node.rate.first_at_or_after(at_ns)) + 1))
+            }
+            _ => life.joined,
+        };
         let mut connect = Connect {
             graph,
             role: node.role,
             recorded,
-            life: &life,
+            life,
+            joined_ns: joined.filter(|_| restored.is_none()).map(|(join_ns, _)| join_ns),
             latched: latched.0.into_iter(),
             now_ns: Rc::clone(&now_ns),
             out: Rc::clone(&out),
@@ -167,15 +170,15 @@ impl ComponentVisitor for Again<'_> {
         let Ok(()) =
             OutputVisitor::visit(&mut connect, &topics::DEVIATION, &mut executor.deviations);
         executor.connect_state(Box::new(States(Rc::clone(&out))));
-        if let Some(release) = life.resumed_from {
-            let state = handed_over(recorded, &life, release)
-                .ok_or(ReplayError::NoState { role: node.role.label(), release })?;
-            executor
-                .restore(&state.bytes)
-                .map_err(|error| ReplayError::Restore { role: node.role.label(), error })?;
+        if let Some(state) = restored {
+            executor.restore(&state.bytes).map_err(|error| ReplayError::Restore { role, error })?;
         }
-        fly(&mut executor, &Course::new(node.rate, &life.deviations), &life, &now_ns);
-        out.borrow_mut().steps += executor.steps() - executor_start(&life, recorded);
+        if let Some((join_ns, track_until_ns)) = joined {
+            executor.join_at(join_ns, track_until_ns);
+        }
+        let before = executor.steps();
+        fly(&mut executor, &Course::new(node.rate, &life.deviations), life, &now_ns);
+        out.borrow_mut().steps += executor.steps() - before;
         Ok(())
     }
 }
@@ -195,34 +198,16 @@ fn fly<S: Service>(executor: &mut Executor<S>, course: &Course, life: &Life, now
     }
 }
 
-/// The state that the supervisor handed over: the last one of the predecessor.
-fn handed_over<'a>(recorded: &'a Recorded, life: &Life, release: u64) -> Option<&'a RecordedState> {
-    recorded.states.iter().rev().find(|state| {
-        state.header.generation < life.generation && state_header(state).release_index == release
-    })
-}
-
-/// Steps that a life counts from.
-fn executor_start(life: &Life, recorded: &Recorded) -> u64 {
-    let state = life.resumed_from.and_then(|release| handed_over(recorded, life, release));
-    state.map_or(0, |state| state_header(state).steps)
-}
-
-fn state_header(state: &RecordedState) -> StateHeader {
-    state
-        .bytes
-        .get(..StateHeader::PACKED_SIZE)
-        .map_or_else(StateHeader::default, StateHeader::unpack)
-}
-
 /// Connects every port of a component with the recording.
 struct Connect<'a> {
     graph: &'a Graph,
     role: Role,
     recorded: &'a Recorded,
     life: &'a Life,
-    /// Of each input in turn: what the last state of the life had in effect.
-    latched: std::vec::IntoIter<u64>,
+    /// When it joined the flight, if without a state \[ns\].
+    joined_ns: Option<u64>,
+    /// Of each input in turn: what the last state of a life that was killed had in effect.
+    latched: std::vec::IntoIter<Option<Header>>,
     now_ns: Rc<Cell<u64>>,
     out: Rc<RefCell<Replayed>>,
 }
@@ -236,13 +221,13 @@ impl InputVisitor for Connect<'_> {
     ) -> Result<(), Infallible> {
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
-        let mut exceptions = Exceptions::of(topic.info.name, self.life.deviations.iter());
+        let mut exceptions = Exceptions::of(&topic.info, self.life.deviations.iter());
         if let Some(last) = self.latched.next() {
-            exceptions = exceptions.killed_after(last);
+            exceptions = exceptions.killed_after(last.as_ref(), &topic.info);
         }
         let samples = self.recorded.tapes.of(topic);
-        let now_ns = Rc::clone(&self.now_ns);
-        let source = TapeSource::new(samples, edge, exceptions, now_ns);
+        let (now_ns, joined_ns) = (Rc::clone(&self.now_ns), self.joined_ns);
+        let source = TapeSource::new(&samples, &topic.info, edge, exceptions, joined_ns, now_ns);
         input.connect(Box::new(source), Some(edge));
         Ok(())
     }
@@ -261,17 +246,17 @@ impl OutputVisitor for Connect<'_> {
     }
 }
 
-/// Collects the sequence that each input has in effect.
-struct LatchedSequences(Vec<u64>);
+/// Collects the header of what each input has in effect.
+struct Latched(Vec<Option<Header>>);
 
-impl InputVisitor for LatchedSequences {
+impl InputVisitor for Latched {
     type Error = Infallible;
     fn visit<T: Sample>(
         &mut self,
         _topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
-        self.0.push(input.latest().map_or(0, |sample| sample.header().sequence));
+        self.0.push(input.latest().map(|sample| *sample.header()));
         Ok(())
     }
 }
@@ -279,7 +264,7 @@ impl InputVisitor for LatchedSequences {
 /// The state in which a life was last seen, if it is as far as it is replayed.
 fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedState> {
     recorded.states.iter().rev().find(|state| {
-        state.header.generation == life.generation && state.header.release_ns == life.last_ns
+        LifeKey::of(&state.header) == life.key && state.header.release_ns == life.last_ns
     })
 }
 

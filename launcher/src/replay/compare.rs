@@ -3,15 +3,17 @@
 use super::ReplayError;
 use super::again::{Replayed, Topics, fly_again};
 use super::fields::{Named, first_difference, numbers_of_state};
+use super::lives::{
+    Instance, Life, LifeKey, Service as MadeOf, Who, chosen, instances, service_of,
+};
 use super::pairs::{Pair, difference, pairs};
 use super::tapes::{Recorded, load};
-use crate::components::{Component, ComponentVisitor, Crew};
+use crate::components::{Component, ComponentVisitor, Crew, build_service};
 use crate::record::read::{RecordedFlight, RecordedState};
 use core::convert::Infallible;
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::service::{Service, state_size};
 use shared_types::{Header, Role, Sample, Topic, topics};
-use std::collections::BTreeSet;
 
 /// Fields that depend on the machine and are reproduced all the same.
 const REPRODUCED: [&str; 1] = ["generation"];
@@ -36,8 +38,10 @@ pub struct Difference {
 /// What the replay of one service says.
 #[derive(Debug, Clone)]
 pub struct ServiceVerdict {
-    /// Its role.
-    pub role: Role,
+    /// Who it is.
+    pub instance: Instance,
+    /// Why nothing of it could be flown again, if so.
+    pub left_out: Option<&'static str>,
     /// Steps run again.
     pub steps: u64,
     /// Samples compared, all fields but those that only the machine determines.
@@ -64,8 +68,8 @@ pub struct Verification {
 impl Verification {
     /// The earliest difference, with the service it comes from.
     #[must_use]
-    pub fn first(&self) -> Option<(Role, &Difference)> {
-        let all = self.services.iter().filter_map(|s| Some((s.role, s.first.as_ref()?)));
+    pub fn first(&self) -> Option<(&Instance, &Difference)> {
+        let all = self.services.iter().filter_map(|s| Some((&s.instance, s.first.as_ref()?)));
         // Of several at one release, what was sent comes before what it made others remember; the
         // services are in data-flow order, and the first of equals is taken.
         all.min_by_key(|(_, first)| (first.release_ns, first.topic.starts_with("state/")))
@@ -84,47 +88,86 @@ impl Verification {
     }
 }
 
-/// Flies the services of `roles` again, or all that took part, and compares. `done` is called after
+/// Flies those that `whom` means again, or all that took part, and compares. `done` is called after
 /// each.
 ///
 /// # Errors
 /// [`ReplayError`]; a difference is no error.
 pub fn verify(
     flight: &RecordedFlight,
-    roles: &[Role],
+    whom: &[Who],
     mut done: impl FnMut(&ServiceVerdict),
 ) -> Result<Verification, ReplayError> {
     super::refuse_branched(flight)?;
     let scenario = flight.scenario();
     let graph = scenario.graph().map_err(|error| ReplayError::Wiring(error.to_string()))?;
-    if let Some(role) = roles.iter().find(|role| graph.node(**role).is_none()) {
-        return Err(ReplayError::NotFlown { role: role.label() });
+    if let Some(who) = whom.iter().find(|who| graph.node(who.role).is_none()) {
+        return Err(ReplayError::NotFlown { role: who.role.label() });
     }
     let crew = Crew::of(scenario.settings());
     let mut verification = Verification { services: Vec::new(), complete: true };
-    for node in graph.nodes().iter().filter(|n| roles.is_empty() || roles.contains(&n.role)) {
-        let topics = Topics::of(&crew, node.role, scenario)?;
-        let recorded = load(flight, node.role, &topics)?.of_one_hand()?;
-        let replayed = fly_again(flight, &crew, node.role, scenario, &recorded)?;
-        verification.complete = recorded.closing.complete;
-        let compare = Compare::new(&recorded, &replayed, node.role);
-        let mut verdict =
-            crew.build(node.role, scenario, compare).map_err(ReplayError::component(node.role))?;
-        verdict.steps = replayed.steps;
-        if let Some(first) = &mut verdict.first {
-            first.release_index = node.rate.first_at_or_after(first.release_ns);
+    for node in graph.nodes() {
+        let role = node.role;
+        let of_role: Vec<&Who> = whom.iter().filter(|who| who.role == role).collect();
+        if of_role.is_empty() && !whom.is_empty() {
+            continue;
         }
-        done(&verdict);
-        verification.services.push(verdict);
+        let recorded = load(flight, role, &Topics::of_all(role, scenario)?)?;
+        verification.complete = recorded.closing.complete;
+        let mut meant = Vec::new();
+        for who in of_role.iter().copied().chain(whom.is_empty().then_some(&Who::all_of(role))) {
+            meant.extend(chosen(instances(&recorded, role, &crew), who)?);
+        }
+        for (instance, lives) in meant {
+            let mut verdict = judge(flight, &recorded, instance, &lives)?;
+            if let Some(first) = &mut verdict.first {
+                first.release_index = node.rate.first_at_or_after(first.release_ns);
+            }
+            done(&verdict);
+            verification.services.push(verdict);
+        }
     }
     Ok(verification)
+}
+
+/// Flies one instance again through all of its lives, and compares.
+fn judge(
+    flight: &RecordedFlight,
+    recorded: &Recorded,
+    instance: Instance,
+    lives: &[Life],
+) -> Result<ServiceVerdict, ReplayError> {
+    let (role, scenario) = (instance.role, flight.scenario());
+    let left_out = |why| Ok(ServiceVerdict { left_out: Some(why), ..none(&instance) });
+    let service = match service_of(&instance, recorded, lives) {
+        MadeOf::Known(service) => service,
+        MadeOf::Configured => return left_out("configured by a file of its own"),
+        MadeOf::Foreign => return left_out("an executable of its own"),
+    };
+    let replayed = fly_again(flight, (role, service), scenario, recorded, lives)?;
+    let verdict = ServiceVerdict { steps: replayed.steps, ..none(&instance) };
+    let compare = Compare { recorded, replayed: &replayed, lives, verdict };
+    build_service(service, scenario, compare).map_err(ReplayError::component(role))
+}
+
+/// Nothing compared yet.
+fn none(instance: &Instance) -> ServiceVerdict {
+    ServiceVerdict {
+        instance: instance.clone(),
+        left_out: None,
+        steps: 0,
+        samples: 0,
+        states: 0,
+        unrecorded: 0,
+        differences: 0,
+        first: None,
+    }
 }
 
 struct Compare<'a> {
     recorded: &'a Recorded,
     replayed: &'a Replayed,
-    /// The flight ended in order: nothing may be missing at its end.
-    ended: bool,
+    lives: &'a [Life],
     verdict: ServiceVerdict,
 }
 
@@ -150,11 +193,14 @@ impl OutputVisitor for Compare<'_> {
         let replayed = self.replayed.tapes.of(topic);
         let name = topic.info.name;
         let lossy = self.recorded.has_gaps(name);
+        // Topics that all loops write tell lives apart in their own way.
+        let told = topic.info.from == Role::Supervisor;
+        let life = if told { LifeKey::of_deviation } else { LifeKey::of };
         self.pairs(
-            &recorded,
-            &replayed,
+            (&recorded, &replayed),
             (name, lossy),
             |sample| *sample.header(),
+            life,
             |verdict, a, b| {
                 verdict.samples += 1;
                 if let Some((field, was, is)) = difference(a, b, &REPRODUCED) {
@@ -166,28 +212,14 @@ impl OutputVisitor for Compare<'_> {
     }
 }
 
-impl<'a> Compare<'a> {
-    fn new(recorded: &'a Recorded, replayed: &'a Replayed, role: Role) -> Self {
-        let outcome = recorded.closing.summary.get("outcome");
-        let ended = recorded.closing.complete && outcome.is_some_and(|o| o.starts_with("flown"));
-        let verdict = ServiceVerdict {
-            role,
-            steps: 0,
-            samples: 0,
-            states: 0,
-            unrecorded: 0,
-            differences: 0,
-            first: None,
-        };
-        Self { recorded, replayed, ended, verdict }
-    }
-
+impl Compare<'_> {
     fn states<S: Service>(&mut self) {
-        let name = format!("state/{}", self.verdict.role.label());
+        let name = format!("state/{}", self.verdict.instance.role.label());
         let (recorded, replayed) = (&self.recorded.states, &self.replayed.states);
         let size = state_size::<S>();
         let header = |state: &RecordedState| state.header;
-        self.pairs(recorded, replayed, (&name, false), header, |verdict, a, b| {
+        let both = (recorded.as_slice(), replayed.as_slice());
+        self.pairs(both, (&name, false), header, LifeKey::of, |verdict, a, b| {
             verdict.states += 1;
             if a.bytes == b.bytes {
                 return;
@@ -205,28 +237,29 @@ impl<'a> Compare<'a> {
     /// Matches items by the life they come from and their sequence.
     fn pairs<T>(
         &mut self,
-        recorded: &[T],
-        replayed: &[T],
+        (recorded, replayed): (&[T], &[T]),
         (name, lossy): (&str, bool),
         header: impl Fn(&T) -> Header,
+        key: fn(&Header) -> LifeKey,
         mut same: impl FnMut(&mut ServiceVerdict, &T, &T),
     ) {
-        let all = recorded.iter().chain(replayed);
-        let lives: BTreeSet<u32> = all.map(|item| header(item).generation).collect();
+        let lives = self.lives;
         let mut known = 0;
-        for life in &lives {
-            let of_life = |item: &&T| header(item).generation == *life;
+        for life in lives {
+            if !life.goes_on() {
+                known = 0;
+            }
+            let of_life = |item: &&T| key(&header(item)) == life.key;
             let last = recorded.iter().filter(of_life).map(|item| header(item).sequence).max();
-            let traced_ns = self.recorded.traces.get(life).copied();
-            let end_ns = traced_ns.or(self.recorded.closing.complete.then_some(0));
-            let may_be_cut = !(self.ended && Some(life) == lives.last());
+            // What a process left behind that was killed in the middle of a step is not judged.
+            let end_ns = if life.in_order { u64::MAX } else { life.last_ns };
             let both = (recorded.iter().filter(of_life), replayed.iter().filter(of_life));
             for pair in pairs(both.0, both.1, |item| header(item).sequence) {
                 match pair {
                     Pair::Both(before, item) => same(&mut self.verdict, before, item),
                     Pair::Recorded(extra) => {
                         let at_ns = header(extra).release_ns;
-                        if end_ns.is_some_and(|end_ns| at_ns <= end_ns) {
+                        if at_ns <= end_ns {
                             self.verdict.differ(
                                 name,
                                 at_ns,
@@ -241,7 +274,7 @@ impl<'a> Compare<'a> {
                         // A successor repeats its predecessor's last steps; the recorder took one.
                         let repeated = sequence <= known;
                         // Killed between two samples of a step.
-                        let cut = may_be_cut && last.is_none_or(|last| sequence > last);
+                        let cut = !life.in_order && last.is_none_or(|last| sequence > last);
                         if lossy && !repeated {
                             self.verdict.unrecorded += 1;
                         } else if !repeated && !cut {

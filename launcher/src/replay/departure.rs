@@ -4,16 +4,17 @@ use super::ReplayError;
 use super::again::{Topics, fly_again};
 use super::compare::Difference;
 use super::fields::numbers_of;
+use super::lives::{Life, LifeKey, Service as MadeOf, Who, instances, only, service_of};
 use super::other::outputs_of;
 use super::tapes::{Recorded, Tapes, load};
-use crate::components::{Component, ComponentVisitor, Crew};
+use crate::components::{Component, ComponentVisitor, Crew, build_service};
 use crate::record::read::RecordedFlight;
 use crate::record::{RecordError, Recording};
 use crate::scenario::{Override, Scenario};
 use core::convert::Infallible;
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::{Node, Service};
-use shared_types::{Role, Sample, Topic};
+use shared_types::{Sample, Topic};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -61,37 +62,64 @@ pub struct Departure {
     pub first: Option<Difference>,
 }
 
-/// Replays `role` with another controller and compares its outputs with those recorded.
+/// Replays whom `who` means with another controller and compares its outputs with those recorded.
 ///
 /// # Errors
 /// [`ReplayError`]; a departure is none.
-pub fn depart(flight: &RecordedFlight, role: Role, with: &With) -> Result<Departure, ReplayError> {
+pub fn depart(flight: &RecordedFlight, who: &Who, with: &With) -> Result<Departure, ReplayError> {
     super::refuse_branched(flight)?;
+    let role = who.role;
     let graph = flight.scenario().graph().map_err(|e| ReplayError::Wiring(e.to_string()))?;
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
-    let flown = Crew::of(flight.scenario().settings());
-    let mut crew = flown;
-    let mut topics = Topics::of(&flown, role, flight.scenario())?;
-    let (recorded, other) = match with {
+    let topics = Topics::of_all(role, flight.scenario())?;
+    let (recorded, flown) = flown(flight, who, &topics)?;
+    let other = match with {
         With::Service { name, overrides } => {
-            if let Some(name) = name
-                && !crew.swap(role, name)
-            {
-                return Err(ReplayError::NotFlown { role: role.label() });
-            }
+            let service = name.or_else(|| flown.service());
             let scenario = changed(flight, overrides)?;
-            topics.read.extend(Topics::of(&crew, role, &scenario)?.read);
-            let recorded = load(flight, role, &topics)?.of_one_hand()?;
-            let other = fly_again(flight, &crew, role, &scenario, &recorded)?.tapes;
-            (recorded, other)
+            fly_again(flight, (role, service), &scenario, &recorded, &flown.lives)?.tapes
         }
-        With::Executable(executable) => (
-            load(flight, role, &topics)?.of_one_hand()?,
-            outputs_of(executable, flight, role, &topics)?,
-        ),
+        With::Executable(executable) => {
+            outputs_of(executable, flight, role, &flown.label, &topics)?
+        }
     };
-    let compare = Compare { node, recorded: &recorded, other: &other, out: Departure::default() };
-    flown.build(role, flight.scenario(), compare).map_err(ReplayError::component(role))
+    let lives = flown.lives.iter().map(|life| life.key).collect();
+    let out = Departure::default();
+    let compare = Compare { node, recorded: &recorded, other: &other, lives, out };
+    build_service(flown.service(), flight.scenario(), compare).map_err(ReplayError::component(role))
+}
+
+/// The one instance that is to be compared.
+struct Flown {
+    lives: Vec<Life>,
+    made_of: MadeOf,
+    /// How another build is told of it.
+    label: String,
+    /// Who began in its role.
+    begins: Option<&'static str>,
+}
+
+impl Flown {
+    /// A service with its ports: its own, or that of who began.
+    fn service(&self) -> Option<&'static str> {
+        if let MadeOf::Known(service) = self.made_of { service } else { self.begins }
+    }
+}
+
+fn flown(
+    flight: &RecordedFlight,
+    who: &Who,
+    topics: &Topics,
+) -> Result<(Recorded, Flown), ReplayError> {
+    let role = who.role;
+    let crew = Crew::of(flight.scenario().settings());
+    let recorded = load(flight, role, topics)?;
+    let all = instances(&recorded, role, &crew);
+    let label = if all.len() > 1 { None } else { Some(role.label().to_owned()) };
+    let (instance, lives) = only(all, who)?;
+    let made_of = service_of(&instance, &recorded, &lives);
+    let label = label.unwrap_or_else(|| instance.to_string());
+    Ok((recorded, Flown { lives, made_of, label, begins: crew.name(role) }))
 }
 
 /// The recorded scenario with changes.
@@ -100,25 +128,26 @@ fn changed(flight: &RecordedFlight, overrides: &[Override]) -> Result<Scenario, 
     Ok(Scenario::from_text(&name, flight.scenario().to_toml(), overrides)?)
 }
 
-/// Replays `role` and writes its outputs as a recording of their own.
+/// Replays whom `who` means and writes its outputs as a recording of their own.
 ///
 /// # Errors
 /// [`ReplayError`], also if the file exists.
 pub fn write_outputs(
     flight: &RecordedFlight,
-    role: Role,
+    who: &Who,
     overrides: &[Override],
     out: &Path,
 ) -> Result<(), ReplayError> {
     super::refuse_branched(flight)?;
-    let crew = Crew::of(flight.scenario().settings());
-    let topics = Topics::of(&crew, role, flight.scenario())?;
-    let recorded = load(flight, role, &topics)?.of_one_hand()?;
-    let scenario = changed(flight, overrides)?;
-    let replayed = fly_again(flight, &crew, role, &scenario, &recorded)?;
+    let role = who.role;
+    let topics = Topics::of_all(role, flight.scenario())?;
+    let (recorded, flown) = flown(flight, who, &topics)?;
+    let (service, scenario) = (flown.service(), changed(flight, overrides)?);
+    let replayed = fly_again(flight, (role, service), &scenario, &recorded, &flown.lives)?;
     let recording = Recording::create(out, &flight.to_facts())?;
     let mut write = Write { tapes: &replayed.tapes, recording };
-    write = crew.build(role, flight.scenario(), write).map_err(ReplayError::component(role))??;
+    write = build_service(service, flight.scenario(), write)
+        .map_err(ReplayError::component(role))??;
     write.recording.finish(&BTreeMap::new())?;
     Ok(())
 }
@@ -153,6 +182,8 @@ struct Compare<'a> {
     node: Node,
     recorded: &'a Recorded,
     other: &'a Tapes,
+    /// Those who are compared.
+    lives: Vec<LifeKey>,
     out: Departure,
 }
 
@@ -182,9 +213,11 @@ impl OutputVisitor for Compare<'_> {
     ) -> Result<(), Infallible> {
         let (recorded, other) = (self.recorded.tapes.of(topic), self.other.of(topic));
         let mut sums: Vec<(String, Sums)> = Vec::new();
+        let meant = |sample: &&T| self.lives.contains(&LifeKey::of(sample.header()));
+        let recorded: Vec<T> = recorded.iter().filter(meant).copied().collect();
         let mut others = other.iter().peekable();
         let mut pairs = 0_u64;
-        for was in recorded.iter() {
+        for was in &recorded {
             let release_ns = was.header().release_ns;
             while others.next_if(|is| is.header().release_ns < release_ns).is_some() {
                 self.out.unmatched += 1;

@@ -11,6 +11,7 @@ mod course;
 mod departure;
 mod fields;
 mod hashes;
+mod lives;
 mod other;
 mod pairs;
 mod report;
@@ -21,6 +22,7 @@ pub use compare::{Difference, ServiceVerdict, Verification, verify};
 pub use departure::{Departure, FieldDeparture, With, depart, write_outputs};
 pub use fields::Number;
 pub use hashes::{Hashes, hashes};
+pub use lives::{Instance, Who};
 
 pub(crate) use course::{Course, Repeats};
 pub(crate) use pairs::{Pair, difference, pairs};
@@ -93,12 +95,24 @@ pub enum ReplayError {
         /// What it, or the system, said.
         said: String,
     },
-    /// Several processes had a slot in turn.
+    /// Nobody of that name, or on that seat.
+    #[error("no {asked} took part in this flight: there were {flew}")]
+    NoInstance {
+        /// As asked for.
+        asked: String,
+        /// Who flew.
+        flew: String,
+    },
+    /// Several controllers had a slot.
     #[error(
-        "a slot changed hands in this flight, and replay knows only who began: compare with the \
-         flight flown again, which has the same hash in lockstep"
+        "several controllers flew in the {role} slot, {flew}: say with --service which one is meant"
     )]
-    ChangedHands,
+    Several {
+        /// Label of the role.
+        role: &'static str,
+        /// Who flew.
+        flew: String,
+    },
     /// The user ended it.
     #[error("interrupted: the other build was told to stop, and nothing is left of what it wrote")]
     Interrupted,

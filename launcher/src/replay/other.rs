@@ -22,11 +22,12 @@ const LOOK_EVERY_NS: u64 = 20_000_000;
 /// What to do about an executable that is no build of this program.
 const REMEDY: &str = "give --with the path of a morphquad executable";
 
-/// Has another build replay `role` and reads what came out. A signal ends it.
+/// Has another build replay `service`, which fills `role`, and reads what came out. A signal ends it.
 pub(super) fn outputs_of(
     executable: &Path,
     flight: &RecordedFlight,
     role: Role,
+    service: &str,
     topics: &Topics,
 ) -> Result<Tapes, ReplayError> {
     let name = executable.display().to_string();
@@ -38,7 +39,7 @@ pub(super) fn outputs_of(
     let child = Command::new(executable)
         .arg("replay")
         .arg(flight.path())
-        .args(["--service", role.label(), "--outputs"])
+        .args(["--service", service, "--outputs"])
         .arg(&out)
         .stdin(Stdio::null())
         .stdout(Stdio::null())

@@ -41,7 +41,9 @@ impl Verification {
             .iter()
             .map(|service| {
                 json!({
-                    "service": service.role.label(),
+                    "service": service.instance.role.label(),
+                    "instance": service.instance.to_string(),
+                    "left_out": service.left_out,
                     "steps": service.steps,
                     "samples": service.samples,
                     "states": service.states,
@@ -55,9 +57,10 @@ impl Verification {
             "identical": self.identical(),
             "complete": self.complete,
             "services": services,
-            "first_difference": self.first().map(|(role, difference)| {
+            "first_difference": self.first().map(|(instance, difference)| {
                 let mut object = difference.json();
-                object["service"] = role.label().into();
+                object["service"] = instance.role.label().into();
+                object["instance"] = instance.to_string().into();
                 object
             }),
         })
@@ -66,25 +69,27 @@ impl Verification {
 
 impl fmt::Display for Verification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some((role, difference)) = self.first() {
-            writeln!(f, "first difference: {}, {difference}", role.label())?;
+        if let Some((instance, difference)) = self.first() {
+            writeln!(f, "first difference: {instance}, {difference}")?;
         }
+        let names: Vec<String> = self.services.iter().map(|s| s.instance.to_string()).collect();
+        let width = names.iter().map(String::len).max().unwrap_or(0).max(12);
         let lost = self.services.iter().any(|service| service.unrecorded > 0);
         write!(
             f,
-            "  {:<12} {:>9} {:>9} {:>9} {:>12}",
+            "  {:<width$} {:>9} {:>9} {:>9} {:>12}",
             "service", "steps", "samples", "states", "differences"
         )?;
         writeln!(f, "{}", if lost { "  not recorded" } else { "" })?;
-        for service in &self.services {
+        for (name, service) in names.iter().zip(&self.services) {
+            if let Some(why) = service.left_out {
+                writeln!(f, "  {name:<width$} not flown again: {why}")?;
+                continue;
+            }
             write!(
                 f,
-                "  {:<12} {:>9} {:>9} {:>9} {:>12}",
-                service.role.label(),
-                service.steps,
-                service.samples,
-                service.states,
-                service.differences
+                "  {name:<width$} {:>9} {:>9} {:>9} {:>12}",
+                service.steps, service.samples, service.states, service.differences
             )?;
             if lost {
                 write!(f, "{:>14}", service.unrecorded)?;

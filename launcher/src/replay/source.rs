@@ -3,100 +3,159 @@
 use core::cell::Cell;
 use runtime::Source;
 use runtime::graph::Edge;
-use shared_types::{Deviation, DeviationKind, Sample};
+use shared_types::{Deviation, DeviationKind, Header, Sample, TopicInfo};
 use std::collections::BTreeMap;
 use std::rc::Rc;
+
+/// A writer on an input: its seat, and how many processes had that before. Of roles with one seat the
+/// restarted count as one: they go on with the numbers of their predecessors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Writer {
+    seat: u32,
+    generation: u32,
+}
+
+impl Writer {
+    fn of(header: &Header, topic: &TopicInfo) -> Self {
+        Self::new(header.seat, header.generation, topic)
+    }
+
+    fn new(seat: u32, generation: u32, topic: &TopicInfo) -> Self {
+        let slot = topic.from.seats() > 1;
+        Self { seat, generation: if slot { generation } else { 0 } }
+    }
+}
 
 /// How the samples of one input departed from their edge.
 #[derive(Debug, Default)]
 pub(super) struct Exceptions {
-    /// First sequence -> last sequence and the step that had them, late.
-    late: BTreeMap<u64, (u64, u64)>,
-    /// First sequence -> last sequence that never arrived.
-    lost: BTreeMap<u64, u64>,
-    /// Last sequence that arrived, if it is known.
-    last: Option<u64>,
+    /// Writer and first sequence -> last sequence and the step that had them, late.
+    late: BTreeMap<(Writer, u64), (u64, u64)>,
+    /// Writer and first sequence -> last sequence that never arrived.
+    lost: BTreeMap<(Writer, u64), u64>,
+    /// Last sequence that arrived, of those writers of whom it is known.
+    last: BTreeMap<Writer, u64>,
+    /// Nothing arrived at all.
+    silent: bool,
 }
 
 impl Exceptions {
     /// Those of one input among the deviations of a process's life.
-    pub(super) fn of<'a>(input: &str, deviations: impl Iterator<Item = &'a Deviation>) -> Self {
+    pub(super) fn of<'a>(
+        topic: &TopicInfo,
+        deviations: impl Iterator<Item = &'a Deviation>,
+    ) -> Self {
         let mut exceptions = Self::default();
-        for deviation in deviations.filter(|d| d.input_name() == input) {
-            let Deviation { first, last, .. } = *deviation;
+        for deviation in deviations.filter(|d| d.input_name() == topic.name) {
+            let Deviation { first, last, writer_seat, writer_generation, .. } = *deviation;
+            let writer = Writer::new(writer_seat, writer_generation, topic);
             let step_ns = deviation.header.release_ns;
             match deviation.kind {
                 DeviationKind::LateSamples => {
-                    exceptions.late.insert(first, (last, step_ns));
+                    exceptions.late.insert((writer, first), (last, step_ns));
                 }
                 DeviationKind::LostSamples => {
-                    exceptions.lost.insert(first, last);
+                    exceptions.lost.insert((writer, first), last);
                 }
-                DeviationKind::Ended => exceptions.last = Some(last),
+                DeviationKind::Ended if last == 0 => exceptions.silent = true,
+                DeviationKind::Ended => {
+                    exceptions.last.insert(writer, last);
+                }
                 _ => {}
             }
         }
         exceptions
     }
 
-    /// The same of a process that was killed when it had `last` in effect.
-    pub(super) fn killed_after(self, last: u64) -> Self {
-        Self { last: self.last.or(Some(last)), ..self }
+    /// The same of a process that was killed when it had `latched` in effect.
+    pub(super) fn killed_after(mut self, latched: Option<&Header>, topic: &TopicInfo) -> Self {
+        match latched {
+            Some(header) => {
+                self.last.entry(Writer::of(header, topic)).or_insert(header.sequence);
+            }
+            None => self.silent = true,
+        }
+        self
     }
 
     /// True if the sample came when the loop had ended, or never.
-    fn came_too_late(&self, sequence: u64) -> bool {
-        self.last.is_some_and(|last| sequence > last)
+    fn came_too_late(&self, writer: Writer, sequence: u64) -> bool {
+        self.silent || self.last.get(&writer).is_some_and(|last| sequence > *last)
     }
 
-    fn is_lost(&self, sequence: u64) -> bool {
-        self.lost.range(..=sequence).next_back().is_some_and(|(_, last)| sequence <= *last)
+    fn is_lost(&self, writer: Writer, sequence: u64) -> bool {
+        let before = self.lost.range((writer, 0)..=(writer, sequence)).next_back();
+        before.is_some_and(|(_, last)| sequence <= *last)
     }
 
     /// Step at which a late sample arrived \[ns\].
-    fn arrival_ns(&self, sequence: u64) -> Option<u64> {
-        let (_, (last, step_ns)) = self.late.range(..=sequence).next_back()?;
+    fn arrival_ns(&self, writer: Writer, sequence: u64) -> Option<u64> {
+        let before = self.late.range((writer, 0)..=(writer, sequence)).next_back();
+        let (_, (last, step_ns)) = before?;
         (sequence <= *last).then_some(*step_ns)
     }
 }
 
+/// What one writer said.
+struct Reel<T> {
+    writer: Writer,
+    samples: Vec<T>,
+    next: usize,
+}
+
 /// Plays a recorded topic to an input.
 pub(super) struct TapeSource<T> {
-    samples: Rc<Vec<T>>,
-    next: usize,
+    reels: Vec<Reel<T>>,
     edge: Edge,
     /// Step that is about to run \[ns\].
     now_ns: Rc<Cell<u64>>,
     exceptions: Exceptions,
 }
 
-impl<T> TapeSource<T> {
+impl<T: Sample> TapeSource<T> {
+    /// Plays `samples`; to a process that joined a flight at `joined_ns` without a state, what a
+    /// writer that was there had kept for it, and what came after.
     pub(super) fn new(
-        samples: Rc<Vec<T>>,
+        samples: &[T],
+        topic: &TopicInfo,
         edge: Edge,
         exceptions: Exceptions,
+        joined_ns: Option<u64>,
         now_ns: Rc<Cell<u64>>,
     ) -> Self {
-        Self { samples, next: 0, edge, now_ns, exceptions }
+        let mut by_writer: BTreeMap<Writer, Vec<T>> = BTreeMap::new();
+        for sample in samples {
+            by_writer.entry(Writer::of(sample.header(), topic)).or_default().push(*sample);
+        }
+        let reel = |(writer, samples): (Writer, Vec<T>)| {
+            let mut next = 0;
+            if let Some(joined_ns) = joined_ns {
+                let before = samples.partition_point(|s| s.header().release_ns < joined_ns);
+                let gone = before == samples.len() && topic.from.is_stepping();
+                next = if gone { before } else { before.saturating_sub(topic.history) };
+            }
+            Reel { writer, samples, next }
+        };
+        let reels = by_writer.into_iter().map(reel).collect();
+        Self { reels, edge, now_ns, exceptions }
     }
 }
 
-impl<T: Sample> Source<T> for TapeSource<T> {
-    fn receive(&mut self) -> Option<T> {
-        let now_ns = self.now_ns.get();
+impl<T: Sample> Reel<T> {
+    fn play(&mut self, edge: &Edge, exceptions: &Exceptions, now_ns: u64) -> Option<T> {
         loop {
             let sample = *self.samples.get(self.next)?;
             let header = *sample.header();
-            if self.exceptions.is_lost(header.sequence) {
+            if exceptions.is_lost(self.writer, header.sequence) {
                 self.next += 1;
                 continue;
             }
-            if self.exceptions.came_too_late(header.sequence) {
+            if exceptions.came_too_late(self.writer, header.sequence) {
                 return None;
             }
             // Nominally a sample is there by the step that it is in effect at.
-            let arrived = self.exceptions.arrival_ns(header.sequence).map_or_else(
-                || self.edge.in_effect(header.valid_ns, now_ns),
+            let arrived = exceptions.arrival_ns(self.writer, header.sequence).map_or_else(
+                || edge.in_effect(header.valid_ns, now_ns),
                 |step_ns| step_ns <= now_ns,
             );
             if !arrived {
@@ -108,10 +167,17 @@ impl<T: Sample> Source<T> for TapeSource<T> {
     }
 }
 
+impl<T: Sample> Source<T> for TapeSource<T> {
+    fn receive(&mut self) -> Option<T> {
+        let Self { reels, edge, now_ns, exceptions } = self;
+        reels.iter_mut().find_map(|reel| reel.play(edge, exceptions, now_ns.get()))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Header, Imu, Role, topics};
+    use shared_types::{Imu, Role, topics};
 
     const MS: u64 = 1_000_000;
 
@@ -130,9 +196,11 @@ mod tests {
     fn played(deviations: &[Deviation]) -> Vec<Vec<u64>> {
         let now_ns = Rc::new(Cell::new(0));
         let mut source = TapeSource::new(
-            Rc::new((1..=8).map(imu).collect()),
+            &(1..=8).map(imu).collect::<Vec<_>>(),
+            &topics::IMU.info,
             Edge::unwaited(&topics::IMU.info, Role::Estimator),
-            Exceptions::of("imu", deviations.iter()),
+            Exceptions::of(&topics::IMU.info, deviations.iter()),
+            None,
             Rc::clone(&now_ns),
         );
         let step = |step_ms: u64| {

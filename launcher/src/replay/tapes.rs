@@ -1,14 +1,15 @@
 //! Samples by topic with their types forgotten: what was recorded, and what comes out of a replay.
 
-use super::ReplayError;
 use super::again::Topics;
+use super::lives::LifeKey;
 use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
 use runtime::graph::CREDIT_NS;
 use shared_types::{
-    Deviation, DeviationKind, Header, LoopStats, Role, Sample, Topic, TopicInfo, topics,
+    Deviation, DeviationKind, Header, LoopStats, Role, Sample, Seating, SeatingKind, Topic,
+    TopicInfo, topics,
 };
 use std::any::Any;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 /// Samples of several topics, each in the order recorded or produced.
@@ -49,19 +50,16 @@ impl core::fmt::Debug for Tapes {
 pub(super) struct Recorded {
     pub(super) tapes: Tapes,
     pub(super) states: Vec<RecordedState>,
-    /// Last step that left a trace and can be replayed, by the generation of the process \[ns\].
-    pub(super) traces: BTreeMap<u32, u64>,
+    /// Last step that left a trace and can be replayed, of each life \[ns\].
+    pub(super) traces: BTreeMap<LifeKey, u64>,
+    /// How those began that took a seat in flight.
+    pub(super) seatings: BTreeMap<LifeKey, Seating>,
+    /// Those who left in order.
+    pub(super) in_order: BTreeSet<LifeKey>,
     pub(super) closing: Closing,
-    /// Somebody has published from another seat than the first.
-    pub(super) changed_hands: bool,
 }
 
 impl Recorded {
-    /// Only of flights in which nobody followed anybody on a slot's other seats.
-    pub(super) fn of_one_hand(self) -> Result<Self, ReplayError> {
-        if self.changed_hands { Err(ReplayError::ChangedHands) } else { Ok(self) }
-    }
-
     /// True if the flight's own audit says that the recorder lost samples of a topic.
     pub(super) fn has_gaps(&self, topic: &str) -> bool {
         let of_topic = |key: &str| key.split_once('#').is_some_and(|(name, _)| name == topic);
@@ -69,20 +67,41 @@ impl Recorded {
             of_topic(key.trim_start_matches('/')) && !tally.contains("\"gaps\":0,")
         })
     }
-}
 
-impl Recorded {
+    /// Finds those who told how far their inputs had got when they left.
+    fn find_ends(&mut self) {
+        for told in self.tapes.of(&topics::DEVIATION).iter() {
+            let life = LifeKey::of_deviation(&told.header);
+            let last_ns = self.traces.get(&life).copied().unwrap_or(0);
+            // The end of a writer is told by the same word, at a step.
+            if told.kind == DeviationKind::Ended && told.header.release_ns > last_ns {
+                self.in_order.insert(life);
+            }
+        }
+    }
+
+    /// Behind a cut, what a step had may be missing although what it gave is there: the recorder takes
+    /// the topics in turn, and a loop may be a credit ahead of another.
+    fn hold_back(&mut self) {
+        let held_ns = self.traces.values().max().and_then(|last| last.checked_sub(CREDIT_NS));
+        let Some(held_ns) = held_ns else { return self.traces.clear() };
+        for (life, last_ns) in &mut self.traces {
+            if *last_ns > held_ns {
+                *last_ns = held_ns;
+                self.in_order.remove(life);
+            }
+        }
+    }
+
     /// A process that was killed did not tell how far its inputs had got; the last state of its life
     /// does, so its life is replayed up to there.
     fn end_at_last_states(&mut self) {
-        let deviations = self.tapes.of(&topics::DEVIATION);
-        for (generation, last_ns) in &mut self.traces {
-            let mut ends = deviations.iter().filter(|d| d.kind == DeviationKind::Ended);
-            let in_order = ends.any(|d| d.header.generation == *generation);
+        let open = self.traces.iter_mut().filter(|(life, _)| !self.in_order.contains(*life));
+        for (life, last_ns) in open {
             let of_life = |s: &&RecordedState| {
-                s.header.generation == *generation && s.header.release_ns <= *last_ns
+                LifeKey::of(&s.header) == *life && s.header.release_ns <= *last_ns
             };
-            if !in_order && let Some(state) = self.states.iter().rev().find(of_life) {
+            if let Some(state) = self.states.iter().rev().find(of_life) {
                 *last_ns = state.header.release_ns;
             }
         }
@@ -96,37 +115,42 @@ struct Load<'a> {
 }
 
 impl Load<'_> {
-    fn trace(&mut self, header: &Header) {
-        let last_ns = self.recorded.traces.entry(header.generation).or_default();
+    fn trace(&mut self, life: LifeKey, header: &Header) {
+        let last_ns = self.recorded.traces.entry(life).or_default();
         *last_ns = header.release_ns.max(*last_ns);
     }
 }
 
 impl RecordVisitor for Load<'_> {
     fn wants(&self, topic: &TopicInfo) -> bool {
-        let own = [topics::LOOP_STATS.info.name, topics::DEVIATION.info.name];
+        let own = [&topics::LOOP_STATS.info, &topics::DEVIATION.info, &topics::SEATING.info];
         let Topics { read, written } = self.topics;
+        let own = own.map(|topic| topic.name);
         [read.as_slice(), written, &own].concat().contains(&topic.name)
     }
 
     fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         let any: &dyn Any = sample;
         let header = sample.header();
-        let role = if let Some(deviation) = any.downcast_ref::<Deviation>() {
+        let role = if let Some(seating) = any.downcast_ref::<Seating>() {
+            if seating.role == self.role && seating.kind == SeatingKind::Joined {
+                let Seating { seat, generation, .. } = *seating;
+                self.recorded.seatings.insert(LifeKey { seat, generation }, *seating);
+            }
+            return;
+        } else if let Some(deviation) = any.downcast_ref::<Deviation>() {
             deviation.role
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
             if stats.role == self.role {
-                self.trace(header);
+                self.trace(LifeKey::of_stats(header), header);
             }
             stats.role
         } else {
             if self.topics.written.contains(&topic.info.name) {
-                self.trace(header);
+                self.trace(LifeKey::of(header), header);
             }
             self.role
         };
-        let about_loops = topic.info.from == Role::Supervisor;
-        self.recorded.changed_hands |= header.seat > 0 && !about_loops;
         if role == self.role {
             self.recorded.tapes.push(topic, *sample);
         }
@@ -134,7 +158,7 @@ impl RecordVisitor for Load<'_> {
 
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
         if role == self.role {
-            self.trace(header);
+            self.trace(LifeKey::of(header), header);
             self.recorded.states.push(RecordedState { header: *header, bytes: state.to_vec() });
         }
     }
@@ -149,14 +173,9 @@ pub(super) fn load(
     let mut load = Load { role, topics, recorded: Recorded::default() };
     let closing = flight.visit(&mut load)?;
     let mut recorded = load.recorded;
-    if !closing.complete
-        && let Some((generation, last_ns)) = recorded.traces.pop_last()
-    {
-        // Behind a cut, what a step had may be missing although what it gave is there: the recorder
-        // takes the topics in turn, and a loop may be this far ahead of another.
-        if let Some(held_ns) = last_ns.checked_sub(CREDIT_NS) {
-            recorded.traces.insert(generation, held_ns);
-        }
+    recorded.find_ends();
+    if !closing.complete {
+        recorded.hold_back();
     }
     recorded.end_at_last_states();
     Ok(Recorded { closing, ..recorded })

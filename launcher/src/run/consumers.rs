@@ -8,7 +8,7 @@ use crate::in_process::Observer;
 use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
-use shared_types::{Header, Role, Sample, Topic, TopicInfo, topics};
+use shared_types::{Header, Role, Sample, Seating, Topic, TopicInfo, topics};
 
 /// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
 const NO_RECEIPT_NS: u64 = 0;
@@ -71,6 +71,13 @@ impl Consumers {
             && let Err(error) = recording.write(topic, sample, receipt_mono_ns)
         {
             self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Takes word of who takes a slot's seat, from the supervisor.
+    pub(super) fn tell_seating(&mut self, seating: &Seating, now_mono_ns: u64) {
+        if let Some(stream) = self.stream(&topics::SEATING.info) {
+            self.take(&topics::SEATING, stream, seating, now_mono_ns);
         }
     }
 

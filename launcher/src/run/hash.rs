@@ -31,12 +31,14 @@ const IDENTITY_FIELDS: [&str; 9] = [
 
 /// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever
 /// compares samples of two flights leaves these out and nothing else.
-pub const MACHINE_FIELDS: [&str; 5] = [
+pub const MACHINE_FIELDS: [&str; 6] = [
     // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
     "release_mono_ns",
     "start_mono_ns",
     "publish_mono_ns",
     "generation",
+    // Of `deviation`: the same of an input's writer.
+    "writer_generation",
     // Of `loop_stats`: waits that only their limit ended.
     "rescued_waits",
 ];

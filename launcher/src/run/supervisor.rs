@@ -395,6 +395,11 @@ impl Supervisor {
         tap.marks.learn_roll(self.roll.entries());
     }
 
+    /// How many processes have had a seat before the one that has it, or had it last.
+    pub(super) fn generation(&self, seat: Seat) -> Option<u32> {
+        self.posts.iter().find(|post| post.seat == seat).map(|post| post.generation)
+    }
+
     /// Seat of the process of this name that is not in a slot, or of the only one of its role.
     pub(super) fn seat_of(&self, name: &str) -> Option<Seat> {
         self.posts.iter().find(|post| post.spec.name == name).map(|post| post.seat)

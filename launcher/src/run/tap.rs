@@ -54,6 +54,7 @@ impl TopicVisitor for Opener<'_> {
 #[derive(Debug, Clone, Default)]
 struct LastState {
     bytes: Vec<u8>,
+    generation: u32,
     /// Its release \[ns\] and sequence.
     place: (u64, u64),
 }
@@ -101,6 +102,12 @@ impl Tap {
         Some(tap.last_state.bytes.as_slice()).filter(|bytes| !bytes.is_empty())
     }
 
+    /// Generation of the process that published it.
+    pub(super) fn last_state_of(&self, seat: Seat) -> Option<(u32, &[u8])> {
+        let generation = self.seats.iter().find(|tap| tap.seat == seat)?.last_state.generation;
+        self.last_state(seat).map(|state| (generation, state))
+    }
+
     /// Takes everything that has arrived; the number of samples.
     pub(super) fn drain(&mut self, now_mono_ns: u64) -> usize {
         // Marks first: when they are raised below, what they promise has been drained.
@@ -121,6 +128,7 @@ impl Tap {
                     return;
                 }
                 last.place = place;
+                last.generation = header.generation;
                 last.bytes.clear();
                 last.bytes.extend_from_slice(bytes);
                 consumers.take_state(seat.role, header, bytes, now_mono_ns);

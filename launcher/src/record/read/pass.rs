@@ -68,8 +68,9 @@ type Show<V> = Box<dyn Fn(&[u8], &mut V) -> Result<(), DecodeError>>;
 /// What to do with the messages of one channel.
 enum Reader<V> {
     Sample(Show<V>),
-    /// Role, layout of who flies it by the scenario, and whether that one has been met.
-    State(Role, StateLayout, Cell<bool>),
+    /// Role, layouts of all that can fill it, and whether one of them has been met; the first is of
+    /// the one that begins.
+    State(Role, Vec<StateLayout>, Cell<bool>),
     Events,
 }
 
@@ -113,14 +114,15 @@ fn read<V: RecordVisitor>(
     };
     match reader {
         Reader::Sample(show) => show(data, visitor).map_err(broken),
-        Reader::State(role, layout, known) => {
+        Reader::State(role, layouts, known) => {
             let (header, layout_hash, state) = decode_state(data).map_err(broken)?;
-            if layout_hash != layout.hash && known.get() {
-                // Another kind of controller has followed the one that the scenario names.
+            if layouts.iter().any(|layout| layout.hash == layout_hash) {
+                known.set(true);
+                visitor.state(*role, &header, state);
                 return Ok(());
             }
-            known.set(true);
-            if layout_hash != layout.hash {
+            // Whoever follows one of ours may be an executable of somebody else's.
+            if let Some(layout) = layouts.first().filter(|_| !known.get()) {
                 return Err(ReadError::Layout(Box::new(LayoutChange {
                     path: flight.path.clone(),
                     topic: topic.to_owned(),
@@ -131,7 +133,6 @@ fn read<V: RecordVisitor>(
                     detail: " (memory, inputs or header of the state)".to_owned(),
                 })));
             }
-            visitor.state(*role, &header, state);
             Ok(())
         }
         Reader::Events => {
@@ -153,8 +154,11 @@ fn readers<V: RecordVisitor>(
     for layout in &flight.layouts {
         let topic = format!("/state/{}", layout.role.label());
         if let Some(channel) = flight.channels.get(&topic) {
-            readers
-                .insert(channel.id, (topic, Reader::State(layout.role, *layout, Cell::new(false))));
+            let reader = readers.entry(channel.id);
+            let none = || (topic, Reader::State(layout.role, Vec::new(), Cell::new(false)));
+            if let (_, Reader::State(_, layouts, _)) = reader.or_insert_with(none) {
+                layouts.push(*layout);
+            }
         }
     }
     if let Some(channel) = flight.channels.get("/events") {

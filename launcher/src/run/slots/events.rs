@@ -34,6 +34,7 @@ impl Slots {
             PostEvent::Gone { .. } if means.is_over => Ok(()),
             PostEvent::Gone { obituary, .. } => {
                 if let Some(obituary) = obituary {
+                    self.lost(slot, seat, means);
                     self.say(obituary.clone(), true);
                 }
                 self.tell(slot, Event::Died(seat), means)

@@ -8,6 +8,7 @@ mod facts;
 mod gatekeeper;
 mod ledger;
 mod script;
+mod seating;
 mod telling;
 mod watch;
 
@@ -303,7 +304,8 @@ impl Slots {
                 means.supervisor.announce(record.to_sample(role), means.tap);
             }
             Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
-                let state = state_of.and_then(|of| means.tap.last_state(place(of)));
+                let from = state_of.map(place);
+                let state = from.and_then(|from| means.tap.last_state_of(from));
                 let same = state_of.is_some_and(|of| of != seat);
                 // In realtime a successor of the same kind runs what it has missed, from history.
                 let catches_up = same && self.mode != ClockMode::Lockstep;
@@ -313,7 +315,13 @@ impl Slots {
                     has_state: Flag::from(state.is_some()),
                     catches_up: Flag::from(catches_up),
                 };
-                means.supervisor.hand_over(place(seat), order, state.unwrap_or_default());
+                let seating = seating::joined(&order, from.zip(state), join_ns);
+                means.supervisor.hand_over(
+                    place(seat),
+                    order,
+                    state.map(|(_, bytes)| bytes).unwrap_or_default(),
+                );
+                self.tell_seating(slot, seat, seating, means);
                 self.open_gate(slot, seat, state_of.is_some(), track_until_ns, means);
             }
             Action::Judge(seat) => {
@@ -392,6 +400,7 @@ impl Slots {
         let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
             return Ok(());
         };
+        self.lost(slot, seat, means);
         self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), means)
     }
 }

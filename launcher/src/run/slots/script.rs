@@ -79,7 +79,10 @@ fn afflict(
         return Ok(());
     };
     match fault.kind {
-        FaultKind::Kill => means.supervisor.kill_at_once(place),
+        FaultKind::Kill => {
+            slots.killed(place, means);
+            means.supervisor.kill_at_once(place);
+        }
         FaultKind::Stop => {
             means.supervisor.stop(place, means.tap);
             if slots.has(place.role) {

@@ -20,10 +20,17 @@ pub(crate) fn loop_number(seat: Seat) -> u32 {
     seat.index.wrapping_mul(ROLE_RADIX).wrapping_add(seat.role.0)
 }
 
-/// As [`loop_number`]; each life counts for itself, so that a successor's numbers are not taken for
-/// repetitions.
-fn life_number(seat: Seat, generation: u32) -> u32 {
+/// What tells the lives of processes apart on topics that all of them write: role, seat and generation.
+/// Each life counts for itself, so that a successor's numbers are not taken for repetitions.
+#[must_use]
+pub fn life_number(seat: Seat, generation: u32) -> u32 {
     generation.wrapping_mul(ROLE_RADIX << 2).wrapping_add(loop_number(seat))
+}
+
+/// Seat that a number of either kind tells.
+#[must_use]
+pub fn seat_of_loop(number: u32) -> u32 {
+    number / ROLE_RADIX % 4
 }
 
 /// Writes deviations of one step.
@@ -46,9 +53,23 @@ impl<'a> Report<'a> {
         self.output.flush(&self.header);
     }
 
-    fn lost(&mut self, input: &str, writer_seat: u32, first: u64, last: u64) {
-        let lost = Deviation { first, last, writer_seat, ..Deviation::default() };
+    fn lost(&mut self, input: &str, writer: &Header, first: u64, last: u64) {
+        let Header { seat: writer_seat, generation: writer_generation, .. } = *writer;
+        let lost = Deviation { first, last, writer_seat, writer_generation, ..Default::default() };
         self.write(DeviationKind::LostSamples, input, lost);
+    }
+
+    /// The last that the loop had of a writer.
+    fn ended(&mut self, input: &str, writer_seat: u32, last: &Newest) {
+        let Newest { sequence, generation: writer_generation, .. } = *last;
+        let ended = Deviation {
+            first: sequence,
+            last: sequence,
+            writer_seat,
+            writer_generation,
+            ..Deviation::default()
+        };
+        self.write(DeviationKind::Ended, input, ended);
     }
 
     fn range(&mut self, kind: DeviationKind, input: &str, first: u64, last: u64) {
@@ -155,7 +176,12 @@ impl InputVisitor for ReportInputs<'_> {
                 continue;
             };
             let missing = match newest.replace(Newest::of(header)) {
-                Some(before) => before.missing_before(header),
+                Some(before) => {
+                    if topic.info.from.seats() > 1 && before.is_followed_by(header) {
+                        self.report.ended(name, header.seat, &before);
+                    }
+                    before.missing_before(header)
+                }
                 // The first writer of all counts from 1, whoever comes in flight from anywhere.
                 None if header.seat == 0 && header.generation == 0 => {
                     header.sequence.saturating_sub(1)
@@ -164,7 +190,7 @@ impl InputVisitor for ReportInputs<'_> {
             };
             if missing > 0 {
                 let last = header.sequence - 1;
-                self.report.lost(name, header.seat, header.sequence - missing, last);
+                self.report.lost(name, header, header.sequence - missing, last);
             }
             // Samples come in the order of their effect: the late ones are the first.
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
@@ -172,6 +198,7 @@ impl InputVisitor for ReportInputs<'_> {
                     first: header.sequence,
                     due_ns: header.valid_ns,
                     writer_seat: header.seat,
+                    writer_generation: header.generation,
                     ..Deviation::default()
                 };
                 late.get_or_insert(first).last = header.sequence;
@@ -194,8 +221,16 @@ impl InputVisitor for ReportEnd<'_> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
-        let last = input.latest().map_or(0, |sample| sample.header().sequence);
-        self.0.range(DeviationKind::Ended, topic.info.name, last, last);
+        let name = topic.info.name;
+        let newest = input.newest();
+        for (seat, last) in (0..).zip(&newest) {
+            if let Some(last) = last {
+                self.0.ended(name, seat, last);
+            }
+        }
+        if newest.iter().all(Option::is_none) {
+            self.0.range(DeviationKind::Ended, name, 0, 0);
+        }
         Ok(())
     }
 }

@@ -3,7 +3,8 @@
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use crate::ownership::SlotBook;
 use shared_types::wire::Value;
-use shared_types::{Header, Role, SEATS, Sample, Topic};
+use shared_types::{Header, OwnerRecord, Role, SEATS, Sample, Topic};
+use std::any::Any;
 use std::collections::VecDeque;
 
 /// Where samples come from: a shared-memory subscriber, or a queue within one process.
@@ -44,7 +45,7 @@ pub struct InputCounts {
 pub(crate) struct Newest {
     valid_ns: u64,
     pub(crate) sequence: u64,
-    generation: u32,
+    pub(crate) generation: u32,
 }
 
 impl Newest {
@@ -57,6 +58,11 @@ impl Newest {
     /// sequence grow together; whoever takes a seat in flight counts from anywhere, but later.
     fn has(&self, header: &Header) -> bool {
         (header.valid_ns, header.sequence) <= (self.valid_ns, self.sequence)
+    }
+
+    /// True if another process has taken the seat, one that does not go on from its last words.
+    pub(crate) fn is_followed_by(&self, header: &Header) -> bool {
+        self.generation != header.generation && header.sequence != self.sequence + 1
     }
 
     /// Samples of the same writer that are missing before this one.
@@ -86,6 +92,9 @@ pub struct Input<T> {
     /// Of a slot: whose samples count when. Nobody waits for the others, so that it is for chance to
     /// say when those come, and they are left out.
     slot: Option<SlotBook>,
+    /// Of owner records: all that have been received, and whether there are new ones.
+    book: SlotBook,
+    news: Option<Role>,
     counts: InputCounts,
 }
 
@@ -113,6 +122,8 @@ impl<T: Sample> Default for Input<T> {
             newest_before: [None; SEATS],
             known_until_ns: None,
             slot: None,
+            book: SlotBook::default(),
+            news: None,
             counts: InputCounts::default(),
         }
     }
@@ -147,6 +158,7 @@ impl<T: Sample> Input<T> {
 
     /// Takes one sample, as if it had arrived.
     pub fn offer(&mut self, sample: T) {
+        self.learn(&sample);
         let header = sample.header();
         let Some(newest) = usize::try_from(header.seat).ok().and_then(|i| self.newest.get(i))
         else {
@@ -204,6 +216,21 @@ impl<T: Sample> Input<T> {
         self.known_until_ns = Some(t_ns);
     }
 
+    /// What has been received about who owns a slot, if there is news since the last time; of owner
+    /// records only. What ended before `previous_ns` is forgotten.
+    pub fn owner_news(&mut self, previous_ns: Option<u64>) -> Option<(Role, SlotBook)> {
+        let role = self.news.take()?;
+        self.book.forget_before(previous_ns.unwrap_or(0));
+        Some((role, self.book))
+    }
+
+    fn learn(&mut self, sample: &T) {
+        if let Some(record) = (sample as &dyn Any).downcast_ref::<OwnerRecord>() {
+            self.book.learn(record);
+            self.news = Some(record.slot);
+        }
+    }
+
     /// Takes in who owns the slot from when, if this input comes from it.
     pub fn obey(&mut self, role: Role, slot: &SlotBook) {
         if self.edge.is_some_and(|edge| edge.from == role) {
@@ -242,6 +269,11 @@ impl<T: Sample> Input<T> {
     #[must_use]
     pub fn latest(&self) -> Option<&T> {
         self.latest.as_ref()
+    }
+
+    /// Of each seat: its newest sample.
+    pub(crate) fn newest(&self) -> [Option<Newest>; SEATS] {
+        self.newest
     }
 
     /// Of each seat: what was its newest sample before this step.
@@ -286,6 +318,9 @@ impl<T: Sample> Input<T> {
         let (present, value) = from.split_at(8);
         self.latest = (u64::unpack(present) != 0).then(|| T::unpack(value));
         self.newest = [None; SEATS];
+        if let Some(latest) = self.latest {
+            self.learn(&latest);
+        }
         let header = self.latest.as_ref().map(|latest| *latest.header());
         if let Some(header) = header
             && let Some(newest) =
@@ -332,6 +367,8 @@ pub trait InputSet: Default {
     fn receive(&mut self);
     /// Takes what has arrived on the inputs whose producers are among `moved`, or step unwaited.
     fn receive_if_moved(&mut self, moved: Roles);
+    /// Lets whose samples count follow what has been received about owners.
+    fn heed_owners(&mut self, previous_ns: Option<u64>);
     /// Puts into effect what is due on every input.
     fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>);
     /// Sum of all inputs' counters.
@@ -385,7 +422,14 @@ macro_rules! inputs {
                 $(self.$field.receive_if_moved(moved);)*
                 let _ = moved;
             }
+            fn heed_owners(&mut self, previous_ns: Option<u64>) {
+                $(if let Some((role, book)) = self.$field.owner_news(previous_ns) {
+                    self.obey(role, &book);
+                })*
+                let _ = previous_ns;
+            }
             fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
+                self.heed_owners(previous_ns);
                 $(self.$field.accept(t_ns, previous_ns);)*
                 let _ = (t_ns, previous_ns);
             }
@@ -415,6 +459,7 @@ macro_rules! inputs {
                 debug_assert!(rest.is_empty());
             }
             fn skip_until(&mut self, t_ns: u64) {
+                self.heed_owners(None);
                 $(self.$field.skip_until(t_ns);)*
                 let _ = t_ns;
             }

@@ -23,6 +23,7 @@ pub mod service;
 mod wakes;
 pub mod watch;
 
+pub use deviations::{life_number, seat_of_loop};
 pub use executor::{Executor, Place, StateSink, StepStamps};
 pub use graph::{Graph, GraphError, Marks, MissPolicy, Node};
 pub use input::{Input, InputCounts, InputSet, InputVisitor, Link, Source};

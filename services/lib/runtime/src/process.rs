@@ -369,15 +369,10 @@ impl<'a, S: Service> Process<'a, S> {
         let done_ns = self.executor.previous_ns().unwrap_or(0);
         for slot in &mut self.slots {
             if let Some(book) = self.marks.book(slot.role) {
-                let mut news = false;
                 while let Some(record) = slot.records.receive() {
                     book.learn(&record);
-                    news = true;
                 }
                 book.forget_before(done_ns);
-                if news {
-                    self.executor.inputs.obey(slot.role, book);
-                }
                 if slot.role == self.seat.role {
                     self.leave_ns = book.released_ns(self.seat.index).unwrap_or(u64::MAX);
                 }

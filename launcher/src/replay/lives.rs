@@ -1,0 +1,256 @@
+//! Who flew a role, one process after another and beside another: each life, and how it began.
+
+use super::ReplayError;
+use super::tapes::Recorded;
+use crate::components::{self, Crew};
+use crate::record::read::RecordedState;
+use runtime::seat_of_loop;
+use runtime::service::StateHeader;
+use shared_types::wire::Value as _;
+use shared_types::{Deviation, DeviationKind, Header, Role, Seating, topics};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// One life of a process: its seat, and how many had the seat before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub(super) struct LifeKey {
+    pub(super) seat: u32,
+    pub(super) generation: u32,
+}
+
+impl LifeKey {
+    /// Of who wrote a sample or a state.
+    pub(super) fn of(header: &Header) -> Self {
+        Self { seat: header.seat, generation: header.generation }
+    }
+
+    /// Of the loop that told a deviation.
+    pub(super) fn of_deviation(header: &Header) -> Self {
+        Self { seat: seat_of_loop(header.seat), generation: header.generation }
+    }
+
+    /// Of the loop that published totals.
+    pub(super) fn of_stats(header: &Header) -> Self {
+        Self::of_deviation(header)
+    }
+}
+
+/// Whom a replay is about: a role, and of those who filled it perhaps those of a name or on a seat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Who {
+    /// The role.
+    pub role: Role,
+    /// Name of the controller.
+    pub name: Option<&'static str>,
+    /// Its seat.
+    pub seat: Option<u32>,
+}
+
+impl Who {
+    /// Everybody who filled a role.
+    #[must_use]
+    pub fn all_of(role: Role) -> Self {
+        Self { role, name: None, seat: None }
+    }
+
+    fn means(&self, instance: &Instance) -> bool {
+        self.role == instance.role
+            && self.seat.is_none_or(|seat| seat == instance.seat)
+            && self.name.is_none_or(|name| name == instance.name)
+    }
+}
+
+/// A controller on a seat, in all of its lives.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Instance {
+    /// Its role.
+    pub role: Role,
+    /// Its seat.
+    pub seat: u32,
+    /// Name of the service, or of an executable of somebody else's.
+    pub name: String,
+}
+
+impl fmt::Display for Instance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { role, seat, name } = self;
+        match role.seats() {
+            1 => f.write_str(role.label()),
+            _ => write!(f, "{name}@{seat}"),
+        }
+    }
+}
+
+/// Where a life went on from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Source {
+    life: LifeKey,
+    release: u64,
+    /// The life was that seat's last one, whatever its number.
+    before: bool,
+}
+
+/// One life of a process, from its start or restart to its death or the end of the recording.
+pub(super) struct Life {
+    pub(super) key: LifeKey,
+    /// State that it went on from.
+    pub(super) source: Option<Source>,
+    /// Instant at which it joined, and until which it tracked \[ns\].
+    pub(super) joined: Option<(u64, u64)>,
+    /// Last step that left a trace \[ns\].
+    pub(super) last_ns: u64,
+    pub(super) deviations: Vec<Deviation>,
+    /// Sequence of the last totals published.
+    pub(super) last_stats: u64,
+    /// It left in order and told where its inputs had got.
+    pub(super) in_order: bool,
+}
+
+impl Life {
+    /// True if it goes on with the numbers of whoever had its seat before.
+    pub(super) fn goes_on(&self) -> bool {
+        self.source.is_some_and(|source| source.life.seat == self.key.seat)
+    }
+
+    /// Release of the state that it was handed, if that is not among the recorded ones.
+    pub(super) fn lacks_state(&self, handed: Option<&RecordedState>) -> Option<u64> {
+        self.source.filter(|_| handed.is_none()).map(|source| source.release)
+    }
+
+    /// The state that it was handed.
+    pub(super) fn handed_over<'a>(&self, recorded: &'a Recorded) -> Option<&'a RecordedState> {
+        let Source { life, release, before } = self.source?;
+        recorded.states.iter().rev().find(|state| {
+            let from = LifeKey::of(&state.header);
+            let meant = if before {
+                from.seat == life.seat && from.generation < life.generation
+            } else {
+                from == life
+            };
+            meant && state_header(state).release_index == release
+        })
+    }
+}
+
+/// The first part of a state.
+pub(super) fn state_header(state: &RecordedState) -> StateHeader {
+    let head = state.bytes.get(..StateHeader::PACKED_SIZE);
+    head.map_or_else(StateHeader::default, StateHeader::unpack)
+}
+
+/// Who flew `role`, with their lives, in the order in which they began.
+pub(super) fn instances(
+    recorded: &Recorded,
+    role: Role,
+    crew: &Crew,
+) -> Vec<(Instance, Vec<Life>)> {
+    let deviations = recorded.tapes.of(&topics::DEVIATION);
+    let stats = recorded.tapes.of(&topics::LOOP_STATS);
+    let begins = crew.name(role).unwrap_or(role.label());
+    let mut by_instance: Vec<(Instance, Vec<Life>)> = Vec::new();
+    // By seat: who is there.
+    let mut there: BTreeMap<u32, String> = BTreeMap::new();
+    for (&key, &last_ns) in &recorded.traces {
+        let deviations: Vec<Deviation> = deviations
+            .iter()
+            .filter(|told| LifeKey::of_deviation(&told.header) == key)
+            .copied()
+            .collect();
+        let seating = recorded.seatings.get(&key);
+        if let Some(seating) = seating {
+            there.insert(key.seat, seating.controller_name().to_owned());
+        }
+        let name = there.entry(key.seat).or_insert_with(|| begins.to_owned()).clone();
+        let of_life = stats
+            .iter()
+            .filter(|s| LifeKey::of_stats(&s.header) == key && s.header.release_ns <= last_ns);
+        let life = Life {
+            key,
+            source: source(key, seating, &deviations),
+            joined: seating.filter(|s| s.join_ns > 0).map(|s| (s.join_ns, s.track_until_ns)),
+            last_ns,
+            last_stats: of_life.map(|s| s.header.sequence).max().unwrap_or(0),
+            in_order: recorded.in_order.contains(&key),
+            deviations,
+        };
+        let instance = Instance { role, seat: key.seat, name };
+        match by_instance.iter_mut().find(|(known, _)| *known == instance) {
+            Some((_, lives)) => lives.push(life),
+            None => by_instance.push((instance, vec![life])),
+        }
+    }
+    let begin = |life: &Life| recorded.seatings.get(&life.key).map(|s| s.header.release_ns);
+    by_instance.sort_by_key(|(_, lives)| lives.first().and_then(begin));
+    by_instance
+}
+
+fn source(key: LifeKey, seating: Option<&Seating>, told: &[Deviation]) -> Option<Source> {
+    if let Some(seating) = seating {
+        let life = LifeKey { seat: seating.state_seat, generation: seating.state_generation };
+        let source = Source { life, release: seating.state_release, before: false };
+        return seating.has_state.is_set().then_some(source);
+    }
+    // Started again in its place, from the last state there was.
+    let resumed = told.iter().find(|d| d.kind == DeviationKind::Resumed)?;
+    Some(Source { life: key, release: resumed.first, before: true })
+}
+
+/// Those of `instances` that `who` means.
+pub(super) fn chosen(
+    instances: Vec<(Instance, Vec<Life>)>,
+    who: &Who,
+) -> Result<Vec<(Instance, Vec<Life>)>, ReplayError> {
+    let flew: Vec<String> = instances.iter().map(|(i, _)| i.to_string()).collect();
+    let mut meant = instances;
+    meant.retain(|(instance, _)| who.means(instance));
+    if meant.is_empty() && (who.name.is_some() || who.seat.is_some()) {
+        let asked = format!(
+            "{}{}",
+            who.name.unwrap_or(who.role.label()),
+            who.seat.map_or(String::new(), |seat| format!("@{seat}"))
+        );
+        return Err(ReplayError::NoInstance { asked, flew: flew.join(", ") });
+    }
+    Ok(meant)
+}
+
+/// The only one that `who` means.
+pub(super) fn only(
+    instances: Vec<(Instance, Vec<Life>)>,
+    who: &Who,
+) -> Result<(Instance, Vec<Life>), ReplayError> {
+    let mut meant = chosen(instances, who)?;
+    if meant.len() > 1 {
+        let flew: Vec<String> = meant.iter().map(|(i, _)| i.to_string()).collect();
+        return Err(ReplayError::Several { role: who.role.label(), flew: flew.join(", ") });
+    }
+    meant.pop().ok_or(ReplayError::NotFlown { role: who.role.label() })
+}
+
+/// The service of this build that an instance is, if it is one.
+pub(super) fn service_of(instance: &Instance, recorded: &Recorded, lives: &[Life]) -> Service {
+    let seatings = lives.iter().filter_map(|life| recorded.seatings.get(&life.key));
+    if seatings.clone().any(|seating| !seating.built_in.is_set()) {
+        return Service::Foreign;
+    }
+    if seatings.clone().any(|seating| seating.configured.is_set()) {
+        return Service::Configured;
+    }
+    let known = components::names_for(instance.role).find(|name| *name == instance.name);
+    match known {
+        Some(name) => Service::Known(Some(name)),
+        None if instance.role == Role::Pilot => Service::Known(None),
+        None => Service::Foreign,
+    }
+}
+
+/// What an instance was made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Service {
+    /// A service of this build, by its name; the pilot has none.
+    Known(Option<&'static str>),
+    /// One with a scenario of its own, which the recording does not hold.
+    Configured,
+    /// An executable of somebody else's.
+    Foreign,
+}

@@ -1,0 +1,85 @@
+//! What the recording is told of who sits where, so that every life of a process can be flown again.
+
+use super::{Executable, Means, Slots};
+use crate::candidate::{Candidate, Slot};
+use runtime::life_number;
+use runtime::service::StateHeader;
+use shared_types::wire::Value as _;
+use shared_types::{Flag, Handover, Header, Seat as Place, Seating, SeatingKind};
+use slot::Seat;
+
+/// How a process begins that goes on from a state, if there is one, of the process on a seat.
+pub(super) fn joined(
+    order: &Handover,
+    state: Option<(Place, (u32, &[u8]))>,
+    join_ns: u64,
+) -> Seating {
+    let Handover { track_until_ns, has_state, catches_up, .. } = *order;
+    let mut seating = Seating {
+        header: Header { release_ns: join_ns, ..Header::default() },
+        kind: SeatingKind::Joined,
+        join_ns: order.join_ns,
+        track_until_ns,
+        has_state,
+        catches_up,
+        ..Seating::default()
+    };
+    if let Some((from, (generation, bytes))) = state {
+        let head = bytes.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
+        seating.state_release = head.map_or(0, |head| head.release_index);
+        seating.state_seat = from.index;
+        seating.state_generation = generation;
+    }
+    seating
+}
+
+impl Slots {
+    /// Completes a seating and has it recorded.
+    pub(super) fn tell_seating(
+        &self,
+        slot: Slot,
+        seat: Seat,
+        seating: Seating,
+        means: &mut Means<'_>,
+    ) {
+        let place = Place { role: slot.role(), index: seat.into() };
+        let Some(generation) = means.supervisor.generation(place) else { return };
+        let executable = self.orders.seated_on(slot, seat);
+        let built_in = executable.is_some_and(|e| matches!(e.candidate, Candidate::Service(_)));
+        let name = executable.map_or("", |executable| executable.candidate.name());
+        let configured = executable.is_some_and(|Executable { config, .. }| config.is_some());
+        let told = Seating {
+            header: Header {
+                sequence: u64::from(seating.kind.0) + 1,
+                valid_ns: seating.header.release_ns,
+                publish_mono_ns: means.now_mono_ns,
+                seat: life_number(place, generation),
+                generation,
+                ..seating.header
+            },
+            controller: Seating::controller_from(name),
+            role: place.role,
+            seat: place.index,
+            generation,
+            built_in: Flag::from(built_in),
+            configured: Flag::from(configured),
+            ..seating
+        };
+        means.tap.consumers.tell_seating(&told, means.now_mono_ns);
+    }
+
+    /// Nobody waits any more for who sits there, and it did not leave in order.
+    pub(super) fn lost(&self, slot: Slot, seat: Seat, means: &mut Means<'_>) {
+        let release_ns = means.now.logical_ns;
+        let header = Header { release_ns, ..Header::default() };
+        let seating = Seating { header, kind: SeatingKind::Lost, ..Seating::default() };
+        self.tell_seating(slot, seat, seating, means);
+    }
+
+    /// As [`lost`](Self::lost), of somebody who is killed on purpose.
+    pub(super) fn killed(&self, place: Place, means: &mut Means<'_>) {
+        if let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) {
+            self.lost(slot, seat, means);
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Flights in which slots changed hands, process by process and controller by controller: every life
+//! verified, in both clocks, and whatever was changed in one is found and named.
+
+mod common;
+
+use common::{Flown, fly, morphquad, turn};
+use serde_json::Value;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// A swap for the same kind, one for another kind, and both windows.
+const SWAPS: &[&str] = &[
+    "figure8-morph",
+    "--for",
+    "3s",
+    "--swap",
+    "attitude=attitude-mpc@300ms,shadow=300ms,rollback=500ms",
+    "--swap",
+    "position=position-pid@500ms,shadow=600ms,rollback=600ms",
+    "--swap",
+    "attitude=attitude-pid@1400ms,shadow=400ms,rollback=500ms",
+];
+
+/// A death with a warm fallback, a stop and a death without.
+const DEATHS: &[&str] = &[
+    "figure8-morph",
+    "--for",
+    "3s",
+    "--swap",
+    "attitude=attitude-mpc@300ms,shadow=300ms,rollback=1s",
+    "--fault",
+    "kill:attitude-mpc@900ms",
+    "--fault",
+    "stop:attitude-mpc@1700ms",
+    "--fault",
+    "kill:position-mpc@2s",
+];
+
+fn replay(file: &Path, arguments: &[&str]) -> (Option<i32>, Value, String) {
+    let mut command = morphquad(["replay"]);
+    command.arg(file).args(arguments).args(["--format", "json"]);
+    let output = command.output().expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), said)
+}
+
+/// Verifies whom `whom` names and tells who that was.
+fn verified(flown: &Flown, whom: &[&str]) -> Vec<String> {
+    let flags = whom.iter().flat_map(|name| ["--service", *name]);
+    let flags: Vec<&str> = flags.chain(["--verify"]).collect();
+    let (code, json, said) = replay(&flown.recording_path(), &flags);
+    assert_eq!((code, &json["verify"]["identical"]), (Some(0), &true.into()), "{json} {said}");
+    let services = json["verify"]["services"].as_array().expect("services");
+    let compared = |s: &&Value| s["samples"].as_u64() > Some(0) && s["states"].as_u64() > Some(0);
+    assert!(services.iter().all(|service| compared(&service)), "{json}");
+    let name = |s: &Value| s["instance"].as_str().expect("a name").to_owned();
+    services.iter().map(name).collect()
+}
+
+#[test]
+fn every_life_of_every_controller_is_verified_in_both_clocks() {
+    let _turn = turn();
+    for (script, flew) in [
+        (
+            SWAPS,
+            &[
+                "position-mpc@0",
+                "position-pid@1",
+                "attitude-mpc@0",
+                "attitude-mpc@1",
+                "attitude-pid@0",
+            ][..],
+        ),
+        (DEATHS, &["position-mpc@0", "attitude-mpc@0", "attitude-mpc@1"]),
+    ] {
+        for clock in ["lockstep", "realtime"] {
+            let flown = fly(&[script, &["--clock", clock]].concat());
+            assert_eq!(flown.code, Some(0), "{}", flown.said());
+            let all = verified(&flown, &[]);
+            let in_slots: Vec<&str> =
+                all.iter().map(String::as_str).filter(|name| name.contains('@')).collect();
+            if clock == "lockstep" {
+                assert_eq!(in_slots, flew);
+            }
+            for name in in_slots {
+                assert_eq!(verified(&flown, &[name]), [name]);
+            }
+        }
+    }
+}
+
+#[test]
+fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
+    let _turn = turn();
+    let flown = fly(SWAPS);
+    let attitude = ["attitude-mpc@0", "attitude-mpc@1", "attitude-pid@0"];
+    assert_eq!(verified(&flown, &["attitude"]), attitude);
+    assert_eq!(verified(&flown, &["attitude-mpc"]), attitude[..2]);
+    assert_eq!(verified(&flown, &["attitude@0"]), ["attitude-mpc@0", "attitude-pid@0"]);
+    assert_eq!(verified(&flown, &["attitude-pid@0"]), ["attitude-pid@0"]);
+    let file = flown.recording_path();
+    for (flags, named) in [
+        (["--verify", "--service", "attitude-lqr"], "attitude-mpc@0, attitude-mpc@1"),
+        (["--verify", "--service", "attitude@3"], "no attitude@3"),
+        (["--verify", "--service", "attitude@4"], "seats 0 to 3"),
+        (["--with", "attitude-lqr", "--hash"], "say with --service"),
+    ] {
+        let (code, _, said) = replay(&file, &flags);
+        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains(named), "{named}: {said}");
+    }
+    // Its own kind departs nowhere, another one does; both begin where the life began.
+    let with = |name| {
+        let flags = ["--with", name, "--service", "attitude-pid@0"];
+        let (code, json, said) = replay(&file, &flags);
+        assert_eq!(code, Some(0), "{said}");
+        json["with"]["first_departure"].clone()
+    };
+    assert_eq!(with("attitude-pid"), Value::Null);
+    assert!(with("attitude-lqr")["t_s"].as_f64() >= Some(1.4));
+}
+
+#[test]
+fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
+    let _turn = turn();
+    let flown = fly(SWAPS);
+    let folder = TempDir::new().expect("a folder");
+    let copy = folder.path().join("copy.mcap");
+    // The candidate of another kind counts its commands from 1, and shadows for the first 40.
+    let mut seen = 0;
+    flown.recording().copy_to(
+        &copy,
+        |_, _| {},
+        |topic, sequence, bytes| {
+            if topic == "/wrench_command" && sequence == 20 {
+                seen += 1;
+                if seen == 2 {
+                    // Key, length and header come first, then the key of the thrust.
+                    let thrust = 2 + usize::from(bytes[1]) + 1;
+                    bytes[thrust] ^= 1;
+                }
+            }
+        },
+    );
+    assert_eq!(seen, 2);
+    let (code, json, said) = replay(&copy, &["--verify"]);
+    assert_eq!(code, Some(1), "{said}");
+    let first = &json["verify"]["first_difference"];
+    assert_eq!(
+        (&first["service"], &first["instance"]),
+        (&"attitude".into(), &"attitude-pid@0".into())
+    );
+    assert_eq!((&first["topic"], &first["field"]), (&"wrench_command".into(), &"thrust_n".into()));
+    let release = first["release"].as_u64();
+    assert!((Some(155)..Some(165)).contains(&release), "{first}");
+}
