@@ -4,6 +4,8 @@
 mod common;
 
 use common::{Flown, fly, morphquad, turn};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
 use std::path::Path;
 use tempfile::TempDir;
@@ -154,4 +156,72 @@ fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
     assert_eq!((&first["topic"], &first["field"]), (&"wrench_command".into(), &"thrust_n".into()));
     let release = first["release"].as_u64();
     assert!((Some(155)..Some(165)).contains(&release), "{first}");
+}
+
+#[test]
+fn a_script_flown_in_one_process_is_the_flight_of_the_processes() {
+    let _turn = turn();
+    for script in [SWAPS, DEATHS] {
+        let processes = fly(script);
+        let alone = fly(&[script, &["--in-process"]].concat());
+        assert_eq!(alone.code, processes.code, "{}", alone.said());
+        assert_eq!(alone.hash(), processes.hash(), "{}", alone.said());
+        assert_eq!(alone.summary()["swaps"], processes.summary()["swaps"]);
+        assert_eq!(alone.word("log_hash"), processes.word("log_hash"));
+        assert_eq!(verified(&alone, &[]), verified(&processes, &[]));
+    }
+    for (flags, named) in [
+        (["--swap", "attitude=/bin/true@500ms,shadow=100ms,rollback=100ms"], "an executable"),
+        (["--fault", "kill:estimator@500ms"], "fills no slot"),
+    ] {
+        let flown =
+            fly(&[&["hover", "--in-process", "--no-record", "--for", "2s"], &flags[..]].concat());
+        assert_eq!(flown.code, Some(2), "{}", flown.said());
+        assert!(flown.said().contains(named), "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_branch_at_any_tick_goes_on_with_whoever_sits_where() {
+    let _turn = turn();
+    let mut random = ChaCha8Rng::seed_from_u64(45);
+    for script in [SWAPS, DEATHS] {
+        let flown = fly(script);
+        // Before everything, in a shadow window, at a flip, in a rollback window, and anywhere.
+        let mut ticks = vec![0, 450, 600, 900, 2000];
+        ticks.extend((0..3).map(|_| random.next_u64() % 3000));
+        for tick in ticks {
+            let (code, json, said) =
+                replay(&flown.recording_path(), &["--branch", &format!("@{tick}")]);
+            assert_eq!(code, Some(0), "{tick}: {json} {said}");
+            assert_eq!(json["branch"]["identical"], true, "{tick}: {json}");
+            for key in ["hash", "log_hash", "swaps", "flown_s"] {
+                assert_eq!(json[key], flown.summary()[key], "{tick}: {key}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_branch_can_give_a_slot_to_somebody_else_by_the_protocol() {
+    let _turn = turn();
+    let flown = fly(SWAPS);
+    let folder = TempDir::new().expect("a folder");
+    let record = folder.path().to_str().expect("a path");
+    let swap = ["--branch", "@2400", "--swap", "attitude=attitude-lqr", "--record", record];
+    let (code, json, said) = replay(&flown.recording_path(), &swap);
+    assert_eq!(code, Some(0), "{json} {said}");
+    let last = json["swaps"].as_array().and_then(|swaps| swaps.last()).expect("a swap");
+    let flipped_s = last["flipped_s"].as_f64().expect("a flip");
+    assert!((2.64..2.68).contains(&flipped_s), "{last}");
+    let first_s = json["branch"]["first_difference"]["t_s"].as_f64().expect("a difference");
+    assert!((2.4..2.42).contains(&first_s), "{json}");
+    // Its script is that of a flight of its own.
+    let branch = Path::new(json["recording"].as_str().expect("a recording"));
+    let (code, json, said) = replay(branch, &["--verify"]);
+    assert_eq!((code, &json["verify"]["identical"]), (Some(0), &true.into()), "{json} {said}");
+    let set = ["--branch", "@2700", "--set", "plant.mismatch.mass_scale=1.1"];
+    assert_eq!(replay(&flown.recording_path(), &set).0, Some(2));
+    let realtime = fly(&[SWAPS, &["--clock", "realtime"]].concat());
+    assert_eq!(replay(&realtime.recording_path(), &["--branch", "@2700"]).0, Some(2));
 }

@@ -22,6 +22,10 @@ const FIXED: [(&str, &str); 12] = [
     ("plant.morph_encoder.rate_hz", "is in the sensor's memory"),
 ];
 
+/// Control periods that who takes a slot in a scripted flight shadows: half of them it tracks, and a gate
+/// wants ten commands of either half.
+const SHADOW_PERIODS: u64 = 24;
+
 /// What is changed at a branch.
 #[derive(Debug, Clone, Default)]
 pub struct Change {
@@ -48,6 +52,15 @@ pub enum ChangeError {
         key: &'static str,
         /// Why.
         reason: &'static str,
+    },
+    /// Where slots change hands.
+    #[error("--set {setting}: in a flight whose slots change hands it cannot be set in the air")]
+    #[diagnostic(help(
+        "swap a controller, take another seed, or fly it from the start with the setting"
+    ))]
+    Scripted {
+        /// As asked for.
+        setting: String,
     },
     /// Nobody of that name.
     #[error("--swap {swap}: {what}")]
@@ -84,6 +97,8 @@ impl Change {
     #[must_use]
     pub fn is_none(&self, recorded: &Scenario) -> bool {
         let same_crew = self.crew(recorded).is_ok_and(|crew| crew == Crew::of(recorded.settings()));
+        // Whoever has the slot at the instant need not be the one of the crew.
+        let same_crew = same_crew && (self.swap.is_empty() || !recorded.settings().is_scripted());
         self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_crew
     }
 
@@ -112,18 +127,30 @@ impl Change {
     /// The scenario from `at_ns` on.
     pub(super) fn apply(&self, recorded: &Scenario, at_ns: u64) -> Result<Scenario, ChangeError> {
         let mut edits = vec![Override::clock("lockstep"), Override::speed("max")];
+        let scripted = recorded.settings().is_scripted();
         for setting in &self.set {
+            if scripted {
+                return Err(ChangeError::Scripted { setting: setting.clone() });
+            }
             refuse_fixed(setting)?;
             edits.push(Override::set(setting)?);
         }
         let crew = self.crew(recorded)?;
-        if crew != Crew::of(recorded.settings()) {
+        if scripted {
+            // One more line of the script: whoever takes the slot does so by the protocol.
+            for swap in &self.swap {
+                let shadow_ns = shadow_ns(recorded, swap.split('=').next().unwrap_or_default());
+                let line = format!("{swap}@{at_ns}ns,shadow={shadow_ns}ns,rollback=0s,force");
+                edits.push(Override::swap(&line)?);
+            }
+        } else if crew != Crew::of(recorded.settings()) {
             for role in components::SLOTS {
                 let name = crew.name(role).unwrap_or_default();
                 edits.push(Override::crew(&format!("{}={name}", role.label()))?);
             }
         }
-        edits.extend(self.seed.map(Override::seed));
+        // What lies before is flown again, with the seed of then.
+        edits.extend(self.seed.filter(|_| !scripted).map(Override::seed));
         edits.extend(self.duration.map(Override::duration));
         let scenario = Scenario::from_text("the recorded scenario", recorded.to_toml(), &edits)?;
         if scenario.settings().pilot.is_rig() != recorded.settings().pilot.is_rig() {
@@ -135,6 +162,14 @@ impl Change {
         }
         Ok(scenario)
     }
+}
+
+/// Shortest time in which a gate sees enough of a controller of a slot \[ns\].
+fn shadow_ns(recorded: &Scenario, slot: &str) -> u64 {
+    let role = components::SLOTS.into_iter().find(|role| role.label() == slot.trim());
+    let graph = recorded.graph().ok();
+    let node = role.and_then(|role| graph.as_ref()?.node(role).copied());
+    node.map_or(0, |node| SHADOW_PERIODS * node.rate.period_ns())
 }
 
 fn refuse_fixed(setting: &str) -> Result<(), ChangeError> {

@@ -14,7 +14,7 @@ pub use at::At;
 pub use change::{Change, ChangeError};
 
 use crate::in_process::{
-    Checkpoint, Compare, Difference, InProcess, InProcessError, Observer, Tape,
+    Checkpoint, Compare, Difference, InProcess, InProcessError, Observer, StateSource, Tape,
 };
 use crate::scenario::Scenario;
 use miette::Diagnostic;
@@ -28,8 +28,25 @@ use told::Told;
 #[derive(Debug)]
 pub struct Branch {
     scenario: Scenario,
-    checkpoint: Checkpoint,
+    from: From,
     recorded_ns: u64,
+}
+
+/// What a branch goes on from.
+#[derive(Debug)]
+enum From {
+    /// The states of everybody.
+    States(Box<Checkpoint>),
+    /// The beginning: slots change hands in the flight, and who sits where, waits or shadows is what its
+    /// script has come to. It is flown again up to the instant, which has been compared.
+    Script {
+        /// What was recorded.
+        tape: Arc<Tape>,
+        /// What was published before the instant.
+        before: Arc<Tape>,
+        /// The instant \[ns\].
+        at_ns: u64,
+    },
 }
 
 /// Why a flight cannot be taken up.
@@ -59,6 +76,13 @@ pub enum BranchError {
         /// What to do.
         remedy: &'static str,
     },
+    /// Slots changed hands by orders, or in time with the wall.
+    #[error("slots change hands in this flight, and not by a script in lockstep alone")]
+    #[diagnostic(help(
+        "fly it again with --swap and --fault at the instants that its summary tells, with --clock \
+         lockstep, and branch from that recording"
+    ))]
+    NoScript,
     /// A change that cannot be made.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -100,6 +124,23 @@ impl Branch {
             let (at_s, recorded_s) = (at_ns as f64 / 1e9, recorded_ns as f64 / 1e9);
             return Err(BranchError::Beyond { at_s, recorded_s });
         }
+        let realtime = ClockMode::from(scenario.settings().scenario.clock) == ClockMode::Realtime;
+        let scripted = scenario.settings().is_scripted();
+        if realtime && scripted
+            || !scripted && tape.samples(&topics::SEATING).iter().any(|s| s.seat > 0)
+        {
+            return Err(BranchError::NoScript);
+        }
+        let remedy = if realtime { REALTIME } else { OTHER_BUILD };
+        if scripted {
+            let before = fly_script(&scenario, &tape, recorded_ns, at_ns)?;
+            let difference = before.0.verdict(at_ns).first;
+            if let Some(difference) = difference {
+                return Err(BranchError::NotRepeated { difference, remedy });
+            }
+            let from = From::Script { tape, before: Arc::new(before.1), at_ns };
+            return Ok(Self { scenario, from, recorded_ns });
+        }
         let compare = Compare::with(Arc::clone(&tape), recorded_ns);
         let before = Checkpoint::before(Arc::clone(&tape), at_ns);
         let seen = (compare, Told::default());
@@ -112,19 +153,19 @@ impl Branch {
         };
         let difference = flight.seen(|(compare, _)| compare.verdict(at_ns).first);
         if let Some(difference) = difference.or_else(|| begun.into_iter().find_map(told)) {
-            let realtime =
-                ClockMode::from(scenario.settings().scenario.clock) == ClockMode::Realtime;
-            let remedy = if realtime { REALTIME } else { OTHER_BUILD };
             return Err(BranchError::NotRepeated { difference, remedy });
         }
-        let checkpoint = flight.checkpoint(tape, at_ns);
-        Ok(Self { scenario, checkpoint, recorded_ns })
+        let from = From::States(Box::new(flight.checkpoint(tape, at_ns)));
+        Ok(Self { scenario, from, recorded_ns })
     }
 
     /// Where it begins \[ns\].
     #[must_use]
     pub fn at_ns(&self) -> u64 {
-        self.checkpoint.at_ns()
+        match &self.from {
+            From::States(checkpoint) => checkpoint.at_ns(),
+            From::Script { at_ns, .. } => *at_ns,
+        }
     }
 
     /// As it was recorded.
@@ -136,18 +177,30 @@ impl Branch {
     /// What was recorded.
     #[must_use]
     pub fn tape(&self) -> &Arc<Tape> {
-        self.checkpoint.tape()
+        match &self.from {
+            From::States(checkpoint) => checkpoint.tape(),
+            From::Script { tape, .. } => tape,
+        }
     }
 
     /// Shows an observer what was published before the branch.
     pub fn show_before<O: Observer>(&self, observer: &mut O) {
-        self.tape().show_before(self.at_ns(), observer);
+        match &self.from {
+            From::States(checkpoint) => checkpoint.tape().show_before(self.at_ns(), observer),
+            From::Script { before, .. } => before.show_all(observer),
+        }
     }
 
     /// Everything released before is on the tape \[ns\].
     #[must_use]
     pub fn recorded_ns(&self) -> u64 {
         self.recorded_ns
+    }
+
+    /// True if the changed scenario is that of the whole flight: a swap is one more line of its script.
+    #[must_use]
+    pub fn is_whole(&self, change: &Change) -> bool {
+        matches!(self.from, From::Script { .. }) && change.seed.is_none()
     }
 
     /// A flight that goes on with a change; what `observer` has not seen of it lies before.
@@ -159,7 +212,17 @@ impl Branch {
         changed: &Changed,
         observer: O,
     ) -> Result<InProcess<O>, BranchError> {
-        let mut flight = InProcess::resume(&changed.scenario, observer, &self.checkpoint)?;
+        let mut flight = match &self.from {
+            From::States(checkpoint) => InProcess::resume(&changed.scenario, observer, checkpoint)?,
+            From::Script { at_ns, .. } => {
+                let flight = InProcess::new(&changed.scenario, StateSource::Estimator, observer);
+                let mut flight = flight?;
+                flight.look_away(true);
+                flight.fly_until(*at_ns)?;
+                flight.look_away(false);
+                flight
+            }
+        };
         if let Some(seed) = changed.seed {
             flight.reseed(seed);
         }
@@ -174,6 +237,19 @@ impl Branch {
         let scenario = change.apply(&self.scenario, self.at_ns())?;
         Ok(Changed { scenario, seed: change.seed })
     }
+}
+
+/// Flies a scripted flight up to an instant: what compares it with the recording, and all of it.
+fn fly_script(
+    scenario: &Scenario,
+    tape: &Arc<Tape>,
+    recorded_ns: u64,
+    at_ns: u64,
+) -> Result<(Compare, Tape), BranchError> {
+    let seen = (Compare::with(Arc::clone(tape), recorded_ns), Tape::default());
+    let mut flight = InProcess::new(scenario, StateSource::Estimator, seen)?;
+    flight.fly_until(at_ns)?;
+    Ok(flight.seen(core::mem::take))
 }
 
 /// What is flown from the branch on.

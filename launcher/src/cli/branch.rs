@@ -124,7 +124,9 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let origin = format!("branch of run {run} at {} s{}", seconds(&branch), told(&change));
     let branched = change
         .changes_steps(branch.scenario())
-        .then(|| Branched {
+        .then_some(())
+        .filter(|()| !branch.is_whole(&change))
+        .map(|()| Branched {
             parent_run: run.clone(),
             at_ns: branch.at_ns(),
             changes: told(&change).trim_start().to_owned(),

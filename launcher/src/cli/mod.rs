@@ -105,7 +105,7 @@ fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Don
             RunError::Interrupted => exit::INTERRUPTED,
             RunError::NoSuchProcessor { .. }
             | RunError::RealtimeInProcess
-            | RunError::ScriptInProcess => exit::USAGE,
+            | RunError::ScriptInProcess(_) => exit::USAGE,
             _ => exit::UNFIT,
         };
         Failure::plain(&error, code)

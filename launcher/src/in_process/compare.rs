@@ -3,6 +3,7 @@
 use super::{Observer, Tape};
 use crate::replay::{Pair, difference, pairs};
 use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
+use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::fmt;
 use std::sync::Arc;
@@ -92,28 +93,43 @@ impl TopicVisitor for Judge<'_> {
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
         let Compare { tape, recorded_ns, again } = self.compare;
         let again = again.samples(topic);
-        let Some(first) = again.first() else { return Ok(()) };
-        let recorded = tape.waiting(topic, first.header().sequence.saturating_sub(1), u64::MAX);
-        for pair in pairs(recorded, again.iter(), |sample| sample.header().sequence) {
-            match pair {
-                Pair::Both(old, new) => match difference(old, new, &[]) {
-                    None => self.likeness.same += 1,
-                    Some(field) => self.note(topic, old.header(), field),
-                },
-                Pair::Recorded(old)
-                    if old.header().release_ns < self.flown_ns.min(*recorded_ns) =>
-                {
-                    self.only_in_one(topic, old.header(), ["there", "not there"]);
+        let Some(begins_ns) = again.iter().map(|s| s.header().release_ns).min() else {
+            return Ok(());
+        };
+        let recorded = tape.samples(topic);
+        // A seat counts its samples for itself, and anew for each process that takes it.
+        let seats: BTreeSet<u32> =
+            again.iter().chain(recorded).map(|sample| sample.header().seat).collect();
+        for seat in seats {
+            let of_seat = |sample: &&T| sample.header().seat == seat;
+            let first = again.iter().find(of_seat).map_or((begins_ns, 0), place);
+            let recorded = recorded.iter().filter(of_seat).filter(|s| place(*s) >= first);
+            for pair in pairs(recorded, again.iter().filter(of_seat), place) {
+                match pair {
+                    Pair::Both(old, new) => match difference(old, new, &[]) {
+                        None => self.likeness.same += 1,
+                        Some(field) => self.note(topic, old.header(), field),
+                    },
+                    Pair::Recorded(old)
+                        if old.header().release_ns < self.flown_ns.min(*recorded_ns) =>
+                    {
+                        self.only_in_one(topic, old.header(), ["there", "not there"]);
+                    }
+                    Pair::Again(new) if new.header().release_ns < *recorded_ns => {
+                        self.only_in_one(topic, new.header(), ["not there", "there"]);
+                    }
+                    // Beyond the end of one of the two.
+                    Pair::Recorded(_) | Pair::Again(_) => {}
                 }
-                Pair::Again(new) if new.header().release_ns < *recorded_ns => {
-                    self.only_in_one(topic, new.header(), ["not there", "there"]);
-                }
-                // Beyond the end of one of the two.
-                Pair::Recorded(_) | Pair::Again(_) => {}
             }
         }
         Ok(())
     }
+}
+
+/// Place of a sample among those of its seat.
+fn place<T: Sample>(sample: &T) -> (u64, u64) {
+    (sample.header().release_ns, sample.header().sequence)
 }
 
 impl Judge<'_> {

@@ -7,35 +7,38 @@
 //! does not have.
 
 mod compare;
+mod director;
+mod error;
+mod loops;
+mod marks;
 mod observer;
 mod perfect_state;
 mod resume;
 mod tape;
-mod tracking;
 mod wires;
 
 pub use compare::{Compare, Difference, Likeness};
+pub use error::InProcessError;
+use observer::Audience;
 pub use observer::Observer;
 pub use perfect_state::PerfectState;
 pub use resume::Checkpoint;
 pub use tape::Tape;
 
-use crate::components::{Component, ComponentVisitor, Crew};
-use crate::replay::{Course, Repeats};
-use crate::scenario::{Scenario, WiringError};
+use crate::candidate::Slot;
+use crate::components::{ComponentVisitor as _, Crew};
+use crate::run::{SlotWatch, SwapReport};
+use crate::scenario::Scenario;
 use core::cell::RefCell;
-use resume::Feed;
-use runtime::executor::{StateSink, StepStamps};
-use runtime::graph::{CREDIT_NS, Marks, ROLES};
-use runtime::input::InputSet as _;
-use runtime::service::{RestoreError, ports_layout};
-use runtime::{Executor, Graph, Node, Place, Service};
-use shared_types::{Header, Role};
+use director::Director;
+use loops::{Connect, Loop};
+use marks::FlightMarks;
+use runtime::Graph;
+use runtime::graph::{CREDIT_NS, ROLES};
+use shared_types::{Role, Seat};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
-use thiserror::Error;
-use tracking::Tracking;
 use wires::Wires;
 
 /// Who tells the controllers where the vehicle is.
@@ -47,166 +50,30 @@ pub enum StateSource {
     Truth,
 }
 
-/// Why a flight cannot be flown to its end.
-#[derive(Debug, Error)]
-pub enum InProcessError {
-    /// There are no processes to swap, kill or stop.
-    #[error("swaps and faults of a script need processes: leave [[swap]] and [[fault]] away here")]
-    Scripted,
-    /// The loops cannot be wired.
-    #[error(transparent)]
-    Wiring(#[from] WiringError),
-    /// A component refuses its configuration.
-    #[error("{role}: {error}")]
-    Component {
-        /// Label of the role it fills.
-        role: &'static str,
-        /// Its complaint.
-        error: String,
-    },
-    /// A component cannot go on from a state.
-    #[error("{role} refuses to go on from the recorded state: {error}")]
-    Restore {
-        /// Label of the role.
-        role: &'static str,
-        /// Its complaint.
-        error: RestoreError,
-    },
-    /// No step may run although the flight is not over: the graph is wrong.
-    #[error("the flight hangs at {t_s} s: no loop may step, {role} is the furthest behind")]
-    Stuck {
-        /// Mark of the slowest loop \[s\].
-        t_s: f64,
-        /// Its label.
-        role: &'static str,
-    },
-    /// A step panicked, which is a defect of its component.
-    #[error("{role} panicked at {t_s} s: {words}")]
-    Panicked {
-        /// Label of the role.
-        role: &'static str,
-        /// Release of the step \[s\].
-        t_s: f64,
-        /// What it said.
-        words: String,
-    },
-}
-
 /// A clock for the stamps of samples that nobody will read.
 fn no_clock() -> u64 {
     0
 }
 
-/// An executor with its type forgotten.
-trait Stepper: Repeats {
-    fn step(&mut self, now_mono_ns: fn() -> u64);
-    fn finish(&mut self);
-    fn state(&mut self) -> Option<Vec<u8>>;
-    fn ports(&self) -> u64;
-    fn reseed(&mut self, seed: u64);
-    fn feed(&mut self, feed: &mut Feed<'_>);
-}
-
-impl<S: Service> Stepper for Executor<S> {
-    fn step(&mut self, now_mono_ns: fn() -> u64) {
-        self.inputs.receive();
-        self.run_step(StepStamps { release_mono_ns: now_mono_ns(), now_mono_ns });
-    }
-    fn finish(&mut self) {
-        Self::finish(self);
-    }
-    fn state(&mut self) -> Option<Vec<u8>> {
-        Self::state(self).map(<[u8]>::to_vec)
-    }
-    fn ports(&self) -> u64 {
-        ports_layout::<S>()
-    }
-    fn reseed(&mut self, seed: u64) {
-        Self::reseed(self, seed);
-    }
-    fn feed(&mut self, feed: &mut Feed<'_>) {
-        let Ok(()) = self.inputs.visit(feed);
-    }
-}
-
-/// Shows states to the observer.
-struct StateTap<O> {
-    role: Role,
-    observer: Rc<RefCell<O>>,
-}
-
-impl<O: Observer> StateSink for StateTap<O> {
-    fn send(&mut self, header: &Header, state: &[u8]) {
-        self.observer.borrow_mut().observe_state(self.role, header, state);
-    }
-    fn serve_late_joiners(&mut self) {}
-}
-
-/// Connects whatever component it is given.
-struct Connect<'a, O> {
-    graph: &'a Graph,
-    node: Node,
-    wires: &'a mut Wires<O>,
-    from: Option<&'a Checkpoint>,
-}
-
-impl<O: Observer> ComponentVisitor for Connect<'_, O> {
-    type Output = Result<Loop, InProcessError>;
-    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
-        let role = self.node.role;
-        let generation = self.from.map_or(0, |checkpoint| checkpoint.generation(role));
-        let taken_over = self.from.and_then(|from| from.taken_over(role, &component.service));
-        if let Some(state) = taken_over {
-            let Component { service, state_every } = component;
-            let component = Component { service: Tracking::first(service), state_every };
-            return self.connect(component, generation, Some(&state));
-        }
-        let state = self.from.and_then(|checkpoint| checkpoint.state(role));
-        self.connect(component, generation, state)
-    }
-}
-
-impl<O: Observer> Connect<'_, O> {
-    fn connect<S: Service + 'static>(
-        self,
-        component: Component<S>,
-        generation: u32,
-        state: Option<&[u8]>,
-    ) -> Result<Loop, InProcessError> {
-        let place = Place { seat: 0, generation };
-        let mut executor =
-            Executor::new(component.service, self.node, place, component.state_every);
-        self.wires.connect(self.graph, &mut executor);
-        let observer = self.wires.observer();
-        if observer.borrow().wants_states() {
-            executor.connect_state(Box::new(StateTap { role: self.node.role, observer }));
-        }
-        if let Some(checkpoint) = self.from {
-            let role = self.node.role;
-            let restored = state.map_or(Ok(()), |state| executor.take_up(state));
-            restored.map_err(|error| InProcessError::Restore { role: role.label(), error })?;
-            if let Some(at_ns) = checkpoint.exact_ns() {
-                executor.continue_at(at_ns);
-            }
-        }
-        Ok(Loop { node: self.node, stepper: Box::new(executor), course: Course::default() })
-    }
-}
-
-/// One loop of the flight.
-struct Loop {
-    node: Node,
-    stepper: Box<dyn Stepper>,
-    /// What it goes through again; nothing in a flight of its own.
-    course: Course,
+/// What is told at the end of a flight whose slots have changed hands.
+#[derive(Debug, Clone, Default)]
+pub struct Conclusion {
+    /// Every swap.
+    pub swaps: Vec<SwapReport>,
+    /// What did not go as asked for.
+    pub notices: Vec<String>,
+    /// Controllers that had to be started again.
+    pub recovered: u64,
 }
 
 /// A flight in progress.
 pub struct InProcess<O> {
     graph: Graph,
     loops: Vec<Loop>,
-    observer: Rc<RefCell<O>>,
-    marks: Marks,
+    observer: Rc<Audience<O>>,
+    marks: FlightMarks,
+    /// Who changes the hands of slots, if they change.
+    director: Option<Box<Director<O>>>,
     end_ns: u64,
     now_mono_ns: fn() -> u64,
     /// The loop that is being stepped.
@@ -229,9 +96,6 @@ impl<O: Observer> InProcess<O> {
         state: StateSource,
         observer: O,
     ) -> Result<Self, InProcessError> {
-        if scenario.settings().is_scripted() {
-            return Err(InProcessError::Scripted);
-        }
         Self::build(scenario, state, observer, None)
     }
 
@@ -243,11 +107,16 @@ impl<O: Observer> InProcess<O> {
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
         let crew = Crew::of(scenario.settings());
-        let observer = Rc::new(RefCell::new(observer));
-        let mut wires = Wires::new(Rc::clone(&observer));
+        let observer = Rc::new(Audience::new(observer));
+        let scripted = scenario.settings().is_scripted() && from.is_none();
+        let watch = scripted.then(Rc::<RefCell<SlotWatch>>::default);
+        let mut wires = Wires::new(Rc::clone(&observer), watch.clone());
         let mut loops = Vec::new();
         for &node in graph.nodes() {
-            let connect = Connect { graph: &graph, node, wires: &mut wires, from };
+            let place = Seat::first(node.role);
+            let generation = from.map_or(0, |checkpoint| checkpoint.generation(node.role));
+            let wires = &mut wires;
+            let connect = Connect { graph: &graph, node, place, generation, wires, from };
             loops.push(match (state, node.role) {
                 (StateSource::Truth, Role::Estimator) => connect.visit(PerfectState::component()),
                 (_, role) => crew.build(role, scenario, connect).map_err(|error| {
@@ -255,19 +124,33 @@ impl<O: Observer> InProcess<O> {
                 })?,
             }?);
         }
-        if from.is_none() {
-            wires.own(&graph, Role::Attitude);
-            wires.own(&graph, Role::Position);
+        for slot in Slot::ALL {
+            // Otherwise the slot's own machine says who begins.
+            let by_director = scripted && graph.node(slot.role()).is_some();
+            if from.is_none() && !by_director {
+                wires.own(&graph, slot.role());
+            }
+        }
+        let (mut marks, mut director) = (FlightMarks::Plain([0; ROLES]), None);
+        if let Some(watch) = watch {
+            marks = FlightMarks::Seats(Box::default());
+            director = Some(Box::new(Director::new(scenario, wires, watch, &loops)?));
         }
         Ok(Self {
             graph,
             loops,
             observer,
-            marks: [0; ROLES],
+            marks,
+            director,
             end_ns: scenario.duration_ns(),
             now_mono_ns: no_clock,
             stepping: 0,
         })
+    }
+
+    /// Shows the observer nothing from now on, or everything again.
+    pub fn look_away(&self, looks_away: bool) {
+        self.observer.look_away(looks_away);
     }
 
     /// Stamps samples by this clock from now on \[ns\]; without it all host stamps are 0.
@@ -282,14 +165,25 @@ impl<O: Observer> InProcess<O> {
     /// No step may run although the flight is not over, or a step panicked.
     pub fn fly_until(&mut self, t_ns: u64) -> Result<(), InProcessError> {
         // What a panic leaves behind is looked at, and never stepped again.
-        let flown = catch_unwind(AssertUnwindSafe(|| while self.fly_interval(t_ns) {}));
+        let flown = catch_unwind(AssertUnwindSafe(|| {
+            loop {
+                while self.fly_interval(t_ns) {}
+                if !self.direct(t_ns)? {
+                    return Ok(());
+                }
+            }
+        }));
+        if let Ok(Err(error)) = flown {
+            return Err(error);
+        }
         if let Err(panic) = flown {
             let l = &self.loops[self.stepping];
             let t_s = l.stepper.next_ns() as f64 / 1e9;
             let words = words(panic.as_ref());
             return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
         }
-        let slowest = self.loops.iter().min_by_key(|l| l.stepper.next_ns());
+        let flying = self.loops.iter().filter(|l| l.flies());
+        let slowest = flying.min_by_key(|l| l.stepper.next_ns());
         let behind = slowest.filter(|l| l.stepper.next_ns() < t_ns.min(self.end_ns));
         behind.map_or(Ok(()), |l| {
             let t_s = l.stepper.next_ns() as f64 / 1e9;
@@ -302,7 +196,11 @@ impl<O: Observer> InProcess<O> {
         let allowed_ns = self.allowed_ns(t_ns);
         let mut moved = false;
         for index in 0..self.loops.len() {
-            let node = &self.loops[index].node;
+            let Loop { node, leave_ns, waits, .. } = &self.loops[index];
+            if *waits {
+                continue;
+            }
+            let allowed_ns = allowed_ns.min(*leave_ns);
             let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
             while self.mark_ns(index) < open_until_ns {
                 self.step(index);
@@ -312,16 +210,39 @@ impl<O: Observer> InProcess<O> {
         moved
     }
 
+    /// Lets those leave who have to, and does what is due in the slots once all that is allowed has been
+    /// flown; false if nothing comes of it. What is due at `t_ns` itself is left to whoever flies on.
+    fn direct(&mut self, t_ns: u64) -> Result<bool, InProcessError> {
+        let Some(director) = &mut self.director else { return Ok(false) };
+        if director.retire(&mut self.loops, &mut self.marks) {
+            return Ok(true);
+        }
+        if t_ns < self.end_ns && director.allowed_ns >= t_ns {
+            return Ok(false);
+        }
+        director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)
+    }
+
     fn allowed_ns(&self, t_ns: u64) -> u64 {
+        if let Some(director) = &self.director {
+            return director.allowed_ns.min(self.end_ns).min(t_ns);
+        }
         let slowest_ns = self.loops.iter().map(|l| l.stepper.next_ns()).min().unwrap_or(0);
         slowest_ns.saturating_add(CREDIT_NS).min(self.end_ns).min(t_ns)
     }
 
     /// Publishes the totals of every loop: the last samples of a flight.
     pub fn finish(&mut self) {
-        for one in &mut self.loops {
+        for one in self.loops.iter_mut().filter(|l| l.flies()) {
             one.stepper.finish();
         }
+    }
+
+    /// What came of the slots, at the end.
+    pub fn conclude(&mut self) -> Conclusion {
+        let Some(director) = &mut self.director else { return Conclusion::default() };
+        let (swaps, notices) = (director.reports(), core::mem::take(&mut director.notices));
+        Conclusion { swaps, notices, recovered: director.recovered }
     }
 
     /// Loops whose next step may run and lies before `t_ns` and the end of the flight. In whatever
@@ -329,8 +250,9 @@ impl<O: Observer> InProcess<O> {
     pub fn runnable(&self, t_ns: u64) -> impl Iterator<Item = usize> + '_ {
         let allowed_ns = self.allowed_ns(t_ns);
         (0..self.loops.len()).filter(move |&index| {
-            let node = &self.loops[index].node;
-            self.graph.runnable(node, self.mark_ns(index), &self.marks, allowed_ns)
+            let Loop { node, waits, leave_ns, .. } = &self.loops[index];
+            let allowed_ns = allowed_ns.min(*leave_ns);
+            !waits && self.graph.runnable(node, self.mark_ns(index), &self.marks, allowed_ns)
         })
     }
 
@@ -340,7 +262,7 @@ impl<O: Observer> InProcess<O> {
         let one = &mut self.loops[index];
         one.stepper.step(self.now_mono_ns);
         one.course.prepare(&mut *one.stepper);
-        self.marks[one.node.role.index()] = one.stepper.next_ns();
+        self.marks.advance(one.place, one.generation, one.stepper.next_ns());
     }
 
     /// Next release of a loop \[ns\].
@@ -364,12 +286,13 @@ impl<O: Observer> InProcess<O> {
     /// Instant through which every loop is complete \[ns\].
     #[must_use]
     pub fn flown_ns(&self) -> u64 {
-        self.loops.iter().map(|l| l.stepper.next_ns()).min().unwrap_or(0).min(self.end_ns)
+        let flying = self.loops.iter().filter(|l| l.flies());
+        flying.map(|l| l.stepper.next_ns()).min().unwrap_or(0).min(self.end_ns)
     }
 
     /// What the observer has seen so far.
     pub fn seen<R>(&self, look: impl FnOnce(&mut O) -> R) -> R {
-        look(&mut self.observer.borrow_mut())
+        self.observer.with(look)
     }
 }
 

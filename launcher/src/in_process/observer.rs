@@ -1,6 +1,7 @@
 //! Who looks on while a flight is flown.
 
 use crate::run::{FlightHash, LogHash, Metrics};
+use core::cell::{Cell, RefCell};
 use shared_types::{Header, Role, Sample, Topic};
 
 /// Sees every sample of a flight, in the order published.
@@ -13,6 +14,8 @@ pub trait Observer: 'static {
     }
     /// Called once per published state, after the samples of its step.
     fn observe_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
+    /// Called for what is told of the flight in words.
+    fn note(&mut self, _logical_ns: u64, _warning: bool, _text: &str) {}
 }
 
 impl Observer for () {
@@ -48,5 +51,49 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
         self.0.observe_state(role, header, state);
         self.1.observe_state(role, header, state);
+    }
+    fn note(&mut self, logical_ns: u64, warning: bool, text: &str) {
+        self.0.note(logical_ns, warning, text);
+        self.1.note(logical_ns, warning, text);
+    }
+}
+
+/// An observer among those who publish, who may be told to look away.
+#[derive(Debug)]
+pub(super) struct Audience<O> {
+    observer: RefCell<O>,
+    looks_away: Cell<bool>,
+}
+
+impl<O: Observer> Audience<O> {
+    pub(super) fn new(observer: O) -> Self {
+        Self { observer: RefCell::new(observer), looks_away: Cell::new(false) }
+    }
+
+    /// What is published is not shown to it, or is again.
+    pub(super) fn look_away(&self, looks_away: bool) {
+        self.looks_away.set(looks_away);
+    }
+
+    pub(super) fn with<R>(&self, look: impl FnOnce(&mut O) -> R) -> R {
+        look(&mut self.observer.borrow_mut())
+    }
+
+    pub(super) fn observe<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {
+        if !self.looks_away.get() {
+            self.observer.borrow_mut().observe(topic, sample);
+        }
+    }
+
+    pub(super) fn observe_state(&self, role: Role, header: &Header, state: &[u8]) {
+        if !self.looks_away.get() {
+            self.observer.borrow_mut().observe_state(role, header, state);
+        }
+    }
+
+    pub(super) fn note(&self, logical_ns: u64, warning: bool, text: &str) {
+        if !self.looks_away.get() {
+            self.observer.borrow_mut().note(logical_ns, warning, text);
+        }
     }
 }

@@ -1,14 +1,15 @@
 //! A flight taken up in the middle: states of every component, and what was on its way between them.
 
+use super::marks::FlightMarks;
 use super::tape::Tape;
 use super::{InProcess, InProcessError, Observer, StateSource};
 use crate::replay::Course;
 use crate::scenario::Scenario;
 use core::convert::Infallible;
-use runtime::graph::{Edge, Marks, ROLES};
+use runtime::graph::{Edge, ROLES};
 use runtime::input::{Input, InputVisitor};
 use runtime::service::{StateHeader, ports_layout, state_layout, with_memory_of};
-use runtime::{Graph, Service};
+use runtime::{Graph, MarkView as _, Service};
 use shared_types::wire::Value as _;
 use shared_types::{Role, Sample, Topic};
 use std::sync::Arc;
@@ -89,7 +90,7 @@ impl<O: Observer> InProcess<O> {
     ) -> Result<Self, InProcessError> {
         let mut flight = Self::build(scenario, StateSource::Estimator, observer, Some(checkpoint))?;
         for l in &flight.loops {
-            flight.marks[l.node.role.index()] = l.stepper.next_ns();
+            flight.marks.advance(l.place, l.generation, l.stepper.next_ns());
         }
         for index in 0..flight.loops.len() {
             let role = flight.loops[index].node.role;
@@ -112,7 +113,7 @@ impl<O: Observer> InProcess<O> {
             let generation = tape.generation_at(l.node.role, t_ns);
             l.course = Course::new(l.node.rate, tape.told_by(l.node.role, generation, t_ns));
             l.course.prepare(&mut *l.stepper);
-            self.marks[l.node.role.index()] = l.stepper.next_ns();
+            self.marks.advance(l.place, l.generation, l.stepper.next_ns());
         }
     }
 
@@ -139,7 +140,7 @@ impl<O: Observer> InProcess<O> {
 pub(super) struct Feed<'a> {
     tape: &'a Tape,
     graph: &'a Graph,
-    marks: &'a Marks,
+    marks: &'a FlightMarks,
     role: Role,
     at_ns: u64,
 }
@@ -154,8 +155,11 @@ impl InputVisitor for Feed<'_> {
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let from = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role)).from;
         // Who does not step, the supervisor, produces nothing any more.
-        let mark_ns = self.marks.get(from.index()).map(|mark_ns| self.at_ns.min(*mark_ns));
-        let before_ns = mark_ns.unwrap_or(self.at_ns.saturating_add(1));
+        let before_ns = if from.is_stepping() {
+            self.at_ns.min(self.marks.of_role(from))
+        } else {
+            self.at_ns.saturating_add(1)
+        };
         let latched = input.latest().map_or(0, |sample| sample.header().sequence);
         for sample in self.tape.waiting(topic, latched, before_ns) {
             input.offer(*sample);

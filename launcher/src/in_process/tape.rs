@@ -110,6 +110,14 @@ impl Tape {
         })
     }
 
+    /// Shows an observer everything, as [`show_before`](Self::show_before) does.
+    pub fn show_all<O: Observer>(&self, observer: &mut O) {
+        // What is told ahead, of owners and seats, may be about later instants than any step.
+        let mut last = LastRelease { tape: self, t_ns: 0 };
+        let Ok(()) = topics::visit_all(&mut last);
+        self.show_before(last.t_ns + 1, observer);
+    }
+
     /// Shows an observer everything released before `t_ns`, and who owned the slots then, topic by
     /// topic within each second, so that what compares topics has little to keep; then the states.
     pub fn show_before<O: Observer>(&self, t_ns: u64, observer: &mut O) {
@@ -132,6 +140,20 @@ impl Tape {
     }
 }
 
+struct LastRelease<'a> {
+    tape: &'a Tape,
+    t_ns: u64,
+}
+
+impl TopicVisitor for LastRelease<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+        let samples = self.tape.samples(topic).iter();
+        self.t_ns = samples.map(|s| s.header().release_ns).fold(self.t_ns, u64::max);
+        Ok(())
+    }
+}
+
 struct Show<'a, O> {
     tape: &'a Tape,
     observer: &'a mut O,
@@ -148,8 +170,8 @@ impl<O: Observer> TopicVisitor for Show<'_, O> {
         let released = |s: &T| s.header().release_ns;
         let is_owner = topic.info.from == Role::Supervisor && topic.info.edge == Edge::Delayed;
         let until_ns = if is_owner { self.until_ns } else { self.until_ns.min(self.t_ns) };
-        // Several loops write the supervisor's topics, each in its own order.
-        let one_writer = topic.info.from != Role::Supervisor;
+        // Several loops write the supervisor's topics and those of slots, each in its own order.
+        let one_writer = topic.info.from.seats() == 1 && topic.info.from != Role::Supervisor;
         let first = |t_ns: u64| samples.partition_point(|s| released(s) < t_ns);
         let range =
             if one_writer { first(self.from_ns)..first(until_ns) } else { 0..samples.len() };

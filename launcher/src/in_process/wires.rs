@@ -1,7 +1,9 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
 use super::Observer;
-use core::cell::RefCell;
+use super::observer::Audience;
+use crate::run::SlotWatch;
+use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::input::{Input, InputSet as _, InputVisitor};
@@ -10,30 +12,80 @@ use runtime::{Executor, Graph, Service, Sink, Source};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, topics};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
-use std::rc::Rc;
+use std::rc::{Rc, Weak};
 
-type Queue<T> = Rc<RefCell<VecDeque<T>>>;
-type Readers<T> = Rc<RefCell<Vec<Queue<T>>>>;
+/// What has been sent to one reader and not been read.
+struct Queue<T> {
+    samples: RefCell<VecDeque<T>>,
+    /// Nobody will read it any more.
+    closed: Cell<bool>,
+}
 
-struct QueueSource<T>(Queue<T>);
+/// The last samples of one writer, for those who join a flight.
+type Kept<T> = RefCell<VecDeque<T>>;
+
+/// One topic.
+struct Line<T> {
+    readers: RefCell<Vec<Rc<Queue<T>>>>,
+    /// Of every writer that is still there.
+    kept: RefCell<Vec<Weak<Kept<T>>>>,
+}
+
+impl<T: Sample> Line<T> {
+    fn send(&self, sample: T) {
+        for reader in self.readers.borrow().iter().filter(|reader| !reader.closed.get()) {
+            reader.samples.borrow_mut().push_back(sample);
+        }
+    }
+
+    fn keep(&self) -> Rc<Kept<T>> {
+        let kept = Rc::default();
+        self.kept.borrow_mut().push(Rc::downgrade(&kept));
+        kept
+    }
+}
+
+/// Keeps a sample in the place of the oldest.
+fn remember<T: Sample>(kept: &Kept<T>, topic: &Topic<T>, sample: T) {
+    let mut kept = kept.borrow_mut();
+    if kept.len() >= topic.info.history {
+        kept.pop_front();
+    }
+    kept.push_back(sample);
+}
+
+struct QueueSource<T>(Rc<Queue<T>>);
 
 impl<T: Sample> Source<T> for QueueSource<T> {
     fn receive(&mut self) -> Option<T> {
-        self.0.borrow_mut().pop_front()
+        self.0.samples.borrow_mut().pop_front()
+    }
+}
+
+impl<T> Drop for QueueSource<T> {
+    fn drop(&mut self) {
+        self.0.closed.set(true);
+        self.0.samples.borrow_mut().clear();
     }
 }
 
 struct QueueSink<T: Sample, O> {
     topic: &'static Topic<T>,
-    readers: Readers<T>,
-    observer: Rc<RefCell<O>>,
+    line: Rc<Line<T>>,
+    kept: Option<Rc<Kept<T>>>,
+    observer: Rc<Audience<O>>,
+    watch: Option<Rc<RefCell<SlotWatch>>>,
 }
 
 impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
     fn send(&mut self, sample: T) {
-        self.observer.borrow_mut().observe(self.topic, &sample);
-        for reader in self.readers.borrow().iter() {
-            reader.borrow_mut().push_back(sample);
+        self.observer.observe(self.topic, &sample);
+        self.line.send(sample);
+        if let Some(kept) = &self.kept {
+            remember(kept, self.topic, sample);
+        }
+        if let Some(watch) = &self.watch {
+            watch.borrow_mut().observe(&sample);
         }
     }
     fn serve_late_joiners(&mut self) {}
@@ -41,26 +93,28 @@ impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
 
 /// All queues of a flight.
 pub(super) struct Wires<O> {
-    /// [`Readers`] by topic name.
-    readers: BTreeMap<&'static str, Box<dyn Any>>,
-    observer: Rc<RefCell<O>>,
+    /// [`Line`] by topic name.
+    lines: BTreeMap<&'static str, Box<dyn Any>>,
+    observer: Rc<Audience<O>>,
+    /// Who looks at the slots, if they change hands.
+    watch: Option<Rc<RefCell<SlotWatch>>>,
+    /// The owner records, by topic name.
+    records: BTreeMap<&'static str, Rc<Kept<OwnerRecord>>>,
 }
 
 impl<O: Observer> Wires<O> {
-    pub(super) fn new(observer: Rc<RefCell<O>>) -> Self {
-        Self { readers: BTreeMap::new(), observer }
+    pub(super) fn new(observer: Rc<Audience<O>>, watch: Option<Rc<RefCell<SlotWatch>>>) -> Self {
+        Self { lines: BTreeMap::new(), observer, watch, records: BTreeMap::new() }
     }
 
-    pub(super) fn observer(&self) -> Rc<RefCell<O>> {
+    pub(super) fn observer(&self) -> Rc<Audience<O>> {
         Rc::clone(&self.observer)
     }
 
-    fn readers<T: Sample>(&mut self, topic: &'static Topic<T>) -> Readers<T> {
-        let any = self
-            .readers
-            .entry(topic.info.name)
-            .or_insert_with(|| Box::new(Readers::<T>::default()));
-        any.downcast_ref::<Readers<T>>()
+    fn line<T: Sample>(&mut self, topic: &'static Topic<T>) -> Rc<Line<T>> {
+        let none = || Line::<T> { readers: RefCell::default(), kept: RefCell::default() };
+        let any = self.lines.entry(topic.info.name).or_insert_with(|| Box::new(Rc::new(none())));
+        any.downcast_ref::<Rc<Line<T>>>()
             .map_or_else(|| unreachable!("a topic has one sample type"), Rc::clone)
     }
 
@@ -75,12 +129,23 @@ impl<O: Observer> Wires<O> {
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::DEVIATION, deviations);
     }
 
+    /// Tells the readers of a slot's owner record who owns it from when.
+    pub(super) fn announce(&mut self, topic: &'static Topic<OwnerRecord>, record: OwnerRecord) {
+        self.observer.observe(topic, &record);
+        let line = self.line(topic);
+        line.send(record);
+        if self.watch.is_some() {
+            let kept = self.records.entry(topic.info.name).or_insert_with(|| line.keep());
+            remember(kept, topic, record);
+        }
+    }
+
     /// Tells the readers of a slot's owner record that its first seat commands from the start.
     pub(super) fn own(&mut self, graph: &Graph, slot: Role) {
         let topic =
             if slot == Role::Attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
         let period_ns = graph.node(graph.slot_holder(slot)).map_or(0, |n| n.rate.period_ns());
-        let sample = OwnerRecord {
+        let record = OwnerRecord {
             header: Header { sequence: 1, ..Header::default() },
             epoch: 1,
             period_ns: [period_ns, 0, 0, 0],
@@ -88,10 +153,7 @@ impl<O: Observer> Wires<O> {
             slot,
             ..OwnerRecord::default()
         };
-        self.observer.borrow_mut().observe(topic, &sample);
-        for reader in self.readers(topic).borrow().iter() {
-            reader.borrow_mut().push_back(sample);
-        }
+        self.announce(topic, record);
     }
 }
 
@@ -108,8 +170,17 @@ impl<O: Observer> InputVisitor for Connect<'_, O> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
-        let queue = Rc::new(RefCell::new(VecDeque::with_capacity(READER_CAPACITY)));
-        self.wires.readers(topic).borrow_mut().push(Rc::clone(&queue));
+        let line = self.wires.line(topic);
+        let mut samples = VecDeque::with_capacity(READER_CAPACITY);
+        // Whoever joins a flight gets what every writer that is there has kept.
+        line.kept.borrow_mut().retain(|kept| kept.strong_count() > 0);
+        for kept in line.kept.borrow().iter().filter_map(Weak::upgrade) {
+            samples.extend(kept.borrow().iter().copied());
+        }
+        let queue = Queue { samples: RefCell::new(samples), closed: Cell::new(false) };
+        let queue = Rc::new(queue);
+        line.readers.borrow_mut().retain(|reader| !reader.closed.get());
+        line.readers.borrow_mut().push(Rc::clone(&queue));
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
         input.connect(Box::new(QueueSource(queue)), Some(edge));
@@ -124,10 +195,13 @@ impl<O: Observer> OutputVisitor for Connect<'_, O> {
         topic: &'static Topic<T>,
         output: &mut Output<T>,
     ) -> Result<(), Infallible> {
+        let line = self.wires.line(topic);
         let sink = QueueSink {
             topic,
-            readers: self.wires.readers(topic),
+            kept: self.wires.watch.is_some().then(|| line.keep()),
+            line,
             observer: Rc::clone(&self.wires.observer),
+            watch: self.wires.watch.clone(),
         };
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));
         Ok(())

@@ -119,7 +119,7 @@ pub fn verify(
             meant.extend(chosen(instances(&recorded, role, &crew), who)?);
         }
         for (instance, lives) in meant {
-            let mut verdict = judge(flight, &recorded, instance, &lives)?;
+            let mut verdict = judge(flight, &recorded, &instance, &lives)?;
             if let Some(first) = &mut verdict.first {
                 first.release_index = node.rate.first_at_or_after(first.release_ns);
             }
@@ -134,18 +134,18 @@ pub fn verify(
 fn judge(
     flight: &RecordedFlight,
     recorded: &Recorded,
-    instance: Instance,
+    instance: &Instance,
     lives: &[Life],
 ) -> Result<ServiceVerdict, ReplayError> {
     let (role, scenario) = (instance.role, flight.scenario());
-    let left_out = |why| Ok(ServiceVerdict { left_out: Some(why), ..none(&instance) });
-    let service = match service_of(&instance, recorded, lives) {
+    let left_out = |why| Ok(ServiceVerdict { left_out: Some(why), ..none(instance) });
+    let service = match service_of(instance, recorded, lives) {
         MadeOf::Known(service) => service,
         MadeOf::Configured => return left_out("configured by a file of its own"),
         MadeOf::Foreign => return left_out("an executable of its own"),
     };
     let replayed = fly_again(flight, (role, service), scenario, recorded, lives)?;
-    let verdict = ServiceVerdict { steps: replayed.steps, ..none(&instance) };
+    let verdict = ServiceVerdict { steps: replayed.steps, ..none(instance) };
     let compare = Compare { recorded, replayed: &replayed, lives, verdict };
     build_service(service, scenario, compare).map_err(ReplayError::component(role))
 }

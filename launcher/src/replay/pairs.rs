@@ -13,21 +13,20 @@ pub(crate) enum Pair<'a, T> {
     Again(&'a T),
 }
 
-/// Pairs two runs by sequence, which rises in both.
-pub(crate) fn pairs<'a, T: 'a>(
+/// Pairs two runs by a key that rises in both: the sequence, or release and sequence.
+pub(crate) fn pairs<'a, T: 'a, K: Ord>(
     recorded: impl Iterator<Item = &'a T>,
     again: impl Iterator<Item = &'a T>,
-    sequence: impl Fn(&T) -> u64,
+    key: impl Fn(&T) -> K,
 ) -> impl Iterator<Item = Pair<'a, T>> {
     let (mut recorded, mut again) = (recorded.peekable(), again.peekable());
     core::iter::from_fn(move || {
-        let next =
-            (recorded.peek().map(|item| sequence(item)), again.peek().map(|item| sequence(item)));
+        let next = (recorded.peek().map(|item| key(item)), again.peek().map(|item| key(item)));
         match next {
             (Some(old), Some(new)) if old == new => {
                 Some(Pair::Both(recorded.next()?, again.next()?))
             }
-            (Some(old), new) if new.is_none_or(|new| old < new) => {
+            (Some(old), new) if new.as_ref().is_none_or(|new| old < *new) => {
                 Some(Pair::Recorded(recorded.next()?))
             }
             _ => Some(Pair::Again(again.next()?)),

@@ -12,7 +12,7 @@ use super::summary::Summary;
 use crate::branch::{Branch, Changed};
 use crate::campaign::Outcome;
 use crate::in_process::{
-    Compare, Difference, InProcess, InProcessError, Likeness, Observer, StateSource,
+    Compare, Conclusion, Difference, InProcess, InProcessError, Likeness, Observer, StateSource,
 };
 use crate::record::{self, Facts, Recording};
 use crate::run::Pin;
@@ -37,9 +37,6 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     if clock_of(scenario) == ClockMode::Realtime {
         return Err(RunError::RealtimeInProcess);
     }
-    if scenario.settings().is_scripted() {
-        return Err(RunError::ScriptInProcess);
-    }
     require_processor(options.pin)?;
     if let Pin::Cpu(cpu) = options.pin {
         stay_on(cpu);
@@ -48,15 +45,26 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
     let facts = facts(&id, options);
     let consumers = consumers(&facts, path.as_deref(), options)?;
-    let mut flight = InProcess::new(scenario, StateSource::Estimator, consumers)
-        .map_err(|error| RunError::NotReady(error.to_string()))?;
+    let mut flight =
+        InProcess::new(scenario, StateSource::Estimator, consumers).map_err(not_ready)?;
     flight.stamp_by(mono_now_ns);
     let start_ns = mono_now_ns();
     let end = fly(&mut flight, options, &stop, 0);
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
-    let ended = Ended { id, path, wall_ns, from_ns: 0, flown_ns, end };
+    let told = conclude(&mut flight);
+    let ended = Ended { id, path, wall_ns, from_ns: 0, flown_ns, end, told };
     sum_up(flight.seen(core::mem::take), options, ended)
+}
+
+/// Why a flight in one process cannot begin.
+fn not_ready(error: InProcessError) -> RunError {
+    match error {
+        InProcessError::Foreign { .. } | InProcessError::NoSlot { .. } => {
+            RunError::ScriptInProcess(error)
+        }
+        error => RunError::NotReady(error.to_string()),
+    }
 }
 
 /// A branch that has been flown.
@@ -102,10 +110,11 @@ pub fn run_branch(
     let end = fly(&mut flight, options, &stop, branch.at_ns());
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
+    let told = conclude(&mut flight);
     let (consumers, (compare, mut since)) = flight.seen(core::mem::take);
     let Likeness { same, first } = compare.verdict(flown_ns);
     let since = Outcome::of_flight(&mut since, &consumers.hash, flown_ns, end.as_ref().err());
-    let ended = Ended { id, path, wall_ns, from_ns: branch.at_ns(), flown_ns, end };
+    let ended = Ended { id, path, wall_ns, from_ns: branch.at_ns(), flown_ns, end, told };
     let summary = sum_up(consumers, options, ended)?;
     Ok(Branched { summary, since, same, first })
 }
@@ -130,6 +139,16 @@ struct Ended {
     from_ns: u64,
     flown_ns: u64,
     end: Result<End, InProcessError>,
+    told: Conclusion,
+}
+
+/// What came of the slots, told as a flight of processes tells it.
+fn conclude<O: Observer>(flight: &mut InProcess<O>) -> Conclusion {
+    let told = flight.conclude();
+    for notice in &told.notices {
+        eprintln!("morphquad: {notice}");
+    }
+    told
 }
 
 fn sum_up(
@@ -139,7 +158,7 @@ fn sum_up(
 ) -> Result<Summary, RunError> {
     let scenario = &options.scenario;
     let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
-    let Ended { id, path, wall_ns, from_ns, flown_ns, end } = ended;
+    let Ended { id, path, wall_ns, from_ns, flown_ns, end, told } = ended;
     consumers.metrics.finish();
     let mut summary = Summary {
         run_id: id,
@@ -155,9 +174,9 @@ fn sum_up(
         log_hash: consumers.log_hash.hex(),
         metrics: core::mem::take(&mut consumers.metrics),
         audit: consumers.audit.clone(),
-        recovered: 0,
-        swaps: Vec::new(),
-        notices: Vec::new(),
+        recovered: told.recovered,
+        swaps: told.swaps,
+        notices: told.notices,
         lost: end.as_ref().err().map(ToString::to_string),
         interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),
         cut_short: flown_ns < scenario.duration_ns(),

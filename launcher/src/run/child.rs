@@ -16,7 +16,7 @@ const LAST_WORDS: usize = 12;
 
 /// How an executable is told what to be.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Launch {
+pub(crate) enum Launch {
     /// `morphquad proc NAME`, perhaps with another scenario's configuration.
     Service { config: Option<PathBuf> },
     /// Somebody's own controller of a slot, perhaps with a configuration of its own.
@@ -25,19 +25,19 @@ pub(super) enum Launch {
 
 /// What to start.
 #[derive(Debug, Clone)]
-pub(super) struct ChildSpec {
+pub(crate) struct ChildSpec {
     /// Service name, and the process's name in `ps` and `top`.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Executable.
-    pub(super) executable: PathBuf,
+    pub(crate) executable: PathBuf,
     /// What it is told.
-    pub(super) launch: Launch,
+    pub(crate) launch: Launch,
     /// Processor to stay on, if any.
-    pub(super) cpu: Option<usize>,
+    pub(crate) cpu: Option<usize>,
     /// How much to stand back for others, if at all.
-    pub(super) nice: Option<i32>,
+    pub(crate) nice: Option<i32>,
     /// Pause before the first start \[ns\].
-    pub(super) pause_ns: u64,
+    pub(crate) pause_ns: u64,
 }
 
 /// A running child.

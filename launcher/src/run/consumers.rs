@@ -151,6 +151,11 @@ impl Observer for Consumers {
     fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
         self.take_state(role, header, state, NO_RECEIPT_NS);
     }
+
+    fn note(&mut self, logical_ns: u64, warning: bool, text: &str) {
+        let severity = if warning { Severity::Warning } else { Severity::Info };
+        Self::note(self, logical_ns, severity, text);
+    }
 }
 
 /// True if a topic's samples belong to a flight in which `roles` take part.

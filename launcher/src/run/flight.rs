@@ -12,14 +12,13 @@ use super::setup::{
     RunError, RunOptions, allowed_processors, clock_of, facts, pinned_cpu, progress_bar,
     recording_path, require_processor, require_shared_memory, run_id, seconds, system,
 };
-use super::slots::{Means, Script, SlotWatch, Slots};
+use super::slots::{Means, Processes, Script, SlotWatch, Slots, largest_commands};
 use super::summary::Summary;
 use super::supervisor::{FlightError, RestartPolicy, Supervisor};
 use super::tap::Tap;
 use crate::components::Crew;
 use crate::process::has_process;
 use crate::record::{Event, Recording, Severity};
-use crate::scenario::Scenario;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind};
@@ -30,23 +29,6 @@ use shared_types::{ClockMode, Hello, Role, RollEntry, Seat};
 use slot::supervisor::Now;
 use std::path::PathBuf;
 use std::thread::JoinHandle;
-use vehicle::MorphAngle;
-
-/// Largest command of each slot, T and τ, or T, φ, θ and ψ, at the smallest arms.
-fn largest_commands(scenario: &Scenario) -> Vec<(Role, [f64; 4])> {
-    let vehicle = scenario.modelled_vehicle();
-    let rotor_n = vehicle.rotor_thrust_max_n;
-    let arm_m = vehicle.geometry.arm_length_m(MorphAngle::MAX);
-    // eq. (1) with each rotor between 0 and its most.
-    let torque_nm = [arm_m, arm_m, 2.0 * vehicle.yaw_coefficient_m].map(|lever| lever * rotor_n);
-    let thrust_n = 4.0 * rotor_n;
-    let [x, y, z] = torque_nm;
-    let tilt_rad = core::f64::consts::FRAC_PI_2;
-    vec![
-        (Role::Attitude, [thrust_n, x, y, z]),
-        (Role::Position, [thrust_n, tilt_rad, tilt_rad, core::f64::consts::PI]),
-    ]
-}
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
@@ -338,11 +320,15 @@ impl Flight {
         act: impl FnOnce(&mut Slots, &mut Means<'_>) -> Result<(), FlightError>,
     ) -> Result<(), FlightError> {
         let now = self.logical_now(now_mono_ns);
-        let mut means = Means {
+        let mut posts = Processes {
             bus: &self.bus,
-            graph: &self.graph,
             supervisor: &mut self.supervisor,
             tap: &mut self.tap,
+            now_mono_ns,
+        };
+        let mut means = Means {
+            posts: &mut posts,
+            graph: &self.graph,
             now,
             now_mono_ns,
             is_over: self.drained_ns >= self.conductor.end_ns(),

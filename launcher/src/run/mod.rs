@@ -24,6 +24,7 @@ mod tap;
 mod tracking;
 
 pub use alone::{Branched, run_branch, run_in_process};
+pub(crate) use child::{ChildSpec, Launch};
 pub use conductor::Speed;
 pub use flight::run;
 pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};
@@ -32,7 +33,9 @@ pub use misses::{EdgeName, MissLog, Missed, Place};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
 pub use setup::{RunError, RunOptions};
 pub use slots::SwapReport;
+pub(crate) use slots::{Means, Posts, Script, Seen, SlotWatch, Slots, largest_commands};
 pub use summary::Summary;
+pub(crate) use supervisor::{FlightError, PostEvent};
 pub use tracking::Tracking;
 
 /// Which processor a flight's processes stay on.

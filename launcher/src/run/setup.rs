@@ -2,6 +2,7 @@
 
 use super::Pin;
 use super::conductor::Speed;
+use crate::in_process::InProcessError;
 use crate::record::{Clock, Facts, Machine, RecordError};
 use crate::scenario::Scenario;
 use runtime::clock::mono_now_ns;
@@ -81,8 +82,8 @@ pub enum RunError {
     )]
     RealtimeInProcess,
     /// A script for processes, without processes.
-    #[error("--in-process has no processes to swap, kill or stop: leave it away, or the script")]
-    ScriptInProcess,
+    #[error("--in-process: {0}")]
+    ScriptInProcess(InProcessError),
     /// The processes did not get ready.
     #[error("{0}")]
     NotReady(String),

@@ -31,7 +31,7 @@ pub(super) struct RestartPolicy {
 
 /// Why a flight cannot go on.
 #[derive(Debug, Error)]
-pub(super) enum FlightError {
+pub(crate) enum FlightError {
     #[error("cannot start {name}: {source}")]
     Start { name: String, source: std::io::Error },
     #[error("{name} ended before it was ready ({how}){words}")]
@@ -66,7 +66,7 @@ pub(super) struct Member<'a> {
 
 /// What has happened at a post in a slot.
 #[derive(Debug, Clone)]
-pub(super) enum PostEvent {
+pub(crate) enum PostEvent {
     /// A process is on the roll and may be told to begin.
     Joined { place: Seat, layout: u64, period_ns: u64 },
     /// A process has left, with an obituary unless it did so in order.

@@ -1,8 +1,26 @@
 //! Facts about slots that follow from the flight: axes, latencies, rates.
 
+use crate::scenario::Scenario;
 use runtime::Graph;
 use shared_types::{Role, topics};
 use slot::gate::Axis;
+use vehicle::MorphAngle;
+
+/// Largest command of each slot, T and τ, or T, φ, θ and ψ, at the smallest arms.
+pub(crate) fn largest_commands(scenario: &Scenario) -> Vec<(Role, [f64; 4])> {
+    let vehicle = scenario.modelled_vehicle();
+    let rotor_n = vehicle.rotor_thrust_max_n;
+    let arm_m = vehicle.geometry.arm_length_m(MorphAngle::MAX);
+    // eq. (1) with each rotor between 0 and its most.
+    let torque_nm = [arm_m, arm_m, 2.0 * vehicle.yaw_coefficient_m].map(|lever| lever * rotor_n);
+    let thrust_n = 4.0 * rotor_n;
+    let [x, y, z] = torque_nm;
+    let tilt_rad = core::f64::consts::FRAC_PI_2;
+    vec![
+        (Role::Attitude, [thrust_n, x, y, z]),
+        (Role::Position, [thrust_n, tilt_rad, tilt_rad, core::f64::consts::PI]),
+    ]
+}
 
 /// Axes of a slot's command, by its largest values.
 pub(super) fn axes(slot: Role, u_max: &[f64; 4]) -> [Axis; 4] {

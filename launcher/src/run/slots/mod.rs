@@ -7,19 +7,22 @@ mod events;
 mod facts;
 mod gatekeeper;
 mod ledger;
+mod posts;
 mod script;
 mod seating;
 mod telling;
 mod watch;
 
+pub(crate) use facts::largest_commands;
 pub use ledger::SwapReport;
 pub(super) use ledger::write_table;
-pub(super) use script::Script;
-pub(super) use watch::SlotWatch;
+pub(crate) use posts::Posts;
+pub(super) use posts::Processes;
+pub(crate) use script::Script;
+pub(crate) use watch::{Seen, SlotWatch};
 
 use super::child::{ChildSpec, Launch};
-use super::supervisor::{FlightError, Supervisor};
-use super::tap::Tap;
+use super::supervisor::FlightError;
 use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
@@ -27,7 +30,6 @@ use crate::control::{Reply, Request as Asked};
 use facts::axes;
 use gatekeeper::Gatekeeper;
 use runtime::Graph;
-use runtime::ipc::Bus;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
 use slot::supervisor::{Event, Fault, Now, SlotConfig};
@@ -39,10 +41,10 @@ const PATIENCE_NS: u64 = 10_000_000_000;
 
 /// A sentence about a slot, for whoever follows the flight.
 #[derive(Debug, Clone)]
-pub(super) struct News {
-    pub(super) text: String,
+pub(crate) struct News {
+    pub(crate) text: String,
     /// Something did not go as asked for.
-    pub(super) warning: bool,
+    pub(crate) warning: bool,
 }
 
 /// What goes on around one slot's state machine.
@@ -68,19 +70,17 @@ enum Expected {
 }
 
 /// What the slots may use.
-pub(super) struct Means<'a> {
-    pub(super) bus: &'a Bus,
-    pub(super) graph: &'a Graph,
-    pub(super) supervisor: &'a mut Supervisor,
-    pub(super) tap: &'a mut Tap,
-    pub(super) now: Now,
-    pub(super) now_mono_ns: u64,
+pub(crate) struct Means<'a> {
+    pub(crate) posts: &'a mut dyn Posts,
+    pub(crate) graph: &'a Graph,
+    pub(crate) now: Now,
+    pub(crate) now_mono_ns: u64,
     /// The flight has reached its end: whoever leaves does so in order.
-    pub(super) is_over: bool,
+    pub(crate) is_over: bool,
 }
 
 /// All slots that have processes.
-pub(super) struct Slots {
+pub(crate) struct Slots {
     machines: Machines,
     around: BTreeMap<Slot, Around>,
     orders: Orders,
@@ -88,13 +88,13 @@ pub(super) struct Slots {
     pattern: Option<ChildSpec>,
     u_max: Vec<(Role, [f64; 4])>,
     mode: ClockMode,
-    pub(super) reports: Vec<SwapReport>,
-    pub(super) news: Vec<News>,
+    pub(crate) reports: Vec<SwapReport>,
+    pub(crate) news: Vec<News>,
 }
 
 impl Slots {
     /// The slots of a flight whose first owners are `specs`; `u_max` is the largest command of each.
-    pub(super) fn new(
+    pub(crate) fn new(
         mode: ClockMode,
         specs: &[(Role, ChildSpec)],
         u_max: Vec<(Role, [f64; 4])>,
@@ -158,7 +158,7 @@ impl Slots {
     }
 
     /// Lockstep: the end of allowed time until the slots have had their say \[ns\].
-    pub(super) fn cap_ns(&self, allowed_ns: u64) -> u64 {
+    pub(crate) fn cap_ns(&self, allowed_ns: u64) -> u64 {
         let held = self.machines.values().any(slot::Slot::holds_time);
         let deadlines = self.machines.values().filter_map(slot::Slot::deadline_ns);
         let cap_ns = deadlines.min().unwrap_or(u64::MAX);
@@ -240,12 +240,11 @@ impl Slots {
     }
 
     /// Takes in everything that has happened; call once per round of the launcher's loop.
-    pub(super) fn tend(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
-        let seen = means.tap.consumers.slot_watch.as_mut().map(SlotWatch::take);
-        for seen in seen.unwrap_or_default() {
+    pub(crate) fn tend(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
+        for seen in means.posts.take_seen() {
             self.see(&seen, means)?;
         }
-        for event in means.supervisor.take_events() {
+        for event in means.posts.take_events() {
             self.hear(&event, means)?;
         }
         for slot in Slot::ALL {
@@ -294,18 +293,18 @@ impl Slots {
                 let Some(spec) = self.spec(slot, program) else { return Ok(()) };
                 self.orders.seat(slot, seat, program);
                 self.expect(slot, seat, Expected::Hello, means);
-                means.supervisor.spawn(means.bus, place(seat), spec)?;
+                means.posts.spawn(place(seat), spec)?;
             }
             Action::Restart(seat, _) => {
                 self.expect(slot, seat, Expected::Hello, means);
-                means.supervisor.restart(place(seat), means.now_mono_ns)?;
+                means.posts.restart(place(seat))?;
             }
             Action::Publish(record) => {
-                means.supervisor.announce(record.to_sample(role), means.tap);
+                means.posts.announce(record.to_sample(role));
             }
             Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
                 let from = state_of.map(place);
-                let state = from.and_then(|from| means.tap.last_state_of(from));
+                let state = from.and_then(|from| means.posts.last_state(from));
                 let same = state_of.is_some_and(|of| of != seat);
                 // In realtime a successor of the same kind runs what it has missed, from history.
                 let catches_up = same && self.mode != ClockMode::Lockstep;
@@ -315,12 +314,9 @@ impl Slots {
                     has_state: Flag::from(state.is_some()),
                     catches_up: Flag::from(catches_up),
                 };
-                let seating = seating::joined(&order, from.zip(state), join_ns);
-                means.supervisor.hand_over(
-                    place(seat),
-                    order,
-                    state.map(|(_, bytes)| bytes).unwrap_or_default(),
-                );
+                let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
+                let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
+                means.posts.hand_over(place(seat), order, &state)?;
                 self.tell_seating(slot, seat, seating, means);
                 self.open_gate(slot, seat, state_of.is_some(), track_until_ns, means);
             }
@@ -333,7 +329,7 @@ impl Slots {
             Action::AwaitExit(seat) => {
                 self.expect(slot, seat, Expected::Exit, means);
             }
-            Action::Kill(seat) => means.supervisor.kill(place(seat)),
+            Action::Kill(seat) => means.posts.kill(place(seat)),
             Action::Report(report) => self.report(slot, &report),
         }
         Ok(())

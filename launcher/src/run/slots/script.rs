@@ -15,13 +15,13 @@ enum Deed {
 
 /// Everything that is still to be done, the next thing last.
 #[derive(Debug, Default)]
-pub(in crate::run) struct Script {
+pub(crate) struct Script {
     deeds: Vec<(u64, Deed)>,
 }
 
 impl Script {
     /// The deeds of a scenario.
-    pub(in crate::run) fn new(swaps: &[SwapSettings], faults: &[FaultSettings]) -> Self {
+    pub(crate) fn new(swaps: &[SwapSettings], faults: &[FaultSettings]) -> Self {
         let swaps = swaps.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
         let faults = faults.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
         let mut deeds: Vec<_> = swaps.chain(faults).collect();
@@ -32,12 +32,12 @@ impl Script {
     }
 
     /// Instant of the next deed; lockstep time stops there \[ns\].
-    pub(in crate::run) fn next_ns(&self) -> u64 {
+    pub(crate) fn next_ns(&self) -> u64 {
         self.deeds.last().map_or(u64::MAX, |(at_ns, _)| *at_ns)
     }
 
     /// Does what is due.
-    pub(in crate::run) fn run(
+    pub(crate) fn run(
         &mut self,
         slots: &mut Slots,
         means: &mut Means<'_>,
@@ -75,16 +75,16 @@ fn afflict(
     means: &mut Means<'_>,
 ) -> Result<(), FlightError> {
     let in_slot = slots.seats_of(&fault.name).first().copied();
-    let Some(place) = in_slot.or_else(|| means.supervisor.seat_of(&fault.name)) else {
+    let Some(place) = in_slot.or_else(|| means.posts.seat_of(&fault.name)) else {
         return Ok(());
     };
     match fault.kind {
         FaultKind::Kill => {
             slots.killed(place, means);
-            means.supervisor.kill_at_once(place);
+            means.posts.kill_at_once(place);
         }
         FaultKind::Stop => {
-            means.supervisor.stop(place, means.tap);
+            means.posts.stop(place);
             if slots.has(place.role) {
                 slots.stopped(place, means)?;
             }

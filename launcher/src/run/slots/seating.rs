@@ -11,7 +11,7 @@ use slot::Seat;
 /// How a process begins that goes on from a state, if there is one, of the process on a seat.
 pub(super) fn joined(
     order: &Handover,
-    state: Option<(Place, (u32, &[u8]))>,
+    state: Option<(Place, &(u32, Vec<u8>))>,
     join_ns: u64,
 ) -> Seating {
     let Handover { track_until_ns, has_state, catches_up, .. } = *order;
@@ -28,7 +28,7 @@ pub(super) fn joined(
         let head = bytes.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
         seating.state_release = head.map_or(0, |head| head.release_index);
         seating.state_seat = from.index;
-        seating.state_generation = generation;
+        seating.state_generation = *generation;
     }
     seating
 }
@@ -43,7 +43,7 @@ impl Slots {
         means: &mut Means<'_>,
     ) {
         let place = Place { role: slot.role(), index: seat.into() };
-        let Some(generation) = means.supervisor.generation(place) else { return };
+        let Some(generation) = means.posts.generation(place) else { return };
         let executable = self.orders.seated_on(slot, seat);
         let built_in = executable.is_some_and(|e| matches!(e.candidate, Candidate::Service(_)));
         let name = executable.map_or("", |executable| executable.candidate.name());
@@ -65,7 +65,7 @@ impl Slots {
             configured: Flag::from(configured),
             ..seating
         };
-        means.tap.consumers.tell_seating(&told, means.now_mono_ns);
+        means.posts.tell_seating(&told);
     }
 
     /// Nobody waits any more for who sits there, and it did not leave in order.

@@ -90,7 +90,7 @@ impl Slots {
     }
 
     /// The flight is over: what is still going on ends as it is.
-    pub(in crate::run) fn finish(&mut self) {
+    pub(crate) fn finish(&mut self) {
         for slot in Slot::ALL {
             self.end(slot, "the flight ended first", false);
         }

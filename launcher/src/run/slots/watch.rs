@@ -8,7 +8,7 @@ use std::any::Any;
 
 /// A command that somebody on a seat has published.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::run) struct Commanded {
+pub(crate) struct Commanded {
     pub(super) slot: Role,
     pub(super) seat: u32,
     pub(super) release_ns: u64,
@@ -19,7 +19,7 @@ pub(in crate::run) struct Commanded {
 
 /// What a slot's consumer says about whom it obeys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(in crate::run) struct Obeyed {
+pub(crate) struct Obeyed {
     pub(super) at_ns: u64,
     pub(super) epoch: u64,
     pub(super) seat: u32,
@@ -29,7 +29,7 @@ pub(in crate::run) struct Obeyed {
 
 /// One observation, in the order drained.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::run) enum Seen {
+pub(crate) enum Seen {
     /// A command.
     Command(Commanded),
     /// A consumer changed its mind, or says for the first time what it thinks.
@@ -40,7 +40,7 @@ pub(in crate::run) enum Seen {
 
 /// Keeps what has been seen until it is asked for.
 #[derive(Debug, Clone, Default)]
-pub(in crate::run) struct SlotWatch {
+pub(crate) struct SlotWatch {
     seen: Vec<Seen>,
     /// What each consumer said last: the plant, then the seats of the attitude slot.
     last: [Obeyed; 1 + shared_types::SEATS],
@@ -48,7 +48,7 @@ pub(in crate::run) struct SlotWatch {
 
 impl SlotWatch {
     /// Looks at one sample.
-    pub(in crate::run) fn observe<T: Sample>(&mut self, sample: &T) {
+    pub(crate) fn observe<T: Sample>(&mut self, sample: &T) {
         let any: &dyn Any = sample;
         if let Some(command) = any.downcast_ref::<WrenchCommand>() {
             let [x, y, z] = command.torque_b_nm;
@@ -109,7 +109,7 @@ impl SlotWatch {
     }
 
     /// Everything seen since the last time.
-    pub(in crate::run) fn take(&mut self) -> Vec<Seen> {
+    pub(crate) fn take(&mut self) -> Vec<Seen> {
         core::mem::take(&mut self.seen)
     }
 }

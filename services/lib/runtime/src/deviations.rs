@@ -183,7 +183,7 @@ impl InputVisitor for ReportInputs<'_> {
                     before.missing_before(header)
                 }
                 // The first writer of all counts from 1, whoever comes in flight from anywhere.
-                None if header.seat == 0 && header.generation == 0 => {
+                None if header.seat == 0 && header.generation == 0 && !input.joined() => {
                     header.sequence.saturating_sub(1)
                 }
                 None => 0,

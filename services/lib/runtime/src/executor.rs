@@ -7,7 +7,7 @@ use crate::output::{Output, OutputSet};
 use crate::service::{
     RestoreError, Service, StateHeader, pack_state, state_layout, state_size, unpack_state,
 };
-use shared_types::{Deviation, Header, LoopStats, Seat};
+use shared_types::{Deviation, Handover, Header, LoopStats, Seat};
 
 /// Logical time between two [`LoopStats`] \[ns\].
 const STATS_PERIOD_NS: u64 = 100_000_000;
@@ -196,6 +196,23 @@ impl<S: Service> Executor<S> {
             self.joins_after_ns = index.checked_sub(1).map(|k| self.node.rate.release_ns(k));
         }
         self.track_until_ns = track_until_ns;
+    }
+
+    /// Begins where a hand-over says, from a state if it says so.
+    ///
+    /// # Errors
+    /// [`RestoreError`] if the state is not one of this build's.
+    pub fn begin(&mut self, order: &Handover, state: &[u8]) -> Result<(), RestoreError> {
+        if order.has_state.is_set() {
+            self.restore(state)?;
+        }
+        if order.catches_up.is_set() {
+            self.catch_up();
+        }
+        if order.join_ns > 0 {
+            self.join_at(order.join_ns, order.track_until_ns);
+        }
+        Ok(())
     }
 
     /// Lets a component that shadows begin behind time and run what it has missed.

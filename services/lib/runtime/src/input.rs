@@ -271,6 +271,11 @@ impl<T: Sample> Input<T> {
         self.latest.as_ref()
     }
 
+    /// True if the loop began in flight, or goes on from a state.
+    pub(crate) fn joined(&self) -> bool {
+        self.known_until_ns.is_some()
+    }
+
     /// Of each seat: its newest sample.
     pub(crate) fn newest(&self) -> [Option<Newest>; SEATS] {
         self.newest

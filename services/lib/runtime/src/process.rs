@@ -494,17 +494,7 @@ fn begin<S: Service>(executor: &mut Executor<S>, bytes: &[u8]) -> Result<(), Res
         return Err(RestoreError::Size { actual: bytes.len(), expected });
     }
     let (order, state) = bytes.split_at(expected);
-    let order = Handover::unpack(order);
-    if order.has_state.is_set() {
-        executor.restore(state)?;
-    }
-    if order.catches_up.is_set() {
-        executor.catch_up();
-    }
-    if order.join_ns > 0 {
-        executor.join_at(order.join_ns, order.track_until_ns);
-    }
-    Ok(())
+    executor.begin(&Handover::unpack(order), state)
 }
 
 /// The slot that owner records on a topic are about.

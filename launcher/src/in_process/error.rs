@@ -1,0 +1,68 @@
+//! Why a flight in one process cannot be flown.
+
+use crate::scenario::WiringError;
+use runtime::service::RestoreError;
+use thiserror::Error;
+
+/// Why a flight cannot be flown to its end.
+#[derive(Debug, Error)]
+pub enum InProcessError {
+    /// A swap to an executable.
+    #[error(
+        "{name} is an executable of its own, which needs a process: leave this swap away, or fly with \
+         processes"
+    )]
+    Foreign {
+        /// Who was to take over.
+        name: String,
+    },
+    /// A fault of a process that nobody can stand in for.
+    #[error(
+        "{name} fills no slot, and only a process of it can be killed or stopped: leave this fault \
+         away, or fly with processes"
+    )]
+    NoSlot {
+        /// Whose fault it was to be.
+        name: String,
+    },
+    /// A slot cannot be given to whom it was to be given.
+    #[error("{0}")]
+    Slots(String),
+    /// The loops cannot be wired.
+    #[error(transparent)]
+    Wiring(#[from] WiringError),
+    /// A component refuses its configuration.
+    #[error("{role}: {error}")]
+    Component {
+        /// Label of the role it fills.
+        role: &'static str,
+        /// Its complaint.
+        error: String,
+    },
+    /// A component cannot go on from a state.
+    #[error("{role} refuses to go on from the recorded state: {error}")]
+    Restore {
+        /// Label of the role.
+        role: &'static str,
+        /// Its complaint.
+        error: RestoreError,
+    },
+    /// No step may run although the flight is not over: the graph is wrong.
+    #[error("the flight hangs at {t_s} s: no loop may step, {role} is the furthest behind")]
+    Stuck {
+        /// Mark of the slowest loop \[s\].
+        t_s: f64,
+        /// Its label.
+        role: &'static str,
+    },
+    /// A step panicked, which is a defect of its component.
+    #[error("{role} panicked at {t_s} s: {words}")]
+    Panicked {
+        /// Label of the role.
+        role: &'static str,
+        /// Release of the step \[s\].
+        t_s: f64,
+        /// What it said.
+        words: String,
+    },
+}

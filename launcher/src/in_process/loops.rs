@@ -1,0 +1,155 @@
+//! The loops of a flight in one process: components behind executors, with their types forgotten.
+
+use super::InProcessError;
+use super::observer::{Audience, Observer};
+use super::resume::{Checkpoint, Feed};
+use super::wires::Wires;
+use crate::components::{Component, ComponentVisitor};
+use crate::replay::{Course, Repeats};
+use crate::run::PostEvent;
+use runtime::executor::{StateSink, StepStamps};
+use runtime::input::InputSet as _;
+use runtime::service::{RestoreError, ports_layout, state_layout};
+use runtime::{Executor, Graph, Node, Place, Service};
+use shared_types::{Handover, Header, Role, Seat};
+use std::rc::Rc;
+
+/// An executor with its type forgotten.
+pub(super) trait Stepper: Repeats {
+    fn begin(&mut self, order: &Handover, state: &[u8]) -> Result<(), RestoreError>;
+    fn layout(&self) -> u64;
+    fn step(&mut self, now_mono_ns: fn() -> u64);
+    fn finish(&mut self);
+    fn state(&mut self) -> Option<Vec<u8>>;
+    fn ports(&self) -> u64;
+    fn reseed(&mut self, seed: u64);
+    fn feed(&mut self, feed: &mut Feed<'_>);
+}
+
+impl<S: Service> Stepper for Executor<S> {
+    fn begin(&mut self, order: &Handover, state: &[u8]) -> Result<(), RestoreError> {
+        Self::begin(self, order, state)
+    }
+    fn layout(&self) -> u64 {
+        state_layout::<S>()
+    }
+    fn step(&mut self, now_mono_ns: fn() -> u64) {
+        self.inputs.receive();
+        self.run_step(StepStamps { release_mono_ns: now_mono_ns(), now_mono_ns });
+    }
+    fn finish(&mut self) {
+        Self::finish(self);
+    }
+    fn state(&mut self) -> Option<Vec<u8>> {
+        Self::state(self).map(<[u8]>::to_vec)
+    }
+    fn ports(&self) -> u64 {
+        ports_layout::<S>()
+    }
+    fn reseed(&mut self, seed: u64) {
+        Self::reseed(self, seed);
+    }
+    fn feed(&mut self, feed: &mut Feed<'_>) {
+        let Ok(()) = self.inputs.visit(feed);
+    }
+}
+
+/// Shows states to the observer.
+struct StateTap<O> {
+    role: Role,
+    observer: Rc<Audience<O>>,
+}
+
+impl<O: Observer> StateSink for StateTap<O> {
+    fn send(&mut self, header: &Header, state: &[u8]) {
+        self.observer.observe_state(self.role, header, state);
+    }
+    fn serve_late_joiners(&mut self) {}
+}
+
+/// Connects whatever component it is given.
+pub(super) struct Connect<'a, O> {
+    pub(super) graph: &'a Graph,
+    pub(super) node: Node,
+    pub(super) place: Seat,
+    pub(super) generation: u32,
+    pub(super) wires: &'a mut Wires<O>,
+    pub(super) from: Option<&'a Checkpoint>,
+}
+
+impl<O: Observer> ComponentVisitor for Connect<'_, O> {
+    type Output = Result<Loop, InProcessError>;
+    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
+        let taken_over =
+            self.from.and_then(|from| from.taken_over(self.node.role, &component.service));
+        let state = self.from.and_then(|checkpoint| checkpoint.state(self.node.role));
+        self.connect(component, taken_over.as_deref().or(state), taken_over.is_some())
+    }
+}
+
+impl<O: Observer> Connect<'_, O> {
+    /// From `state`, which `tracks` if it is a predecessor's of another kind.
+    fn connect<S: Service + 'static>(
+        self,
+        component: Component<S>,
+        state: Option<&[u8]>,
+        tracks: bool,
+    ) -> Result<Loop, InProcessError> {
+        let Self { node, place: seat, generation, .. } = self;
+        let place = Place { seat: seat.index, generation };
+        let mut executor = Executor::new(component.service, node, place, component.state_every);
+        self.wires.connect(self.graph, &mut executor);
+        let observer = self.wires.observer();
+        if observer.with(|observer| observer.wants_states()) {
+            executor.connect_state(Box::new(StateTap { role: self.node.role, observer }));
+        }
+        if let Some(checkpoint) = self.from {
+            let role = self.node.role;
+            let restored = state.map_or(Ok(()), |state| executor.take_up(state));
+            restored.map_err(|error| InProcessError::Restore { role: role.label(), error })?;
+            if let Some(at_ns) = checkpoint.exact_ns() {
+                executor.continue_at(at_ns);
+            }
+            if tracks {
+                let first_ns = executor.mark_ns();
+                executor.join_at(first_ns, first_ns + 1);
+            }
+        }
+        Ok(Loop {
+            node,
+            place: seat,
+            generation,
+            waits: false,
+            leave_ns: u64::MAX,
+            stepper: Box::new(executor),
+            course: Course::default(),
+        })
+    }
+}
+
+/// One loop of the flight.
+pub(super) struct Loop {
+    pub(super) node: Node,
+    /// Its seat, and how many have had that before.
+    pub(super) place: Seat,
+    pub(super) generation: u32,
+    /// It has been started in flight and not been told where to begin, or has been stopped.
+    pub(super) waits: bool,
+    /// From then on the seat is no longer its \[ns\].
+    pub(super) leave_ns: u64,
+    pub(super) stepper: Box<dyn Stepper>,
+    /// What it goes through again; nothing in a flight of its own.
+    pub(super) course: Course,
+}
+
+impl Loop {
+    pub(super) fn flies(&self) -> bool {
+        !self.waits
+    }
+
+    /// It is there, and may be told to begin.
+    pub(super) fn joined(&self) -> PostEvent {
+        let (layout, period_ns) = (self.stepper.layout(), self.node.rate.period_ns());
+        PostEvent::Joined { place: self.place, layout, period_ns }
+    }
+}

@@ -1,0 +1,55 @@
+//! How far the loops of a flight in one process have got, whoever sits where.
+
+use runtime::graph::{Edge, Marks};
+use runtime::{MarkView, SeatMarks};
+use shared_types::{Flag, Role, RollEntry, Seat as Place};
+
+/// How far every loop has got.
+#[derive(Debug)]
+pub(super) enum FlightMarks {
+    /// Of a flight in which everybody keeps his place.
+    Plain(Marks),
+    /// Of one in which slots change hands.
+    Seats(Box<SeatMarks>),
+}
+
+impl FlightMarks {
+    /// Takes in how far a loop has got.
+    #[inline]
+    pub(super) fn advance(&mut self, place: Place, generation: u32, mark_ns: u64) {
+        match self {
+            Self::Plain(marks) => marks[place.role.index()] = mark_ns,
+            Self::Seats(marks) => marks.advance(place.role, place.index, generation, mark_ns),
+        }
+    }
+
+    /// Whoever sits on a seat has come, or is gone and not waited for.
+    pub(super) fn seat(&mut self, place: Place, generation: u32, present: bool) {
+        if let Self::Seats(marks) = self {
+            marks.learn_roll(&[RollEntry {
+                role: place.role,
+                seat: place.index,
+                generation,
+                present: Flag::from(present),
+                ..RollEntry::default()
+            }]);
+        }
+    }
+}
+
+impl MarkView for FlightMarks {
+    #[inline]
+    fn of(&self, edge: &Edge) -> u64 {
+        match self {
+            Self::Plain(marks) => marks.of(edge),
+            Self::Seats(marks) => marks.of(edge),
+        }
+    }
+    #[inline]
+    fn of_role(&self, role: Role) -> u64 {
+        match self {
+            Self::Plain(marks) => marks.of_role(role),
+            Self::Seats(marks) => marks.of_role(role),
+        }
+    }
+}
