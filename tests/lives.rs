@@ -3,7 +3,9 @@
 
 mod common;
 
+use common::processes::Running;
 use common::{Flown, fly, morphquad, turn};
+use launcher::scenario::{Override, Scenario};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
@@ -224,4 +226,22 @@ fn a_branch_can_give_a_slot_to_somebody_else_by_the_protocol() {
     assert_eq!(replay(&flown.recording_path(), &set).0, Some(2));
     let realtime = fly(&[SWAPS, &["--clock", "realtime"]].concat());
     assert_eq!(replay(&realtime.recording_path(), &["--branch", "@2700"]).0, Some(2));
+}
+
+#[test]
+fn a_controller_with_a_scenario_of_its_own_is_verified_with_that() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let config = folder.path().join("softer.toml");
+    let mut running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "3s"]);
+    let softer = Override::set("attitude_mpc.increment_weight=7").expect("a setting");
+    let softer = Scenario::load("hover", &[softer]).expect("a shipped scenario");
+    std::fs::write(&config, softer.to_toml()).expect("a scenario");
+    let mut order = morphquad(["swap", "attitude", "--to", "attitude-mpc", "--run", running.id()]);
+    order.args(["--shadow", "500ms", "--rollback", "200ms", "--force", "--config"]).arg(&config);
+    let output = order.output().expect("the executable starts");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    std::fs::remove_file(&config).expect("it was there");
+    let flown = running.wait();
+    assert!(verified(&flown, &[]).contains(&"attitude-mpc@1".to_owned()), "{}", flown.said());
 }

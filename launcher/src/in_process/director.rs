@@ -21,7 +21,7 @@ use runtime::graph::CREDIT_NS;
 use shared_types::{ClockMode, Handover, OwnerRecord, Role, Seat as Place, Seating, topics};
 use slot::supervisor::Now;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 /// A seat of a slot, and who has had it.
@@ -366,7 +366,7 @@ impl<O: Observer> Posts for Seats<'_, O> {
         self.cabin.watch.borrow_mut().take()
     }
 
-    fn tell_seating(&mut self, seating: &Seating) {
+    fn tell_seating(&mut self, seating: &Seating, _config: Option<&Path>) {
         self.cabin.wires.observer().observe(&topics::SEATING, seating);
     }
 }

@@ -6,9 +6,10 @@ use super::open::{Channel, FileWriter, open};
 use super::sink::{Sink, Valve};
 use super::{Clock, Facts, RecordError, SequenceAudit, Verdict, encode};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{McapResult, Writer};
+use mcap::{Attachment, McapResult, Writer};
 use shared_types::topics::Topic;
 use shared_types::{Header, Role, Sample};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -155,6 +156,22 @@ impl Recording {
         messages::encode_log(event, stamp_ns, &mut self.buffer);
         let stamps = Stamps { log_ns: stamp_ns, publish_ns: stamp_ns };
         self.put_stamped(self.events_id, 0, &stamps)
+    }
+
+    /// Records a scenario that configures one controller alone.
+    ///
+    /// # Errors
+    /// As [`Recording::write`].
+    pub fn attach_scenario(&mut self, name: &str, text: &str) -> Result<(), RecordError> {
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        let attachment = Attachment {
+            log_time: self.epoch_unix_ns,
+            create_time: self.epoch_unix_ns,
+            name: name.to_owned(),
+            media_type: "application/toml".to_owned(),
+            data: Cow::Borrowed(text.as_bytes()),
+        };
+        writer.attach(&attachment).map_err(|cause| self.fail(cause))
     }
 
     /// Hands everything to the system if 250 ms have passed since it was last done, so that a

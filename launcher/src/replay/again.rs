@@ -3,7 +3,7 @@
 use super::ReplayError;
 use super::course::Course;
 use super::lives::{Life, LifeKey, state_header};
-use super::source::{Exceptions, TapeSource};
+use super::source::{Arrival, Exceptions, TapeSource};
 use super::tapes::{Recorded, Tapes};
 use crate::components::{Component, ComponentVisitor, Crew, build_service, names_for};
 use crate::record::read::{RecordedFlight, RecordedState};
@@ -107,6 +107,10 @@ pub(super) fn fly_again(
     let node = *graph.node(role).ok_or(ReplayError::NotFlown { role: role.label() })?;
     let out = Rc::new(RefCell::new(Replayed::default()));
     for life in lives {
+        let config = life.config(role);
+        let own = recorded.configs.get(&config);
+        let own = own.map(|text| Scenario::from_text(&config, text, &[])).transpose()?;
+        let scenario = own.as_ref().unwrap_or(scenario);
         let again = Again { graph: &graph, node, recorded, life, out: Rc::clone(&out) };
         build_service(service, scenario, again).map_err(ReplayError::component(role))??;
     }
@@ -131,14 +135,9 @@ impl ComponentVisitor for Again<'_> {
         let place = Place { seat, generation };
         let mut executor = Executor::new(component.service, node, place, component.state_every);
         let now_ns = Rc::new(Cell::new(0));
-        let mut latched = Latched(Vec::new());
-        if let Some(state) = last_state(recorded, life).filter(|_| !life.in_order) {
-            let mut inputs = S::Inputs::default();
-            if let Some(latches) = latches_of::<S>(&state.bytes) {
-                inputs.unpack_latches(latches);
-                let Ok(()) = inputs.visit(&mut latched);
-            }
-        }
+        let latched = last_state(recorded, life).filter(|_| !life.in_order);
+        let latched = latched.map(latched_in::<S>).unwrap_or_default();
+        let heard = first_state(recorded, life).map(latched_in::<S>).unwrap_or_default();
         let handed = life.handed_over(recorded);
         if let Some(release) = life.lacks_state(handed) {
             return Err(ReplayError::NoState { role, release });
@@ -159,8 +158,10 @@ impl ComponentVisitor for Again<'_> {
             role: node.role,
             recorded,
             life,
-            joined_ns: joined.filter(|_| restored.is_none()).map(|(join_ns, _)| join_ns),
-            latched: latched.0.into_iter(),
+            seated_ns: joined.map(|(join_ns, _)| join_ns).or(life.seated_ns),
+            restored_ns: restored.map(|state| state.header.release_ns),
+            latched: latched.into_iter(),
+            heard: heard.into_iter(),
             now_ns: Rc::clone(&now_ns),
             out: Rc::clone(&out),
         };
@@ -204,10 +205,14 @@ struct Connect<'a> {
     role: Role,
     recorded: &'a Recorded,
     life: &'a Life,
-    /// When it joined the flight, if without a state \[ns\].
-    joined_ns: Option<u64>,
+    /// When it took a seat of a flight under way, and the release of the state that it went on from
+    /// \[ns\].
+    seated_ns: Option<u64>,
+    restored_ns: Option<u64>,
     /// Of each input in turn: what the last state of a life that was killed had in effect.
     latched: std::vec::IntoIter<Option<Header>>,
+    /// Of each input in turn: what the first state had in effect.
+    heard: std::vec::IntoIter<Option<Header>>,
     now_ns: Rc<Cell<u64>>,
     out: Rc<RefCell<Replayed>>,
 }
@@ -226,8 +231,13 @@ impl InputVisitor for Connect<'_> {
             exceptions = exceptions.killed_after(last.as_ref(), &topic.info);
         }
         let samples = self.recorded.tapes.of(topic);
-        let (now_ns, joined_ns) = (Rc::clone(&self.now_ns), self.joined_ns);
-        let source = TapeSource::new(&samples, &topic.info, edge, exceptions, joined_ns, now_ns);
+        // What a restored state had already in effect was not heard by this process.
+        let heard = self.heard.next().flatten().filter(|header| {
+            self.restored_ns.is_none_or(|t_ns| !edge.in_effect(header.valid_ns, t_ns))
+        });
+        let arrival = Arrival { at_ns: self.seated_ns, blank: self.restored_ns.is_none(), heard };
+        let now_ns = Rc::clone(&self.now_ns);
+        let source = TapeSource::new(&samples, &topic.info, edge, exceptions, arrival, now_ns);
         input.connect(Box::new(source), Some(edge));
         Ok(())
     }
@@ -266,6 +276,22 @@ fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedSta
     recorded.states.iter().rev().find(|state| {
         LifeKey::of(&state.header) == life.key && state.header.release_ns == life.last_ns
     })
+}
+
+/// The state in which a life was first seen.
+fn first_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedState> {
+    recorded.states.iter().find(|state| LifeKey::of(&state.header) == life.key)
+}
+
+/// What each input had in effect in a state; nothing is told of one that is no state of `S`.
+fn latched_in<S: Service>(state: &RecordedState) -> Vec<Option<Header>> {
+    let mut latched = Latched(Vec::new());
+    let mut inputs = S::Inputs::default();
+    if let Some(latches) = latches_of::<S>(&state.bytes) {
+        inputs.unpack_latches(latches);
+        let Ok(()) = inputs.visit(&mut latched);
+    }
+    latched.0
 }
 
 /// The part of a packed state that holds the latches; none if it is not a whole state.

@@ -3,11 +3,11 @@
 use super::ReplayError;
 use super::tapes::Recorded;
 use crate::components::{self, Crew};
-use crate::record::read::RecordedState;
+use crate::record::read::{RecordedState, seat_config};
 use runtime::seat_of_loop;
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
-use shared_types::{Deviation, DeviationKind, Header, Role, Seating, topics};
+use shared_types::{Deviation, DeviationKind, Header, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -97,6 +97,8 @@ pub(super) struct Life {
     pub(super) source: Option<Source>,
     /// Instant at which it joined, and until which it tracked \[ns\].
     pub(super) joined: Option<(u64, u64)>,
+    /// Instant at which it took a seat of a flight under way \[ns\].
+    pub(super) seated_ns: Option<u64>,
     /// Last step that left a trace \[ns\].
     pub(super) last_ns: u64,
     pub(super) deviations: Vec<Deviation>,
@@ -107,6 +109,11 @@ pub(super) struct Life {
 }
 
 impl Life {
+    /// Name of the scenario that configures it alone, if one does.
+    pub(super) fn config(&self, role: Role) -> String {
+        seat_config(Seat { role, index: self.key.seat }, self.key.generation)
+    }
+
     /// True if it goes on with the numbers of whoever had its seat before.
     pub(super) fn goes_on(&self) -> bool {
         self.source.is_some_and(|source| source.life.seat == self.key.seat)
@@ -168,6 +175,7 @@ pub(super) fn instances(
             key,
             source: source(key, seating, &deviations),
             joined: seating.filter(|s| s.join_ns > 0).map(|s| (s.join_ns, s.track_until_ns)),
+            seated_ns: seating.map(|s| s.header.release_ns),
             last_ns,
             last_stats: of_life.map(|s| s.header.sequence).max().unwrap_or(0),
             in_order: recorded.in_order.contains(&key),
@@ -233,7 +241,11 @@ pub(super) fn service_of(instance: &Instance, recorded: &Recorded, lives: &[Life
     if seatings.clone().any(|seating| !seating.built_in.is_set()) {
         return Service::Foreign;
     }
-    if seatings.clone().any(|seating| seating.configured.is_set()) {
+    let unknown = |life: &Life| {
+        let configured = recorded.seatings.get(&life.key).is_some_and(|s| s.configured.is_set());
+        configured && !recorded.configs.contains_key(&life.config(instance.role))
+    };
+    if lives.iter().any(unknown) {
         return Service::Configured;
     }
     let known = components::names_for(instance.role).find(|name| *name == instance.name);

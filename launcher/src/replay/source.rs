@@ -96,6 +96,17 @@ impl Exceptions {
     }
 }
 
+/// How a process came to a flight under way.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Arrival {
+    /// When \[ns\]; none for who begins with the flight or goes on in its place.
+    pub(super) at_ns: Option<u64>,
+    /// Without a state to go on from.
+    pub(super) blank: bool,
+    /// What it had in effect after its first step, if it got that itself.
+    pub(super) heard: Option<Header>,
+}
+
 /// What one writer said.
 struct Reel<T> {
     writer: Writer,
@@ -113,26 +124,32 @@ pub(super) struct TapeSource<T> {
 }
 
 impl<T: Sample> TapeSource<T> {
-    /// Plays `samples`; to a process that joined a flight at `joined_ns` without a state, what a
-    /// writer that was there had kept for it, and what came after.
+    /// Plays `samples`; to a process that joined a flight, what writers that were there had kept for it,
+    /// and what came after. A writer that has nothing to say after the joining was there if the process
+    /// has heard it all the same.
     pub(super) fn new(
         samples: &[T],
         topic: &TopicInfo,
         edge: Edge,
         exceptions: Exceptions,
-        joined_ns: Option<u64>,
+        arrival: Arrival,
         now_ns: Rc<Cell<u64>>,
     ) -> Self {
+        let heard = arrival.heard.map(|header| Writer::of(&header, topic));
         let mut by_writer: BTreeMap<Writer, Vec<T>> = BTreeMap::new();
         for sample in samples {
             by_writer.entry(Writer::of(sample.header(), topic)).or_default().push(*sample);
         }
         let reel = |(writer, samples): (Writer, Vec<T>)| {
             let mut next = 0;
-            if let Some(joined_ns) = joined_ns {
-                let before = samples.partition_point(|s| s.header().release_ns < joined_ns);
-                let gone = before == samples.len() && topic.from.is_stepping();
-                next = if gone { before } else { before.saturating_sub(topic.history) };
+            if let Some(at_ns) = arrival.at_ns {
+                let before = samples.partition_point(|s| s.header().release_ns < at_ns);
+                let silent = before == samples.len() && topic.from.is_stepping();
+                if silent && heard != Some(writer) {
+                    next = before;
+                } else if arrival.blank {
+                    next = before.saturating_sub(topic.history);
+                }
             }
             Reel { writer, samples, next }
         };
@@ -200,7 +217,7 @@ mod tests {
             &topics::IMU.info,
             Edge::unwaited(&topics::IMU.info, Role::Estimator),
             Exceptions::of(&topics::IMU.info, deviations.iter()),
-            None,
+            Arrival::default(),
             Rc::clone(&now_ns),
         );
         let step = |step_ms: u64| {

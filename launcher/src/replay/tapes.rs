@@ -54,6 +54,8 @@ pub(super) struct Recorded {
     pub(super) traces: BTreeMap<LifeKey, u64>,
     /// How those began that took a seat in flight.
     pub(super) seatings: BTreeMap<LifeKey, Seating>,
+    /// Scenarios that configure one controller alone, by their names.
+    pub(super) configs: BTreeMap<String, String>,
     /// Those who left in order.
     pub(super) in_order: BTreeSet<LifeKey>,
     pub(super) closing: Closing,
@@ -154,6 +156,10 @@ impl RecordVisitor for Load<'_> {
         if role == self.role {
             self.recorded.tapes.push(topic, *sample);
         }
+    }
+
+    fn scenario(&mut self, name: &str, text: &str) {
+        self.recorded.configs.insert(name.to_owned(), text.to_owned());
     }
 
     fn state(&mut self, role: Role, header: &Header, state: &[u8]) {

@@ -5,10 +5,11 @@ use super::metrics::Metrics;
 use super::slots::SlotWatch;
 use super::summary::Summary;
 use crate::in_process::Observer;
+use crate::record::read::seat_config;
 use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
-use shared_types::{Header, Role, Sample, Seating, Topic, TopicInfo, topics};
+use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
 
 /// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
 const NO_RECEIPT_NS: u64 = 0;
@@ -78,6 +79,17 @@ impl Consumers {
     pub(super) fn tell_seating(&mut self, seating: &Seating, now_mono_ns: u64) {
         if let Some(stream) = self.stream(&topics::SEATING.info) {
             self.take(&topics::SEATING, stream, seating, now_mono_ns);
+        }
+    }
+
+    /// Takes the scenario that configures whoever has taken a seat.
+    pub(super) fn attach_config(&mut self, seating: &Seating, text: &str) {
+        let name =
+            seat_config(Seat { role: seating.role, index: seating.seat }, seating.generation);
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.attach_scenario(&name, text)
+        {
+            self.fail_recording(&error.to_string());
         }
     }
 

@@ -12,7 +12,7 @@ mod records;
 mod tests;
 
 pub use error::{LayoutChange, ReadError};
-pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState};
+pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState, seat_config};
 
 use super::{Branched, Clock, Facts, Machine};
 use crate::components::{self, StateLayout};

@@ -8,7 +8,7 @@ use core::cell::Cell;
 use core::ops::ControlFlow;
 use mcap::records::Record;
 use shared_types::topics::visit_all;
-use shared_types::{Header, Role, Sample, Topic, TopicInfo, TopicVisitor};
+use shared_types::{Header, Role, Sample, Seat, Topic, TopicInfo, TopicVisitor};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -49,6 +49,14 @@ pub trait RecordVisitor {
     fn state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
     /// An event.
     fn event(&mut self, _event: RecordedEvent) {}
+    /// A scenario that configures one controller alone, see [`seat_config`].
+    fn scenario(&mut self, _name: &str, _text: &str) {}
+}
+
+/// Name of the scenario that configures one life of a process.
+#[must_use]
+pub fn seat_config(seat: Seat, generation: u32) -> String {
+    format!("{}@{}.{generation}.toml", seat.role.label(), seat.index)
 }
 
 /// The end of a recording.
@@ -86,6 +94,9 @@ pub(super) fn visit<V: RecordVisitor>(
                 if let Some((topic, reader)) = readers.get(&header.channel_id) {
                     read(flight, (topic, reader), &data, visitor)?;
                 }
+            }
+            Record::Attachment { header, data, .. } => {
+                visitor.scenario(&header.name, &String::from_utf8_lossy(&data));
             }
             Record::Metadata(metadata) if metadata.name == "summary" => {
                 closing.summary = metadata.metadata;

@@ -6,6 +6,7 @@ use crate::run::supervisor::{FlightError, PostEvent, Supervisor};
 use crate::run::tap::Tap;
 use runtime::ipc::Bus;
 use shared_types::{Handover, OwnerRecord, Seat as Place, Seating};
+use std::path::Path;
 
 /// Starts, ends and hears those who sit in slots.
 pub(crate) trait Posts {
@@ -34,8 +35,8 @@ pub(crate) trait Posts {
     fn take_events(&mut self) -> Vec<PostEvent>;
     /// What has been seen of the slots since the last time.
     fn take_seen(&mut self) -> Vec<Seen>;
-    /// Has it recorded who takes a seat.
-    fn tell_seating(&mut self, seating: &Seating);
+    /// Has it recorded who takes a seat, and what configures it alone.
+    fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>);
 }
 
 /// Processes under a supervisor.
@@ -89,7 +90,11 @@ impl Posts for Processes<'_> {
     fn take_seen(&mut self) -> Vec<Seen> {
         self.tap.consumers.slot_watch.as_mut().map(SlotWatch::take).unwrap_or_default()
     }
-    fn tell_seating(&mut self, seating: &Seating) {
+    fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>) {
         self.tap.consumers.tell_seating(seating, self.now_mono_ns);
+        // What cannot be read any more, the process could not read either.
+        if let Some(text) = config.and_then(|path| std::fs::read_to_string(path).ok()) {
+            self.tap.consumers.attach_config(seating, &text);
+        }
     }
 }

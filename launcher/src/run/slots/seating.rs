@@ -47,7 +47,8 @@ impl Slots {
         let executable = self.orders.seated_on(slot, seat);
         let built_in = executable.is_some_and(|e| matches!(e.candidate, Candidate::Service(_)));
         let name = executable.map_or("", |executable| executable.candidate.name());
-        let configured = executable.is_some_and(|Executable { config, .. }| config.is_some());
+        let config = executable.and_then(|Executable { config, .. }| config.clone());
+        let config = config.filter(|_| seating.kind == SeatingKind::Joined);
         let told = Seating {
             header: Header {
                 sequence: u64::from(seating.kind.0) + 1,
@@ -62,10 +63,10 @@ impl Slots {
             seat: place.index,
             generation,
             built_in: Flag::from(built_in),
-            configured: Flag::from(configured),
+            configured: Flag::from(config.is_some()),
             ..seating
         };
-        means.posts.tell_seating(&told);
+        means.posts.tell_seating(&told, config.as_deref());
     }
 
     /// Nobody waits any more for who sits there, and it did not leave in order.
