@@ -43,6 +43,17 @@ impl Recording {
         messages.expect("a readable start").map_while(Result::ok).count()
     }
 
+    /// Instant of the last sample of a topic before the place where a killed writer left off \[s\].
+    pub(crate) fn end_of_a_cut_file(&self, topic: &str) -> f64 {
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let messages = MessageStream::new_with_options(&self.0, options);
+        let messages = messages.expect("a readable start").map_while(Result::ok);
+        let of_topic = messages.filter(|m| m.channel.topic.strip_prefix('/') == Some(topic));
+        let last = of_topic.last().unwrap_or_else(|| panic!("nothing on {topic}"));
+        let sample = DynamicMessage::decode(descriptor(&last.channel), &*last.data);
+        row(&sample.expect("a message of its schema"), &[]).t_s
+    }
+
     /// Every message without what depends on the host: stamps (also inside states, of which
     /// the length remains), rescued waits. By channel, seat and sequence.
     pub(crate) fn contents(&self) -> BTreeMap<(String, u64, u64), Vec<u8>> {
@@ -126,7 +137,7 @@ impl Recording {
         writer.finish().expect("room");
     }
 
-    /// Samples of a topic, with the numbers of `fields`; nested messages are laid flat.
+    /// Samples of a topic, with the numbers of `fields`, or of `header.FIELD`; nested messages are laid flat.
     pub(crate) fn series(&self, topic: &str, fields: &[&str]) -> Vec<Row> {
         let topic = format!("/{topic}");
         let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();
@@ -159,7 +170,10 @@ fn row(sample: &DynamicMessage, fields: &[&str]) -> Row {
     flatten(&header.get_field_by_name("valid_ns").expect("an instant"), &mut valid_ns);
     let mut values = Vec::new();
     for field in fields {
-        let value = sample.get_field_by_name(field);
+        let value = match field.strip_prefix("header.") {
+            Some(field) => header.get_field_by_name(field),
+            None => sample.get_field_by_name(field),
+        };
         flatten(&value.unwrap_or_else(|| panic!("no field {field}")), &mut values);
     }
     Row { t_s: valid_ns[0] * 1e-9, values }

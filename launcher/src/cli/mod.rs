@@ -3,6 +3,7 @@
 //! Results go to stdout, everything else to stderr. [`options`] is the grammar; [`check`] and
 //! [`list`] are whole commands, the others are handed on.
 
+mod adopt;
 mod bar;
 mod branch;
 mod campaign;
@@ -19,12 +20,12 @@ mod study;
 mod types;
 
 pub use options::{
-    BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments, PsArguments,
-    ReplayArguments, RetireArguments, RollbackArguments, RunArguments, RunChoice,
+    AdoptArguments, BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments,
+    PsArguments, ReplayArguments, RetireArguments, RollbackArguments, RunArguments, RunChoice,
     ScenarioArguments, StandbyArguments, SwapArguments,
 };
 
-use crate::run::RunError;
+use crate::run::{RunError, Summary};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
 use clap::Parser as _;
@@ -77,6 +78,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Rollback(arguments) => return orders::roll_back(&arguments, out),
         Command::Retire(arguments) => return orders::retire(&arguments, out),
         Command::Standby(arguments) => return orders::stand_by(&arguments, out),
+        Command::Adopt(arguments) => return adopt::adopt(&arguments, out),
         Command::Paper(arguments) => return paper::reproduce(&arguments, out),
         Command::Campaign(arguments) => return campaign::run(&arguments, out),
         Command::Replay(arguments) => {
@@ -110,7 +112,12 @@ fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Don
         };
         Failure::plain(&error, code)
     })?;
-    let written = match arguments.format {
+    say(&summary, arguments.format, out)
+}
+
+/// Shows how a flight went, and gives its exit code.
+fn say(summary: &Summary, format: Format, out: &mut dyn Write) -> Done {
+    let written = match format {
         Format::Text => writeln!(out, "{summary}"),
         Format::Json => writeln!(out, "{}", summary.to_json()),
     };

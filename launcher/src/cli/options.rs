@@ -3,7 +3,8 @@
 mod air;
 
 pub use air::{
-    PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments, SwapArguments,
+    AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
+    SwapArguments,
 };
 
 use crate::branch::At;
@@ -48,6 +49,9 @@ pub(super) enum Command {
     /// Keep an instance warm that takes a slot over when its owner fails
     #[command(after_help = "Example:\n  morphquad standby attitude attitude-mpc")]
     Standby(StandbyArguments),
+    /// Lead a realtime run to its end whose launcher has died
+    #[command(after_help = air::ADOPT_EXAMPLES)]
+    Adopt(AdoptArguments),
     /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
     Replay(ReplayArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors

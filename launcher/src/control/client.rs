@@ -19,7 +19,7 @@ const REPLY_BYTES: u64 = 1 << 20;
 pub enum AskError {
     /// Nobody listens.
     #[error(
-        "no launcher answers for run {run}: it is just starting, or has died and its processes will leave ({source})"
+        "no launcher answers for run {run}: it is just starting, or has died, and then `morphquad adopt {run}` goes on before its processes leave ({source})"
     )]
     NoLauncher {
         /// The run.

@@ -1,5 +1,6 @@
 //! Which run is meant: by name, by the beginning of its name, or because there is only one.
 
+use runtime::leader::leading;
 use runtime::namespace;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -30,7 +31,9 @@ impl Run {
         let text = fs::read_to_string(self.folder.join("scenario.toml")).unwrap_or_default();
         let table: toml::Table = text.parse().unwrap_or_default();
         let name = table.get("scenario").and_then(|scenario| scenario.get("name")?.as_str());
-        format!("{}  {}", self.id, name.unwrap_or("(just starting)"))
+        let led = leading(&self.folder);
+        let led = led.map_or("without launcher".to_owned(), |pid| format!("led by {pid}"));
+        format!("{}  {}  {led}", self.id, name.unwrap_or("(just starting)"))
     }
 }
 
@@ -47,6 +50,18 @@ pub enum FindError {
         wanted: String,
         /// All there are.
         living: Vec<Run>,
+    },
+    /// Every run has its launcher.
+    #[error("no run has lost its launcher; in the air {}", list(.led))]
+    NoOrphan {
+        /// All there are.
+        led: Vec<Run>,
+    },
+    /// More than one has lost its launcher.
+    #[error("{} runs have lost their launchers, name the one to adopt:{}", .orphans.len(), list(.orphans))]
+    SeveralOrphans {
+        /// All that could be meant.
+        orphans: Vec<Run>,
     },
     /// There is more than one.
     #[error("{} runs are in the air, name one with --run:{}", .living.len(), list(.living))]
@@ -79,6 +94,27 @@ pub fn living() -> Vec<Run> {
 /// There is none, or more than one.
 pub fn find(wanted: Option<&str>) -> Result<Run, FindError> {
     choose(wanted, living())
+}
+
+/// The run that `wanted` names, or the only one that has lost its launcher.
+///
+/// # Errors
+/// There is none, or more than one.
+pub fn find_orphan(wanted: Option<&str>) -> Result<Run, FindError> {
+    if wanted.is_some() {
+        return find(wanted);
+    }
+    let is_led = |run: &Run| leading(run.folder()).is_some();
+    let (led, mut orphans): (Vec<Run>, _) = living().into_iter().partition(is_led);
+    match (orphans.pop(), orphans.is_empty(), led.is_empty()) {
+        (Some(only), true, _) => Ok(only),
+        (Some(last), false, _) => {
+            orphans.push(last);
+            Err(FindError::SeveralOrphans { orphans })
+        }
+        (None, _, true) => Err(FindError::NoRun),
+        (None, _, false) => Err(FindError::NoOrphan { led }),
+    }
 }
 
 /// As [`find`], among `living`.

@@ -35,6 +35,34 @@ pub struct Facts {
     pub machine: Machine,
     /// Where the scenario begins to hold; none if at the start.
     pub branch: Option<Branched>,
+    /// What this file goes on from; none if it begins with the flight.
+    pub continues: Option<Continued>,
+}
+
+/// Of a flight that another launcher has led until it died.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Continued {
+    /// Name of the file before.
+    pub file: String,
+    /// Instant from which on this file has the flight \[ns\].
+    pub from_ns: u64,
+}
+
+impl Continued {
+    /// Of the metadata `run`.
+    #[must_use]
+    pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Option<Self> {
+        let file = metadata.get("continues")?.clone();
+        let from_ns = metadata.get("continues_from_ns").and_then(|text| text.parse().ok());
+        Some(Self { file, from_ns: from_ns.unwrap_or(u64::MAX) })
+    }
+}
+
+impl fmt::Display for Continued {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { file, from_ns } = self;
+        write!(f, "from {} s on, a continuation of {file}", *from_ns as f64 / 1e9)
+    }
 }
 
 /// Of a flight that was taken up in the middle with something changed: what came before was flown
@@ -133,6 +161,10 @@ impl Facts {
             ("cpu_model", self.machine.cpu_model.clone()),
         ];
         entries.extend(speed.map(|speed| ("speed", speed.to_string())));
+        if let Some(Continued { file, from_ns }) = &self.continues {
+            entries.push(("continues", file.clone()));
+            entries.push(("continues_from_ns", from_ns.to_string()));
+        }
         entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
     }
 }

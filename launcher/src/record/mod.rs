@@ -22,7 +22,7 @@ pub use audit::{SequenceAudit, Stream, Tally, Verdict};
 pub use decode::{DecodeError, decode};
 pub use encode::encode;
 pub use error::RecordError;
-pub use facts::{Branched, Clock, Facts, Machine};
+pub use facts::{Branched, Clock, Continued, Facts, Machine};
 pub use messages::{Event, Severity};
 pub use recording::Recording;
 pub use schema::{PACKAGE, descriptor_set, full_name};

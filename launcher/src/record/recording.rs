@@ -16,7 +16,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// Longest time that a killed recorder can lose \[ns\].
-const FLUSH_EVERY_NS: u64 = 250_000_000;
+const FLUSH_EVERY_NS: u64 = 50_000_000;
 
 /// An open recording. It never ends silently: [`Recording::finish`] completes the file and tells
 /// every error; dropped without it, the file stays what a killed recorder leaves, a readable
@@ -174,7 +174,7 @@ impl Recording {
         writer.attach(&attachment).map_err(|cause| self.fail(cause))
     }
 
-    /// Hands everything to the system if 250 ms have passed since it was last done, so that a
+    /// Hands everything to the system if 50 ms have passed since it was last done, so that a
     /// killed recorder loses no more than that. Call it whenever the recorder has drained.
     ///
     /// # Errors

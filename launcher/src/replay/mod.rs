@@ -29,7 +29,7 @@ pub(crate) use pairs::{Pair, difference, pairs};
 
 use crate::components::BuildError;
 use crate::record::read::{ReadError, RecordedFlight};
-use crate::record::{Branched, RecordError};
+use crate::record::{Branched, Continued, RecordError};
 use crate::scenario::ScenarioError;
 use runtime::RestoreError;
 use shared_types::Role;
@@ -48,6 +48,12 @@ pub enum ReplayError {
         run = .0.parent_run
     )]
     Branched(Branched),
+    /// It begins in the middle of a flight.
+    #[error(
+        "this recording is, {0}: what the loops knew by then is in none of its samples, so that they \
+         cannot be flown again; `--hash` checks what it holds"
+    )]
+    Continued(Continued),
     /// Its loops cannot be wired.
     #[error("the recorded scenario cannot be wired: {0}")]
     Wiring(String),
@@ -121,8 +127,11 @@ pub enum ReplayError {
     Record(#[from] RecordError),
 }
 
-/// What was flown with two scenarios is no flight of the one that the file holds.
+/// What was flown with two scenarios is no flight of the one that the file holds, and half a flight is none.
 fn refuse_branched(flight: &RecordedFlight) -> Result<(), ReplayError> {
+    if let Some(continued) = flight.continued() {
+        return Err(ReplayError::Continued(continued));
+    }
     flight.branched().map_or(Ok(()), |branched| Err(ReplayError::Branched(branched.clone())))
 }
 

@@ -1,10 +1,15 @@
-//! One child process: started under its own name, its last words kept.
+//! One process: started under its own name, its last words kept; or taken over from a launcher that
+//! has died.
 
+use crate::candidate::Slot;
 use runtime::Place;
-use rustix::process::{Pid, Signal, kill_process};
+use runtime::leader::process_start;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader};
-use std::os::fd::AsFd as _;
+use std::os::fd::{AsFd as _, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -13,18 +18,20 @@ use std::thread;
 
 /// Lines of standard error kept for the obituary.
 const LAST_WORDS: usize = 12;
+/// How long a killed process may take to be gone \[s\].
+const END_LIMIT_S: i64 = 1;
 
 /// How an executable is told what to be.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Launch {
     /// `morphquad proc NAME`, perhaps with another scenario's configuration.
     Service { config: Option<PathBuf> },
     /// Somebody's own controller of a slot, perhaps with a configuration of its own.
-    Foreign { slot: &'static str, config: Option<PathBuf> },
+    Foreign { slot: Slot, config: Option<PathBuf> },
 }
 
 /// What to start.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct ChildSpec {
     /// Service name, and the process's name in `ps` and `top`.
     pub(crate) name: String,
@@ -40,12 +47,28 @@ pub(crate) struct ChildSpec {
     pub(crate) pause_ns: u64,
 }
 
-/// A running child.
+/// How a process has ended.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Death {
+    /// As its parent is told.
+    Status(ExitStatus),
+    /// It was another launcher's child: that it is gone is all there is to know.
+    Unseen,
+}
+
+/// A running process.
 #[derive(Debug)]
 pub(super) struct RunningChild {
-    child: Child,
+    hold: Hold,
     last_words: Arc<Mutex<VecDeque<String>>>,
     listener: Option<thread::JoinHandle<()>>,
+}
+
+/// What a process is held by.
+#[derive(Debug)]
+enum Hold {
+    Child(Child),
+    TakenOver { pid: u32, pidfd: OwnedFd },
 }
 
 impl RunningChild {
@@ -64,7 +87,7 @@ impl RunningChild {
                 config
             }
             Launch::Foreign { slot, config } => {
-                command.args(["--slot", slot]);
+                command.args(["--slot", slot.label()]);
                 config
             }
         };
@@ -96,32 +119,62 @@ impl RunningChild {
             let words = Arc::clone(&last_words);
             thread::spawn(move || listen(BufReader::new(pipe), &words))
         });
-        Ok(Self { child, last_words, listener })
+        Ok(Self { hold: Hold::Child(child), last_words, listener })
+    }
+
+    /// A process that another launcher has started; none if it is gone.
+    pub(super) fn take_over(pid: u32, started: u64) -> Option<Self> {
+        let pidfd = pidfd_open(raw(pid)?, PidfdFlags::empty()).ok()?;
+        // Looked at after it has been caught: whoever has its number since is another one.
+        let hold = Hold::TakenOver { pid, pidfd };
+        let same = process_start(pid) == Some(started);
+        same.then(|| Self { hold, last_words: Arc::default(), listener: None })
     }
 
     pub(super) fn pid(&self) -> u32 {
-        self.child.id()
+        match &self.hold {
+            Hold::Child(child) => child.id(),
+            Hold::TakenOver { pid, .. } => *pid,
+        }
     }
 
-    /// The exit status, once there is one.
-    pub(super) fn exited(&mut self) -> Option<ExitStatus> {
-        self.child.try_wait().ok().flatten()
+    /// How it has ended, once it has.
+    pub(super) fn exited(&mut self) -> Option<Death> {
+        match &mut self.hold {
+            Hold::Child(child) => child.try_wait().ok().flatten().map(Death::Status),
+            Hold::TakenOver { pidfd, .. } => is_gone(pidfd, 0).then_some(Death::Unseen),
+        }
     }
 
-    /// Ends the child at once.
+    /// Ends the process at once.
     pub(super) fn kill(&mut self) {
         // It may have ended by itself in the meantime.
-        let _ = self.child.kill();
+        let _ = match &mut self.hold {
+            Hold::Child(child) => child.kill(),
+            Hold::TakenOver { pidfd, .. } => {
+                pidfd_send_signal(pidfd, Signal::KILL).map_err(io::Error::from)
+            }
+        };
     }
 
-    /// Stops the child where it is, without ending it.
+    /// Ends the process, and waits until it is gone.
+    pub(super) fn end(mut self) {
+        self.kill();
+        if let Hold::TakenOver { pidfd, .. } = &self.hold {
+            is_gone(pidfd, END_LIMIT_S);
+        }
+    }
+
+    /// Stops the process where it is, without ending it.
     pub(super) fn stop(&mut self) {
-        let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
         // It may have ended by itself in the meantime.
-        let _ = pid.map(|pid| kill_process(pid, Signal::STOP));
+        let _ = match &self.hold {
+            Hold::Child(child) => raw(child.id()).map(|pid| kill_process(pid, Signal::STOP)),
+            Hold::TakenOver { pidfd, .. } => Some(pidfd_send_signal(pidfd, Signal::STOP)),
+        };
     }
 
-    /// What the child said last; call after it has exited.
+    /// What a child said last; call after it has exited.
     pub(super) fn last_words(&mut self) -> String {
         if let Some(listener) = self.listener.take() {
             let _ = listener.join();
@@ -131,11 +184,23 @@ impl RunningChild {
     }
 }
 
+/// A child ends with its launcher; whoever has been taken over can be taken over again.
 impl Drop for RunningChild {
     fn drop(&mut self) {
-        self.kill();
-        let _ = self.child.wait();
+        if let Hold::Child(child) = &mut self.hold {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
     }
+}
+
+fn raw(pid: u32) -> Option<Pid> {
+    i32::try_from(pid).ok().and_then(Pid::from_raw)
+}
+
+fn is_gone(pidfd: &OwnedFd, limit_s: i64) -> bool {
+    let limit = Timespec { tv_sec: limit_s, tv_nsec: 0 };
+    poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&limit)).is_ok_and(|ready| ready > 0)
 }
 
 /// For words that must reach the user even when the launcher no longer can.
@@ -156,7 +221,8 @@ fn listen(mut pipe: impl BufRead, words: &Mutex<VecDeque<String>>) {
 }
 
 /// `exit status 3` or `killed by signal 9`.
-pub(super) fn describe(status: ExitStatus) -> String {
+pub(super) fn describe(death: Death) -> String {
+    let Death::Status(status) = death else { return "died".to_owned() };
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exit status {code}"),
         (None, Some(signal)) => format!("killed by signal {signal}"),

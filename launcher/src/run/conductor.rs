@@ -50,6 +50,28 @@ impl Conductor {
         Ok(Self { sink, record, speed, duration_ns, credit_ns: credit_ns(graph) })
     }
 
+    /// Goes on with the time of a launcher that has died.
+    pub(super) fn take_over(
+        bus: &Bus,
+        record: ClockRecord,
+        duration_ns: u64,
+        graph: &Graph,
+    ) -> Result<Self, PortError> {
+        let speed = Speed::Times(record.speed);
+        let new = Self::new(bus, record.mode, speed, duration_ns, graph)?;
+        Ok(Self { record, ..new })
+    }
+
+    /// Says again what time it is.
+    pub(super) fn say_again(&mut self) {
+        self.sink.send(self.record);
+    }
+
+    /// The last word on time.
+    pub(super) fn record(&self) -> &ClockRecord {
+        &self.record
+    }
+
     /// Starts the flight: logical time 0 is at `start_mono_ns`; allowed time ends at `cap_ns`.
     pub(super) fn start(&mut self, start_mono_ns: u64, cap_ns: u64) {
         self.record.start_mono_ns = start_mono_ns;
@@ -82,10 +104,6 @@ impl Conductor {
 
     pub(super) fn end_ns(&self) -> u64 {
         self.record.end_ns
-    }
-
-    pub(super) fn start_mono_ns(&self) -> u64 {
-        self.record.start_mono_ns
     }
 
     /// True if the flight was told to end before its time.

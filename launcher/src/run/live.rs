@@ -121,7 +121,7 @@ impl View<'_> {
             seat: Seat::first(Role::Pilot),
             name: Role::Pilot.label(),
             pid: Some(std::process::id()),
-            generation: 0,
+            generation: self.supervisor.pilot_generation(),
             ready: true,
             finished: false,
         });

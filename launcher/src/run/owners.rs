@@ -18,6 +18,14 @@ impl RollKeeper {
         Ok(Self { sink: bus.open_writer(ServiceKind::Roll)?, roll: Roll::default() })
     }
 
+    /// Goes on with the roll of a launcher that has died.
+    pub(super) fn go_on(&mut self, entries: &[RollEntry]) {
+        for (line, entry) in self.roll.entries.iter_mut().zip(entries) {
+            *line = *entry;
+        }
+        self.roll.count = entries.len().min(ROLL_LINES) as u64;
+    }
+
     fn count(&self) -> usize {
         usize::try_from(self.roll.count).unwrap_or(0).min(ROLL_LINES)
     }
@@ -104,15 +112,19 @@ impl SlotOwner {
         let mut record = OwnerRecord { header, epoch: 1, ..self.last };
         record.period_ns = [0; SEATS];
         record.period_ns[0] = period_ns.max(1);
-        self.publish(record, marks);
+        self.take(record, marks);
     }
 
-    /// Announces a record.
-    pub(super) fn publish(&mut self, record: OwnerRecord, marks: &mut SeatMarks) {
+    /// Takes a record that is to be announced.
+    pub(super) fn take(&mut self, record: OwnerRecord, marks: &mut SeatMarks) {
         self.last = record;
         if let Some(book) = marks.book(self.role) {
             book.learn(&self.last);
         }
+    }
+
+    /// Announces the last record.
+    pub(super) fn publish(&mut self) {
         self.sink.send(self.last);
     }
 

@@ -14,19 +14,34 @@ use std::thread::{self, JoinHandle};
 /// Outcome of the pilot, as text if it failed.
 pub(super) type PilotEnd = Result<Ending, String>;
 
+/// How the pilot comes into a flight.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Entry {
+    /// With everybody else.
+    AtTheStart,
+    /// In the air, as this generation, when it is told to.
+    InFlight { generation: u32 },
+}
+
 struct FlyPilot<'a> {
     bus: &'a Bus,
     graph: Graph,
     stop: StopFlags,
+    entry: Entry,
 }
 
 impl ComponentVisitor for FlyPilot<'_> {
     type Output = PilotEnd;
     fn visit<S: Service>(self, component: Component<S>) -> PilotEnd {
         let node = *self.graph.node(Role::Pilot).ok_or("this flight has no pilot")?;
+        let (generation, await_handover) = match self.entry {
+            Entry::AtTheStart => (0, false),
+            Entry::InFlight { generation } => (generation, true),
+        };
+        let place = Place { generation, ..Place::default() };
         let Component { service, state_every } = component;
-        let executor = Executor::new(service, node, Place::default(), state_every);
-        fly_service(self.bus, self.graph, self.stop, executor, false)
+        let executor = Executor::new(service, node, place, state_every);
+        fly_service(self.bus, self.graph, self.stop, executor, await_handover)
             .map_err(|error| error.to_string())
     }
 }
@@ -38,6 +53,7 @@ pub(super) fn start(
     ipc_config: &Path,
     stop: StopFlags,
     cpu: Option<usize>,
+    entry: Entry,
 ) -> std::io::Result<JoinHandle<PilotEnd>> {
     let ipc_config = ipc_config.to_path_buf();
     thread::Builder::new().name("pilot".to_owned()).spawn(move || {
@@ -47,7 +63,7 @@ pub(super) fn start(
         }
         let _ = scenario.fifo_priority().map(take_fifo);
         let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
-        components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop })
+        components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop, entry })
             .map_err(|error| error.to_string())?
     })
 }

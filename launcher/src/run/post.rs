@@ -3,6 +3,7 @@
 use super::child::{ChildSpec, RunningChild};
 use super::standstill::Standstill;
 use runtime::ipc::{Bus, PortError, ServiceKind, StatePublisher};
+use runtime::leader::process_start;
 use runtime::{Place, StateSink as _};
 use shared_types::wire::Value as _;
 use shared_types::{Handover, Header, Seat};
@@ -18,6 +19,8 @@ pub(super) struct Post {
     pub(super) seat: Seat,
     pub(super) spec: ChildSpec,
     pub(super) child: Option<RunningChild>,
+    /// When its process was started, in ticks since the system was.
+    pub(super) started: u64,
     pub(super) generation: u32,
     /// Has said hello.
     pub(super) ready: bool,
@@ -33,6 +36,10 @@ pub(super) struct Post {
     pub(super) goes_on: bool,
     /// It has been killed on purpose.
     pub(super) scripted: bool,
+    /// Layout of the state of whoever was ready here last.
+    pub(super) layout: u64,
+    /// Its period \[ns\].
+    pub(super) period_ns: u64,
     standstill: Option<Standstill>,
     handover: StatePublisher,
 }
@@ -45,6 +52,7 @@ impl Post {
             seat,
             spec,
             child: None,
+            started: 0,
             generation: 0,
             ready: false,
             finished: false,
@@ -53,6 +61,8 @@ impl Post {
             awaits_handover: false,
             goes_on: true,
             scripted: false,
+            layout: 0,
+            period_ns: 0,
             standstill: None,
             handover: StatePublisher::open(bus, kind, HANDOVER_CAPACITY)?,
         })
@@ -61,7 +71,9 @@ impl Post {
     /// Starts the process; it begins at the start of the flight, or waits for a hand-over.
     pub(super) fn start(&mut self, folder: &Path, awaits_handover: bool) -> io::Result<()> {
         let place = Place { seat: self.seat.index, generation: self.generation };
-        self.child = Some(RunningChild::start(&self.spec, folder, place, awaits_handover)?);
+        let child = RunningChild::start(&self.spec, folder, place, awaits_handover)?;
+        self.started = process_start(child.pid()).unwrap_or(0);
+        self.child = Some(child);
         self.awaits_handover = awaits_handover;
         self.ready = false;
         self.standstill = None;

@@ -1,6 +1,8 @@
-//! Every service of a run, created and held by the launcher for as long as it lives.
+//! Every service of a run, held by its launcher for as long as that lives.
 
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
+use shared_types::ZeroCopySend;
+use shared_types::wire::Wire;
 use shared_types::{
     ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicVisitor, topics,
 };
@@ -11,15 +13,51 @@ pub(super) struct HeldServices {
     _factories: Vec<Box<dyn Any>>,
 }
 
-struct Creator<'a> {
+/// Makes services, or finds those of a launcher that has died.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Create,
+    Open,
+}
+
+struct Holder<'a> {
     bus: &'a Bus,
+    way: Way,
     factories: Vec<Box<dyn Any>>,
 }
 
-impl TopicVisitor for Creator<'_> {
+impl TopicVisitor for Holder<'_> {
     type Error = PortError;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
-        self.factories.push(Box::new(self.bus.create_topic(topic)?));
+        let factory = match self.way {
+            Way::Create => self.bus.create_topic(topic)?,
+            Way::Open => self.bus.open_topic(topic)?,
+        };
+        self.factories.push(Box::new(factory));
+        Ok(())
+    }
+}
+
+impl Holder<'_> {
+    fn service<T: Wire + ZeroCopySend + 'static>(
+        &mut self,
+        kind: ServiceKind,
+        capacity: usize,
+    ) -> Result<(), PortError> {
+        let factory = match self.way {
+            Way::Create => self.bus.create_service::<T>(kind, capacity)?,
+            Way::Open => self.bus.open_service::<T>(kind)?,
+        };
+        self.factories.push(Box::new(factory));
+        Ok(())
+    }
+
+    fn states(&mut self, kind: ServiceKind, depth: usize) -> Result<(), PortError> {
+        let factory = match self.way {
+            Way::Create => self.bus.create_state_service(kind, depth)?,
+            Way::Open => self.bus.open_state_service(kind)?,
+        };
+        self.factories.push(Box::new(factory));
         Ok(())
     }
 }
@@ -27,22 +65,30 @@ impl TopicVisitor for Creator<'_> {
 impl HeldServices {
     /// Creates the topics of the floor plan and the services beside them.
     pub(super) fn create(bus: &Bus) -> Result<Self, PortError> {
-        let mut creator = Creator { bus, factories: Vec::new() };
-        topics::visit_all(&mut creator)?;
-        let mut factories = creator.factories;
         for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
-            let progress = bus.create_service::<Progress>(ServiceKind::Progress(seat), 4)?;
-            factories.push(Box::new(progress));
             bus.create_wake(seat)?;
-            factories
-                .push(Box::new(bus.create_state_service(ServiceKind::State(seat), STATE_DEPTH)?));
-            let handover = bus.create_state_service(ServiceKind::Handover(seat), HANDOVER_DEPTH)?;
-            factories.push(Box::new(handover));
         }
-        factories.push(Box::new(bus.create_service::<Roll>(ServiceKind::Roll, 2)?));
-        factories.push(Box::new(bus.create_service::<ClockRecord>(ServiceKind::Clock, 4)?));
-        factories.push(Box::new(bus.create_service::<Hello>(ServiceKind::Hello, 64)?));
-        Ok(Self { _factories: factories })
+        Self::hold(bus, Way::Create)
+    }
+
+    /// Holds what a launcher has left that has died. Without anybody who holds them, services would
+    /// vanish with what it left behind; so this comes before the dead are swept.
+    pub(super) fn take_over(bus: &Bus) -> Result<Self, PortError> {
+        Self::hold(bus, Way::Open)
+    }
+
+    fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
+        let mut holder = Holder { bus, way, factories: Vec::new() };
+        topics::visit_all(&mut holder)?;
+        for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
+            holder.service::<Progress>(ServiceKind::Progress(seat), 4)?;
+            holder.states(ServiceKind::State(seat), STATE_DEPTH)?;
+            holder.states(ServiceKind::Handover(seat), HANDOVER_DEPTH)?;
+        }
+        holder.service::<Roll>(ServiceKind::Roll, 2)?;
+        holder.service::<ClockRecord>(ServiceKind::Clock, 4)?;
+        holder.service::<Hello>(ServiceKind::Hello, 64)?;
+        Ok(Self { _factories: holder.factories })
     }
 }
 

@@ -7,6 +7,7 @@ use crate::record::{Clock, Facts, Machine, RecordError};
 use crate::scenario::Scenario;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
+use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
 use shared_types::ClockMode;
 use std::path::{Path, PathBuf};
@@ -38,6 +39,9 @@ pub enum RunError {
     /// The run's folder.
     #[error(transparent)]
     Namespace(#[from] NamespaceError),
+    /// Another launcher leads the run.
+    #[error(transparent)]
+    Lead(#[from] LeadError),
     /// The transport.
     #[error(transparent)]
     Port(#[from] PortError),
@@ -131,6 +135,7 @@ pub(super) fn facts(id: &str, options: &RunOptions) -> Facts {
         epoch_unix_ns: runtime::clock::unix_now_ns(),
         machine: Machine::read(),
         branch: None,
+        continues: None,
     }
 }
 

@@ -1,22 +1,22 @@
 //! Keeps the processes of a flight alive: ready, owners, restarts, stalls, obituaries.
+//!
+//! `roll_call.rs` has who comes, `deaths.rs` who goes, `take_over.rs` how the next launcher goes on.
+
+mod deaths;
+mod roll_call;
+mod take_over;
 
 use super::child::{ChildSpec, RunningChild, describe};
+use super::notes::Notebook;
 use super::owners::{RollKeeper, SlotOwner};
 use super::post::Post;
 use super::tap::Tap;
 use runtime::Graph;
-use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
-use runtime::namespace::remove_unborn_objects;
-use shared_types::{Flag, Handover, Hello, NodeId, OwnerRecord, Role, RollEntry, Seat};
+use shared_types::{Flag, Handover, Hello, OwnerRecord, Role, RollEntry, Seat};
 use std::path::PathBuf;
 use thiserror::Error;
-
-/// Restarts older than this no longer count against a process \[ns\].
-const RESTART_WINDOW_NS: u64 = 60_000_000_000;
-
-/// How long a killed process may take to be gone \[ns\].
-const KILL_LIMIT_NS: u64 = 1_000_000_000;
 
 /// What to do about crashes.
 #[derive(Debug, Clone, Copy)]
@@ -90,23 +90,13 @@ pub(super) struct Supervisor {
     roll: RollKeeper,
     slots: Vec<SlotOwner>,
     events: Vec<PostEvent>,
+    notebook: Notebook,
+    /// The pilot of a flight that was taken over: it joins in the air.
+    pilot: Option<Post>,
+    /// Logical time of a flight that was taken over.
+    wall: Option<WallMap>,
     pub(super) notices: Vec<Notice>,
     pub(super) recovered: u64,
-}
-
-/// A process that has just got onto the roll.
-struct Joined {
-    seat: Seat,
-    layout: u64,
-    period_ns: u64,
-}
-
-impl Joined {
-    /// For a slot of several seats.
-    fn to_event(&self) -> Option<PostEvent> {
-        let Self { seat, layout, period_ns } = *self;
-        (seat.role.seats() > 1).then_some(PostEvent::Joined { place: seat, layout, period_ns })
-    }
 }
 
 impl Supervisor {
@@ -117,6 +107,7 @@ impl Supervisor {
         specs: Vec<(Role, ChildSpec)>,
         hello: &TopicFactory<Hello>,
         policy: RestartPolicy,
+        notebook: Notebook,
     ) -> Result<Self, PortError> {
         let posts = specs.into_iter().map(|(role, spec)| Post::open(bus, Seat::first(role), spec));
         Ok(Self {
@@ -127,6 +118,9 @@ impl Supervisor {
             roll: RollKeeper::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
             events: Vec::new(),
+            notebook,
+            pilot: None,
+            wall: None,
             notices: Vec::new(),
             recovered: 0,
         })
@@ -140,6 +134,7 @@ impl Supervisor {
             }
             start(post, &self.folder, false)?;
         }
+        self.note();
         Ok(())
     }
 
@@ -166,6 +161,7 @@ impl Supervisor {
             };
             if let Some(slot) = self.slots.iter_mut().find(rigged) {
                 slot.begin(joined.period_ns, &mut tap.marks);
+                slot.publish();
             }
             self.events.extend(joined.to_event());
         }
@@ -183,7 +179,7 @@ impl Supervisor {
 
     /// Lets processes that have just joined see owners and states.
     fn serve_late_joiners(&mut self) {
-        self.posts.iter_mut().for_each(Post::serve_late_joiners);
+        self.posts.iter_mut().chain(&mut self.pilot).for_each(Post::serve_late_joiners);
         self.slots.iter_mut().for_each(SlotOwner::serve_late_joiners);
         self.roll.serve_late_joiners();
     }
@@ -215,92 +211,33 @@ impl Supervisor {
                 post.restart_at_ns = None;
                 let has_state = tap.last_state(post.seat).is_some();
                 post.generation += 1;
-                start(post, &self.folder, has_state || !post.goes_on)?;
+                // Without a state a process begins with the flight, or now if that is long ago.
+                let in_flight = has_state || !post.goes_on || self.wall.is_some();
+                start(post, &self.folder, in_flight)?;
+                self.note();
             }
         }
+        let now_logical_ns = self.wall.map_or(0, |wall| wall.logical_ns(now_ns));
         for joined in self.take_hellos(false, tap) {
             let seat = joined.seat;
-            let post = self.posts.iter_mut().find(|post| post.seat == seat);
+            let mut posts = self.posts.iter_mut().chain(&mut self.pilot);
+            let post = posts.find(|post| post.seat == seat);
             let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
             if post.goes_on {
                 // It is on the roll before it can say a word.
-                let order = Handover { has_state: Flag::Yes, ..Handover::default() };
-                post.hand_over(order, tap.last_state(seat).unwrap_or_default());
+                let state = tap.last_state(seat).filter(|_| seat.role != Role::Pilot);
+                let order = Handover {
+                    has_state: Flag::from(state.is_some()),
+                    join_ns: if state.is_some() { 0 } else { now_logical_ns },
+                    ..Handover::default()
+                };
+                post.hand_over(order, state.unwrap_or_default());
             } else {
                 self.events.extend(joined.to_event());
             }
         }
         self.serve_late_joiners();
         Ok(())
-    }
-
-    fn bury_the_dead(
-        &mut self,
-        bus: &Bus,
-        index: usize,
-        keeps: &dyn Fn(Seat) -> bool,
-        tap: &mut Tap,
-        now_ns: u64,
-    ) -> Result<(), FlightError> {
-        let post = &mut self.posts[index];
-        let Some(status) = post.child.as_mut().and_then(RunningChild::exited) else {
-            return Ok(());
-        };
-        if status.success() {
-            post.finished = true;
-            post.child = None;
-            let place = post.seat;
-            if place.role.seats() > 1 {
-                self.leave_roll(place, tap);
-                self.events.push(PostEvent::Gone { place, obituary: None });
-            }
-            return Ok(());
-        }
-        let name = post.spec.name.clone();
-        let how = describe(status);
-        let words = post.words();
-        post.child = None;
-        remove_unborn_objects(&self.folder);
-        bus.sweep_dead_processes();
-        let lost = |reason: String| {
-            let (name, how, words) = (name.clone(), how.clone(), words.clone());
-            FlightError::Lost { name, how, words, reason }
-        };
-        if post.seat.role == Role::Plant {
-            let reason = "the plant is the world and cannot be restarted: the flight ends";
-            return Err(lost(reason.to_owned()));
-        }
-        if post.seat.role.seats() > 1 && (post.scripted || !keeps(post.seat)) {
-            // Who commands the slot now is not decided here.
-            let place = post.seat;
-            let obituary = (!post.scripted).then(|| format!("{name} {how}{words}"));
-            post.scripted = false;
-            post.ready = false;
-            self.leave_roll(place, tap);
-            self.events.push(PostEvent::Gone { place, obituary });
-            return Ok(());
-        }
-        post.goes_on = true;
-        let delay_ns = self.pause_before_restart(index, now_ns).map_err(lost)?;
-        let post = &mut self.posts[index];
-        post.restart_at_ns = Some(now_ns + delay_ns);
-        post.ready = false;
-        self.recovered += 1;
-        let text = format!("{name} {how}{words}; restarting it from its last state");
-        self.notices.push(Notice { source: name, text });
-        Ok(())
-    }
-
-    /// Counts a restart and tells how long to wait before it, or why there shall be none \[ns\].
-    fn pause_before_restart(&mut self, index: usize, now_ns: u64) -> Result<u64, String> {
-        let post = &mut self.posts[index];
-        post.restarts.retain(|at| at + RESTART_WINDOW_NS > now_ns);
-        let count = post.restarts.len();
-        if count >= self.policy.limit {
-            return Err(format!("restarted {count} times within a minute: the flight ends"));
-        }
-        post.restarts.push(now_ns);
-        Ok((self.policy.backoff_ns << count.min(20)).min(self.policy.backoff_max_ns))
     }
 
     /// What has happened in the slots since the last time.
@@ -323,6 +260,7 @@ impl Supervisor {
         post.goes_on = false;
         start(&mut post, &self.folder, true)?;
         self.posts.push(post);
+        self.note();
         Ok(())
     }
 
@@ -351,48 +289,13 @@ impl Supervisor {
 
     /// Tells everybody who owns a slot from when.
     pub(super) fn announce(&mut self, record: OwnerRecord, tap: &mut Tap) {
-        let slot = self.slots.iter_mut().find(|slot| slot.role == record.slot);
-        if let Some(slot) = slot {
-            slot.publish(record, &mut tap.marks);
-        }
-    }
-
-    /// Ends a process; its death is told as an event.
-    pub(super) fn kill(&mut self, seat: Seat) {
-        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
-            post.scripted = true;
-            if let Some(child) = &mut post.child {
-                child.kill();
-            }
-        }
-    }
-
-    /// Stops a process without ending it, and lets nobody wait for it any more.
-    pub(super) fn stop(&mut self, seat: Seat, tap: &mut Tap) {
-        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat)
-            && let Some(child) = &mut post.child
-        {
-            child.stop();
-            self.leave_roll(seat, tap);
-        }
-    }
-
-    /// Ends a process and waits until it is gone, so that a scripted death has its instant.
-    pub(super) fn kill_at_once(&mut self, seat: Seat) {
-        self.kill(seat);
-        let post = self.posts.iter_mut().find(|post| post.seat == seat);
-        let Some(child) = post.and_then(|post| post.child.as_mut()) else { return };
-        let give_up_ns = mono_now_ns() + KILL_LIMIT_NS;
-        while child.exited().is_none() && mono_now_ns() < give_up_ns {
-            sleep_until(mono_now_ns() + 100_000);
-        }
-    }
-
-    /// Nobody waits for a seat any more.
-    fn leave_roll(&mut self, seat: Seat, tap: &mut Tap) {
-        self.roll.leave(seat);
-        self.roll.publish();
-        tap.marks.learn_roll(self.roll.entries());
+        let Some(slot) = self.slots.iter().position(|slot| slot.role == record.slot) else {
+            return;
+        };
+        self.slots[slot].take(record, &mut tap.marks);
+        // Noted before anybody hears of it: no launcher may find an epoch that it does not know.
+        self.note();
+        self.slots[slot].publish();
     }
 
     /// How many processes have had a seat before the one that has it, or had it last.
@@ -408,49 +311,6 @@ impl Supervisor {
     /// True while a process on a seat is to be waited for at the end: it flies to the end.
     fn flies_on(post: &Post) -> bool {
         post.child.is_some() || post.restart_at_ns.is_some()
-    }
-
-    /// Enters who has become ready on the roll.
-    fn take_hellos(&mut self, starting: bool, tap: &mut Tap) -> Vec<Joined> {
-        let mut joined = Vec::new();
-        while let Some((hello, node, pid)) = self.hello.receive_from() {
-            let seat = Seat { role: hello.role, index: hello.seat };
-            // The process that the transport names must be the one that was started for the seat.
-            let own = |post: &&mut Post| {
-                let started = post.child.as_ref().is_some_and(|child| child.pid() == pid);
-                post.seat == seat && post.generation == hello.generation && started
-            };
-            if let Some(post) = self.posts.iter_mut().find(own) {
-                post.ready = true;
-            } else if seat.role != Role::Pilot || !starting || pid != std::process::id() {
-                continue;
-            }
-            joined.push(Joined { seat, layout: hello.state_layout, period_ns: hello.period_ns });
-            self.enter(node, seat, &hello, tap);
-        }
-        joined
-    }
-
-    fn enter(&mut self, node: NodeId, seat: Seat, hello: &Hello, tap: &mut Tap) {
-        self.roll.enter(node, seat, hello.generation, hello.period_ns);
-        self.roll.publish();
-        tap.marks.learn_roll(self.roll.entries());
-    }
-
-    /// Kills processes that have permission to step and do not, unless they only wait for a processor.
-    pub(super) fn kill_stalled(&mut self, stalled: &[RollEntry], tap: &Tap) {
-        for entry in stalled {
-            let seat = Seat { role: entry.role, index: entry.seat };
-            let post = self.posts.iter_mut().find(|post| post.seat == seat);
-            let mark_ns = tap.marks.of_seat(seat, entry.generation);
-            if let Some(post) = post
-                && post.kill_if_hung(mark_ns)
-            {
-                let source = post.spec.name.clone();
-                let text = format!("{source} made no progress although it could, killing it");
-                self.notices.push(Notice { source, text });
-            }
-        }
     }
 
     /// Who fills which seat now, for those who ask.
@@ -470,14 +330,6 @@ impl Supervisor {
     /// The last owner record of each slot, after its first.
     pub(super) fn owners(&self) -> impl Iterator<Item = &OwnerRecord> {
         self.slots.iter().map(SlotOwner::last).filter(|record| record.epoch > 0)
-    }
-
-    /// Kills everybody, now.
-    pub(super) fn kill_all(&mut self) {
-        for post in &mut self.posts {
-            post.restart_at_ns = None;
-            post.child = None;
-        }
     }
 
     /// True once every process has finished its flight.

@@ -310,7 +310,8 @@ pub struct LauncherSettings {
     /// the gate's patience, so that a successor still finds the vehicle in the air.
     #[garde(range(min = 0.05, max = 600.0))]
     pub lag_timeout_s: f64,
-    /// How long the processes go on after the launcher's death \[s\].
+    /// How long the processes go on after the launcher's death, for another one to take over: then they
+    /// land and leave; in lockstep, where nobody can, 2 s at most \[s\].
     #[garde(range(min = 0.0, max = 3600.0))]
     pub launcher_grace_s: f64,
     /// Pause before the first restart of a process \[s\]; doubled by each further one.
@@ -330,7 +331,7 @@ impl Default for LauncherSettings {
             startup_timeout_s: 10.0,
             stall_timeout_s: 2.0,
             lag_timeout_s: 0.3,
-            launcher_grace_s: 2.0,
+            launcher_grace_s: 30.0,
             restart_backoff_s: 0.01,
             restart_backoff_max_s: 5.0,
             restart_limit: 10,

@@ -27,6 +27,17 @@ Ends with 0 when the window is over; 1 if the gate refused or something failed, 
 before; 2 for an unknown slot or name, no run or several, or an instance that owns the slot already; 3 if
 another swap is in progress.";
 
+pub(super) const ADOPT_EXAMPLES: &str = "\
+Examples:
+  morphquad adopt
+  morphquad adopt 7f3a --record ./rescued
+
+When the launcher of a realtime flight dies, its processes fly on for launcher.launcher_grace_s, 30 s unless
+the scenario says otherwise: the vehicle hovers, warm fallbacks take over, and nobody restarts anything. This
+command leads the flight to its end, as `run` would have: restarts, orders, summary, and a recording from here
+on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if somebody
+leads it, it never was in the air, or it is of another build: the run then goes on as it was.";
+
 /// A run in the air.
 #[derive(Debug, Clone, Args)]
 pub struct RunChoice {
@@ -42,6 +53,22 @@ pub struct PsArguments {
     #[command(flatten)]
     pub run: RunChoice,
     /// Form of the answer
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// A run to lead to its end.
+#[derive(Debug, Clone, Args)]
+pub struct AdoptArguments {
+    /// The run, by its name or the beginning of it; the only one without a launcher if left out
+    pub run: Option<String>,
+    /// Folder for the recording; beside the one before if left out
+    #[arg(long, value_name = "DIR", conflicts_with = "no_record")]
+    pub record: Option<PathBuf>,
+    /// Record nothing
+    #[arg(long)]
+    pub no_record: bool,
+    /// Form of the summary
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
 }

@@ -14,7 +14,7 @@ mod tests;
 pub use error::{LayoutChange, ReadError};
 pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState, seat_config};
 
-use super::{Branched, Clock, Facts, Machine};
+use super::{Branched, Clock, Continued, Facts, Machine};
 use crate::components::{self, StateLayout};
 use crate::scenario::Scenario;
 use core::ops::ControlFlow;
@@ -126,6 +126,12 @@ impl RecordedFlight {
         self.branched.as_ref()
     }
 
+    /// What this file goes on from, unless it begins with the flight.
+    #[must_use]
+    pub fn continued(&self) -> Option<Continued> {
+        Continued::from_metadata(&self.facts)
+    }
+
     /// Clock of the flight.
     #[must_use]
     pub fn clock(&self) -> Clock {
@@ -151,6 +157,7 @@ impl RecordedFlight {
             epoch_unix_ns: fact("epoch_unix_ns").parse().unwrap_or(0),
             machine: Machine { kernel: fact("kernel"), cpu_model: fact("cpu_model") },
             branch: self.branched.clone(),
+            continues: self.continued(),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::{ReadError, RecordVisitor, RecordedEvent, RecordedFlight};
 use crate::components::state_layouts;
-use crate::record::{Branched, Clock, Event, Facts, Machine, Recording, Severity};
+use crate::record::{Branched, Clock, Continued, Event, Facts, Machine, Recording, Severity};
 use crate::scenario::Scenario;
 use mcap::Writer;
 use rand::{RngExt as _, SeedableRng};
@@ -36,6 +36,10 @@ fn layout_of(role: Role) -> Result<u64, Box<dyn Error>> {
     Ok(layouts.iter().find(|l| l.role == role).ok_or("no such role")?.hash)
 }
 
+fn continued() -> Continued {
+    Continued { file: "7f3a.mcap".to_owned(), from_ns: 1_500_000_000 }
+}
+
 fn branched() -> Branched {
     let (parent_run, changes) = ("parent".to_owned(), "--seed 9".to_owned());
     Branched { parent_run, at_ns: 40_000_000, changes }
@@ -52,6 +56,7 @@ fn record(path: &Path, count: u64, layout: u64) -> Outcome {
         epoch_unix_ns: 1_700_000_000_000_000_000,
         machine: Machine { kernel: "6.1".to_owned(), cpu_model: "test".to_owned() },
         branch: Some(branched()),
+        continues: Some(continued()),
     };
     let mut recording = Recording::create(path, &facts)?;
     for sequence in 1..=count {
@@ -100,6 +105,7 @@ fn what_was_recorded_is_read_bit_for_bit() -> Outcome {
     assert_eq!(flight.clock(), Clock::Realtime { speed: 0.5 });
     assert_eq!(flight.facts()["run_id"], "test-run");
     assert_eq!(flight.branched(), Some(&branched()));
+    assert_eq!(flight.continued(), Some(continued()));
     assert_eq!(flight.scenario().settings().scenario.name, "hover");
     let mut seen = Everything::default();
     let closing = flight.visit(&mut seen)?;

@@ -18,6 +18,7 @@ pub(super) fn facts(clock: Clock) -> Facts {
         epoch_unix_ns: EPOCH_NS,
         machine: Machine { kernel: "6.1".to_owned(), cpu_model: "test".to_owned() },
         branch: None,
+        continues: None,
     }
 }
 

@@ -3,6 +3,7 @@
 //! The protocol itself is `slot::supervisor`, which knows neither processes nor clocks. This gives it
 //! events (hellos, deaths, what consumers say, time, requests) and does what it wants done.
 
+mod adoption;
 mod events;
 mod facts;
 mod gatekeeper;
@@ -130,7 +131,7 @@ impl Slots {
                 ChildSpec { name, launch: Launch::Service { config }, ..pattern }
             }
             Candidate::Executable(path) => {
-                let launch = Launch::Foreign { slot: slot.label(), config };
+                let launch = Launch::Foreign { slot, config };
                 ChildSpec { name, executable: path.clone(), launch, ..pattern }
             }
         })

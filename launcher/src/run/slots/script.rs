@@ -31,6 +31,11 @@ impl Script {
         Self { deeds }
     }
 
+    /// Leaves out what was due before `t_ns`.
+    pub(in crate::run) fn skip_before(&mut self, t_ns: u64) {
+        self.deeds.retain(|(at_ns, _)| *at_ns >= t_ns);
+    }
+
     /// Instant of the next deed; lockstep time stops there \[ns\].
     pub(crate) fn next_ns(&self) -> u64 {
         self.deeds.last().map_or(u64::MAX, |(at_ns, _)| *at_ns)

@@ -108,6 +108,13 @@ impl SlotWatch {
         }
     }
 
+    /// True once the consumers of both slots, or the plant alone if there is only one, have said whom
+    /// they obey.
+    pub(in crate::run) fn has_heard(&self, position_too: bool) -> bool {
+        let [plant, controllers @ ..] = &self.last;
+        plant.epoch > 0 && (!position_too || controllers.iter().any(|said| said.epoch > 0))
+    }
+
     /// Everything seen since the last time.
     pub(crate) fn take(&mut self) -> Vec<Seen> {
         core::mem::take(&mut self.seen)

@@ -6,7 +6,7 @@ use runtime::connect::connect;
 use runtime::ipc::Bus;
 use runtime::namespace::Membership;
 use runtime::priority::take_fifo;
-use runtime::watch::StopFlags;
+use runtime::watch::{LauncherNews, StopFlags};
 use runtime::{
     Ending, Executor, Graph, Node, Output, OutputSet as _, OutputVisitor, Process, Service,
 };
@@ -15,6 +15,10 @@ use std::io::{self, Write as _};
 
 /// Wall time that a realtime flight is given to land after the grace period \[s\].
 const LANDING_S: f64 = 4.0;
+
+/// Longest time that the processes of a lockstep flight stay after their launcher's death: nobody can
+/// take it over \[s\].
+pub const LOCKSTEP_GRACE_S: f64 = 2.0;
 
 /// A process that has joined its run and does not fly yet.
 #[derive(Debug)]
@@ -50,19 +54,16 @@ impl Joined {
         let flight = Flight::read(membership.folder())?;
         // Without permission it flies on as it is; the launcher says so.
         let _ = flight.fifo_priority().map(take_fifo);
-        let lands = flight.is_realtime() && flight.grace_s > 0.0;
-        let leave_s = if lands { flight.grace_s + LANDING_S } else { flight.grace_s };
-        let run = membership.folder().display().to_string();
+        let name_of_run = membership.name();
         let realtime = flight.is_realtime();
-        stop.watch_launcher(arguments.launcher_pid, leave_s, move || {
-            if role == Role::Plant {
+        let grace_s = if realtime { flight.grace_s } else { flight.grace_s.min(LOCKSTEP_GRACE_S) };
+        let leave_s = if realtime && grace_s > 0.0 { grace_s + LANDING_S } else { grace_s };
+        let tells = role == Role::Plant;
+        stop.watch_launcher(membership.folder(), arguments.launcher_pid, leave_s, move |news| {
+            if tells {
+                let text = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s));
                 // A child's standard output is the launcher's standard error; its own may be closed.
-                let what =
-                    if realtime { "the vehicle hovers, then lands" } else { "time stands still" };
-                let _ = writeln!(
-                    io::stdout(),
-                    "morphquad: the launcher of {run} died; {what}, all leave in {leave_s} s"
-                );
+                let _ = writeln!(io::stdout(), "morphquad: {text}");
             }
         })
         .map_err(watch("the launcher"))?;
@@ -85,6 +86,27 @@ impl Joined {
     pub fn fly<S: Service>(self, service: S, state_every: u64) -> Result<Ending, HostError> {
         let executor = Executor::new(service, self.node, self.arguments.place(), state_every);
         fly_service(&self.bus, self.graph, self.stop, executor, self.arguments.await_handover)
+    }
+}
+
+/// What the plant tells of the launcher, on behalf of all.
+fn of_launcher(
+    news: LauncherNews,
+    run: &str,
+    realtime: bool,
+    (grace_s, leave_s): (f64, f64),
+) -> String {
+    match news {
+        LauncherNews::Succeeded { pid } => format!("run {run} is led by process {pid} now"),
+        LauncherNews::Died if !realtime => format!(
+            "the launcher of run {run} died; its time stands still, and all leave in {leave_s} s"
+        ),
+        LauncherNews::Died if grace_s <= 0.0 => {
+            format!("the launcher of run {run} died; all leave at once")
+        }
+        LauncherNews::Died => format!(
+            "the launcher of run {run} died; the vehicle hovers for {grace_s} s, which `morphquad adopt {run}` has to go on, then it lands, and all leave in {leave_s} s"
+        ),
     }
 }
 

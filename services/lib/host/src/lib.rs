@@ -42,5 +42,5 @@ pub use config::Config;
 pub use controller::controller;
 pub use error::{BuildError, HostError, conclude};
 pub use flight::Flight;
-pub use joined::{Joined, fly_service};
+pub use joined::{Joined, LOCKSTEP_GRACE_S, fly_service};
 pub use thread::{name_thread, stay_on};

@@ -12,6 +12,7 @@ pub mod executor;
 pub mod graph;
 pub mod input;
 pub mod ipc;
+pub mod leader;
 pub mod namespace;
 pub mod obey;
 pub mod output;

@@ -2,8 +2,10 @@
 //!
 //! Every process of a run holds a shared lock on the folder's `run.lock`; the launcher also holds
 //! `launcher.lock` exclusively. Whoever gets `run.lock` exclusively may wipe: the last process to
-//! leave, or the next run that finds a dead one.
+//! leave, or the next run that finds a dead one. Whoever gets `launcher.lock` leads, see
+//! [`leader`](crate::leader).
 
+use crate::leader::{LeadError, LeaderLock};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
@@ -25,7 +27,7 @@ pub struct NamespaceError {
     source: io::Error,
 }
 
-fn failed<'a>(
+pub(crate) fn failed<'a>(
     action: &'static str,
     path: &'a Path,
 ) -> impl FnOnce(io::Error) -> NamespaceError + 'a {
@@ -37,7 +39,7 @@ fn failed<'a>(
 pub struct Membership {
     folder: PathBuf,
     run_lock: File,
-    _launcher_lock: Option<File>,
+    leader_lock: Option<LeaderLock>,
 }
 
 impl Membership {
@@ -48,20 +50,40 @@ impl Membership {
     ///
     /// # Errors
     /// The folder cannot be created or locked.
-    pub fn found(id: &str) -> Result<Self, NamespaceError> {
+    pub fn found(id: &str) -> Result<Self, LeadError> {
         let base = Path::new(BASE);
         let unborn = base.join(format!("{UNBORN_PREFIX}{id}"));
         let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
         DirBuilder::new().mode(0o700).create(&unborn).map_err(failed("create", &unborn))?;
         let run_lock = lock_file(&unborn.join("run.lock"), FlockOperation::LockShared)?;
-        let launcher_lock =
-            lock_file(&unborn.join("launcher.lock"), FlockOperation::LockExclusive)?;
+        let mut leader_lock = LeaderLock::take(&unborn)?;
+        leader_lock.announce(&unborn)?;
         let ipc = unborn.join("ipc");
         DirBuilder::new().mode(0o700).create(&ipc).map_err(failed("create", &ipc))?;
         let config = unborn.join("iceoryx2.toml");
         fs::write(&config, ipc_config(id, &folder)).map_err(failed("write", &config))?;
         fs::rename(&unborn, &folder).map_err(failed("rename", &unborn))?;
-        Ok(Self { folder, run_lock, _launcher_lock: Some(launcher_lock) })
+        Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
+    }
+
+    /// Joins a run whose launcher has died, as its next launcher. Its processes hear of it with
+    /// [`announce_lead`](Self::announce_lead).
+    ///
+    /// # Errors
+    /// Somebody leads it, there is no such run, or it is being wiped.
+    pub fn take_over(folder: &Path) -> Result<Self, LeadError> {
+        let mut joined = Self::join(folder)?;
+        joined.leader_lock = Some(LeaderLock::take(folder)?);
+        Ok(joined)
+    }
+
+    /// Lets the run's processes know that this one leads them now.
+    ///
+    /// # Errors
+    /// The folder cannot be written.
+    pub fn announce_lead(&mut self) -> Result<(), NamespaceError> {
+        let folder = &self.folder;
+        self.leader_lock.as_mut().map_or(Ok(()), |lock| lock.announce(folder))
     }
 
     /// Joins a run that exists.
@@ -70,13 +92,19 @@ impl Membership {
     /// There is no such run, or it is being wiped.
     pub fn join(folder: &Path) -> Result<Self, NamespaceError> {
         let run_lock = lock_file(&folder.join("run.lock"), FlockOperation::NonBlockingLockShared)?;
-        Ok(Self { folder: folder.to_path_buf(), run_lock, _launcher_lock: None })
+        Ok(Self { folder: folder.to_path_buf(), run_lock, leader_lock: None })
     }
 
     /// The run's folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// The run's name.
+    #[must_use]
+    pub fn name(&self) -> String {
+        run_id(&self.folder)
     }
 
     /// The transport's configuration of this run.

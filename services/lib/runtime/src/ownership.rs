@@ -217,6 +217,18 @@ impl SeatMarks {
         }
     }
 
+    /// Generation of whoever has, or last had, a seat.
+    #[must_use]
+    pub fn generation(&self, Seat { role, index }: Seat) -> Option<u32> {
+        let seats = self.generations.get(role.index())?;
+        *seats.get(usize::try_from(index).ok()?)?
+    }
+
+    /// Whoever has the seat as this generation says nothing any more, and is not waited for.
+    pub fn silence(&mut self, Seat { role, index }: Seat, generation: u32) {
+        self.advance(role, index, generation, u64::MAX);
+    }
+
     /// Takes in the roll: who has left is not waited for, and whoever comes after it begins anew.
     pub fn learn_roll(&mut self, entries: &[RollEntry]) {
         for entry in entries {

@@ -1,13 +1,67 @@
 //! Stop requests from outside: signals, and the death of the launcher.
 
+use crate::clock::mono_now_ns;
+use crate::leader::{Leader, process_start};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::io;
 use std::os::fd::OwnedFd;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
+
+/// Longest wait between two looks for a new launcher \[ns\].
+const LOOK_EVERY_NS: u64 = 50_000_000;
+
+/// What has happened to the launcher.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LauncherNews {
+    /// It has died.
+    Died,
+    /// Another one has taken over.
+    Succeeded {
+        /// Its process.
+        pid: u32,
+    },
+}
+
+/// A launcher and how to see it die.
+struct Watched {
+    leader: Leader,
+    pidfd: OwnedFd,
+}
+
+impl Watched {
+    /// A living process; none if there is no such.
+    fn open(pid: u32) -> Option<Self> {
+        let raw = i32::try_from(pid).ok().and_then(Pid::from_raw)?;
+        let pidfd = pidfd_open(raw, PidfdFlags::empty()).ok()?;
+        // Read after the process has been caught: a number that was used again is told from it.
+        Some(Self { leader: Leader { pid, started: process_start(pid)? }, pidfd })
+    }
+}
+
+/// Waits for another launcher than the one that has died.
+fn await_successor(folder: &Path, dead: Leader, grace_s: f64) -> Option<Watched> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+    let deadline_ns = mono_now_ns().saturating_add((grace_s * 1e9) as u64);
+    loop {
+        let named = Leader::of_run(folder).filter(|leader| *leader != dead);
+        let found = named.and_then(|leader| {
+            Watched::open(leader.pid).filter(|watched| watched.leader == leader)
+        });
+        let now_ns = mono_now_ns();
+        if found.is_some() || now_ns >= deadline_ns {
+            return found;
+        }
+        let wait = core::time::Duration::from_nanos(LOOK_EVERY_NS.min(deadline_ns - now_ns));
+        let limit = Timespec::try_from(wait).unwrap_or_default();
+        // Nothing is polled for: this is a plain wait on the thread whose only job it is.
+        let _ = poll(&mut [], Some(&limit));
+    }
+}
 
 /// Flags that a process looks at between steps.
 #[derive(Debug, Clone, Default)]
@@ -33,37 +87,45 @@ impl StopFlags {
         Ok(flags)
     }
 
-    /// Watches a process from a thread of its own: calls `on_death` when it is gone, and `grace_s`
-    /// later the flight must end.
+    /// Watches the launcher of the run in `folder` from a thread of its own and tells what happens to
+    /// it. When it has died and nobody has taken over within `grace_s`, the flight must end.
     ///
     /// # Errors
     /// The process is already gone, or cannot be watched.
     pub fn watch_launcher(
         &self,
+        folder: &Path,
         pid: u32,
         grace_s: f64,
-        on_death: impl FnOnce() + Send + 'static,
+        tell: impl FnMut(LauncherNews) + Send + 'static,
     ) -> io::Result<()> {
-        let pid =
-            i32::try_from(pid).ok().and_then(Pid::from_raw).ok_or(io::ErrorKind::InvalidInput)?;
-        let launcher = pidfd_open(pid, PidfdFlags::empty())?;
         let flags = self.clone();
-        thread::Builder::new()
-            .name("watch".to_owned())
-            .spawn(move || flags.wait_for_death(&launcher, grace_s, on_death))?;
+        let launcher = Watched::open(pid).ok_or(io::ErrorKind::NotFound)?;
+        let (folder, grace) = (folder.to_path_buf(), grace_s.clamp(0.0, 1e6));
+        let watch = move || flags.follow(&folder, launcher, grace, tell);
+        thread::Builder::new().name("watch".to_owned()).spawn(watch)?;
         Ok(())
     }
 
-    fn wait_for_death(&self, launcher: &OwnedFd, grace_s: f64, on_death: impl FnOnce()) {
-        while !readable(launcher, None) {}
-        self.launcher_gone.store(true, Ordering::Release);
-        on_death();
-        let grace =
-            Timespec::try_from(core::time::Duration::from_secs_f64(grace_s.clamp(0.0, 1e6)))
-                .unwrap_or(Timespec { tv_sec: 0, tv_nsec: 0 });
-        // Nothing is polled for: this is a plain wait on the thread whose only job it is.
-        let _ = poll(&mut [], Some(&grace));
-        self.grace_over.store(true, Ordering::Release);
+    fn follow(
+        &self,
+        folder: &Path,
+        mut launcher: Watched,
+        grace_s: f64,
+        mut tell: impl FnMut(LauncherNews),
+    ) {
+        loop {
+            while !readable(&launcher.pidfd, None) {}
+            self.launcher_gone.store(true, Ordering::Release);
+            tell(LauncherNews::Died);
+            let Some(successor) = await_successor(folder, launcher.leader, grace_s) else {
+                self.grace_over.store(true, Ordering::Release);
+                return;
+            };
+            launcher = successor;
+            self.launcher_gone.store(false, Ordering::Release);
+            tell(LauncherNews::Succeeded { pid: launcher.leader.pid });
+        }
     }
 
     /// A signal asked this process to stop.
@@ -72,7 +134,7 @@ impl StopFlags {
         self.signalled.load(Ordering::Acquire)
     }
 
-    /// The launcher has died.
+    /// The launcher has died, and nobody has taken over yet.
     #[must_use]
     pub fn launcher_gone(&self) -> bool {
         self.launcher_gone.load(Ordering::Acquire)
@@ -113,4 +175,68 @@ fn is_ignored(signal: i32) -> bool {
 fn readable(fd: &OwnedFd, limit: Option<&Timespec>) -> bool {
     let mut fds = [PollFd::new(fd, PollFlags::IN)];
     poll(&mut fds, limit).is_ok_and(|ready| ready > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::process::{Child, Command};
+    use std::sync::Mutex;
+
+    fn idler() -> Child {
+        Command::new("sleep").arg("60").spawn().unwrap()
+    }
+
+    fn bury(mut child: Child) {
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+
+    /// Waits as long as it takes.
+    fn await_that(done: impl Fn() -> bool) {
+        while !done() {
+            crate::clock::sleep_until(mono_now_ns() + 1_000_000);
+        }
+    }
+
+    #[test]
+    fn a_launcher_that_is_succeeded_in_time_is_no_loss_and_one_that_is_not_ends_the_flight() {
+        let folder = std::env::temp_dir().join(format!("watch-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let heard = Arc::new(Mutex::new(Vec::new()));
+        let (first, second) = (idler(), idler());
+        let flags = StopFlags::default();
+        let tell = {
+            let heard = Arc::clone(&heard);
+            move |news| heard.lock().unwrap().push(news)
+        };
+        flags.watch_launcher(&folder, first.id(), 3.0, tell).unwrap();
+        assert!(!flags.launcher_gone());
+        bury(first);
+        await_that(|| flags.launcher_gone());
+        let pid = second.id();
+        let line = format!("{pid} {}\n", process_start(pid).unwrap());
+        fs::write(folder.join("launcher.lock"), line).unwrap();
+        await_that(|| !flags.launcher_gone());
+        assert!(!flags.stop(), "it was in time");
+        bury(second);
+        await_that(|| flags.grace_over());
+        assert!(
+            flags.launcher_gone() && flags.stop(),
+            "the dead one in the file is nobody's successor"
+        );
+        let expected = [LauncherNews::Died, LauncherNews::Succeeded { pid }, LauncherNews::Died];
+        assert_eq!(*heard.lock().unwrap(), expected);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn whoever_is_gone_before_the_watch_begins_cannot_be_watched() {
+        let child = idler();
+        let pid = child.id();
+        bury(child);
+        let flags = StopFlags::default();
+        assert!(flags.watch_launcher(Path::new("/nowhere"), pid, 1.0, |_| {}).is_err());
+    }
 }

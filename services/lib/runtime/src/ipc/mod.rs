@@ -13,7 +13,7 @@ mod wake;
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort};
 pub use roll::Stray;
-pub use state::{StatePublisher, StateSubscriber};
+pub use state::{StateFactory, StatePublisher, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
 
 use crate::graph::READER_CAPACITY;

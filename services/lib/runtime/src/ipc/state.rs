@@ -8,7 +8,8 @@ use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::Header;
 
-type StateFactory = PortFactory<Ipc, [u8], Header>;
+/// Factory of the ports of a state or hand-over service.
+pub type StateFactory = PortFactory<Ipc, [u8], Header>;
 
 impl Bus {
     /// Creates a state or hand-over service whose readers keep `depth` states (launcher only).
@@ -35,7 +36,11 @@ impl Bus {
             .map_err(PortError::transport(&service, "create the service"))
     }
 
-    fn open_state_service(&self, kind: ServiceKind) -> Result<StateFactory, PortError> {
+    /// Opens a state or hand-over service.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn open_state_service(&self, kind: ServiceKind) -> Result<StateFactory, PortError> {
         let service = kind.name();
         self.node
             .service_builder(&service_name(&service)?)

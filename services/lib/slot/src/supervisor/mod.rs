@@ -33,6 +33,10 @@ pub enum Clock {
     Realtime,
 }
 
+/// How long the next standby of a slot that was found in flight shadows: nobody knows any more how long
+/// the first was asked to \[ns\].
+const ADOPTED_SHADOW_NS: u64 = 2_000_000_000;
+
 /// Times of one slot's supervision. All are logical time \[ns\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SlotConfig {
@@ -195,7 +199,7 @@ impl Slot {
         ledger.take_up(*record);
         let standby = record.fallback.filter(|seat| chairs.is_seated(*seat)).and_then(|seat| {
             let program = chairs.get(seat).program()?;
-            Some(Standby { program, shadow_ns: 0, seat: Some(seat), losses: 0 })
+            Some(Standby { program, shadow_ns: ADOPTED_SHADOW_NS, seat: Some(seat), losses: 0 })
         });
         let phase = Phase::Steady { rejoin_ns: None };
         let mut slot = Self { config, chairs, ledger, phase, standby };

@@ -1,0 +1,81 @@
+//! What the main loop looks at besides: strangers, loops that stand still, what is to be told.
+
+use super::Flight;
+use crate::record::{Event, Severity};
+use crate::run::conductor::Patience;
+use shared_types::{ClockMode, RollEntry, Seat};
+
+impl Flight {
+    /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
+    pub(super) fn name_strays(&mut self) {
+        let strays = self.bus.strays();
+        for stray in strays.iter().skip(self.known_strays) {
+            let comm = std::fs::read_to_string(format!("/proc/{}/comm", stray.pid));
+            let name = comm.as_deref().map_or("gone by now", str::trim);
+            self.notice(&format!(
+                "process {} ({name}) writes on {} without a seat: every sample of it is ignored",
+                stray.pid, stray.service
+            ));
+        }
+        self.known_strays = strays.len();
+    }
+
+    pub(super) fn mark_of(&self, entry: &RollEntry) -> u64 {
+        let seat = Seat { role: entry.role, index: entry.seat };
+        self.tap.marks.of_seat(seat, entry.generation)
+    }
+
+    /// Kills whoever could step and has not for too long.
+    pub(super) fn watch_progress(&mut self, drained: u64, now_ns: u64) {
+        if let Some(bar) = &self.progress {
+            bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
+        }
+        let present: Vec<RollEntry> = self.supervisor.present().copied().collect();
+        let total = present.iter().fold(0_u64, |sum, entry| sum.wrapping_add(self.mark_of(entry)));
+        let realtime = self.conductor.mode() == ClockMode::Realtime;
+        let (since_ns, last_total) = self.progress_at;
+        if !realtime && total != last_total {
+            self.progress_at = (now_ns, total);
+        }
+        // In realtime a successor gets as long to catch up as it may then lag.
+        let patience_ns = if realtime { 2 * self.lag_limit_ns } else { self.stall_limit_ns };
+        if now_ns.saturating_sub(since_ns) > patience_ns {
+            let patience = Patience {
+                now_mono_ns: now_ns,
+                stall_ns: self.stall_limit_ns,
+                lag_ns: self.lag_limit_ns,
+            };
+            let marks = &self.tap.marks;
+            let stalled = self.conductor.stalled(&self.graph, &present, marks, patience);
+            if !stalled.is_empty() {
+                self.progress_at.0 = now_ns;
+                self.supervisor.kill_stalled(&stalled, &self.tap);
+            }
+        }
+    }
+
+    pub(super) fn publish_notices(&mut self, logical_ns: u64) {
+        for notice in core::mem::take(&mut self.supervisor.notices) {
+            if let Some(recording) = &mut self.tap.consumers.recording {
+                let event = Event {
+                    logical_ns,
+                    severity: Severity::Warning,
+                    source: &notice.source,
+                    text: &notice.text,
+                };
+                if let Err(error) = recording.write_event(&event) {
+                    self.tap.consumers.fail_recording(&error.to_string());
+                }
+            }
+            self.notice(&notice.text);
+        }
+    }
+
+    pub(super) fn notice(&mut self, text: &str) {
+        match &self.progress {
+            Some(bar) => bar.suspend(|| eprintln!("morphquad: {text}")),
+            None => eprintln!("morphquad: {text}"),
+        }
+        self.notices.push(text.to_owned());
+    }
+}

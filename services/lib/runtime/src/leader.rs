@@ -1,0 +1,171 @@
+//! Who leads a run: the process that holds the folder's `launcher.lock`.
+//!
+//! The system gives the lock back when its holder dies, however it dies, so whoever gets it knows that
+//! nobody leads. Its text names who took over last, for the run's processes to watch.
+
+use crate::clock::{mono_now_ns, sleep_until};
+use crate::namespace::{NamespaceError, failed};
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Name of the lock in a run's folder.
+const LOCK: &str = "launcher.lock";
+/// How long a process that has been killed may hold on to what it has \[ns\].
+const DYING_NS: u64 = 200_000_000;
+
+/// Why a run cannot be led by this process.
+#[derive(Debug, Error)]
+pub enum LeadError {
+    /// Somebody else leads it.
+    #[error("{}", match pid {
+        Some(pid) => format!("process {pid} leads it"),
+        None => "another process leads it".to_owned(),
+    })]
+    Led {
+        /// Who, as far as the system tells.
+        pid: Option<u32>,
+    },
+    /// The run's folder.
+    #[error(transparent)]
+    Namespace(#[from] NamespaceError),
+}
+
+/// A process that leads, or has led. Process ids are used again; together with the instant of its start
+/// one names a process for ever.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Leader {
+    /// Its number.
+    pub pid: u32,
+    /// When it was started, in ticks since the system was.
+    pub started: u64,
+}
+
+impl Leader {
+    /// A living process; none if there is no such.
+    #[must_use]
+    pub fn of_process(pid: u32) -> Option<Self> {
+        Some(Self { pid, started: process_start(pid)? })
+    }
+
+    /// Who last said that it leads the run of `folder`, dead or alive.
+    #[must_use]
+    pub fn of_run(folder: &Path) -> Option<Self> {
+        let text = fs::read_to_string(folder.join(LOCK)).ok()?;
+        let (pid, started) = text.trim().split_once(' ')?;
+        Some(Self { pid: pid.parse().ok()?, started: started.trim().parse().ok()? })
+    }
+
+    /// True while it lives.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        Self::of_process(self.pid) == Some(*self)
+    }
+}
+
+/// When a living process was started, in ticks since the system was; none for one that has ended, be
+/// it still waited for.
+#[must_use]
+pub fn process_start(pid: u32) -> Option<u64> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The name, in parentheses, may hold anything; state is field 3, the start field 22.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
+    let state = fields.next()?;
+    let started = fields.nth(18)?.parse().ok()?;
+    (!matches!(state, "Z" | "X")).then_some(started)
+}
+
+/// The right to lead a run, for as long as it is held.
+#[derive(Debug)]
+pub(crate) struct LeaderLock(File);
+
+impl LeaderLock {
+    /// Takes the lead of the run in `folder`, which need not have had a leader yet.
+    pub(crate) fn take(folder: &Path) -> Result<Self, LeadError> {
+        let path = lock_path(folder);
+        let mut options = OpenOptions::new();
+        let file = options.read(true).write(true).create(true).truncate(false).mode(0o600);
+        let file = file.open(&path).map_err(failed("open", &path))?;
+        // Whoever has just been killed needs a moment to be gone.
+        let give_up_ns = mono_now_ns() + DYING_NS;
+        loop {
+            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) => return Ok(Self(file)),
+                Err(error) if error.kind() != ErrorKind::WouldBlock => {
+                    return Err(failed("lock", &path)(error.into()).into());
+                }
+                Err(_) if mono_now_ns() > give_up_ns => {
+                    return Err(LeadError::Led { pid: holder(&file) });
+                }
+                Err(_) => sleep_until(mono_now_ns() + 10_000_000),
+            }
+        }
+    }
+
+    /// Lets the run's processes know.
+    pub(crate) fn announce(&mut self, folder: &Path) -> Result<(), NamespaceError> {
+        let pid = std::process::id();
+        let started = process_start(pid).unwrap_or(0);
+        let path = lock_path(folder);
+        // In one go, at least as long as what was there: nobody reads half a line.
+        let line = format!("{pid:<10} {started:<20}\n");
+        let written = std::os::unix::fs::FileExt::write_all_at(&self.0, line.as_bytes(), 0);
+        written.and_then(|()| self.0.flush()).map_err(failed("write", &path))
+    }
+}
+
+/// Process that leads the run in `folder`; none if its launcher has died.
+#[must_use]
+pub fn leading(folder: &Path) -> Option<u32> {
+    let held = File::open(lock_path(folder)).ok().and_then(|file| holder(&file));
+    held.or_else(|| Leader::of_run(folder).filter(Leader::is_alive).map(|leader| leader.pid))
+}
+
+fn lock_path(folder: &Path) -> PathBuf {
+    folder.join(LOCK)
+}
+
+/// Who holds a lock on a file, by the system's own list.
+fn holder(file: &File) -> Option<u32> {
+    let inode = file.metadata().ok()?.ino().to_string();
+    let locks = fs::read_to_string("/proc/locks").ok()?;
+    // `1: FLOCK  ADVISORY  WRITE 4711 00:1a:815 0 EOF`
+    locks.lines().find_map(|line| {
+        let mut words = line.split_whitespace();
+        let pid = words.nth(4)?;
+        let of = words.next()?.rsplit(':').next()?;
+        (of == inode).then(|| pid.parse().ok())?
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("leader-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    #[test]
+    fn one_leads_at_a_time_and_the_other_is_told_who() {
+        let folder = folder();
+        assert_eq!(leading(&folder), None);
+        let mut first = LeaderLock::take(&folder).unwrap();
+        first.announce(&folder).unwrap();
+        let own = std::process::id();
+        assert_eq!(leading(&folder), Some(own));
+        let second = LeaderLock::take(&folder).unwrap_err();
+        assert!(matches!(second, LeadError::Led { pid } if pid == Some(own)), "{second}");
+        let leader = Leader::of_run(&folder).unwrap();
+        assert!(leader.pid == own && leader.is_alive());
+        assert!(!Leader { started: leader.started + 1, ..leader }.is_alive(), "a reused number");
+        drop(first);
+        LeaderLock::take(&folder).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

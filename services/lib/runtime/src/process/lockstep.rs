@@ -1,0 +1,58 @@
+//! Simulated time: whole intervals as soon as they are permitted.
+
+use super::{Ending, Process, WAIT_LIMIT};
+use crate::clock::mono_now_ns;
+use crate::executor::StepStamps;
+use crate::graph::Roles;
+use crate::input::InputSet as _;
+use crate::service::Service;
+
+impl<S: Service> Process<'_, S> {
+    pub(super) fn run_lockstep(&mut self) -> Ending {
+        let mut clock = self.read_clock();
+        let mut moved = Roles::ALL;
+        loop {
+            if let Some(ending) = self.stop_requested() {
+                return ending;
+            }
+            let before_ns = self.executor.mark_ns();
+            // Time never ends before what was once allowed, so an older word is as good until then.
+            if before_ns >= clock.allowed_ns.min(clock.end_ns) || self.timed_out {
+                clock = self.read_clock();
+                // Whatever was decided before time was allowed is known from here on.
+                self.look_around();
+            }
+            if before_ns >= self.leave_ns {
+                self.announce(before_ns, u64::MAX);
+                return Ending::Retired;
+            }
+            // Marks first, samples second: what a mark promises is then certainly here.
+            self.read_marks(&mut moved);
+            self.executor.inputs.receive_if_moved(moved);
+            moved = Roles::default();
+            let allowed_ns = clock.allowed_ns.min(clock.end_ns).min(self.leave_ns);
+            let node = self.executor.node();
+            let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
+            while self.executor.mark_ns() < open_until_ns {
+                let release_mono_ns = mono_now_ns();
+                self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
+            }
+            let after_ns = self.executor.mark_ns();
+            if after_ns >= clock.end_ns {
+                return Ending::Finished;
+            }
+            if after_ns > before_ns {
+                if core::mem::take(&mut self.timed_out) {
+                    self.executor.count_rescued_wait();
+                }
+                self.serve_and_send(after_ns);
+                self.wake_lockstep(before_ns, after_ns);
+            } else {
+                self.wait(WAIT_LIMIT);
+                if self.timed_out {
+                    moved = Roles::ALL;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! The wall clock: each release at its instant, or once its inputs are there or overdue.
+
+use super::{Ending, Process, WAIT_LIMIT};
+use crate::clock::{WallMap, mono_now_ns, sleep_until};
+use crate::executor::StepStamps;
+use crate::graph::{Edge, Graph, Roles};
+use crate::input::InputSet as _;
+use crate::ownership::{MarkView as _, SeatMarks};
+use crate::service::Service;
+use core::time::Duration;
+use shared_types::Role;
+
+impl<S: Service> Process<'_, S> {
+    pub(super) fn run_realtime(&mut self, wall: WallMap) -> Ending {
+        // Connections take a millisecond: they are made in the countdown, not in the first step.
+        self.read_marks(&mut Roles::default());
+        self.executor.inputs.receive();
+        loop {
+            if let Some(ending) = self.stop_requested() {
+                return ending;
+            }
+            let end_ns = self.read_clock().end_ns;
+            self.look_around();
+            let before_ns = self.executor.mark_ns();
+            if before_ns >= self.leave_ns {
+                self.announce(before_ns, u64::MAX);
+                return Ending::Retired;
+            }
+            if before_ns >= end_ns {
+                return Ending::Finished;
+            }
+            let due_mono_ns = self.due_mono_ns(&wall);
+            if self.is_timed() && mono_now_ns() < due_mono_ns {
+                // Wakes at least every limit, to see a stop request or an earlier end.
+                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+                continue;
+            }
+            if !self.inputs_decided(&wall) {
+                continue;
+            }
+            if mono_now_ns() < due_mono_ns {
+                // Final before it is due: a release between two releases of the producer.
+                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+                continue;
+            }
+            self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
+            if self.executor.mark_ns() == before_ns {
+                self.count_missing_inputs();
+                let stamps = StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
+                self.executor.run_step(stamps);
+            }
+            // A release that was skipped is final too; the one it was skipped for has its own wait.
+            self.announce(before_ns, self.executor.mark_ns());
+        }
+    }
+
+    /// Host instant from which the next release may run \[ns\].
+    fn due_mono_ns(&self, wall: &WallMap) -> u64 {
+        wall.mono_ns(self.executor.mark_ns().saturating_sub(self.executor.node().lead_ns))
+    }
+
+    /// True if the loop's own clock starts its steps; otherwise its inputs do.
+    fn is_timed(&self) -> bool {
+        let role = self.executor.node().role;
+        role == Role::Plant || !self.graph.edges().iter().any(|e| e.to == role && e.deadline_ns > 0)
+    }
+
+    /// True once each input that the next release waits for is final or past its deadline; false
+    /// after a wait: look around and try again.
+    fn inputs_decided(&mut self, wall: &WallMap) -> bool {
+        self.read_marks(&mut Roles::default());
+        self.executor.inputs.receive();
+        let t_ns = self.executor.mark_ns();
+        let lead_ns = self.executor.node().lead_ns;
+        let role = self.executor.node().role;
+        let missing = missing(&self.graph, &self.marks, role, t_ns);
+        let deadline_ns = missing.map(|e| e.deadline_ns).max();
+        let Some(deadline_ns) = deadline_ns else { return true };
+        // A deadline is an instant of logical time: a slower clock stretches it with the flight.
+        let until_mono_ns = wall.mono_ns(t_ns.saturating_add(deadline_ns).saturating_sub(lead_ns));
+        let now_ns = mono_now_ns();
+        if now_ns < until_mono_ns {
+            self.wait(Duration::from_nanos(until_mono_ns - now_ns).min(WAIT_LIMIT));
+        }
+        now_ns >= until_mono_ns
+    }
+
+    fn count_missing_inputs(&mut self) {
+        let (role, t_ns) = (self.executor.node().role, self.executor.mark_ns());
+        let mut missing = missing(&self.graph, &self.marks, role, t_ns).peekable();
+        if missing.peek().is_some() {
+            self.executor.count_input_deadline_miss(missing);
+        }
+    }
+}
+
+/// Edges that `role` waits for at `t_ns` and that are not final yet.
+fn missing<'a>(
+    graph: &'a Graph,
+    marks: &'a SeatMarks,
+    role: Role,
+    t_ns: u64,
+) -> impl Iterator<Item = &'a Edge> {
+    graph
+        .edges()
+        .iter()
+        .filter(move |e| e.to == role && e.deadline_ns > 0 && !e.permits(t_ns, marks.of(e)))
+}

@@ -1,0 +1,168 @@
+//! Whom a process waits for, whom it wakes, and who commands the slots around it.
+
+use super::Process;
+use crate::graph::{Graph, Roles};
+use crate::input::Source as _;
+use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
+use crate::output::Sink as _;
+use crate::service::Service;
+use shared_types::{OwnerRecord, Progress, Role, RollEntry, Seat, TopicInfo, topics};
+
+/// How far a seat has got, and how to wake whoever sits there.
+pub(super) struct Neighbour {
+    seat: Seat,
+    progress: Option<LatestPort<Progress>>,
+    wake: Option<WakeNotifier>,
+    /// Generation and period \[ns\] of whoever sits there.
+    present: Option<(u32, u64)>,
+}
+
+/// A slot's owner records, for whoever waits for the slot or sits in it.
+pub(super) struct SlotReader {
+    role: Role,
+    records: IpcSource<OwnerRecord>,
+}
+
+impl Neighbour {
+    /// Everybody whom a process of `role` waits for or wakes.
+    pub(super) fn open_all(bus: &Bus, graph: &Graph, role: Role) -> Result<Vec<Self>, PortError> {
+        let mut neighbours = Vec::new();
+        for node in graph.nodes().iter().filter(|n| n.role != role) {
+            let upstream = graph.waits_for(role, node.role);
+            let downstream = graph.waits_for(node.role, role);
+            for seat in Seat::all(node.role).filter(|_| upstream || downstream) {
+                neighbours.push(Neighbour {
+                    seat,
+                    progress: upstream.then(|| LatestPort::progress(bus, seat)).transpose()?,
+                    wake: downstream.then(|| WakeNotifier::open(bus, seat)).transpose()?,
+                    present: None,
+                });
+            }
+        }
+        Ok(neighbours)
+    }
+}
+
+impl SlotReader {
+    /// The slots that a process of `role` waits for, or sits in.
+    pub(super) fn open_all(bus: &Bus, graph: &Graph, role: Role) -> Result<Vec<Self>, PortError> {
+        let mut slots = Vec::new();
+        for topic in [&topics::ATTITUDE_OWNER, &topics::POSITION_OWNER] {
+            let slot = slot_of(&topic.info);
+            let waited = graph.node(slot).is_some() && graph.waits_for(role, slot);
+            if waited || slot == role {
+                let records = bus.reader(topic, Role::Supervisor)?;
+                slots.push(SlotReader { role: slot, records });
+            }
+        }
+        Ok(slots)
+    }
+}
+
+impl<S: Service> Process<'_, S> {
+    /// Learns who has come and gone, and who owns which slot from when.
+    pub(super) fn look_around(&mut self) {
+        let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
+        let mut somebody_came = false;
+        // Without a roll nobody would be heard, so the ports could not have been opened.
+        let _ = self.bus.look_at_roll(|entries| {
+            marks.learn_roll(entries);
+            for neighbour in neighbours {
+                let Seat { role, index } = neighbour.seat;
+                let of_seat = |entry: &&RollEntry| (entry.role, entry.seat) == (role, index);
+                let entry = entries.iter().rev().find(of_seat).filter(|e| e.present.is_set());
+                let present = entry.map(|entry| (entry.generation, entry.period_ns));
+                somebody_came |= present.is_some() && present != neighbour.present;
+                neighbour.present = present;
+            }
+        });
+        // The pilot lived in the launcher; its successor comes as another generation.
+        let pilot = Seat::first(Role::Pilot);
+        if !self.stop.launcher_gone() {
+            self.lost_pilot = None;
+        } else if self.lost_pilot.is_none() {
+            self.lost_pilot = self.marks.generation(pilot);
+        }
+        if let Some(generation) = self.lost_pilot {
+            self.marks.silence(pilot, generation);
+        }
+        let done_ns = self.executor.previous_ns().unwrap_or(0);
+        for slot in &mut self.slots {
+            if let Some(book) = self.marks.book(slot.role) {
+                while let Some(record) = slot.records.receive() {
+                    book.learn(&record);
+                }
+                book.forget_before(done_ns);
+                if slot.role == self.seat.role {
+                    self.leave_ns = book.released_ns(self.seat.index).unwrap_or(u64::MAX);
+                }
+            }
+        }
+        if somebody_came {
+            // Its ports are open and empty.
+            self.executor.serve_late_joiners();
+            self.progress.serve_late_joiners();
+        }
+    }
+
+    /// Reads the marks and adds whoever has moved its own.
+    pub(super) fn read_marks(&mut self, moved: &mut Roles) {
+        for neighbour in &mut self.neighbours {
+            let Seat { role, index } = neighbour.seat;
+            if let Some(progress) = &mut neighbour.progress
+                && self.marks.concerns(role, index)
+            {
+                // A restarted producer starts again below what its predecessor finished, and the
+                // words of both may be waiting here in any order.
+                let marks = &mut self.marks;
+                progress.for_each_new(|p| {
+                    marks.advance(role, index, p.generation, p.mark_ns);
+                    moved.insert(role);
+                });
+            }
+        }
+    }
+
+    /// Publishes the mark and wakes those whose next release it may unblock.
+    pub(super) fn announce(&mut self, before_ns: u64, after_ns: u64) {
+        self.serve_and_send(after_ns);
+        self.wake_whom(|graph, from| graph.wakes(from, before_ns, after_ns).collect());
+    }
+
+    pub(super) fn wake_lockstep(&self, before_ns: u64, after_ns: u64) {
+        self.wake_whom(|graph, from| graph.lockstep_wakes(from, before_ns, after_ns).collect());
+    }
+
+    /// Wakes the processes of some roles. Nobody waits for a shadow; and whoever runs at another rate
+    /// than the graph's is always worth waking.
+    fn wake_whom(&self, whom: impl Fn(&Graph, Role) -> Roles) {
+        let Seat { role, index } = self.seat;
+        if !self.marks.concerns(role, index) {
+            return;
+        }
+        let roles = whom(&self.graph, role);
+        for neighbour in &self.neighbours {
+            let Some((_, period_ns)) = neighbour.present else { continue };
+            let role = neighbour.seat.role;
+            let usual = self.graph.node(role).is_some_and(|n| n.rate.period_ns() == period_ns);
+            if let Some(wake) = &neighbour.wake
+                && (roles.contains(role) || !usual)
+            {
+                wake.wake();
+            }
+        }
+    }
+
+    /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
+    /// what the predecessor had already announced.
+    pub(super) fn publish_progress(&mut self) {
+        self.serve_and_send(self.executor.mark_ns());
+        let present = self.neighbours.iter().filter(|n| n.present.is_some());
+        present.filter_map(|n| n.wake.as_ref()).for_each(WakeNotifier::wake);
+    }
+}
+
+/// The slot that owner records on a topic are about.
+fn slot_of(topic: &TopicInfo) -> Role {
+    if topic.name == topics::ATTITUDE_OWNER.info.name { Role::Attitude } else { Role::Position }
+}
