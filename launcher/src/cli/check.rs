@@ -144,13 +144,15 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 /// What is done to the flight on purpose.
 fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
     for swap in &settings.swap {
-        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force } = swap;
+        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force, config } = swap;
+        let config =
+            config.as_ref().map_or(String::new(), |c| format!(", as {} says", c.display()));
         let bump = max_bump.map_or(String::new(), |bump| format!(", bump at most {bump}"));
         let force = if *force { ", whatever the gate says" } else { "" };
         let slot = slot.label();
         writeln!(
             out,
-            "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{force}"
+            "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{force}{config}"
         )?;
     }
     for FaultSettings { kind, name, at_s } in &settings.fault {

@@ -89,7 +89,7 @@ fn figures_of(of_gate: &GateFigures) -> Figures {
         tracking_worst: of_gate.tracking_worst.map(|axis| axis.value),
         free_worst: of_gate.free_worst.map(|axis| axis.value),
         free_rms: of_gate.free_rms,
-        slope: of_gate.slope,
+        slope: of_gate.slope.map(|slope| Some(slope?.value)),
         missed: of_gate.missed,
     }
 }

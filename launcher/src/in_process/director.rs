@@ -12,7 +12,7 @@ use crate::candidate::{Candidate, Slot};
 use crate::components::{self, Crew};
 use crate::run::{
     ChildSpec, FlightError, Launch, Means, PostEvent, Posts, Script, Seen, SlotWatch, Slots,
-    SwapReport, largest_commands,
+    SwapReport,
 };
 use crate::scenario::Scenario;
 use core::cell::RefCell;
@@ -98,7 +98,8 @@ impl<O: Observer> Director<O> {
         }
         let settings = scenario.settings();
         Ok(Self {
-            slots: Slots::new(ClockMode::Lockstep, &specs, largest_commands(scenario)),
+            // Nobody is started here, so nobody is late.
+            slots: Slots::new(ClockMode::Lockstep, &specs, scenario.modelled_vehicle(), u64::MAX),
             script: Script::new(&settings.swap, &settings.fault),
             cabin: Cabin {
                 scenario: scenario.clone(),

@@ -34,7 +34,7 @@ pub use misses::{EdgeName, MissLog, Missed, Place};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
 pub use setup::{RunError, RunOptions};
 pub use slots::SwapReport;
-pub(crate) use slots::{Means, Posts, Script, Seen, SlotWatch, Slots, largest_commands};
+pub(crate) use slots::{Means, Posts, Script, Seen, SlotWatch, Slots};
 pub use summary::Summary;
 pub(crate) use supervisor::{FlightError, PostEvent};
 pub use tracking::Tracking;

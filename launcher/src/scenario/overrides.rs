@@ -90,6 +90,7 @@ impl Override {
             let number = match name {
                 "shadow" | "rollback" => seconds(value).map(|s| format!("{name}_s = {s:?}")),
                 "max-bump" => share(value).map(|share| format!("max_bump = {share:?}")),
+                "config" if !value.is_empty() => Some(format!("config = {value:?}")),
                 "force" if part == "force" => Some("force = true".to_owned()),
                 _ => None,
             };
@@ -172,7 +173,7 @@ impl Override {
 }
 
 const SWAP_FORM: &str = "write --swap SLOT=NAME@TIME, for example --swap attitude=attitude-mpc@4.2s; behind it \
-    may stand ,shadow=2s ,rollback=500ms ,max-bump=1% and ,force";
+    may stand ,shadow=2s ,rollback=500ms ,max-bump=1% ,config=FILE and ,force";
 
 const FAULT_FORM: &str = "write --fault kill:NAME@TIME or --fault stop:NAME@TIME, for example --fault kill:estimator@4.2s";
 

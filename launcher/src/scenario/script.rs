@@ -8,6 +8,7 @@ use crate::process::has_process;
 use garde::Validate;
 use runtime::Graph;
 use serde::Deserialize;
+use std::path::PathBuf;
 
 /// Control periods that a flip may take after the shadow window.
 const FLIP_PERIODS: f64 = 3.0;
@@ -40,6 +41,9 @@ pub struct SwapSettings {
     #[serde(default)]
     #[garde(skip)]
     pub force: bool,
+    /// File that configures the controller, if not the flight's.
+    #[garde(skip)]
+    pub config: Option<PathBuf>,
 }
 
 fn shadow_s() -> f64 {
@@ -225,7 +229,7 @@ mod tests {
         ];
         let scenario = Scenario::from_text("x.toml", &file, &flags).unwrap();
         let text = |s: &SwapSettings| {
-            let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force } = s;
+            let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force, .. } = s;
             let slot = slot.label();
             format!("{slot} {to} {at_s} {shadow_s} {rollback_s} {max_bump:?} {force}")
         };

@@ -167,7 +167,8 @@ impl Plant {
 
     /// The command that counts from now on, if it is another than before.
     fn obey(&mut self, now_ns: u64) -> Option<Command> {
-        let limit = self.largest_wrench().map(|most| STEP_SHARE * most);
+        let largest = self.vehicle.largest_wrench(self.measured_morph());
+        let limit = largest.map(|most| STEP_SHARE * most);
         let order = self.obedience.decide(now_ns, &limit).filter(|order| order.is_new)?;
         let slot::Command { sequence, cause_sequence, .. } = order.command;
         self.in_effect = InEffect { sequence, cause_sequence };
@@ -179,17 +180,6 @@ impl Plant {
             effective_ns,
             validity_ns: valid_until_ns - effective_ns,
         })
-    }
-
-    /// T \[N\] of hover and, by (1), the torque \[N m\] that rotors can add to it at the measured
-    /// angle.
-    fn largest_wrench(&self) -> [f64; 4] {
-        let VehicleParameters { rotor_thrust_max_n, yaw_coefficient_m, .. } = self.vehicle;
-        let weight_n = self.vehicle.weight_n();
-        // The pair that slows down can give up half of the weight, the other as much as is left.
-        let spare_n = (0.5 * weight_n).min(2.0 * rotor_thrust_max_n - 0.5 * weight_n).max(0.0);
-        let tilt_nm = self.vehicle.geometry.arm_length_m(self.measured_morph()) * spare_n;
-        [weight_n, tilt_nm, tilt_nm, 2.0 * yaw_coefficient_m * spare_n]
     }
 
     fn measured_morph(&self) -> MorphAngle {

@@ -11,7 +11,7 @@ use crate::run::notes::{Notebook, Notes, NotesError, Of};
 use crate::run::pilot_thread::{self, Entry};
 use crate::run::services::HeldServices;
 use crate::run::setup::{RunError, RunOptions, facts, recording_path, system};
-use crate::run::slots::{SlotWatch, Slots, largest_commands};
+use crate::run::slots::{SlotWatch, Slots};
 use crate::run::summary::Summary;
 use crate::run::supervisor::Supervisor;
 use crate::scenario::{Scenario, ScenarioError};
@@ -216,7 +216,8 @@ impl Flight {
                 found => break found?,
             }
         };
-        let slots = Slots::none_yet(&notes.posts, largest_commands(scenario));
+        let startup_ns = crate::run::setup::seconds(scenario.settings().launcher.startup_timeout_s);
+        let slots = Slots::none_yet(&notes.posts, scenario.modelled_vehicle(), startup_ns);
         let end_ns = scenario.duration_ns();
         let conductor = Conductor::take_over(&bus, notes.clock.0, end_ns, &graph)?;
         // The dead launcher's socket; nobody listens there.

@@ -16,7 +16,7 @@ use crate::run::services::{HeldServices, Wakers};
 use crate::run::setup::{
     RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, seconds, system,
 };
-use crate::run::slots::{Script, SlotWatch, Slots, largest_commands};
+use crate::run::slots::{Script, SlotWatch, Slots};
 use crate::run::supervisor::{FlightError, RestartPolicy, Supervisor};
 use crate::run::tap::Tap;
 use crate::scenario::Scenario;
@@ -89,7 +89,8 @@ impl Flight {
         if let Some(seed) = options.disorder {
             disorder::shuffle(&mut specs, seed, &allowed_processors()?);
         }
-        let slots = Slots::new(clock_of(scenario), &specs, largest_commands(scenario));
+        let startup_ns = seconds(scenario.settings().launcher.startup_timeout_s);
+        let slots = Slots::new(clock_of(scenario), &specs, scenario.modelled_vehicle(), startup_ns);
         let folder = membership.folder().to_path_buf();
         let policy = restart_policy(scenario);
         let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, notebook)?;

@@ -7,15 +7,20 @@ use crate::control::orders::{Executable, Orders};
 use crate::run::child::{ChildSpec, Launch};
 use crate::run::notes::PostNote;
 use crate::run::supervisor::FlightError;
-use shared_types::{ClockMode, OwnerRecord, Role, Seat as Place};
+use shared_types::{ClockMode, OwnerRecord, Seat as Place};
 use slot::record::Record;
 use slot::supervisor::{Instance, SlotConfig};
 use slot::{Program, SEATS, Seat};
 use std::collections::BTreeMap;
+use vehicle::VehicleParameters;
 
 impl Slots {
     /// No slots yet; services are started as those in `posts` have been.
-    pub(in crate::run) fn none_yet(posts: &[PostNote], u_max: Vec<(Role, [f64; 4])>) -> Self {
+    pub(in crate::run) fn none_yet(
+        posts: &[PostNote],
+        vehicle: VehicleParameters,
+        startup_ns: u64,
+    ) -> Self {
         let is_service = |spec: &&ChildSpec| matches!(spec.launch, Launch::Service { .. });
         let pattern = posts.iter().map(|post| &post.spec).find(is_service);
         Self {
@@ -23,7 +28,8 @@ impl Slots {
             around: BTreeMap::new(),
             orders: Orders::default(),
             pattern: pattern.map(|spec| ChildSpec { pause_ns: 0, ..spec.clone() }),
-            u_max,
+            vehicle,
+            startup_ns,
             mode: ClockMode::Realtime,
             reports: Vec::new(),
             news: Vec::new(),

@@ -7,6 +7,7 @@ use crate::candidate::Slot;
 use crate::run::supervisor::{FlightError, PostEvent};
 use shared_types::Role;
 use slot::Seat;
+use slot::gate::Refusal;
 use slot::supervisor::{Event, Fault, Instance};
 
 impl Slots {
@@ -44,21 +45,17 @@ impl Slots {
 
     pub(super) fn see(&mut self, seen: &Seen, means: &mut Means<'_>) -> Result<(), FlightError> {
         let role = match seen {
+            Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, means),
             Seen::Command(command) => command.slot,
             Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } => *slot,
         };
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
         match *seen {
+            Seen::Angle { .. } => Ok(()),
             Seen::Command(command) => {
-                let gate = around.gate.as_mut();
-                let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
-                if let (Some(Err(refusal)), Some(seat)) =
-                    (gate.map(|gate| gate.take(&command)), candidate)
-                {
-                    return self.tell(slot, Event::Verdict(seat, Err(refusal)), means);
-                }
-                Ok(())
+                let judged = around.gate.as_mut().map(|gate| gate.take(&command));
+                self.refuse(slot, judged, means)
             }
             Seen::Missed { seat, steps, at_ns, .. } => {
                 if let Some(gate) = &mut around.gate {
@@ -73,6 +70,36 @@ impl Slots {
                 Ok(())
             }
             Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
+        }
+    }
+
+    fn see_angle(
+        &mut self,
+        at_ns: u64,
+        angle_rad: f64,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        for slot in Slot::ALL {
+            let gate = self.around.get_mut(&slot).and_then(|around| around.gate.as_mut());
+            let judged = gate.map(|gate| gate.morphs(at_ns, angle_rad));
+            self.refuse(slot, judged, means)?;
+        }
+        Ok(())
+    }
+
+    /// Passes on that a candidate did what no controller may do.
+    fn refuse(
+        &mut self,
+        slot: Slot,
+        judged: Option<Result<(), Refusal>>,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+        match (judged, candidate) {
+            (Some(Err(refusal)), Some(seat)) => {
+                self.tell(slot, Event::Verdict(seat, Err(refusal)), means)
+            }
+            _ => Ok(()),
         }
     }
 

@@ -1,39 +1,70 @@
 //! Facts about slots that follow from the flight: axes, latencies, rates.
 
-use crate::scenario::Scenario;
+use core::f64::consts::FRAC_PI_2;
 use runtime::Graph;
+use runtime::obey::setpoints::TILT_BOUND_RAD;
 use shared_types::{Role, topics};
 use slot::gate::Axis;
-use vehicle::MorphAngle;
+use vehicle::{MorphAngle, VehicleParameters};
 
-/// Largest command of each slot, T and τ, or T, φ, θ and ψ, at the smallest arms.
-pub(crate) fn largest_commands(scenario: &Scenario) -> Vec<(Role, [f64; 4])> {
-    let vehicle = scenario.modelled_vehicle();
-    let rotor_n = vehicle.rotor_thrust_max_n;
-    let arm_m = vehicle.geometry.arm_length_m(MorphAngle::MAX);
-    // eq. (1) with each rotor between 0 and its most.
-    let torque_nm = [arm_m, arm_m, 2.0 * vehicle.yaw_coefficient_m].map(|lever| lever * rotor_n);
-    let thrust_n = 4.0 * rotor_n;
-    let [x, y, z] = torque_nm;
-    let tilt_rad = core::f64::consts::FRAC_PI_2;
-    vec![
-        (Role::Attitude, [thrust_n, x, y, z]),
-        (Role::Position, [thrust_n, tilt_rad, tilt_rad, core::f64::consts::PI]),
-    ]
+/// What commands of a slot are measured by.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Yardstick {
+    /// Torques, of which the arms' length decides how large they can be.
+    Wrench(VehicleParameters),
+    /// Thrust and tilt.
+    Setpoint(VehicleParameters),
 }
 
-/// Axes of a slot's command, by its largest values.
-pub(super) fn axes(slot: Role, u_max: &[f64; 4]) -> [Axis; 4] {
-    let names = match slot {
-        Role::Attitude => ["thrust (N)", "torque x (N m)", "torque y (N m)", "torque z (N m)"],
-        _ => ["thrust (N)", "roll (rad)", "pitch (rad)", "yaw (rad)"],
-    };
-    core::array::from_fn(|i| {
-        // Thrust pulls and never pushes; rounding at a bound is no offence.
-        let slack = 1e-6 * u_max[i];
-        let min = if i == 0 { -slack } else { -u_max[i] - slack };
-        Axis { name: names[i], min, max: u_max[i] + slack }
-    })
+impl Yardstick {
+    pub(super) fn of(slot: Role, vehicle: &VehicleParameters) -> Self {
+        match slot {
+            Role::Attitude => Self::Wrench(*vehicle),
+            _ => Self::Setpoint(*vehicle),
+        }
+    }
+
+    /// True if the largest command depends on the deployable angle.
+    pub(super) fn morphs(&self) -> bool {
+        matches!(self, Self::Wrench(_))
+    }
+
+    /// Largest command at a measured deployable angle: the unit of the consumer's limiter.
+    pub(super) fn largest(&self, morph_angle: MorphAngle) -> [f64; 4] {
+        match self {
+            Self::Wrench(vehicle) => vehicle.largest_wrench(morph_angle),
+            // The heading comes from the reference whoever owns the slot.
+            Self::Setpoint(vehicle) => {
+                [vehicle.weight_n(), TILT_BOUND_RAD, TILT_BOUND_RAD, core::f64::consts::PI]
+            }
+        }
+    }
+
+    /// What no controller may ask for: by (1), more than rotors between 0 and their most ever give; or
+    /// more tilt than leaves any lift.
+    pub(super) fn axes(&self) -> [Axis; 4] {
+        let (Self::Wrench(vehicle) | Self::Setpoint(vehicle)) = self;
+        let rotor_n = vehicle.rotor_thrust_max_n;
+        let (names, [x, y, z]) = match self {
+            Self::Wrench(_) => {
+                let arm_m = vehicle.geometry.arm_length_m(MorphAngle::MAX);
+                let levers_m = [arm_m, arm_m, 2.0 * vehicle.yaw_coefficient_m];
+                let names = ["thrust (N)", "torque x (N m)", "torque y (N m)", "torque z (N m)"];
+                (names, levers_m.map(|lever_m| lever_m * rotor_n))
+            }
+            Self::Setpoint(_) => {
+                let names = ["thrust (N)", "roll (rad)", "pitch (rad)", "yaw (rad)"];
+                (names, [FRAC_PI_2, FRAC_PI_2, core::f64::consts::PI])
+            }
+        };
+        let most = [4.0 * rotor_n, x, y, z];
+        core::array::from_fn(|i| {
+            // Thrust pulls and never pushes; rounding at a bound is no offence.
+            let slack = 1e-6 * most[i];
+            let min = if i == 0 { -slack } else { -most[i] - slack };
+            Axis { name: names[i], min, max: most[i] + slack }
+        })
+    }
 }
 
 /// From release to effect of the command by which a role fills its slot \[ns\].

@@ -1,18 +1,22 @@
 //! Sets a candidate's commands beside the owner's, and measures the bump of a flip.
 
+use super::facts::Yardstick;
 use super::watch::Commanded;
-use slot::gate::{Axis, Gate, GateFigures, GateLimits, Pair, Phase, Refusal};
+use slot::gate::{Gate, GateFigures, GateLimits, Pair, Phase, Refusal};
 use std::collections::VecDeque;
+use vehicle::MorphAngle;
 
 /// Realtime: one of so many steps may be missed.
 const STEPS_PER_PARDON: u64 = 50;
-/// Commands kept of each of the two.
-const KEPT: usize = 256;
+/// The consumers' limiters let through so much of a change of kind at once, over the largest command.
+const STEP_SHARE: f64 = 0.1;
+/// Commands kept of each of the two, and readings: more than lockstep lets pass at once.
+const KEPT: usize = 2048;
 
 /// Two streams of commands of one slot, compared instant by instant.
 #[derive(Debug)]
 pub(super) struct Gatekeeper {
-    axes: [Axis; 4],
+    yardstick: Yardstick,
     gate: Gate,
     candidate: u32,
     owner: u32,
@@ -20,10 +24,14 @@ pub(super) struct Gatekeeper {
     track_until_ns: u64,
     from_candidate: VecDeque<Commanded>,
     from_owner: VecDeque<Commanded>,
+    /// Instants and readings of the deployable angle \[rad\].
+    angles: VecDeque<(u64, f64)>,
     /// Steps that the candidate had missed when it was first heard of.
     missed_before: Option<u64>,
     /// Realtime: a machine that makes everybody late now and then is no fault of the candidate.
     patient: bool,
+    /// Largest step that the consumer makes at the flip, over the largest command.
+    step_max: f64,
     /// The flip, once it is known \[ns\], and the bump there, per axis over the largest command.
     flip_ns: Option<u64>,
     bump: Option<[f64; 4]>,
@@ -31,22 +39,25 @@ pub(super) struct Gatekeeper {
 
 impl Gatekeeper {
     pub(super) fn new(
-        axes: [Axis; 4],
+        yardstick: Yardstick,
         limits: GateLimits,
         (candidate, owner): (u32, u32),
         (tracks, track_until_ns): (bool, u64),
         patient: bool,
     ) -> Self {
         Self {
-            axes,
-            gate: Gate::new(axes, limits, tracks),
+            yardstick,
+            gate: Gate::new(yardstick.axes(), limits, tracks),
             candidate,
             owner,
             track_until_ns,
             from_candidate: VecDeque::with_capacity(KEPT),
             from_owner: VecDeque::with_capacity(KEPT),
+            angles: VecDeque::with_capacity(KEPT),
             missed_before: None,
             patient,
+            // Slopes are asked of another kind only, and so is the limiter.
+            step_max: if limits.slope_min.is_finite() { STEP_SHARE } else { f64::INFINITY },
             flip_ns: None,
             bump: None,
         }
@@ -62,11 +73,29 @@ impl Gatekeeper {
             seat if seat == self.owner => &mut self.from_owner,
             _ => return Ok(()),
         };
-        if queue.len() == KEPT {
-            queue.pop_front();
-        }
-        queue.push_back(*command);
+        push(queue, *command);
         self.compare()
+    }
+
+    /// Takes a reading of the deployable angle \[rad\].
+    ///
+    /// # Errors
+    /// The candidate did what no controller may do.
+    pub(super) fn morphs(&mut self, at_ns: u64, angle_rad: f64) -> Result<(), Refusal> {
+        push(&mut self.angles, (at_ns, angle_rad));
+        self.compare()
+    }
+
+    /// Largest command at an instant; `None` until the deployable angle there is known. Whatever the
+    /// order in which topics were read, it is the same.
+    fn u_max(&self, at_ns: u64) -> Option<[f64; 4]> {
+        if !self.yardstick.morphs() {
+            return Some(self.yardstick.largest(MorphAngle::MIN));
+        }
+        self.angles.back().filter(|(known_ns, _)| *known_ns >= at_ns)?;
+        let then = self.angles.iter().rev().find(|(reading_ns, _)| *reading_ns <= at_ns);
+        let (_, angle_rad) = *then.or_else(|| self.angles.front())?;
+        Some(self.yardstick.largest(MorphAngle::saturating_from_rad(angle_rad)?))
     }
 
     /// Compares all that both have said something about.
@@ -76,21 +105,27 @@ impl Gatekeeper {
             if newest.effective_ns < candidate.effective_ns {
                 return Ok(());
             }
+            let Some(u_max) = self.u_max(candidate.release_ns) else { return Ok(()) };
             let candidate = *candidate;
             self.from_candidate.pop_front();
             let before = |owner: &&Commanded| owner.effective_ns <= candidate.effective_ns;
             let Some(owner) = self.from_owner.iter().rev().find(before).copied() else { continue };
-            self.measure(&candidate, &owner)?;
+            self.measure(&candidate, &owner, u_max)?;
         }
         Ok(())
     }
 
-    fn measure(&mut self, candidate: &Commanded, owner: &Commanded) -> Result<(), Refusal> {
+    fn measure(
+        &mut self,
+        candidate: &Commanded,
+        owner: &Commanded,
+        u_max: [f64; 4],
+    ) -> Result<(), Refusal> {
         if let Some(flip_ns) = self.flip_ns {
             if candidate.effective_ns >= flip_ns && self.bump.is_none() {
                 let over = |i: usize| {
-                    (candidate.value[i] - owner.value[i]).abs()
-                        / self.axes[i].u_max().max(f64::MIN_POSITIVE)
+                    let step = (candidate.value[i] - owner.value[i]).abs();
+                    (step / u_max[i].max(f64::MIN_POSITIVE)).min(self.step_max)
                 };
                 self.bump = Some(core::array::from_fn(over));
             }
@@ -102,6 +137,7 @@ impl Gatekeeper {
             effective_ns: candidate.effective_ns,
             candidate: candidate.value,
             owner: owner.value,
+            u_max,
         };
         self.gate.compare(phase, &pair)
     }
@@ -136,9 +172,17 @@ impl Gatekeeper {
         self.bump = None;
     }
 
-    /// Largest difference of the two commands for the instant of the flip, per axis over the largest
-    /// command; none before it has been seen.
+    /// Difference of the two commands for the instant of the flip, as the consumer's limiter lets it
+    /// through, per axis over the largest command; none before it has been seen.
     pub(super) fn bump(&self) -> Option<[f64; 4]> {
         self.bump
     }
+}
+
+/// Keeps the newest.
+fn push<T>(queue: &mut VecDeque<T>, value: T) {
+    if queue.len() == KEPT {
+        queue.pop_front();
+    }
+    queue.push_back(value);
 }

@@ -31,8 +31,8 @@ pub struct SwapReport {
     pub worst: [f64; 2],
     /// Root mean square of it running free, worst axis.
     pub rms: f64,
-    /// Difference of the two commands for the instant of the change, worst axis over the largest
-    /// command.
+    /// Difference of the two commands for the instant of the change, as far as it is applied at once,
+    /// worst axis over the largest command.
     pub bump: Option<f64>,
     /// How it ended, in words.
     pub outcome: String,

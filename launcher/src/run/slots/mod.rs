@@ -14,7 +14,6 @@ mod seating;
 mod telling;
 mod watch;
 
-pub(crate) use facts::largest_commands;
 pub use ledger::SwapReport;
 pub(super) use ledger::write_table;
 pub(crate) use posts::Posts;
@@ -28,7 +27,7 @@ use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
 use crate::control::{Reply, Request as Asked};
-use facts::axes;
+use facts::Yardstick;
 use gatekeeper::Gatekeeper;
 use runtime::Graph;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
@@ -36,8 +35,9 @@ use slot::gate::GateLimits;
 use slot::supervisor::{Event, Fault, Now, SlotConfig};
 use slot::{Action, Program, Report, Request, Seat, Target};
 use std::collections::BTreeMap;
+use vehicle::VehicleParameters;
 
-/// Wall time that a process may take to leave, or to say hello \[ns\].
+/// Wall time that a process may take to leave \[ns\].
 const PATIENCE_NS: u64 = 10_000_000_000;
 
 /// A sentence about a slot, for whoever follows the flight.
@@ -87,18 +87,22 @@ pub(crate) struct Slots {
     orders: Orders,
     /// How a service of this executable is started.
     pattern: Option<ChildSpec>,
-    u_max: Vec<(Role, [f64; 4])>,
+    vehicle: VehicleParameters,
+    /// Wall time that a process may take to say hello \[ns\].
+    startup_ns: u64,
     mode: ClockMode,
     pub(crate) reports: Vec<SwapReport>,
     pub(crate) news: Vec<News>,
 }
 
 impl Slots {
-    /// The slots of a flight whose first owners are `specs`; `u_max` is the largest command of each.
+    /// The slots of a flight whose first owners are `specs`, and where others have `startup_ns` of wall
+    /// time to say hello; whose controllers model `vehicle`.
     pub(crate) fn new(
         mode: ClockMode,
         specs: &[(Role, ChildSpec)],
-        u_max: Vec<(Role, [f64; 4])>,
+        vehicle: VehicleParameters,
+        startup_ns: u64,
     ) -> Self {
         let config = match mode {
             ClockMode::Lockstep => SlotConfig::LOCKSTEP,
@@ -117,7 +121,7 @@ impl Slots {
             around.insert(slot, Around::default());
         }
         let (reports, news) = (Vec::new(), Vec::new());
-        Self { machines, around, orders, pattern, u_max, mode, reports, news }
+        Self { machines, around, orders, pattern, vehicle, startup_ns, mode, reports, news }
     }
 
     /// How a program is started.
@@ -237,7 +241,15 @@ impl Slots {
         if let Some(answer) = answer {
             self.orders.follow(ordered, &self.machines, &actions, answer);
         }
-        self.carry_out(slot, actions, means)
+        self.carry_out(slot, actions, means)?;
+        if let (Request::Swap(Target::Seated(seat), _), Some(owner), false) =
+            (ordered.request, from, refused)
+        {
+            // It has been there all along, and is handed nothing.
+            let alike = self.machines.get(&slot).is_some_and(|m| m.are_alike(owner, seat));
+            self.open_gate(slot, seat, alike, 0, means);
+        }
+        Ok(())
     }
 
     /// Takes in everything that has happened; call once per round of the launcher's loop.
@@ -276,8 +288,9 @@ impl Slots {
 
     /// Expects something of a seat before patience is over.
     fn expect(&mut self, slot: Slot, seat: Seat, what: Expected, means: &Means<'_>) {
+        let patience_ns = if what == Expected::Hello { self.startup_ns } else { PATIENCE_NS };
         if let Some(around) = self.around.get_mut(&slot) {
-            around.expected.push((seat, what, means.now_mono_ns.saturating_add(PATIENCE_NS)));
+            around.expected.push((seat, what, means.now_mono_ns.saturating_add(patience_ns)));
         }
     }
 
@@ -350,19 +363,19 @@ impl Slots {
         if machine.candidate() != Some(seat) || owner == seat {
             return;
         }
-        let u_max = self.u_max.iter().find(|(role, _)| *role == slot.role());
-        let axes = axes(slot.role(), &u_max.map_or([1.0; 4], |(_, u_max)| *u_max));
+        let yardstick = Yardstick::of(slot.role(), &self.vehicle);
         let Some(around) = self.around.get_mut(&slot) else { return };
         let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
         if let Some(max_bump) = around.max_bump {
-            limits.tracking = max_bump;
-            limits.free_rms = max_bump;
-            limits.free_peak = limits.free_peak.max(max_bump);
+            limits = limits.within(max_bump);
+        }
+        let patient = self.mode != ClockMode::Lockstep;
+        if patient {
+            limits = limits.patient();
         }
         let tracks = !same_kind && track_until_ns > means.now.logical_ns;
         let who = (u32::from(seat), u32::from(owner));
-        let patient = self.mode != ClockMode::Lockstep;
-        let gate = Gatekeeper::new(axes, limits, who, (tracks, track_until_ns), patient);
+        let gate = Gatekeeper::new(yardstick, limits, who, (tracks, track_until_ns), patient);
         around.gate = Some(gate);
     }
 

@@ -64,7 +64,7 @@ fn order(swap: &SwapSettings) -> Request {
     Request::Swap(Order {
         slot: swap.slot.label().to_owned(),
         to: swap.to.clone(),
-        config: None,
+        config: swap.config.clone(),
         shadow_ns: nanoseconds(swap.shadow_s),
         max_bump: swap.max_bump,
         rollback_ns: nanoseconds(swap.rollback_s),

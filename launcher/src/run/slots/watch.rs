@@ -1,7 +1,7 @@
 //! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
 
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Header, LoopStats, Role, Sample,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Header, LoopStats, MorphAngle, Role, Sample,
     WrenchCommand,
 };
 use std::any::Any;
@@ -34,6 +34,8 @@ pub(crate) enum Seen {
     Command(Commanded),
     /// A consumer changed its mind, or says for the first time what it thinks.
     Obeys { slot: Role, by_seat: u32, obeyed: Obeyed },
+    /// The encoder's reading.
+    Angle { at_ns: u64, angle_rad: f64 },
     /// A process on a seat has missed so many steps since its start.
     Missed { slot: Role, seat: u32, steps: u64, at_ns: u64 },
 }
@@ -77,6 +79,9 @@ impl SlotWatch {
             let by_seat = applied.header.seat;
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.obeys(Role::Position, by_seat, place, obeyed);
+        } else if let Some(reading) = any.downcast_ref::<MorphAngle>() {
+            let (at_ns, angle_rad) = (reading.header.release_ns, reading.angle_rad);
+            self.seen.push(Seen::Angle { at_ns, angle_rad });
         } else if let Some(stats) = any.downcast_ref::<LoopStats>()
             && matches!(stats.role, Role::Attitude | Role::Position)
         {

@@ -134,6 +134,17 @@ impl VehicleParameters {
         Vector3::new(tilt, tilt, self.yaw_coefficient_m * weight)
     }
 
+    /// T \[N\] of hover and, by (1), the torques \[N m\] that rotors can add to it at `beta`: the unit in
+    /// which steps of commands and disagreements about them are measured.
+    #[must_use]
+    pub fn largest_wrench(&self, beta: MorphAngle) -> [f64; 4] {
+        let weight_n = self.weight_n();
+        // The pair that slows down can give up half of the weight, the other as much as is left.
+        let spare_n = (0.5 * weight_n).min(2.0 * self.rotor_thrust_max_n - 0.5 * weight_n).max(0.0);
+        let tilt_nm = self.geometry.arm_length_m(beta) * spare_n;
+        [weight_n, tilt_nm, tilt_nm, 2.0 * self.yaw_coefficient_m * spare_n]
+    }
+
     /// The control allocation for the arms at `beta`.
     #[must_use]
     pub fn allocator(&self, beta: MorphAngle) -> Allocator {

@@ -6,8 +6,8 @@ use crate::ownership::Standing;
 use shared_types::{AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord};
 use slot::{Command, Standing as Seated};
 
-/// A change of kind may step the tilt at once by 10 % of this bound of the position loops \[rad\].
-const TILT_BOUND_RAD: f64 = 0.35;
+/// Bound on the tilt that a position loop asks for, the unit in which steps of it are measured \[rad\].
+pub const TILT_BOUND_RAD: f64 = 0.35;
 /// Share of a bound by which a change of kind may step at once.
 const STEP_SHARE: f64 = 0.1;
 

@@ -5,13 +5,20 @@
 //! flew is seen there, and only there do a wrong sign and a wrong gain show. A candidate of the same
 //! kind restores the owner's state and is free from the start.
 //!
-//! All disagreement is `|u_candidate − u_owner|` per axis over `u_max`.
+//! All disagreement is `|u_candidate − u_owner|` per axis over the largest command. What noise alone
+//! could have made is held against nobody: means and slopes are judged by more than their margins
+//! (`fit.rs`). [`GateLimits`] says how much is allowed and why.
 
+mod fit;
 mod limits;
+mod measure;
 mod refusal;
 
+pub use fit::Estimate;
 pub use limits::{Axis, GateLimits};
 pub use refusal::Refusal;
+
+use measure::Measure;
 
 /// Part of the shadow window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -40,12 +47,14 @@ pub struct Pair {
     pub candidate: [f64; 4],
     /// Owner's command in effect then.
     pub owner: [f64; 4],
+    /// Largest command there, the unit of disagreement.
+    pub u_max: [f64; 4],
 }
 
 /// A disagreement and where it was.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Worst {
-    /// Over `u_max`.
+    /// Over the largest command.
     pub value: f64,
     /// Effective instant \[ns\].
     pub at_ns: u64,
@@ -62,43 +71,12 @@ pub struct GateFigures {
     pub tracking_worst: [Worst; 4],
     /// Worst disagreement running free.
     pub free_worst: [Worst; 4],
-    /// Its root mean square, over `u_max`.
+    /// Its root mean square, over the largest command.
     pub free_rms: [f64; 4],
     /// Slope of the candidate's free commands over the owner's; `None` where the owner was quiet.
-    pub slope: [Option<f64>; 4],
+    pub slope: [Option<Estimate>; 4],
     /// Deadlines missed.
     pub missed: u64,
-}
-
-/// Running sums of one axis over the free window, in units of `u_max`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Sums {
-    owner: f64,
-    candidate: f64,
-    owner_squared: f64,
-    product: f64,
-    difference_squared: f64,
-}
-
-impl Sums {
-    fn add(&mut self, candidate: f64, owner: f64) {
-        self.owner += owner;
-        self.candidate += candidate;
-        self.owner_squared += owner * owner;
-        self.product += owner * candidate;
-        self.difference_squared += (candidate - owner) * (candidate - owner);
-    }
-
-    fn rms(&self, count: f64) -> f64 {
-        (self.difference_squared / count).sqrt()
-    }
-
-    /// Least-squares slope of candidate over owner, if the owner moves by `activity` or more.
-    fn slope(&self, count: f64, activity: f64) -> Option<f64> {
-        let variance = (self.owner_squared - self.owner * self.owner / count) / count;
-        let covariance = (self.product - self.owner * self.candidate / count) / count;
-        (variance >= activity * activity && variance > 0.0).then(|| covariance / variance)
-    }
 }
 
 /// The gate of one shadow window.
@@ -108,8 +86,9 @@ pub struct Gate {
     limits: GateLimits,
     /// Whether there is a tracking phase at all.
     tracks: bool,
-    figures: GateFigures,
-    sums: [Sums; 4],
+    /// One step ahead, running free.
+    measured: [[Measure; 4]; 2],
+    missed: u64,
     last_ns: u64,
     first_miss_ns: u64,
     /// What no window makes good: the first of its kind.
@@ -124,8 +103,8 @@ impl Gate {
             axes,
             limits,
             tracks,
-            figures: GateFigures::default(),
-            sums: [Sums::default(); 4],
+            measured: Default::default(),
+            missed: 0,
             last_ns: 0,
             first_miss_ns: 0,
             broken: None,
@@ -149,41 +128,47 @@ impl Gate {
         if !pair.owner.iter().all(|u| u.is_finite()) {
             return Ok(());
         }
-        let (count, worst) = match phase {
-            Phase::Tracking => (&mut self.figures.tracked, &mut self.figures.tracking_worst),
-            Phase::Free => (&mut self.figures.free, &mut self.figures.free_worst),
-        };
-        *count += 1;
-        for (i, axis) in self.axes.iter().enumerate() {
-            let scale = 1.0 / axis.u_max().max(f64::MIN_POSITIVE);
+        let limits = self.limits;
+        for (i, measure) in self.of_mut(phase).iter_mut().enumerate() {
+            let scale = 1.0 / pair.u_max[i].max(f64::MIN_POSITIVE);
             let (candidate, owner) = (pair.candidate[i] * scale, pair.owner[i] * scale);
-            let value = (candidate - owner).abs();
-            if value > worst[i].value {
-                worst[i] = Worst { value, at_ns: pair.effective_ns };
-            }
-            if phase == Phase::Free {
-                self.sums[i].add(candidate, owner);
-            }
+            measure.add(&limits, pair.effective_ns, candidate, owner);
         }
         Ok(())
     }
 
+    fn of(&self, phase: Phase) -> &[Measure; 4] {
+        &self.measured[usize::from(phase == Phase::Free)]
+    }
+
+    fn of_mut(&mut self, phase: Phase) -> &mut [Measure; 4] {
+        &mut self.measured[usize::from(phase == Phase::Free)]
+    }
+
+    fn seen(&self, phase: Phase) -> u64 {
+        self.of(phase)[0].count()
+    }
+
     /// The candidate gave no command for an instant in time.
     pub fn miss(&mut self, at_ns: u64) {
-        if self.figures.missed == 0 {
+        if self.missed == 0 {
             self.first_miss_ns = at_ns;
         }
-        self.figures.missed += 1;
+        self.missed += 1;
     }
 
     /// What has been measured so far.
     #[must_use]
     pub fn figures(&self) -> GateFigures {
-        let count = self.figures.free.max(1) as f64;
+        let free = self.of(Phase::Free);
         GateFigures {
-            free_rms: self.sums.map(|sums| sums.rms(count)),
-            slope: self.sums.map(|sums| sums.slope(count, self.limits.activity_min)),
-            ..self.figures
+            tracked: self.seen(Phase::Tracking),
+            free: self.seen(Phase::Free),
+            tracking_worst: self.of(Phase::Tracking).each_ref().map(Measure::worst),
+            free_worst: free.each_ref().map(Measure::worst),
+            free_rms: free.each_ref().map(Measure::rms),
+            slope: free.each_ref().map(|measure| measure.slope(&self.limits)),
+            missed: self.missed,
         }
     }
 
@@ -196,57 +181,26 @@ impl Gate {
         if let Some(refusal) = &self.broken {
             return Err(refusal.clone());
         }
-        let figures = self.figures();
-        self.judge_effort(&figures)?;
-        self.judge_instants(Phase::Tracking, &figures.tracking_worst, self.limits.tracking)?;
-        self.judge_slopes(&figures)?;
-        self.judge_instants(Phase::Free, &figures.free_worst, self.limits.free_peak)?;
-        self.judge_rms(&figures)?;
-        Ok(figures)
+        self.judge_effort()?;
+        for phase in [Phase::Tracking, Phase::Free] {
+            for (axis, measure) in self.axes.iter().zip(self.of(phase)) {
+                measure.judge(&self.limits, phase, axis.name, self.last_ns)?;
+            }
+        }
+        Ok(self.figures())
     }
 
-    fn judge_effort(&self, figures: &GateFigures) -> Result<(), Refusal> {
+    fn judge_effort(&self) -> Result<(), Refusal> {
         let limit = self.limits.missed_max;
-        if figures.missed > limit {
-            let (missed, at_ns) = (figures.missed, self.first_miss_ns);
+        if self.missed > limit {
+            let (missed, at_ns) = (self.missed, self.first_miss_ns);
             return Err(Refusal::MissedDeadlines { missed, limit, at_ns });
         }
         let limit = self.limits.instants_min;
-        if self.tracks && figures.tracked < limit {
-            return Err(Refusal::TooFew { phase: Phase::Tracking, seen: figures.tracked, limit });
-        }
-        if figures.free < limit {
-            return Err(Refusal::TooFew { phase: Phase::Free, seen: figures.free, limit });
-        }
-        Ok(())
-    }
-
-    fn judge_instants(&self, phase: Phase, all: &[Worst; 4], limit: f64) -> Result<(), Refusal> {
-        for (axis, worst) in self.axes.iter().zip(all) {
-            if worst.value > limit {
-                let Worst { value, at_ns } = *worst;
-                return Err(Refusal::TooFar { phase, axis: axis.name, value, limit, at_ns });
-            }
-        }
-        Ok(())
-    }
-
-    fn judge_slopes(&self, figures: &GateFigures) -> Result<(), Refusal> {
-        let (min, max) = (self.limits.slope_min, self.limits.slope_max);
-        for (axis, slope) in self.axes.iter().zip(figures.slope) {
-            if let Some(value) = slope.filter(|slope| !(min..=max).contains(slope)) {
-                let at_ns = self.last_ns;
-                return Err(Refusal::WrongSlope { axis: axis.name, value, min, max, at_ns });
-            }
-        }
-        Ok(())
-    }
-
-    fn judge_rms(&self, figures: &GateFigures) -> Result<(), Refusal> {
-        for (axis, value) in self.axes.iter().zip(figures.free_rms) {
-            let (limit, at_ns) = (self.limits.free_rms, self.last_ns);
-            if value > limit {
-                return Err(Refusal::TooFarOnTheWhole { axis: axis.name, value, limit, at_ns });
+        for phase in [Phase::Tracking, Phase::Free] {
+            let seen = self.seen(phase);
+            if seen < limit && (self.tracks || phase == Phase::Free) {
+                return Err(Refusal::TooFew { phase, seen, limit });
             }
         }
         Ok(())

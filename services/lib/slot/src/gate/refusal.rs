@@ -49,12 +49,14 @@ pub enum Refusal {
         /// Effective instant \[ns\].
         at_ns: u64,
     },
-    /// It and the owner differ too much over the free window.
+    /// It and the owner differ too much over a part of the window.
     #[error(
-        "running free until {:.6} s, its {axis} differs from the owner's by {:.3} % rms of the largest command; {:.3} % is allowed (--force overrides)",
+        "{phase} until {:.6} s, its {axis} differs from the owner's by {:.3} % rms of the largest command; {:.3} % is allowed (--force overrides)",
         *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
     )]
     TooFarOnTheWhole {
+        /// Part of the window.
+        phase: Phase,
         /// Axis.
         axis: &'static str,
         /// Root mean square over `u_max`.
@@ -64,9 +66,26 @@ pub enum Refusal {
         /// Last effective instant \[ns\].
         at_ns: u64,
     },
+    /// It and the owner differ by something that lasts.
+    #[error(
+        "{phase} until {:.6} s, its {axis} is off the owner's by {:.3} % of the largest command on average; {:.3} % is allowed (--force overrides)",
+        *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
+    )]
+    TooFarOnAverage {
+        /// Part of the window.
+        phase: Phase,
+        /// Axis.
+        axis: &'static str,
+        /// Mean of candidate less owner, over `u_max`.
+        value: f64,
+        /// Limit over `u_max`.
+        limit: f64,
+        /// Last effective instant \[ns\].
+        at_ns: u64,
+    },
     /// It answers with the wrong sign, or far too much or too little.
     #[error(
-        "running free until {:.6} s, its {axis} follows the owner's with slope {value:.3}; {min:.3} to {max:.3} is allowed (wrong sign or gain? --force overrides)",
+        "running free until {:.6} s, its {axis} follows the owner's with slope {value:.3} ± {margin:.3}; {min:.3} to {max:.3} is allowed (wrong sign or gain? --force overrides)",
         *at_ns as f64 * 1e-9
     )]
     WrongSlope {
@@ -74,10 +93,27 @@ pub enum Refusal {
         axis: &'static str,
         /// Slope.
         value: f64,
+        /// Three standard errors of it.
+        margin: f64,
         /// Least allowed.
         min: f64,
         /// Most allowed.
         max: f64,
+        /// Last effective instant \[ns\].
+        at_ns: u64,
+    },
+    /// Where the owner's goes up, it goes down.
+    #[error(
+        "running free until {:.6} s, its {axis} changes against the owner's, with slope {value:.3} ± {margin:.3} (wrong sign? --force overrides)",
+        *at_ns as f64 * 1e-9
+    )]
+    WrongWay {
+        /// Axis.
+        axis: &'static str,
+        /// Slope of its changes over the owner's.
+        value: f64,
+        /// Three standard errors of it.
+        margin: f64,
         /// Last effective instant \[ns\].
         at_ns: u64,
     },
@@ -112,7 +148,11 @@ impl Refusal {
     pub fn yields_to_force(&self) -> bool {
         matches!(
             self,
-            Self::TooFar { .. } | Self::TooFarOnTheWhole { .. } | Self::WrongSlope { .. }
+            Self::TooFar { .. }
+                | Self::TooFarOnTheWhole { .. }
+                | Self::TooFarOnAverage { .. }
+                | Self::WrongSlope { .. }
+                | Self::WrongWay { .. }
         )
     }
 }

@@ -289,6 +289,13 @@ impl Slot {
         }
     }
 
+    /// True if both are there and have states of the same layout.
+    #[must_use]
+    pub fn are_alike(&self, a: Seat, b: Seat) -> bool {
+        let layout = self.chairs.layout(a);
+        layout.is_some() && layout == self.chairs.layout(b)
+    }
+
     /// True if `seat` is taken by somebody who is there or on the way, leaving included.
     #[must_use]
     pub fn is_taken(&self, seat: Seat) -> bool {

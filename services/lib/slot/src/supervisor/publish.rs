@@ -135,7 +135,10 @@ impl Slot {
         }
         match self.phase {
             Phase::Flipping { new, old, epoch: from, rollback_ns } if epoch >= from => {
-                step(out, Step::Flipped { seat: new, epoch, at_ns });
+                // The consumer tells it at its next step; its record says from when on.
+                let record = self.ledger.newest().filter(|record| record.epoch == epoch);
+                let since_ns = record.map_or(at_ns, |record| record.effective_ns.min(at_ns));
+                step(out, Step::Flipped { seat: new, epoch, at_ns: since_ns });
                 let until_ns = at_ns.saturating_add(rollback_ns);
                 self.phase = Phase::Window { new, old, until_ns };
                 if !self.chairs.is_seated(old) {

@@ -6,6 +6,10 @@ use super::{Clock, Goal, Phase, Slot, Stage, step};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
 
+/// Another kind runs free for half of its window, but no longer than this: nobody acts on its integrals,
+/// and a controller that does not look at what is applied would wind them up \[ns\].
+const FREE_MAX_NS: u64 = 2_000_000_000;
+
 impl Slot {
     /// A process has connected: the candidate, or the owner that was started again.
     pub(super) fn ready(
@@ -23,7 +27,7 @@ impl Slot {
                 self.settle(now.logical_ns);
                 self.publish(now, seat, None, out);
                 if !first {
-                    let join_ns = self.join_ns(now);
+                    let join_ns = self.join_ns(now, seat);
                     let state_of = Some(seat);
                     let track_until_ns = join_ns;
                     out.push(Action::HandOver { seat, state_of, join_ns, track_until_ns });
@@ -37,11 +41,17 @@ impl Slot {
         }
     }
 
-    /// When somebody new begins: with the record that seats it, just written.
-    fn join_ns(&self, now: Now) -> u64 {
+    /// When somebody new begins: with the record that seats it, just written. In realtime at one of
+    /// its effective instants, so that a window of whole periods ends at one, and the flip need not
+    /// wait for the next.
+    fn join_ns(&self, now: Now, seat: Seat) -> u64 {
         match self.config.clock {
             Clock::Lockstep => now.allowed_ns,
-            Clock::Realtime => self.ledger.effective_ns(),
+            Clock::Realtime => {
+                let at_ns = self.ledger.effective_ns();
+                let instance = self.chairs.instance(seat);
+                instance.map_or(at_ns, |instance| instance.effective_at_or_after(at_ns))
+            }
         }
     }
 
@@ -56,9 +66,11 @@ impl Slot {
         let Some(owner) = self.ledger.owner() else { return };
         let same_kind = self.chairs.layout(owner) == Some(instance.layout);
         self.publish(now, owner, None, out);
-        let join_ns = self.join_ns(now);
-        let half_ns = if same_kind { 0 } else { goal.shadow_ns() / 2 };
-        let track_until_ns = join_ns.saturating_add(half_ns);
+        let join_ns = self.join_ns(now, seat);
+        let shadow_ns = goal.shadow_ns();
+        let free_ns = (shadow_ns - shadow_ns / 2).min(FREE_MAX_NS);
+        let tracking_ns = if same_kind { 0 } else { shadow_ns - free_ns };
+        let track_until_ns = join_ns.saturating_add(tracking_ns);
         let stage = if same_kind { Stage::Free } else { Stage::Tracking };
         let until_ns = join_ns.saturating_add(goal.shadow_ns());
         self.phase = Phase::Shadowing { seat, goal, track_until_ns, until_ns, stage };

@@ -196,7 +196,8 @@ fn a_candidate_is_refused_with_its_reason_and_the_owner_flies_on() {
 
 #[test]
 fn force_overrules_disagreement_and_nothing_else() {
-    let far = Refusal::TooFarOnTheWhole { axis: "τx", value: 0.5, limit: 0.1, at_ns: 1 };
+    let phase = crate::gate::Phase::Free;
+    let far = Refusal::TooFarOnTheWhole { phase, axis: "τx", value: 0.5, limit: 0.1, at_ns: 1 };
     for (refusal, flips) in [(far, true), (failed(), false)] {
         let mut desk = Desk::new(SlotConfig::LOCKSTEP);
         let forced = Order { force: true, ..order(MS) };

@@ -1,0 +1,124 @@
+//! Whoever may not fly does not, for the right reason, and the flight does not notice.
+//!
+//! Candidates are processes of an executable of their own, `tests/common/rogue`, which flies like the template
+//! for users' controllers until its `--config` says otherwise.
+
+mod common;
+
+use common::processes::{Running, kill};
+use common::{morphquad, turn};
+use rustix::process::Signal;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+/// The executable, built by whoever asks first.
+fn rogue() -> &'static str {
+    static BUILT: OnceLock<String> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let ours = Path::new(env!("CARGO_BIN_EXE_morphquad"));
+        let target: PathBuf = ours.ancestors().nth(2).expect("target/PROFILE/morphquad").into();
+        let built = Command::new(env!("CARGO"))
+            .args(["build", "--release", "--offline", "--example", "rogue", "--target-dir"])
+            .arg(&target)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .output()
+            .expect("cargo runs");
+        assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+        target.join("release/examples/rogue").display().to_string()
+    })
+}
+
+/// What it is told.
+fn config(folder: &TempDir, what: &str, from_s: f64, amount: f64) -> String {
+    let path = folder.path().join(format!("{what}{from_s}.toml"));
+    let text = format!("what = {what:?}\nfrom_s = {from_s:?}\namount = {amount:?}\n");
+    std::fs::write(&path, text).expect("room");
+    path.display().to_string()
+}
+
+struct Said {
+    code: Option<i32>,
+    words: String,
+}
+
+fn say(arguments: &[&str]) -> Said {
+    let output = morphquad(arguments).output().expect("the executable starts");
+    let mut words = String::from_utf8_lossy(&output.stdout).into_owned();
+    words.push_str(&String::from_utf8_lossy(&output.stderr));
+    Said { code: output.status.code(), words }
+}
+
+#[test]
+fn every_refusal_has_its_exit_code() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let running = Running::start_and_fly(&["hover", "--for", "120s", "--speed", "4"]);
+    let run = ["--run", running.id()];
+    let swap = |rest: &[&str]| say(&[&["swap"], rest, &run].concat());
+    for (what, amount, code, words) in [
+        ("offset", 0.1, 1, "is allowed"),
+        ("not-a-number", 0.0, 1, "NaN"),
+        ("crash", 0.0, 1, ""),
+        ("crash-at-once", 0.0, 1, ""),
+        ("old-build", 0.0, 1, ""),
+    ] {
+        let config = config(&folder, what, 0.0, amount);
+        let said = swap(&["attitude", "--to", rogue(), "--config", &config, "--shadow", "600ms"]);
+        assert_eq!(said.code, Some(code), "{what}: {}", said.words);
+        assert!(said.words.contains(words), "{what}: {}", said.words);
+    }
+    for (rest, code, words) in [
+        (&["altitude", "--to", "attitude-mpc"][..], 2, "slot"),
+        (&["attitude", "--to", "attitude-mpq"], 2, "attitude-mpq"),
+        (&["attitude", "--to", "position-mpc"], 2, "position"),
+        (&["attitude", "--to", "attitude-mpc@0"], 2, "already"),
+    ] {
+        let said = swap(rest);
+        assert_eq!(said.code, Some(code), "{rest:?}: {}", said.words);
+        assert!(said.words.contains(words), "{rest:?}: {}", said.words);
+    }
+    let said = say(&["swap", "attitude", "--to", "attitude-mpc", "--run", "no-such-run"]);
+    assert_eq!(said.code, Some(2), "{}", said.words);
+    let second = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "1"]);
+    let said = say(&["swap", "attitude", "--to", "attitude-mpc"]);
+    assert_eq!(said.code, Some(2), "{}", said.words);
+    assert!(said.words.contains(running.id()) && said.words.contains("--run"), "{}", said.words);
+    end(second);
+    // A shadow of a minute is still there when the next is asked for.
+    let mut first = morphquad(["swap", "attitude", "--to", "attitude-pid", "--shadow", "60s"])
+        .args(run)
+        .spawn()
+        .expect("the executable starts");
+    common::processes::wait_until("the candidate", || {
+        say(&["ps", "--run", running.id()]).words.contains("attitude-pid")
+    });
+    let said = swap(&["attitude", "--to", "attitude-lqr"]);
+    assert_eq!(said.code, Some(3), "{}", said.words);
+    common::processes::wait_until("its departure", || {
+        say(&["retire", "attitude-pid", "--run", running.id()]).code == Some(0)
+    });
+    assert_eq!(first.wait().expect("it ends").code(), Some(1));
+    end(running);
+}
+
+fn end(mut running: Running) {
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    assert_eq!(running.wait().code, Some(130));
+}
+
+/// Only in realtime can one be late.
+#[test]
+fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let running =
+        Running::start_and_fly(&["hover", "--clock", "realtime", "--speed", "0.5", "--for", "60s"]);
+    let config = config(&folder, "late", 0.0, 0.05);
+    let order = ["swap", "attitude", "--to", rogue(), "--config", &config, "--shadow", "1s"];
+    let said = say(&[&order[..], &["--run", running.id()]].concat());
+    assert_eq!(said.code, Some(1), "{}", said.words);
+    assert!(said.words.contains("deadlines"), "{}", said.words);
+    end(running);
+}
