@@ -93,26 +93,49 @@ fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_fligh
     }
 }
 
-/// Swaps between kinds: each slot always has a commander, and nothing jumps.
+/// Swaps of one slot and, at any step of some of them, the death or stop of whoever flies there: the old
+/// one, the new one or the standby. After it the slot has time to get another fallback warm.
+fn storm(
+    random: &mut ChaCha8Rng,
+    slot: &str,
+    names: &[&str],
+    windows_ms: [u64; 2],
+) -> (Vec<String>, Vec<String>) {
+    let [shadow, rollback] = windows_ms;
+    let (mut swaps, mut faults) = (Vec::new(), Vec::new());
+    let mut at_ms = 1_500 + below(random, 200);
+    while at_ms + shadow + rollback < 18_500 {
+        let name = pick(random, names);
+        swaps.push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms"));
+        let over = shadow + rollback + 120;
+        if below(random, 2) == 0 {
+            let who = pick(random, &[names[0], name]);
+            let kind = pick(random, &["kill", "stop"]);
+            faults.push(format!("{kind}:{who}@{}ms", at_ms + below(random, over)));
+            at_ms += 1_800;
+        }
+        at_ms += over + below(random, 200);
+    }
+    (swaps, faults)
+}
+
+/// Both slots have a warm fallback throughout, whoever else comes, dies or stops.
 #[test]
 fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
     let _turn = turn();
     let wanted = swaps(60);
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let (mut made, mut flipped, mut worst_bump, mut furthest_m) = (0, 0, 0.0_f64, 0.0_f64);
+    let (mut ticks, mut hurt) = (0.0, 0);
     while made < wanted {
-        let attitude = script(&mut random, "attitude", &ATTITUDE, [400, 200]);
-        let position = script(&mut random, "position", &POSITION, [600, 200]);
-        let plan = by_turns(attitude, position, wanted - made);
-        // Somebody dies or stops in between; who commands then is for the protocol to say.
-        let faults: Vec<String> = (0..6)
-            .map(|_| {
-                let kind = pick(&mut random, &["kill", "stop"]);
-                let who = pick(&mut random, &["attitude-mpc", "position-mpc"]);
-                format!("{kind}:{who}@{}ms", 500 + below(&mut random, 18_000))
-            })
-            .collect();
-        let flown = fly_scripted(&["figure8-morph", "--no-record"], &plan, &faults);
+        let (mut plan, mut pain) = storm(&mut random, "attitude", &ATTITUDE, [400, 200]);
+        let (position, more) = storm(&mut random, "position", &POSITION, [600, 200]);
+        plan.extend(position);
+        pain.extend(more);
+        let standbys = ["--standby", "attitude=attitude-mpc", "--standby", "position=position-mpc"];
+        let scenario: Vec<&str> =
+            ["figure8-morph", "--no-record"].into_iter().chain(standbys).collect();
+        let flown = fly_scripted(&scenario, &plan, &pain);
         assert_eq!(flown.code, Some(0), "{}", flown.said());
         for report in reports(&flown).iter().filter(|report| !report["flipped_s"].is_null()) {
             let limit = if report["same_kind"] == true { 0.01 } else { 0.10 };
@@ -121,16 +144,44 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
             worst_bump = worst_bump.max(bump);
             flipped += 1;
         }
+        for none in ["unguided_ticks", "duplicated_ticks", "wrong_owner_ticks"] {
+            assert_eq!(flown.summary()[none], 0, "{none}: {pain:?}\n{}", flown.said());
+        }
+        ticks += flown.number("flown_s") * 1e3;
+        hurt += pain.len();
         furthest_m = furthest_m.max(flown.number("position_max_m"));
         assert!(furthest_m <= 0.5, "{}", flown.said());
         made += plan.len();
         println!(
-            "{made} swaps asked for, {flipped} made; bump at most {:.2} %, {:.0} mm from the path",
+            "{made} swaps asked for, {flipped} made, {hurt} deaths and stops; of {ticks} ticks 0 missed, \
+             0 duplicated, 0 of a wrong owner; bump at most {:.2} %, {:.0} mm from the path",
             100.0 * worst_bump,
             1e3 * furthest_m
         );
     }
     assert!(flipped > 0);
+}
+
+#[test]
+fn owner_and_fallback_killed_together_leave_nobody_in_command_and_the_vehicle_in_its_tube() {
+    let _turn = turn();
+    let standbys = ["--standby", "attitude=attitude-pid", "--standby", "position=position-pid"];
+    for [owner, fallback] in [["attitude-mpc", "attitude-pid"], ["position-mpc", "position-pid"]] {
+        let scenario: Vec<&str> =
+            ["figure8-morph", "--for", "8s"].into_iter().chain(standbys).collect();
+        let together = [owner, fallback].map(|name| format!("kill:{name}@2500ms"));
+        let flown = fly_scripted(&scenario, &[], &together);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.said());
+        assert_eq!(flown.summary()["duplicated_ticks"], 0, "{}", flown.said());
+        if owner == "attitude-mpc" {
+            // Two periods of the last command, and the rest of the way to the new one's first.
+            let unguided = flown.number("unguided_ticks");
+            assert!((1.0..=150.0).contains(&unguided), "{}", flown.said());
+        }
+        assert!(flown.number("position_max_m") <= 0.5, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
 }
 
 #[test]

@@ -26,6 +26,8 @@ sample! {
         pub command_sequence: u64,
         /// IMU sample that the command in effect descends from.
         pub command_cause_sequence: u64,
+        /// Seat of the writer of the command in effect; [`NO_SEAT`](crate::NO_SEAT) while none is.
+        pub command_seat: u32,
         /// Epoch of the owner record in effect; 0 before the first.
         pub epoch: u64,
         /// Allocated collective thrust, after rotor limits \[N\].

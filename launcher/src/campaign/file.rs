@@ -16,12 +16,13 @@ use toml::{Spanned, Value};
 const MAX_CASES: usize = 10_000_000;
 
 /// Keys, or sections, that a case does not take from `[set]` or `[grid]`, and what does instead.
-const ELSEWHERE: [(&str, &str); 7] = [
+const ELSEWHERE: [(&str, &str); 8] = [
     ("scenario.seed", "seeds are given with `seeds = ...`"),
     ("scenario.clock", "the flights of a campaign are in one process, which knows lockstep only"),
     ("scenario.speed", "the flights of a campaign go as fast as they can"),
     ("realtime", "it does nothing in lockstep, and a campaign flies in lockstep"),
     ("swap", "a campaign has no processes that could change hands"),
+    ("standby", "a campaign has no processes that could stand by"),
     ("fault", "a campaign has no processes that could fail"),
     ("launcher", "it does nothing in a campaign, whose flights have no processes"),
 ];

@@ -2,7 +2,9 @@
 
 use crate::components::{self, Crew};
 use crate::scenario::pilot::Manoeuvre;
-use crate::scenario::settings::{Clock, FaultSettings, ScenarioSettings, SwapSettings};
+use crate::scenario::settings::{
+    Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings,
+};
 use crate::scenario::{self, Scenario};
 use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
@@ -154,6 +156,10 @@ fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<(
             out,
             "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{force}{config}"
         )?;
+    }
+    for StandbySettings { slot, name, at_s, shadow_s } in &settings.standby {
+        let slot = slot.label();
+        writeln!(out, "standby {slot} {name} from {at_s} s, shadow {shadow_s} s")?;
     }
     for FaultSettings { kind, name, at_s } in &settings.fault {
         writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;

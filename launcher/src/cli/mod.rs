@@ -209,10 +209,13 @@ mod tests {
 
     #[test]
     fn check_shows_what_is_done_to_a_flight_on_purpose() {
-        let script = "--swap attitude=attitude-mpc@4.2s,max-bump=5% --fault kill:estimator@2s";
+        let script = "--swap attitude=attitude-mpc@4.2s,max-bump=5% --fault kill:estimator@2s \
+                      --standby position=position-pid";
         let (code, out, diagnostics) = morphquad(&format!("check hover {script}"));
         assert_eq!(code, exit::PASS, "{diagnostics}");
         let swap = "swap    attitude to attitude-mpc at 4.2 s, shadow 2 s, rollback 0.5 s, bump at most 0.05\n";
+        let standby = "standby position position-pid from 0.1 s, shadow 0.5 s\n";
+        assert!(out.contains(standby), "{out}");
         assert!(out.contains(swap) && out.contains("fault   kill estimator at 2 s\n"), "{out}");
     }
 
@@ -225,6 +228,7 @@ mod tests {
             "run hover --swap attitude=attitude-mpq@1s",
             "run hover --swap attitude=attitude-mpc@99s",
             "run hover --fault kill:nobody@1s",
+            "run hover --standby attitude=nobody",
         ] {
             let (code, out, diagnostics) = morphquad(bad);
             assert_eq!((code, out.as_str()), (exit::USAGE, ""));

@@ -152,6 +152,9 @@ pub struct ScenarioArguments {
     /// Another controller for a slot at a time, for example `attitude=attitude-mpc@4.2s,shadow=1s`
     #[arg(long, value_name = "SLOT=NAME@TIME")]
     pub swap: Vec<String>,
+    /// Another instance to keep warm beside a slot's owner, for example `attitude=attitude-pid`
+    #[arg(long, value_name = "SLOT=NAME")]
+    pub standby: Vec<String>,
     /// Kill or stop a process at a time, for example `kill:estimator@4.2s`
     #[arg(long, value_name = "kill|stop:NAME@TIME")]
     pub fault: Vec<String>,
@@ -167,8 +170,9 @@ impl ScenarioArguments {
         let rate = self.rate.iter().map(|argument| Override::rate(argument));
         let swap = self.swap.iter().map(|argument| Override::swap(argument));
         let fault = self.fault.iter().map(|argument| Override::fault(argument));
+        let standby = self.standby.iter().map(|argument| Override::standby(argument));
         let crew = self.crew.iter().map(|argument| Override::crew(argument));
-        let all = set.chain(rate).chain(crew).chain(swap).chain(fault);
+        let all = set.chain(rate).chain(crew).chain(swap).chain(standby).chain(fault);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
         overrides.extend(self.clock.as_deref().map(Override::clock));
         overrides.extend(self.duration.map(Override::duration));

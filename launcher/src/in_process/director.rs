@@ -62,10 +62,11 @@ pub(super) struct Director<O> {
 
 /// What of a script cannot be done within one process.
 fn refuse_processes(scenario: &Scenario) -> Result<(), InProcessError> {
-    for swap in &scenario.settings().swap {
-        let found = Candidate::find(swap.slot, &swap.to);
-        if !matches!(found, Ok(Candidate::Service(_))) {
-            return Err(InProcessError::Foreign { name: swap.to.clone() });
+    let swaps = scenario.settings().swap.iter().map(|swap| (swap.slot, &swap.to));
+    let standbys = scenario.settings().standby.iter().map(|s| (s.slot, &s.name));
+    for (slot, name) in swaps.chain(standbys) {
+        if !matches!(Candidate::find(slot, name), Ok(Candidate::Service(_))) {
+            return Err(InProcessError::Foreign { name: name.clone() });
         }
     }
     for fault in &scenario.settings().fault {
@@ -100,7 +101,7 @@ impl<O: Observer> Director<O> {
         Ok(Self {
             // Nobody is started here, so nobody is late.
             slots: Slots::new(ClockMode::Lockstep, &specs, scenario.modelled_vehicle(), u64::MAX),
-            script: Script::new(&settings.swap, &settings.fault),
+            script: Script::new(settings),
             cabin: Cabin {
                 scenario: scenario.clone(),
                 wires,

@@ -17,7 +17,8 @@ pub struct FlightHash(Chains);
 pub struct LogHash(Chains);
 
 /// Fields of hashed samples that tell who commanded, not what happened.
-const IDENTITY_FIELDS: [&str; 9] = [
+const IDENTITY_FIELDS: [&str; 10] = [
+    "command_seat",
     "command_sequence",
     "command_cause_sequence",
     "epoch",

@@ -1,5 +1,6 @@
 //! What the flight achieved, from the samples alone.
 
+use super::command_audit::{CommandAudit, CommandTally};
 use super::misses::MissLog;
 use super::response::{AxisResponse, StepResponse};
 use super::tracking::{Tracker, Tracking};
@@ -55,6 +56,7 @@ pub struct Metrics {
     tilt_square: f64,
     response: Option<StepResponse>,
     misses: MissLog,
+    commands: CommandAudit,
 }
 
 impl Metrics {
@@ -74,8 +76,9 @@ impl Metrics {
     /// clipping are judged from here on. An attitude step is still the whole one.
     pub fn judge_from_here(&mut self) {
         let before = core::mem::take(self);
-        let Self { tracker, loops, gate, response, .. } = before;
-        *self = Self { tracker: tracker.anew(), loops, gate, response, ..Self::default() };
+        let Self { tracker, loops, gate, response, commands, .. } = before;
+        let (tracker, commands) = (tracker.anew(), commands.anew());
+        *self = Self { tracker, loops, gate, response, commands, ..Self::default() };
     }
 
     /// Answer to the last attitude step of a rig flight.
@@ -94,19 +97,21 @@ impl Metrics {
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
             self.tracker.observe_reference(reference);
         } else if let Some(report) = any.downcast_ref::<ControllerReport>() {
-            if self.commands(topic.info.from, &report.header) {
+            if self.is_owner(topic.info.from, &report.header) {
                 self.observe_report(topic.info.name, report);
             }
         } else if let Some(record) = any.downcast_ref::<OwnerRecord>() {
             self.owners.push((record.slot, record.header.valid_ns, record.owner));
+            self.commands.record(record);
         } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
             self.observe_applied(applied);
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
             self.loops.insert(stats.header.seat, *stats);
         } else if let Some(deviation) = any.downcast_ref::<Deviation>() {
             self.misses.observe(deviation, self.response.is_some());
-        } else if any.is::<WrenchCommand>() {
+        } else if let Some(command) = any.downcast_ref::<WrenchCommand>() {
             self.time("attitude", sample);
+            self.commands.command(command);
         } else if let Some(setpoint) = any.downcast_ref::<AttitudeSetpoint>() {
             self.time("position", sample);
             if let Some(response) = &mut self.response {
@@ -138,7 +143,7 @@ impl Metrics {
     }
 
     /// True if whoever says this owned the slot then; a shadow's errors harm nobody.
-    fn commands(&self, slot: Role, header: &Header) -> bool {
+    fn is_owner(&self, slot: Role, header: &Header) -> bool {
         let of_slot = self.owners.iter().rev().filter(|(of, ..)| *of == slot);
         let owner = of_slot.clone().find(|(_, from_ns, _)| *from_ns <= header.valid_ns);
         owner.is_none_or(|(.., seat)| *seat == header.seat)
@@ -161,6 +166,13 @@ impl Metrics {
         self.clipped_ticks += u64::from(applied.clipped.is_set());
         self.safe_ticks += u64::from(applied.mode != GateMode::Normal);
         self.gate = *applied;
+        self.commands.applied(applied);
+    }
+
+    /// Whose commands were applied, tick by tick.
+    #[must_use]
+    pub fn commands(&self) -> CommandTally {
+        self.commands.tally()
     }
 
     /// Closes the comparison with the reference at the end of the flight.

@@ -2,6 +2,7 @@
 
 mod alone;
 mod child;
+mod command_audit;
 mod conductor;
 mod consumers;
 mod disorder;
@@ -26,6 +27,7 @@ mod tracking;
 
 pub use alone::{Branched, run_branch, run_in_process};
 pub(crate) use child::{ChildSpec, Launch};
+pub use command_audit::CommandTally;
 pub use conductor::Speed;
 pub use flight::{AdoptError, AdoptOptions, adopt, run};
 pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};

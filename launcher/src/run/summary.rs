@@ -1,5 +1,6 @@
 //! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
 
+use super::command_audit::CommandTally;
 use super::metrics::{Effort, Metrics};
 use super::slots::{SwapReport, write_table};
 use crate::exit;
@@ -74,7 +75,8 @@ pub struct Misses {
 }
 
 impl Summary {
-    /// Exit code: 0, or 1 for a violated bound, a lost vehicle or a sample that the recorder lost,
+    /// Exit code: 0, or 1 for a violated bound, a lost vehicle, a tick of a wrong owner or of two
+    /// commands, or a sample that the recorder lost,
     /// 3 for an incomplete recording, 4 for a crash, 130 for an interrupt.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
@@ -84,7 +86,11 @@ impl Summary {
             exit::INTERRUPTED
         } else if self.recording_error.is_some() {
             exit::UNFIT
-        } else if self.violations() > 0 || self.vehicle_lost() || self.misses().dropped > 0 {
+        } else if self.violations() > 0
+            || self.vehicle_lost()
+            || self.misses().dropped > 0
+            || self.has_stolen_ticks()
+        {
             exit::GATE_FAILED
         } else {
             exit::PASS
@@ -95,6 +101,12 @@ impl Summary {
     #[must_use]
     pub fn vehicle_lost(&self) -> bool {
         self.metrics.vehicle_lost()
+    }
+
+    /// A command was applied that was not its writer's to give, or two in one tick.
+    fn has_stolen_ticks(&self) -> bool {
+        let commands = self.metrics.commands();
+        commands.wrong_owner + commands.duplicated > 0
     }
 
     /// Commands outside their bounds.
@@ -167,6 +179,9 @@ impl Summary {
         put("recorded_samples", self.recorded().to_string());
         put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
         put("unguided_ticks", self.metrics.ticks().2.to_string());
+        let commands = self.metrics.commands();
+        put("duplicated_ticks", commands.duplicated.to_string());
+        put("wrong_owner_ticks", commands.wrong_owner.to_string());
         put("recovered_crashes", self.recovered.to_string());
         if !self.swaps.is_empty() {
             put("swaps", serde_json::json!(self.swaps).to_string());
@@ -210,6 +225,8 @@ impl Summary {
             "vehicle lost: off its path, tumbling, or rotors cut, at the end".to_owned()
         } else if self.violations() > 0 {
             "flown, with violated bounds".to_owned()
+        } else if self.has_stolen_ticks() {
+            "flown, but with commands of a wrong owner".to_owned()
         } else if self.misses().dropped > 0 {
             "flown, but the recorder lost samples".to_owned()
         } else {
@@ -276,7 +293,15 @@ impl Summary {
             gate.refused_not_finite,
             gate.refused_out_of_range,
             gate.refused_wrong_owner
-        )
+        )?;
+        let CommandTally { ticks, missed, duplicated, wrong_owner } = self.metrics.commands();
+        if !self.swaps.is_empty() || self.has_stolen_ticks() {
+            writeln!(
+                out,
+                "  command      {missed} of {ticks} ticks missed, {duplicated} duplicated, {wrong_owner} of a wrong owner"
+            )?;
+        }
+        Ok(())
     }
 
     fn write_all(&self, out: &mut String) -> fmt::Result {

@@ -100,6 +100,39 @@ impl Override {
         Ok(Self::entry(shown, "swap", &entry))
     }
 
+    /// `--standby SLOT=NAME`, with `@TIME` and `,shadow=TIME`.
+    ///
+    /// # Errors
+    /// Not of this form.
+    pub fn standby(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--standby {argument}");
+        let (head, shadow) = match argument.split_once(",shadow=") {
+            Some((head, shadow)) => (head, Some(seconds(shadow))),
+            None => (argument, None),
+        };
+        let parts = head.split_once('=').filter(|(_, name)| !name.contains(','));
+        let Some(((slot, name), at_s)) = parts.and_then(|(slot, name)| {
+            let at = if name.contains('@') { Some(named_at(name)?) } else { None };
+            Some(((slot, at.map_or(name, |(name, _)| name)), at.map(|(_, at_s)| at_s)))
+        }) else {
+            let what = "says not who stands by for which slot";
+            return Err(refusal("--standby", &shown, what, STANDBY_FORM));
+        };
+        let mut entry = format!("slot = {slot:?}, name = {name:?}");
+        if let Some(at_s) = at_s {
+            entry = format!("{entry}, at_s = {at_s:?}");
+        }
+        match shadow {
+            Some(Some(shadow_s)) => entry = format!("{entry}, shadow_s = {shadow_s:?}"),
+            Some(None) => {
+                let what = "the shadow is no time";
+                return Err(refusal("--standby", &shown, what, STANDBY_FORM));
+            }
+            None => {}
+        }
+        Ok(Self::entry(shown, "standby", &entry))
+    }
+
     /// `--fault KIND:NAME@TIME`.
     ///
     /// # Errors
@@ -174,6 +207,9 @@ impl Override {
 
 const SWAP_FORM: &str = "write --swap SLOT=NAME@TIME, for example --swap attitude=attitude-mpc@4.2s; behind it \
     may stand ,shadow=2s ,rollback=500ms ,max-bump=1% ,config=FILE and ,force";
+
+const STANDBY_FORM: &str = "write --standby SLOT=NAME, for example --standby attitude=attitude-pid; behind it may \
+    stand @TIME and then ,shadow=TIME";
 
 const FAULT_FORM: &str = "write --fault kill:NAME@TIME or --fault stop:NAME@TIME, for example --fault kill:estimator@4.2s";
 

@@ -54,6 +54,35 @@ fn rollback_s() -> f64 {
     0.5
 }
 
+/// One `[[standby]]`: another instance is kept warm beside the owner of a slot.
+#[derive(Debug, Clone, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+pub struct StandbySettings {
+    /// Slot.
+    #[garde(skip)]
+    pub slot: Slot,
+    /// Name of a controller, or path of an executable.
+    #[garde(length(min = 1, max = 4096))]
+    pub name: String,
+    /// When it joins \[s\].
+    #[serde(default = "standby_s")]
+    #[garde(range(min = 0.001, max = 1e6))]
+    pub at_s: f64,
+    /// How long it shadows before it counts as a fallback \[s\].
+    #[serde(default = "standby_shadow_s")]
+    #[garde(range(min = 0.0, max = 3600.0))]
+    pub shadow_s: f64,
+}
+
+/// As soon as all fly.
+fn standby_s() -> f64 {
+    0.1
+}
+
+fn standby_shadow_s() -> f64 {
+    0.5
+}
+
 /// One `[[fault]]`: a signal to a process.
 #[derive(Debug, Clone, Deserialize, Validate)]
 #[serde(deny_unknown_fields)]
@@ -131,7 +160,28 @@ pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
             complaints.push((format!("swap[{index}].at_s"), what, remedy));
         }
     }
+    complaints.extend(check_standbys(settings, graph));
     complaints.extend(check_faults(settings, graph));
+    complaints
+}
+
+fn check_standbys(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
+    let mut complaints = Vec::new();
+    let end_s = settings.scenario.duration_s;
+    for (index, standby) in settings.standby.iter().enumerate() {
+        let slot = standby.slot;
+        let key = |name| format!("standby[{index}].{name}");
+        if graph.node(slot.role()).is_none() {
+            let what = format!("this flight has no {} loop", slot.label());
+            complaints.push((key("slot"), what, "leave it away, or fly another pilot".to_owned()));
+        } else if standby.at_s >= end_s {
+            let what = format!("is past the end of the flight at {end_s} s");
+            complaints.push((key("at_s"), what, "give an earlier time".to_owned()));
+        } else if settings.standby[..index].iter().any(|other| other.slot == slot) {
+            let what = format!("the {} slot has a standby already, and keeps one", slot.label());
+            complaints.push((key("slot"), what, "leave one of the two away".to_owned()));
+        }
+    }
     complaints
 }
 
@@ -142,6 +192,7 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let crew = Crew::of(settings);
     let mut known: Vec<&str> = flown.filter_map(|role| crew.name(role)).collect();
     known.extend(settings.swap.iter().map(|swap| name_of(&swap.to)));
+    known.extend(settings.standby.iter().map(|standby| name_of(&standby.name)));
     for (index, fault) in settings.fault.iter().enumerate() {
         if !known.contains(&fault.name.as_str()) {
             let what = format!("no process of this flight is called {}", fault.name);
@@ -162,10 +213,13 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
 
 /// Candidates that nobody on this machine answers to.
 pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
-    let named = settings.swap.iter().enumerate();
-    let absent = named.filter_map(|(index, swap)| {
-        let NoCandidate { what, remedy } = Candidate::find(swap.slot, &swap.to).err()?;
-        Some((format!("swap[{index}].to"), what, remedy))
+    let swaps = settings.swap.iter().enumerate();
+    let swaps = swaps.map(|(index, swap)| (format!("swap[{index}].to"), swap.slot, &swap.to));
+    let standbys = settings.standby.iter().enumerate();
+    let standbys = standbys.map(|(index, s)| (format!("standby[{index}].name"), s.slot, &s.name));
+    let absent = swaps.chain(standbys).filter_map(|(key, slot, name)| {
+        let NoCandidate { what, remedy } = Candidate::find(slot, name).err()?;
+        Some((key, what, remedy))
     });
     absent.collect()
 }
@@ -298,6 +352,33 @@ mod tests {
         assert_refused(&pair("at_s = 1.0"), 10, "swap[1].at_s", "busy");
         let other = swap("at_s = 1.0").replace("attitude", "position");
         flown(&(swap("at_s = 1.0") + &other));
+    }
+
+    #[test]
+    fn a_slot_keeps_one_standby_that_exists_and_joins_in_time() {
+        let standby = |rest: &str| {
+            format!("[[standby]]\nslot = \"attitude\"\nname = \"attitude-pid\"\n{rest}\n")
+        };
+        let scenario = flown(&standby(""));
+        let [one] = &scenario.settings().standby[..] else { panic!("one standby") };
+        assert_eq!([one.at_s, one.shadow_s].map(f64::to_bits), [0.1, 0.5].map(f64::to_bits));
+        assert_refused(&standby("at_s = 10.0"), 6, "standby[0].at_s", "past the end");
+        let two = standby("") + &standby("at_s = 2.0");
+        assert_refused(&two, 8, "standby[1].slot", "has a standby already");
+        let text = standby("").replace("attitude-pid", "attitude-pit");
+        assert_refused(&text, 5, "standby[0].name", "did you mean `attitude-pid`?");
+        let flag = Override::standby("position=position-pid@2s,shadow=500ms").unwrap();
+        let scenario = Scenario::from_text("x.toml", FLIGHT, &[flag]).unwrap();
+        let [one] = &scenario.settings().standby[..] else { panic!("one standby") };
+        assert_eq!((one.slot, one.name.as_str()), (Slot::Position, "position-pid"));
+        assert_eq!([one.at_s, one.shadow_s].map(f64::to_bits), [2.0, 0.5].map(f64::to_bits));
+        let soon = Override::standby("position=position-pid").unwrap();
+        assert!(Scenario::from_text("x.toml", FLIGHT, &[soon]).is_ok());
+        for bad in ["", "attitude", "attitude=x@soon", "attitude=attitude-pid,force"] {
+            let error = Override::standby(bad).unwrap_err();
+            let problem = error.problems().next().unwrap();
+            assert!(problem.remedy().contains("--standby SLOT=NAME"), "{bad}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 pub use super::clock::{Clock, Speed};
 use super::pilot::PilotSettings;
-pub use super::script::{FaultKind, FaultSettings, SwapSettings};
+pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
 use garde::Validate;
 use runtime::MissPolicy;
@@ -47,6 +47,8 @@ pub struct Settings {
     pub launcher: LauncherSettings,
     /// Each `[[swap]]`.
     pub swap: Vec<SwapSettings>,
+    /// Each `[[standby]]`.
+    pub standby: Vec<StandbySettings>,
     /// Each `[[fault]]`.
     pub fault: Vec<FaultSettings>,
 }
@@ -55,7 +57,7 @@ impl Settings {
     /// True if something is to be done to processes in the air.
     #[must_use]
     pub fn is_scripted(&self) -> bool {
-        !(self.swap.is_empty() && self.fault.is_empty())
+        !(self.swap.is_empty() && self.standby.is_empty() && self.fault.is_empty())
     }
 }
 

@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Every section of a scenario.
-const SECTIONS: [&str; 18] = [
+const SECTIONS: [&str; 19] = [
     "scenario",
     "vehicle",
     "start",
@@ -31,6 +31,7 @@ const SECTIONS: [&str; 18] = [
     "realtime",
     "launcher",
     "swap",
+    "standby",
     "fault",
 ];
 
@@ -60,6 +61,7 @@ pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>
         realtime: reader.section("realtime"),
         launcher: reader.section("launcher"),
         swap: reader.list("swap"),
+        standby: reader.list("standby"),
         fault: reader.list("fault"),
     };
     if reader.problems.is_empty() { Ok(settings) } else { Err(reader.problems) }

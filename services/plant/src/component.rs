@@ -6,56 +6,23 @@
 
 use crate::config::{ModelKind, PlantConfig, PlantError};
 use crate::effects::{Effects, command, commanded_morph};
-use crate::gate::{Command, Gate, GateInput, GateMemory, GateOutput, Mode};
+use crate::gate::{Command, Gate, GateInput, GateOutput, Mode};
+use crate::memory::{InEffect, PlantMemory};
 use crate::ports::{Inputs, Outputs};
-use crate::sensors::{
-    Imu, ImuMemory, ImuSample, MorphEncoder, MorphEncoderMemory, Pose, PoseFix, PoseFixMemory,
-};
+use crate::sensors::{Imu, ImuSample, MorphEncoder, Pose, PoseFix};
 use nalgebra::Vector3;
-use runtime::{Obedience, ObedienceMemory, Service};
+use runtime::{Obedience, Service};
 use shared_types::{AppliedCommand, Flag, GateMode, WrenchCommand};
 use slot::Standing;
 use vehicle::{
-    Actuation, Allocation, GroundContact, LinearModel, MODEL_MEMORY_LEN, MorphAngle,
-    NonlinearModel, PlantInputs, PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
+    Actuation, Allocation, GroundContact, LinearModel, MorphAngle, NonlinearModel, PlantInputs,
+    PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
 };
 
 /// Longest integration step \[s\].
 const MAX_STEP_S: f64 = 1e-3;
 /// Share of the rotors' bounds by which a change of kind may step at once.
 const STEP_SHARE: f64 = 0.1;
-
-shared_types::memory! {
-    /// Everything that evolves.
-    pub struct PlantMemory {
-        /// Equations of motion.
-        pub model: [f64; MODEL_MEMORY_LEN],
-        /// Inertial sensor.
-        pub imu: ImuMemory,
-        /// Pose tracker with its delay line.
-        pub pose_fix: PoseFixMemory,
-        /// Morph encoder.
-        pub morph_encoder: MorphEncoderMemory,
-        /// Actuation gate.
-        pub gate: GateMemory,
-        /// Whose command counts.
-        pub obedience: ObedienceMemory,
-        /// Instant up to which the vehicle has been integrated \[ns\].
-        pub integrated_ns: u64,
-        /// Whether `reading` holds the inertial reading of that instant.
-        pub has_reading: bool,
-        /// Gyro \[rad/s\] and specific force \[m/s²\] of that reading.
-        pub reading: [f64; 6],
-        /// Last encoder reading \[rad\].
-        pub measured_morph_rad: f64,
-        /// Sequence of the last inertial sample.
-        pub imu_sequence: u64,
-        /// Sequence of the command in effect and its cause.
-        pub in_effect: [u64; 2],
-        /// Body-rate jump still to be applied \[rad/s\].
-        pub kick_b_rad_s: [f64; 3],
-    }
-}
 
 /// What the rotors are asked for over a stretch of time.
 #[derive(Debug, Clone, Copy)]
@@ -88,13 +55,6 @@ pub struct Plant {
     last: Option<(Applied, PlantInputs, GateOutput)>,
 }
 
-/// Which command is in effect.
-#[derive(Debug, Clone, Copy, Default)]
-struct InEffect {
-    sequence: u64,
-    cause_sequence: u64,
-}
-
 impl Plant {
     /// A vehicle at trim.
     ///
@@ -125,7 +85,7 @@ impl Plant {
             reading: None,
             measured_morph_rad: config.morph_angle.rad(),
             imu_sequence: 0,
-            in_effect: InEffect::default(),
+            in_effect: InEffect::NONE,
             kick_b_rad_s: Vector3::zeros(),
             last: None,
         })
@@ -171,7 +131,7 @@ impl Plant {
         let limit = largest.map(|most| STEP_SHARE * most);
         let order = self.obedience.decide(now_ns, &limit).filter(|order| order.is_new)?;
         let slot::Command { sequence, cause_sequence, .. } = order.command;
-        self.in_effect = InEffect { sequence, cause_sequence };
+        self.in_effect = InEffect { seat: order.seat.into(), sequence, cause_sequence };
         let [thrust_n, x, y, z] = order.command.value;
         let (effective_ns, valid_until_ns) =
             (order.command.effective_ns, order.command.valid_until_ns);
@@ -321,6 +281,7 @@ impl Plant {
         let slot = self.obedience.counters();
         AppliedCommand {
             command_sequence: self.in_effect.sequence,
+            command_seat: self.in_effect.seat,
             command_cause_sequence: self.in_effect.cause_sequence,
             epoch: self.obedience.epoch(),
             thrust_n: applied.achieved.thrust_n,
@@ -403,7 +364,7 @@ impl Service for Plant {
             reading,
             measured_morph_rad: self.measured_morph_rad,
             imu_sequence: self.imu_sequence,
-            in_effect: [self.in_effect.sequence, self.in_effect.cause_sequence],
+            in_effect: self.in_effect,
             kick_b_rad_s: self.kick_b_rad_s.into(),
         }
     }
@@ -424,8 +385,7 @@ impl Service for Plant {
         });
         self.measured_morph_rad = memory.measured_morph_rad;
         self.imu_sequence = memory.imu_sequence;
-        let [sequence, cause_sequence] = memory.in_effect;
-        self.in_effect = InEffect { sequence, cause_sequence };
+        self.in_effect = memory.in_effect;
         self.kick_b_rad_s = memory.kick_b_rad_s.into();
         Ok(())
     }

@@ -8,9 +8,11 @@ pub mod component;
 mod config;
 mod effects;
 pub mod gate;
+mod memory;
 pub mod ports;
 pub mod sensors;
 pub mod settings;
 
-pub use component::{Plant, PlantMemory};
+pub use component::Plant;
 pub use config::{ModelKind, PlantConfig, PlantError};
+pub use memory::{InEffect, PlantMemory};

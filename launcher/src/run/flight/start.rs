@@ -115,7 +115,7 @@ impl Flight {
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             slots,
-            script: Script::new(&settings.swap, &settings.fault),
+            script: Script::new(settings),
             graph,
             pilot: None,
             pilot_stop: StopFlags::default(),

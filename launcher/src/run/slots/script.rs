@@ -4,12 +4,14 @@ use super::{Means, Slots};
 use crate::control::Request;
 use crate::control::protocol::Order;
 use crate::run::supervisor::FlightError;
-use crate::scenario::script::{FaultKind, FaultSettings, SwapSettings};
+use crate::scenario::Settings;
+use crate::scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 
 /// One thing to be done.
 #[derive(Debug, Clone)]
 enum Deed {
     Swap(SwapSettings),
+    Standby(StandbySettings),
     Fault(FaultSettings),
 }
 
@@ -21,10 +23,14 @@ pub(crate) struct Script {
 
 impl Script {
     /// The deeds of a scenario.
-    pub(crate) fn new(swaps: &[SwapSettings], faults: &[FaultSettings]) -> Self {
-        let swaps = swaps.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
-        let faults = faults.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
-        let mut deeds: Vec<_> = swaps.chain(faults).collect();
+    pub(crate) fn new(settings: &Settings) -> Self {
+        let Settings { swap, standby, fault, .. } = settings;
+        let swaps = swap.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
+        let standbys = standby
+            .iter()
+            .map(|standby| (nanoseconds(standby.at_s), Deed::Standby(standby.clone())));
+        let faults = fault.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
+        let mut deeds: Vec<_> = standbys.chain(swaps).chain(faults).collect();
         // Stable: what is written first at an instant is done first.
         deeds.sort_by_key(|(at_ns, _)| *at_ns);
         deeds.reverse();
@@ -52,6 +58,11 @@ impl Script {
         {
             match deed {
                 Deed::Swap(swap) => slots.script(&order(&swap), means)?,
+                Deed::Standby(StandbySettings { slot, name, shadow_s, .. }) => {
+                    let slot = slot.label().to_owned();
+                    let shadow_ns = nanoseconds(shadow_s);
+                    slots.script(&Request::Standby { slot, name, shadow_ns }, means)?;
+                }
                 Deed::Fault(fault) => afflict(&fault, slots, means)?,
             }
         }

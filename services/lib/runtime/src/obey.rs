@@ -23,6 +23,8 @@ pub const LIMITED_FOR_NS: u64 = 100_000_000;
 pub struct Order {
     /// The command in effect, its value as the limiter leaves it.
     pub command: Command,
+    /// Whose it is.
+    pub seat: Seat,
     /// It is another than at the decision before, or the limiter has moved on.
     pub is_new: bool,
 }
@@ -148,7 +150,7 @@ impl Obedience {
         }
         self.given = Command { value: self.limiter.apply(now_ns, &command.value), ..command };
         self.given_by = Some(seat);
-        Some(Order { command: self.given, is_new: before != (self.given, self.given_by) })
+        Some(Order { command: self.given, seat, is_new: before != (self.given, self.given_by) })
     }
 
     /// Says that every instant before `now_ns` is past. Before the first record nothing was decided:

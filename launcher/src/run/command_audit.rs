@@ -1,0 +1,254 @@
+//! Who moved the rotors in each tick of the plant, checked against the owner records by one who only
+//! watches: it shares no code with the protocol.
+
+use serde::Serialize;
+use shared_types::{AppliedCommand, GateMode, NO_SEAT, OwnerRecord, Role, WrenchCommand};
+use std::collections::{BTreeMap, VecDeque};
+
+/// What is needed to judge a tick has arrived when the recorder is this far beyond it \[ns\].
+const SETTLED_NS: u64 = 1_000_000_000;
+
+/// What the ticks of a flight came to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct CommandTally {
+    /// Ticks of the plant that were judged.
+    pub ticks: u64,
+    /// Ticks in which no valid command was in effect.
+    pub missed: u64,
+    /// Ticks in which more than one command was applied.
+    pub duplicated: u64,
+    /// Ticks in which a command was applied that was not its writer's to give, or not for then.
+    pub wrong_owner: u64,
+}
+
+/// A record, as far as it says who may command.
+#[derive(Debug, Clone, Copy)]
+struct Epoch {
+    from_ns: u64,
+    owner: u32,
+    fallback: u32,
+}
+
+/// When a command counts.
+#[derive(Debug, Clone, Copy)]
+struct Life {
+    from_ns: u64,
+    until_ns: u64,
+}
+
+/// What the plant said of a tick.
+#[derive(Debug, Clone, Copy)]
+struct Tick {
+    at_ns: u64,
+    mode: GateMode,
+    epoch: u64,
+    failed_over: bool,
+    /// Writer and sequence of the command in effect.
+    command: (u32, u64),
+}
+
+/// Judges every tick once everything about it is known.
+#[derive(Debug, Clone, Default)]
+pub(super) struct CommandAudit {
+    epochs: BTreeMap<u64, Epoch>,
+    /// By seat and sequence; whoever follows on a seat may count as the one before did.
+    commands: BTreeMap<(u32, u64), Vec<Life>>,
+    waiting: VecDeque<Tick>,
+    /// Whose commands counted in the epoch before, and in the one of the last tick.
+    before: Option<(u64, u32)>,
+    now: Option<(u64, u32)>,
+    last_ns: Option<u64>,
+    tally: CommandTally,
+}
+
+impl CommandAudit {
+    pub(super) fn record(&mut self, record: &OwnerRecord) {
+        if record.slot == Role::Attitude {
+            let (owner, fallback) = (record.owner, record.fallback);
+            let epoch = Epoch { from_ns: record.header.valid_ns, owner, fallback };
+            self.epochs.insert(record.epoch, epoch);
+        }
+    }
+
+    pub(super) fn command(&mut self, command: &WrenchCommand) {
+        let from_ns = command.header.valid_ns;
+        let until_ns = from_ns.saturating_add(command.validity_ns);
+        let key = (command.header.seat, command.header.sequence);
+        self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
+    }
+
+    pub(super) fn applied(&mut self, applied: &AppliedCommand) {
+        self.waiting.push_back(Tick {
+            at_ns: applied.header.release_ns,
+            mode: applied.mode,
+            epoch: applied.epoch,
+            failed_over: applied.failed_over.is_set(),
+            command: (applied.command_seat, applied.command_sequence),
+        });
+        let settled_ns = applied.header.release_ns.saturating_sub(SETTLED_NS);
+        while let Some(tick) = self.waiting.front().copied().filter(|t| t.at_ns < settled_ns) {
+            self.waiting.pop_front();
+            self.judge(&tick);
+            if self.tally.ticks.is_multiple_of(1024) {
+                self.forget(tick.at_ns);
+            }
+        }
+    }
+
+    /// Forgets the ticks so far, and not who may command.
+    pub(super) fn anew(self) -> Self {
+        Self { waiting: VecDeque::new(), tally: CommandTally::default(), ..self }
+    }
+
+    /// Everything judged so far and, at the end of a flight, what was still waiting.
+    pub(super) fn tally(&self) -> CommandTally {
+        let mut rest = self.clone();
+        while let Some(tick) = rest.waiting.pop_front() {
+            rest.judge(&tick);
+        }
+        rest.tally
+    }
+
+    fn judge(&mut self, tick: &Tick) {
+        self.tally.ticks += 1;
+        if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
+            self.tally.duplicated += 1;
+        }
+        self.last_ns = Some(tick.at_ns);
+        let record = self.epochs.get(&tick.epoch).copied();
+        let obeyed =
+            record.map_or(
+                NO_SEAT,
+                |record| {
+                    if tick.failed_over { record.fallback } else { record.owner }
+                },
+            );
+        if self.now.is_none_or(|(epoch, _)| epoch != tick.epoch) {
+            self.before = self.now;
+        }
+        self.now = Some((tick.epoch, obeyed));
+        if tick.mode != GateMode::Normal {
+            self.tally.missed += 1;
+            return;
+        }
+        let (seat, sequence) = tick.command;
+        // Before the first command the plant hovers by itself, within the gate's patience; where
+        // nobody says who may command, everybody may.
+        if sequence == 0 || self.epochs.is_empty() {
+            return;
+        }
+        let counts = self.commands.get(&tick.command).into_iter().flatten().any(|life| {
+            // What was in effect at a flip stays so while it is valid, until the new owner speaks.
+            let carried = || {
+                record.is_some_and(|record| life.from_ns < record.from_ns)
+                    && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
+            };
+            let its_own = seat == obeyed || carried();
+            its_own && life.from_ns <= tick.at_ns && tick.at_ns <= life.until_ns
+        });
+        self.tally.wrong_owner += u64::from(!counts);
+    }
+
+    /// Drops commands that nothing can descend from any more.
+    fn forget(&mut self, now_ns: u64) {
+        self.commands.retain(|_, lives| {
+            lives.retain(|life| life.until_ns.saturating_add(SETTLED_NS) > now_ns);
+            !lives.is_empty()
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::{Flag, Header};
+
+    const MS: u64 = 1_000_000;
+
+    fn record(epoch: u64, at_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
+        let header = Header { valid_ns: at_ms * MS, ..Header::default() };
+        OwnerRecord { header, epoch, owner, fallback, slot: Role::Attitude, ..Default::default() }
+    }
+
+    fn command(seat: u32, sequence: u64, from_ms: u64) -> WrenchCommand {
+        let header = Header { seat, sequence, valid_ns: from_ms * MS, ..Header::default() };
+        WrenchCommand { header, validity_ns: 20 * MS, ..WrenchCommand::default() }
+    }
+
+    fn applied(at_ms: u64, epoch: u64, command: (u32, u64), failed_over: bool) -> AppliedCommand {
+        AppliedCommand {
+            header: Header { release_ns: at_ms * MS, ..Header::default() },
+            epoch,
+            command_seat: command.0,
+            command_sequence: command.1,
+            failed_over: Flag::from(failed_over),
+            ..AppliedCommand::default()
+        }
+    }
+
+    /// Seat 0 commands from 0 ms on, seat 1 from 20 ms on; both always speak.
+    fn flip() -> CommandAudit {
+        let mut audit = CommandAudit::default();
+        // Topics are drained one after the other, so records may come last.
+        for (seat, sequence) in [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3)] {
+            audit.command(&command(seat, sequence, 10 * (sequence - 1)));
+        }
+        audit.record(&record(1, 0, 0, NO_SEAT));
+        audit.record(&record(2, 20, 1, 0));
+        audit
+    }
+
+    fn wrong(ticks: &[AppliedCommand]) -> u64 {
+        let mut audit = flip();
+        ticks.iter().for_each(|tick| audit.applied(tick));
+        assert_eq!(audit.tally().ticks, ticks.len() as u64);
+        audit.tally().wrong_owner
+    }
+
+    #[test]
+    fn the_owner_of_the_epoch_commands_and_its_last_word_lasts_until_the_next_ones_first() {
+        let good = [applied(15, 1, (0, 2), false), applied(20, 2, (1, 3), false)];
+        assert_eq!(wrong(&good), 0);
+        assert_eq!(wrong(&[good[0], applied(21, 2, (0, 2), false)]), 0, "carried over");
+        assert_eq!(wrong(&[good[0], applied(21, 2, (0, 3), false)]), 1, "given after the flip");
+        assert_eq!(wrong(&[applied(15, 1, (1, 2), false)]), 1, "a shadow's");
+        assert_eq!(wrong(&[applied(15, 1, (0, 3), false)]), 1, "before its time");
+        assert_eq!(wrong(&[applied(35, 1, (0, 2), false)]), 1, "after its time");
+        assert_eq!(wrong(&[applied(15, 1, (0, 9), false)]), 1, "never said");
+        assert_eq!(wrong(&[applied(25, 2, (0, 3), true)]), 0, "the fallback took over");
+        assert_eq!(wrong(&[applied(15, 9, (0, 2), false)]), 1, "an epoch that nobody announced");
+    }
+
+    #[test]
+    fn a_tick_without_a_command_is_missed_and_one_with_two_is_duplicated() {
+        let mut audit = flip();
+        audit.applied(&applied(10, 1, (0, 2), false));
+        audit.applied(&applied(10, 1, (0, 2), false));
+        let mode = GateMode::Hold;
+        audit.applied(&AppliedCommand { mode, ..applied(40, 1, (0, 2), false) });
+        let expected = CommandTally { ticks: 3, missed: 1, duplicated: 1, wrong_owner: 0 };
+        assert_eq!(audit.tally(), expected);
+    }
+
+    #[test]
+    fn ticks_are_judged_as_they_settle_and_old_commands_forgotten() {
+        let mut audit = CommandAudit::default();
+        audit.record(&record(1, 0, 0, NO_SEAT));
+        for at_ms in 0..5_000 {
+            if at_ms % 10 == 0 {
+                audit.command(&command(0, at_ms / 10 + 1, at_ms));
+            }
+            audit.applied(&applied(at_ms, 1, (0, at_ms / 10 + 1), false));
+        }
+        assert!(audit.waiting.len() <= 1_001 && audit.commands.len() < 350);
+        assert_eq!(audit.tally(), CommandTally { ticks: 5_000, ..CommandTally::default() });
+    }
+
+    #[test]
+    fn a_successor_on_the_same_seat_may_count_as_the_one_before_it() {
+        let mut audit = flip();
+        audit.applied(&applied(15, 1, (0, 2), false));
+        audit.command(&command(0, 2, 600));
+        assert_eq!(audit.tally().wrong_owner, 0);
+    }
+}
