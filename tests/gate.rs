@@ -28,7 +28,6 @@ fn swap(scenario: &[&str], (slot, owner, to): (&str, &str, &str), how: &str) -> 
     let flags = ["--no-record", "--crew", &crew, "--swap", &swap];
     let flown = fly(&[scenario, &flags].concat());
     let report = flown.summary()["swaps"][0].clone();
-    println!("{} {swap} from {owner}: {}", scenario[0], report["outcome"]);
     assert_eq!(report["done"], true, "{} {swap} from {owner}: {}", scenario[0], flown.said());
     assert_eq!(flown.code, Some(0), "{}", flown.said());
     report

@@ -200,7 +200,9 @@ mod tests {
 
     fn wrong(ticks: &[AppliedCommand]) -> u64 {
         let mut audit = flip();
-        ticks.iter().for_each(|tick| audit.applied(tick));
+        for tick in ticks {
+            audit.applied(tick);
+        }
         assert_eq!(audit.tally().ticks, ticks.len() as u64);
         audit.tally().wrong_owner
     }

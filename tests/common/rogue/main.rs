@@ -72,7 +72,7 @@ impl Rogue {
         match mischief.what {
             What::CrashAtOnce => std::process::abort(),
             What::NeverReady => loop {
-                std::thread::sleep(Duration::from_secs(1));
+                std::thread::park();
             },
             What::OldBuild => return Err(be_of_an_old_build()),
             _ => {}
@@ -100,6 +100,7 @@ impl Rogue {
             What::Frozen => *self.frozen.get_or_insert(command),
             What::Offset => [thrust, x + amount * self.largest[1], y, z],
             What::Late => {
+                #[expect(clippy::disallowed_methods, reason = "being late is its misdeed")]
                 std::thread::sleep(Duration::from_secs_f64(amount));
                 command
             }

@@ -39,6 +39,10 @@ fn write(folder: &Path) -> Result<(), BuildError> {
                 validity_ns: 60_000_000_000,
             });
         }
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "it waits for nobody, which is what is tested"
+        )]
         std::thread::sleep(Duration::from_millis(5));
     }
     Ok(())

@@ -333,7 +333,8 @@ mod tests {
         assert_eq!(shown(&read.graph().unwrap()), shown(&graph));
         assert_eq!(read.rate_hz(Role::Attitude), Some(150.0));
         assert_eq!(read.rate_hz(Role::Position), None);
-        assert_eq!(read.latency_s(&topics::WRENCH_COMMAND.info), 1_234_567.0 * 1e-9);
+        let latency_s = read.latency_s(&topics::WRENCH_COMMAND.info);
+        assert_eq!(latency_s.to_bits(), (1_234_567.0 * 1e-9_f64).to_bits());
         assert_eq!(read.fifo_priority(), Some(10));
     }
 
