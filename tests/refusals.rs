@@ -6,8 +6,9 @@
 mod common;
 
 use common::processes::{Running, kill};
-use common::{morphquad, turn};
+use common::{Flown, fly, morphquad, turn};
 use rustix::process::Signal;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -36,6 +37,68 @@ fn config(folder: &TempDir, what: &str, from_s: f64, amount: f64) -> String {
     let text = format!("what = {what:?}\nfrom_s = {from_s:?}\namount = {amount:?}\n");
     std::fs::write(&path, text).expect("room");
     path.display().to_string()
+}
+
+fn swaps(flown: &Flown) -> &[Value] {
+    flown.summary()["swaps"].as_array().map_or(&[], Vec::as_slice)
+}
+
+/// Each in turn in one flight: what it does, from when in its shadow of one second on, how much of it,
+/// and what is said of it.
+const MISDEEDS: [(&str, f64, f64, &str); 11] = [
+    ("crash-at-once", 0.0, 0.0, "signal 6"),
+    ("crash", 0.3, 0.0, "signal 6"),
+    ("never-ready", 0.0, 0.0, "ready in time"),
+    ("old-build", 0.0, 0.0, "lays out"),
+    ("not-a-number", 0.3, 0.0, "torque x (N m) at"),
+    ("beyond-bounds", 0.3, 0.0, "outside"),
+    ("gain", 0.0, -1.0, "torque"),
+    ("gain", 0.5, -1.0, "running free"),
+    ("offset", 0.0, 0.2, "one step ahead"),
+    ("offset", 0.5, 0.2, "running free"),
+    ("frozen", 0.5, 0.0, "running free"),
+];
+
+#[test]
+fn no_misdeed_gets_a_candidate_into_the_air_and_no_bit_of_the_flight_changes() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let scenario =
+        ["figure8-morph", "--for", "20s", "--no-record", "--set", "launcher.startup_timeout_s=4"];
+    let expected = fly(&scenario);
+    let plan: Vec<String> = MISDEEDS
+        .iter()
+        .enumerate()
+        .map(|(k, (what, from_s, amount, _))| {
+            let at_s = 0.5 + 1.7 * k as f64;
+            let config = config(&folder, what, at_s + from_s, *amount);
+            format!("attitude={}@{at_s:.1}s,shadow=1s,rollback=100ms,config={config}", rogue())
+        })
+        .collect();
+    let flags = plan.iter().flat_map(|swap| ["--swap", swap]);
+    let flown = fly(&scenario.into_iter().chain(flags).collect::<Vec<_>>());
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(swaps(&flown).len(), MISDEEDS.len(), "{}", flown.said());
+    for (report, (what, _, _, words)) in swaps(&flown).iter().zip(MISDEEDS) {
+        let outcome = report["outcome"].as_str().unwrap_or_default();
+        println!("{what}: {outcome}");
+        assert_eq!((&report["done"], &report["flipped_s"]), (&false.into(), &Value::Null));
+        let told = outcome.contains(words) || flown.stderr.contains(words);
+        assert!(told, "{what}: {outcome}\n{}", flown.stderr);
+    }
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+}
+
+/// What misbehaves in nothing is let through: it is not its being a stranger that is refused.
+#[test]
+fn the_same_executable_takes_over_when_it_behaves() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let config = config(&folder, "nothing", 0.0, 0.0);
+    let swap = format!("attitude={}@1s,shadow=1s,config={config}", rogue());
+    let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap]);
+    flown.assert_clean();
+    assert_eq!(swaps(&flown)[0]["done"], true, "{}", flown.said());
 }
 
 struct Said {
@@ -121,4 +184,23 @@ fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
     assert_eq!(said.code, Some(1), "{}", said.words);
     assert!(said.words.contains("deadlines"), "{}", said.words);
     end(running);
+}
+
+#[test]
+fn a_stranger_that_forges_every_field_of_commands_moves_no_motor_and_is_named() {
+    let _turn = turn();
+    let scenario = ["hover", "--for", "4s", "--speed", "4"];
+    let expected = fly(&scenario);
+    let executable = rogue();
+    let mut running = Running::start_and_fly(&scenario);
+    let folder = format!("/dev/shm/mq-{}", running.id());
+    let mut stray =
+        Command::new(executable).args(["stray", &folder]).spawn().expect("the executable starts");
+    let pid = stray.id().to_string();
+    let flown = running.wait();
+    stray.wait().expect("it ends");
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    let named = format!("process {pid} (rogue) writes on wrench_command without a seat");
+    assert!(flown.said().contains(&named), "{}", flown.said());
+    assert!(flown.said().contains("samples of strangers ignored"), "{}", flown.said());
 }
