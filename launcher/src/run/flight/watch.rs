@@ -31,12 +31,15 @@ impl Flight {
             bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
         }
         let present: Vec<RollEntry> = self.supervisor.present().copied().collect();
-        let total = present.iter().fold(0_u64, |sum, entry| sum.wrapping_add(self.mark_of(entry)));
+        // Permission counts as well: whoever has just got it, after time was held, has not stood still.
         let realtime = self.conductor.mode() == ClockMode::Realtime;
-        let (since_ns, last_total) = self.progress_at;
-        if !realtime && total != last_total {
+        let allowed_ns = if realtime { 0 } else { self.conductor.allowed_ns() };
+        let marks = present.iter().map(|entry| self.mark_of(entry));
+        let total = marks.fold(allowed_ns, u64::wrapping_add);
+        if !realtime && total != self.progress_at.1 {
             self.progress_at = (now_ns, total);
         }
+        let since_ns = self.progress_at.0;
         // In realtime a successor gets as long to catch up as it may then lag.
         let patience_ns = if realtime { 2 * self.lag_limit_ns } else { self.stall_limit_ns };
         if now_ns.saturating_sub(since_ns) > patience_ns {

@@ -182,7 +182,9 @@ impl Gate {
             return Err(refusal.clone());
         }
         self.judge_effort()?;
-        for phase in [Phase::Tracking, Phase::Free] {
+        // Who tracks nothing runs, before it joins, the steps that it has missed: nobody's business.
+        let phases = if self.tracks { &[Phase::Tracking, Phase::Free][..] } else { &[Phase::Free] };
+        for &phase in phases {
             for (axis, measure) in self.axes.iter().zip(self.of(phase)) {
                 measure.judge(&self.limits, phase, axis.name, self.last_ns)?;
             }
