@@ -116,6 +116,21 @@ fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_told() {
 }
 
 #[test]
+fn one_who_joins_after_the_owners_word_and_hears_the_fallbacks_first_does_not_fail_over() {
+    let (mut attitude, mut inputs) = (controller(), inputs());
+    tell(&mut inputs, 1, 0, A, B, false);
+    say(&mut inputs, B, 45, 200);
+    say(&mut inputs, A, 65, 200);
+    // Its history holds the fallback's word of 45 ms only.
+    inputs.accept(45 * MS, None);
+    let first = applied(&fly(&mut attitude, &mut inputs, 50, 60));
+    assert_eq!((first.seat, first.failed_over, first.setpoint_sequence), (A, Flag::No, 46));
+    let next = applied(&fly(&mut attitude, &mut inputs, 70, 70));
+    assert_eq!((next.seat, next.failed_over, next.setpoint_sequence), (A, Flag::No, 66));
+    assert_roll(&next, 0.0);
+}
+
+#[test]
 fn the_fallbacks_set_points_count_two_periods_after_the_owners_last_one() {
     let (mut attitude, mut inputs) = (controller(), inputs());
     tell(&mut inputs, 1, 0, A, B, false);

@@ -48,6 +48,16 @@ shared_types::memory! {
     }
 }
 
+fn command(header: &Header, value: [f64; 4], validity_ns: u64) -> Command {
+    Command {
+        value,
+        sequence: header.sequence,
+        cause_sequence: header.cause_sequence,
+        effective_ns: header.valid_ns,
+        valid_until_ns: header.valid_ns.saturating_add(validity_ns),
+    }
+}
+
 /// The obedience of one slot's consumer. Of fixed size; nothing here allocates or panics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Obedience {
@@ -114,14 +124,13 @@ impl Obedience {
     /// effective instant on.
     pub fn offer(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
         let Some(seat) = Seat::new(header.seat) else { return };
-        let command = Command {
-            value,
-            sequence: header.sequence,
-            cause_sequence: header.cause_sequence,
-            effective_ns: header.valid_ns,
-            valid_until_ns: header.valid_ns.saturating_add(validity_ns),
-        };
-        self.desk.offer(&self.consumer, seat, &command);
+        self.desk.offer(&self.consumer, seat, &command(header, value, validity_ns));
+    }
+
+    /// Takes a command as the one in effect when this consumer joined, until the owner speaks.
+    pub fn carry(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
+        let Some(seat) = Seat::new(header.seat) else { return };
+        self.desk.carry(seat, &command(header, value, validity_ns));
     }
 
     /// What to apply at `now_ns`; `None` if nobody has a valid command. A change of kind may step by

@@ -127,6 +127,12 @@ impl Desk {
         standing
     }
 
+    /// Keeps a command in effect until the owner speaks, whoever gave it: for a consumer that joins, to
+    /// which an owner whose words it came too late for is not silent.
+    pub fn carry(&mut self, seat: Seat, command: &Command) {
+        self.carried = Given::new((seat, *command));
+    }
+
     /// What counts at `now_ns`, if anything does.
     pub fn decide(&mut self, consumer: &mut Consumer, now_ns: u64) -> Option<Choice> {
         let record = consumer.record()?;
@@ -253,6 +259,23 @@ mod tests {
         assert_eq!(table.at(30, &[B]), Some((B, 30)), "within two periods");
         assert_eq!(table.at(40, &[A]), Some((B, 30)));
         assert_eq!(table.at(50, &[A]), None, "the owner is not asked again in this epoch");
+    }
+
+    #[test]
+    fn to_one_who_joins_the_owner_is_silent_only_once_what_was_in_effect_has_run_out() {
+        let mut table = Table::new(&[record(1, 0, 0, Some(1))]);
+        table.consumer.advance(10);
+        let last = Command { effective_ns: 10, valid_until_ns: 30, ..Command::default() };
+        table.desk.carry(B, &last);
+        assert_eq!(table.at(15, &[]), Some((B, 10)));
+        assert_eq!(table.at(20, &[A, B]), Some((A, 20)));
+        assert!(!table.consumer.failed_over());
+        let mut other = Table::new(&[record(1, 0, 0, Some(1))]);
+        other.consumer.advance(10);
+        other.desk.carry(B, &last);
+        assert_eq!(other.at(20, &[B]), Some((B, 10)));
+        assert_eq!(other.at(30, &[B]), Some((B, 30)));
+        assert!(other.consumer.failed_over(), "an owner that never speaks");
     }
 
     #[test]

@@ -53,7 +53,9 @@ impl SetpointSlot {
         if joins && let Some(known) = setpoints.before_fresh() {
             // In effect since before this controller began.
             self.obedience.advance(known.header.valid_ns);
-            self.offer(known);
+            if let Some((value, validity_ns)) = self.judge(known) {
+                self.obedience.carry(&known.header, value, validity_ns);
+            }
         }
         let at_once =
             |a: &AttitudeSetpoint, b: &AttitudeSetpoint| a.header.valid_ns == b.header.valid_ns;
@@ -74,16 +76,23 @@ impl SetpointSlot {
     }
 
     fn offer(&mut self, sample: &AttitudeSetpoint) {
+        if let Some((value, validity_ns)) = self.judge(sample) {
+            self.obedience.offer(&sample.header, value, validity_ns);
+        }
+    }
+
+    /// What a sample asks for and for how long it is good \[ns\], if it is fit to be obeyed.
+    fn judge(&mut self, sample: &AttitudeSetpoint) -> Option<([f64; 4], u64)> {
         let standing = self.obedience.standing_of(&sample.header);
         if !matches!(standing, Seated::Owner | Seated::Fallback) {
-            return;
+            return None;
         }
         let value = [sample.thrust_n, sample.roll_rad, sample.pitch_rad, sample.yaw_rad];
         if value.iter().all(|v| v.is_finite()) {
-            let validity_ns = self.obedience.two_periods_ns(&sample.header);
-            self.obedience.offer(&sample.header, value, validity_ns);
+            Some((value, self.obedience.two_periods_ns(&sample.header)))
         } else {
             self.refused += 1;
+            None
         }
     }
 
