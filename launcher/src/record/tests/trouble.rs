@@ -59,7 +59,7 @@ fn readable(bytes: &[u8]) -> Vec<u32> {
 #[test]
 fn a_full_disk_is_told_once_and_again_at_the_end_and_leaves_a_readable_prefix()
 -> Result<(), RecordError> {
-    let disk = Disk::with_room(60_000);
+    let disk = Disk::with_room(120_000);
     let mut recording = over(&disk)?;
     let mut errors = Vec::new();
     let mut flushed = Vec::new();
