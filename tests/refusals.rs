@@ -21,7 +21,9 @@ fn rogue() -> &'static str {
         let ours = Path::new(env!("CARGO_BIN_EXE_morphquad"));
         let target: PathBuf = ours.ancestors().nth(2).expect("target/PROFILE/morphquad").into();
         let built = Command::new(env!("CARGO"))
-            .args(["build", "--release", "--offline", "--example", "rogue", "--target-dir"])
+            // The whole workspace, as the tests are: another choice of features would build it anew.
+            .args(["build", "--release", "--offline", "--workspace", "--example", "rogue"])
+            .arg("--target-dir")
             .arg(&target)
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .output()
@@ -117,6 +119,8 @@ fn say(arguments: &[&str]) -> Said {
 fn every_refusal_has_its_exit_code() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
+    // Before the flight, which would end while it is built.
+    let rogue = rogue();
     let running = Running::start_and_fly(&["hover", "--for", "120s", "--speed", "4"]);
     let run = ["--run", running.id()];
     let swap = |rest: &[&str]| say(&[&["swap"], rest, &run].concat());
@@ -128,7 +132,7 @@ fn every_refusal_has_its_exit_code() {
         ("old-build", 0.0, 1, ""),
     ] {
         let config = config(&folder, what, 0.0, amount);
-        let said = swap(&["attitude", "--to", rogue(), "--config", &config, "--shadow", "600ms"]);
+        let said = swap(&["attitude", "--to", rogue, "--config", &config, "--shadow", "600ms"]);
         assert_eq!(said.code, Some(code), "{what}: {}", said.words);
         assert!(said.words.contains(words), "{what}: {}", said.words);
     }
@@ -176,10 +180,11 @@ fn end(mut running: Running) {
 fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
+    let rogue = rogue();
     let running =
         Running::start_and_fly(&["hover", "--clock", "realtime", "--speed", "0.5", "--for", "60s"]);
     let config = config(&folder, "late", 0.0, 0.05);
-    let order = ["swap", "attitude", "--to", rogue(), "--config", &config, "--shadow", "1s"];
+    let order = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "1s"];
     let said = say(&[&order[..], &["--run", running.id()]].concat());
     assert_eq!(said.code, Some(1), "{}", said.words);
     assert!(said.words.contains("deadlines"), "{}", said.words);
