@@ -21,9 +21,9 @@ const ELSEWHERE: [(&str, &str); 8] = [
     ("scenario.clock", "the flights of a campaign are in one process, which knows lockstep only"),
     ("scenario.speed", "the flights of a campaign go as fast as they can"),
     ("realtime", "it does nothing in lockstep, and a campaign flies in lockstep"),
-    ("swap", "a campaign has no processes that could change hands"),
-    ("standby", "a campaign has no processes that could stand by"),
-    ("fault", "a campaign has no processes that could fail"),
+    ("swap", "write [[swap]] into the scenario that the campaign flies"),
+    ("standby", "write [[standby]] into the scenario that the campaign flies"),
+    ("fault", "write [[fault]] into the scenario that the campaign flies"),
     ("launcher", "it does nothing in a campaign, whose flights have no processes"),
 ];
 

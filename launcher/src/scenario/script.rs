@@ -1,4 +1,4 @@
-//! What is done to a flight on purpose, at logical times: swaps of controllers, faults of processes.
+//! What is done to a flight on purpose, at logical times: swaps and standbys of controllers, faults of processes.
 
 use super::settings::Settings;
 use super::suggest;

@@ -1,4 +1,4 @@
-//! What is done to a flight on purpose, at logical instants: swaps and faults.
+//! What is done to a flight on purpose, at logical instants: swaps, standbys and faults.
 
 use super::{Means, Slots};
 use crate::control::Request;
