@@ -138,6 +138,21 @@ fn beside_or_on(own: Option<&Path>, path: &OsStr, name: &str) -> Option<PathBuf>
     folders.map(|folder| folder.join(name)).find_map(|path| executable(&path).ok())
 }
 
+/// Every executable beside this one or on the search path whose name is one of those meant.
+#[must_use]
+pub fn installed(is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
+    let own = std::env::current_exe().unwrap_or_default();
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders =
+        own.parent().map(Path::to_path_buf).into_iter().chain(std::env::split_paths(&path));
+    let entries = folders.filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+    let meant = entries.filter(|entry| entry.file_name().to_str().is_some_and(&is_meant));
+    let mut found: Vec<_> = meant.filter_map(|entry| executable(&entry.path()).ok()).collect();
+    found.sort();
+    found.dedup();
+    found
+}
+
 /// A share of something: `1%` or `0.01`; `None` unless finite and not negative.
 #[must_use]
 pub fn share(text: &str) -> Option<f64> {

@@ -4,7 +4,8 @@
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight, and [`control`] lets others ask it; [`pilot`] flies along
 //! in the launcher itself.
-//! [`replay`] flies a recording again; [`in_process`] flies in a single thread, [`campaign`] many
+//! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
+//! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`paper`] and [`study`] are reproduction and studies,
 //! [`figure`] and [`results`] what they leave behind. [`new_controller`] and [`types`] are for users'
 //! own controllers, in Rust and in other languages.
@@ -15,6 +16,7 @@ pub mod candidate;
 pub mod cli;
 pub mod components;
 pub mod control;
+pub mod doctor;
 pub mod figure;
 pub mod in_process;
 pub mod new_controller;
@@ -27,6 +29,7 @@ pub mod results;
 pub mod run;
 pub mod scenario;
 pub mod study;
+pub mod trace;
 pub mod types;
 
 pub use host::exit;

@@ -153,6 +153,7 @@ class Controller:
             for topic in ("wrench_command", "applied_setpoint", "attitude_report")
         }
         self.estimate = self.applied = self.previous_ns = None
+        self.received_mono_ns = 0
         self.estimator_mark_ns = 0
         self.integral = [0.0, 0.0, 0.0]
         self.torque = [0.0, 0.0, 0.0]
@@ -172,7 +173,7 @@ class Controller:
         start_mono_ns = run.now_ns()
         for estimate in self.estimates.receive():
             if estimate.header.valid_ns <= t_ns:
-                self.estimate = estimate
+                self.estimate, self.received_mono_ns = estimate, start_mono_ns
         for applied in self.applied_commands.receive():
             if applied.header.valid_ns <= t_ns and applied.command_sequence > 0:
                 self.applied = applied
@@ -239,7 +240,8 @@ class Controller:
             increment_max=(math.inf, math.inf, math.inf),
             thrust_n=thrust_n,
         )
-        header = self.process.header(self.estimate.header.cause_sequence, start_mono_ns)
+        received = self.received_mono_ns
+        header = self.process.header(self.estimate.header, received, start_mono_ns)
         values = (wrench, applied, report)
         for value, (topic, (writer, sequence, latency_ns)) in zip(values, self.writers.items()):
             value.header = header

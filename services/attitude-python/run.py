@@ -157,9 +157,12 @@ class Process:
         self._stop = True
 
     def _take_priority(self):
-        if self.flight["priority"] > 0:
+        claim = self.loop["claim"]
+        if claim["cpus"] and self.options.cpu is None:
+            os.sched_setaffinity(0, claim["cpus"])
+        if self.flight["realtime"]["policy"] == "fifo" and claim["priority"] > 0:
             try:
-                scheduling = os.sched_param(self.flight["priority"])
+                scheduling = os.sched_param(claim["priority"])
                 os.sched_setscheduler(0, os.SCHED_FIFO, scheduling)
             except PermissionError:
                 pass  # The launcher says so.
@@ -321,11 +324,13 @@ class Process:
             )
         )
 
-    def header(self, cause_sequence, start_mono_ns):
-        """What all samples of a step have in common."""
+    def header(self, cause, receive_mono_ns, start_mono_ns):
+        """What all samples of a step have in common that goes by the sample of header `cause`."""
         return self.samples.Header(
             release_ns=self.release_ns,
-            cause_sequence=cause_sequence,
+            cause_sequence=cause.cause_sequence,
+            input_sequence=cause.sequence,
+            receive_mono_ns=receive_mono_ns,
             release_mono_ns=self.mono_ns(self.release_ns),
             start_mono_ns=start_mono_ns,
             publish_mono_ns=now_ns(),

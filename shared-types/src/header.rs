@@ -18,6 +18,11 @@ sample! {
         pub valid_ns: u64,
         /// Sequence of the IMU sample this one descends from; 0 if none.
         pub cause_sequence: u64,
+        /// Sequence of the sample of its first input that the producing step went by; 0 if none.
+        pub input_sequence: u64,
+        /// Arrival of that sample at the producing process on `CLOCK_MONOTONIC` \[ns\]; 0 if it came
+        /// with a state, or within one process.
+        pub receive_mono_ns: u64,
         /// Intended release on `CLOCK_MONOTONIC` \[ns\]; in lockstep the instant the step became due.
         pub release_mono_ns: u64,
         /// Start of the producing step on `CLOCK_MONOTONIC` \[ns\].

@@ -68,7 +68,9 @@ impl Recording {
             let mut number = |name: &str| {
                 let header = sample.get_field_by_name_mut("header").expect("a header");
                 let header = header.as_message_mut().expect("a nested header");
-                for stamp in ["release_mono_ns", "start_mono_ns", "publish_mono_ns"] {
+                for stamp in
+                    ["receive_mono_ns", "release_mono_ns", "start_mono_ns", "publish_mono_ns"]
+                {
                     header.clear_field_by_name(stamp);
                 }
                 let mut number = Vec::new();

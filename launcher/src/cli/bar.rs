@@ -15,3 +15,13 @@ pub(super) fn bar(length: usize, what: &str) -> ProgressBar {
     ProgressBar::new(length as u64)
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
+
+/// A sign that something is done whose length nobody knows.
+pub(super) fn spinner(what: &'static str) -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let spinner = ProgressBar::new_spinner().with_message(what);
+    spinner.enable_steady_tick(core::time::Duration::from_millis(100));
+    spinner
+}

@@ -8,6 +8,7 @@ mod bar;
 mod branch;
 mod campaign;
 pub mod check;
+mod doctor;
 pub mod list;
 mod new_controller;
 pub mod options;
@@ -17,18 +18,20 @@ mod ps;
 mod refusal;
 mod replay;
 mod study;
+mod trace;
 mod types;
 
 pub use options::{
-    AdoptArguments, BranchArguments, CampaignArguments, Format, PaperArguments, ProcArguments,
-    PsArguments, ReplayArguments, RetireArguments, RollbackArguments, RunArguments, RunChoice,
-    ScenarioArguments, StandbyArguments, SwapArguments,
+    AdoptArguments, BranchArguments, CampaignArguments, DoctorArguments, Format, PaperArguments,
+    ProcArguments, PsArguments, ReplayArguments, RetireArguments, RollbackArguments, RunArguments,
+    RunChoice, ScenarioArguments, StandbyArguments, SwapArguments, TraceArguments,
 };
 
 use crate::run::{RunError, Summary};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
 use clap::Parser as _;
+use host::{LAYOUT_ARGUMENT, layout_hash};
 use options::{Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
 use std::ffi::OsString;
@@ -42,6 +45,10 @@ pub fn execute(
     diagnostics: &mut dyn Write,
 ) -> u8 {
     let arguments: Vec<OsString> = arguments.collect();
+    if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
+        let told = writeln!(out, "{:016x}", layout_hash());
+        return if told.is_ok() { exit::PASS } else { exit::UNFIT };
+    }
     let done = match Cli::try_parse_from(&arguments) {
         Ok(cli) => dispatch(cli.command, out, diagnostics),
         Err(error) if error.use_stderr() => Err(Failure::usage(&error, exit::USAGE)),
@@ -87,6 +94,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
                 None => replay::run(&arguments, out),
             };
         }
+        Command::Doctor(arguments) => return doctor::run(&arguments, out),
+        Command::Trace(arguments) => return trace::run(&arguments, out),
         Command::Study(command) => return study::run(&command, out),
         Command::NewController(arguments) => return new_controller::run(&arguments, out),
         Command::Types(arguments) => return types::run(&arguments, out),

@@ -1,11 +1,15 @@
 //! The grammar of the command line; `air` has the commands to a run in the air.
 
 mod air;
+pub(in crate::cli) mod doctor;
+pub(in crate::cli) mod trace;
 
 pub use air::{
     AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
     SwapArguments,
 };
+pub use doctor::DoctorArguments;
+pub use trace::TraceArguments;
 
 use crate::branch::At;
 use crate::run::{Pin, RunOptions, Speed};
@@ -54,6 +58,12 @@ pub(super) enum Command {
     Adopt(AdoptArguments),
     /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
     Replay(ReplayArguments),
+    /// Tell what of this machine is in the way of realtime flights
+    #[command(after_help = doctor::EXAMPLES)]
+    Doctor(DoctorArguments),
+    /// Follow the wrench commands of a recording back to their IMU samples
+    #[command(after_help = trace::EXAMPLES)]
+    Trace(TraceArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     Paper(PaperArguments),
     /// Fly a scenario with many seeds and settings, on all cores
@@ -158,6 +168,9 @@ pub struct ScenarioArguments {
     /// Kill or stop a process at a time, for example `kill:estimator@4.2s`
     #[arg(long, value_name = "kill|stop:NAME@TIME")]
     pub fault: Vec<String>,
+    /// Realtime: refuse to fly unless the system grants priority, locked memory and processors
+    #[arg(long)]
+    pub strict: bool,
 }
 
 impl ScenarioArguments {
@@ -174,6 +187,7 @@ impl ScenarioArguments {
         let crew = self.crew.iter().map(|argument| Override::crew(argument));
         let all = set.chain(rate).chain(crew).chain(swap).chain(standby).chain(fault);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
+        overrides.extend(self.strict.then(|| Override::set("realtime.strict=true")).transpose()?);
         overrides.extend(self.clock.as_deref().map(Override::clock));
         overrides.extend(self.duration.map(Override::duration));
         overrides.extend(self.seed.map(Override::seed));

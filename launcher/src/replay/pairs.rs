@@ -46,6 +46,7 @@ pub(crate) fn difference<T: Sample>(
     let generation =
         if keep.contains(&"generation") { new.header().generation } else { stamps.generation };
     *lent.header_mut() = Header {
+        receive_mono_ns: stamps.receive_mono_ns,
         release_mono_ns: stamps.release_mono_ns,
         start_mono_ns: stamps.start_mono_ns,
         publish_mono_ns: stamps.publish_mono_ns,

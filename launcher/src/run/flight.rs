@@ -11,6 +11,7 @@ mod watch;
 pub use adopt::{AdoptError, AdoptOptions, adopt};
 
 use super::conductor::Conductor;
+use super::grants::Grants;
 use super::live::{Live, View};
 use super::notes::{Notebook, Of};
 use super::pilot_thread::PilotEnd;
@@ -57,6 +58,9 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     }
     require_processor(options.pin)?;
     require_shared_memory()?;
+    let described =
+        options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
+    let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
     let recording_path =
         options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
@@ -68,8 +72,7 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     let scenario_file = membership.folder().join("scenario.toml");
     std::fs::write(&scenario_file, options.scenario.to_toml())
         .map_err(system(format!("write {}", scenario_file.display())))?;
-    let flight = options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
-    flight
+    described
         .write(membership.folder())
         .map_err(system(format!("describe the flight in {}", membership.folder().display())))?;
     let name = &options.scenario.settings().scenario.name;
@@ -82,7 +85,7 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     };
     let notebook = Notebook::open(membership.folder(), of, clock_of(&options.scenario));
     let mut flight = Flight::prepare(options, &membership, stop, recording, (live, notebook))?;
-    let started = flight.start(&membership, options);
+    let started = flight.start(&membership, options, &grants);
     let outcome = match started {
         Ok(()) => flight.fly(),
         Err(error) => {

@@ -32,8 +32,9 @@ const IDENTITY_FIELDS: [&str; 10] = [
 
 /// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever
 /// compares samples of two flights leaves these out and nothing else.
-pub const MACHINE_FIELDS: [&str; 6] = [
+pub const MACHINE_FIELDS: [&str; 7] = [
     // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
+    "receive_mono_ns",
     "release_mono_ns",
     "start_mono_ns",
     "publish_mono_ns",
@@ -155,8 +156,9 @@ impl LogHash {
     /// Adds a sample; per topic and seat they must come in sequence.
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
         // All of the header that is not the machine's, without comparing names sample by sample.
-        let Header { sequence, release_ns, valid_ns, cause_sequence, seat, .. } = *sample.header();
-        let head = [sequence, release_ns, valid_ns, cause_sequence, seat.into()];
+        let Header { sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat, .. } =
+            *sample.header();
+        let head = [sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat.into()];
         let skip = |name: &str| name == "header" || MACHINE_FIELDS.contains(&name);
         self.0.add((topic.name, seat), skip, &head, sample);
     }
@@ -189,6 +191,7 @@ mod tests {
         let plain = hash_of(|_| {});
         assert_eq!((plain.0.len(), plain.1.len()), (32, 32));
         assert_eq!(plain, hash_of(|t| t.header.publish_mono_ns = 77));
+        assert_eq!(plain, hash_of(|t| t.header.receive_mono_ns = 77));
         assert_eq!(plain, hash_of(|t| t.header.generation = 3));
         let changes: [fn(&mut Truth); 2] = [
             |t| t.position_w_m[2] = f64::from_bits(3.0_f64.to_bits() + 1),

@@ -7,6 +7,7 @@ mod conductor;
 mod consumers;
 mod disorder;
 mod flight;
+mod grants;
 mod hash;
 mod live;
 mod metrics;

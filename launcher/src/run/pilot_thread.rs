@@ -2,9 +2,9 @@
 
 use crate::components::{self, Component, ComponentVisitor};
 use crate::scenario::Scenario;
+use host::realtime::Setup;
 use host::{fly_service, name_thread, stay_on};
 use runtime::ipc::Bus;
-use runtime::priority::take_fifo;
 use runtime::watch::StopFlags;
 use runtime::{Ending, Executor, Graph, Place, Service};
 use shared_types::Role;
@@ -28,6 +28,7 @@ struct FlyPilot<'a> {
     graph: Graph,
     stop: StopFlags,
     entry: Entry,
+    setup: Option<Setup>,
 }
 
 impl ComponentVisitor for FlyPilot<'_> {
@@ -41,7 +42,12 @@ impl ComponentVisitor for FlyPilot<'_> {
         let place = Place { generation, ..Place::default() };
         let Component { service, state_every } = component;
         let executor = Executor::new(service, node, place, state_every);
-        fly_service(self.bus, self.graph, self.stop, executor, await_handover)
+        let prepare = || {
+            // What is not granted here, was not to the other loops either.
+            let _ = self.setup.map(|setup| setup.apply());
+            Ok(())
+        };
+        fly_service(self.bus, self.graph, self.stop, executor, (await_handover, prepare))
             .map_err(|error| error.to_string())
     }
 }
@@ -61,9 +67,11 @@ pub(super) fn start(
         if let Some(cpu) = cpu {
             stay_on(cpu);
         }
-        let _ = scenario.fifo_priority().map(take_fifo);
+        // Its memory is the launcher's, which is nobody's loop.
+        let setup = scenario.flight().ok().and_then(|flight| flight.setup(Role::Pilot));
+        let setup = setup.map(|setup| Setup { lock_memory: false, ..setup });
         let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
-        components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop, entry })
+        components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop, entry, setup })
             .map_err(|error| error.to_string())?
     })
 }

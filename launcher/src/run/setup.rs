@@ -73,13 +73,18 @@ pub enum RunError {
     #[error("interrupted before the start: nothing was flown")]
     Interrupted,
     /// A processor that this machine, or this process, does not have.
-    #[error("--pin {cpu}: this process may run on processor {allowed} only")]
+    #[error("{key} {cpu}: this process may run on processor {allowed} only")]
     NoSuchProcessor {
+        /// Flag or key that names it.
+        key: String,
         /// As asked for.
         cpu: usize,
         /// As possible, separated by commas.
         allowed: String,
     },
+    /// The flight is strict about what the system must grant.
+    #[error("realtime.strict: {0}")]
+    NotGranted(host::realtime::Shortfall),
     /// A realtime flight without processes.
     #[error(
         "--clock realtime needs processes, whose waiting and lateness it is about: leave --in-process away, or pace the same flight with --clock lockstep --speed 1"
@@ -151,7 +156,7 @@ pub(super) fn require_processor(pin: Pin) -> Result<(), RunError> {
         return Ok(());
     }
     let allowed = allowed.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-    Err(RunError::NoSuchProcessor { cpu, allowed })
+    Err(RunError::NoSuchProcessor { key: "--pin".to_owned(), cpu, allowed })
 }
 
 /// Processors that this process may run on.

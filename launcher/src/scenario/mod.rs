@@ -11,6 +11,7 @@ mod document;
 mod overrides;
 pub mod pilot;
 mod problem;
+mod rights;
 pub mod script;
 pub mod settings;
 pub mod shipped;
@@ -40,6 +41,7 @@ use document::{Document, Edit, Texts};
 use estimator::{FilterConfig, InitialState};
 use host::Flight;
 use host::flight::{Clock, Facts};
+use host::realtime::Realtime;
 use pilot::Frame;
 use position_mpc::PositionLawConfig;
 use position_pid::PositionPidConfig;
@@ -137,28 +139,26 @@ impl Scenario {
         ns_from_s(self.settings.scenario.duration_s)
     }
 
-    /// Priority over other programs that the flight's loops ask for, if any.
-    #[must_use]
-    pub fn fifo_priority(&self) -> Option<u8> {
-        let realtime = self.settings.scenario.clock == settings::Clock::Realtime;
-        Some(self.settings.realtime.priority).filter(|&priority| realtime && priority > 0)
-    }
-
     /// What the processes of a run must know of the flight.
     ///
     /// # Errors
     /// As [`graph`](Self::graph).
     pub fn flight(&self) -> Result<Flight, WiringError> {
+        let graph = self.graph()?;
+        let settings::RealtimeSettings { policy, lock_memory, timer_slack_s, strict, .. } =
+            self.settings.realtime;
+        let timer_slack_ns = ns_from_s(timer_slack_s);
         Ok(Flight::new(Facts {
             clock: match self.settings.scenario.clock {
                 settings::Clock::Lockstep => Clock::Lockstep,
                 settings::Clock::Realtime => Clock::Realtime,
             },
-            priority: self.settings.realtime.priority,
+            realtime: Realtime { policy, lock_memory, timer_slack_ns, strict },
+            claims: &rights::claims(&self.settings.realtime, &graph),
             grace_s: self.settings.launcher.launcher_grace_s,
             start_yaw_rad: self.start_yaw_rad(),
             vehicle: &self.modelled_vehicle(),
-            graph: &self.graph()?,
+            graph: &graph,
         }))
     }
 

@@ -5,6 +5,7 @@ use super::pilot::PilotSettings;
 pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
 use garde::Validate;
+pub use host::realtime::Policy;
 use runtime::MissPolicy;
 use serde::Deserialize;
 use shared_types::Role;
@@ -195,9 +196,27 @@ impl Default for LatencySettings {
 #[derive(Debug, Clone, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeSettings {
-    /// Priority over other programs (`SCHED_FIFO`), as far as the user may ask for it; 0 for none.
-    #[garde(range(max = 99))]
+    /// How loops are scheduled: `fifo`, `deadline` or, like any program, `other`.
+    #[garde(skip)]
+    pub policy: Policy,
+    /// Priority of the slowest loops under `fifo`; each faster rate has one more. 0 for none.
+    #[garde(range(max = 90))]
     pub priority: u8,
+    /// Share of each period that a loop may compute under `deadline`.
+    #[garde(range(min = 0.01, max = 0.95))]
+    pub budget_share: f64,
+    /// Processors for all loops; any if empty.
+    #[garde(skip)]
+    pub cpus: Vec<usize>,
+    /// Keep the memory of the loops' processes in place, all of it touched before the flight.
+    #[garde(skip)]
+    pub lock_memory: bool,
+    /// By how much the system may put off a loop's timers \[s\]; 0 for what it is used to.
+    #[garde(range(min = 0.0, max = 0.01))]
+    pub timer_slack_s: f64,
+    /// Refuse to fly if the system does not grant all of this.
+    #[garde(skip)]
+    pub strict: bool,
     /// Plant.
     #[garde(dive)]
     pub plant: LoopSettings,
@@ -225,6 +244,15 @@ pub struct LoopSettings {
     /// What to do about missed releases; what suits the loop if left out.
     #[garde(skip)]
     pub miss_policy: Option<Miss>,
+    /// Priority under `fifo` of this loop alone; by its rate if left out.
+    #[garde(range(max = 99))]
+    pub priority: Option<u8>,
+    /// Share of its period under `deadline` of this loop alone.
+    #[garde(range(min = 0.01, max = 0.95))]
+    pub budget_share: Option<f64>,
+    /// Processors of this loop alone.
+    #[garde(skip)]
+    pub cpus: Option<Vec<usize>>,
     /// Wait for inputs without latency at most this long after the release, in logical time \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub input_deadline_s: Option<f64>,
@@ -259,7 +287,13 @@ impl Default for RealtimeSettings {
     fn default() -> Self {
         let usual = LoopSettings::default;
         Self {
+            policy: Policy::Fifo,
             priority: 10,
+            budget_share: 0.25,
+            cpus: Vec::new(),
+            lock_memory: true,
+            timer_slack_s: 1e-6,
+            strict: false,
             plant: usual(),
             estimator: usual(),
             position_mpc: usual(),

@@ -8,6 +8,7 @@ use crate::run::child::{ChildSpec, Launch};
 use crate::run::conductor::Conductor;
 use crate::run::consumers::Consumers;
 use crate::run::disorder;
+use crate::run::grants::Grants;
 use crate::run::live::Live;
 use crate::run::metrics::Metrics;
 use crate::run::notes::Notebook;
@@ -24,16 +25,11 @@ use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind};
 use runtime::namespace::Membership;
-use runtime::priority::may_take_fifo;
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Hello, Role};
 
 /// From the announcement of a realtime flight to its start \[ns\].
 const COUNTDOWN_NS: u64 = 100_000_000;
-
-/// Said once, since it explains misses.
-const NO_PRIORITY: &str = "no right to realtime priority, other programs can make loops miss: raise \
-    `ulimit -r`, give cap_sys_nice, or fly slower with --speed";
 
 /// A flight's processes and what they are led with.
 pub(super) struct Crewed {
@@ -139,6 +135,7 @@ impl Flight {
         &mut self,
         membership: &Membership,
         options: &RunOptions,
+        grants: &Grants,
     ) -> Result<(), RunError> {
         let scenario = &options.scenario;
         let not_ready = |error: FlightError| RunError::NotReady(error.to_string());
@@ -152,8 +149,10 @@ impl Flight {
             Entry::AtTheStart,
         );
         self.pilot = Some(pilot.map_err(system("start the pilot"))?);
-        if scenario.fifo_priority().is_some_and(|priority| !may_take_fifo(priority)) {
-            self.notice(NO_PRIORITY);
+        if let Some(lacking) = grants.lacking() {
+            self.notice(&lacking);
+        } else if let Some(granted) = grants.granted() {
+            self.say(&granted);
         }
         let limit_s = scenario.settings().launcher.startup_timeout_s;
         let deadline_ns = mono_now_ns() + seconds(limit_s);

@@ -75,10 +75,15 @@ impl Flight {
     }
 
     pub(super) fn notice(&mut self, text: &str) {
+        self.say(text);
+        self.notices.push(text.to_owned());
+    }
+
+    /// Says what need not be remembered.
+    pub(super) fn say(&self, text: &str) {
         match &self.progress {
             Some(bar) => bar.suspend(|| eprintln!("morphquad: {text}")),
             None => eprintln!("morphquad: {text}"),
         }
-        self.notices.push(text.to_owned());
     }
 }

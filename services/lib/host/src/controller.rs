@@ -1,9 +1,13 @@
 //! A controller as an executable of its own.
 
-use crate::{BuildError, Config, Flight, HostError, Joined, PlaceArguments, conclude, exit};
+use crate::{
+    BuildError, Config, Flight, HostError, Joined, LAYOUT_ARGUMENT, PlaceArguments, conclude, exit,
+    layout_hash,
+};
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use runtime::{Ending, Service};
 use shared_types::Role;
+use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 /// Controllers publish their state after each step.
@@ -30,6 +34,8 @@ fn slot(text: &str) -> Result<Role, String> {
 /// Joins the run that the command line names, has `build` make the controller and flies it to the
 /// end of the flight, or until its seat is given up.
 ///
+/// Asked for its `--layout`, it tells which builds it can fly with, and ends.
+///
 /// `build` gets the flight's rates, latencies and vehicle, and the user's `--config`.
 pub fn controller<S, E>(
     name: &'static str,
@@ -39,6 +45,11 @@ where
     S: Service,
     E: Into<BuildError>,
 {
+    if std::env::args_os().nth(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
+        // Whoever asked may have gone.
+        let _ = writeln!(io::stdout(), "{:016x}", layout_hash());
+        return ExitCode::from(exit::PASS);
+    }
     let matches = Arguments::command().name(name).try_get_matches();
     let arguments = match matches.and_then(|matches| Arguments::from_arg_matches(&matches)) {
         Ok(arguments) => arguments,

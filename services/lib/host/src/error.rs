@@ -1,6 +1,7 @@
 //! Why a process cannot fly, and what it tells whoever started it.
 
 use crate::exit;
+use crate::realtime::Shortfall;
 use runtime::ipc::PortError;
 use runtime::namespace::NamespaceError;
 use runtime::{Ending, GraphError, ProcessError, RateError};
@@ -65,6 +66,9 @@ pub enum HostError {
         /// Why.
         source: io::Error,
     },
+    /// The flight is strict about what the system must grant.
+    #[error(transparent)]
+    Unfit(#[from] Shortfall),
     /// A port.
     #[error(transparent)]
     Port(#[from] PortError),

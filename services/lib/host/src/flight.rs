@@ -3,7 +3,9 @@
 //! The file is TOML, so that controllers in other languages read it too.
 
 use crate::HostError;
+use crate::realtime::{Policy, Realtime, Setup};
 use runtime::graph::Edge;
+use runtime::priority::Schedule;
 use runtime::{Graph, MissPolicy, Node, Rate};
 use serde::{Deserialize, Serialize};
 use shared_types::{Role, TopicInfo};
@@ -20,12 +22,12 @@ pub const FILE: &str = "flight.toml";
 pub struct Flight {
     /// `lockstep` or `realtime`.
     pub clock: Clock,
-    /// Priority over other programs that realtime loops ask for (`SCHED_FIFO`); 0 for none.
-    pub priority: u8,
     /// How long processes go on after the launcher's death \[s\].
     pub grace_s: f64,
     /// Heading at the start \[rad\].
     pub start_yaw_rad: f64,
+    /// What realtime loops ask of the system.
+    realtime: Realtime,
     /// The vehicle as everybody models it.
     vehicle: Vehicle,
     /// The loops that take part, in data-flow order.
@@ -45,20 +47,34 @@ pub enum Clock {
 }
 
 /// What a flight is described from.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Facts<'a> {
     /// Clock.
     pub clock: Clock,
-    /// See [`Flight::priority`].
-    pub priority: u8,
     /// See [`Flight::grace_s`].
     pub grace_s: f64,
     /// See [`Flight::start_yaw_rad`].
     pub start_yaw_rad: f64,
+    /// What all realtime loops ask of the system.
+    pub realtime: Realtime,
+    /// What each asks for.
+    pub claims: &'a [(Role, Claim)],
     /// The vehicle as it is modelled.
     pub vehicle: &'a VehicleParameters,
     /// Loops and arrows.
     pub graph: &'a Graph,
+}
+
+/// A loop's share of the machine.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    /// Priority under `SCHED_FIFO`; 0 for none.
+    pub priority: u8,
+    /// Share of each period that it may compute, under `SCHED_DEADLINE`.
+    pub budget_share: f64,
+    /// Processors to stay on; none for any.
+    pub cpus: Vec<usize>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -69,6 +85,7 @@ struct Loop {
     lead_ns: u64,
     input_deadline_ns: u64,
     miss_policy: Miss,
+    claim: Claim,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -112,14 +129,18 @@ impl Flight {
     /// Describes a flight.
     #[must_use]
     pub fn new(facts: Facts) -> Self {
-        let Facts { clock, priority, grace_s, start_yaw_rad, vehicle, graph } = facts;
+        let Facts { clock, grace_s, start_yaw_rad, realtime, claims, vehicle, graph } = facts;
+        let of_node = |node: &Node| {
+            let own = claims.iter().find(|(role, _)| *role == node.role);
+            Loop::new(node, own.map(|(_, claim)| claim.clone()).unwrap_or_default())
+        };
         Self {
             clock,
-            priority,
             grace_s,
             start_yaw_rad,
+            realtime,
             vehicle: vehicle.into(),
-            loops: graph.nodes().iter().map(Loop::from).collect(),
+            loops: graph.nodes().iter().map(of_node).collect(),
             edges: graph.edges().iter().map(Arrow::from).collect(),
         }
     }
@@ -150,10 +171,23 @@ impl Flight {
         self.clock == Clock::Realtime
     }
 
-    /// Priority that the loops of this flight ask for, if any.
+    /// What the loop of a role asks of the system; `None` in lockstep, where nothing is urgent.
     #[must_use]
-    pub fn fifo_priority(&self) -> Option<u8> {
-        Some(self.priority).filter(|&priority| self.is_realtime() && priority > 0)
+    pub fn setup(&self, role: Role) -> Option<Setup> {
+        let own = self.loops.iter().find(|own| own.role == role.label())?;
+        let Realtime { policy, lock_memory, timer_slack_ns, .. } = self.realtime;
+        self.is_realtime().then(|| Setup {
+            schedule: own.schedule(policy),
+            cpus: own.claim.cpus.clone(),
+            lock_memory,
+            timer_slack_ns,
+        })
+    }
+
+    /// Whether to refuse to fly without what the loops ask for.
+    #[must_use]
+    pub fn is_strict(&self) -> bool {
+        self.realtime.strict
     }
 
     /// The vehicle as everybody models it.
@@ -193,9 +227,27 @@ impl Flight {
     }
 }
 
-impl From<&Node> for Loop {
-    fn from(node: &Node) -> Self {
+impl Loop {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a period"
+    )]
+    fn schedule(&self, policy: Policy) -> Option<Schedule> {
+        match policy {
+            Policy::Other => None,
+            Policy::Fifo => Some(self.claim.priority).filter(|p| *p > 0).map(Schedule::Fifo),
+            Policy::Deadline => {
+                let period_ns = 1e9 / self.rate_hz;
+                let budget_ns = (self.claim.budget_share * period_ns) as u64;
+                Some(Schedule::Deadline { budget_ns, period_ns: period_ns as u64 })
+            }
+        }
+    }
+
+    fn new(node: &Node, claim: Claim) -> Self {
         Self {
+            claim,
             role: node.role.label().to_owned(),
             rate_hz: node.rate.hz(),
             lead_ns: node.lead_ns,
@@ -207,9 +259,7 @@ impl From<&Node> for Loop {
             },
         }
     }
-}
 
-impl Loop {
     fn node(&self) -> Result<Node, HostError> {
         let role = Role::STEPPING.into_iter().find(|role| role.label() == self.role);
         Ok(Node {
@@ -312,9 +362,15 @@ mod tests {
             VehicleParameters { mass_kg: 0.1 + 0.2, geometry, ..VehicleParameters::default() };
         let facts = Facts {
             clock: Clock::Realtime,
-            priority: 10,
             grace_s: 2.0,
             start_yaw_rad: 1.0 / 3.0,
+            realtime: Realtime {
+                policy: Policy::Fifo,
+                lock_memory: true,
+                timer_slack_ns: 7,
+                strict: false,
+            },
+            claims: &[(Role::Attitude, Claim { priority: 12, budget_share: 0.25, cpus: vec![1] })],
             vehicle: &vehicle,
             graph: &graph,
         };
@@ -335,7 +391,16 @@ mod tests {
         assert_eq!(read.rate_hz(Role::Position), None);
         let latency_s = read.latency_s(&topics::WRENCH_COMMAND.info);
         assert_eq!(latency_s.to_bits(), (1_234_567.0 * 1e-9_f64).to_bits());
-        assert_eq!(read.fifo_priority(), Some(10));
+        let setup = read.setup(Role::Attitude).unwrap();
+        let wanted = Setup {
+            schedule: Some(Schedule::Fifo(12)),
+            cpus: vec![1],
+            lock_memory: true,
+            timer_slack_ns: 7,
+        };
+        assert_eq!(setup, wanted);
+        assert_eq!(read.setup(Role::Plant).unwrap().schedule, None);
+        assert_eq!(read.setup(Role::Position), None);
     }
 
     #[test]

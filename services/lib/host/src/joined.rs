@@ -1,11 +1,11 @@
 //! One process of a run: joins it, opens its ports, flies, leaves.
 
+use crate::realtime::Setup;
 use crate::thread::{name_thread, stay_on};
 use crate::{Flight, HostError, PlaceArguments};
 use runtime::connect::connect;
 use runtime::ipc::Bus;
 use runtime::namespace::Membership;
-use runtime::priority::take_fifo;
 use runtime::watch::{LauncherNews, StopFlags};
 use runtime::{
     Ending, Executor, Graph, Node, Output, OutputSet as _, OutputVisitor, Process, Service,
@@ -52,8 +52,6 @@ impl Joined {
         let stop = StopFlags::watch_signals().map_err(watch("signals"))?;
         let membership = Membership::join(&arguments.run)?;
         let flight = Flight::read(membership.folder())?;
-        // Without permission it flies on as it is; the launcher says so.
-        let _ = flight.fifo_priority().map(take_fifo);
         let name_of_run = membership.name();
         let realtime = flight.is_realtime();
         let grace_s = if realtime { flight.grace_s } else { flight.grace_s.min(LOCKSTEP_GRACE_S) };
@@ -84,8 +82,23 @@ impl Joined {
     /// # Errors
     /// The component is of another slot, a port cannot be had, or the hand-over fails.
     pub fn fly<S: Service>(self, service: S, state_every: u64) -> Result<Ending, HostError> {
-        let executor = Executor::new(service, self.node, self.arguments.place(), state_every);
-        fly_service(&self.bus, self.graph, self.stop, executor, self.arguments.await_handover)
+        let Self { bus, flight, graph, node, stop, arguments, .. } = &self;
+        let executor = Executor::new(service, *node, arguments.place(), state_every);
+        // A processor that the command line has named stays.
+        let setup = flight.setup(node.role).map(|setup| Setup {
+            cpus: if arguments.cpu.is_some() { Vec::new() } else { setup.cpus },
+            ..setup
+        });
+        let prepare = || {
+            let shortfalls = setup.map(|setup| setup.apply()).unwrap_or_default();
+            match shortfalls.first() {
+                // The launcher has told of what it could foresee.
+                Some(shortfall) if flight.is_strict() => Err(HostError::from(*shortfall)),
+                _ => Ok(()),
+            }
+        };
+        let (graph, stop) = (graph.clone(), stop.clone());
+        fly_service(bus, graph, stop, executor, (arguments.await_handover, prepare))
     }
 }
 
@@ -110,8 +123,8 @@ fn of_launcher(
     }
 }
 
-/// Opens every port of a component, says hello, waits for a hand-over if told to, and flies; also
-/// used for the pilot, which lives in the launcher's own process.
+/// Opens every port of a component, prepares its thread, says hello, waits for a hand-over if told to,
+/// and flies; also used for the pilot, which lives in the launcher's own process.
 ///
 /// # Errors
 /// As [`Joined::fly`].
@@ -120,11 +133,12 @@ pub fn fly_service<S: Service>(
     graph: Graph,
     stop: StopFlags,
     mut executor: Executor<S>,
-    await_handover: bool,
+    (await_handover, prepare): (bool, impl FnOnce() -> Result<(), HostError>),
 ) -> Result<Ending, HostError> {
     refuse_other_outputs(&mut executor, &graph)?;
     connect(bus, &graph, &mut executor)?;
     let mut process = Process::open(bus, executor, graph, stop)?;
+    prepare()?;
     // Held until the end: a dropped writer's last sample may not have been read yet.
     let _hello = process.say_hello()?;
     if await_handover {

@@ -35,6 +35,8 @@ mod error;
 pub mod exit;
 pub mod flight;
 mod joined;
+mod layout;
+pub mod realtime;
 mod thread;
 
 pub use arguments::PlaceArguments;
@@ -43,4 +45,5 @@ pub use controller::controller;
 pub use error::{BuildError, HostError, conclude};
 pub use flight::Flight;
 pub use joined::{Joined, LOCKSTEP_GRACE_S, fly_service};
+pub use layout::{LAYOUT_ARGUMENT, layout_hash};
 pub use thread::{name_thread, stay_on};

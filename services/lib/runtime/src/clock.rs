@@ -59,6 +59,13 @@ impl WallMap {
         self.start_mono_ns.saturating_add((logical_ns as f64 / self.speed) as u64)
     }
 
+    /// Host instant that lies a logical time before a logical instant \[ns\].
+    #[must_use]
+    pub fn mono_ns_ahead(&self, logical_ns: u64, lead_ns: u64) -> u64 {
+        let lead = self.mono_ns(lead_ns) - self.start_mono_ns;
+        self.mono_ns(logical_ns).saturating_sub(lead)
+    }
+
     /// Logical instant of a host one; 0 before the start \[ns\].
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "non-negative")]

@@ -260,7 +260,10 @@ impl<S: Service> Executor<S> {
             self.service.track(now_ns, &self.inputs);
         }
         self.service.step(now_ns, &self.inputs, &mut self.outputs);
+        let origin = self.inputs.origin();
         let header = Header {
+            input_sequence: origin.sequence,
+            receive_mono_ns: origin.receive_mono_ns,
             release_mono_ns: stamps.release_mono_ns,
             start_mono_ns,
             publish_mono_ns: (stamps.now_mono_ns)(),

@@ -11,6 +11,31 @@ use std::collections::VecDeque;
 pub trait Source<T> {
     /// The next sample that has arrived, if any. Must not block or allocate.
     fn receive(&mut self) -> Option<T>;
+
+    /// Shows everything that has arrived where it lies, with the instant of its arrival on
+    /// `CLOCK_MONOTONIC` \[ns\]; 0 where nothing travels.
+    fn drain(&mut self, take: &mut dyn FnMut(&T, u64)) {
+        while let Some(sample) = self.receive() {
+            take(&sample, 0);
+        }
+    }
+}
+
+/// What the first input of a step says of its origin.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Origin {
+    /// Sequence of the IMU sample that it descends from; 0 if none.
+    pub cause_sequence: u64,
+    /// Its own sequence; 0 if there is none.
+    pub sequence: u64,
+    /// When it arrived; see [`Header::receive_mono_ns`] \[ns\].
+    pub receive_mono_ns: u64,
+}
+
+/// A sample that has arrived, and when \[ns\].
+struct Arrived<T> {
+    sample: T,
+    receive_mono_ns: u64,
 }
 
 /// Age of an input's latest value at an instant.
@@ -79,10 +104,13 @@ impl Newest {
 pub struct Input<T> {
     source: Option<Box<dyn Source<T>>>,
     edge: Option<Edge>,
-    pending: VecDeque<T>,
-    fresh: Vec<T>,
-    before: Option<T>,
-    latest: Option<T>,
+    /// Not in effect yet.
+    pending: VecDeque<Arrived<T>>,
+    /// What was in effect before, if anything was, and from `fresh_from` on what is new.
+    effective: Vec<T>,
+    fresh_from: usize,
+    /// Arrival of the latest sample \[ns\].
+    receive_mono_ns: u64,
     /// Of each seat: its newest sample in effect.
     newest: [Option<Newest>; SEATS],
     /// The same before this step.
@@ -103,8 +131,8 @@ impl<T: Sample> core::fmt::Debug for Input<T> {
         f.debug_struct("Input")
             .field("topic", &T::SCHEMA.name)
             .field("pending", &self.pending.len())
-            .field("fresh", &self.fresh.len())
-            .field("latest", &self.latest)
+            .field("fresh", &self.fresh().len())
+            .field("latest", &self.latest())
             .finish_non_exhaustive()
     }
 }
@@ -115,9 +143,9 @@ impl<T: Sample> Default for Input<T> {
             source: None,
             edge: None,
             pending: VecDeque::with_capacity(READER_CAPACITY),
-            fresh: Vec::with_capacity(READER_CAPACITY),
-            before: None,
-            latest: None,
+            effective: Vec::with_capacity(READER_CAPACITY + 1),
+            fresh_from: 0,
+            receive_mono_ns: 0,
             newest: [None; SEATS],
             newest_before: [None; SEATS],
             known_until_ns: None,
@@ -142,9 +170,7 @@ impl<T: Sample> Input<T> {
     /// the pending one and is otherwise ignored.
     pub fn receive(&mut self) {
         let Some(mut source) = self.source.take() else { return };
-        while let Some(sample) = source.receive() {
-            self.offer(sample);
-        }
+        source.drain(&mut |sample, receive_mono_ns| self.arrive(sample, receive_mono_ns));
         self.source = Some(source);
     }
 
@@ -158,7 +184,11 @@ impl<T: Sample> Input<T> {
 
     /// Takes one sample, as if it had arrived.
     pub fn offer(&mut self, sample: T) {
-        self.learn(&sample);
+        self.arrive(&sample, 0);
+    }
+
+    fn arrive(&mut self, sample: &T, receive_mono_ns: u64) {
+        self.learn(sample);
         let header = sample.header();
         let Some(newest) = usize::try_from(header.seat).ok().and_then(|i| self.newest.get(i))
         else {
@@ -169,28 +199,34 @@ impl<T: Sample> Input<T> {
             return;
         }
         let key = order(header);
-        let at = self.pending.partition_point(|p| order(p.header()) < key);
-        if let Some(same) = self.pending.get_mut(at).filter(|p| order(p.header()) == key) {
-            *same = sample;
-        } else if self.pending.len() < READER_CAPACITY {
-            self.pending.insert(at, sample);
-        } else {
+        let place = |p: &Arrived<T>| order(p.sample.header());
+        let arrived = Arrived { sample: *sample, receive_mono_ns };
+        // Nearly always it is the newest of all.
+        let at = match self.pending.back() {
+            Some(last) if place(last) >= key => self.pending.partition_point(|p| place(p) < key),
+            _ => self.pending.len(),
+        };
+        if let Some(same) = self.pending.get_mut(at).filter(|p| place(p) == key) {
+            *same = arrived;
+        } else if self.pending.len() == READER_CAPACITY {
             self.counts.overflowed += 1;
+        } else {
+            self.pending.insert(at, arrived);
         }
     }
 
     /// Moves what is in effect at `t_ns` into `fresh` and `latest`; `previous_ns` is the instant of
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
-        self.fresh.clear();
+        self.fresh_from = self.effective.len();
         self.newest_before = self.newest;
-        let due = |this: &Self| {
-            this.pending.front().is_some_and(|s| this.in_effect(s.header().valid_ns, t_ns))
-        };
-        while due(self) {
-            let Some(sample) = self.pending.pop_front() else { break };
+        while let Some(Arrived { sample, receive_mono_ns }) = self.pending.front() {
             let header = *sample.header();
+            if !self.in_effect(header.valid_ns, t_ns) {
+                break;
+            }
             if self.slot.is_some_and(|slot| !slot.counts(header.seat, header.valid_ns)) {
+                self.pending.pop_front();
                 continue;
             }
             if previous_ns.is_some_and(|p| self.in_effect(header.valid_ns, p)) {
@@ -199,11 +235,15 @@ impl<T: Sample> Input<T> {
             let newest = usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i));
             let before = newest.and_then(|newest| newest.replace(Newest::of(&header)));
             self.counts.lost += before.map_or(0, |before| before.missing_before(&header));
-            self.fresh.push(sample);
-        }
-        // Samples are large: copied only where something is new.
-        if let Some(newest) = self.fresh.last() {
-            self.before = self.latest.replace(*newest);
+            self.receive_mono_ns = *receive_mono_ns;
+            // Samples are large: what was in effect moves only where something is new.
+            if self.fresh_from > 1 {
+                self.effective[0] = self.effective[self.fresh_from - 1];
+                self.effective.truncate(1);
+                self.fresh_from = 1;
+            }
+            self.effective.push(*sample);
+            self.pending.pop_front();
         }
     }
 
@@ -211,7 +251,7 @@ impl<T: Sample> Input<T> {
     /// with the samples of its first period.
     pub fn skip_until(&mut self, t_ns: u64) {
         self.accept(t_ns, None);
-        self.fresh.clear();
+        self.fresh_from = self.effective.len();
         self.counts = InputCounts::default();
         self.known_until_ns = Some(t_ns);
     }
@@ -256,19 +296,28 @@ impl<T: Sample> Input<T> {
     /// Samples that took effect since the previous step, in order.
     #[must_use]
     pub fn fresh(&self) -> &[T] {
-        &self.fresh
+        &self.effective[self.fresh_from..]
     }
 
     /// What was in effect before this step's fresh samples.
     #[must_use]
     pub fn before_fresh(&self) -> Option<&T> {
-        if self.fresh.is_empty() { self.latest.as_ref() } else { self.before.as_ref() }
+        self.effective[..self.fresh_from].last()
     }
 
     /// The latest sample in effect, whoever wrote it.
     #[must_use]
     pub fn latest(&self) -> Option<&T> {
-        self.latest.as_ref()
+        self.effective.last()
+    }
+
+    /// What the latest sample says of its origin.
+    #[must_use]
+    pub fn origin(&self) -> Origin {
+        self.latest().map_or_else(Origin::default, |latest| {
+            let Header { cause_sequence, sequence, .. } = *latest.header();
+            Origin { cause_sequence, sequence, receive_mono_ns: self.receive_mono_ns }
+        })
     }
 
     /// True if the loop began in flight, or goes on from a state.
@@ -310,8 +359,8 @@ impl<T: Sample> Input<T> {
     /// Writes the latched value into a published state.
     pub fn pack_latch(&self, out: &mut [u8]) {
         let (present, value) = out.split_at_mut(8);
-        u64::from(self.latest.is_some()).pack(present);
-        if let Some(latest) = &self.latest {
+        u64::from(self.latest().is_some()).pack(present);
+        if let Some(latest) = self.latest() {
             latest.pack(value);
         } else {
             value.fill(0);
@@ -321,17 +370,20 @@ impl<T: Sample> Input<T> {
     /// Restores the latched value from a published state.
     pub fn unpack_latch(&mut self, from: &[u8]) {
         let (present, value) = from.split_at(8);
-        self.latest = (u64::unpack(present) != 0).then(|| T::unpack(value));
+        let latest = (u64::unpack(present) != 0).then(|| T::unpack(value));
+        self.effective.clear();
+        self.effective.extend(latest);
+        self.fresh_from = self.effective.len();
+        self.receive_mono_ns = 0;
         self.newest = [None; SEATS];
-        if let Some(latest) = self.latest {
+        if let Some(latest) = latest {
             self.learn(&latest);
         }
-        let header = self.latest.as_ref().map(|latest| *latest.header());
-        if let Some(header) = header
+        if let Some(header) = latest.as_ref().map(T::header)
             && let Some(newest) =
                 usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i))
         {
-            *newest = Some(Newest::of(&header));
+            *newest = Some(Newest::of(header));
         }
     }
 }
@@ -378,8 +430,8 @@ pub trait InputSet: Default {
     fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>);
     /// Sum of all inputs' counters.
     fn counts(&self) -> InputCounts;
-    /// Sequence of the IMU sample that the first declared input descends from; 0 if none.
-    fn cause_sequence(&self) -> u64;
+    /// What the first declared input says of its origin.
+    fn origin(&self) -> Origin;
     /// Writes all latches; `out` holds [`InputSet::LATCH_SIZE`] bytes.
     fn pack_latches(&self, out: &mut [u8]);
     /// Restores all latches.
@@ -443,13 +495,9 @@ macro_rules! inputs {
                 $(let total = total + self.$field.counts();)*
                 total
             }
-            fn cause_sequence(&self) -> u64 {
-                let causes: &[Option<u64>] = &[
-                    $(self.$field.latest().map(|s| {
-                        ::shared_types::Sample::header(s).cause_sequence
-                    })),*
-                ];
-                causes.first().copied().flatten().unwrap_or(0)
+            fn origin(&self) -> $crate::input::Origin {
+                let origins: &[$crate::input::Origin] = &[$(self.$field.origin()),*];
+                origins.first().copied().unwrap_or_default()
             }
             fn pack_latches(&self, out: &mut [u8]) {
                 let rest = out;

@@ -17,6 +17,7 @@ use thiserror::Error;
 pub const BASE: &str = "/dev/shm";
 const FOLDER_PREFIX: &str = "mq-";
 const UNBORN_PREFIX: &str = ".mq-";
+const OBJECT_PREFIX: &str = "mqshm-";
 
 /// Why a run's folder cannot be used.
 #[derive(Debug, Error)]
@@ -123,48 +124,97 @@ impl Drop for Membership {
     }
 }
 
+/// A run that nobody is in any more.
+struct Dead {
+    folder: PathBuf,
+    /// Keeps others from taking it for dead too while it is wiped.
+    _lock: Option<File>,
+}
+
+impl Dead {
+    /// The run of a folder, if it is dead.
+    fn of(folder: PathBuf) -> Option<Self> {
+        let name = folder.file_name()?.to_str()?;
+        let unborn = name.starts_with(UNBORN_PREFIX);
+        if !folder.is_dir() || !(unborn || name.starts_with(FOLDER_PREFIX)) {
+            return None;
+        }
+        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
+        if unborn && !older_than_a_minute(&folder) {
+            return None;
+        }
+        let lock = OpenOptions::new().read(true).write(true).open(folder.join("run.lock"));
+        let (dead, lock) = match lock {
+            Ok(file) => {
+                (flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok(), Some(file))
+            }
+            Err(error) => {
+                (error.kind() == io::ErrorKind::NotFound && older_than_a_minute(&folder), None)
+            }
+        };
+        dead.then_some(Self { folder, _lock: lock })
+    }
+
+    fn all() -> impl Iterator<Item = Self> {
+        let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
+        entries.filter_map(|entry| Self::of(entry.path()))
+    }
+}
+
 /// Removes what dead runs left behind and returns their folders.
 #[must_use]
 pub fn sweep_dead_runs() -> Vec<PathBuf> {
-    let mut swept = Vec::new();
-    let Ok(entries) = fs::read_dir(BASE) else { return swept };
-    for entry in entries.flatten() {
-        let path = entry.path();
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        let unborn = name.starts_with(UNBORN_PREFIX);
-        if !path.is_dir() || !(unborn || name.starts_with(FOLDER_PREFIX)) {
-            continue;
-        }
-        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
-        if unborn && !older_than_a_minute(&path) {
-            continue;
-        }
-        let lock = OpenOptions::new().read(true).write(true).open(path.join("run.lock"));
-        let dead = match lock {
-            Ok(file) => flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok(),
-            Err(error) => error.kind() == io::ErrorKind::NotFound && older_than_a_minute(&path),
-        };
-        if dead {
-            wipe(&path);
-            swept.push(path);
-        }
-    }
-    swept
+    let swept = Dead::all().map(|dead| {
+        wipe(&dead.folder);
+        dead.folder
+    });
+    swept.collect()
 }
 
-/// Name and folder of every run of this user that somebody is in, after a sweep of the dead ones.
+/// Folders of dead runs, without touching them.
 #[must_use]
-pub fn living_runs() -> Vec<(String, PathBuf)> {
-    let _ = sweep_dead_runs();
+pub fn dead_runs() -> Vec<PathBuf> {
+    Dead::all().map(|dead| dead.folder).collect()
+}
+
+/// Shared-memory objects of runs that have no folder any more. Whoever founds a run makes the folder
+/// first, whoever wipes one removes it last; what is older than a minute is nobody's.
+#[must_use]
+pub fn orphans() -> Vec<PathBuf> {
+    let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
+    let orphans = entries.filter(|entry| {
+        let name = entry.file_name();
+        let id = name.to_str().and_then(|name| name.strip_prefix(OBJECT_PREFIX));
+        let id = id.and_then(|rest| rest.split_once('_')).map(|(id, _)| id);
+        let has_folder = |id: &str| {
+            [FOLDER_PREFIX, UNBORN_PREFIX]
+                .iter()
+                .any(|prefix| Path::new(BASE).join(format!("{prefix}{id}")).is_dir())
+        };
+        id.is_some_and(|id| !has_folder(id)) && older_than_a_minute(&entry.path())
+    });
+    orphans.map(|entry| entry.path()).collect()
+}
+
+/// Name and folder of every run of this user that somebody is in.
+#[must_use]
+pub fn runs_in_the_air() -> Vec<(String, PathBuf)> {
     let own = rustix::process::geteuid().as_raw();
+    let dead = dead_runs();
     let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
     let living = entries.filter_map(|entry| {
         let id = entry.file_name().to_str()?.strip_prefix(FOLDER_PREFIX)?.to_owned();
         let is_own = entry.metadata().is_ok_and(|m| m.is_dir() && m.uid() == own);
-        is_own.then(|| (id, entry.path()))
+        (is_own && !dead.contains(&entry.path())).then(|| (id, entry.path()))
     });
     living.collect()
+}
+
+/// As [`runs_in_the_air`], after a sweep of the dead ones.
+#[must_use]
+pub fn living_runs() -> Vec<(String, PathBuf)> {
+    let _ = sweep_dead_runs();
+    runs_in_the_air()
 }
 
 fn older_than_a_minute(path: &Path) -> bool {
@@ -214,7 +264,7 @@ fn wipe(folder: &Path) {
 }
 
 fn ipc_prefix(id: &str) -> String {
-    format!("mqshm-{id}_")
+    format!("{OBJECT_PREFIX}{id}_")
 }
 
 fn lock_file(path: &Path, operation: FlockOperation) -> Result<File, NamespaceError> {
@@ -281,6 +331,29 @@ mod tests {
         assert!(living.folder().exists());
         let listed: Vec<_> = living_runs().into_iter().map(|(_, folder)| folder).collect();
         assert!(listed.contains(&living.folder().to_path_buf()) && !listed.contains(&dead_folder));
+    }
+
+    #[test]
+    fn looking_for_the_dead_removes_nothing_and_finds_objects_without_a_run() {
+        let dead = Membership::found(&id("look")).unwrap();
+        flock(&dead.run_lock, FlockOperation::Unlock).unwrap();
+        let object = |id: &str| Path::new(BASE).join(format!("{}left", ipc_prefix(id)));
+        let [of_run, orphan, young] = [id("look"), id("orphan"), id("young")].map(|id| object(&id));
+        let long_ago = std::time::UNIX_EPOCH;
+        for (path, old) in [(&of_run, true), (&orphan, true), (&young, false)] {
+            let file = File::create(path).unwrap();
+            if old {
+                file.set_modified(long_ago).unwrap();
+            }
+        }
+        let (found, left) = (dead_runs(), orphans());
+        assert!(found.contains(&dead.folder().to_path_buf()) || !dead.folder().exists());
+        assert!(left.contains(&orphan) && !left.contains(&young));
+        assert!(!left.contains(&of_run) || !dead.folder().exists());
+        assert!(!runs_in_the_air().iter().any(|(_, folder)| folder == dead.folder()));
+        for path in [&of_run, &orphan, &young] {
+            let _ = fs::remove_file(path);
+        }
     }
 
     /// The transport waits for ever for an object whose maker died before giving it a size.

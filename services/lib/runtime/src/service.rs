@@ -43,7 +43,7 @@ pub trait Service {
 
     /// IMU sequence that this step's outputs descend from.
     fn cause_sequence(&self, inputs: &Self::Inputs) -> u64 {
-        inputs.cause_sequence()
+        inputs.origin().cause_sequence
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::roll::{Accepts, Guard, node_id};
 use super::{Bus, Crowd, FLYING_CAPACITY, Ipc, PortError, ServiceKind, TopicFactory};
+use crate::clock::mono_now_ns;
 use crate::input::Source;
 use crate::output::Sink;
 use iceoryx2::port::publisher::Publisher;
@@ -51,16 +52,29 @@ impl<T: Wire + ZeroCopySend> IpcSource<T> {
     }
 }
 
-impl<T: Wire + ZeroCopySend> Source<T> for IpcSource<T> {
-    fn receive(&mut self) -> Option<T> {
+impl<T: Wire + ZeroCopySend> IpcSource<T> {
+    /// The next sample from whoever may write, where it lies.
+    fn next(&mut self) -> Option<iceoryx2::sample::Sample<Ipc, T, ()>> {
         loop {
             // A failed connection to one publisher must not silence the others; it is retried at the
             // next call, and a lost sample shows as a gap in the sequence.
             let sample = self.subscriber.receive().ok().flatten()?;
-            let node = sample.header().node_id();
-            if self.guard.as_ref().is_none_or(|guard| guard.passes(node, sample.payload())) {
-                return Some(*sample.payload());
+            let passes = |guard: &Guard<T>| guard.passes(sample.header().node_id(), &sample);
+            if self.guard.as_ref().is_none_or(passes) {
+                return Some(sample);
             }
+        }
+    }
+}
+
+impl<T: Wire + ZeroCopySend> Source<T> for IpcSource<T> {
+    fn receive(&mut self) -> Option<T> {
+        self.next().map(|sample| *sample)
+    }
+
+    fn drain(&mut self, take: &mut dyn FnMut(&T, u64)) {
+        while let Some(sample) = self.next() {
+            take(&sample, mono_now_ns());
         }
     }
 }

@@ -10,6 +10,9 @@ use crate::service::Service;
 use core::time::Duration;
 use shared_types::Role;
 
+/// Longest rest without a look around \[ns\].
+const LOOK_EVERY_NS: u64 = 20_000_000;
+
 impl<S: Service> Process<'_, S> {
     pub(super) fn run_realtime(&mut self, wall: WallMap) -> Ending {
         // Connections take a millisecond: they are made in the countdown, not in the first step.
@@ -30,9 +33,7 @@ impl<S: Service> Process<'_, S> {
                 return Ending::Finished;
             }
             let due_mono_ns = self.due_mono_ns(&wall);
-            if self.is_timed() && mono_now_ns() < due_mono_ns {
-                // Wakes at least every limit, to see a stop request or an earlier end.
-                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+            if self.is_timed() && !self.rest_until(due_mono_ns) {
                 continue;
             }
             if !self.inputs_decided(&wall) {
@@ -40,7 +41,7 @@ impl<S: Service> Process<'_, S> {
             }
             if mono_now_ns() < due_mono_ns {
                 // Final before it is due: a release between two releases of the producer.
-                sleep_until(due_mono_ns.min(mono_now_ns() + 20_000_000));
+                sleep_until(due_mono_ns.min(mono_now_ns() + LOOK_EVERY_NS));
                 continue;
             }
             self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
@@ -54,9 +55,31 @@ impl<S: Service> Process<'_, S> {
         }
     }
 
-    /// Host instant from which the next release may run \[ns\].
+    /// Rests until a release; false if that is so far ahead that it is time to look around, for a stop
+    /// request or an earlier end. The plant meanwhile takes in commands as they arrive, which changes
+    /// their stamps and not their effect.
+    fn rest_until(&mut self, due_mono_ns: u64) -> bool {
+        let limit_mono_ns = mono_now_ns() + LOOK_EVERY_NS;
+        let until_mono_ns = due_mono_ns.min(limit_mono_ns);
+        if self.seat.role != Role::Plant {
+            sleep_until(until_mono_ns);
+            return due_mono_ns <= limit_mono_ns;
+        }
+        loop {
+            let left_ns = until_mono_ns.saturating_sub(mono_now_ns());
+            if left_ns == 0 {
+                return due_mono_ns <= limit_mono_ns;
+            }
+            if self.listener.wait(Duration::from_nanos(left_ns)) {
+                self.executor.inputs.receive();
+            }
+        }
+    }
+
+    /// Host instant from which the next release may run, before the start for one that works ahead
+    /// \[ns\].
     fn due_mono_ns(&self, wall: &WallMap) -> u64 {
-        wall.mono_ns(self.executor.mark_ns().saturating_sub(self.executor.node().lead_ns))
+        wall.mono_ns_ahead(self.executor.mark_ns(), self.executor.node().lead_ns)
     }
 
     /// True if the loop's own clock starts its steps; otherwise its inputs do.

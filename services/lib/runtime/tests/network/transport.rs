@@ -68,6 +68,7 @@ pub(crate) fn fingerprint<T: Sample>(sample: &T) -> u64 {
     let header = sample.header_mut();
     header.generation = 0;
     header.release_mono_ns = 0;
+    header.receive_mono_ns = 0;
     header.start_mono_ns = 0;
     header.publish_mono_ns = 0;
     let mut bytes = vec![0; T::PACKED_SIZE];

@@ -1,0 +1,192 @@
+//! Shared memory, what dead runs have left there, and the disk that records.
+
+use super::Finding;
+use runtime::clock::mono_now_ns;
+use runtime::namespace::{BASE, dead_runs, orphans, runs_in_the_air, sweep_dead_runs};
+use rustix::fs::{fdatasync, statvfs};
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+/// What a flight may touch of shared memory \[MB\].
+const NEEDED_MB: u64 = 160;
+/// Room for an hour or so of recording \[MB\].
+const RECORDING_MB: u64 = 2048;
+/// What a flight as shipped writes, and what leaves it room \[MB/s\].
+const LEAST_RATE: f64 = 2.0;
+const ENOUGH_RATE: f64 = 20.0;
+/// Size of the trial \[MB\], and how long it may take.
+const TRIAL_MB: usize = 16;
+const TRIAL_LIMIT: Duration = Duration::from_millis(1200);
+
+pub(super) fn shared_memory() -> Vec<Finding> {
+    vec![size(), free(), writable(), leftovers(), living()]
+}
+
+fn size() -> Finding {
+    let Ok(stat) = statvfs(BASE) else {
+        return Finding::fail(
+            "shm size",
+            format!("{BASE} is not there"),
+            format!("mount a tmpfs on {BASE}"),
+        );
+    };
+    let mb = stat.f_blocks.saturating_mul(stat.f_frsize) >> 20;
+    let remedy =
+        format!("`mount -o remount,size=512m {BASE}`, or `--shm-size 512m` of the container");
+    if mb < NEEDED_MB {
+        return Finding::fail("shm size", format!("{mb} MB"), remedy);
+    }
+    Finding::warn_if(mb < 2 * NEEDED_MB, "shm size", format!("{mb} MB"), remedy)
+}
+
+fn free() -> Finding {
+    let stat = statvfs(BASE).map(|stat| stat.f_bavail.saturating_mul(stat.f_frsize) >> 20);
+    let mb = stat.unwrap_or(0);
+    let found = format!("{mb} MB free; a flight may need {NEEDED_MB} MB");
+    if mb < NEEDED_MB {
+        return Finding::fail(
+            "shm free",
+            found,
+            format!("remove what fills {BASE}; --fix removes dead runs"),
+        );
+    }
+    Finding::ok("shm free", found)
+}
+
+fn writable() -> Finding {
+    let path = Path::new(BASE).join(format!(".mq-doctor-{}", std::process::id()));
+    let made = fs::create_dir(&path);
+    // It was made just now, and is empty.
+    let _ = fs::remove_dir(&path);
+    match made {
+        Ok(()) => Finding::ok("shm access", "runs can be founded"),
+        Err(error) => {
+            Finding::fail("shm access", format!("{BASE}: {error}"), format!("`chmod 1777 {BASE}`"))
+        }
+    }
+}
+
+fn leftovers() -> Finding {
+    let (runs, objects) = (dead_runs().len(), orphans().len());
+    let found = match (runs, objects) {
+        (0, 0) => "none".to_owned(),
+        _ => format!("{runs} dead runs and {objects} objects without a run"),
+    };
+    Finding::warn_if(
+        runs + objects > 0,
+        "leftovers",
+        found,
+        "`morphquad doctor --fix` removes them",
+    )
+}
+
+fn living() -> Finding {
+    let count = runs_in_the_air().len();
+    let found = format!("{count} in the air");
+    Finding::warn_if(
+        count > 0,
+        "other runs",
+        found,
+        "`morphquad ps` shows them; they share the processors",
+    )
+}
+
+pub(super) fn fix() -> Vec<String> {
+    let orphans = orphans();
+    let mut done: Vec<_> = sweep_dead_runs()
+        .into_iter()
+        .map(|folder| format!("removed the dead run {} and its objects", folder.display()))
+        .collect();
+    let removed = orphans.iter().filter(|path| fs::remove_file(path).is_ok()).count();
+    if removed > 0 {
+        done.push(format!("removed {removed} objects without a run from {BASE}"));
+    }
+    done
+}
+
+/// The folder of the recordings, or the first one above that is there.
+fn existing(folder: &Path) -> PathBuf {
+    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
+    let existing = absolute.ancestors().find(|path| path.is_dir());
+    existing.map_or_else(|| PathBuf::from("/"), Path::to_path_buf)
+}
+
+pub(super) fn disk(recordings: &Path) -> Vec<Finding> {
+    let folder = existing(recordings);
+    let place = folder.display().to_string();
+    let free_mb =
+        statvfs(&folder).map_or(0, |stat| stat.f_bavail.saturating_mul(stat.f_frsize) >> 20);
+    let other = "record elsewhere with --record, or not with --no-record";
+    let room = format!("{free_mb} MB free in {place}");
+    let room = if free_mb < 64 {
+        Finding::fail("disk room", room, other)
+    } else {
+        Finding::warn_if(free_mb < RECORDING_MB, "disk room", room, other)
+    };
+    vec![room, rate(&folder, &place, other)]
+}
+
+fn rate(folder: &Path, place: &str, other: &str) -> Finding {
+    let name = "disk rate";
+    let path = folder.join(format!(".morphquad-doctor-{}", std::process::id()));
+    let (told, heard) = mpsc::channel();
+    let trial = path.clone();
+    // A disk that hangs must not hang its examination.
+    thread::spawn(move || {
+        let _ = told.send(write(&trial));
+        let _ = fs::remove_file(&trial);
+    });
+    match heard.recv_timeout(TRIAL_LIMIT) {
+        Ok(Ok(rate)) => {
+            let found = format!("{rate:.0} MB/s in {place}; a flight writes 1 to 2 MB/s");
+            if rate < LEAST_RATE {
+                return Finding::fail(name, found, other);
+            }
+            Finding::warn_if(rate < ENOUGH_RATE, name, found, other)
+        }
+        Ok(Err(error)) => Finding::fail(name, format!("{place}: {error}"), other),
+        Err(_) => {
+            let _ = fs::remove_file(&path);
+            let rate = TRIAL_MB as f64 / TRIAL_LIMIT.as_secs_f64();
+            Finding::warn(name, format!("less than {rate:.0} MB/s in {place}"), other)
+        }
+    }
+}
+
+/// Rate at which a file reaches the disk \[MB/s\].
+fn write(path: &Path) -> std::io::Result<f64> {
+    let block = vec![0x5a_u8; 1 << 20];
+    let mut file = File::create_new(path)?;
+    let start_ns = mono_now_ns();
+    for _ in 0..TRIAL_MB {
+        file.write_all(&block)?;
+    }
+    fdatasync(&file)?;
+    let took_s = (mono_now_ns() - start_ns).max(1) as f64 * 1e-9;
+    Ok(TRIAL_MB as f64 / took_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Verdict;
+    use super::*;
+
+    #[test]
+    fn a_folder_that_is_not_there_yet_is_judged_by_the_one_above_and_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let findings = disk(&folder.path().join("recordings/of/today"));
+        assert!(findings.iter().all(|finding| finding.found.contains("MB")), "{findings:?}");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_folder_that_nobody_can_write_fails() {
+        // Also for the superuser: nobody makes files in there.
+        let finding = rate(Path::new("/proc/self"), "/proc/self", "elsewhere");
+        assert_eq!(finding.verdict, Verdict::Fail);
+    }
+}
