@@ -199,6 +199,20 @@ impl ResultsFolder {
     pub fn figure(&mut self, name: &str, figure: &Figure) -> Result<(), ResultsError> {
         self.write(&format!("{name}.svg"), figure.to_svg().as_bytes())
     }
+
+    /// Writes a picture as `name`.png.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`], and a picture that cannot be drawn.
+    pub fn bitmap(&mut self, name: &str, figure: &Figure) -> Result<(), ResultsError> {
+        let name = format!("{name}.png");
+        let bytes = figure.to_png().map_err(|error| ResultsError {
+            action: "draw",
+            path: self.path.join(&name),
+            source: io::Error::other(error),
+        })?;
+        self.write(&name, &bytes)
+    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 mod adopt;
 mod bar;
+mod bench;
 mod branch;
 mod campaign;
 pub mod check;
@@ -96,6 +97,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
+        Command::Bench(command) => return bench::run(&command, out),
+        Command::BenchPeer => return Ok(bench::be_peer()),
         Command::Study(command) => return study::run(&command, out),
         Command::NewController(arguments) => return new_controller::run(&arguments, out),
         Command::Types(arguments) => return types::run(&arguments, out),

@@ -1,6 +1,7 @@
 //! The grammar of the command line; `air` has the commands to a run in the air.
 
 mod air;
+mod bench;
 pub(in crate::cli) mod doctor;
 pub(in crate::cli) mod trace;
 
@@ -10,6 +11,11 @@ pub use air::{
 };
 pub use doctor::DoctorArguments;
 pub use trace::TraceArguments;
+
+pub use bench::{
+    BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
+    ScaleArguments, SolveArguments, TableFormat, scenario_words,
+};
 
 use crate::branch::At;
 use crate::run::{Pin, RunOptions, Speed};
@@ -71,6 +77,9 @@ pub(super) enum Command {
     /// Fly or compute a whole range of conditions
     #[command(subcommand)]
     Study(StudyCommand),
+    /// Measure latencies of loops, paths and hops, with the machine's own noise beside them
+    #[command(subcommand, after_help = bench::EXAMPLES)]
+    Bench(BenchCommand),
     /// Write a small crate that flies a slot, to begin one's own controller with
     #[command(after_help = NEW_CONTROLLER_EXAMPLES)]
     NewController(NewControllerArguments),
@@ -79,6 +88,9 @@ pub(super) enum Command {
     /// Be one process of a run
     #[command(hide = true)]
     Proc(ProcArguments),
+    /// Be another process of a measurement
+    #[command(hide = true)]
+    BenchPeer,
 }
 
 /// Which study.

@@ -6,6 +6,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
+/// Marks the folder of a run in which nothing flies.
+const MEASUREMENT: &str = "measurement";
+
+/// Lets nobody take a run for a flight.
+///
+/// # Errors
+/// Its folder cannot be written.
+pub fn note_measurement(folder: &Path) -> std::io::Result<()> {
+    fs::write(folder.join(MEASUREMENT), "")
+}
+
 /// A run of this user with processes alive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Run {
@@ -82,8 +93,9 @@ fn list(runs: &[Run]) -> String {
 /// Runs of this user with processes alive, in the order of their names.
 #[must_use]
 pub fn living() -> Vec<Run> {
-    let folders = namespace::living_runs();
-    let mut runs: Vec<Run> = folders.into_iter().map(|(id, folder)| Run { id, folder }).collect();
+    let folders = namespace::living_runs().into_iter();
+    let flights = folders.filter(|(_, folder)| !folder.join(MEASUREMENT).exists());
+    let mut runs: Vec<Run> = flights.map(|(id, folder)| Run { id, folder }).collect();
     runs.sort_by(|a, b| a.id.cmp(&b.id));
     runs
 }

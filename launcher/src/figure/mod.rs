@@ -1,4 +1,4 @@
-//! Figures as data, and their pictures as SVG.
+//! Figures as data, and their pictures as SVG or PNG.
 //!
 //! A [`Figure`] is a grid of [`Panel`]s with one legend beside it. This file and `heat.rs` say
 //! what a figure is made of; `draw.rs` alone knows the plotting crate.
@@ -173,6 +173,14 @@ impl Figure {
     #[must_use]
     pub fn to_svg(&self) -> String {
         draw::svg(self)
+    }
+
+    /// The picture as PNG, twice as many points to an inch.
+    ///
+    /// # Errors
+    /// What the drawing crate says.
+    pub fn to_png(&self) -> Result<Vec<u8>, String> {
+        draw::png(self)
     }
 }
 

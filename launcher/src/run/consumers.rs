@@ -4,6 +4,7 @@ use super::hash::{FlightHash, LogHash};
 use super::metrics::Metrics;
 use super::slots::SlotWatch;
 use super::summary::Summary;
+use crate::bench::stopwatch::Stopwatch;
 use crate::in_process::Observer;
 use crate::record::read::seat_config;
 use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
@@ -26,6 +27,8 @@ pub(super) struct Consumers {
     pub(super) recording_error: Option<String>,
     /// What the slots want to know; none if nobody commands them by turns.
     pub(super) slot_watch: Option<SlotWatch>,
+    /// Keeps stamps for who measures; none if nobody does.
+    pub(super) stopwatch: Option<Stopwatch>,
     /// Topics of the flight, under audit.
     streams: Vec<(&'static TopicInfo, Stream)>,
 }
@@ -62,6 +65,9 @@ impl Consumers {
         self.hash.add(&topic.info, sample);
         self.log_hash.add(&topic.info, sample);
         self.metrics.observe(topic, sample);
+        if let Some(stopwatch) = &mut self.stopwatch {
+            stopwatch.observe(topic, sample);
+        }
         if let Some(watch) = &mut self.slot_watch {
             watch.observe(sample);
         }

@@ -24,6 +24,7 @@ use super::slots::{Means, Processes, Script, Slots};
 use super::summary::Summary;
 use super::supervisor::{FlightError, Supervisor};
 use super::tap::Tap;
+use crate::bench::stopwatch::Stopwatch;
 use crate::record::{Recording, Severity};
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
@@ -52,6 +53,25 @@ enum Outcome {
 /// # Errors
 /// [`RunError`] if the flight never started; what happens in the air is in the summary.
 pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
+    fly(options, None).map(|(summary, _)| summary)
+}
+
+/// As [`run`], and keeps the stamps of every sample.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_measured(
+    options: &RunOptions,
+    stopwatch: Stopwatch,
+) -> Result<(Summary, Stopwatch), RunError> {
+    let (summary, stopwatch) = fly(options, Some(stopwatch))?;
+    Ok((summary, stopwatch.unwrap_or_default()))
+}
+
+fn fly(
+    options: &RunOptions,
+    stopwatch: Option<Stopwatch>,
+) -> Result<(Summary, Option<Stopwatch>), RunError> {
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     for folder in sweep_dead_runs() {
         eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
@@ -85,6 +105,7 @@ pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     };
     let notebook = Notebook::open(membership.folder(), of, clock_of(&options.scenario));
     let mut flight = Flight::prepare(options, &membership, stop, recording, (live, notebook))?;
+    flight.tap.consumers.stopwatch = stopwatch;
     let started = flight.start(&membership, options, &grants);
     let outcome = match started {
         Ok(()) => flight.fly(),
@@ -162,6 +183,7 @@ impl Flight {
                 return Outcome::Lost(format!("{names} did not leave after the end of the flight"));
             }
             self.watch_progress(drained, now_ns);
+            self.look_at_processes(now_ns);
             if let Err(error) = self.answer(now_ns) {
                 return Outcome::Lost(error.to_string());
             }

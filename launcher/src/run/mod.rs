@@ -30,7 +30,7 @@ pub use alone::{Branched, run_branch, run_in_process};
 pub(crate) use child::{ChildSpec, Launch};
 pub use command_audit::CommandTally;
 pub use conductor::Speed;
-pub use flight::{AdoptError, AdoptOptions, adopt, run};
+pub use flight::{AdoptError, AdoptOptions, adopt, run, run_measured};
 pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};
 pub use metrics::{Effort, Metrics, VIOLATION_TOLERANCE};
 pub use misses::{EdgeName, MissLog, Missed, Place};

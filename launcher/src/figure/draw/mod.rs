@@ -4,7 +4,7 @@ mod heat;
 
 use kuva::prelude::{
     BarPlot, Figure as Grid, Layout, LegendEntry, LegendShape, LinePlot, LineStyle, MarkerShape,
-    Plot, ReferenceLine, ScatterPlot, ShadedRegion, SvgBackend, TickFormat,
+    Plot, PngBackend, ReferenceLine, ScatterPlot, ShadedRegion, SvgBackend, TickFormat,
 };
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -16,6 +16,14 @@ const BOUND_PX: f64 = 1.2;
 const FONT: &str = "DejaVu Sans, Helvetica, Arial, sans-serif";
 
 pub(super) fn svg(figure: &Figure) -> String {
+    renumbered(&SvgBackend::new().render_scene(&grid(figure).render()), &figure.title)
+}
+
+pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, String> {
+    PngBackend::new().render_scene(&grid(figure).render())
+}
+
+fn grid(figure: &Figure) -> Grid {
     let columns = figure.columns.max(1);
     let rows = figure.panels.len().div_ceil(columns).max(1);
     let [width, height] = figure.panel_px;
@@ -30,7 +38,7 @@ pub(super) fn svg(figure: &Figure) -> String {
     if !entries.is_empty() {
         grid = grid.with_shared_legend_right_top().with_shared_legend_entries(entries);
     }
-    renumbered(&SvgBackend::new().render_scene(&grid.render()), &figure.title)
+    grid
 }
 
 /// The crate counts its clip paths through the whole process: here from 0 for each figure, and
@@ -336,6 +344,9 @@ mod tests {
         ));
         let figure = Figure::new("steps & peaks", 1).panel(panel);
         let text = svg(&figure);
+        assert!(
+            png(&figure).is_ok_and(|bytes| bytes.starts_with(b"\x89PNG") && bytes.len() > 1000)
+        );
         assert!(text == svg(&figure) && text.contains("url(#clip-stepspeaks-0)"));
         for words in ["steps &amp; peaks", "a &lt; b", "ours", "rate [Hz]"] {
             assert!(text.contains(words), "{words}");

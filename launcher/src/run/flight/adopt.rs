@@ -147,7 +147,8 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
         }
         Err(error) => Outcome::Lost(error),
     };
-    Ok(flight.conclude(outcome, &options, &run, path))
+    let (summary, _) = flight.conclude(outcome, &options, &run, path);
+    Ok(summary)
 }
 
 impl AdoptOptions {

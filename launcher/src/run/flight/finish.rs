@@ -1,6 +1,7 @@
 //! The end of a flight and its summary.
 
 use super::{Flight, Outcome};
+use crate::bench::stopwatch::Stopwatch;
 use crate::run::setup::RunOptions;
 use crate::run::summary::Summary;
 use runtime::clock::mono_now_ns;
@@ -29,7 +30,7 @@ impl Flight {
         options: &RunOptions,
         id: &str,
         recording_path: Option<PathBuf>,
-    ) -> Summary {
+    ) -> (Summary, Option<Stopwatch>) {
         let (from_ns, begun_mono_ns) = self.begun;
         let wall_ns = mono_now_ns().saturating_sub(begun_mono_ns);
         if matches!(outcome, Outcome::Killed | Outcome::Lost(_)) {
@@ -77,6 +78,6 @@ impl Flight {
             Outcome::Lost(reason) => summary.lost = Some(reason),
         }
         self.tap.consumers.finish_recording(&mut summary);
-        summary
+        (summary, self.tap.consumers.stopwatch.take())
     }
 }

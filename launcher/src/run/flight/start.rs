@@ -181,6 +181,9 @@ impl Flight {
         let cap_ns = self.cap_ns(u64::MAX);
         self.conductor.start(start_ns, cap_ns);
         self.begun = (0, start_ns);
+        if let Some(stopwatch) = &mut self.tap.consumers.stopwatch {
+            stopwatch.started(start_ns);
+        }
         self.supervisor.note_clock(self.conductor.record());
         self.wakers.wake_all();
         self.progress_at = (mono_now_ns(), 0);

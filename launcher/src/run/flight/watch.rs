@@ -3,7 +3,7 @@
 use super::Flight;
 use crate::record::{Event, Severity};
 use crate::run::conductor::Patience;
-use shared_types::{ClockMode, RollEntry, Seat};
+use shared_types::{ClockMode, Role, RollEntry, Seat};
 
 impl Flight {
     /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
@@ -55,6 +55,20 @@ impl Flight {
                 self.supervisor.kill_stalled(&stalled, &self.tap);
             }
         }
+    }
+
+    /// Lets who measures see what each process takes, while nobody has left yet.
+    pub(super) fn look_at_processes(&mut self, now_ns: u64) {
+        let over = self.drained_ns >= self.conductor.end_ns();
+        let Some(stopwatch) = self.tap.consumers.stopwatch.as_mut() else { return };
+        if over || !stopwatch.wants_look(now_ns) {
+            return;
+        }
+        let crew = self.supervisor.crew().filter(|member| member.ready);
+        let crew = crew.filter_map(|m| Some((m.seat.role, m.seat.index, m.name, m.pid?)));
+        let pilot = self.graph.node(Role::Pilot).map(|node| node.role.label());
+        let pilot = pilot.map(|name| (Role::Pilot, 0, name, std::process::id()));
+        stopwatch.look(now_ns, crew.chain(pilot));
     }
 
     pub(super) fn publish_notices(&mut self, logical_ns: u64) {

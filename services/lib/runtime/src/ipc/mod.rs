@@ -4,12 +4,14 @@
 //! (A process killed while *creating* a service would leave it unusable.) Every stream overflows:
 //! a stopped reader never blocks a writer.
 
+mod bare;
 mod names;
 mod ports;
 mod roll;
 mod state;
 mod wake;
 
+pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort};
 pub use roll::Stray;

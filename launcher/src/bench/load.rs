@@ -1,0 +1,129 @@
+//! Something else for the machine to do while it is measured: ordinary programs, one per processor.
+
+use super::BenchError;
+use super::peer::{Order, Peer, Seat, Talk, unheard};
+use super::place::Place;
+use core::hint::black_box;
+use core::sync::atomic::{AtomicBool, Ordering};
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{self, Seek as _, Write as _};
+use std::path::PathBuf;
+use std::thread;
+
+/// Words of the block that memory load goes through, more than caches hold.
+const BLOCK_WORDS: usize = 8 << 20;
+/// Bytes of a write to the disk, and of the file before it begins anew.
+const WRITE_BYTES: usize = 1 << 20;
+const FILE_BYTES: usize = 64 << 20;
+
+/// What to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Load {
+    /// Nothing
+    None,
+    /// Compute
+    Cpu,
+    /// Move memory
+    Mem,
+    /// Write files, to the disk at once
+    Io,
+}
+
+impl Load {
+    /// As it is written.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Cpu => "cpu",
+            Self::Mem => "mem",
+            Self::Io => "io",
+        }
+    }
+
+    /// Begins on every processor of the place; it ends when what is returned is dropped.
+    ///
+    /// # Errors
+    /// A program cannot be started.
+    pub fn begin(self, place: &Place) -> Result<Vec<Peer>, BenchError> {
+        if self == Self::None {
+            return Ok(Vec::new());
+        }
+        let folder = std::env::temp_dir();
+        let order = |cpu: &usize| {
+            let file = folder.join(format!("morphquad-load-{}-{cpu}", std::process::id()));
+            LoadOrder { load: self, seat: Seat { cpu: Some(*cpu), ..Seat::default() }, file }
+        };
+        place.cpus.iter().map(|cpu| Peer::start(&Order::Load(order(cpu)))).collect()
+    }
+}
+
+/// What one program is to do.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct LoadOrder {
+    load: Load,
+    seat: Seat,
+    file: PathBuf,
+}
+
+/// Loads the machine until nobody listens any more.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn be_load(order: &LoadOrder, talk: &mut Talk) -> Result<String, BenchError> {
+    let full = |source| BenchError::System {
+        action: format!("write {} for --load io", order.file.display()),
+        source,
+    };
+    let file = match order.load {
+        Load::Io => Some(File::create(&order.file).map_err(full)?),
+        _ => None,
+    };
+    // Its name is not needed, and so nothing is left behind.
+    let _ = std::fs::remove_file(&order.file);
+    talk.ready().map_err(unheard)?;
+    let going = AtomicBool::new(true);
+    thread::scope(|scope| {
+        let work = scope.spawn(|| {
+            order.seat.take("load");
+            if let Some(file) = file {
+                return write(file, &going);
+            }
+            compute(order.load, &going);
+            Ok(())
+        });
+        while talk.hear().is_some() {}
+        going.store(false, Ordering::Relaxed);
+        work.join()
+            .map_or_else(|_| Err(BenchError::Peer("died".to_owned())), |done| done.map_err(full))
+    })?;
+    Ok(String::new())
+}
+
+fn compute(load: Load, going: &AtomicBool) {
+    let mut block = vec![1_u64; if load == Load::Mem { BLOCK_WORDS } else { 1024 }];
+    while going.load(Ordering::Relaxed) {
+        for word in &mut block {
+            *word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        }
+        black_box(&block);
+    }
+}
+
+fn write(mut file: File, going: &AtomicBool) -> io::Result<()> {
+    let bytes = vec![0_u8; WRITE_BYTES];
+    let mut written = 0;
+    while going.load(Ordering::Relaxed) {
+        file.write_all(&bytes)?;
+        file.sync_data()?;
+        written += WRITE_BYTES;
+        if written >= FILE_BYTES {
+            file.set_len(0)?;
+            file.rewind()?;
+            written = 0;
+        }
+    }
+    Ok(())
+}
