@@ -14,6 +14,7 @@ use runtime::priority::Schedule;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::process::CommandExt as _;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 /// What a peer is to do.
@@ -81,6 +82,8 @@ impl Peer {
             .arg("bench-peer")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            // A Ctrl-C at the terminal reaches who started it alone.
+            .process_group(0)
             .spawn()
             .map_err(failed)?;
         let orders = child.stdin.take();
