@@ -69,10 +69,7 @@ pub fn edits(place: &Place) -> Result<Vec<Override>, ScenarioError> {
     if place.policy == Policy::Fifo {
         edits.push(Override::set(&format!("realtime.priority={}", place.priority))?);
     }
-    edits.extend([
-        Override::clock("realtime"),
-        Override::speed("1"),
-    ]);
+    edits.extend([Override::clock("realtime"), Override::speed("1")]);
     Ok(edits)
 }
 
