@@ -58,6 +58,27 @@ fn a_hop_is_measured_polled_and_blocking_beside_the_bare_transport() {
     assert_eq!(no_better_than_nothing.status.code(), Some(1));
 }
 
+/// Each way from sensor to motor adds up, and stands beside its floor.
+fn assert_paths(report: &Value) {
+    let paths = report["paths"].as_array().expect("paths");
+    assert_eq!(paths.len(), 2, "{report}");
+    for path in paths {
+        assert_measured(&path["total"]["flown"]);
+        assert_ratios(&path["total"]["flown"], &path["total"]["floor"], &path["total"]["ratio"]);
+        let links = path["links"].as_array().expect("links");
+        for link in links {
+            assert_measured(&link["took"]);
+        }
+        assert_eq!(path["untraced"], 0, "{path}");
+        assert!((path["hold_us"].as_f64().expect("a time") - 1000.0).abs() < 1e-9);
+        // The floor is the sum of its parts.
+        let parts = path["floor_parts"].as_array().expect("parts").iter();
+        let sum: f64 = parts.map(|part| part["took"]["p50_us"].as_f64().expect("a time")).sum();
+        let floor = path["total"]["floor"]["p50_us"].as_f64().expect("a time");
+        assert!((sum / floor - 1.0).abs() < 1e-9, "{path}");
+    }
+}
+
 #[test]
 fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
     let _turn = turn();
@@ -91,21 +112,7 @@ fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
         }
         assert!(one["cost"]["rss_mb"].as_f64() > Some(1.0), "{one}");
     }
-    let paths = report["paths"].as_array().expect("paths");
-    assert_eq!(paths.len(), 2, "{report}");
-    for path in paths {
-        assert_measured(&path["total"]["flown"]);
-        assert_ratios(&path["total"]["flown"], &path["total"]["floor"], &path["total"]["ratio"]);
-        let links = path["links"].as_array().expect("links");
-        links.iter().for_each(|link| assert_measured(&link["took"]));
-        assert_eq!(path["untraced"], 0, "{path}");
-        assert!((path["hold_us"].as_f64().expect("a time") - 1000.0).abs() < 1e-9);
-        // The floor is the sum of its parts.
-        let parts = path["floor_parts"].as_array().expect("parts").iter();
-        let sum: f64 = parts.map(|part| part["took"]["p50_us"].as_f64().expect("a time")).sum();
-        let floor = path["total"]["floor"]["p50_us"].as_f64().expect("a time");
-        assert!((sum / floor - 1.0).abs() < 1e-9, "{path}");
-    }
+    assert_paths(report);
     let written = std::fs::read_to_string(saved).expect("it was saved");
     let written: Value = serde_json::from_str(&written).expect("it is JSON");
     assert_eq!(&written, report);

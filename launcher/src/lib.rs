@@ -7,7 +7,7 @@
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`paper`] and [`study`] are reproduction and studies,
-//! [`figure`] and [`results`] what they leave behind. [`bench`] measures latencies. [`new_controller`] and [`types`] are for users'
+//! [`figure`] and [`results`] what they leave behind. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
 //! own controllers, in Rust and in other languages.
 
 pub mod bench;

@@ -14,8 +14,10 @@ use crate::control::runs::note_measurement;
 use runtime::namespace::Membership;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// First and last phase of the floor's instants within a millisecond \[ns\].
-const PHASES_NS: [u64; 2] = [350_000, 900_000];
+/// Where in the millisecond after the flight's instants the timers' instants lie, and those of the pings,
+/// which take longer \[ns\]: none may meet another.
+const TIMER_PHASES_NS: [u64; 2] = [300_000, 480_000];
+const PING_PHASES_NS: [u64; 2] = [500_000, 940_000];
 
 /// What to measure: rates of timers \[Hz\], and pings by name.
 #[derive(Debug, Clone, Default)]
@@ -55,16 +57,17 @@ impl Floor {
             action: "write the run's folder".to_owned(),
             source,
         })?;
-        let count = (plan.timers.len() + plan.pings.len()).max(1) as u64;
-        let phase_ns =
-            |index: usize| PHASES_NS[0] + (PHASES_NS[1] - PHASES_NS[0]) * index as u64 / count;
-        let beat = |index, rate_hz| Beat {
+        let beat = |[first_ns, end_ns]: [u64; 2], (index, count): (usize, usize), rate_hz| Beat {
             rate_hz,
-            phase_ns: phase_ns(index),
+            phase_ns: first_ns + (end_ns - first_ns) * index as u64 / count as u64,
             fifo: place.fifo().map(|base| priority(base, rate_hz, &plan.timers)),
         };
-        let timers: Vec<Beat> =
-            plan.timers.iter().enumerate().map(|(index, hz)| beat(index, *hz)).collect();
+        let timers: Vec<Beat> = plan
+            .timers
+            .iter()
+            .enumerate()
+            .map(|(index, hz)| beat(TIMER_PHASES_NS, (index, plan.timers.len()), *hz))
+            .collect();
         let pings: Vec<Ping> = plan
             .pings
             .iter()
@@ -72,7 +75,7 @@ impl Floor {
             .map(|(index, (name, payload, hz))| Ping {
                 name: (*name).to_owned(),
                 payload: *payload,
-                beat: beat(timers.len() + index, *hz),
+                beat: beat(PING_PHASES_NS, (index, plan.pings.len()), *hz),
             })
             .collect();
         let seat = ThreadSeat { cpu: None, fifo: place.fifo(), like_a_loop: true };

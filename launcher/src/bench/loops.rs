@@ -4,7 +4,7 @@ use super::BenchError;
 use super::facts::BenchFacts;
 use super::floor::{Floor, FloorData, FloorPlan};
 use super::load::Load;
-use super::measure::{Chains, FIGURES, Steps, Window, taken, totals};
+use super::measure::{Chains, FIGURES, SETPOINT_HOLD, Steps, Window, taken, totals};
 use super::peer::Seat;
 use super::peer::floor::Payload;
 use super::place::{Place, Policy};
@@ -327,6 +327,13 @@ impl Sums<'_> {
             (format!("ping {name}"), self.ping(role))
         };
         let solve = |role: Role| (format!("{} step", name(role)), compute(role));
+        let (of_attitude, of_position) = (
+            Chains::of_attitude(self.watch, &self.window),
+            Chains::of_position(self.watch, &self.window),
+        );
+        // Logical time, which no machine makes shorter.
+        let held = of_position.names().iter().position(|link| *link == SETPOINT_HOLD);
+        let held = held.and_then(|index| of_position.link(index).quantiles());
         let (attitude, position) = (
             vec![
                 hop(Role::Estimator),
@@ -340,13 +347,14 @@ impl Sums<'_> {
                 solve(Role::Estimator),
                 hop(Role::Position),
                 solve(Role::Position),
+                (SETPOINT_HOLD.to_owned(), held),
                 solve(Role::Attitude),
                 hop(Role::Plant),
             ],
         );
         let ways = [
-            (name(Role::Attitude), Chains::of_attitude(self.watch, &self.window), attitude),
-            (name(Role::Position), Chains::of_position(self.watch, &self.window), position),
+            (name(Role::Attitude), of_attitude, attitude),
+            (name(Role::Position), of_position, position),
         ];
         let (mut reports, mut all) = (Vec::new(), Vec::new());
         for (through, chains, parts) in ways {

@@ -94,14 +94,17 @@ fn waterfall(name: &str, chains: &Chains) -> Figure {
     let names = chains.names();
     let rows = names.len() as f64;
     let y = Axis::new("").range(0.0, rows).ticks(rows.max(1.0));
-    let mut panel =
-        Panel::new("medians end to end; on to the 99 %", Axis::new("from the release [us]"), y);
+    let whole = chains.from_release().quantiles();
+    // Room beyond the 99 %; what is slower still would leave nothing to see of the rest.
+    let far_us = whole.map_or(1.0, |whole| 1.1 * whole.p99_us.max(1.0));
+    let x = Axis::new("from the release [us]").range(0.0, far_us);
+    let mut panel = Panel::new("medians end to end; on to the 99 %", x, y);
     let mut from_us = 0.0;
     for (index, name) in names.iter().enumerate() {
         let Some(told) = chains.link(index).quantiles() else { continue };
         let colour = Colour::SERIES[index % Colour::SERIES.len()];
         let middle = rows - index as f64 - 0.5;
-        let (to_us, far_us) = (from_us + told.p50_us, from_us + told.p99_us);
+        let (to_us, late_us) = (from_us + told.p50_us, (from_us + told.p99_us).min(far_us));
         // Filled, as far as lines can.
         for step in -8_i32..=8 {
             let y = middle + f64::from(step) * 0.04;
@@ -112,11 +115,11 @@ fn waterfall(name: &str, chains: &Chains) -> Figure {
             };
             panel = panel.curve(Curve::new(label, colour, vec![[from_us, y], [to_us, y]]));
         }
-        let tail = vec![[to_us, middle], [far_us, middle]];
+        let tail = vec![[to_us, middle], [late_us, middle]];
         panel = panel.curve(Curve::new("", colour, tail).mark(Mark::Line(Dash::Dotted)));
         from_us = to_us;
     }
-    if let Some(told) = chains.from_release().quantiles() {
+    if let Some(told) = whole {
         for (rank, dash) in [(Rank::P50, Dash::Solid), (Rank::P99, Dash::Dashed)] {
             let label = format!("whole way {}: {} us", rank.label(), super::us(told.at(rank)));
             panel = panel.instant(Level::new(label, Colour::Black, dash, told.at(rank)));

@@ -125,7 +125,8 @@ fn every_difference_that_matters_is_named() {
     let same = |before: &LoopsReport| now.terms.require_same(before, path);
     assert!(same(&report(20)).is_ok());
     let comparison = compare(&now, &report(20));
-    assert_eq!(comparison.rows.iter().map(|r| r.ratio).collect::<Vec<_>>(), [Some(0.5); 2]);
+    let halved = |row: &CompareRow| row.ratio.is_some_and(|ratio| (ratio - 0.5).abs() < 1e-3);
+    assert!(comparison.rows.len() == 2 && comparison.rows.iter().all(halved), "{comparison:?}");
     for (named, change) in changes {
         let mut before = report(20);
         change(&mut before.terms);
@@ -151,8 +152,8 @@ fn a_file_is_read_back_and_one_that_was_tampered_with_is_not() {
         "[1]".to_owned(),
         saved.replace(FORMAT, "someone else's"),
         saved.replace("\"format_version\":1", "\"format_version\":2"),
-        saved.replace("\"p50_us\":15.0", "\"p50_us\":99.0"),
-        saved.replace("\"p50\":1.5", "\"p50\":0.5"),
+        saved.replace("\"p50_us\":15.", "\"p50_us\":99."),
+        saved.replace("\"p50\":1.", "\"p50\":0."),
         saved.replace("\"load\":\"none\"", "\"load\":\"none\",\"surplus\":1"),
     ];
     for text in tampered {

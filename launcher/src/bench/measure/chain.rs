@@ -7,6 +7,10 @@ use crate::bench::stopwatch::{Stamp, Stopwatch};
 use shared_types::topics;
 use std::collections::BTreeMap;
 
+/// From publication of a set point to the step of the attitude loop that uses it: its latency, and what is
+/// left of that loop's period.
+pub const SETPOINT_HOLD: &str = "hold of the set point";
+
 /// A stretch of the way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Link {
@@ -104,8 +108,7 @@ impl Chains {
             let chain = log.begin(setpoint).map(|(imu, mut links)| {
                 links.extend(into_step("wait of the position loop", setpoint));
                 links.push(computed("position step", setpoint));
-                let waited = "hold of the set point";
-                links.push(span(waited, setpoint.publish_mono_ns, command.start_mono_ns));
+                links.push(span(SETPOINT_HOLD, setpoint.publish_mono_ns, command.start_mono_ns));
                 links.push(computed("attitude step", command));
                 links.push(span("hop to the gate", command.publish_mono_ns, gate_ns));
                 Chain { release_ns: imu.release_ns, links }

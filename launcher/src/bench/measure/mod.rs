@@ -3,7 +3,7 @@
 mod chain;
 mod steps;
 
-pub use chain::{Chain, Chains, Link};
+pub use chain::{Chain, Chains, Link, SETPOINT_HOLD};
 pub(super) use steps::stamps;
 pub use steps::{FIGURES, Moment, Steps};
 
