@@ -1,5 +1,5 @@
 //! A state estimate from publication to effect through the runtime's ports, against the bare transport
-//! with the same sample and the same service, in one process.
+//! with the same sample and the same service, in one process; and what of it the stamps of a trace cost.
 
 mod roll;
 
@@ -13,7 +13,7 @@ use runtime::clock::mono_now_ns;
 use runtime::graph::READER_CAPACITY;
 use runtime::ipc::{Bus, RECORDER_CAPACITY};
 use runtime::namespace::Membership;
-use runtime::{Input, Output};
+use runtime::{Input, Output, Sink as _};
 use shared_types::{Header, Role, StateEstimate, topics};
 use std::error::Error;
 use std::io::Write as _;
@@ -29,7 +29,7 @@ struct Ported {
     input: Input<StateEstimate>,
     release_ns: u64,
     /// Tells the reader that it may listen to this process.
-    _roll: Held,
+    roll: Held,
 }
 
 impl Ported {
@@ -38,11 +38,13 @@ impl Ported {
             output: Output::default(),
             input: Input::default(),
             release_ns: 0,
-            _roll: enrol(bus, Role::Estimator)?,
+            roll: enrol(bus, Role::Estimator)?,
         };
         let reader = bus.reader(&topics::STATE_ESTIMATE, Role::Estimator)?;
         ported.input.connect(Box::new(reader), None);
         ported.output.connect(Box::new(bus.writer(&topics::STATE_ESTIMATE)?), 0);
+        // The roll was written before its reader was there.
+        ported.roll.1.serve_late_joiners();
         Ok(ported)
     }
 
@@ -113,6 +115,47 @@ fn compare(ported: &mut Ported, bare: &mut Bare) {
     let _ = writeln!(std::io::stdout(), "median hop: {line}");
 }
 
+/// What a step and its hop do for nobody but `morphquad trace`: three stamps, and the header's words.
+fn tracing(ported: &mut Ported) {
+    let stamps = |ported: &Ported| {
+        let (receive_mono_ns, start_mono_ns) = (mono_now_ns(), mono_now_ns());
+        let origin = ported.input.origin();
+        let input_sequence = origin.sequence.wrapping_add(origin.receive_mono_ns);
+        let publish_mono_ns = mono_now_ns();
+        let Header { release_mono_ns, cause_sequence, .. } = Header::default();
+        black_box(Header {
+            cause_sequence,
+            input_sequence,
+            receive_mono_ns,
+            release_mono_ns,
+            start_mono_ns,
+            publish_mono_ns,
+            ..Header::default()
+        })
+    };
+    let mut blocks: Vec<u64> = (0..BLOCKS)
+        .map(|_| {
+            let start_ns = mono_now_ns();
+            for _ in 0..BLOCK {
+                black_box(stamps(ported));
+            }
+            (mono_now_ns() - start_ns) / BLOCK
+        })
+        .collect();
+    blocks.sort_unstable();
+    let allocations = allocation_counter::measure(|| {
+        for _ in 0..BLOCK {
+            black_box(ported.hop());
+        }
+    });
+    let line = format!(
+        "{} ns a hop for its stamps, {} allocations in {BLOCK} hops",
+        blocks[BLOCKS / 2],
+        allocations.count_total
+    );
+    let _ = writeln!(std::io::stdout(), "tracing: {line}");
+}
+
 fn hop(criterion: &mut Criterion) {
     let id = format!("bench{:x}", std::process::id());
     let run = Membership::found(&id).expect("shared memory is writable");
@@ -126,6 +169,7 @@ fn hop(criterion: &mut Criterion) {
     group.bench_function("bare", |b| b.iter(|| bare.hop()));
     group.finish();
     compare(&mut ported, &mut bare);
+    tracing(&mut ported);
 }
 
 criterion_group!(benches, hop);

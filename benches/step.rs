@@ -3,6 +3,7 @@
 //!
 //! First the single steps of the flight, each the best of a few replays, then criterion's means.
 
+#[allow(dead_code, reason = "each bench uses its own part")]
 mod tape;
 
 use criterion::{Criterion, criterion_group, criterion_main};

@@ -14,6 +14,6 @@ pub(crate) fn enrol(bus: &Bus, role: Role) -> Result<Held, PortError> {
     let mut roll = Roll { count: 1, ..Roll::default() };
     roll.entries[0].node = bus.identity();
     roll.entries[0].role = role;
-    writer.send(roll);
+    writer.send(&roll);
     Ok((factory, writer))
 }

@@ -4,14 +4,15 @@ use core::cell::{Cell, RefCell};
 use core::time::Duration;
 use launcher::components::{self, Component, ComponentVisitor};
 use launcher::in_process::{InProcess, Observer, StateSource};
-use launcher::scenario::Scenario;
+use launcher::record::Recording;
+use launcher::scenario::{Override, Scenario};
 use runtime::clock::mono_now_ns;
 use runtime::graph::Edge;
 use runtime::{
     Executor, Graph, Input, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
     OutputVisitor, Place, Service, Sink, Source, StateSink, StepStamps,
 };
-use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, topics};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -85,7 +86,7 @@ impl Observer for Tape {
 struct Forgotten;
 
 impl<T: Sample> Sink<T> for Forgotten {
-    fn send(&mut self, sample: T) {
+    fn send(&mut self, sample: &T) {
         core::hint::black_box(sample);
     }
     fn serve_late_joiners(&mut self) {}
@@ -175,7 +176,16 @@ pub(crate) struct Flight {
 impl Flight {
     /// Flies a shipped scenario in this process.
     pub(crate) fn fly(name: &str) -> Result<Self, Box<dyn std::error::Error>> {
-        let scenario = Scenario::load(name, &[])?;
+        Self::of(Scenario::load(name, &[])?)
+    }
+
+    /// Flies the beginning of a shipped scenario in this process.
+    pub(crate) fn fly_for(name: &str, duration_s: f64) -> Result<Self, Box<dyn std::error::Error>> {
+        let duration = Override::duration(Duration::from_secs_f64(duration_s));
+        Self::of(Scenario::load(name, &[duration])?)
+    }
+
+    fn of(scenario: Scenario) -> Result<Self, Box<dyn std::error::Error>> {
         let graph = scenario.graph()?;
         let end_ns = scenario.duration_ns();
         let flight = Self { scenario, graph, tape: Tape::default(), end_ns };
@@ -188,6 +198,28 @@ impl Flight {
     fn build(&self, node: Node) -> Result<Box<dyn Loop>, components::BuildError> {
         let wiring = Wiring { tape: &self.tape, graph: &self.graph, node };
         components::build(node.role, &self.scenario, wiring)
+    }
+
+    pub(crate) fn duration_s(&self) -> f64 {
+        self.end_ns as f64 * 1e-9
+    }
+
+    /// Records every sample, and tells how many there are.
+    pub(crate) fn write_to(&self, recording: &mut Recording) -> u64 {
+        struct Write<'a>(&'a Tape, &'a mut Recording, u64);
+        impl TopicVisitor for Write<'_> {
+            type Error = Infallible;
+            fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+                for sample in self.0.log(topic).borrow().iter() {
+                    self.1.write(topic, sample, 0).expect("room for a recording");
+                    self.2 += 1;
+                }
+                Ok(())
+            }
+        }
+        let mut write = Write(&self.tape, recording, 0);
+        let Ok(()) = topics::visit_all(&mut write);
+        write.2
     }
 
     /// One loop of the flight, to be run again from its start.

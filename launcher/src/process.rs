@@ -7,6 +7,11 @@ use runtime::{Ending, Service};
 use shared_types::Role;
 use std::io::{self, Write as _};
 
+/// Has the loops of this process count their allocations.
+pub fn count_allocations() {
+    runtime::upkeep::count_allocations_with(|run| allocation_counter::measure(run).count_total);
+}
+
 /// Runs one process of a flight to its end and returns its exit code.
 #[must_use]
 pub fn run_process(service: &str, place: PlaceArguments) -> u8 {

@@ -186,6 +186,16 @@ sample! {
         pub rescued_waits: u64,
         /// Restarts of the process.
         pub generation: u64,
+        /// Realtime: allocations since the loop was warm; 0 if nobody counts them.
+        pub allocations: u64,
+        /// Realtime: page faults since the loop was warm that memory resolved.
+        pub minor_faults: u64,
+        /// Realtime: page faults since the loop was warm that waited for a disk.
+        pub major_faults: u64,
+        /// Allocations meanwhile in stretches in which a neighbour came or went, not counted above.
+        pub allocations_at_changes: u64,
+        /// Page faults in such stretches, not counted above.
+        pub faults_at_changes: u64,
         /// The loop.
         pub role: Role,
         /// Keeps the size a multiple of eight bytes.

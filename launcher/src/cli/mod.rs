@@ -45,6 +45,7 @@ pub fn execute(
     out: &mut dyn Write,
     diagnostics: &mut dyn Write,
 ) -> u8 {
+    process::count_allocations();
     let arguments: Vec<OsString> = arguments.collect();
     if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
         let told = writeln!(out, "{:016x}", layout_hash());

@@ -78,14 +78,14 @@ struct QueueSink<T: Sample, O> {
 }
 
 impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
-    fn send(&mut self, sample: T) {
-        self.observer.observe(self.topic, &sample);
-        self.line.send(sample);
+    fn send(&mut self, sample: &T) {
+        self.observer.observe(self.topic, sample);
+        self.line.send(*sample);
         if let Some(kept) = &self.kept {
-            remember(kept, self.topic, sample);
+            remember(kept, self.topic, *sample);
         }
         if let Some(watch) = &self.watch {
-            watch.borrow_mut().observe(&sample);
+            watch.borrow_mut().observe(sample);
         }
     }
     fn serve_late_joiners(&mut self) {}

@@ -306,8 +306,8 @@ struct TapeSink<T: Sample> {
 }
 
 impl<T: Sample> Sink<T> for TapeSink<T> {
-    fn send(&mut self, sample: T) {
-        self.out.borrow_mut().tapes.push(self.topic, sample);
+    fn send(&mut self, sample: &T) {
+        self.out.borrow_mut().tapes.push(self.topic, *sample);
     }
     fn serve_late_joiners(&mut self) {}
 }

@@ -64,7 +64,7 @@ impl Conductor {
 
     /// Says again what time it is.
     pub(super) fn say_again(&mut self) {
-        self.sink.send(self.record);
+        self.sink.send(&self.record);
     }
 
     /// The last word on time.
@@ -81,7 +81,7 @@ impl Conductor {
         } else {
             u64::MAX
         };
-        self.sink.send(self.record);
+        self.sink.send(&self.record);
     }
 
     pub(super) fn mode(&self) -> ClockMode {
@@ -133,7 +133,7 @@ impl Conductor {
             return false;
         }
         self.record.allowed_ns = allowed_ns;
-        self.sink.send(self.record);
+        self.sink.send(&self.record);
         true
     }
 
@@ -145,7 +145,7 @@ impl Conductor {
             now_logical_ns + 50_000_000
         };
         self.record.end_ns = self.record.end_ns.min(end_ns);
-        self.sink.send(self.record);
+        self.sink.send(&self.record);
     }
 
     /// Tells finished processes that everything has been drained. True if they did not know.
@@ -153,7 +153,7 @@ impl Conductor {
         let news = !self.record.may_leave.is_set();
         if news {
             self.record.may_leave = Flag::Yes;
-            self.sink.send(self.record);
+            self.sink.send(&self.record);
         }
         news
     }

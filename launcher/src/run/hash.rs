@@ -32,7 +32,7 @@ const IDENTITY_FIELDS: [&str; 10] = [
 
 /// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever
 /// compares samples of two flights leaves these out and nothing else.
-pub const MACHINE_FIELDS: [&str; 7] = [
+pub const MACHINE_FIELDS: [&str; 12] = [
     // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
     "receive_mono_ns",
     "release_mono_ns",
@@ -41,8 +41,13 @@ pub const MACHINE_FIELDS: [&str; 7] = [
     "generation",
     // Of `deviation`: the same of an input's writer.
     "writer_generation",
-    // Of `loop_stats`: waits that only their limit ended.
+    // Of `loop_stats`: waits that only their limit ended, allocations and page faults.
     "rescued_waits",
+    "allocations",
+    "minor_faults",
+    "major_faults",
+    "allocations_at_changes",
+    "faults_at_changes",
 ];
 
 /// Bytes that are hashed at once: whole subtrees, whose blocks the hash works on side by side.

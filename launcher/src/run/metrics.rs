@@ -204,6 +204,11 @@ impl Metrics {
         self.loops.get(&role.0)
     }
 
+    /// Last totals of every seat's loop.
+    pub fn all_loop_stats(&self) -> impl Iterator<Item = &LoopStats> {
+        self.loops.values()
+    }
+
     /// Where deadlines were missed.
     #[must_use]
     pub fn misses(&self) -> &MissLog {

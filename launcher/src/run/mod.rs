@@ -25,6 +25,7 @@ mod summary;
 mod supervisor;
 mod tap;
 mod tracking;
+mod upkeep;
 
 pub use alone::{Branched, run_branch, run_in_process};
 pub(crate) use child::{ChildSpec, Launch};
@@ -41,6 +42,7 @@ pub(crate) use slots::{Means, Posts, Script, Seen, SlotWatch, Slots};
 pub use summary::Summary;
 pub(crate) use supervisor::{FlightError, PostEvent};
 pub use tracking::Tracking;
+pub use upkeep::Upkeep;
 
 /// Which processor a flight's processes stay on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

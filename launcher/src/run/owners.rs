@@ -69,7 +69,7 @@ impl RollKeeper {
 
     /// Tells everybody.
     pub(super) fn publish(&mut self) {
-        self.sink.send(self.roll);
+        self.sink.send(&self.roll);
     }
 
     pub(super) fn serve_late_joiners(&mut self) {
@@ -125,7 +125,7 @@ impl SlotOwner {
 
     /// Announces the last record.
     pub(super) fn publish(&mut self) {
-        self.sink.send(self.last);
+        self.sink.send(&self.last);
     }
 
     pub(super) fn serve_late_joiners(&mut self) {

@@ -3,6 +3,7 @@
 use super::command_audit::CommandTally;
 use super::metrics::{Effort, Metrics};
 use super::slots::{SwapReport, write_table};
+use super::upkeep::Upkeep;
 use crate::exit;
 use crate::record::SequenceAudit;
 use hdrhistogram::Histogram;
@@ -206,6 +207,10 @@ impl Summary {
             })
             .collect();
         object.insert("misses".to_owned(), self.metrics.misses().to_json());
+        if self.clock == ClockMode::Realtime {
+            let upkeep = Upkeep::of(self.metrics.all_loop_stats());
+            object.insert("upkeep".to_owned(), upkeep.to_json());
+        }
         object.insert("run".to_owned(), self.run_id.clone().into());
         object.insert("scenario".to_owned(), self.scenario.clone().into());
         object.insert("seed".to_owned(), self.seed.into());
@@ -338,6 +343,9 @@ impl Summary {
         }
         writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), misses.dropped)?;
         self.write_loops(out)?;
+        if self.clock == ClockMode::Realtime {
+            write!(out, "{}", Upkeep::of(self.metrics.all_loop_stats()))?;
+        }
         write_table(&self.swaps, out)?;
         for notice in &self.notices {
             writeln!(out, "  event        {}", notice.replace('\n', "\n               "))?;

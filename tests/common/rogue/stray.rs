@@ -25,7 +25,7 @@ fn write(folder: &Path) -> Result<(), BuildError> {
     for k in 0_u64..200 {
         for seat in 0..4 {
             let release_ns = 50_000_000 * k;
-            port.send(WrenchCommand {
+            port.send(&WrenchCommand {
                 header: Header {
                     sequence: 1_000_000 + k,
                     release_ns,

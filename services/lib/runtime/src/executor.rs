@@ -7,6 +7,7 @@ use crate::output::{Output, OutputSet};
 use crate::service::{
     RestoreError, Service, StateHeader, pack_state, state_layout, state_size, unpack_state,
 };
+use crate::upkeep::Costs;
 use shared_types::{Deviation, Handover, Header, LoopStats, Seat};
 
 /// Logical time between two [`LoopStats`] \[ns\].
@@ -64,6 +65,8 @@ pub struct Executor<S: Service> {
     /// Late and lost samples of the steps before a restored state.
     before: (u64, u64),
     rescued_waits: u64,
+    /// What steady stretches cost, and those in which somebody came or went.
+    costs: [Costs; 2],
     /// Until then the component follows what its slot applies \[ns\].
     track_until_ns: u64,
     /// The release before the first of a component that joins a flight \[ns\].
@@ -104,6 +107,7 @@ impl<S: Service> Executor<S> {
             counts: StateHeader { layout_hash: state_layout::<S>(), ..StateHeader::default() },
             before: (0, 0),
             rescued_waits: 0,
+            costs: [Costs::default(); 2],
             track_until_ns: 0,
             joins_after_ns: None,
             catching_up: false,
@@ -350,6 +354,11 @@ impl<S: Service> Executor<S> {
         self.rescued_waits += 1;
     }
 
+    /// Takes note of what the loop has cost so far, to be told with its statistics.
+    pub(crate) fn note_costs(&mut self, steady: Costs, at_changes: Costs) {
+        self.costs = [steady, at_changes];
+    }
+
     /// Lets readers that have just joined have the history of every output.
     pub fn serve_late_joiners(&mut self) {
         self.outputs.serve_late_joiners();
@@ -386,6 +395,7 @@ impl<S: Service> Executor<S> {
     }
 
     fn send_stats(&mut self, header: &Header) {
+        let [steady, at_changes] = self.costs;
         self.stats.write(LoopStats {
             steps: self.counts.steps,
             skipped: self.counts.skipped,
@@ -395,6 +405,11 @@ impl<S: Service> Executor<S> {
             lost_samples: self.counts.lost_samples,
             rescued_waits: self.rescued_waits,
             generation: u64::from(self.place.generation),
+            allocations: steady.allocations,
+            minor_faults: steady.minor_faults,
+            major_faults: steady.major_faults,
+            allocations_at_changes: at_changes.allocations,
+            faults_at_changes: at_changes.minor_faults + at_changes.major_faults,
             role: self.node.role,
             ..LoopStats::default()
         });

@@ -21,6 +21,7 @@ pub mod priority;
 pub mod process;
 pub mod rate;
 pub mod service;
+pub mod upkeep;
 mod wakes;
 pub mod watch;
 

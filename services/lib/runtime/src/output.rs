@@ -5,7 +5,7 @@ use shared_types::{Header, Sample, Topic};
 /// Where samples go: a shared-memory publisher, or a queue within one process.
 pub trait Sink<T> {
     /// Sends one sample. Must not block; overflow drops the reader's oldest sample.
-    fn send(&mut self, sample: T);
+    fn send(&mut self, sample: &T);
     /// Lets a reader that has just joined have the history.
     fn serve_late_joiners(&mut self);
 }
@@ -59,7 +59,7 @@ impl<T: Sample> Output<T> {
 
     /// Stamps and sends what the step wrote. `step` carries release, cause and host stamps.
     pub fn flush(&mut self, step: &Header) {
-        let Some(mut sample) = self.slot.take() else { return };
+        let Some(sample) = &mut self.slot else { return };
         self.sequence += 1;
         *sample.header_mut() = Header {
             sequence: self.sequence,
@@ -69,6 +69,7 @@ impl<T: Sample> Output<T> {
         if let Some(sink) = &mut self.sink {
             sink.send(sample);
         }
+        self.slot = None;
     }
 
     /// See [`Sink::serve_late_joiners`].

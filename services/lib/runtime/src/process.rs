@@ -15,6 +15,7 @@ use crate::ipc::{
 use crate::output::Sink as _;
 use crate::ownership::SeatMarks;
 use crate::service::{RestoreError, Service, state_layout, state_size};
+use crate::upkeep::Upkeep;
 use crate::watch::StopFlags;
 use core::time::Duration;
 use shared_types::wire::Value as _;
@@ -72,6 +73,7 @@ pub struct Process<'a, S: Service> {
     leave_ns: u64,
     /// Generation of the pilot that died with the launcher.
     lost_pilot: Option<u32>,
+    upkeep: Upkeep,
     timed_out: bool,
 }
 
@@ -113,6 +115,7 @@ impl<'a, S: Service> Process<'a, S> {
             pid: std::process::id(),
             leave_ns: u64::MAX,
             lost_pilot: None,
+            upkeep: Upkeep::of_this_thread(),
             timed_out: false,
         })
     }
@@ -123,7 +126,7 @@ impl<'a, S: Service> Process<'a, S> {
     /// [`PortError`].
     pub fn say_hello(&self) -> Result<IpcSink<Hello>, PortError> {
         let mut hello = self.bus.open_writer::<Hello>(ServiceKind::Hello)?;
-        hello.send(Hello {
+        hello.send(&Hello {
             state_layout: state_layout::<S>(),
             period_ns: self.executor.node().rate.period_ns(),
             pid: self.pid,
@@ -200,7 +203,7 @@ impl<'a, S: Service> Process<'a, S> {
     /// topics that were not sent in this interval.
     fn serve_and_send(&mut self, mark_ns: u64) {
         self.executor.serve_late_joiners();
-        self.progress.send(Progress {
+        self.progress.send(&Progress {
             mark_ns,
             steps: self.executor.steps(),
             publish_mono_ns: mono_now_ns(),

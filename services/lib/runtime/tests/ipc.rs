@@ -119,7 +119,7 @@ fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() 
     let mut says = [&plant, &stranger].map(|who| who.bus.writer(&topics::POSE_FIX).unwrap());
     let mut say = |who: usize, sequence, seat, generation| {
         let header = Header { sequence, seat, generation, ..Header::default() };
-        says[who].send(PoseFix { header, ..PoseFix::default() });
+        says[who].send(&PoseFix { header, ..PoseFix::default() });
     };
     let mut heard = || {
         let next = core::iter::from_fn(|| reader.receive());
@@ -130,7 +130,7 @@ fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() 
     let mut on_it = Roll { count: 1, ..Roll::default() };
     let node = plant.bus.identity();
     on_it.entries[0] = RollEntry { node, role: Role::Plant, generation: 2, ..RollEntry::default() };
-    roll.send(on_it);
+    roll.send(&on_it);
     say(0, 2, 0, 2);
     say(1, 3, 0, 2);
     say(0, 4, 1, 2);
@@ -150,7 +150,7 @@ fn a_late_reader_gets_the_history_once_the_writer_looks() {
     let mut writer = run.bus.writer(&topics::IMU).unwrap();
     for sequence in 1..=200 {
         let header = Header { sequence, ..Header::default() };
-        writer.send(Imu { header, ..Imu::default() });
+        writer.send(&Imu { header, ..Imu::default() });
     }
     let mut reader = flying(&factory);
     assert!(reader.receive().is_none());
@@ -171,7 +171,7 @@ fn a_stopped_reader_loses_the_oldest_and_never_stops_the_writer() {
     let mut writer = run.bus.writer(&topics::MORPH_ANGLE).unwrap();
     for sequence in 1..=3_000 {
         let header = Header { sequence, ..Header::default() };
-        writer.send(MorphAngle { header, ..MorphAngle::default() });
+        writer.send(&MorphAngle { header, ..MorphAngle::default() });
     }
     let seen: Vec<_> =
         core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();
@@ -187,7 +187,7 @@ fn what_a_writer_sent_before_it_left_still_arrives_at_a_connected_reader() {
     let mut writer = run.bus.writer(&topics::DISTURBANCE).unwrap();
     let send = |writer: &mut runtime::ipc::IpcSink<Disturbance>, sequence| {
         let header = Header { sequence, ..Header::default() };
-        writer.send(Disturbance { header, ..Disturbance::default() });
+        writer.send(&Disturbance { header, ..Disturbance::default() });
     };
     send(&mut writer, 1);
     assert_eq!(reader.receive().map(|s| s.header.sequence), Some(1));
@@ -212,8 +212,8 @@ fn the_furthest_mark_counts_whatever_the_order_of_a_process_and_its_successor() 
     let mut old = run.bus.open_writer::<Progress>(kind).unwrap();
     let mut new = run.bus.open_writer::<Progress>(kind).unwrap();
     for (a, b) in [(40, 50), (70, 60)] {
-        old.send(Progress { mark_ns: a, ..Progress::default() });
-        new.send(Progress { mark_ns: b, ..Progress::default() });
+        old.send(&Progress { mark_ns: a, ..Progress::default() });
+        new.send(&Progress { mark_ns: b, ..Progress::default() });
         let mut furthest = 0;
         port.for_each_new(|p| furthest = p.mark_ns.max(furthest));
         assert_eq!(furthest, a.max(b));
@@ -276,7 +276,7 @@ fn readers_of_chosen_depth_keep_the_newest() {
     let mut writer = run.bus.writer(&topics::TRUTH).unwrap();
     for sequence in 1..=9 {
         let header = Header { sequence, ..Header::default() };
-        writer.send(Truth { header, ..Truth::default() });
+        writer.send(&Truth { header, ..Truth::default() });
     }
     let seen: Vec<_> =
         core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();

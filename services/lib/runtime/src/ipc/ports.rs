@@ -101,11 +101,11 @@ impl<T: Wire + ZeroCopySend> IpcSink<T> {
 }
 
 impl<T: Wire + ZeroCopySend> Sink<T> for IpcSink<T> {
-    fn send(&mut self, sample: T) {
+    fn send(&mut self, sample: &T) {
         // With overflow on, sending fails only if the segment is gone; the reader then sees a gap
         // in the sequence, which is counted there.
         if let Ok(slot) = self.publisher.loan_uninit() {
-            let _ = slot.write_payload(sample).send();
+            let _ = slot.write_payload(*sample).send();
         }
     }
 

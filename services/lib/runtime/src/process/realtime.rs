@@ -7,6 +7,7 @@ use crate::graph::{Edge, Graph, Roles};
 use crate::input::InputSet as _;
 use crate::ownership::{MarkView as _, SeatMarks};
 use crate::service::Service;
+use crate::upkeep::count_allocations;
 use core::time::Duration;
 use shared_types::Role;
 
@@ -19,40 +20,54 @@ impl<S: Service> Process<'_, S> {
         self.read_marks(&mut Roles::default());
         self.executor.inputs.receive();
         loop {
-            if let Some(ending) = self.stop_requested() {
+            let mut ending = None;
+            let allocations = count_allocations(&mut || ending = self.pass(&wall));
+            self.upkeep.note_allocations(allocations);
+            self.upkeep.look(self.executor.mark_ns());
+            self.executor.note_costs(self.upkeep.steady, self.upkeep.at_changes);
+            if let Some(ending) = ending {
                 return ending;
             }
-            let end_ns = self.read_clock().end_ns;
-            self.look_around();
-            let before_ns = self.executor.mark_ns();
-            if before_ns >= self.leave_ns {
-                self.announce(before_ns, u64::MAX);
-                return Ending::Retired;
-            }
-            if before_ns >= end_ns {
-                return Ending::Finished;
-            }
-            let due_mono_ns = self.due_mono_ns(&wall);
-            if self.is_timed() && !self.rest_until(due_mono_ns) {
-                continue;
-            }
-            if !self.inputs_decided(&wall) {
-                continue;
-            }
-            if mono_now_ns() < due_mono_ns {
-                // Final before it is due: a release between two releases of the producer.
-                sleep_until(due_mono_ns.min(mono_now_ns() + LOOK_EVERY_NS));
-                continue;
-            }
-            self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
-            if self.executor.mark_ns() == before_ns {
-                self.count_missing_inputs();
-                let stamps = StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
-                self.executor.run_step(stamps);
-            }
-            // A release that was skipped is final too; the one it was skipped for has its own wait.
-            self.announce(before_ns, self.executor.mark_ns());
         }
+    }
+
+    /// Looks around, rests or waits, and runs the next release if it is time; how the loop ends, once
+    /// it does.
+    fn pass(&mut self, wall: &WallMap) -> Option<Ending> {
+        if let Some(ending) = self.stop_requested() {
+            return Some(ending);
+        }
+        let end_ns = self.read_clock().end_ns;
+        self.look_around();
+        let before_ns = self.executor.mark_ns();
+        if before_ns >= self.leave_ns {
+            self.announce(before_ns, u64::MAX);
+            return Some(Ending::Retired);
+        }
+        if before_ns >= end_ns {
+            return Some(Ending::Finished);
+        }
+        let due_mono_ns = self.due_mono_ns(wall);
+        if self.is_timed() && !self.rest_until(due_mono_ns) {
+            return None;
+        }
+        if !self.inputs_decided(wall) {
+            return None;
+        }
+        if mono_now_ns() < due_mono_ns {
+            // Final before it is due: a release between two releases of the producer.
+            sleep_until(due_mono_ns.min(mono_now_ns() + LOOK_EVERY_NS));
+            return None;
+        }
+        self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
+        if self.executor.mark_ns() == before_ns {
+            self.count_missing_inputs();
+            let stamps = StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
+            self.executor.run_step(stamps);
+        }
+        // A release that was skipped is final too; the one it was skipped for has its own wait.
+        self.announce(before_ns, self.executor.mark_ns());
+        None
     }
 
     /// Rests until a release; false if that is so far ahead that it is time to look around, for a stop

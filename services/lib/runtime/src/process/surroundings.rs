@@ -63,7 +63,7 @@ impl<S: Service> Process<'_, S> {
     /// Learns who has come and gone, and who owns which slot from when.
     pub(super) fn look_around(&mut self) {
         let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
-        let mut somebody_came = false;
+        let (mut somebody_came, mut somebody_went) = (false, false);
         // Without a roll nobody would be heard, so the ports could not have been opened.
         let _ = self.bus.look_at_roll(|entries| {
             marks.learn_roll(entries);
@@ -73,6 +73,7 @@ impl<S: Service> Process<'_, S> {
                 let entry = entries.iter().rev().find(of_seat).filter(|e| e.present.is_set());
                 let present = entry.map(|entry| (entry.generation, entry.period_ns));
                 somebody_came |= present.is_some() && present != neighbour.present;
+                somebody_went |= present.is_none() && neighbour.present.is_some();
                 neighbour.present = present;
             }
         });
@@ -97,6 +98,9 @@ impl<S: Service> Process<'_, S> {
                     self.leave_ns = book.released_ns(self.seat.index).unwrap_or(u64::MAX);
                 }
             }
+        }
+        if somebody_came || somebody_went {
+            self.upkeep.note_change();
         }
         if somebody_came {
             // Its ports are open and empty.

@@ -71,8 +71,8 @@ impl<T: Sample> Source<T> for Queue<T> {
 struct Log(Rc<RefCell<Vec<Deviation>>>);
 
 impl Sink<Deviation> for Log {
-    fn send(&mut self, sample: Deviation) {
-        self.0.borrow_mut().push(sample);
+    fn send(&mut self, sample: &Deviation) {
+        self.0.borrow_mut().push(*sample);
     }
     fn serve_late_joiners(&mut self) {}
 }

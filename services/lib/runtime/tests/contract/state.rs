@@ -116,7 +116,7 @@ impl StateSink for Last {
 struct Nowhere;
 
 impl Sink<StateEstimate> for Nowhere {
-    fn send(&mut self, _: StateEstimate) {}
+    fn send(&mut self, _: &StateEstimate) {}
     fn serve_late_joiners(&mut self) {}
 }
 
@@ -124,8 +124,8 @@ impl Sink<StateEstimate> for Nowhere {
 struct StatsLog(Rc<RefCell<Vec<LoopStats>>>);
 
 impl Sink<LoopStats> for StatsLog {
-    fn send(&mut self, sample: LoopStats) {
-        self.0.borrow_mut().push(sample);
+    fn send(&mut self, sample: &LoopStats) {
+        self.0.borrow_mut().push(*sample);
     }
     fn serve_late_joiners(&mut self) {}
 }

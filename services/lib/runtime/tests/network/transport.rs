@@ -135,8 +135,8 @@ struct Writer<T> {
 }
 
 impl<T: Sample> Sink<T> for Writer<T> {
-    fn send(&mut self, sample: T) {
-        let (hub, log) = (Rc::clone(&self.hub), Rc::clone(&self.log));
+    fn send(&mut self, sample: &T) {
+        let (hub, log, sample) = (Rc::clone(&self.hub), Rc::clone(&self.log), *sample);
         let name = self.name;
         self.outbox.borrow_mut().push_back(Box::new(move || {
             log.borrow_mut().note(name, sample.header(), fingerprint(&sample));
@@ -163,7 +163,7 @@ pub(crate) struct StatsSink {
 }
 
 impl Sink<LoopStats> for StatsSink {
-    fn send(&mut self, sample: LoopStats) {
+    fn send(&mut self, sample: &LoopStats) {
         let mut log = self.log.borrow_mut();
         let key = (sample.role.index(), sample.header.sequence);
         let release_ns = sample.header.release_ns;
