@@ -1,8 +1,8 @@
 //! `morphquad doctor`: what of this machine is in the way of a realtime flight.
 //!
-//! A check looks at one thing and gives a [`Finding`]. Those of [`settings`] read what the kernel writes
-//! into files, so that tests can write other files; [`rights`] asks for what a flight asks for,
-//! [`places`] looks at shared memory and disk, [`clocks`] measures, [`programs`] asks executables.
+//! A check looks at one thing and gives a [`Finding`]. Those of `settings.rs` read what the kernel writes
+//! into files, so that tests can write other files; `rights.rs` asks for what a flight asks for,
+//! `places.rs` looks at shared memory and disk, `clocks.rs` measures, `programs.rs` asks executables.
 
 mod clocks;
 mod places;

@@ -1,8 +1,8 @@
 //! From a recording alone: which IMU sample each wrench command descends from, and where the time
 //! between them went.
 //!
-//! Headers name what a step went by (`input_sequence`, `cause_sequence`) and when; [`links`] looks them
-//! up, [`chain`] follows one command, [`segment`] says which spans a chain has, [`report`] sums up.
+//! Headers name what a step went by (`input_sequence`, `cause_sequence`) and when; `links.rs` looks them
+//! up, `chain.rs` follows one command, `segment.rs` says which spans a chain has, `report.rs` sums up.
 
 mod chain;
 mod links;

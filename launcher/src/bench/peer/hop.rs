@@ -127,7 +127,7 @@ pub fn send(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
     let mut entries = Roll { count: 1, ..Roll::default() };
     entries.entries[0].node = bus.identity();
     entries.entries[0].role = SENDER;
-    roll.send(entries);
+    roll.send(&entries);
     let mut output = Output::<StateEstimate>::default();
     output.connect(Box::new(bus.writer(&topics::STATE_ESTIMATE)?), 0);
     let bare = bus.bare_writer::<StateEstimate>(BARE)?;
