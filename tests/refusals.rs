@@ -5,41 +5,12 @@
 
 mod common;
 
+use common::misdeeds::{config, rogue};
 use common::processes::{Running, kill};
 use common::{Flown, fly, morphquad, turn};
 use rustix::process::Signal;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::OnceLock;
 use tempfile::TempDir;
-
-/// The executable, built by whoever asks first.
-fn rogue() -> &'static str {
-    static BUILT: OnceLock<String> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        let ours = Path::new(env!("CARGO_BIN_EXE_morphquad"));
-        let target: PathBuf = ours.ancestors().nth(2).expect("target/PROFILE/morphquad").into();
-        let built = Command::new(env!("CARGO"))
-            // The whole workspace, as the tests are: another choice of features would build it anew.
-            .args(["build", "--release", "--offline", "--workspace", "--example", "rogue"])
-            .arg("--target-dir")
-            .arg(&target)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .output()
-            .expect("cargo runs");
-        assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
-        target.join("release/examples/rogue").display().to_string()
-    })
-}
-
-/// What it is told.
-fn config(folder: &TempDir, what: &str, from_s: f64, amount: f64) -> String {
-    let path = folder.path().join(format!("{what}{from_s}.toml"));
-    let text = format!("what = {what:?}\nfrom_s = {from_s:?}\namount = {amount:?}\n");
-    std::fs::write(&path, text).expect("room");
-    path.display().to_string()
-}
 
 fn swaps(flown: &Flown) -> &[Value] {
     flown.summary()["swaps"].as_array().map_or(&[], Vec::as_slice)

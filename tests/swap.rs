@@ -6,10 +6,12 @@
 
 mod common;
 
+use common::misdeeds::{config, rogue};
 use common::{Flown, fly, turn};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
+use tempfile::TempDir;
 
 const ATTITUDE: [&str; 3] = ["attitude-mpc", "attitude-lqr", "attitude-pid"];
 const POSITION: [&str; 2] = ["position-mpc", "position-pid"];
@@ -93,50 +95,81 @@ fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_fligh
     }
 }
 
-/// Swaps of one slot and, at any step of some of them, the death or stop of whoever flies there: the old
-/// one, the new one or the standby. After it the slot has time to get another fallback warm.
+/// What is to happen in one flight.
+#[derive(Default)]
+struct Plan {
+    swaps: Vec<String>,
+    faults: Vec<String>,
+    /// Controllers that turn to garbage.
+    spoilt: usize,
+}
+
+/// Swaps of one slot and, at any step of some of them or soon after, the death, stop or garbage of whoever
+/// flies there: the old one, the new one or the standby. After it the slot has time to get another fallback
+/// warm.
 fn storm(
     random: &mut ChaCha8Rng,
     slot: &str,
     names: &[&str],
     windows_ms: [u64; 2],
-) -> (Vec<String>, Vec<String>) {
+    configs: Option<&TempDir>,
+    plan: &mut Plan,
+) {
     let [shadow, rollback] = windows_ms;
-    let (mut swaps, mut faults) = (Vec::new(), Vec::new());
     let mut at_ms = 1_500 + below(random, 200);
+    let mut owner_turns_to_garbage = false;
     while at_ms + shadow + rollback < 18_500 {
-        let name = pick(random, names);
-        swaps.push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms"));
+        let mut name = pick(random, names);
         let over = shadow + rollback + 120;
-        if below(random, 2) == 0 {
-            let who = pick(random, &[names[0], name]);
-            let kind = pick(random, &["kill", "stop"]);
-            faults.push(format!("{kind}:{who}@{}ms", at_ms + below(random, over)));
-            at_ms += 1_800;
+        let mut told = String::new();
+        let fate = if owner_turns_to_garbage { 6 } else { below(random, 6) };
+        let pain_ms = at_ms + below(random, over);
+        let mut recovery_ms = if owner_turns_to_garbage { 1_800 } else { 0 };
+        owner_turns_to_garbage = false;
+        match configs {
+            Some(folder) if fate == 0 => {
+                name = rogue();
+                // As candidate or new owner, or as old owner while the next one comes.
+                owner_turns_to_garbage = below(random, 2) == 0;
+                let from_ms = if owner_turns_to_garbage { pain_ms + over } else { pain_ms };
+                recovery_ms = if owner_turns_to_garbage { 0 } else { 1_800 };
+                let what = pick(random, &["not-a-number", "beyond-bounds"]);
+                told = format!(",config={}", config(folder, what, from_ms as f64 * 1e-3, 0.0));
+                plan.spoilt += 1;
+            }
+            _ if fate < 3 => {
+                let who = pick(random, &[names[0], name]);
+                let kind = pick(random, &["kill", "stop"]);
+                plan.faults.push(format!("{kind}:{who}@{pain_ms}ms"));
+                recovery_ms = 1_800;
+            }
+            _ => {}
         }
-        at_ms += over + below(random, 200);
+        plan.swaps
+            .push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms{told}"));
+        at_ms += over + recovery_ms + below(random, 200);
     }
-    (swaps, faults)
 }
 
-/// Both slots have a warm fallback throughout, whoever else comes, dies or stops.
+/// Both slots have a warm fallback throughout, whoever else comes, dies, stops or writes garbage.
 #[test]
 fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
     let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
     let wanted = swaps(60);
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let (mut made, mut flipped, mut worst_bump, mut furthest_m) = (0, 0, 0.0_f64, 0.0_f64);
-    let (mut ticks, mut hurt) = (0.0, 0);
+    let (mut ticks, mut hurt, mut spoilt) = (0.0, 0, 0);
     while made < wanted {
-        let (mut plan, mut pain) = storm(&mut random, "attitude", &ATTITUDE, [400, 200]);
-        let (position, more) = storm(&mut random, "position", &POSITION, [600, 200]);
-        plan.extend(position);
-        pain.extend(more);
+        let mut plan = Plan::default();
+        storm(&mut random, "attitude", &ATTITUDE, [400, 200], Some(&folder), &mut plan);
+        storm(&mut random, "position", &POSITION, [600, 200], None, &mut plan);
         let standbys = ["--standby", "attitude=attitude-mpc", "--standby", "position=position-mpc"];
         let scenario: Vec<&str> =
             ["figure8-morph", "--no-record"].into_iter().chain(standbys).collect();
-        let flown = fly_scripted(&scenario, &plan, &pain);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        let flown = fly_scripted(&scenario, &plan.swaps, &plan.faults);
+        let scripted = format!("{:?} {:?}", plan.swaps, plan.faults);
+        assert_eq!(flown.code, Some(0), "{scripted}\n{}", flown.said());
         for report in reports(&flown).iter().filter(|report| !report["flipped_s"].is_null()) {
             let limit = if report["same_kind"] == true { 0.01 } else { 0.10 };
             let bump = report["bump"].as_f64().unwrap_or(0.0);
@@ -145,16 +178,18 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
             flipped += 1;
         }
         for none in ["unguided_ticks", "duplicated_ticks", "wrong_owner_ticks"] {
-            assert_eq!(flown.summary()[none], 0, "{none}: {pain:?}\n{}", flown.said());
+            assert_eq!(flown.summary()[none], 0, "{none}: {scripted}\n{}", flown.said());
         }
         ticks += flown.number("flown_s") * 1e3;
-        hurt += pain.len();
+        hurt += plan.faults.len();
+        spoilt += plan.spoilt;
         furthest_m = furthest_m.max(flown.number("position_max_m"));
         assert!(furthest_m <= 0.5, "{}", flown.said());
-        made += plan.len();
+        made += plan.swaps.len();
         println!(
-            "{made} swaps asked for, {flipped} made, {hurt} deaths and stops; of {ticks} ticks 0 missed, \
-             0 duplicated, 0 of a wrong owner; bump at most {:.2} %, {:.0} mm from the path",
+            "{made} swaps asked for, {flipped} made, {hurt} deaths and stops, {spoilt} told to write \
+             garbage; of {ticks} ticks 0 missed, 0 duplicated, 0 of a wrong owner; bump at most \
+             {:.2} %, {:.0} mm from the path",
             100.0 * worst_bump,
             1e3 * furthest_m
         );
@@ -206,6 +241,22 @@ fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back
         let flown = fly_scripted(&["figure8-morph", "--for", "9s"], &[], &faults);
         assert_eq!(flown.code, Some(0), "{}", flown.said());
         assert!(flown.number("unguided_ticks") <= 150.0, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_newcomer_that_fails_when_nobody_stands_by_makes_room_for_whom_the_flight_began_with() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    for (what, unguided, furthest_m) in [("crash", 500.0, 0.5), ("not-a-number", 900.0, 1.0)] {
+        let config = config(&folder, what, 4.0, 0.0);
+        let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
+        let flown = fly_scripted(&["figure8-morph", "--for", "10s"], &[swap], &[]);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.stderr.contains("what the flight began with"), "{}", flown.said());
+        assert!((1.0..=unguided).contains(&flown.number("unguided_ticks")), "{}", flown.said());
+        assert!(flown.number("position_max_m") <= furthest_m, "{}", flown.said());
         assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
     }
 }

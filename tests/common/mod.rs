@@ -6,6 +6,7 @@
 )]
 #![allow(dead_code, reason = "every test file uses its own part of this")]
 
+pub(crate) mod misdeeds;
 pub(crate) mod processes;
 pub(crate) mod recording;
 

@@ -35,6 +35,7 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
         Step::TriedAgain { .. } => ("tried again", None),
         Step::TookOver { .. } => ("took over", None),
         Step::Ownerless(..) => ("ownerless", None),
+        Step::Replaced(..) => ("replaced", None),
         Step::Commands(_) => ("commands", None),
         Step::StandbyLost(..) => ("standby lost", None),
         Step::StandbyGivenUp(_) => ("standby given up", None),

@@ -30,6 +30,8 @@ pub(super) struct Post {
     pub(super) restarts: Vec<u64>,
     /// When to start the successor \[ns\].
     pub(super) restart_at_ns: Option<u64>,
+    /// How often in a row it has died at one instant of the flight, and at which \[ns\].
+    pub(super) died: (u32, u64),
     /// It waits for a hand-over before it begins.
     pub(super) awaits_handover: bool,
     /// Its successor goes on from its last state, and nobody is told.
@@ -58,6 +60,7 @@ impl Post {
             finished: false,
             restarts: Vec::new(),
             restart_at_ns: None,
+            died: (0, 0),
             awaits_handover: false,
             goes_on: true,
             scripted: false,

@@ -47,7 +47,9 @@ impl Slots {
         let role = match seen {
             Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, means),
             Seen::Command(command) => command.slot,
-            Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } => *slot,
+            Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } | Seen::Unguided { slot, .. } => {
+                *slot
+            }
         };
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
@@ -64,12 +66,15 @@ impl Slots {
                 Ok(())
             }
             // Of several attitude controllers the one that commands decides whom it obeys.
-            Seen::Obeys { by_seat, .. }
+            Seen::Obeys { by_seat, .. } | Seen::Unguided { by_seat, .. }
                 if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) =>
             {
                 Ok(())
             }
             Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
+            Seen::Unguided { epoch, since_ns, at_ns, .. } => {
+                self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, means)
+            }
         }
     }
 

@@ -13,6 +13,15 @@ const STEP_SHARE: f64 = 0.1;
 /// Commands kept of each of the two, and readings: more than lockstep lets pass at once.
 const KEPT: usize = 2048;
 
+/// A candidate that begins from nothing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tracks {
+    /// Once it has heard everybody it listens to \[ns\].
+    pub(super) hears_ns: u64,
+    /// Until then it tracks \[ns\].
+    pub(super) until_ns: u64,
+}
+
 /// Two streams of commands of one slot, compared instant by instant.
 #[derive(Debug)]
 pub(super) struct Gatekeeper {
@@ -20,7 +29,9 @@ pub(super) struct Gatekeeper {
     gate: Gate,
     candidate: u32,
     owner: u32,
-    /// Until then the candidate tracks \[ns\].
+    /// What the candidate says of releases before this is not measured: it has not heard everybody \[ns\].
+    hears_ns: u64,
+    /// Until then it tracks \[ns\].
     track_until_ns: u64,
     from_candidate: VecDeque<Commanded>,
     from_owner: VecDeque<Commanded>,
@@ -42,15 +53,16 @@ impl Gatekeeper {
         yardstick: Yardstick,
         limits: GateLimits,
         (candidate, owner): (u32, u32),
-        (tracks, track_until_ns): (bool, u64),
+        tracks: Option<Tracks>,
         patient: bool,
     ) -> Self {
         Self {
             yardstick,
-            gate: Gate::new(yardstick.axes(), limits, tracks),
+            gate: Gate::new(yardstick.axes(), limits, tracks.is_some()),
             candidate,
             owner,
-            track_until_ns,
+            hears_ns: tracks.map_or(0, |tracks| tracks.hears_ns),
+            track_until_ns: tracks.map_or(0, |tracks| tracks.until_ns),
             from_candidate: VecDeque::with_capacity(KEPT),
             from_owner: VecDeque::with_capacity(KEPT),
             angles: VecDeque::with_capacity(KEPT),
@@ -129,6 +141,9 @@ impl Gatekeeper {
                 };
                 self.bump = Some(core::array::from_fn(over));
             }
+            return Ok(());
+        }
+        if candidate.release_ns < self.hears_ns {
             return Ok(());
         }
         let tracking = candidate.release_ns < self.track_until_ns;

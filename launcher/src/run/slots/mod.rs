@@ -27,8 +27,8 @@ use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
 use crate::control::{Reply, Request as Asked};
-use facts::Yardstick;
-use gatekeeper::Gatekeeper;
+use facts::{Yardstick, hears_all_ns};
+use gatekeeper::{Gatekeeper, Tracks};
 use runtime::Graph;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
@@ -247,7 +247,7 @@ impl Slots {
         {
             // It has been there all along, and is handed nothing.
             let alike = self.machines.get(&slot).is_some_and(|m| m.are_alike(owner, seat));
-            self.open_gate(slot, seat, alike, 0, means);
+            self.open_gate(slot, seat, alike, None, means);
         }
         Ok(())
     }
@@ -332,7 +332,11 @@ impl Slots {
                 let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
                 means.posts.hand_over(place(seat), order, &state)?;
                 self.tell_seating(slot, seat, seating, means);
-                self.open_gate(slot, seat, state_of.is_some(), track_until_ns, means);
+                let tracks = Tracks {
+                    hears_ns: join_ns.saturating_add(hears_all_ns(means.graph, role)),
+                    until_ns: track_until_ns,
+                };
+                self.open_gate(slot, seat, state_of.is_some(), Some(tracks), means);
             }
             Action::Judge(seat) => {
                 let gate = self.around.get(&slot).and_then(|around| around.gate.as_ref());
@@ -355,7 +359,7 @@ impl Slots {
         slot: Slot,
         seat: Seat,
         same_kind: bool,
-        track_until_ns: u64,
+        tracks: Option<Tracks>,
         means: &Means<'_>,
     ) {
         let Some(machine) = self.machines.get(&slot) else { return };
@@ -373,9 +377,10 @@ impl Slots {
         if patient {
             limits = limits.patient();
         }
-        let tracks = !same_kind && track_until_ns > means.now.logical_ns;
+        let now_ns = means.now.logical_ns;
+        let tracks = tracks.filter(|tracks| !same_kind && tracks.until_ns > now_ns);
         let who = (u32::from(seat), u32::from(owner));
-        let gate = Gatekeeper::new(yardstick, limits, who, (tracks, track_until_ns), patient);
+        let gate = Gatekeeper::new(yardstick, limits, who, tracks, patient);
         around.gate = Some(gate);
     }
 

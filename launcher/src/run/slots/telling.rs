@@ -33,6 +33,7 @@ impl Slots {
                         | Step::TriedAgain { .. }
                         | Step::TookOver { .. }
                         | Step::Ownerless(..)
+                        | Step::Replaced(..)
                         | Step::StandbyLost(..)
                         | Step::StandbyGivenUp(_)
                 )

@@ -1,9 +1,10 @@
 //! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
 
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Header, LoopStats, MorphAngle, Role, Sample,
-    WrenchCommand,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, LoopStats, MorphAngle,
+    Role, Sample, WrenchCommand,
 };
+use slot::SlotConfig;
 use std::any::Any;
 
 /// A command that somebody on a seat has published.
@@ -34,6 +35,8 @@ pub(crate) enum Seen {
     Command(Commanded),
     /// A consumer changed its mind, or says for the first time what it thinks.
     Obeys { slot: Role, by_seat: u32, obeyed: Obeyed },
+    /// A consumer has been on its own since `since_ns`.
+    Unguided { slot: Role, by_seat: u32, epoch: u64, since_ns: u64, at_ns: u64 },
     /// The encoder's reading.
     Angle { at_ns: u64, angle_rad: f64 },
     /// A process on a seat has missed so many steps since its start.
@@ -46,6 +49,8 @@ pub(crate) struct SlotWatch {
     seen: Vec<Seen>,
     /// What each consumer said last: the plant, then the seats of the attitude slot.
     last: [Obeyed; 1 + shared_types::SEATS],
+    /// Until when each of them had something to obey, and the sequence of that.
+    guided: [(u64, u64); 1 + shared_types::SEATS],
 }
 
 impl SlotWatch {
@@ -68,6 +73,12 @@ impl SlotWatch {
                 refused_epoch: applied.refused_epoch,
             };
             self.obeys(Role::Attitude, 0, 0, obeyed);
+            // A command in effect is news of its own.
+            let sequence = match applied.mode {
+                GateMode::Normal | GateMode::Cut => u64::MAX,
+                _ => applied.command_sequence,
+            };
+            self.is_guided(Role::Attitude, 0, 0, obeyed, sequence);
         } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
             let obeyed = Obeyed {
                 at_ns: applied.header.release_ns,
@@ -79,6 +90,7 @@ impl SlotWatch {
             let by_seat = applied.header.seat;
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.obeys(Role::Position, by_seat, place, obeyed);
+            self.is_guided(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);
         } else if let Some(reading) = any.downcast_ref::<MorphAngle>() {
             let (at_ns, angle_rad) = (reading.header.release_ns, reading.angle_rad);
             self.seen.push(Seen::Angle { at_ns, angle_rad });
@@ -110,6 +122,18 @@ impl SlotWatch {
         if (Obeyed { at_ns: last.at_ns, ..obeyed }) != *last {
             *last = obeyed;
             self.seen.push(Seen::Obeys { slot, by_seat, obeyed });
+        }
+    }
+
+    /// Notes a consumer that has nothing new to obey, and has had nothing for long.
+    fn is_guided(&mut self, slot: Role, by_seat: u32, place: usize, said: Obeyed, sequence: u64) {
+        let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
+        let Obeyed { at_ns, epoch, .. } = said;
+        if sequence == u64::MAX || sequence != *last || epoch == 0 {
+            (*since_ns, *last) = (at_ns, sequence);
+        } else if at_ns.saturating_sub(*since_ns) >= SlotConfig::REALTIME.unguided_ns {
+            let since_ns = *since_ns;
+            self.seen.push(Seen::Unguided { slot, by_seat, epoch, since_ns, at_ns });
         }
     }
 

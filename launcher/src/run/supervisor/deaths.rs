@@ -12,6 +12,9 @@ use shared_types::{Role, RollEntry, Seat};
 /// Restarts older than this no longer count against a process \[ns\].
 const RESTART_WINDOW_NS: u64 = 60_000_000_000;
 
+/// Deaths at one instant of the flight after which a controller is not started again in place.
+const DEATHS_MAX: u32 = 2;
+
 /// How long a killed process may take to be gone \[ns\].
 const KILL_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -59,12 +62,20 @@ impl Supervisor {
         if post.seat.role == Role::Plant {
             return Err(lost(PLANT_GONE.to_owned()));
         }
-        if post.seat.role.seats() > 1 && (post.scripted || !keeps(post.seat)) {
+        if post.seat.role.seats() > 1 {
+            // Whoever dies of what it meets there would do so again and again.
+            let mark_ns = tap.marks.of_seat(post.seat, post.generation);
+            let (times, there_ns) = post.died;
+            post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
+        }
+        let incurable = post.died.0 > DEATHS_MAX;
+        if post.seat.role.seats() > 1 && (post.scripted || incurable || !keeps(post.seat)) {
             // Who commands the slot now is not decided here.
             let place = post.seat;
             let obituary = (!post.scripted).then(|| format!("{name} {how}{words}"));
             post.scripted = false;
             post.ready = false;
+            post.died = (0, 0);
             self.leave_roll(place, tap);
             self.events.push(PostEvent::Gone { place, obituary });
             return Ok(());

@@ -2,8 +2,11 @@
 
 use super::chairs::Chair;
 use super::message::{Action, Fault, Now, Reason, Report, Step};
-use super::{Phase, Slot, step};
+use super::{Phase, Slot, Useless, step};
 use crate::record::Seat;
+
+/// An owner that is lost so soon after it was started again is not started a third time \[ns\].
+const RELAPSE_NS: u64 = 5_000_000_000;
 
 impl Slot {
     /// A process is gone.
@@ -58,6 +61,30 @@ impl Slot {
         if there {
             self.kill(seat, out);
             self.lost(now, seat, Fault::Silent, at_ns, out);
+        }
+    }
+
+    /// The consumer has been on its own for a while.
+    pub(super) fn unguided(&mut self, epoch: u64, since_ns: u64, at_ns: u64) {
+        let Some(seat) = self.ledger.owner().filter(|_| self.ledger.epoch() == epoch) else {
+            return;
+        };
+        let patience_ns = self.config.unguided_ns.saturating_add(3 * self.chairs.period_ns(seat));
+        let alone = self.chairs.is_seated(seat) && self.useless.is_none();
+        // Whoever has just been given the slot has all its time.
+        let since_ns = since_ns.max(self.ledger.effective_ns());
+        if alone && at_ns.saturating_sub(since_ns) >= patience_ns {
+            let due_ns = at_ns.saturating_add(self.config.react_ns);
+            self.useless = Some(Useless { seat, epoch, due_ns });
+        }
+    }
+
+    /// An owner that gives nothing to obey makes room for one that does, unless things have changed.
+    pub(super) fn clear_seat(&mut self, now: Now, useless: Useless, out: &mut Vec<Action>) {
+        let Useless { seat, epoch, due_ns } = useless;
+        if self.ledger.epoch() == epoch && self.chairs.is_seated(seat) {
+            self.kill(seat, out);
+            self.lost(now, seat, Fault::Silent, due_ns, out);
         }
     }
 
@@ -131,6 +158,10 @@ impl Slot {
             self.publish(now, heir, Some(at_ns), out);
             step(out, Step::TookOver { seat: heir, from: seat, fault });
         } else {
+            if fault == Fault::Silent {
+                // Garbage from its last state would be garbage again.
+                self.restarted_ns = Some(now.logical_ns);
+            }
             self.ledger.outstanding = None;
             self.phase = Phase::Ownerless { seat, at_ns: None };
             step(out, Step::Ownerless(seat, fault));
@@ -138,17 +169,32 @@ impl Slot {
     }
 
     /// Its seat is empty and it is time.
-    pub(super) fn start_owner(&mut self, seat: Seat, out: &mut Vec<Action>) {
+    pub(super) fn start_owner(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
         let Some(program) = self.chairs.get(seat).program() else { return };
-        self.chairs.set(seat, Chair::Starting(program));
+        let before_ns = self.restarted_ns.take();
+        let relapsed =
+            before_ns.is_some_and(|at_ns| now.logical_ns < at_ns.saturating_add(RELAPSE_NS));
         self.phase = Phase::Ownerless { seat, at_ns: None };
-        out.push(Action::Restart(seat, program));
+        if relapsed {
+            self.chairs.set(seat, Chair::Starting(self.home));
+            step(out, Step::Replaced(seat, self.home));
+            out.push(Action::Spawn(seat, self.home));
+        } else {
+            self.restarted_ns = (program != self.home).then_some(now.logical_ns);
+            self.chairs.set(seat, Chair::Starting(program));
+            out.push(Action::Restart(seat, program));
+        }
     }
 
-    pub(super) fn count_standby_loss(&mut self, for_good: bool, out: &mut Vec<Action>) {
+    pub(super) fn count_standby_loss(&mut self, refused: bool, out: &mut Vec<Action>) {
         let Some(standby) = &mut self.standby else { return };
+        standby.refused = refused;
+        if refused && standby.proven {
+            return;
+        }
         standby.losses += 1;
-        if for_good || standby.losses >= self.config.standby_losses_max {
+        // What the gate refuses at first it would refuse again.
+        if refused || standby.losses >= self.config.standby_losses_max {
             step(out, Step::StandbyGivenUp(standby.program));
             self.standby = None;
         }

@@ -117,6 +117,16 @@ pub enum Event {
         /// When \[ns\].
         at_ns: u64,
     },
+    /// Neither the owner of `epoch` nor a fallback has given the consumer a usable command since
+    /// `since_ns`; said again and again until it ends.
+    Unguided {
+        /// Epoch in effect.
+        epoch: u64,
+        /// First instant without one \[ns\].
+        since_ns: u64,
+        /// Instant of this word \[ns\].
+        at_ns: u64,
+    },
     /// The process on a seat is gone.
     Died(Seat),
     /// The process on a seat is there and of no use. It will be killed.
@@ -222,6 +232,9 @@ pub enum Step {
     },
     /// An owner is lost and nobody can take over: it is started again.
     Ownerless(Seat, Fault),
+    /// An owner that was started again is lost again at once, or gave nothing to obey: on its seat an
+    /// instance of this program, the one that the flight began with, is started instead.
+    Replaced(Seat, Program),
     /// It commands, from nothing or again.
     Commands(Seat),
     /// The standby is lost.
@@ -340,6 +353,9 @@ impl core::fmt::Display for Step {
             }
             Self::Ownerless(seat, fault) => {
                 write!(f, "nobody can take over from {seat}, which is started again: {fault}")
+            }
+            Self::Replaced(seat, _) => {
+                write!(f, "{seat} is not started again: what the flight began with takes its place")
             }
             Self::Commands(seat) => write!(f, "{seat} commands"),
             Self::StandbyLost(seat, fault) => write!(f, "the standby on {seat} is lost: {fault}"),

@@ -49,6 +49,9 @@ pub struct SlotConfig {
     pub react_ns: u64,
     /// From an owner's death to its successor's start, if nobody can take over.
     pub restart_ns: u64,
+    /// How long the consumer may be on its own before its owner is taken for useless, beside three of
+    /// the owner's periods.
+    pub unguided_ns: u64,
     /// From a record's instant until it is written again, if it is not confirmed.
     pub acknowledge_ns: u64,
     /// Flips that are not confirmed so often are taken back.
@@ -64,6 +67,7 @@ impl SlotConfig {
         margin_ns: 0,
         react_ns: 500_000_000,
         restart_ns: 100_000_000,
+        unguided_ns: 200_000_000,
         acknowledge_ns: 500_000_000,
         tries_max: 5,
         standby_losses_max: 3,
@@ -150,6 +154,10 @@ struct Standby {
     seat: Option<Seat>,
     /// How often in a row it has been lost.
     losses: u32,
+    /// One of it has passed the gate: what refuses the next may pass.
+    proven: bool,
+    /// The gate has refused the last.
+    refused: bool,
 }
 
 /// A slot as its supervisor sees it.
@@ -160,6 +168,21 @@ pub struct Slot {
     ledger: Ledger,
     phase: Phase,
     standby: Option<Standby>,
+    /// What the flight began with, and who is started when nothing else holds.
+    home: Program,
+    /// When an owner of another program was last started again \[ns\].
+    restarted_ns: Option<u64>,
+    /// An owner without usable commands, and when it is sent away.
+    useless: Option<Useless>,
+}
+
+/// An owner that is there, does not command, and has no fallback.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Useless {
+    seat: Seat,
+    epoch: u64,
+    /// When it is dealt with: in lockstep beyond all that can have been allowed \[ns\].
+    due_ns: u64,
 }
 
 impl Slot {
@@ -175,6 +198,9 @@ impl Slot {
             ledger: Ledger::default(),
             phase: Phase::Ownerless { seat, at_ns: None },
             standby: None,
+            home: program,
+            restarted_ns: None,
+            useless: None,
         }
     }
 
@@ -199,10 +225,26 @@ impl Slot {
         ledger.take_up(*record);
         let standby = record.fallback.filter(|seat| chairs.is_seated(*seat)).and_then(|seat| {
             let program = chairs.get(seat).program()?;
-            Some(Standby { program, shadow_ns: ADOPTED_SHADOW_NS, seat: Some(seat), losses: 0 })
+            Some(Standby {
+                program,
+                shadow_ns: ADOPTED_SHADOW_NS,
+                seat: Some(seat),
+                losses: 0,
+                proven: true,
+                refused: false,
+            })
         });
         let phase = Phase::Steady { rejoin_ns: None };
-        let mut slot = Self { config, chairs, ledger, phase, standby };
+        let mut slot = Self {
+            config,
+            chairs,
+            ledger,
+            phase,
+            standby,
+            home: owner,
+            restarted_ns: None,
+            useless: None,
+        };
         let mut actions = Vec::new();
         for seat in Seat::ALL {
             if seat != record.owner && Some(seat) != record.fallback {
@@ -235,6 +277,7 @@ impl Slot {
             }
             Event::RecordRefused { .. } => {}
             Event::FellOver { epoch, at_ns } => self.fell_over(now, epoch, at_ns, out),
+            Event::Unguided { epoch, since_ns, at_ns } => self.unguided(epoch, since_ns, at_ns),
             Event::Died(seat) => self.died(now, seat, out),
             Event::Misbehaved(seat, fault) => self.misbehaved(now, seat, fault, out),
         }
@@ -254,7 +297,8 @@ impl Slot {
             _ => None,
         };
         let outstanding_ns = self.ledger.outstanding.map(|outstanding| outstanding.until_ns);
-        [phase_ns, outstanding_ns].into_iter().flatten().min()
+        let useless_ns = self.useless.map(|useless| useless.due_ns);
+        [phase_ns, outstanding_ns, useless_ns].into_iter().flatten().min()
     }
 
     /// True while lockstep time must stand still: a process is being started, or the gate has been
@@ -307,9 +351,12 @@ impl Slot {
         if self.ledger.outstanding.is_some_and(|outstanding| due(outstanding.until_ns)) {
             self.try_again(now, out);
         }
+        if let Some(useless) = self.useless.take_if(|useless| due(useless.due_ns)) {
+            self.clear_seat(now, useless, out);
+        }
         match self.phase {
             Phase::Ownerless { seat, at_ns: Some(at_ns) } if due(at_ns) => {
-                self.start_owner(seat, out);
+                self.start_owner(now, seat, out);
             }
             Phase::Steady { rejoin_ns: Some(at_ns) } if due(at_ns) => self.start_standby(out),
             Phase::Shadowing { track_until_ns, stage: Stage::Tracking, .. }
@@ -325,10 +372,14 @@ impl Slot {
         }
     }
 
-    /// Back to rest; a standby that is wanted and missing is fetched a reaction after `at_ns`.
+    /// Back to rest; a standby that is wanted and missing is fetched a reaction after `at_ns`, and one
+    /// that the gate has refused when as much time has passed again.
     fn settle(&mut self, at_ns: u64) {
-        let missing = self.standby.is_some_and(|standby| standby.seat.is_none());
-        let rejoin_ns = missing.then(|| at_ns.saturating_add(self.config.react_ns));
+        let missing = self.standby.filter(|standby| standby.seat.is_none());
+        let rejoin_ns = missing.map(|standby| {
+            let pause_ns = if standby.refused { standby.shadow_ns } else { 0 };
+            at_ns.saturating_add(self.config.react_ns).saturating_add(pause_ns)
+        });
         self.phase = Phase::Steady { rejoin_ns };
     }
 }

@@ -124,7 +124,14 @@ impl Slot {
         }
         self.be_at_rest()?;
         self.spawn(program, Goal::Standby { shadow_ns }, out)?;
-        self.standby = Some(Standby { program, shadow_ns, seat: None, losses: 0 });
+        self.standby = Some(Standby {
+            program,
+            shadow_ns,
+            seat: None,
+            losses: 0,
+            proven: false,
+            refused: false,
+        });
         Ok(())
     }
 

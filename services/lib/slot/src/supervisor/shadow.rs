@@ -24,12 +24,17 @@ impl Slot {
         match self.phase {
             Phase::Ownerless { seat: expected, .. } if expected == seat => {
                 let first = self.ledger.newest().is_none();
+                // What another build or program has left is of no use to it.
+                let before = self.ledger.in_force.filter(|(in_force, _)| *in_force == seat);
+                let alike = before.is_none_or(|(_, before)| before.layout == instance.layout);
                 self.settle(now.logical_ns);
                 self.publish(now, seat, None, out);
                 if !first {
                     let join_ns = self.join_ns(now, seat);
-                    let state_of = Some(seat);
-                    let track_until_ns = join_ns;
+                    let state_of = alike.then_some(seat);
+                    // From nothing, it first sees what is applied.
+                    let tracking_ns = if alike { 0 } else { instance.period_ns() };
+                    let track_until_ns = join_ns.saturating_add(tracking_ns);
                     out.push(Action::HandOver { seat, state_of, join_ns, track_until_ns });
                 }
                 step(out, Step::Commands(seat));
@@ -137,6 +142,8 @@ impl Slot {
                 if let Some(standby) = &mut self.standby {
                     standby.seat = Some(seat);
                     standby.losses = 0;
+                    standby.proven = true;
+                    standby.refused = false;
                 }
                 self.settle(now.logical_ns);
                 self.publish(now, owner, None, out);
@@ -196,7 +203,6 @@ impl Slot {
                 | Phase::Shadowing { goal: Goal::Standby { .. }, .. }
         );
         if standby {
-            // What the gate refuses once it would refuse again.
             self.count_standby_loss(matches!(reason, Reason::Gate(_)), out);
         }
         out.push(Action::Report(Report::Aborted(seat, reason)));

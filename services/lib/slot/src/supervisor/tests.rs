@@ -344,6 +344,51 @@ fn an_owner_that_dies_again_while_starting_is_started_again() {
     assert!(desk.has(|action| *action == Action::Restart(SEAT[0], Program(0))));
 }
 
+/// An owner of another program than the flight began with, and no fallback.
+fn newcomer() -> Desk {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.swap(9).confirm().wait().wait().pass(SEAT[1]).confirm().wait();
+    desk.on(Event::Died(SEAT[0]));
+    desk.confirm();
+    assert_eq!((desk.record().owner, desk.record().fallback), (SEAT[1], None));
+    desk
+}
+
+#[test]
+fn a_newcomer_that_is_lost_again_at_once_makes_room_for_whom_the_flight_began_with() {
+    let mut desk = newcomer();
+    desk.on(Event::Died(SEAT[1])).wait();
+    assert!(desk.has(|action| *action == Action::Restart(SEAT[1], Program(1))));
+    desk.on(Event::Ready(SEAT[1], instance(9))).confirm();
+    desk.on(Event::Died(SEAT[1])).wait();
+    assert!(desk.has(|action| *action == Action::Spawn(SEAT[1], Program(0))), "{:?}", desk.actions);
+    // It begins from nothing, sees what is applied for a period, and commands.
+    desk.on(Event::Ready(SEAT[1], instance(7)));
+    let from_nothing = |action: &Action| {
+        matches!(action, Action::HandOver { state_of: None, join_ns, track_until_ns, .. }
+            if *track_until_ns == join_ns + 10 * MS)
+    };
+    assert!(desk.has(from_nothing), "{:?}", desk.actions);
+    desk.confirm();
+    assert!(desk.slot.is_quiet());
+}
+
+#[test]
+fn a_newcomer_that_gives_nothing_to_obey_makes_room() {
+    let mut desk = newcomer();
+    let epoch = desk.record().epoch;
+    let since_ns = desk.now.logical_ns;
+    let unguided = |at_ns: u64| Event::Unguided { epoch, since_ns, at_ns };
+    desk.on(unguided(since_ns + 229 * MS));
+    assert_eq!(desk.slot.deadline_ns(), None, "200 ms and three periods are its own");
+    desk.on(unguided(since_ns + 230 * MS));
+    assert_eq!(desk.slot.deadline_ns(), Some(since_ns + 730 * MS));
+    desk.wait();
+    assert!(desk.has(|action| *action == Action::Kill(SEAT[1])));
+    desk.on(Event::Died(SEAT[1])).wait();
+    assert!(desk.has(|action| *action == Action::Spawn(SEAT[1], Program(0))));
+}
+
 #[test]
 fn a_standby_that_dies_comes_back_and_one_that_keeps_dying_does_not() {
     let mut desk = Desk::with_standby(SlotConfig::LOCKSTEP);

@@ -284,6 +284,9 @@ impl World {
             Word::Refused { .. } if deaf => {}
             Word::Refused { epoch } => self.tell(Event::RecordRefused { epoch }),
             Word::FellOver { epoch, at_ns } => self.tell(Event::FellOver { epoch, at_ns }),
+            Word::Unguided { epoch, since_ns, at_ns } => {
+                self.tell(Event::Unguided { epoch, since_ns, at_ns });
+            }
         }
     }
 

@@ -117,6 +117,8 @@ pub(crate) struct World {
     /// The epoch in which the plant was last seen to obey the fallback.
     latched: u64,
     obeyed: Option<Seat>,
+    /// Since when the plant has been on its own.
+    alone: Option<u64>,
     pub broken: Option<Broken>,
 }
 
@@ -126,6 +128,7 @@ pub(crate) enum Word {
     Acknowledged { epoch: u64, seat: Seat, at_ns: u64 },
     Refused { epoch: u64 },
     FellOver { epoch: u64, at_ns: u64 },
+    Unguided { epoch: u64, since_ns: u64, at_ns: u64 },
 }
 
 pub(crate) const OWNER: Program = Program(0);
@@ -135,7 +138,7 @@ pub(crate) const SAME_KIND: Program = Program(2);
 pub(crate) const OTHER_KIND: Program = Program(3);
 
 pub(crate) fn config(clock: Clock) -> SlotConfig {
-    let common = SlotConfig { acknowledge_ns: 5, ..SlotConfig::REALTIME };
+    let common = SlotConfig { acknowledge_ns: 5, unguided_ns: 0, ..SlotConfig::REALTIME };
     match clock {
         Clock::Realtime => common,
         Clock::Lockstep => SlotConfig { clock, react_ns: CREDIT + 1, restart_ns: 1, ..common },
@@ -168,6 +171,7 @@ impl World {
             written: None,
             latched: 0,
             obeyed: None,
+            alone: None,
             broken: None,
         };
         let first = Seat::ALL[0];
@@ -319,6 +323,7 @@ impl World {
         self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
         let said = self.words.len();
         self.speak();
+        self.complain();
         let changed = before != self.obeyed || self.words.len() > said;
         self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
         self.t += 1;
@@ -417,6 +422,21 @@ impl World {
             let at_ns = counters.fail_over_ns;
             self.say(Word::FellOver { epoch: self.consumer.epoch(), at_ns });
         }
+    }
+
+    /// The plant says that it is on its own, now and then.
+    fn complain(&mut self) {
+        let epoch = self.consumer.epoch();
+        self.alone = match self.alone {
+            _ if self.obeyed.is_some() || epoch == 0 => None,
+            Some(since_ns) => {
+                if (self.t - since_ns).is_multiple_of(3) {
+                    self.say(Word::Unguided { epoch, since_ns, at_ns: self.t });
+                }
+                Some(since_ns)
+            }
+            None => Some(self.t),
+        };
     }
 
     fn say(&mut self, word: Word) {
