@@ -10,6 +10,7 @@ use common::processes::{Running, kill};
 use common::{Flown, fly, morphquad, turn};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::process::Command;
 use tempfile::TempDir;
 
 fn swaps(flown: &Flown) -> &[Value] {

@@ -47,6 +47,7 @@ impl Slots {
         let role = match seen {
             Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, means),
             Seen::Command(command) => command.slot,
+            Seen::Hears { .. } => Role::Attitude,
             Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } | Seen::Unguided { slot, .. } => {
                 *slot
             }
@@ -57,6 +58,10 @@ impl Slots {
             Seen::Angle { .. } => Ok(()),
             Seen::Command(command) => {
                 let judged = around.gate.as_mut().map(|gate| gate.take(&command));
+                self.refuse(slot, judged, means)
+            }
+            Seen::Hears { seat, at_ns, something } => {
+                let judged = around.gate.as_mut().map(|gate| gate.hears(seat, at_ns, something));
                 self.refuse(slot, judged, means)
             }
             Seen::Missed { seat, steps, at_ns, .. } => {

@@ -76,15 +76,6 @@ pub(super) fn command_latency_ns(graph: &Graph, role: Role) -> u64 {
     }
 }
 
-/// How long it takes until whoever joins in the place of a role has heard everybody it listens to \[ns\].
-pub(super) fn hears_all_ns(graph: &Graph, role: Role) -> u64 {
-    let inputs = graph.edges().iter().filter(|edge| edge.to == role);
-    let longest = inputs.filter_map(|edge| {
-        Some(graph.node(edge.from)?.rate.period_ns().saturating_add(edge.latency_ns))
-    });
-    longest.max().unwrap_or(0)
-}
-
 /// Rate of a controller: the slot's own if its period is, so that no rounding comes in.
 pub(super) fn millihertz(graph: &Graph, role: Role, period_ns: u64) -> u64 {
     let node = graph.node(role).filter(|node| node.rate.period_ns() == period_ns);

@@ -16,10 +16,19 @@ const KEPT: usize = 2048;
 /// A candidate that begins from nothing.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tracks {
-    /// Once it has heard everybody it listens to \[ns\].
-    pub(super) hears_ns: u64,
+    /// Its commands depend on set points, of which it may have heard none yet.
+    pub(super) needs_setpoint: bool,
     /// Until then it tracks \[ns\].
     pub(super) until_ns: u64,
+}
+
+/// Since when a candidate knows what it is to do.
+#[derive(Debug, Clone, Copy)]
+enum Hearing {
+    /// From this release on \[ns\].
+    Since(u64),
+    /// At this release it had heard nothing \[ns\].
+    NotAt(u64),
 }
 
 /// Two streams of commands of one slot, compared instant by instant.
@@ -29,8 +38,8 @@ pub(super) struct Gatekeeper {
     gate: Gate,
     candidate: u32,
     owner: u32,
-    /// What the candidate says of releases before this is not measured: it has not heard everybody \[ns\].
-    hears_ns: u64,
+    /// What the candidate says without a set point is not measured.
+    hearing: Hearing,
     /// Until then it tracks \[ns\].
     track_until_ns: u64,
     from_candidate: VecDeque<Commanded>,
@@ -61,7 +70,10 @@ impl Gatekeeper {
             gate: Gate::new(yardstick.axes(), limits, tracks.is_some()),
             candidate,
             owner,
-            hears_ns: tracks.map_or(0, |tracks| tracks.hears_ns),
+            hearing: match tracks {
+                Some(Tracks { needs_setpoint: true, .. }) => Hearing::NotAt(0),
+                _ => Hearing::Since(0),
+            },
             track_until_ns: tracks.map_or(0, |tracks| tracks.until_ns),
             from_candidate: VecDeque::with_capacity(KEPT),
             from_owner: VecDeque::with_capacity(KEPT),
@@ -87,6 +99,18 @@ impl Gatekeeper {
         };
         push(queue, *command);
         self.compare()
+    }
+
+    /// Takes whether whoever sits there had heard a set point at a release.
+    ///
+    /// # Errors
+    /// The candidate did what no controller may do.
+    pub(super) fn hears(&mut self, seat: u32, at_ns: u64, something: bool) -> Result<(), Refusal> {
+        if seat == self.candidate && matches!(self.hearing, Hearing::NotAt(_)) {
+            self.hearing = if something { Hearing::Since(at_ns) } else { Hearing::NotAt(at_ns) };
+            return self.compare();
+        }
+        Ok(())
     }
 
     /// Takes a reading of the deployable angle \[rad\].
@@ -118,8 +142,16 @@ impl Gatekeeper {
                 return Ok(());
             }
             let Some(u_max) = self.u_max(candidate.release_ns) else { return Ok(()) };
+            let deaf = match self.hearing {
+                Hearing::Since(since_ns) => candidate.release_ns < since_ns,
+                Hearing::NotAt(at_ns) if candidate.release_ns <= at_ns => true,
+                Hearing::NotAt(_) => return Ok(()),
+            };
             let candidate = *candidate;
             self.from_candidate.pop_front();
+            if deaf {
+                continue;
+            }
             let before = |owner: &&Commanded| owner.effective_ns <= candidate.effective_ns;
             let Some(owner) = self.from_owner.iter().rev().find(before).copied() else { continue };
             self.measure(&candidate, &owner, u_max)?;
@@ -141,9 +173,6 @@ impl Gatekeeper {
                 };
                 self.bump = Some(core::array::from_fn(over));
             }
-            return Ok(());
-        }
-        if candidate.release_ns < self.hears_ns {
             return Ok(());
         }
         let tracking = candidate.release_ns < self.track_until_ns;

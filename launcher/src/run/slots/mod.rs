@@ -27,7 +27,7 @@ use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
 use crate::control::{Reply, Request as Asked};
-use facts::{Yardstick, hears_all_ns};
+use facts::Yardstick;
 use gatekeeper::{Gatekeeper, Tracks};
 use runtime::Graph;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
@@ -332,10 +332,8 @@ impl Slots {
                 let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
                 means.posts.hand_over(place(seat), order, &state)?;
                 self.tell_seating(slot, seat, seating, means);
-                let tracks = Tracks {
-                    hears_ns: join_ns.saturating_add(hears_all_ns(means.graph, role)),
-                    until_ns: track_until_ns,
-                };
+                let tracks =
+                    Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
                 self.open_gate(slot, seat, state_of.is_some(), Some(tracks), means);
             }
             Action::Judge(seat) => {

@@ -35,6 +35,8 @@ pub(crate) enum Seen {
     Command(Commanded),
     /// A consumer changed its mind, or says for the first time what it thinks.
     Obeys { slot: Role, by_seat: u32, obeyed: Obeyed },
+    /// A controller on this seat of the attitude slot had heard a set point, or none, at an instant.
+    Hears { seat: u32, at_ns: u64, something: bool },
     /// A consumer has been on its own since `since_ns`.
     Unguided { slot: Role, by_seat: u32, epoch: u64, since_ns: u64, at_ns: u64 },
     /// The encoder's reading.
@@ -88,6 +90,8 @@ impl SlotWatch {
                 refused_epoch: applied.refused_epoch,
             };
             let by_seat = applied.header.seat;
+            let (at_ns, something) = (obeyed.at_ns, applied.setpoint_sequence > 0);
+            self.seen.push(Seen::Hears { seat: by_seat, at_ns, something });
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.obeys(Role::Position, by_seat, place, obeyed);
             self.is_guided(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);

@@ -158,7 +158,8 @@ impl Slot {
             self.publish(now, heir, Some(at_ns), out);
             step(out, Step::TookOver { seat: heir, from: seat, fault });
         } else {
-            if fault == Fault::Silent {
+            let newcomer = self.chairs.get(seat).program() != Some(self.home);
+            if fault == Fault::Silent && newcomer {
                 // Garbage from its last state would be garbage again.
                 self.restarted_ns = Some(now.logical_ns);
             }
