@@ -29,7 +29,7 @@ use ledger::Ledger;
 pub enum Clock {
     /// A record is in time if its instant has not been allowed yet.
     Lockstep,
-    /// A record is in time if it is two periods ahead.
+    /// A record is in time if it is one and a half periods ahead.
     Realtime,
 }
 

@@ -18,7 +18,8 @@ impl Slot {
                 let old_ns = self.ledger.owner().map_or(0, |seat| self.chairs.period_ns(seat));
                 let slower_ns = old_ns.max(self.chairs.period_ns(owner));
                 // Further ahead each time, or a machine that is always slow would always be too late.
-                let ahead_ns = slower_ns.saturating_mul(2 * u64::from(tries));
+                // With one and a half periods a launcher that wakes half a period late loses nothing.
+                let ahead_ns = slower_ns.saturating_mul(3 * u64::from(tries)) / 2;
                 now.logical_ns.saturating_add(ahead_ns)
             }
         };
