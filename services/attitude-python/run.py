@@ -356,7 +356,7 @@ class Process:
             generation=self.options.generation,
             role=self.role,
         )
-        stats.header = self.header(0, now_ns())
+        stats.header = self.header(self.samples.Header(), 0, now_ns())
         stats.header.sequence = self._stats_sequence
         stats.header.valid_ns = self.release_ns
         # Of all loops of a run this is the one of a role and a seat.

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Makes target/python-tests, a Python with what verify_recording.py needs, and prints its path.
+# Makes target/python-tests, a Python with what verify_recording.py needs, and prints its path; another one,
+# from another list, if told: setup.sh VENV REQUIREMENTS.
 # Debian and Ubuntu keep the venv module in a package of its own, which root gets here.
 set -eu
 here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
@@ -12,5 +13,5 @@ if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
     { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy python3-venv; } >&2
 fi
 [ -x "$venv/bin/pip" ] || python3 -m venv --clear "$venv"
-"$venv/bin/pip" install --quiet --disable-pip-version-check -r "$here/requirements.txt" >&2
+"$venv/bin/pip" install --quiet --disable-pip-version-check -r "${2:-$here/requirements.txt}" >&2
 echo "$venv/bin/python"
