@@ -51,7 +51,7 @@ pub(crate) struct SlotWatch {
     seen: Vec<Seen>,
     /// What each consumer said last: the plant, then the seats of the attitude slot.
     last: [Obeyed; 1 + shared_types::SEATS],
-    /// Until when each of them had something to obey, and the sequence of that.
+    /// When each of them last had something new to obey, and the sequence of that.
     guided: [(u64, u64); 1 + shared_types::SEATS],
 }
 
@@ -75,12 +75,12 @@ impl SlotWatch {
                 refused_epoch: applied.refused_epoch,
             };
             self.obeys(Role::Attitude, 0, 0, obeyed);
-            // A command in effect is news of its own.
+            // A command in effect is always news; after a cut nothing can be.
             let sequence = match applied.mode {
                 GateMode::Normal | GateMode::Cut => u64::MAX,
                 _ => applied.command_sequence,
             };
-            self.is_guided(Role::Attitude, 0, 0, obeyed, sequence);
+            self.note_guidance(Role::Attitude, 0, 0, obeyed, sequence);
         } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
             let obeyed = Obeyed {
                 at_ns: applied.header.release_ns,
@@ -94,7 +94,7 @@ impl SlotWatch {
             self.seen.push(Seen::Hears { seat: by_seat, at_ns, something });
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.obeys(Role::Position, by_seat, place, obeyed);
-            self.is_guided(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);
+            self.note_guidance(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);
         } else if let Some(reading) = any.downcast_ref::<MorphAngle>() {
             let (at_ns, angle_rad) = (reading.header.release_ns, reading.angle_rad);
             self.seen.push(Seen::Angle { at_ns, angle_rad });
@@ -130,7 +130,14 @@ impl SlotWatch {
     }
 
     /// Notes a consumer that has nothing new to obey, and has had nothing for long.
-    fn is_guided(&mut self, slot: Role, by_seat: u32, place: usize, said: Obeyed, sequence: u64) {
+    fn note_guidance(
+        &mut self,
+        slot: Role,
+        by_seat: u32,
+        place: usize,
+        said: Obeyed,
+        sequence: u64,
+    ) {
         let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
         let Obeyed { at_ns, epoch, .. } = said;
         if sequence == u64::MAX || sequence != *last || epoch == 0 {
