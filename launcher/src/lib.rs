@@ -3,7 +3,8 @@
 //! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight, and [`control`] lets others ask it; [`pilot`] flies along
-//! in the launcher itself.
+//! in the launcher itself, and [`orders`] lead it elsewhere.
+//! [`topic`] lets others look at topics, live and recorded, and [`top`] at everything at once.
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`paper`] and [`study`] are reproduction and studies,
@@ -21,6 +22,7 @@ pub mod doctor;
 pub mod figure;
 pub mod in_process;
 pub mod new_controller;
+pub mod orders;
 pub mod paper;
 pub mod pilot;
 pub mod process;
@@ -30,6 +32,8 @@ pub mod results;
 pub mod run;
 pub mod scenario;
 pub mod study;
+pub mod top;
+pub mod topic;
 pub mod trace;
 pub mod types;
 

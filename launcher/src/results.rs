@@ -2,7 +2,7 @@
 
 mod columns;
 
-pub use columns::{Columns, Kind, Value};
+pub use columns::{Columns, Kind, ParquetFile, Value};
 
 use crate::figure::Figure;
 use serde::Serialize;

@@ -119,4 +119,6 @@ samples!(
     crate::LoopStats,
     crate::Deviation,
     crate::Seating,
+    crate::GuidanceOrder,
+    crate::DisturbanceOrder,
 );

@@ -3,7 +3,7 @@
 //! * [`topics`] is the floor plan: one line per topic, from which ports, recorder, command line and
 //!   documentation are derived. Open it first.
 //! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
-//!   [`control`], [`actuation`], [`disturbance`], [`supervision`].
+//!   [`control`], [`actuation`], [`disturbance`], [`order`], [`supervision`].
 //! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
 //!   that two builds which disagree about a type refuse each other.
 //!
@@ -17,6 +17,7 @@ pub mod estimate;
 pub mod guidance;
 pub mod header;
 mod macros;
+pub mod order;
 pub mod sensors;
 pub mod supervision;
 pub mod topics;
@@ -31,6 +32,10 @@ pub use estimate::StateEstimate;
 pub use guidance::{MorphCommand, Reference, ReferencePoint};
 pub use header::{Flag, Header, Quaternion, Sample};
 pub use iceoryx2::prelude::ZeroCopySend;
+pub use order::{
+    AngleDiversion, DISTURBANCE_ORDERS, DisturbanceKind, DisturbanceOrder, GuidanceOrder,
+    OrderedDisturbance, PositionDiversion,
+};
 pub use sensors::{Imu, MorphAngle, PoseFix};
 pub use supervision::{
     ClockMode, ClockRecord, Deviation, DeviationKind, Handover, Hello, LoopStats, NO_SEAT, NodeId,

@@ -135,6 +135,10 @@ floor_plan! {
         "owner of the attitude slot"
     POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude], Delayed, history 16;
         "owner of the position slot"
+    GUIDANCE_ORDER "guidance_order": GuidanceOrder, Supervisor => [Pilot], Delayed, history 16;
+        "where to go and how wide to spread the arms, as ordered in flight"
+    DISTURBANCE_ORDER "disturbance_order": DisturbanceOrder, Supervisor => [Disturbance], Delayed, history 16;
+        "disturbances ordered in flight"
     LOOP_STATS "loop_stats": LoopStats, Supervisor => [], RecordOnly, history 8;
         "running totals of every loop"
     DEVIATION "deviation": Deviation, Supervisor => [], RecordOnly, history 64;

@@ -16,7 +16,7 @@ use toml::{Spanned, Value};
 const MAX_CASES: usize = 10_000_000;
 
 /// Keys, or sections, that a case does not take from `[set]` or `[grid]`, and what does instead.
-const ELSEWHERE: [(&str, &str); 8] = [
+const ELSEWHERE: [(&str, &str); 9] = [
     ("scenario.seed", "seeds are given with `seeds = ...`"),
     ("scenario.clock", "the flights of a campaign are in one process, which knows lockstep only"),
     ("scenario.speed", "the flights of a campaign go as fast as they can"),
@@ -24,6 +24,7 @@ const ELSEWHERE: [(&str, &str); 8] = [
     ("swap", "write [[swap]] into the scenario that the campaign flies"),
     ("standby", "write [[standby]] into the scenario that the campaign flies"),
     ("fault", "write [[fault]] into the scenario that the campaign flies"),
+    ("order", "write [[order]] into the scenario that the campaign flies"),
     ("launcher", "it does nothing in a campaign, whose flights have no processes"),
 ];
 

@@ -1,5 +1,6 @@
 //! Progress on a terminal, and nothing elsewhere.
 
+use core::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{self, IsTerminal as _};
 
@@ -16,12 +17,25 @@ pub(super) fn bar(length: usize, what: &str) -> ProgressBar {
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-/// A sign that something is done whose length nobody knows.
-pub(super) fn spinner(what: &'static str) -> ProgressBar {
+/// A sign that something is under way whose end nobody knows; it goes when dropped.
+#[derive(Debug)]
+pub(super) struct Busy(ProgressBar);
+
+/// Says what is being done, and for how long already.
+pub(super) fn busy(what: &str) -> Busy {
     if !io::stderr().is_terminal() {
-        return ProgressBar::hidden();
+        return Busy(ProgressBar::hidden());
     }
-    let spinner = ProgressBar::new_spinner().with_message(what);
-    spinner.enable_steady_tick(core::time::Duration::from_millis(100));
-    spinner
+    let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}");
+    let bar = ProgressBar::new_spinner()
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+        .with_message(what.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(100));
+    Busy(bar)
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
 }

@@ -164,6 +164,11 @@ fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<(
     for FaultSettings { kind, name, at_s } in &settings.fault {
         writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;
     }
+    for settings in &settings.order {
+        if let Some(order) = settings.order() {
+            writeln!(out, "order   {order} at {} s", settings.at_s)?;
+        }
+    }
     Ok(())
 }
 

@@ -14,11 +14,14 @@ pub mod list;
 mod new_controller;
 pub mod options;
 mod orders;
+mod pages;
 mod paper;
 mod ps;
 mod refusal;
 mod replay;
 mod study;
+mod top;
+mod topic;
 mod trace;
 mod types;
 
@@ -87,6 +90,11 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Rollback(arguments) => return orders::roll_back(&arguments, out),
         Command::Retire(arguments) => return orders::retire(&arguments, out),
         Command::Standby(arguments) => return orders::stand_by(&arguments, out),
+        Command::Goto(arguments) => return orders::go_to(&arguments, out),
+        Command::Morph(arguments) => return orders::morph(&arguments, out),
+        Command::Disturb(arguments) => return orders::disturb(&arguments, out),
+        Command::Top(arguments) => return top::run(&arguments, out),
+        Command::Topic(command) => return topic::run(&command, out, diagnostics),
         Command::Adopt(arguments) => return adopt::adopt(&arguments, out),
         Command::Paper(arguments) => return paper::reproduce(&arguments, out),
         Command::Campaign(arguments) => return campaign::run(&arguments, out),
@@ -103,6 +111,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Study(command) => return study::run(&command, out),
         Command::NewController(arguments) => return new_controller::run(&arguments, out),
         Command::Types(arguments) => return types::run(&arguments, out),
+        Command::Completions(arguments) => return pages::completions(&arguments, out),
+        Command::Man(arguments) => return pages::man(&arguments, out),
         Command::Proc(arguments) => {
             return Ok(process::run_process(&arguments.service, arguments.place));
         }

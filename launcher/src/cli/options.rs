@@ -3,6 +3,11 @@
 mod air;
 mod bench;
 pub(in crate::cli) mod doctor;
+mod examples;
+mod orders;
+mod pages;
+mod top;
+mod topic;
 pub(in crate::cli) mod trace;
 
 pub use air::{
@@ -15,6 +20,13 @@ pub use trace::TraceArguments;
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
     ScaleArguments, SolveArguments, TableFormat, scenario_words,
+};
+pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
+pub use pages::{CompletionsArguments, ManArguments};
+pub use top::TopArguments;
+pub use topic::{
+    SampleFormat, TopicCommand, TopicEchoArguments, TopicExportArguments, TopicHzArguments,
+    TopicInfoArguments, TopicListArguments,
 };
 
 use crate::branch::At;
@@ -37,10 +49,13 @@ pub(super) struct Cli {
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Fly a scenario
+    #[command(after_help = examples::RUN)]
     Run(RunArguments),
     /// Name the scenarios inside the executable
+    #[command(after_help = examples::LIST)]
     List,
     /// Show what a scenario would fly, or what is wrong with it
+    #[command(after_help = examples::CHECK)]
     Check(ScenarioArguments),
     /// Show processes and slots of a run in the air
     #[command(after_help = air::PS_EXAMPLES)]
@@ -59,10 +74,26 @@ pub(super) enum Command {
     /// Keep an instance warm that takes a slot over when its owner fails
     #[command(after_help = "Example:\n  morphquad standby attitude attitude-mpc")]
     Standby(StandbyArguments),
+    /// Send the vehicle of a run in the air to a place
+    #[command(after_help = orders::GOTO_EXAMPLES)]
+    Goto(GotoArguments),
+    /// Fold or spread the arms of a run in the air
+    #[command(after_help = orders::MORPH_EXAMPLES)]
+    Morph(MorphArguments),
+    /// Disturb a run in the air
+    #[command(after_help = orders::DISTURB_EXAMPLES)]
+    Disturb(DisturbArguments),
+    /// Watch a run in the air
+    #[command(after_help = top::TOP_EXAMPLES)]
+    Top(TopArguments),
+    /// Look at the topics of a run in the air, or of a recording
+    #[command(subcommand)]
+    Topic(TopicCommand),
     /// Lead a realtime run to its end whose launcher has died
     #[command(after_help = air::ADOPT_EXAMPLES)]
     Adopt(AdoptArguments),
     /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
+    #[command(after_help = examples::REPLAY)]
     Replay(ReplayArguments),
     /// Tell what of this machine is in the way of realtime flights
     #[command(after_help = doctor::EXAMPLES)]
@@ -71,8 +102,10 @@ pub(super) enum Command {
     #[command(after_help = trace::EXAMPLES)]
     Trace(TraceArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
+    #[command(after_help = examples::PAPER)]
     Paper(PaperArguments),
     /// Fly a scenario with many seeds and settings, on all cores
+    #[command(after_help = examples::CAMPAIGN)]
     Campaign(CampaignArguments),
     /// Fly or compute a whole range of conditions
     #[command(subcommand)]
@@ -84,7 +117,14 @@ pub(super) enum Command {
     #[command(after_help = NEW_CONTROLLER_EXAMPLES)]
     NewController(NewControllerArguments),
     /// Show the samples as another language declares them
+    #[command(after_help = examples::TYPES)]
     Types(TypesArguments),
+    /// Write what a shell needs to complete commands
+    #[command(after_help = pages::COMPLETIONS_EXAMPLES)]
+    Completions(CompletionsArguments),
+    /// Write a manual page for each command
+    #[command(after_help = pages::MAN_EXAMPLES)]
+    Man(ManArguments),
     /// Be one process of a run
     #[command(hide = true)]
     Proc(ProcArguments),
@@ -97,12 +137,16 @@ pub(super) enum Command {
 #[derive(Debug, Subcommand)]
 pub(super) enum StudyCommand {
     /// Fly every attitude controller under every position controller and compare them in one table
+    #[command(after_help = examples::CONTROLLERS)]
     Controllers(StudyOutput),
     /// Fly figure8-morph at sweeps from 4 s to 0.3 s, with the law scheduled and not
+    #[command(after_help = examples::MORPHING)]
     Morphing(MorphingArguments),
     /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
+    #[command(after_help = examples::STABILITY)]
     Stability(StabilityArguments),
     /// Certify how many changes of its working set one solve of the attitude law can need
+    #[command(after_help = examples::WORST_CASE)]
     WorstCase(StabilityArguments),
 }
 
@@ -183,6 +227,12 @@ pub struct ScenarioArguments {
     /// Realtime: refuse to fly unless the system grants priority, locked memory and processors
     #[arg(long)]
     pub strict: bool,
+    /// Leave the plan at a time and rest at a place, for example `1,0,2@3s`
+    #[arg(long, value_name = "X,Y,Z[,YAW]@TIME", allow_hyphen_values = true)]
+    pub goto: Vec<String>,
+    /// Leave the morph schedule at a time, for example `120@3s,over=2s`
+    #[arg(long, value_name = "DEGREES@TIME")]
+    pub morph: Vec<String>,
 }
 
 impl ScenarioArguments {
@@ -197,7 +247,10 @@ impl ScenarioArguments {
         let fault = self.fault.iter().map(|argument| Override::fault(argument));
         let standby = self.standby.iter().map(|argument| Override::standby(argument));
         let crew = self.crew.iter().map(|argument| Override::crew(argument));
-        let all = set.chain(rate).chain(crew).chain(swap).chain(standby).chain(fault);
+        let goto = self.goto.iter().map(|argument| Override::goto(argument));
+        let morph = self.morph.iter().map(|argument| Override::morph(argument));
+        let orders = goto.chain(morph);
+        let all = set.chain(rate).chain(crew).chain(swap).chain(standby).chain(fault).chain(orders);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
         overrides.extend(self.strict.then(|| Override::set("realtime.strict=true")).transpose()?);
         overrides.extend(self.clock.as_deref().map(Override::clock));

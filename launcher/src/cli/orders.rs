@@ -1,7 +1,9 @@
-//! `morphquad swap`, `rollback`, `retire` and `standby`: orders to a run in the air.
+//! `morphquad swap`, `rollback`, `retire`, `standby`, `goto`, `morph` and `disturb`: orders to a run in
+//! the air.
 
 use super::options::{
-    Format, RetireArguments, RollbackArguments, RunChoice, StandbyArguments, SwapArguments,
+    DisturbArguments, Format, GotoArguments, MorphArguments, RetireArguments, RollbackArguments,
+    RunChoice, StandbyArguments, SwapArguments,
 };
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
@@ -10,6 +12,7 @@ use crate::control::client::Conversation;
 use crate::control::protocol::Order;
 use crate::control::{Reply, Request, runs};
 use crate::exit;
+use crate::orders::{Goto, Morph, Order as Flown};
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
@@ -51,8 +54,42 @@ pub(super) fn stand_by(arguments: &StandbyArguments, out: &mut dyn Write) -> Don
     order(&arguments.run, &request, arguments.format, out)
 }
 
+/// Sends the vehicle to a place.
+pub(super) fn go_to(arguments: &GotoArguments, out: &mut dyn Write) -> Done {
+    let &GotoArguments { x, y, z, yaw, ref run, format } = arguments;
+    fly_otherwise(Flown::Goto(Goto { position_w_m: [x, y, z], yaw_deg: yaw }), run, format, out)
+}
+
+/// Folds or spreads the arms.
+pub(super) fn morph(arguments: &MorphArguments, out: &mut dyn Write) -> Done {
+    let &MorphArguments { degrees, over, ref run, format } = arguments;
+    let over_s = over.as_secs_f64();
+    fly_otherwise(Flown::Morph(Morph { angle_deg: degrees, over_s }), run, format, out)
+}
+
+/// Disturbs, or ends that.
+pub(super) fn disturb(arguments: &DisturbArguments, out: &mut dyn Write) -> Done {
+    let (order, target) = arguments.what.order();
+    fly_otherwise(order, &target.run, target.format, out)
+}
+
+/// Sends an order to pilot or injector; what no flight could do is refused without asking one.
+fn fly_otherwise(order: Flown, run: &RunChoice, format: Format, out: &mut dyn Write) -> Done {
+    if let Err(wrong) = order.check(-crate::orders::REACH_M) {
+        let trouble = Trouble::OutOfRange(wrong.sentence());
+        let code = trouble.exit_code();
+        return Err(Failure::report(trouble, code));
+    }
+    self::order(run, &Request::Order { order }, format, out)
+}
+
 /// Sends a request and shows what comes, line by line, until the last word.
-fn order(run: &RunChoice, request: &Request, format: Format, out: &mut dyn Write) -> Done {
+pub(super) fn order(
+    run: &RunChoice,
+    request: &Request,
+    format: Format,
+    out: &mut dyn Write,
+) -> Done {
     let refuse = |trouble: Trouble| {
         let code = trouble.exit_code();
         Failure::report(trouble, code)
@@ -65,8 +102,9 @@ fn order(run: &RunChoice, request: &Request, format: Format, out: &mut dyn Write
         let text = match &reply {
             Reply::Refused(refusal) => return Err(refuse(Trouble::Refused(refusal.clone()))),
             Reply::Status(_) => return Err(refuse(Trouble::Astray)),
-            Reply::Progress(progress) => &progress.text,
-            Reply::Done(done) => &done.text,
+            Reply::Progress(progress) => progress.text.clone(),
+            Reply::Done(done) => done.text.clone(),
+            Reply::Ordered(report) => report.sentence(),
         };
         match format {
             Format::Text => writeln!(out, "{text}")?,

@@ -1,5 +1,6 @@
 //! `morphquad paper`: the paper's tests, printed and written.
 
+use super::bar::busy;
 use super::refusal::{Done, Failure};
 use super::{Format, PaperArguments};
 use crate::exit;
@@ -23,7 +24,11 @@ pub(super) fn reproduce(arguments: &PaperArguments, out: &mut dyn Write) -> Done
 
 fn run(arguments: &PaperArguments) -> Result<Vec<Findings>, PaperError> {
     let asked = |test: &Test| arguments.test.is_none_or(|number| number == test.number());
-    Test::ALL.into_iter().filter(asked).map(Test::run).collect()
+    let run = |test: Test| {
+        let _busy = busy(&format!("test {}", test.number()));
+        test.run()
+    };
+    Test::ALL.into_iter().filter(asked).map(run).collect()
 }
 
 fn write(findings: &[Findings], folder: &mut ResultsFolder) -> Result<(), ResultsError> {

@@ -8,6 +8,7 @@ use crate::control::runs::{self, FindError};
 use crate::control::status::{ProcessStatus, RunStatus};
 use crate::control::{Refusal, Reply, Request};
 use crate::exit;
+use crate::topic::live::ListenError;
 use miette::Diagnostic;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -21,8 +22,12 @@ pub(super) enum Trouble {
     Find(#[from] FindError),
     #[error(transparent)]
     Ask(#[from] AskError),
+    #[error(transparent)]
+    Listen(#[from] ListenError),
     #[error("{0}")]
     Refused(Refusal),
+    #[error("{0}")]
+    OutOfRange(String),
     #[error("the launcher answered another question: ask with the executable that flies")]
     Astray,
 }
@@ -30,8 +35,8 @@ pub(super) enum Trouble {
 impl Trouble {
     pub(super) fn exit_code(&self) -> u8 {
         match self {
-            Self::Find(_) => exit::USAGE,
-            Self::Ask(_) | Self::Astray => exit::UNFIT,
+            Self::Find(_) | Self::OutOfRange(_) => exit::USAGE,
+            Self::Ask(_) | Self::Listen(_) | Self::Astray => exit::UNFIT,
             Self::Refused(refusal) => refusal.exit_code,
         }
     }
@@ -54,7 +59,7 @@ fn ask(arguments: &PsArguments) -> Result<RunStatus, Trouble> {
     match Conversation::ask(&run, &Request::Ps)?.hear()? {
         Reply::Status(status) => Ok(status),
         Reply::Refused(refusal) => Err(Trouble::Refused(refusal)),
-        Reply::Progress(_) | Reply::Done(_) => Err(Trouble::Astray),
+        Reply::Progress(_) | Reply::Done(_) | Reply::Ordered(_) => Err(Trouble::Astray),
     }
 }
 

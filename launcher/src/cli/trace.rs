@@ -14,9 +14,9 @@ use std::io::Write;
 pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {
     let unfit = |error| Failure::plain(&error, exit::UNFIT);
     let flight = RecordedFlight::open(&arguments.file).map_err(unfit)?;
-    let bar = super::bar::spinner("reading");
+    let busy = super::bar::busy("reading");
     let traced = trace(&flight);
-    bar.finish_and_clear();
+    drop(busy);
     let traced = traced.map_err(unfit)?;
     let file = flight.path().display().to_string();
     let (text, json, complete) = match arguments.command {

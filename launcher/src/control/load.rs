@@ -7,6 +7,8 @@ use std::fs;
 /// Processor and memory of one process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Load {
+    /// Processor time since its start \[s\].
+    pub used_s: f64,
     /// Processor time over the time since its start \[% of one processor\].
     pub cpu_percent: f64,
     /// Resident memory, with what it shares with others \[bytes\].
@@ -32,7 +34,7 @@ impl Load {
         let used_s = (field(14)? + field(15)?) as f64 / ticks_per_s;
         let alive_s = up_s - field(22)? as f64 / ticks_per_s;
         let cpu_percent = if alive_s > 0.0 { 100.0 * used_s / alive_s } else { 0.0 };
-        Some(Self { cpu_percent, rss_bytes: field(24)? * page_bytes })
+        Some(Self { used_s, cpu_percent, rss_bytes: field(24)? * page_bytes })
     }
 }
 
@@ -45,7 +47,7 @@ mod tests {
         let stat = "7 (a b) R) S 1 7 7 0 -1 4194560 99 0 0 0 150 50 0 0 20 0 1 0 9000 1 256 0";
         // 2 s of processor in the 10 s from 90 s to 100 s, and 256 pages.
         let load = Load::parse(stat, 100.0, 100.0, 4096);
-        assert_eq!(load, Some(Load { cpu_percent: 20.0, rss_bytes: 1 << 20 }));
+        assert_eq!(load, Some(Load { used_s: 2.0, cpu_percent: 20.0, rss_bytes: 1 << 20 }));
         assert_eq!(Load::parse("", 1.0, 100.0, 4096), None);
         assert_eq!(Load::parse("7 (x) S 1", 1.0, 100.0, 4096), None);
     }

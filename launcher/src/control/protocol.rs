@@ -2,6 +2,7 @@
 
 use super::status::RunStatus;
 use crate::exit;
+use crate::orders;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -33,6 +34,11 @@ pub enum Request {
         /// How long it shadows before it is judged \[ns\].
         #[serde(default = "shadow_ns")]
         shadow_ns: u64,
+    },
+    /// Another place to go, another width of the arms, or a disturbance.
+    Order {
+        /// What.
+        order: orders::Order,
     },
 }
 
@@ -82,6 +88,8 @@ pub enum Reply {
     Progress(Progress),
     /// It was done as asked.
     Done(Done),
+    /// Pilot or injector have it, and do it from the instant that is told.
+    Ordered(orders::OrderReport),
     /// No, or it came to nothing; the owner commands as before.
     Refused(Refusal),
 }
@@ -154,6 +162,8 @@ pub enum Reason {
     UnknownName,
     /// It cannot be asked of that instance, or not now that things are as they are.
     NoSense,
+    /// A number that cannot be ordered.
+    OutOfRange,
     /// Something else is going on in the slot.
     Busy,
     /// The gate let the candidate not through.
@@ -182,7 +192,11 @@ impl Reason {
     #[must_use]
     pub fn exit_code(self) -> u8 {
         match self {
-            Self::BadRequest | Self::UnknownSlot | Self::UnknownName | Self::NoSense => exit::USAGE,
+            Self::BadRequest
+            | Self::UnknownSlot
+            | Self::UnknownName
+            | Self::NoSense
+            | Self::OutOfRange => exit::USAGE,
             Self::Gate | Self::Failed => exit::GATE_FAILED,
             Self::Busy | Self::NotYours | Self::TooMany => exit::UNFIT,
         }
@@ -208,7 +222,7 @@ impl Reply {
     #[must_use]
     pub fn is_last(&self) -> bool {
         match self {
-            Self::Status(_) | Self::Done(_) | Self::Refused(_) => true,
+            Self::Status(_) | Self::Done(_) | Self::Ordered(_) | Self::Refused(_) => true,
             Self::Progress(_) => false,
         }
     }

@@ -25,6 +25,12 @@ pub struct Run {
 }
 
 impl Run {
+    /// A run that tests have made up.
+    #[cfg(test)]
+    pub(crate) fn at(id: &str, folder: &Path) -> Self {
+        Self { id: id.to_owned(), folder: folder.to_owned() }
+    }
+
     /// Name of the run.
     #[must_use]
     pub fn id(&self) -> &str {

@@ -10,6 +10,7 @@ use super::wires::Wires;
 use super::{InProcessError, Observer};
 use crate::candidate::{Candidate, Slot};
 use crate::components::{self, Crew};
+use crate::orders::{Planner, Sent};
 use crate::run::{
     ChildSpec, FlightError, Launch, Means, PostEvent, Posts, Script, Seen, SlotWatch, Slots,
     SwapReport,
@@ -49,6 +50,8 @@ struct Cabin<O> {
 pub(super) struct Director<O> {
     slots: Slots,
     script: Script,
+    /// What orders make of the flight's plan.
+    pub(super) orders: Planner,
     cabin: Cabin<O>,
     /// Steps from here on have not been allowed \[ns\].
     pub(super) allowed_ns: u64,
@@ -82,6 +85,7 @@ impl<O: Observer> Director<O> {
     /// Takes over the slots of a flight whose `loops` are ready and have not stepped.
     pub(super) fn new(
         scenario: &Scenario,
+        graph: &Graph,
         wires: Wires<O>,
         watch: Rc<RefCell<SlotWatch>>,
         loops: &[Loop],
@@ -101,7 +105,11 @@ impl<O: Observer> Director<O> {
         Ok(Self {
             // Nobody is started here, so nobody is late.
             slots: Slots::new(ClockMode::Lockstep, &specs, scenario.modelled_vehicle(), u64::MAX),
-            script: Script::new(settings),
+            script: Script::new(settings, graph),
+            orders: Planner::of(scenario).map_err(|error| InProcessError::Component {
+                role: Role::Pilot.label(),
+                error: error.to_string(),
+            })?,
             cabin: Cabin {
                 scenario: scenario.clone(),
                 wires,
@@ -171,6 +179,7 @@ impl<O: Observer> Director<O> {
         let mut means = Means {
             posts: &mut seats,
             graph,
+            orders: &mut self.orders,
             now: Now { logical_ns: self.drained_ns, allowed_ns: self.allowed_ns },
             now_mono_ns: 0,
             is_over: self.drained_ns >= end_ns,
@@ -366,6 +375,13 @@ impl<O: Observer> Posts for Seats<'_, O> {
 
     fn take_seen(&mut self) -> Vec<Seen> {
         self.cabin.watch.borrow_mut().take()
+    }
+
+    fn send_order(&mut self, sent: &Sent) {
+        match sent {
+            Sent::Guidance(order) => self.cabin.wires.say(&topics::GUIDANCE_ORDER, *order),
+            Sent::Disturbance(order) => self.cabin.wires.say(&topics::DISTURBANCE_ORDER, *order),
+        }
     }
 
     fn tell_seating(&mut self, seating: &Seating, _config: Option<&Path>) {

@@ -27,6 +27,7 @@ pub use tape::Tape;
 
 use crate::candidate::Slot;
 use crate::components::{ComponentVisitor as _, Crew};
+use crate::orders::OrderReport;
 use crate::run::{SlotWatch, SwapReport};
 use crate::scenario::Scenario;
 use core::cell::RefCell;
@@ -60,6 +61,8 @@ fn no_clock() -> u64 {
 pub struct Conclusion {
     /// Every swap.
     pub swaps: Vec<SwapReport>,
+    /// Every order to pilot and injector.
+    pub orders: Vec<OrderReport>,
     /// What did not go as asked for.
     pub notices: Vec<String>,
     /// Controllers that had to be started again.
@@ -134,7 +137,7 @@ impl<O: Observer> InProcess<O> {
         let (mut marks, mut director) = (FlightMarks::Plain([0; ROLES]), None);
         if let Some(watch) = watch {
             marks = FlightMarks::Seats(Box::default());
-            director = Some(Box::new(Director::new(scenario, wires, watch, &loops)?));
+            director = Some(Box::new(Director::new(scenario, &graph, wires, watch, &loops)?));
         }
         Ok(Self {
             graph,
@@ -242,7 +245,8 @@ impl<O: Observer> InProcess<O> {
     pub fn conclude(&mut self) -> Conclusion {
         let Some(director) = &mut self.director else { return Conclusion::default() };
         let (swaps, notices) = (director.reports(), core::mem::take(&mut director.notices));
-        Conclusion { swaps, notices, recovered: director.recovered }
+        let orders = core::mem::take(&mut director.orders.reports);
+        Conclusion { swaps, orders, notices, recovered: director.recovered }
     }
 
     /// Loops whose next step may run and lies before `t_ns` and the end of the flight. In whatever

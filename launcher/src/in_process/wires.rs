@@ -129,11 +129,16 @@ impl<O: Observer> Wires<O> {
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::DEVIATION, deviations);
     }
 
+    /// Tells the readers of a topic that no component writes.
+    pub(super) fn say<T: Sample>(&mut self, topic: &'static Topic<T>, sample: T) {
+        self.observer.observe(topic, &sample);
+        self.line(topic).send(sample);
+    }
+
     /// Tells the readers of a slot's owner record who owns it from when.
     pub(super) fn announce(&mut self, topic: &'static Topic<OwnerRecord>, record: OwnerRecord) {
-        self.observer.observe(topic, &record);
+        self.say(topic, record);
         let line = self.line(topic);
-        line.send(record);
         if self.watch.is_some() {
             let kept = self.records.entry(topic.info.name).or_insert_with(|| line.keep());
             remember(kept, topic, record);

@@ -3,15 +3,19 @@
 use super::error::within;
 use super::{
     DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, Trajectory, TrajectoryConfig,
+    diversion,
 };
 use runtime::{Service, inputs, outputs};
 use shared_types::guidance::{MORPH_PATH_POINTS, REFERENCE_POINTS};
-use shared_types::{Header, MorphCommand, Reference, ReferencePoint, topics};
+use shared_types::{GuidanceOrder, Header, MorphCommand, Reference, ReferencePoint, topics};
 use vehicle::{MorphAngle, VehicleParameters};
 
 inputs! {
-    /// A pilot reads nothing: its plan is a function of time.
-    pub struct PilotInputs {}
+    /// A pilot's plan is a function of time, unless somebody orders otherwise.
+    pub struct PilotInputs {
+        /// Where to go instead, and how wide to spread the arms.
+        order: GuidanceOrder = topics::GUIDANCE_ORDER,
+    }
 }
 
 outputs! {
@@ -88,13 +92,14 @@ impl Pilot {
         &self.morph
     }
 
-    fn reference(&self, now_ns: u64) -> Reference {
+    fn reference(&self, order: Option<&GuidanceOrder>, now_ns: u64) -> Reference {
         Reference {
             header: Header::default(),
             spacing_ns: self.spacing_ns,
             count: REFERENCE_POINTS as u64,
             points: core::array::from_fn(|i| {
-                let point = self.trajectory.at(due_ns(now_ns, self.spacing_ns, i));
+                let t_ns = due_ns(now_ns, self.spacing_ns, i);
+                let point = diversion::point(&self.trajectory, order, t_ns);
                 ReferencePoint {
                     position_w_m: point.position_w_m,
                     velocity_w_m_s: point.velocity_w_m_s,
@@ -110,10 +115,11 @@ impl Service for Pilot {
     type Outputs = PilotOutputs;
     type Memory = PilotMemory;
 
-    fn step(&mut self, now_ns: u64, _inputs: &PilotInputs, outputs: &mut PilotOutputs) {
+    fn step(&mut self, now_ns: u64, inputs: &PilotInputs, outputs: &mut PilotOutputs) {
         self.steps += 1;
-        outputs.reference.write(self.reference(now_ns));
-        outputs.morph_command.write(morph_command(&self.morph, now_ns, self.spacing_ns));
+        let order = inputs.order.latest();
+        outputs.reference.write(self.reference(order, now_ns));
+        outputs.morph_command.write(morph_command(&self.morph, order, now_ns, self.spacing_ns));
     }
 
     fn memory(&self) -> PilotMemory {
@@ -132,13 +138,19 @@ pub(super) fn check_spacing(spacing_ns: u64) -> Result<(), PilotError> {
 }
 
 /// The morph command of one instant.
-pub(super) fn morph_command(morph: &MorphSchedule, now_ns: u64, spacing_ns: u64) -> MorphCommand {
+pub(super) fn morph_command(
+    morph: &MorphSchedule,
+    order: Option<&GuidanceOrder>,
+    now_ns: u64,
+    spacing_ns: u64,
+) -> MorphCommand {
+    let angle_rad = |t_ns: u64| diversion::angle_rad(morph, order, t_ns);
     MorphCommand {
         header: Header::default(),
-        angle_rad: morph.angle_rad(now_ns),
+        angle_rad: angle_rad(now_ns),
         spacing_ns,
         count: MORPH_PATH_POINTS as u64,
-        path_rad: core::array::from_fn(|i| morph.angle_rad(due_ns(now_ns, spacing_ns, i))),
+        path_rad: core::array::from_fn(|i| angle_rad(due_ns(now_ns, spacing_ns, i))),
     }
 }
 

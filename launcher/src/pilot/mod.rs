@@ -1,10 +1,12 @@
-//! Where to fly and how wide to spread the arms, as functions of time alone.
+//! Where to fly and how wide to spread the arms, as functions of time and of what is ordered in flight.
 //!
 //! [`Pilot`] publishes a [`Trajectory`] with preview and a [`MorphSchedule`] with its path;
 //! [`RigPilot`] holds the position slot of a rig flight and steps the attitude instead. Open
-//! [`trajectory`] for the shapes, [`morph`] for the deployable angle, [`flight`] and [`rig`] for
-//! what is published.
+//! [`trajectory`] for the shapes, [`morph`] for the deployable angle, [`diversion`] for what orders make
+//! of both, [`flight`] and [`rig`] for what is published.
 
+pub mod diversion;
+pub mod divert;
 pub mod error;
 pub mod figure_eight;
 pub mod flight;

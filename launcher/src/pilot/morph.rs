@@ -7,7 +7,7 @@ use vehicle::MorphAngle;
 
 /// Peak over mean rate of a sweep: with a third of it for each ramp, 1 / (1 − 1/3). A full sweep
 /// in 0.3 s then peaks at 575 °/s; a minimum-jerk sweep (1.875) would break the limit of 700 °/s.
-const PEAK_OVER_MEAN_RATE: f64 = 1.5;
+pub(super) const PEAK_OVER_MEAN_RATE: f64 = 1.5;
 
 /// An angle to have reached, at rest, at a given time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,9 +69,16 @@ impl MorphSchedule {
 }
 
 fn sweep(from: &MorphKnot, to: &MorphKnot, t_s: f64) -> f64 {
-    let duration_s = to.t_s - from.t_s;
+    let [share, ..] = swept(to.t_s - from.t_s, t_s - from.t_s);
+    from.angle_rad + (to.angle_rad - from.angle_rad) * share
+}
+
+/// \[h, ḣ, ḧ\] of a sweep from 0 to 1 within `duration_s`.
+pub(super) fn swept(duration_s: f64, t_s: f64) -> [f64; 3] {
+    if duration_s <= 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
     let ramp_s = duration_s / 3.0;
     let way_s = duration_s / PEAK_OVER_MEAN_RATE;
-    let [s, ..] = TimeScaling::ending_at(way_s, ramp_s, ramp_s).at(t_s - from.t_s);
-    from.angle_rad + (to.angle_rad - from.angle_rad) * (s / way_s)
+    TimeScaling::ending_at(way_s, ramp_s, ramp_s).at(t_s).map(|s| s / way_s)
 }

@@ -108,10 +108,11 @@ impl Service for RigPilot {
     type Outputs = RigPilotOutputs;
     type Memory = PilotMemory;
 
-    fn step(&mut self, now_ns: u64, _inputs: &PilotInputs, outputs: &mut RigPilotOutputs) {
+    fn step(&mut self, now_ns: u64, inputs: &PilotInputs, outputs: &mut RigPilotOutputs) {
         self.steps += 1;
+        let order = inputs.order.latest();
         outputs.attitude_setpoint.write(self.setpoint(now_ns));
-        outputs.morph_command.write(morph_command(&self.morph, now_ns, self.spacing_ns));
+        outputs.morph_command.write(morph_command(&self.morph, order, now_ns, self.spacing_ns));
     }
 
     fn memory(&self) -> PilotMemory {

@@ -6,6 +6,7 @@ use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
+use std::io::Write;
 use std::sync::Arc;
 
 /// What a column holds.
@@ -143,12 +144,26 @@ impl Columns {
         self.headings.iter().position(|(name, _)| name == heading)
     }
 
+    /// Forgets all rows.
+    pub fn clear(&mut self) {
+        self.rows.clear();
+    }
+
     /// Comma-separated, a line per row after the headings; what is missing is empty.
     #[must_use]
     pub fn to_csv(&self) -> Vec<u8> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         // Memory takes everything, and all rows are as long as the headings.
         let _ = writer.write_record(self.headings.iter().map(|(name, _)| name));
+        let mut csv = writer.into_inner().unwrap_or_default();
+        csv.extend(self.rows_to_csv());
+        csv
+    }
+
+    /// The same without the headings.
+    #[must_use]
+    pub fn rows_to_csv(&self) -> Vec<u8> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
         for row in &self.rows {
             let _ = writer.write_record(row.iter().map(Value::to_cell));
         }
@@ -160,43 +175,17 @@ impl Columns {
     /// # Errors
     /// The format's writer refuses, which no table of these kinds makes it do.
     pub fn to_parquet(&self) -> Result<Vec<u8>, ParquetError> {
-        let field = |(name, kind): &(String, Kind)| {
-            Type::primitive_type_builder(name, kind.physical())
-                .with_repetition(Repetition::OPTIONAL)
-                .with_logical_type(kind.logical())
-                .build()
-                .map(Arc::new)
-        };
-        let fields = self.headings.iter().map(field).collect::<Result<_, _>>()?;
-        let schema = Type::group_type_builder("case").with_fields(fields).build()?;
-        let by = concat!("morphquad ", env!("CARGO_PKG_VERSION"));
-        let properties = WriterProperties::builder().set_created_by(by.to_owned()).build();
         let mut bytes = Vec::new();
-        let mut file =
-            SerializedFileWriter::new(&mut bytes, Arc::new(schema), Arc::new(properties))?;
-        let mut group = file.next_row_group()?;
-        for (at, (_, kind)) in self.headings.iter().enumerate() {
-            match kind {
-                Kind::Whole => self.put::<Int64Type>(at, &mut group, |value| match value {
-                    Value::Whole(whole) => Some(whole.cast_signed()),
-                    _ => None,
-                })?,
-                Kind::Number => self.put::<DoubleType>(at, &mut group, Value::number)?,
-                Kind::Text => self.put::<ByteArrayType>(at, &mut group, |value| match value {
-                    Value::Text(text) => Some(ByteArray::from(text.as_str())),
-                    _ => None,
-                })?,
-            }
-        }
-        group.close()?;
+        let mut file = ParquetFile::begin(&mut bytes, self, "case")?;
+        file.write(self)?;
         file.close()?;
         Ok(bytes)
     }
 
-    fn put<T: DataType>(
+    fn put<T: DataType, W: Write + Send>(
         &self,
         at: usize,
-        group: &mut SerializedRowGroupWriter<'_, &mut Vec<u8>>,
+        group: &mut SerializedRowGroupWriter<'_, W>,
         cell: impl Fn(&Value) -> Option<T::T>,
     ) -> Result<(), ParquetError> {
         let cells: Vec<Option<T::T>> = self.rows.iter().map(|row| cell(&row[at])).collect();
@@ -210,12 +199,79 @@ impl Columns {
     }
 }
 
+/// A table that is written as it grows: a row group for each part.
+pub struct ParquetFile<W: Write + Send>(SerializedFileWriter<W>);
+
+impl<W: Write + Send> core::fmt::Debug for ParquetFile<W> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("ParquetFile").finish_non_exhaustive()
+    }
+}
+
+impl<W: Write + Send> ParquetFile<W> {
+    /// Begins a table with the headings of `columns`, whose rows are `row`s.
+    ///
+    /// # Errors
+    /// The sink takes nothing.
+    pub fn begin(sink: W, columns: &Columns, row: &str) -> Result<Self, ParquetError> {
+        let field = |(name, kind): &(String, Kind)| {
+            Type::primitive_type_builder(name, kind.physical())
+                .with_repetition(Repetition::OPTIONAL)
+                .with_logical_type(kind.logical())
+                .build()
+                .map(Arc::new)
+        };
+        let fields = columns.headings.iter().map(field).collect::<Result<_, _>>()?;
+        let schema = Type::group_type_builder(row).with_fields(fields).build()?;
+        let by = concat!("morphquad ", env!("CARGO_PKG_VERSION"));
+        let properties = WriterProperties::builder().set_created_by(by.to_owned()).build();
+        Ok(Self(SerializedFileWriter::new(sink, Arc::new(schema), Arc::new(properties))?))
+    }
+
+    /// Adds the rows of `columns`, which has the headings that the table began with.
+    ///
+    /// # Errors
+    /// The sink takes no more.
+    pub fn write(&mut self, columns: &Columns) -> Result<(), ParquetError> {
+        if columns.rows.is_empty() {
+            return Ok(());
+        }
+        let mut group = self.0.next_row_group()?;
+        for (at, (_, kind)) in columns.headings.iter().enumerate() {
+            match kind {
+                Kind::Whole => {
+                    columns.put::<Int64Type, W>(at, &mut group, |value| match value {
+                        Value::Whole(whole) => Some(whole.cast_signed()),
+                        _ => None,
+                    })?;
+                }
+                Kind::Number => columns.put::<DoubleType, W>(at, &mut group, Value::number)?,
+                Kind::Text => {
+                    columns.put::<ByteArrayType, W>(at, &mut group, |value| match value {
+                        Value::Text(text) => Some(ByteArray::from(text.as_str())),
+                        _ => None,
+                    })?;
+                }
+            }
+        }
+        group.close()?;
+        Ok(())
+    }
+
+    /// Ends the table.
+    ///
+    /// # Errors
+    /// The sink takes no more.
+    pub fn close(self) -> Result<(), ParquetError> {
+        self.0.close().map(|_| ())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use parquet::file::reader::{FileReader as _, SerializedFileReader};
     use parquet::record::RowAccessor as _;
-    use std::io::Write as _;
 
     fn table() -> Columns {
         let mut columns = Columns::new(vec![

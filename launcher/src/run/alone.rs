@@ -176,6 +176,7 @@ fn sum_up(
         audit: consumers.audit.clone(),
         recovered: told.recovered,
         swaps: told.swaps,
+        orders: told.orders,
         notices: told.notices,
         lost: end.as_ref().err().map(ToString::to_string),
         interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),

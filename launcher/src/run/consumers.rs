@@ -8,6 +8,7 @@ use crate::bench::stopwatch::Stopwatch;
 use crate::in_process::Observer;
 use crate::record::read::seat_config;
 use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
+use crate::topic::feed::Feed;
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
@@ -29,6 +30,8 @@ pub(super) struct Consumers {
     pub(super) slot_watch: Option<SlotWatch>,
     /// Keeps stamps for who measures; none if nobody does.
     pub(super) stopwatch: Option<Stopwatch>,
+    /// Lets others look on; none in one process.
+    pub(super) feed: Option<Feed>,
     /// Topics of the flight, under audit.
     streams: Vec<(&'static TopicInfo, Stream)>,
 }
@@ -70,6 +73,9 @@ impl Consumers {
         }
         if let Some(watch) = &mut self.slot_watch {
             watch.observe(sample);
+        }
+        if let Some(feed) = &self.feed {
+            feed.offer(topic, sample);
         }
         for (logical_ns, text) in self.metrics.take_news() {
             self.note(logical_ns, Severity::Warning, &text);

@@ -25,6 +25,7 @@ use super::summary::Summary;
 use super::supervisor::{FlightError, Supervisor};
 use super::tap::Tap;
 use crate::bench::stopwatch::Stopwatch;
+use crate::orders::Planner;
 use crate::record::{Recording, Severity};
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
@@ -122,6 +123,7 @@ struct Flight {
     supervisor: Supervisor,
     slots: Slots,
     script: Script,
+    orders: Planner,
     conductor: Conductor,
     tap: Tap,
     wakers: Wakers,
@@ -244,6 +246,7 @@ impl Flight {
         let mut means = Means {
             posts: &mut posts,
             graph: &self.graph,
+            orders: &mut self.orders,
             now,
             now_mono_ns,
             is_over: self.drained_ns >= self.conductor.end_ns(),

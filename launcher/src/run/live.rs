@@ -6,6 +6,7 @@ use super::supervisor::{Member, Supervisor};
 use crate::control::server::{Answer, ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
 use crate::control::{Reply, Request};
+use crate::topic::feed::Feed;
 use runtime::{Graph, SeatMarks};
 use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
 use std::collections::BTreeMap;
@@ -31,6 +32,8 @@ struct Seen {
 /// Answers what is asked of a flight.
 pub(super) struct Live {
     server: ControlServer,
+    /// Until the consumers have it.
+    feed: Option<Feed>,
     run: String,
     scenario: String,
     recording: Option<PathBuf>,
@@ -47,10 +50,17 @@ impl Live {
     ) -> Result<Self, RunError> {
         let server = ControlServer::open(folder, Limits::default())
             .map_err(system(format!("open the control socket in {}", folder.display())))?;
+        let feed = Feed::open(folder)
+            .map_err(system(format!("open the socket for topics in {}", folder.display())))?;
         let seen = BTreeMap::new();
         let recording = recording.map(|path| path.canonicalize().unwrap_or(path.to_path_buf()));
         let (run, scenario) = (run.to_owned(), scenario.to_owned());
-        Ok(Self { server, run, scenario, recording, seen })
+        Ok(Self { server, feed: Some(feed), run, scenario, recording, seen })
+    }
+
+    /// Where samples go that somebody wants to see.
+    pub(super) fn take_feed(&mut self) -> Option<Feed> {
+        self.feed.take()
     }
 
     /// Answers everything that has been asked, and gives back the orders; call at every look around.

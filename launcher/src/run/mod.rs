@@ -13,6 +13,7 @@ mod live;
 mod metrics;
 mod misses;
 mod notes;
+mod order_sinks;
 mod owners;
 mod pilot_thread;
 mod post;

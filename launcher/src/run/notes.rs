@@ -8,8 +8,8 @@ use super::child::ChildSpec;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use shared_types::wire::{Value, Wire};
 use shared_types::{
-    ClockMode, ClockRecord, Hello, OwnerRecord, Progress, Role, Roll, RollEntry, Sample, Seat,
-    Topic, TopicVisitor, topics,
+    ClockMode, ClockRecord, DisturbanceOrder, GuidanceOrder, Hello, OwnerRecord, Progress, Role,
+    Roll, RollEntry, Sample, Seat, Topic, TopicVisitor, topics,
 };
 use std::collections::BTreeMap;
 use std::fs;
@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Name of the file.
 const FILE: &str = "launcher.json";
 /// Raised when the file changes its shape.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
@@ -78,6 +78,8 @@ pub(super) struct Notes {
     pub(super) clock: Packed<ClockRecord>,
     pub(super) roll: Vec<Packed<RollEntry>>,
     pub(super) owners: Vec<Packed<OwnerRecord>>,
+    pub(super) guidance: Packed<GuidanceOrder>,
+    pub(super) disturbance: Packed<DisturbanceOrder>,
     pub(super) posts: Vec<PostNote>,
 }
 
@@ -214,6 +216,8 @@ impl Notebook {
             clock: Packed(*clock),
             roll: Vec::new(),
             owners: Vec::new(),
+            guidance: Packed::default(),
+            disturbance: Packed::default(),
             posts: Vec::new(),
         };
         Self { path: folder.join(FILE), notes, trouble: None, troubled: false }
@@ -222,6 +226,12 @@ impl Notebook {
     /// Notes how time runs; on paper with the next [`write`](Self::write).
     pub(super) fn clock(&mut self, record: &ClockRecord) {
         self.notes.clock = Packed(*record);
+    }
+
+    /// Notes what has been ordered; on paper with the next [`write`](Self::write).
+    pub(super) fn orders(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
+        self.notes.guidance = Packed(*guidance);
+        self.notes.disturbance = Packed(*disturbance);
     }
 
     /// Notes who there is and who commands.

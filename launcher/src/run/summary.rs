@@ -5,6 +5,7 @@ use super::metrics::{Effort, Metrics};
 use super::slots::{SwapReport, write_table};
 use super::upkeep::Upkeep;
 use crate::exit;
+use crate::orders::OrderReport;
 use crate::record::SequenceAudit;
 use hdrhistogram::Histogram;
 use shared_types::{ClockMode, Role};
@@ -48,6 +49,8 @@ pub struct Summary {
     pub recovered: u64,
     /// Changes of who commands a slot.
     pub swaps: Vec<SwapReport>,
+    /// What was ordered of pilot and injector.
+    pub orders: Vec<OrderReport>,
     /// What happened on the way.
     pub notices: Vec<String>,
     /// Why the flight ended before its time, if it crashed.
@@ -187,6 +190,9 @@ impl Summary {
         if !self.swaps.is_empty() {
             put("swaps", serde_json::json!(self.swaps).to_string());
         }
+        if !self.orders.is_empty() {
+            put("orders", serde_json::json!(self.orders).to_string());
+        }
         map
     }
 
@@ -218,6 +224,7 @@ impl Summary {
         object.insert("recording".to_owned(), recording.into());
         object.insert("notices".to_owned(), self.notices.clone().into());
         object.insert("swaps".to_owned(), serde_json::json!(self.swaps));
+        object.insert("orders".to_owned(), serde_json::json!(self.orders));
         serde_json::Value::from_iter(object)
     }
 
@@ -347,6 +354,9 @@ impl Summary {
             write!(out, "{}", Upkeep::of(self.metrics.all_loop_stats()))?;
         }
         write_table(&self.swaps, out)?;
+        for order in &self.orders {
+            writeln!(out, "  ordered      at {:.3} s {}", order.at_s, order.sentence())?;
+        }
         for notice in &self.notices {
             writeln!(out, "  event        {}", notice.replace('\n', "\n               "))?;
         }

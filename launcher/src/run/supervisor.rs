@@ -8,9 +8,11 @@ mod take_over;
 
 use super::child::{ChildSpec, RunningChild, describe};
 use super::notes::Notebook;
+use super::order_sinks::OrderSinks;
 use super::owners::{RollKeeper, SlotOwner};
 use super::post::Post;
 use super::tap::Tap;
+use crate::orders::Sent;
 use runtime::Graph;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
@@ -89,6 +91,7 @@ pub(super) struct Supervisor {
     hello: IpcSource<Hello>,
     roll: RollKeeper,
     slots: Vec<SlotOwner>,
+    orders: OrderSinks,
     events: Vec<PostEvent>,
     notebook: Notebook,
     /// The pilot of a flight that was taken over: it joins in the air.
@@ -117,6 +120,7 @@ impl Supervisor {
             hello: IpcSource::with_capacity(hello, 64)?,
             roll: RollKeeper::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
+            orders: OrderSinks::open(bus)?,
             events: Vec::new(),
             notebook,
             pilot: None,
@@ -181,6 +185,7 @@ impl Supervisor {
     fn serve_late_joiners(&mut self) {
         self.posts.iter_mut().chain(&mut self.pilot).for_each(Post::serve_late_joiners);
         self.slots.iter_mut().for_each(SlotOwner::serve_late_joiners);
+        self.orders.serve_late_joiners();
         self.roll.serve_late_joiners();
     }
 
@@ -296,6 +301,13 @@ impl Supervisor {
         // Noted before anybody hears of it: no launcher may find an epoch that it does not know.
         self.note();
         self.slots[slot].publish();
+    }
+
+    /// Tells pilot or injector what has been ordered.
+    pub(super) fn send_order(&mut self, sent: &Sent) {
+        self.orders.take(sent);
+        self.note();
+        self.orders.send(sent);
     }
 
     /// How many processes have had a seat before the one that has it, or had it last.

@@ -7,6 +7,7 @@ pub(crate) use laws::TESTED_RATES_HZ;
 
 use super::deadlines;
 use super::document::Document;
+use super::ordered;
 use super::pilot::Plan;
 use super::problem::Problem;
 use super::script;
@@ -223,7 +224,8 @@ impl<'s> Checker<'s> {
         match self.scenario.graph() {
             Ok(graph) => {
                 self.resumable(&graph);
-                for (key, what, remedy) in script::check(self.settings(), &graph) {
+                let scripted = script::check(self.settings(), &graph).into_iter();
+                for (key, what, remedy) in scripted.chain(ordered::check(self.scenario)) {
                     self.error(&key, what, remedy);
                 }
             }

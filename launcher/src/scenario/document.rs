@@ -36,6 +36,13 @@ pub(super) struct Edit {
     pub(super) added: bool,
 }
 
+impl Edit {
+    /// One more entry of a list.
+    pub(super) fn added(shown: String, list: &str, entry: &str) -> Self {
+        Self { shown, key: list.to_owned(), value: format!("[{{ {entry} }}]"), added: true }
+    }
+}
+
 /// One contributing text.
 #[derive(Debug)]
 struct Text {

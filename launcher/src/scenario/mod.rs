@@ -8,6 +8,7 @@ mod check;
 mod clock;
 mod deadlines;
 mod document;
+mod ordered;
 mod overrides;
 pub mod pilot;
 mod problem;

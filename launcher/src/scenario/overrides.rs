@@ -151,7 +151,7 @@ impl Override {
 
     /// One more entry of a list.
     fn entry(shown: String, list: &str, entry: &str) -> Self {
-        Self(Edit { shown, key: list.to_owned(), value: format!("[{{ {entry} }}]"), added: true })
+        Self(Edit::added(shown, list, entry))
     }
 
     /// `--crew SLOT=NAME`: who fills a slot.
@@ -214,12 +214,12 @@ const STANDBY_FORM: &str = "write --standby SLOT=NAME, for example --standby att
 const FAULT_FORM: &str = "write --fault kill:NAME@TIME or --fault stop:NAME@TIME, for example --fault kill:estimator@4.2s";
 
 /// From `NAME@TIME` to both \[s\].
-fn named_at(text: &str) -> Option<(&str, f64)> {
+pub(super) fn named_at(text: &str) -> Option<(&str, f64)> {
     let (name, at) = text.rsplit_once('@')?;
     Some((name, seconds(at)?))
 }
 
-fn seconds(text: &str) -> Option<f64> {
+pub(super) fn seconds(text: &str) -> Option<f64> {
     humantime::parse_duration(text.trim()).ok().map(|duration| duration.as_secs_f64())
 }
 
@@ -234,7 +234,7 @@ fn toml_number(number: &str) -> String {
     )
 }
 
-fn refusal(flag: &str, shown: &str, what: &str, remedy: &str) -> ScenarioError {
+pub(super) fn refusal(flag: &str, shown: &str, what: &str, remedy: &str) -> ScenarioError {
     let source = NamedSource::new("command line", shown.to_owned());
     Problem::new(flag, what, remedy, Some(Place { source, span: 0..shown.len() })).into()
 }

@@ -1,6 +1,7 @@
 //! The sections of a scenario that belong to no service, as types.
 
 pub use super::clock::{Clock, Speed};
+pub use super::ordered::OrderSettings;
 use super::pilot::PilotSettings;
 pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
@@ -52,13 +53,16 @@ pub struct Settings {
     pub standby: Vec<StandbySettings>,
     /// Each `[[fault]]`.
     pub fault: Vec<FaultSettings>,
+    /// Each `[[order]]`.
+    pub order: Vec<OrderSettings>,
 }
 
 impl Settings {
-    /// True if something is to be done to processes in the air.
+    /// True if something is to be done to the flight in the air.
     #[must_use]
     pub fn is_scripted(&self) -> bool {
-        !(self.swap.is_empty() && self.standby.is_empty() && self.fault.is_empty())
+        let slots = self.swap.is_empty() && self.standby.is_empty() && self.fault.is_empty();
+        !(slots && self.order.is_empty())
     }
 }
 

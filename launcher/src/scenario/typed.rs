@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Every section of a scenario.
-const SECTIONS: [&str; 19] = [
+const SECTIONS: [&str; 20] = [
     "scenario",
     "vehicle",
     "start",
@@ -33,6 +33,7 @@ const SECTIONS: [&str; 19] = [
     "swap",
     "standby",
     "fault",
+    "order",
 ];
 
 /// Types the whole document.
@@ -63,6 +64,7 @@ pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>
         swap: reader.list("swap"),
         standby: reader.list("standby"),
         fault: reader.list("fault"),
+        order: reader.list("order"),
     };
     if reader.problems.is_empty() { Ok(settings) } else { Err(reader.problems) }
 }

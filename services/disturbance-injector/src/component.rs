@@ -1,12 +1,15 @@
-//! The injector as a process: a script in, the disturbance in effect out.
+//! The injector as a process: a script and orders in, the disturbance in effect out.
 
 use crate::{Injector, InjectorConfig, InjectorError, InjectorMemory};
 use runtime::{Service, inputs, outputs};
-use shared_types::{Disturbance, topics};
+use shared_types::{Disturbance, DisturbanceOrder, topics};
 
 inputs! {
-    /// A script needs no inputs.
-    pub struct Inputs {}
+    /// A script needs no inputs; this is what comes beside it.
+    pub struct Inputs {
+        /// Disturbances ordered in flight.
+        order: DisturbanceOrder = topics::DISTURBANCE_ORDER,
+    }
 }
 
 outputs! {
@@ -38,7 +41,10 @@ impl Service for DisturbanceInjector {
     type Outputs = Outputs;
     type Memory = InjectorMemory;
 
-    fn step(&mut self, now_ns: u64, _inputs: &Inputs, outputs: &mut Outputs) {
+    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+        if let Some(order) = inputs.order.latest() {
+            self.injector.obey(order);
+        }
         let now = self.injector.step(now_ns);
         outputs.disturbance.write(Disturbance {
             wind_w_m_s: now.wind_w_m_s,

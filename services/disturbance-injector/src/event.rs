@@ -197,7 +197,7 @@ pub struct Wind {
 }
 
 impl Wind {
-    fn default_length_m() -> [f64; 3] {
+    pub(crate) fn default_length_m() -> [f64; 3] {
         [3.0, 3.0, 1.5]
     }
 }

@@ -8,6 +8,8 @@ use crate::config::{InjectorConfig, InjectorError, MAX_EVENTS};
 use crate::event::{Event, Load};
 use crate::gust;
 use crate::noise::{Noise, NoiseMemory};
+use crate::ordered::{Ordered, OrderedMemory};
+use shared_types::{DISTURBANCE_ORDERS, DisturbanceOrder};
 
 /// What acts on the vehicle from a sample's instant until the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,6 +73,8 @@ shared_types::memory! {
         pub last_ns: u64,
         /// By place in the script; the rest has a stream that no event has.
         pub events: [EventMemory; MAX_EVENTS],
+        /// What has been ordered in flight, in any order; number 0 where there is none.
+        pub ordered: [OrderedMemory; DISTURBANCE_ORDERS],
     }
 }
 
@@ -95,7 +99,7 @@ impl Burst {
 
 /// An event on its way.
 #[derive(Debug, Clone)]
-struct Player {
+pub(crate) struct Player {
     event: Event,
     from_ns: u64,
     until_ns: u64,
@@ -120,6 +124,33 @@ impl Player {
         }
     }
 
+    /// An event from one instant to another, whatever it says itself.
+    pub(crate) fn between(
+        event: Event,
+        (from_ns, until_ns): (u64, u64),
+        rate_hz: f64,
+        (seed, stream): (u64, u64),
+    ) -> Self {
+        let player = Self::new(event, rate_hz, seed, stream);
+        let burst = event.burst_s().map(|length_s| Burst::new(from_ns, length_s, rate_hz));
+        Self { from_ns, until_ns, burst, ..player }
+    }
+
+    pub(crate) fn memory(&self) -> EventMemory {
+        EventMemory { emitted: self.emitted, values: self.values, noise: self.noise.memory() }
+    }
+
+    /// Continues from what [`memory`](Self::memory) gave.
+    pub(crate) fn go_on(&mut self, memory: &EventMemory) {
+        self.emitted = memory.emitted;
+        self.values = memory.values;
+        self.noise.restore(&memory.noise);
+    }
+
+    pub(crate) fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+
     /// As before its first sample.
     fn rewind(&mut self) {
         self.emitted = 0;
@@ -133,7 +164,7 @@ impl Player {
     }
 
     /// Adds what the event does at `now_ns`, `dt_s` after the last step.
-    fn play(&mut self, now_ns: u64, dt_s: f64, total: &mut Disturbance) {
+    pub(crate) fn play(&mut self, now_ns: u64, dt_s: f64, total: &mut Disturbance) {
         if !self.is_live(now_ns) {
             return;
         }
@@ -189,10 +220,11 @@ impl Player {
 /// Stream of a place without an event.
 const NO_EVENT: u64 = u64::MAX;
 
-/// Plays a script.
+/// Plays a script, and what is ordered beside it.
 #[derive(Debug, Clone)]
 pub struct Injector {
     players: Vec<Player>,
+    ordered: Ordered,
     last_ns: u64,
 }
 
@@ -206,7 +238,12 @@ impl Injector {
         let script = (0..).zip(&config.script);
         let players =
             script.map(|(place, event)| Player::new(*event, config.rate_hz, seed, place)).collect();
-        Ok(Self { players, last_ns: 0 })
+        Ok(Self { players, ordered: Ordered::new(config.rate_hz, seed), last_ns: 0 })
+    }
+
+    /// Takes in what has been ordered; call before each step with the order in effect.
+    pub fn obey(&mut self, order: &DisturbanceOrder) {
+        self.ordered.obey(order);
     }
 
     /// The disturbance at `now_ns`. To be called at each release of the configured rate, with
@@ -218,6 +255,11 @@ impl Injector {
         for player in &mut self.players {
             player.play(now_ns, dt_s, &mut total);
         }
+        if self.ordered.silences_script() {
+            // Played all the same, so that the gusts are where they would be.
+            total = Disturbance::CALM;
+        }
+        self.ordered.play(now_ns, dt_s, &mut total);
         total
     }
 
@@ -227,10 +269,9 @@ impl Injector {
         let noise = NoiseMemory { seed: 0, stream: NO_EVENT, word_position: 0 };
         let mut events = [EventMemory { emitted: 0, values: [0.0; 3], noise }; MAX_EVENTS];
         for (slot, player) in events.iter_mut().zip(&self.players) {
-            let Player { emitted, values, .. } = *player;
-            *slot = EventMemory { emitted, values, noise: player.noise.memory() };
+            *slot = player.memory();
         }
-        InjectorMemory { last_ns: self.last_ns, events }
+        InjectorMemory { last_ns: self.last_ns, events, ordered: self.ordered.memory() }
     }
 
     /// Continues from a memory: bit for bit if it is of the same script. In another script an event
@@ -238,6 +279,7 @@ impl Injector {
     /// flight in the air; one that would have been over by now stays away.
     pub fn restore(&mut self, memory: &InjectorMemory) {
         self.last_ns = memory.last_ns;
+        self.ordered.restore(&memory.ordered);
         for (player, slot) in self.players.iter_mut().zip(&memory.events) {
             if slot.noise.stream == player.noise.stream() {
                 player.noise.restore(&slot.noise);
@@ -256,9 +298,8 @@ impl Injector {
 
     /// Draws from the streams of another seed from now on.
     pub fn reseed(&mut self, seed: u64) {
-        for player in &mut self.players {
-            player.noise.reseed(seed);
-        }
+        self.players.iter_mut().for_each(|player| player.reseed(seed));
+        self.ordered.reseed(seed);
     }
 }
 

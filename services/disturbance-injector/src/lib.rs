@@ -1,4 +1,4 @@
-//! Scripted wind, forces, torques and faults.
+//! Scripted wind, forces, torques and faults, and those ordered in flight.
 //!
 //! A script is a list of events; their sum at each step is the disturbance that the plant suffers.
 //! The injector does not see the vehicle. Each event has its own noise, seeded by the scenario's
@@ -11,6 +11,7 @@ mod event;
 mod gust;
 mod injector;
 mod noise;
+mod ordered;
 pub mod settings;
 
 pub use component::DisturbanceInjector;
@@ -20,3 +21,4 @@ pub use event::{
 };
 pub use injector::{Disturbance, EventMemory, Injector, InjectorMemory};
 pub use noise::NoiseMemory;
+pub use ordered::OrderedMemory;

@@ -121,6 +121,7 @@ fn word(reply: &Reply) -> &str {
         Reply::Done(done) => &done.outcome,
         Reply::Refused(_) => "refused",
         Reply::Status(_) => "status",
+        Reply::Ordered(_) => "ordered",
     }
 }
 

@@ -242,6 +242,7 @@ impl Flight {
         self.begun = (self.conductor.wall_ns(now_ns), now_ns);
         self.progress_at = (now_ns, 0);
         self.script.skip_before(self.begun.0);
+        self.orders.go_on(&notes.guidance.0, &notes.disturbance.0);
         self.conductor.say_again();
         let led = self.supervisor.go_on(notes, &mut self.tap, now_ns);
         led.map_err(|error| error.to_string())?;

@@ -65,6 +65,7 @@ impl Flight {
             audit: self.tap.consumers.audit.clone(),
             recovered: self.supervisor.recovered,
             swaps: core::mem::take(&mut self.slots.reports),
+            orders: core::mem::take(&mut self.orders.reports),
             notices: core::mem::take(&mut self.notices),
             lost: pilot_error,
             interrupted: false,

@@ -2,6 +2,7 @@
 
 use super::{Flight, LOOK_EVERY_NS};
 use crate::components::Crew;
+use crate::orders::Planner;
 use crate::process::has_process;
 use crate::record::Recording;
 use crate::run::child::{ChildSpec, Launch};
@@ -99,19 +100,31 @@ impl Flight {
 
     /// The flight around its processes, before anything has been drained.
     pub(super) fn of(crewed: Crewed, options: &RunOptions) -> Result<Self, RunError> {
-        let Crewed { graph, bus, services, supervisor, slots, conductor, recording, live, stop } =
-            crewed;
+        let Crewed {
+            graph,
+            bus,
+            services,
+            supervisor,
+            slots,
+            conductor,
+            recording,
+            mut live,
+            stop,
+        } = crewed;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let mut consumers = Consumers::new(&roles, Metrics::of(&options.scenario), recording);
         consumers.slot_watch = Some(SlotWatch::default());
+        consumers.feed = live.take_feed();
         Ok(Self {
             tap: Tap::open(&bus, &graph, consumers)?,
             conductor,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
             slots,
-            script: Script::new(settings),
+            script: Script::new(settings, &graph),
+            orders: Planner::of(&options.scenario)
+                .map_err(|error| RunError::NotReady(format!("pilot: {error}")))?,
             graph,
             pilot: None,
             pilot_stop: StopFlags::default(),

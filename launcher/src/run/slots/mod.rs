@@ -7,6 +7,7 @@ mod adoption;
 mod events;
 mod facts;
 mod gatekeeper;
+mod given;
 mod ledger;
 mod posts;
 mod script;
@@ -27,6 +28,7 @@ use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
 use crate::control::{Reply, Request as Asked};
+use crate::orders::Planner;
 use facts::Yardstick;
 use gatekeeper::{Gatekeeper, Tracks};
 use runtime::Graph;
@@ -74,6 +76,8 @@ enum Expected {
 pub(crate) struct Means<'a> {
     pub(crate) posts: &'a mut dyn Posts,
     pub(crate) graph: &'a Graph,
+    /// What orders to pilot and injector make of the flight's plan.
+    pub(crate) orders: &'a mut Planner,
     pub(crate) now: Now,
     pub(crate) now_mono_ns: u64,
     /// The flight has reached its end: whoever leaves does so in order.
@@ -177,6 +181,10 @@ impl Slots {
         answer: Answer,
         means: &mut Means<'_>,
     ) -> Result<(), FlightError> {
+        if let Asked::Order { order } = asked {
+            self.give(order, &answer, means);
+            return Ok(());
+        }
         match self.orders.understand(asked, &self.machines) {
             Ok(None) => Ok(()),
             Ok(Some(ordered)) => self.request(&ordered, Some(answer), means),

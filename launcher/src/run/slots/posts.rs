@@ -1,6 +1,7 @@
 //! Who does what the slots want done: the supervisor of processes, or a flight in one process.
 
 use super::watch::{Seen, SlotWatch};
+use crate::orders::Sent;
 use crate::run::child::ChildSpec;
 use crate::run::supervisor::{FlightError, PostEvent, Supervisor};
 use crate::run::tap::Tap;
@@ -37,6 +38,8 @@ pub(crate) trait Posts {
     fn take_seen(&mut self) -> Vec<Seen>;
     /// Has it recorded who takes a seat, and what configures it alone.
     fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>);
+    /// Tells pilot or injector what has been ordered.
+    fn send_order(&mut self, sent: &Sent);
 }
 
 /// Processes under a supervisor.
@@ -89,6 +92,9 @@ impl Posts for Processes<'_> {
     }
     fn take_seen(&mut self) -> Vec<Seen> {
         self.tap.consumers.slot_watch.as_mut().map(SlotWatch::take).unwrap_or_default()
+    }
+    fn send_order(&mut self, sent: &Sent) {
+        self.supervisor.send_order(sent);
     }
     fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>) {
         self.tap.consumers.tell_seating(seating, self.now_mono_ns);

@@ -1,11 +1,13 @@
-//! What is done to a flight on purpose, at logical instants: swaps, standbys and faults.
+//! What is done to a flight on purpose, at logical instants: swaps, standbys, faults and orders.
 
 use super::{Means, Slots};
 use crate::control::Request;
 use crate::control::protocol::Order;
+use crate::orders::{self, Planner};
 use crate::run::supervisor::FlightError;
 use crate::scenario::Settings;
 use crate::scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
+use runtime::Graph;
 
 /// One thing to be done.
 #[derive(Debug, Clone)]
@@ -13,6 +15,8 @@ enum Deed {
     Swap(SwapSettings),
     Standby(StandbySettings),
     Fault(FaultSettings),
+    /// To be in effect at an instant \[ns\].
+    Order(orders::Order, u64),
 }
 
 /// Everything that is still to be done, the next thing last.
@@ -23,14 +27,20 @@ pub(crate) struct Script {
 
 impl Script {
     /// The deeds of a scenario.
-    pub(crate) fn new(settings: &Settings) -> Self {
-        let Settings { swap, standby, fault, .. } = settings;
+    pub(crate) fn new(settings: &Settings, graph: &Graph) -> Self {
+        let Settings { swap, standby, fault, order, .. } = settings;
         let swaps = swap.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
         let standbys = standby
             .iter()
             .map(|standby| (nanoseconds(standby.at_s), Deed::Standby(standby.clone())));
         let faults = fault.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
-        let mut deeds: Vec<_> = standbys.chain(swaps).chain(faults).collect();
+        let orders = order.iter().filter_map(|settings| {
+            let (order, at_ns) = (settings.order()?, nanoseconds(settings.at_s));
+            // Pilot and injector run ahead, so they are told ahead; not before everybody flies.
+            let told_ns = at_ns.saturating_sub(Planner::ahead_ns(&order, graph)).max(1);
+            Some((told_ns, Deed::Order(order, at_ns)))
+        });
+        let mut deeds: Vec<_> = standbys.chain(swaps).chain(faults).chain(orders).collect();
         // Stable: what is written first at an instant is done first.
         deeds.sort_by_key(|(at_ns, _)| *at_ns);
         deeds.reverse();
@@ -64,6 +74,7 @@ impl Script {
                     slots.script(&Request::Standby { slot, name, shadow_ns }, means)?;
                 }
                 Deed::Fault(fault) => afflict(&fault, slots, means)?,
+                Deed::Order(order, at_ns) => slots.give_scripted(&order, at_ns, means),
             }
         }
         Ok(())

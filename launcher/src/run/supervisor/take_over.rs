@@ -4,6 +4,7 @@ use super::deaths::PLANT_GONE;
 use super::{FlightError, Notice, RestartPolicy, Supervisor};
 use crate::run::child::{ChildSpec, Launch, RunningChild};
 use crate::run::notes::{Notebook, Notes, PostNote};
+use crate::run::order_sinks::OrderSinks;
 use crate::run::owners::{RollKeeper, SlotOwner};
 use crate::run::post::Post;
 use crate::run::tap::Tap;
@@ -30,6 +31,7 @@ impl Supervisor {
             hello: IpcSource::with_capacity(hello, 64)?,
             roll: RollKeeper::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
+            orders: OrderSinks::open(bus)?,
             events: Vec::new(),
             notebook,
             pilot: Some(pilot(bus, notes)?),
@@ -68,6 +70,7 @@ impl Supervisor {
                 slot.publish();
             }
         }
+        self.orders.go_on(&notes.guidance.0, &notes.disturbance.0);
         let dead = |post: &&mut Post| post.child.is_none() && !post.finished;
         for post in self.posts.iter_mut().filter(dead) {
             if post.seat.role == Role::Plant {
@@ -123,6 +126,8 @@ impl Supervisor {
             layout: post.layout,
             period_ns: post.period_ns,
         });
+        let (guidance, disturbance) = self.orders.last();
+        self.notebook.orders(guidance, disturbance);
         self.notebook.write(self.roll.entries(), self.slots.iter().map(SlotOwner::last), posts);
         if let Some(text) = self.notebook.take_trouble() {
             self.notices.push(Notice { source: "launcher".to_owned(), text });

@@ -1,0 +1,54 @@
+//! Examples under the help of commands that say the rest in their arguments.
+
+pub(super) const RUN: &str = "\
+Examples:
+  morphquad run
+  morphquad run hover --clock realtime --for 60s
+  morphquad run figure8-morph --set start.morph_angle_deg=120 --rate attitude-mpc=500 --seed 7
+  morphquad run figure8-morph --swap attitude=attitude-lqr@6s --fault kill:estimator@9s
+  morphquad run hover --goto 1,0,2@3s --morph 120@5s,over=1s
+  morphquad run my-scenario.toml --in-process --format json
+
+Ends with 0 flown, 1 a bound was violated or the vehicle lost, 2 usage or scenario, 3 unfit environment,
+4 crash, 130 interrupted.";
+
+pub(super) const LIST: &str = "Example:\n  morphquad list";
+
+pub(super) const CHECK: &str = "\
+Examples:
+  morphquad check figure8-morph
+  morphquad check my-scenario.toml --clock realtime --speed 0.1
+
+Shows loops, rates, latencies and deadlines. Ends with 2 if it cannot be flown: file, line, key and remedy.";
+
+pub(super) const REPLAY: &str = "\
+Examples:
+  morphquad replay recordings/7f3a.mcap --hash --verify
+  morphquad replay recordings/7f3a.mcap --with attitude-lqr
+  morphquad replay recordings/7f3a.mcap --branch @12.5s --set plant.mismatch.mass_scale=1.1
+  morphquad replay recordings/7f3a.mcap --branch @5s --seeds 0..99
+
+Ends with 0 identical, 1 something differs, 2 no such file, service or instant.";
+
+pub(super) const PAPER: &str = "\
+Examples:
+  morphquad paper
+  morphquad paper --test 3 --out paper-test-3";
+
+pub(super) const CAMPAIGN: &str = "\
+Examples:
+  morphquad campaign launcher/campaigns/robustness.toml
+  morphquad campaign robustness.toml --out results --restart
+
+After an interruption the same command flies only what is missing.";
+
+pub(super) const TYPES: &str = "Example:\n  morphquad types --python --out morphquad_types.py";
+
+pub(super) const CONTROLLERS: &str = "Example:\n  morphquad study controllers --quick";
+
+pub(super) const MORPHING: &str = "Example:\n  morphquad study morphing --quick --seeds 5";
+
+pub(super) const STABILITY: &str =
+    "Example:\n  morphquad study stability --rate 500 --angle 120 --out study-500";
+
+pub(super) const WORST_CASE: &str = "Example:\n  morphquad study worst-case --quick";

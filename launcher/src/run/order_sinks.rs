@@ -1,0 +1,60 @@
+//! Where orders to pilot and injector go out.
+
+use crate::orders::Sent;
+use runtime::Sink as _;
+use runtime::ipc::{Bus, IpcSink, PortError};
+use shared_types::{DisturbanceOrder, GuidanceOrder, topics};
+
+/// What pilot and injector are told, and have been told last.
+pub(super) struct OrderSinks {
+    guidance: IpcSink<GuidanceOrder>,
+    disturbance: IpcSink<DisturbanceOrder>,
+    last: (GuidanceOrder, DisturbanceOrder),
+}
+
+impl OrderSinks {
+    pub(super) fn open(bus: &Bus) -> Result<Self, PortError> {
+        Ok(Self {
+            guidance: bus.writer(&topics::GUIDANCE_ORDER)?,
+            disturbance: bus.writer(&topics::DISTURBANCE_ORDER)?,
+            last: (GuidanceOrder::default(), DisturbanceOrder::default()),
+        })
+    }
+
+    /// What has been ordered last; sequence 0 if nothing has.
+    pub(super) fn last(&self) -> (&GuidanceOrder, &DisturbanceOrder) {
+        (&self.last.0, &self.last.1)
+    }
+
+    /// Remembers what is to be said, so that it can be noted before anybody hears of it.
+    pub(super) fn take(&mut self, sent: &Sent) {
+        match sent {
+            Sent::Guidance(order) => self.last.0 = *order,
+            Sent::Disturbance(order) => self.last.1 = *order,
+        }
+    }
+
+    /// Says it.
+    pub(super) fn send(&mut self, sent: &Sent) {
+        match sent {
+            Sent::Guidance(order) => self.guidance.send(order),
+            Sent::Disturbance(order) => self.disturbance.send(order),
+        }
+    }
+
+    /// Says again what another launcher had said last: it went with that one.
+    pub(super) fn go_on(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
+        self.last = (*guidance, *disturbance);
+        if guidance.header.sequence > 0 {
+            self.guidance.send(guidance);
+        }
+        if disturbance.header.sequence > 0 {
+            self.disturbance.send(disturbance);
+        }
+    }
+
+    pub(super) fn serve_late_joiners(&mut self) {
+        self.guidance.serve_late_joiners();
+        self.disturbance.serve_late_joiners();
+    }
+}

@@ -1,0 +1,220 @@
+//! The terminal: looks a few times a second, takes keys, and puts everything back in the end.
+
+use super::draw::{Palette, Talk, draw};
+use super::gauges::{Gauges, wanted};
+use super::snapshot::{Snapshot, Usage};
+use crate::control::client::{AskError, Conversation};
+use crate::control::runs::Run;
+use crate::control::status::RunStatus;
+use crate::control::{Reply, Request};
+use crate::topic::live::{ListenError, Listening, Word};
+use core::time::Duration;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use runtime::clock::mono_now_ns;
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+/// From one picture to the next.
+const FRAME: Duration = Duration::from_millis(250);
+/// Lines of answers that are kept.
+const KEPT: usize = 100;
+
+/// Listens on a thread of its own.
+#[derive(Debug)]
+pub struct Ear {
+    heard: Arc<Mutex<(Gauges, u64)>>,
+    leave: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Ear {
+    /// Listens to a run until dropped, or until it is over.
+    ///
+    /// # Errors
+    /// It lets nobody listen.
+    pub fn open(run: &Run) -> Result<Self, ListenError> {
+        let mut listening = Listening::to(run, &wanted())?;
+        let heard = Arc::<Mutex<(Gauges, u64)>>::default();
+        let leave = Arc::<AtomicBool>::default();
+        let (into, leaves) = (Arc::clone(&heard), Arc::clone(&leave));
+        let thread = thread::spawn(move || {
+            while !leaves.load(Ordering::Relaxed) {
+                let word = listening.next(Duration::from_millis(100));
+                let mut heard = into.lock().unwrap_or_else(PoisonError::into_inner);
+                match word {
+                    Ok(Word::Sample(topic, packed)) => heard.0.take(topic, &packed),
+                    Ok(Word::Dropped(count)) => heard.1 += count,
+                    Ok(Word::Nothing) => {}
+                    Ok(Word::Over) | Err(_) => return,
+                }
+            }
+        });
+        Ok(Self { heard, leave, thread: Some(thread) })
+    }
+
+    /// What is known now.
+    #[must_use]
+    pub fn snapshot(&self, status: RunStatus, usage: &mut Usage, now_s: f64) -> Snapshot {
+        let heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        Snapshot::of(status, &heard.0, usage, now_s, heard.1)
+    }
+}
+
+impl Drop for Ear {
+    fn drop(&mut self) {
+        self.leave.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// How a run is.
+///
+/// # Errors
+/// Its launcher does not answer.
+pub fn status_of(run: &Run) -> Result<RunStatus, AskError> {
+    match Conversation::ask(run, &Request::Ps)?.hear()? {
+        Reply::Status(status) => Ok(status),
+        _ => Err(AskError::Ended { run: run.id().to_owned() }),
+    }
+}
+
+/// Carries out a command line, and gives what is to be shown.
+pub type Execute = fn(Vec<String>) -> Vec<String>;
+
+/// Commands that are of use while one looks.
+const ORDERS: [&str; 7] = ["swap", "rollback", "standby", "retire", "goto", "morph", "disturb"];
+
+/// Shows a run until `q` is pressed.
+///
+/// # Errors
+/// The terminal.
+pub fn show(run: &Run, ear: &Ear, first: RunStatus, execute: Execute) -> io::Result<()> {
+    let mut terminal = ratatui::try_init()?;
+    let shown = Screen::new(run, ear, first, execute).run(&mut terminal);
+    ratatui::restore();
+    shown
+}
+
+struct Screen<'a> {
+    run: &'a Run,
+    ear: &'a Ear,
+    status: RunStatus,
+    usage: Usage,
+    begin_ns: u64,
+    talk: Talk,
+    palette: Palette,
+    execute: Execute,
+    answers: (Sender<Vec<String>>, Receiver<Vec<String>>),
+}
+
+impl<'a> Screen<'a> {
+    fn new(run: &'a Run, ear: &'a Ear, status: RunStatus, execute: Execute) -> Self {
+        Self {
+            run,
+            ear,
+            status,
+            usage: Usage::default(),
+            begin_ns: mono_now_ns(),
+            talk: Talk::default(),
+            palette: Palette::of_environment(),
+            execute,
+            answers: channel(),
+        }
+    }
+
+    fn run(&mut self, terminal: &mut ratatui::DefaultTerminal) -> io::Result<()> {
+        let mut snapshot = self.look();
+        let mut looked_ns = mono_now_ns();
+        loop {
+            for lines in self.answers.1.try_iter() {
+                self.talk.lines.extend(lines);
+            }
+            let old = self.talk.lines.len().saturating_sub(KEPT);
+            self.talk.lines.drain(..old);
+            terminal.draw(|frame| draw(frame, &snapshot, &self.talk, self.palette))?;
+            let elapsed = || Duration::from_nanos(mono_now_ns().saturating_sub(looked_ns));
+            let left = FRAME.saturating_sub(elapsed());
+            if event::poll(left)?
+                && let Event::Key(key) = event::read()?
+                && key.kind != KeyEventKind::Release
+                && !self.press(key)
+            {
+                return Ok(());
+            }
+            if elapsed() >= FRAME {
+                snapshot = self.look();
+                looked_ns = mono_now_ns();
+            }
+        }
+    }
+
+    fn look(&mut self) -> Snapshot {
+        match status_of(self.run) {
+            Ok(status) => self.status = status,
+            // What was seen last stays on the screen.
+            Err(_) => self.talk.over = true,
+        }
+        let now_s = mono_now_ns().saturating_sub(self.begin_ns) as f64 / 1e9;
+        self.ear.snapshot(self.status.clone(), &mut self.usage, now_s)
+    }
+
+    /// False if it is to end.
+    fn press(&mut self, key: KeyEvent) -> bool {
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        if control && matches!(key.code, KeyCode::Char('c')) {
+            return false;
+        }
+        match (&mut self.talk.typing, key.code) {
+            (Some(_), KeyCode::Esc) => self.talk.typing = None,
+            (Some(typed), KeyCode::Backspace) => {
+                typed.pop();
+            }
+            (Some(typed), KeyCode::Char(letter)) if !control => typed.push(letter),
+            (Some(_), KeyCode::Enter) => {
+                if let Some(typed) = self.talk.typing.take() {
+                    self.order(&typed);
+                }
+            }
+            (None, KeyCode::Char('q') | KeyCode::Esc) => return false,
+            (None, KeyCode::Char(letter)) => self.talk.typing = begun(letter, &self.status),
+            _ => {}
+        }
+        true
+    }
+
+    fn order(&mut self, typed: &str) {
+        let mut words: Vec<String> = typed.split_whitespace().map(str::to_owned).collect();
+        let Some(command) = words.first().cloned() else { return };
+        if !ORDERS.contains(&command.as_str()) {
+            self.talk.lines.push(format!("{command}: not from here; {}", ORDERS.join(", ")));
+            return;
+        }
+        self.talk.lines.push(format!("> {typed}"));
+        words.insert(0, "morphquad".to_owned());
+        words.extend(["--run".to_owned(), self.run.id().to_owned()]);
+        let (answer, execute) = (self.answers.0.clone(), self.execute);
+        // A swap takes seconds; what it says comes when it is over.
+        thread::spawn(move || {
+            let _ = answer.send(execute(words));
+        });
+    }
+}
+
+/// What a key begins to type.
+pub(super) fn begun(letter: char, status: &RunStatus) -> Option<String> {
+    let slot = status.slots.first().map_or("attitude", |slot| slot.slot.as_str());
+    match letter {
+        's' => Some(format!("swap {slot} --to ")),
+        'r' => Some(format!("rollback {slot}")),
+        'd' => Some("disturb force 0 0 -0.2 --for 500ms".to_owned()),
+        'm' => Some("morph 120 --over 2s".to_owned()),
+        'g' => Some("goto 0 0 1.5".to_owned()),
+        ':' => Some(String::new()),
+        _ => None,
+    }
+}

@@ -1,0 +1,315 @@
+//! The launcher's end: copies of the samples that somebody wants to see.
+//!
+//! The main loop packs a sample only if somebody wants its topic, and puts it into a queue without ever
+//! waiting; the thread does the rest. What finds the queue or a client's buffer full is dropped and counted.
+
+use super::{SOCKET, known, place, schema};
+use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
+use serde::{Deserialize, Serialize};
+use shared_types::{Sample, Topic};
+use std::fs::{self, Permissions};
+use std::io::{self, Read as _, Write as _};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::{Builder, JoinHandle};
+
+/// Samples between the main loop and the thread.
+const QUEUE: usize = 16_384;
+/// What one client has not read yet \[bytes\].
+const UNREAD_BYTES: usize = 4 << 20;
+/// Longest request \[bytes\].
+const REQUEST_BYTES: usize = 16 << 10;
+/// Listeners at a time.
+const CLIENTS: usize = 8;
+/// How often the queue is looked at while somebody listens \[ns\].
+const LOOK_EVERY_NS: i64 = 10_000_000;
+/// In place of a topic: so many samples have been dropped.
+pub(super) const DROPPED: u16 = u16::MAX;
+
+/// What a client asks for, as a line of JSON.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Listen {
+    /// Topics, each with the layout that the client knows, in hexadecimal.
+    pub(super) listen: Vec<(String, String)>,
+}
+
+/// The answer: nothing, or why not.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Heard {
+    pub(super) error: Option<String>,
+}
+
+/// A packed sample.
+struct Frame {
+    topic: u16,
+    packed: Vec<u8>,
+}
+
+/// What main loop and thread share.
+#[derive(Debug, Default)]
+struct Shared {
+    /// A bit for each topic that somebody wants.
+    wanted: AtomicU64,
+    /// Samples that found the queue full.
+    dropped: AtomicU64,
+    leave: AtomicBool,
+}
+
+/// Lets others listen to a run. Dropping it ends every conversation and removes the socket.
+#[derive(Debug)]
+pub struct Feed {
+    shared: Arc<Shared>,
+    frames: SyncSender<Frame>,
+    bell: Arc<OwnedFd>,
+    thread: Option<JoinHandle<()>>,
+    path: PathBuf,
+}
+
+impl Feed {
+    /// Opens the socket in a run's folder, for its user alone.
+    ///
+    /// # Errors
+    /// The socket or the thread cannot be made.
+    pub fn open(folder: &Path) -> io::Result<Self> {
+        let path = folder.join(SOCKET);
+        // A launcher that has died leaves its own.
+        let _ = fs::remove_file(&path);
+        let listener = UnixListener::bind(&path)?;
+        fs::set_permissions(&path, Permissions::from_mode(0o600))?;
+        listener.set_nonblocking(true)?;
+        let bell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
+        let (frames, queue) = sync_channel(QUEUE);
+        let shared = Arc::<Shared>::default();
+        let desk = Desk {
+            listener,
+            bell: Arc::clone(&bell),
+            queue,
+            shared: Arc::clone(&shared),
+            told_dropped: 0,
+            clients: Vec::new(),
+        };
+        let thread = Builder::new().name("topics".to_owned()).spawn(move || desk.serve())?;
+        Ok(Self { shared, frames, bell, thread: Some(thread), path })
+    }
+
+    /// Takes a copy if somebody wants it. Never waits.
+    pub fn offer<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {
+        let wanted = self.shared.wanted.load(Ordering::Relaxed);
+        if wanted == 0 {
+            return;
+        }
+        let place = place(&topic.info);
+        if wanted & (1 << place) == 0 {
+            return;
+        }
+        let mut packed = vec![0; T::PACKED_SIZE];
+        sample.pack(&mut packed);
+        let frame = Frame { topic: u16::try_from(place).unwrap_or(DROPPED), packed };
+        if self.frames.try_send(frame).is_err() {
+            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        self.shared.leave.store(true, Ordering::Release);
+        let _ = rustix::io::write(&*self.bell, &1_u64.to_ne_bytes());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+/// One listener.
+struct Client {
+    stream: UnixStream,
+    /// Until the request is complete.
+    inbox: Vec<u8>,
+    wanted: u64,
+    outbox: Vec<u8>,
+    dropped: u64,
+    over: bool,
+}
+
+/// Everything of the thread.
+struct Desk {
+    listener: UnixListener,
+    bell: Arc<OwnedFd>,
+    queue: Receiver<Frame>,
+    shared: Arc<Shared>,
+    told_dropped: u64,
+    clients: Vec<Client>,
+}
+
+impl Desk {
+    fn serve(mut self) {
+        while self.wait().is_ok() {
+            let leaves = self.shared.leave.load(Ordering::Acquire);
+            self.hand_out();
+            for client in &mut self.clients {
+                client.hear();
+                client.speak();
+            }
+            self.clients.retain(|client| !client.over);
+            let wanted = self.clients.iter().fold(0, |all, client| all | client.wanted);
+            self.shared.wanted.store(wanted, Ordering::Relaxed);
+            if leaves {
+                return;
+            }
+            self.let_in();
+        }
+    }
+
+    /// Waits for somebody at the door, or, while somebody listens, a moment.
+    fn wait(&self) -> io::Result<()> {
+        let mut fds =
+            [PollFd::new(&*self.bell, PollFlags::IN), PollFd::new(&self.listener, PollFlags::IN)];
+        let moment = Timespec { tv_sec: 0, tv_nsec: LOOK_EVERY_NS };
+        let limit = (!self.clients.is_empty()).then_some(&moment);
+        match poll(&mut fds, limit) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn let_in(&mut self) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            if stream.set_nonblocking(true).is_err() {
+                continue;
+            }
+            let mut client = Client {
+                stream,
+                inbox: Vec::new(),
+                wanted: 0,
+                outbox: Vec::new(),
+                dropped: 0,
+                over: false,
+            };
+            if self.clients.len() < CLIENTS {
+                self.clients.push(client);
+            } else {
+                client.refuse(format!("{CLIENTS} others are listening: try again"));
+            }
+        }
+    }
+
+    /// Gives everybody what they want of what has come.
+    fn hand_out(&mut self) {
+        while let Ok(Frame { topic, packed }) = self.queue.try_recv() {
+            for client in self.clients.iter_mut().filter(|c| c.wanted & (1 << topic) != 0) {
+                client.put(topic, &packed);
+            }
+        }
+        let dropped = self.shared.dropped.load(Ordering::Relaxed);
+        let lost = dropped - core::mem::replace(&mut self.told_dropped, dropped);
+        for client in self.clients.iter_mut().filter(|client| client.wanted != 0) {
+            client.dropped += lost;
+        }
+    }
+}
+
+impl Client {
+    fn put(&mut self, topic: u16, packed: &[u8]) {
+        if self.outbox.len() + packed.len() > UNREAD_BYTES {
+            self.dropped += 1;
+            return;
+        }
+        self.outbox.extend(topic.to_le_bytes());
+        self.outbox.extend(u32::try_from(packed.len()).unwrap_or(0).to_le_bytes());
+        self.outbox.extend(packed);
+    }
+
+    /// Reads the request; whatever comes after it, or an end, ends the conversation.
+    fn hear(&mut self) {
+        let mut chunk = [0; 4096];
+        loop {
+            match self.stream.read(&mut chunk) {
+                Ok(0) => self.over = true,
+                Ok(count) if self.wanted == 0 => {
+                    self.inbox.extend_from_slice(&chunk[..count]);
+                    self.answer();
+                    continue;
+                }
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Ok(_) | Err(_) => self.over = true,
+            }
+            return;
+        }
+    }
+
+    fn answer(&mut self) {
+        let Some(end) = self.inbox.iter().position(|byte| *byte == b'\n') else {
+            if self.inbox.len() > REQUEST_BYTES {
+                self.refuse(format!("a request has at most {REQUEST_BYTES} bytes"));
+            }
+            return;
+        };
+        let line: Vec<u8> = self.inbox.drain(..=end).collect();
+        let asked = serde_json::from_slice::<Listen>(&line);
+        match asked.map_err(|error| format!("not a request: {error}")).and_then(|l| wanted(&l)) {
+            Ok(wanted) => {
+                self.wanted = wanted;
+                self.say(&Heard::default());
+            }
+            Err(error) => self.refuse(error),
+        }
+    }
+
+    fn say(&mut self, heard: &Heard) {
+        // It holds a string, which JSON can say.
+        let _ = serde_json::to_writer(&mut self.outbox, heard);
+        self.outbox.push(b'\n');
+    }
+
+    fn refuse(&mut self, error: String) {
+        self.say(&Heard { error: Some(error) });
+        self.speak();
+        self.over = true;
+    }
+
+    /// Writes what the client takes.
+    fn speak(&mut self) {
+        if self.dropped > 0 && self.outbox.len() < UNREAD_BYTES / 2 {
+            let dropped = core::mem::take(&mut self.dropped);
+            self.put(DROPPED, &dropped.to_le_bytes());
+        }
+        let mut written = 0;
+        while written < self.outbox.len() {
+            match self.stream.write(&self.outbox[written..]) {
+                Ok(count) => written += count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+                Err(_) => {
+                    self.over = true;
+                    return;
+                }
+            }
+        }
+        self.outbox.drain(..written);
+    }
+}
+
+/// A bit for each topic, if all are known and laid out as here.
+fn wanted(listen: &Listen) -> Result<u64, String> {
+    let mut wanted = 0;
+    for (name, theirs) in &listen.listen {
+        let topic = known(name).ok_or_else(|| format!("this run has no topic {name}"))?;
+        let ours = schema(topic).map_or(0, |schema| schema.layout_hash);
+        if *theirs != format!("{ours:016x}") {
+            return Err(format!(
+                "{name} is laid out otherwise by this run ({ours:016x}) than by the executable that asks ({theirs}): ask with the executable that flies"
+            ));
+        }
+        wanted |= 1 << place(topic);
+    }
+    if wanted == 0 { Err("no topic is asked for".to_owned()) } else { Ok(wanted) }
+}

@@ -1,0 +1,146 @@
+//! The other end: listens to topics of a run in the air.
+
+use super::feed::{DROPPED, Heard, Listen};
+use super::{SOCKET, schema};
+use crate::control::runs::Run;
+use core::time::Duration;
+use shared_types::{TopicInfo, topics};
+use std::io::{self, BufRead as _, BufReader, Write as _};
+use std::os::unix::net::UnixStream;
+use thiserror::Error;
+
+/// An answer that takes longer than this is none.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// The largest sample there is, with a margin \[bytes\].
+const LARGEST: usize = 1 << 20;
+
+/// Why nothing can be heard.
+#[derive(Debug, Error)]
+pub enum ListenError {
+    /// Nobody there.
+    #[error(
+        "run {run} lets nobody listen: {source}; it is just starting, or its launcher has died"
+    )]
+    Closed {
+        /// The run.
+        run: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// It says no.
+    #[error("{0}")]
+    Refused(String),
+    /// It speaks otherwise.
+    #[error(
+        "run {run} says what this build does not understand: ask with the executable that flies"
+    )]
+    NotUnderstood {
+        /// The run.
+        run: String,
+    },
+}
+
+/// Something heard.
+#[derive(Debug, Clone)]
+pub enum Word {
+    /// A packed sample.
+    Sample(&'static TopicInfo, Vec<u8>),
+    /// So many were not sent, because nobody read fast enough.
+    Dropped(u64),
+    /// Nothing within the time given.
+    Nothing,
+    /// The flight is over.
+    Over,
+}
+
+/// A conversation under way.
+#[derive(Debug)]
+pub struct Listening {
+    run: String,
+    reader: BufReader<UnixStream>,
+    /// What has come of the next frame.
+    partial: Vec<u8>,
+}
+
+impl Listening {
+    /// Asks the launcher of `run` for topics.
+    ///
+    /// # Errors
+    /// [`ListenError`].
+    pub fn to(run: &Run, wanted: &[&'static TopicInfo]) -> Result<Self, ListenError> {
+        let closed = |source| ListenError::Closed { run: run.id().to_owned(), source };
+        let stream = UnixStream::connect(run.folder().join(SOCKET)).map_err(closed)?;
+        stream.set_read_timeout(Some(PATIENCE)).map_err(closed)?;
+        let layout = |topic: &TopicInfo| schema(topic).map_or(0, |schema| schema.layout_hash);
+        let named = wanted.iter();
+        let listen =
+            named.map(|topic| (topic.name.to_owned(), format!("{:016x}", layout(topic)))).collect();
+        let mut line = serde_json::to_vec(&Listen { listen }).map_err(|e| closed(e.into()))?;
+        line.push(b'\n');
+        let mut reader = BufReader::new(stream);
+        reader.get_mut().write_all(&line).map_err(closed)?;
+        let mut answer = String::new();
+        reader.read_line(&mut answer).map_err(closed)?;
+        match serde_json::from_str::<Heard>(&answer) {
+            Ok(Heard { error: None }) => {
+                Ok(Self { run: run.id().to_owned(), reader, partial: Vec::new() })
+            }
+            Ok(Heard { error: Some(error) }) => Err(ListenError::Refused(error)),
+            Err(_) => Err(ListenError::NotUnderstood { run: run.id().to_owned() }),
+        }
+    }
+
+    /// Waits for the next thing, at most so long.
+    ///
+    /// # Errors
+    /// The launcher says what is no sample.
+    pub fn next(&mut self, patience: Duration) -> Result<Word, ListenError> {
+        let not_understood = || ListenError::NotUnderstood { run: self.run.clone() };
+        // A time of zero would be none at all.
+        let patience = patience.max(Duration::from_micros(100));
+        if self.reader.get_ref().set_read_timeout(Some(patience)).is_err() {
+            return Ok(Word::Over);
+        }
+        if let Some(end) = fill(&mut self.reader, &mut self.partial, 6) {
+            return Ok(end);
+        }
+        let topic = u16::from_le_bytes([self.partial[0], self.partial[1]]);
+        let length = [2, 3, 4, 5].map(|at| self.partial[at]);
+        let length = usize::try_from(u32::from_le_bytes(length)).unwrap_or(usize::MAX);
+        if length > LARGEST {
+            return Err(not_understood());
+        }
+        if let Some(end) = fill(&mut self.reader, &mut self.partial, 6 + length) {
+            return Ok(end);
+        }
+        let packed = self.partial.split_off(6);
+        self.partial.clear();
+        if topic == DROPPED {
+            let count = packed.try_into().map(u64::from_le_bytes).map_err(|_| not_understood())?;
+            return Ok(Word::Dropped(count));
+        }
+        let topic = topics::all().get(usize::from(topic)).copied().ok_or_else(not_understood)?;
+        Ok(Word::Sample(topic, packed))
+    }
+}
+
+/// Reads until `partial` has `length` bytes; otherwise what ended it before.
+fn fill(reader: &mut impl io::Read, partial: &mut Vec<u8>, length: usize) -> Option<Word> {
+    while partial.len() < length {
+        let missing = length - partial.len();
+        let mut chunk = [0; 8192];
+        let room = missing.min(chunk.len());
+        match reader.read(&mut chunk[..room]) {
+            Ok(0) => return Some(Word::Over),
+            Ok(count) => partial.extend_from_slice(&chunk[..count]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error)
+                if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) =>
+            {
+                return Some(Word::Nothing);
+            }
+            Err(_) => return Some(Word::Over),
+        }
+    }
+    None
+}

@@ -1,0 +1,126 @@
+//! Both ends of the feed, on a socket of their own.
+
+use super::feed::Feed;
+use super::live::{Listening, Word};
+use super::{SOCKET, header, known, place, schema, unpack};
+use crate::control::runs::Run;
+use core::time::Duration;
+use shared_types::{Header, Imu, Truth, topics};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::net::UnixStream;
+
+const MOMENT: Duration = Duration::from_millis(20);
+
+fn imu(sequence: u64) -> Imu {
+    let header = Header { sequence, release_ns: sequence * 1000, ..Header::default() };
+    Imu { header, ..Imu::default() }
+}
+
+struct Flight {
+    folder: tempfile::TempDir,
+    feed: Feed,
+}
+
+impl Flight {
+    fn new() -> Self {
+        let folder = tempfile::TempDir::new().unwrap();
+        let feed = Feed::open(folder.path()).unwrap();
+        Self { folder, feed }
+    }
+
+    fn run(&self) -> Run {
+        Run::at("x", self.folder.path())
+    }
+
+    fn listen(&self, names: &[&str]) -> Listening {
+        let topics: Vec<_> = names.iter().map(|name| known(name).unwrap()).collect();
+        Listening::to(&self.run(), &topics).unwrap()
+    }
+}
+
+/// The next sample's topic and sequence.
+fn next(listening: &mut Listening) -> (&'static str, u64) {
+    for _ in 0..500 {
+        match listening.next(MOMENT).unwrap() {
+            Word::Sample(topic, packed) => {
+                return (topic.name, header(&packed).unwrap().sequence);
+            }
+            Word::Nothing => {}
+            word => panic!("{word:?}"),
+        }
+    }
+    panic!("nothing came");
+}
+
+#[test]
+fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
+    let flight = Flight::new();
+    // Nobody listens: nothing is kept.
+    flight.feed.offer(&topics::IMU, &imu(1));
+    let (mut one, mut both) = (flight.listen(&["imu"]), flight.listen(&["truth", "imu"]));
+    flight.feed.offer(&topics::IMU, &imu(2));
+    flight.feed.offer(&topics::TRUTH, &Truth::default());
+    flight.feed.offer(&topics::IMU, &imu(3));
+    assert_eq!([next(&mut one), next(&mut one)], [("imu", 2), ("imu", 3)]);
+    let heard = [next(&mut both), next(&mut both), next(&mut both)];
+    assert_eq!(heard, [("imu", 2), ("truth", 0), ("imu", 3)]);
+    assert!(matches!(one.next(MOMENT).unwrap(), Word::Nothing));
+    drop(flight.feed);
+    assert!(matches!(one.next(MOMENT).unwrap(), Word::Over));
+    assert!(!flight.folder.path().join(SOCKET).exists());
+}
+
+#[test]
+fn who_reads_too_slowly_loses_samples_is_told_how_many_and_holds_up_nobody() {
+    let flight = Flight::new();
+    let mut slow = flight.listen(&["reference"]);
+    let (sent, mut got, mut dropped) = (20_000, 0, 0);
+    for _ in 0..sent {
+        flight.feed.offer(&topics::REFERENCE, &shared_types::Reference::default());
+    }
+    while got + dropped < sent {
+        match slow.next(Duration::from_secs(5)).unwrap() {
+            Word::Sample(..) => got += 1,
+            Word::Dropped(count) => dropped += count,
+            word => panic!("{word:?} after {got} and {dropped} of {sent}"),
+        }
+    }
+    assert!(dropped > 0, "a buffer without end");
+    assert_eq!(got + dropped, sent);
+}
+
+#[test]
+fn strangers_are_refused_in_words_and_cost_nothing() {
+    let flight = Flight::new();
+    let say = |text: &[u8]| {
+        let mut stream = UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
+        stream.write_all(text).unwrap();
+        let mut answer = String::new();
+        BufReader::new(&stream).read_line(&mut answer).unwrap();
+        let mut rest = Vec::new();
+        let _ = stream.read_to_end(&mut rest);
+        answer
+    };
+    assert!(say(b"hello\n").contains("not a request"));
+    assert!(say(b"{\"listen\":[]}\n").contains("no topic"));
+    assert!(say(b"{\"listen\":[[\"imus\",\"0\"]]}\n").contains("no topic imus"));
+    assert!(say(b"{\"listen\":[[\"imu\",\"0\"]]}\n").contains("laid out otherwise"));
+    assert!(say(&vec![b'x'; 20_000]).contains("at most"));
+    let mut still = flight.listen(&["imu"]);
+    flight.feed.offer(&topics::IMU, &imu(5));
+    assert_eq!(next(&mut still), ("imu", 5));
+}
+
+#[test]
+fn a_packed_sample_is_taken_apart_by_its_topic_and_only_if_it_fits() {
+    use shared_types::wire::Value as _;
+    let mut packed = vec![0; Imu::PACKED_SIZE];
+    imu(9).pack(&mut packed);
+    let topic = known("/imu").unwrap();
+    let (header, fields) = unpack(topic, &packed).unwrap();
+    assert_eq!((header.sequence, fields["header"]["sequence"].as_u64()), (9, Some(9)));
+    assert!(unpack(topic, &packed[1..]).is_none());
+    assert_eq!(place(topic), 0);
+    assert_eq!(schema(topic).unwrap().name, "Imu");
+    assert!(known("imus").is_none());
+}
