@@ -100,7 +100,7 @@ impl Feed {
 
     /// Takes a copy if somebody wants it. Never waits.
     pub fn offer<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {
-        let wanted = self.shared.wanted.load(Ordering::Relaxed);
+        let wanted = self.shared.wanted.load(Ordering::Acquire);
         if wanted == 0 {
             return;
         }
@@ -156,16 +156,24 @@ impl Desk {
             self.hand_out();
             for client in &mut self.clients {
                 client.hear();
+            }
+            // Before the answers: whoever has one gets every sample from then on.
+            self.tell_wanted();
+            for client in &mut self.clients {
                 client.speak();
             }
             self.clients.retain(|client| !client.over);
-            let wanted = self.clients.iter().fold(0, |all, client| all | client.wanted);
-            self.shared.wanted.store(wanted, Ordering::Relaxed);
+            self.tell_wanted();
             if leaves {
                 return;
             }
             self.let_in();
         }
+    }
+
+    fn tell_wanted(&self) {
+        let wanted = self.clients.iter().fold(0, |all, client| all | client.wanted);
+        self.shared.wanted.store(wanted, Ordering::Release);
     }
 
     /// Waits for somebody at the door, or, while somebody listens, a moment.

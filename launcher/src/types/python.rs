@@ -118,7 +118,9 @@ impl Module {
         if self.declares(code.name) {
             self.line(format_args!("\n\nclass {}(enum.IntEnum):", code.name));
             for (name, value) in code.variants {
-                self.line(format_args!("    {name} = {value}"));
+                // A word of the language itself cannot be a name.
+                let mark = if matches!(*name, "None" | "True" | "False") { "_" } else { "" };
+                self.line(format_args!("    {name}{mark} = {value}"));
             }
         }
     }

@@ -11,7 +11,7 @@ Examples:
   morphquad ps
   morphquad ps --run 7f3a --format json
 
-AT is the first instant that a process has not yet published completely, AGE the wall time since this
+AT is the first instant that a process has not yet published completely, AGE the wall time since this \
 last advanced. CPU counts from the start of the process, RSS with the memory that processes share.
 Ends with 2 if no run is in the air, or several and none is named.";
 
@@ -21,10 +21,10 @@ Examples:
   morphquad swap attitude --to ./target/release/morphquad-mine --shadow 1s --dry-run
   morphquad swap attitude --to attitude-mpc@1     the instance on seat 1, such as the standby
 
-The candidate shadows the owner, is judged by the gate, and takes over at an instant agreed on before; the
+The candidate shadows the owner, is judged by the gate, and takes over at an instant agreed on before; the \
 old owner stays warm for the rollback window. Interrupting this command does not stop the swap.
-Ends with 0 when the window is over; 1 if the gate refused or something failed, and the owner commands as
-before; 2 for an unknown slot or name, no run or several, or an instance that owns the slot already; 3 if
+Ends with 0 when the window is over; 1 if the gate refused or something failed, and the owner commands as \
+before; 2 for an unknown slot or name, no run or several, or an instance that owns the slot already; 3 if \
 another swap is in progress.";
 
 pub(super) const ADOPT_EXAMPLES: &str = "\
@@ -32,10 +32,10 @@ Examples:
   morphquad adopt
   morphquad adopt 7f3a --record ./rescued
 
-When the launcher of a realtime flight dies, its processes fly on for launcher.launcher_grace_s, 30 s unless
-the scenario says otherwise: the vehicle hovers, warm fallbacks take over, and nobody restarts anything. This
-command leads the flight to its end, as `run` would have: restarts, orders, summary, and a recording from here
-on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if somebody
+When the launcher of a realtime flight dies, its processes fly on for launcher.launcher_grace_s, 30 s unless \
+the scenario says otherwise: the vehicle hovers, warm fallbacks take over, and nobody restarts anything. This \
+command leads the flight to its end, as `run` would have: restarts, orders, summary, and a recording from here \
+on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if somebody \
 leads it, it never was in the air, or it is of another build: the run then goes on as it was.";
 
 /// A run in the air.

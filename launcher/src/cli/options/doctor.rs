@@ -10,8 +10,8 @@ Examples:
   morphquad doctor --fix
   morphquad doctor --format json --record /data/flights
 
-Each line is a check: OK, WARN where flights would miss more than they need to, FAIL where they or their
-recordings would not work, with what to do about it. --fix removes what dead runs have left in shared memory
+Each line is a check: OK, WARN where flights would miss more than they need to, FAIL where they or their \
+recordings would not work, with what to do about it. --fix removes what dead runs have left in shared memory \
 and changes no setting of the system. Ends with 0 if nothing fails, 3 otherwise.";
 
 /// How to examine this machine.

@@ -9,7 +9,7 @@ Examples:
   morphquad run hover --goto 1,0,2@3s --morph 120@5s,over=1s
   morphquad run my-scenario.toml --in-process --format json
 
-Ends with 0 flown, 1 a bound was violated or the vehicle lost, 2 usage or scenario, 3 unfit environment,
+Ends with 0 flown, 1 a bound was violated or the vehicle lost, 2 usage or scenario, 3 unfit environment, \
 4 crash, 130 interrupted.";
 
 pub(super) const LIST: &str = "Example:\n  morphquad list";

@@ -10,7 +10,7 @@ Examples:
   morphquad goto 1 0 2
   morphquad goto -1 0.5 1.5 90      and turn the nose to the north
 
-The reference leaves its plan smoothly from wherever it is, moving or not, and rests there for the rest of
+The reference leaves its plan smoothly from wherever it is, moving or not, and rests there for the rest of \
 the flight. Up to 100 m from the origin; over ground not below 0.2 m.
 Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are in the air.";
 
@@ -30,20 +30,20 @@ Examples:
   morphquad disturb off
 
 Adds to what the scenario's script does, up to eight at a time, until its time or `off`.
-Ends with 0 once the injector has it; 2 if it is out of range, or no run or several are in the air; 3 if
+Ends with 0 once the injector has it; 2 if it is out of range, or no run or several are in the air; 3 if \
 eight are under way.";
 
 /// A place to go.
 #[derive(Debug, Clone, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct GotoArguments {
-    /// East [m]
+    /// East, in metres
     pub x: f64,
-    /// North [m]
+    /// North, in metres
     pub y: f64,
-    /// Up [m]
+    /// Up, in metres
     pub z: f64,
-    /// Heading, counter-clockwise from east [degrees]; as it is if left out
+    /// Heading in degrees, counter-clockwise from east; as it is if left out
     pub yaw: Option<f64>,
     /// The run.
     #[command(flatten)]

@@ -18,7 +18,7 @@ Examples:
   morphquad topic echo truth imu --count 5 --format jsonl
   morphquad topic echo recordings/7f3a.mcap attitude_report --from 2s --count 1
 
-Live, the launcher hands on copies of what it records: no loop has to do with it. Whoever reads too slowly
+Live, the launcher hands on copies of what it records: no loop has to do with it. Whoever reads too slowly \
 loses samples and is told how many. Without --count it goes on to the end of the flight.
 Ends with 2 for an unknown topic or file, or if no run or several are in the air.";
 
@@ -28,7 +28,7 @@ Examples:
   morphquad topic hz imu wrench_command --for 5s
   morphquad topic hz recordings/7f3a.mcap
 
-HZ and the intervals are logical, WALL counts by when samples were published. A gap is a sequence number
+HZ and the intervals are logical, WALL counts by when samples were published. A gap is a sequence number \
 that never came.";
 
 pub(super) const INFO_EXAMPLES: &str = "\
@@ -44,7 +44,7 @@ Examples:
   morphquad topic export recordings/7f3a.mcap --csv
   morphquad topic export recordings/7f3a.mcap truth reference --parquet --out tables
 
-A file for each topic, TOPIC.csv or TOPIC.parquet, with a column for each number: `t_s`, the instant from
+A file for each topic, TOPIC.csv or TOPIC.parquet, with a column for each number: `t_s`, the instant from \
 which a sample is in effect, then every field by its name; `field[2]` is an element of a list.";
 
 /// What to do with topics.
