@@ -9,6 +9,7 @@ mod pages;
 mod top;
 mod topic;
 pub(in crate::cli) mod trace;
+pub(in crate::cli) mod view;
 
 pub use air::{
     AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
@@ -16,6 +17,7 @@ pub use air::{
 };
 pub use doctor::DoctorArguments;
 pub use trace::TraceArguments;
+pub use view::ViewArguments;
 
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
@@ -101,6 +103,9 @@ pub(super) enum Command {
     /// Follow the wrench commands of a recording back to their IMU samples
     #[command(after_help = trace::EXAMPLES)]
     Trace(TraceArguments),
+    /// Show a recording in the browser: the vehicle in space, every constraint, what happened
+    #[command(after_help = view::EXAMPLES)]
+    View(ViewArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     #[command(after_help = examples::PAPER)]
     Paper(PaperArguments),
