@@ -72,7 +72,8 @@ fn the_page_holds_what_the_recording_has_and_loads_nothing() {
     let errors: Vec<Vec<f32>> = ["x", "y", "z"]
         .map(|axis| numbers(&series(&flight, "Position error", axis)["least"]))
         .to_vec();
-    let norm = |i: usize| errors.iter().map(|axis| f64::from(axis[i]).powi(2)).sum::<f64>().sqrt();
+    let square = |value: f32| f64::from(value) * f64::from(value);
+    let norm = |i: usize| errors.iter().map(|axis| square(axis[i])).sum::<f64>().sqrt();
     let worst = (0..errors[0].len()).map(norm).fold(0.0, f64::max);
     assert!((worst * 1e-3 - max).abs() < 1e-5, "{worst} mm, {max} m");
     let events = flight["events"].as_array().expect("events");
@@ -113,7 +114,7 @@ fn what_is_no_recording_is_named_with_the_remedy_and_gets_no_page() {
         (write("text.mcap", b"not a recording at all\n"), "no morphquad recording"),
         (write("magic.mcap", b"\x89MCAP0\r\n"), "cut in its head"),
         (folder.path().join("none.mcap"), "cannot read"),
-        (folder.path().to_owned(), "cannot read"),
+        (folder.path().to_owned(), "no file but a folder"),
     ];
     for (path, told) in bad {
         let output = view(&path, &["--out", &out.display().to_string()]);

@@ -49,7 +49,7 @@ class Chart {
     if (withBounds) for (const level of chart.levels) [low, high] = [Math.min(low, level.at), Math.max(high, level.at)];
     if (!(low <= high)) return chart.log ? [0.1, 1000] : [-1, 1];
     if (chart.log) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high * 1.001))];
-    const room = Math.max((high - low) * 0.07, Math.abs(high) * 1e-3, 1e-9);
+    const room = high > low ? Math.max((high - low) * 0.07, Math.abs(high) * 1e-3) : Math.abs(high) || 1;
     return [low - room, high + room];
   }
 
@@ -150,7 +150,9 @@ class Chart {
     };
     for (let i = first; i <= last; i++) {
       if (Number.isNaN(series.least[i])) continue;
-      const [a, b] = [Math.max(series.least[i], bottom), Math.max(series.greatest[i], bottom)];
+      const b = Math.max(series.greatest[i], bottom);
+      // Of durations the slowest counts; bands of several loops would hide one another.
+      const a = this.chart.log ? b : Math.max(series.least[i], bottom);
       const at = Math.round(x(timeOf(series, i)) * 2) / 2;
       if (at !== column) {
         flush();

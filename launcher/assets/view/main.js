@@ -4,6 +4,7 @@ const MARKS = {
   swap: { sign: "◆", colour: "blue", name: "swap" },
   fault: { sign: "✖", colour: "red", name: "fault" },
   disturbance: { sign: "▲", colour: "purple", name: "disturbance" },
+  order: { sign: "▶", colour: "green", name: "order" },
   note: { sign: "●", colour: "grey", name: "note" },
 };
 

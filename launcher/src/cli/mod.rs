@@ -20,6 +20,7 @@ mod paper;
 mod ps;
 mod refusal;
 mod replay;
+mod report;
 mod study;
 mod top;
 mod topic;
@@ -29,8 +30,9 @@ mod view;
 
 pub use options::{
     AdoptArguments, BranchArguments, CampaignArguments, DoctorArguments, Format, PaperArguments,
-    ProcArguments, PsArguments, ReplayArguments, RetireArguments, RollbackArguments, RunArguments,
-    RunChoice, ScenarioArguments, StandbyArguments, SwapArguments, TraceArguments, ViewArguments,
+    ProcArguments, PsArguments, ReplayArguments, ReportArguments, RetireArguments,
+    RollbackArguments, RunArguments, RunChoice, ScenarioArguments, StandbyArguments, SwapArguments,
+    TraceArguments, ViewArguments,
 };
 
 use crate::run::Summary;
@@ -108,6 +110,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
+        Command::Report(arguments) => return report::run(&arguments, out),
         Command::View(arguments) => return view::run(&arguments, out),
         Command::Bench(command) => return bench::run(&command, out),
         Command::BenchPeer => return Ok(bench::be_peer()),

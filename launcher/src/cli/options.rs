@@ -6,6 +6,7 @@ pub(in crate::cli) mod doctor;
 mod examples;
 mod orders;
 mod pages;
+pub(in crate::cli) mod report;
 mod top;
 mod topic;
 pub(in crate::cli) mod trace;
@@ -16,6 +17,7 @@ pub use air::{
     SwapArguments,
 };
 pub use doctor::DoctorArguments;
+pub use report::ReportArguments;
 pub use trace::TraceArguments;
 pub use view::ViewArguments;
 
@@ -106,6 +108,9 @@ pub(super) enum Command {
     /// Show a recording in the browser: the vehicle in space, every constraint, what happened
     #[command(after_help = view::EXAMPLES)]
     View(ViewArguments),
+    /// Judge a recording: pass or fail and why, every number with its gate, pictures
+    #[command(after_help = report::EXAMPLES)]
+    Report(ReportArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     #[command(after_help = examples::PAPER)]
     Paper(PaperArguments),

@@ -14,9 +14,9 @@ use std::sync::Arc;
 pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write) -> Done {
     let unfit = |error: &dyn std::fmt::Display| Failure::plain(&error, exit::UNFIT);
     let flight = super::flown::open(&arguments.file)?;
-    let bar = super::bar::spinner("reading");
+    let busy = super::bar::busy("reading");
     let scene = Scene::read(&flight);
-    bar.finish_and_clear();
+    drop(busy);
     let page = page(&scene.map_err(|error| unfit(&error))?);
     let megabytes = page.len() as f64 * 1e-6;
     if let Some(path) = &arguments.out {

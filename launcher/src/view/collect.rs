@@ -1,15 +1,16 @@
 //! One pass over a recording, into charts and frames.
 
 use super::happening::{Happening, Owners, World};
-use super::panel::{LOOPS, Panels};
+use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
 use crate::record::Clock;
 use crate::record::read::{RecordVisitor, RecordedEvent};
 use crate::run::Course;
 use nalgebra::{Quaternion, UnitQuaternion};
 use shared_types::{
-    ActuatorState, AppliedCommand, AppliedSetpoint, ControllerReport, Disturbance, Header,
-    LoopStats, MorphCommand, Reference, Role, Sample, StateEstimate, Topic, Truth, topics,
+    ActuatorState, AppliedCommand, AppliedSetpoint, ControllerReport, Disturbance,
+    DisturbanceOrder, GuidanceOrder, Header, LoopStats, MorphCommand, Reference, Role, Sample,
+    StateEstimate, Topic, Truth, topics,
 };
 use std::any::Any;
 use vehicle::euler_from_quaternion;
@@ -38,6 +39,8 @@ pub(super) struct Collect<'a> {
     pub(super) loops: Vec<LoopStats>,
     /// First and last instant of the vehicle \[ns\].
     pub(super) span_ns: Option<(u64, u64)>,
+    pub(super) uses: Uses,
+    rotor_thrust_max_n: f64,
     world: World,
     course: Course,
     truth: Option<(u64, [f64; 3])>,
@@ -59,6 +62,8 @@ impl<'a> Collect<'a> {
             happenings: Vec::new(),
             loops: Vec::new(),
             span_ns: None,
+            uses: Uses::default(),
+            rotor_thrust_max_n,
             world: World::default(),
             course: Course::default(),
             truth: None,
@@ -108,8 +113,8 @@ impl<'a> Collect<'a> {
         let sigma_m = libm::sqrt(x * x + y * y + z * z);
         self.panels.estimate.put(1, t_ns, 3e3 * sigma_m);
         if let Some((_, truth)) = self.truth.filter(|(at_ns, _)| *at_ns == t_ns) {
-            let square = |i: usize| (estimate.position_w_m[i] - truth[i]).powi(2);
-            let error_m = libm::sqrt(square(0) + square(1) + square(2));
+            let off = |i: usize| estimate.position_w_m[i] - truth[i];
+            let error_m = libm::hypot(libm::hypot(off(0), off(1)), off(2));
             self.panels.estimate.put(0, t_ns, 1e3 * error_m);
         }
     }
@@ -123,7 +128,11 @@ impl<'a> Collect<'a> {
             panel.put(1, t_ns, report.input_max[i]);
             panel.put(2, t_ns, report.input_min[i]);
             let increment = report.input[i] - report.previous_input[i];
-            self.panels.increment.put(i, t_ns, increment / report.increment_max[i]);
+            let share = increment / report.increment_max[i];
+            self.panels.increment.put(i, t_ns, share);
+            let uses = &mut self.uses;
+            uses.increment[i] = uses.increment[i].max(share.abs());
+            uses.torque[i] = uses.torque[i].max(used(report, i));
         }
         self.loop_step(3, &report.header);
     }
@@ -139,6 +148,8 @@ impl<'a> Collect<'a> {
         self.panels.tilt.put(3, t_ns, report.input_min[0].to_degrees());
         self.panels.thrust.put(2, t_ns, report.input_max[2]);
         self.panels.thrust.put(3, t_ns, report.input_min[2]);
+        self.uses.thrust = self.uses.thrust.max(used(report, 2));
+        self.uses.tilt = self.uses.tilt.max(used(report, 0)).max(used(report, 1));
         self.loop_step(2, &report.header);
     }
 
@@ -184,6 +195,8 @@ impl<'a> Collect<'a> {
         let Disturbance { header, wind_w_m_s, force_w_n, torque_b_nm, .. } = *disturbance;
         let t_ns = header.valid_ns;
         self.panels.wind.put_all(0, t_ns, wind_w_m_s);
+        let speed_m_s = libm::sqrt(wind_w_m_s.iter().map(|v| v * v).sum());
+        self.uses.wind_max_m_s = self.uses.wind_max_m_s.max(speed_m_s);
         self.panels.force.put_all(0, t_ns, force_w_n);
         self.panels.moment.put_all(0, t_ns, torque_b_nm);
         let ([a, b, c], [d, e, f]) = (wind_w_m_s, force_w_n);
@@ -226,12 +239,18 @@ impl RecordVisitor for Collect<'_> {
         } else if let Some(actuators) = any.downcast_ref::<ActuatorState>() {
             let t_ns = actuators.header.valid_ns;
             self.panels.rotors.put_all(0, t_ns, actuators.rotor_thrust_n);
+            let most_n = actuators.rotor_thrust_n.into_iter().fold(0.0, f64::max);
+            self.uses.rotor = self.uses.rotor.max(most_n / self.rotor_thrust_max_n);
             let since_ns = self.since_start(t_ns);
             self.frames.rotor_thrust_n.put(since_ns, actuators.rotor_thrust_n);
         } else if let Some(command) = any.downcast_ref::<MorphCommand>() {
             self.panels.morph.put(1, command.header.valid_ns, command.angle_rad.to_degrees());
         } else if let Some(disturbance) = any.downcast_ref::<Disturbance>() {
             self.disturbance(disturbance);
+        } else if let Some(order) = any.downcast_ref::<GuidanceOrder>() {
+            self.happenings.extend(self.world.guidance(order));
+        } else if let Some(order) = any.downcast_ref::<DisturbanceOrder>() {
+            self.happenings.extend(self.world.disturbance_order(order));
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
             self.loop_stats(stats);
         }
@@ -240,4 +259,12 @@ impl RecordVisitor for Collect<'_> {
     fn event(&mut self, event: RecordedEvent) {
         self.happenings.push(Happening::told(event, self.epoch_unix_ns, self.clock));
     }
+}
+
+/// Share of its bound that an input takes, of whichever bound it is towards.
+fn used(report: &ControllerReport, i: usize) -> f64 {
+    let input = report.input[i];
+    let bound = if input < 0.0 { report.input_min[i] } else { report.input_max[i] };
+    let share = input / bound;
+    if share.is_finite() { share } else { 0.0 }
 }

@@ -8,7 +8,7 @@ const BINS: usize = 2048;
 /// As long as no two values share an interval the series is as recorded. Peaks never vanish: merging keeps
 /// the least and the greatest of both.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Envelope {
+pub(crate) struct Envelope {
     /// First instant; until then nothing has been put.
     origin_ns: Option<u64>,
     /// Of a bin; 0 until the second value tells the spacing.
@@ -73,6 +73,29 @@ impl Envelope {
         (self.origin_ns.unwrap_or(0), self.width_ns, &self.bins)
     }
 
+    /// Middle of each bin \[s\], its least and its greatest; of a series that is as recorded, the instant.
+    pub(crate) fn intervals(&self) -> impl Iterator<Item = (f64, f64, f64)> {
+        let (origin_ns, width_ns, bins) = self.bins();
+        let middle = if self.merged { 0.5 } else { 0.0 };
+        let time_s =
+            move |i: usize| (origin_ns as f64 + (i as f64 + middle) * width_ns as f64) * 1e-9;
+        let seen = bins.iter().enumerate().filter(|(_, [low, _])| !low.is_nan());
+        seen.map(move |(i, [low, high])| (time_s(i), f64::from(*low), f64::from(*high)))
+    }
+
+    /// Corners of a line that touches least and greatest of at most about `most` bins.
+    pub(crate) fn points(&self, most: usize) -> impl Iterator<Item = [f64; 2]> {
+        let mut coarse = self.clone();
+        while coarse.bins.len() > most.max(1) {
+            coarse.coarsen();
+        }
+        let intervals: Vec<_> = coarse.intervals().collect();
+        intervals.into_iter().flat_map(|(t, low, high)| {
+            let second = (high > low).then_some([t, high]);
+            core::iter::once([t, low]).chain(second)
+        })
+    }
+
     /// False if every bin has one value.
     pub(super) fn is_merged(&self) -> bool {
         self.merged
@@ -106,6 +129,20 @@ mod tests {
         let peaks: Vec<_> = (0..bins.len()).filter(|i| bins[*i][1] > 1.0).collect();
         assert_eq!(peaks, [usize::try_from(peak_at * 1_000_000 / width_ns).unwrap()]);
         assert!(bins.iter().all(|[low, _]| *low == 0.0));
+    }
+
+    #[test]
+    fn a_line_on_paper_keeps_the_peaks_too() {
+        let mut envelope = Envelope::default();
+        for i in 0..3000_u64 {
+            envelope.put(i * 1_000_000, if i == 1234 { -7.0 } else { 1.0 });
+        }
+        let points: Vec<_> = envelope.points(100).collect();
+        assert!(points.len() <= 102, "{}", points.len());
+        let peak: Vec<_> = points.iter().filter(|[_, value]| *value < 0.0).collect();
+        assert!(peak.len() == 1 && (peak[0][0] - 1.234).abs() < 0.03, "{peak:?}");
+        assert_eq!(envelope.intervals().count(), 3000);
+        assert_eq!(envelope.intervals().nth(2), Some((0.002, 1.0, 1.0)));
     }
 
     #[test]

@@ -3,33 +3,38 @@
 use crate::record::Clock;
 use crate::record::read::{RecordVisitor, RecordedEvent};
 use serde::Serialize;
-use shared_types::{Disturbance, GateMode, OwnerRecord, Role, Sample, Topic, TopicInfo, topics};
+use shared_types::{
+    Disturbance, DisturbanceKind, DisturbanceOrder, GateMode, GuidanceOrder, OwnerRecord, Role,
+    Sample, Topic, TopicInfo, topics,
+};
 use std::any::Any;
 
 /// What kind of thing; the page has a sign for each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// A change of who commands a slot, or a step of it.
     Swap,
     /// Something failed.
     Fault,
     /// The world did something.
     Disturbance,
+    /// Somebody asked for something.
+    Order,
     /// Anything else that was told.
     Note,
 }
 
 /// One thing that happened.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Happening {
+pub(crate) struct Happening {
     /// Logical time \[s\].
-    pub(super) at_s: f64,
-    pub(super) kind: Kind,
+    pub(crate) at_s: f64,
+    pub(crate) kind: Kind,
     /// Shown as a line through every chart.
-    pub(super) is_mark: bool,
-    pub(super) source: String,
-    pub(super) text: String,
+    pub(crate) is_mark: bool,
+    pub(crate) source: String,
+    pub(crate) text: String,
 }
 
 impl Happening {
@@ -98,6 +103,9 @@ impl Owners {
 pub(super) struct World {
     last: Option<Disturbance>,
     gate: GateMode,
+    guidance: GuidanceOrder,
+    /// Number of the last disturbance that was ordered.
+    ordered: u64,
 }
 
 impl World {
@@ -107,13 +115,13 @@ impl World {
         let calm = Disturbance { rotor_efficiency: [1.0; 4], ..Disturbance::default() };
         let before = before.unwrap_or(calm);
         let mut told = Vec::new();
-        if now.body_rate_kick_b_rad_s != [0.0; 3] {
+        if !is_none(now.body_rate_kick_b_rad_s) {
             told.push(format!("body rate kicked by {} rad/s", vector(now.body_rate_kick_b_rad_s)));
         }
-        if before.force_w_n == [0.0; 3] && now.force_w_n != [0.0; 3] {
+        if is_none(before.force_w_n) && !is_none(now.force_w_n) {
             told.push(format!("force of {} N begins", vector(now.force_w_n)));
         }
-        if before.torque_b_nm == [0.0; 3] && now.torque_b_nm != [0.0; 3] {
+        if is_none(before.torque_b_nm) && !is_none(now.torque_b_nm) {
             told.push(format!("torque of {} N m begins", vector(now.torque_b_nm)));
         }
         if before.payload_kg.to_bits() != now.payload_kg.to_bits() {
@@ -127,6 +135,47 @@ impl World {
         let text = told.join(", ");
         let at_ns = now.header.valid_ns;
         (!text.is_empty()).then(|| Happening::mark(at_ns, Kind::Disturbance, "disturbance", text))
+    }
+
+    /// Where the vehicle is sent from now on, and how wide it is to be.
+    pub(super) fn guidance(&mut self, now: &GuidanceOrder) -> Vec<Happening> {
+        let before = core::mem::replace(&mut self.guidance, *now);
+        let GuidanceOrder { position, yaw, morph, .. } = now;
+        let mut told = Vec::new();
+        let mut tell = |is: bool, begin_ns: u64, before_ns: u64, text: String| {
+            if is && begin_ns != before_ns {
+                told.push(Happening::mark(begin_ns, Kind::Order, "order", text));
+            }
+        };
+        let goal = format!("go to {} m", vector(position.goal_w_m));
+        tell(position.ordered.is_set(), position.begin_ns, before.position.begin_ns, goal);
+        let heading = format!("heading {:.1}°", yaw.goal_rad.to_degrees());
+        tell(yaw.ordered.is_set(), yaw.begin_ns, before.yaw.begin_ns, heading);
+        let angle = format!("deployable angle {:.1}°", morph.goal_rad.to_degrees());
+        tell(morph.ordered.is_set(), morph.begin_ns, before.morph.begin_ns, angle);
+        told
+    }
+
+    /// What is done to it on purpose from now on.
+    pub(super) fn disturbance_order(&mut self, now: &DisturbanceOrder) -> Vec<Happening> {
+        let count = usize::try_from(now.count).unwrap_or(0).min(now.entries.len());
+        let newest = self.ordered;
+        let new = now.entries[..count].iter().filter(|entry| entry.number > newest);
+        let told = new.map(|entry| {
+            self.ordered = self.ordered.max(entry.number);
+            let what = match entry.kind {
+                DisturbanceKind::Wind => format!("wind of {} m/s", vector(entry.wind_w_m_s)),
+                DisturbanceKind::Force => format!("force of {} N", vector(entry.force_w_n)),
+                DisturbanceKind::Torque => format!("torque of {} N m", vector(entry.torque_b_nm)),
+                DisturbanceKind::Kick => {
+                    format!("body rate kicked by {} rad/s", vector(entry.body_rate_kick_b_rad_s))
+                }
+                DisturbanceKind::Payload => format!("payload of {} kg", entry.payload_kg),
+                _ => format!("rotor {} at {:.0} %", entry.rotor, entry.efficiency * 100.0),
+            };
+            Happening::mark(entry.begin_ns, Kind::Order, "order", what)
+        });
+        told.collect()
     }
 
     /// What a change of the gate's mode means.
@@ -144,6 +193,11 @@ impl World {
         };
         Some(Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned()))
     }
+}
+
+/// True if nothing acts.
+fn is_none(values: [f64; 3]) -> bool {
+    values.iter().all(|value| value.abs() <= 0.0)
 }
 
 fn vector(values: [f64; 3]) -> String {
@@ -198,6 +252,12 @@ mod tests {
         let told = world.disturbance(&now).expect("two changes");
         assert_eq!(told.text, "payload is 0.2 kg, rotor 3 gives 50 % of its thrust");
         assert_eq!(world.disturbance(&now), None);
+        let mut order = GuidanceOrder::default();
+        (order.morph.goal_rad, order.morph.begin_ns) = (1.0, 7_000_000_000);
+        order.morph.ordered = true.into();
+        let told = world.guidance(&order);
+        assert_eq!((told.len(), told[0].at_s, told[0].kind), (1, 7.0, Kind::Order));
+        assert!(world.guidance(&order).is_empty());
         assert!(world.gate(0, GateMode::Hold).is_none());
         assert!(world.gate(1, GateMode::Normal).is_some());
         assert!(world.gate(2, GateMode::Normal).is_none());

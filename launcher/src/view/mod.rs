@@ -14,6 +14,9 @@ mod scene;
 mod serve;
 mod track;
 
+pub(crate) use envelope::Envelope;
 pub use page::page;
+pub(crate) use panel::Panel;
+pub(crate) use scene::{Gathered, gather};
 pub use scene::{Scene, ViewError};
 pub use serve::{ServeError, Server};

@@ -5,26 +5,26 @@ use crate::figure::{Colour, Dash};
 
 /// One pair of axes over time.
 #[derive(Debug)]
-pub(super) struct Panel {
-    pub(super) title: &'static str,
+pub(crate) struct Panel {
+    pub(crate) title: &'static str,
     /// Of the vertical axis.
-    pub(super) unit: &'static str,
+    pub(crate) unit: &'static str,
     /// Logarithmic vertical axis.
-    pub(super) log: bool,
+    pub(crate) log: bool,
     /// Lines right across.
-    pub(super) levels: Vec<(&'static str, f64)>,
-    pub(super) series: Vec<Series>,
+    pub(crate) levels: Vec<(&'static str, f64)>,
+    pub(crate) series: Vec<Series>,
 }
 
 /// One line of a chart.
 #[derive(Debug)]
-pub(super) struct Series {
-    pub(super) name: &'static str,
-    pub(super) colour: Colour,
-    pub(super) dash: Dash,
+pub(crate) struct Series {
+    pub(crate) name: &'static str,
+    pub(crate) colour: Colour,
+    pub(crate) dash: Dash,
     /// Of a constraint: may be left out when the axis is scaled.
-    pub(super) is_bound: bool,
-    pub(super) envelope: Envelope,
+    pub(crate) is_bound: bool,
+    pub(crate) envelope: Envelope,
 }
 
 /// First three colours of an axis triple.
@@ -68,67 +68,90 @@ impl Panel {
     }
 
     /// Adds a value to the series at `place`.
-    pub(super) fn put(&mut self, place: usize, t_ns: u64, value: f64) {
+    pub(crate) fn put(&mut self, place: usize, t_ns: u64, value: f64) {
         if let Some(series) = self.series.get_mut(place) {
             series.envelope.put(t_ns, value);
         }
     }
 
     /// Adds one value each to the series from `first` on.
-    pub(super) fn put_all<const N: usize>(&mut self, first: usize, t_ns: u64, values: [f64; N]) {
+    pub(crate) fn put_all<const N: usize>(&mut self, first: usize, t_ns: u64, values: [f64; N]) {
         for (i, value) in values.into_iter().enumerate() {
             self.put(first + i, t_ns, value);
         }
     }
 
+    /// True if a series has a value that is not zero.
+    pub(crate) fn is_worth_showing(&self) -> bool {
+        let mut values = self.series.iter().flat_map(|series| series.envelope.bins().2).flatten();
+        values.any(|value| !value.is_nan() && *value != 0.0)
+    }
+
     /// True if no series has a value.
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.series.iter().all(|series| series.envelope.bins().2.is_empty())
     }
 }
 
+/// What is most of a bound that was used, 1 if all of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Uses {
+    /// Of the torque about x, y, z.
+    pub(crate) torque: [f64; 3],
+    /// Of its increment.
+    pub(crate) increment: [f64; 3],
+    /// Of the collective thrust.
+    pub(crate) thrust: f64,
+    /// Of the tilt.
+    pub(crate) tilt: f64,
+    /// Of a rotor's largest thrust.
+    pub(crate) rotor: f64,
+    /// The strongest wind \[m/s\].
+    pub(crate) wind_max_m_s: f64,
+}
+
 /// Every chart, by what it shows.
 #[derive(Debug)]
-pub(super) struct Panels {
+pub(crate) struct Panels {
     /// Error of the position along x, y, z.
-    pub(super) error: Panel,
+    pub(crate) error: Panel,
     /// Roll, pitch, yaw, and then their set points.
-    pub(super) attitude: Panel,
+    pub(crate) attitude: Panel,
     /// Deployable angle, and its command.
-    pub(super) morph: Panel,
+    pub(crate) morph: Panel,
     /// Of each axis: torque applied, lower and upper bound.
-    pub(super) torque: [Panel; 3],
+    pub(crate) torque: [Panel; 3],
     /// Share of its bound that each axis' increment takes.
-    pub(super) increment: Panel,
+    pub(crate) increment: Panel,
     /// Collective thrust applied, that of the set point, and its bounds.
-    pub(super) thrust: Panel,
+    pub(crate) thrust: Panel,
     /// Pitch and roll set points of the position loop, and their bounds.
-    pub(super) tilt: Panel,
+    pub(crate) tilt: Panel,
     /// Thrust of each rotor.
-    pub(super) rotors: Panel,
+    pub(crate) rotors: Panel,
     /// Wind along x, y, z.
-    pub(super) wind: Panel,
+    pub(crate) wind: Panel,
     /// External force along x, y, z.
-    pub(super) force: Panel,
+    pub(crate) force: Panel,
     /// External torque along x, y, z.
-    pub(super) moment: Panel,
+    pub(crate) moment: Panel,
     /// Error of the estimated position, and three sigma.
-    pub(super) estimate: Panel,
+    pub(crate) estimate: Panel,
     /// Start of a step after its release, by loop.
-    pub(super) lateness: Panel,
+    pub(crate) lateness: Panel,
     /// Length of a step, by loop.
-    pub(super) compute: Panel,
+    pub(crate) compute: Panel,
     /// Steps without final inputs and releases left out so far, by loop.
-    pub(super) misses: Panel,
+    pub(crate) misses: Panel,
 }
 
 /// Loops whose health is shown, in the order of the series.
-pub(super) const LOOPS: [&str; 4] = ["plant", "estimator", "position", "attitude"];
+pub(crate) const LOOPS: [&str; 4] = ["plant", "estimator", "position", "attitude"];
 const LOOP_COLOURS: [Colour; 4] = [Colour::Black, Colour::Green, Colour::Orange, Colour::Blue];
 
 impl Panels {
     /// With what the vehicle can do.
-    pub(super) fn new(rotor_thrust_max_n: f64) -> Self {
+    pub(crate) fn new(rotor_thrust_max_n: f64) -> Self {
         let torque = [("Torque, roll", "τx"), ("Torque, pitch", "τy"), ("Torque, yaw", "τz")];
         let by_loop = |title, unit| Panel::new(title, unit).lines(LOOPS, LOOP_COLOURS);
         let along = |title, unit| Panel::new(title, unit).lines(["x", "y", "z"], XYZ);
@@ -172,14 +195,14 @@ impl Panels {
             estimate: Panel::new("Error of the estimated position", "mm")
                 .line("error", Colour::Blue)
                 .dashed("3 σ", Colour::Red, Dash::Dashed),
-            lateness: by_loop("Start after release", "µs").log(),
-            compute: by_loop("Step, start to publication", "µs").log(),
+            lateness: by_loop("Start after release, slowest", "µs").log(),
+            compute: by_loop("Length of a step, slowest", "µs").log(),
             misses: by_loop("Missed deadlines and skipped releases so far", "1"),
         }
     }
 
     /// In the order of the page, with the name of the group that each begins.
-    pub(super) fn in_order(&self) -> Vec<(&'static str, &Panel)> {
+    pub(crate) fn in_order(&self) -> Vec<(&'static str, &Panel)> {
         let [roll, pitch, yaw] = &self.torque;
         vec![
             ("Flight", &self.error),

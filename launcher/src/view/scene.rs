@@ -2,7 +2,7 @@
 
 use super::collect::{Collect, Frames};
 use super::happening::{Happening, Owners};
-use super::panel::{Panel, Series};
+use super::panel::{Panel, Panels, Series, Uses};
 use crate::figure::{Colour, Dash};
 use crate::record::Clock;
 use crate::record::read::{Closing, ReadError, RecordedFlight};
@@ -34,27 +34,52 @@ pub struct Scene {
     json: Value,
 }
 
+/// Everything that a recording shows, in bounded memory.
+#[derive(Debug)]
+pub(crate) struct Gathered {
+    pub(crate) panels: Panels,
+    frames: Frames,
+    /// In the order of time.
+    pub(crate) happenings: Vec<Happening>,
+    /// Last totals of each loop.
+    loops: Vec<LoopStats>,
+    pub(crate) uses: Uses,
+    /// First and last instant of the vehicle \[ns\].
+    pub(crate) span_ns: (u64, u64),
+    pub(crate) closing: Closing,
+}
+
+/// Goes through a recording, twice.
+///
+/// # Errors
+/// The file is damaged, or nothing was flown.
+pub(crate) fn gather(flight: &RecordedFlight) -> Result<Gathered, ViewError> {
+    let mut owners = Owners::default();
+    flight.visit(&mut owners)?;
+    let epoch_unix_ns = flight.facts().get("epoch_unix_ns").and_then(|t| t.parse().ok());
+    let most_n = flight.scenario().modelled_vehicle().rotor_thrust_max_n;
+    let mut collect = Collect::new(&owners, epoch_unix_ns.unwrap_or(0), flight.clock(), most_n);
+    let closing = flight.visit(&mut collect)?;
+    collect.finish();
+    let Some(span_ns) = collect.span_ns else {
+        return Err(ViewError::NothingFlown { path: flight.path().to_owned() });
+    };
+    let Collect { panels, frames, mut happenings, loops, uses, .. } = collect;
+    happenings.extend(owners.happenings);
+    happenings.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    Ok(Gathered { panels, frames, happenings, loops, uses, span_ns, closing })
+}
+
 impl Scene {
-    /// Reads a recording, twice, in bounded memory.
+    /// Reads a recording, in bounded memory.
     ///
     /// # Errors
     /// The file is damaged, or nothing was flown.
     pub fn read(flight: &RecordedFlight) -> Result<Self, ViewError> {
-        let mut owners = Owners::default();
-        flight.visit(&mut owners)?;
+        let gathered = gather(flight)?;
+        let Gathered { panels, frames, happenings, loops, span_ns, closing, .. } = gathered;
+        let (from_ns, to_ns) = span_ns;
         let vehicle = flight.scenario().modelled_vehicle();
-        let epoch_unix_ns = flight.facts().get("epoch_unix_ns").and_then(|t| t.parse().ok());
-        let (epoch_unix_ns, clock) = (epoch_unix_ns.unwrap_or(0), flight.clock());
-        let most_n = vehicle.rotor_thrust_max_n;
-        let mut collect = Collect::new(&owners, epoch_unix_ns, clock, most_n);
-        let closing = flight.visit(&mut collect)?;
-        collect.finish();
-        let Some((from_ns, to_ns)) = collect.span_ns else {
-            return Err(ViewError::NothingFlown { path: flight.path().to_owned() });
-        };
-        let Collect { panels, frames, mut happenings, loops, .. } = collect;
-        happenings.extend(owners.happenings);
-        happenings.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         let (from_s, to_s) = (seconds(from_ns), seconds(to_ns));
         let name = flight.path().file_name().map(|name| name.to_string_lossy().into_owned());
         let fact = |key: &str| flight.facts().get(key).cloned().unwrap_or_default();
@@ -73,7 +98,7 @@ impl Scene {
             "vehicle": vehicle_json(&vehicle),
             "frames": frames_json(frames),
             "charts": charts.map(|(group, panel)| panel_json(group, panel)).collect::<Value>(),
-            "events": json!(happenings as Vec<Happening>),
+            "events": json!(happenings),
             "loops": loops.iter().map(loop_json).collect::<Value>(),
         });
         Ok(Self { json })
