@@ -28,6 +28,7 @@ fn open(path: &Path) -> Recording {
         clock: Clock::Lockstep,
         epoch_unix_ns: 0,
         machine: Machine::read(),
+        vehicle: scenario.real_vehicle(),
         branch: None,
         continues: None,
     };
@@ -52,8 +53,9 @@ fn recorder(criterion: &mut Criterion) {
     let flown_s = flight.duration_s();
     let _ = writeln!(
         std::io::stdout(),
-        "{SCENARIO}: {samples} samples of {flown_s} s, {} ns each, {:.2} MB of file per second flown",
+        "{SCENARIO}: {samples} samples of {flown_s} s, {} ns each or {} a second, {:.2} MB of file per second flown",
         spent_ns / samples.max(1),
+        (samples * 1_000_000_000).checked_div(spent_ns).unwrap_or(0),
         bytes as f64 * 1e-6 / flown_s
     );
     let mut group = criterion.benchmark_group("recorder");

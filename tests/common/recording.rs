@@ -54,13 +54,17 @@ impl Recording {
         row(&sample.expect("a message of its schema"), &[]).t_s
     }
 
-    /// Every message without what depends on the host: stamps (also inside states, of which
-    /// the length remains), rescued waits. By channel, seat and sequence.
+    /// Every message of the flight without what depends on the host: stamps (also inside states, of
+    /// which the length remains), rescued waits. By channel, seat and sequence; what is derived for
+    /// viewers carries the start of the run and is left out.
     pub(crate) fn contents(&self) -> BTreeMap<(String, u64, u64), Vec<u8>> {
         let mut contents = BTreeMap::new();
         let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();
         for message in MessageStream::new(&self.0).expect("a readable start") {
             let message = message.expect("an unbroken message");
+            if message.channel.metadata.contains_key("derived_from") {
+                continue;
+            }
             let descriptor =
                 types.entry(message.channel.id).or_insert_with(|| descriptor(&message.channel));
             let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);

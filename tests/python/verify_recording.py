@@ -13,7 +13,7 @@ import io
 import json
 import math
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 
 from google.protobuf.descriptor import FieldDescriptor
@@ -106,11 +106,61 @@ class Audit:
             problems.expect(allow_gaps or tally["gaps"] == 0, f"{key}: {tally['gaps']} samples lost")
 
 
+class Derived:
+    """What viewers draw: a message for the first sample in each period of the topic it is derived from."""
+
+    PLACES = {"/truth": lambda m: m.position_w_m, "/state_estimate": lambda m: m.position_w_m,
+              "/reference": lambda m: m.points[0].position_w_m}
+
+    def __init__(self):
+        self.sources = {}
+        self.period = {}
+        self.bytes = {True: 0, False: 0}
+
+    def observe(self, record, channel, message, problems):
+        source = channel.metadata.get("derived_from")
+        self.bytes[source is not None] += len(record.data)
+        if source is None:
+            self.sources[channel.topic] = (record, message)
+            return
+        topic = channel.topic
+        known = self.sources.get(source)
+        problems.expect(known is not None, f"{topic}: comes before anything on {source}")
+        if known is None:
+            return
+        sample, values = known
+        same = (record.sequence, record.log_time) == (sample.sequence, sample.log_time)
+        problems.expect(same, f"{topic}: {record.sequence} is not of {source} {sample.sequence}")
+        period = values.header.release_ns // int(channel.metadata["period_ns"])
+        problems.expect(self.period.get(topic) != period, f"{topic}: twice in period {period}")
+        self.period[topic] = period
+        place = None
+        if topic == "/tf":
+            place = next(f for f in message.transforms if f.child_frame_id == "vehicle").translation
+        elif topic.startswith("/pose/"):
+            place = message.pose.position
+        if place is not None:
+            expected = list(self.PLACES[source](values))
+            problems.expect([place.x, place.y, place.z] == expected, f"{topic}: at {place}, not {expected}")
+
+    def compare(self, channels, counts, releases, problems):
+        for channel in channels.values():
+            source = channel.metadata.get("derived_from")
+            if source is None:
+                continue
+            period_ns = int(channel.metadata["period_ns"])
+            periods = [release_ns // period_ns for release_ns in releases[source]]
+            due = sum(1 for i, p in enumerate(periods) if i == 0 or p != periods[i - 1])
+            found = counts[channel.topic]
+            problems.expect(found == due, f"{channel.topic}: {found} messages, {source} is worth {due}")
+
+
 def read_in_file_order(data, allow_gaps, problems):
     """Every record, every CRC. Returns messages per topic, and what was decoded."""
     schemas, channels, decoders = {}, {}, {}
     metadata, attachments = {}, {}
-    counts, decoded, audit = Counter(), Decoded(), Audit()
+    counts, decoded, audit, derived = Counter(), Decoded(), Audit(), Derived()
+    releases = defaultdict(list)
     statistics = None
     factory = DecoderFactory()
     for record in StreamReader(io.BytesIO(data), validate_crcs=True).records:
@@ -133,17 +183,32 @@ def read_in_file_order(data, allow_gaps, problems):
             counts[channel.topic] += 1
             decoded.walk(message, channel.topic, problems)
             check_stamps(record, channel.topic, message, audit, problems)
+            derived.observe(record, channel, message, problems)
+            if hasattr(message, "header"):
+                releases[channel.topic].append(message.header.release_ns)
 
     for name in ("run", "summary", "audit"):
         problems.expect(name in metadata, f"metadata {name} is missing")
     problems.expect(attachments.get("scenario.toml"), "attachment scenario.toml is missing or empty")
     audit.compare(metadata.get("audit", {}), allow_gaps, problems)
+    derived.compare(channels, counts, releases, problems)
+    check_layout(attachments.get("foxglove-layout.json"), channels, problems)
     problems.expect(statistics is not None, "no statistics")
     if statistics is not None:
         by_topic = {channels[i].topic: n for i, n in statistics.channel_message_counts.items()}
         problems.expect(by_topic == dict(counts), f"statistics say {by_topic}, found {dict(counts)}")
     topics = {c.topic for c in channels.values() if "layout_hash" in c.metadata}
-    return counts, decoded, audit, metadata.get("run", {}), topics
+    return counts, decoded, audit, derived, metadata.get("run", {}), topics
+
+
+def check_layout(text, channels, problems):
+    """The layout in the file shows topics of the file."""
+    problems.expect(text, "attachment foxglove-layout.json is missing or empty")
+    panels = json.loads(text)["configById"] if text else {}
+    known = {channel.topic for channel in channels.values()}
+    for name, panel in panels.items():
+        shown = set(panel.get("topics", {})) | {p["value"].split(".")[0] for p in panel.get("paths", [])}
+        problems.expect(shown <= known, f"layout: {name} shows {sorted(shown - known)}")
 
 
 def check_stamps(record, topic, message, audit, problems):
@@ -174,7 +239,7 @@ def read_through_index(data, problems):
 
 def verify(data, options):
     problems = Problems()
-    counts, decoded, audit, run, topics = read_in_file_order(data, options.allow_gaps, problems)
+    counts, decoded, audit, derived, run, topics = read_in_file_order(data, options.allow_gaps, problems)
     indexed = read_through_index(data, problems)
     problems.expect(indexed == counts, f"index finds {dict(indexed)}, file holds {dict(counts)}")
     heard = {topic for topic in topics if counts[topic] > 0}
@@ -188,9 +253,12 @@ def verify(data, options):
     print(f"run {run.get('run_id')}: {run.get('scenario')}, seed {run.get('seed')}, {run.get('clock')}")
     for key, tally in sorted(audit.tallies.items()):
         print(f"  {key:32}", "  ".join(f"{name} {tally[name]}" for name in TALLY_KEYS))
-    print(f"  {'/events':32} count {counts['/events']}")
+    for topic in sorted(counts.keys() - {key.split("#")[0] for key in audit.tallies}):
+        print(f"  {topic:32} count {counts[topic]}")
     for where, count in sorted(decoded.not_finite.items()):
         print(f"  note: {where} is not finite {count} times")
+    share = derived.bytes[True] / max(1, sum(derived.bytes.values()))
+    print(f"  {100 * share:.1f} % of all bytes before compression are for viewers")
     print(f"{sum(counts.values())} messages, {decoded.values} values, {len(heard)} topics with samples")
     return problems
 

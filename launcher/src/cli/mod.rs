@@ -10,7 +10,6 @@ mod branch;
 mod campaign;
 pub mod check;
 mod doctor;
-mod flown;
 pub mod list;
 mod new_controller;
 pub mod options;
@@ -18,24 +17,22 @@ mod orders;
 mod pages;
 mod paper;
 mod ps;
+mod recover;
 mod refusal;
 mod replay;
-mod report;
 mod study;
 mod top;
 mod topic;
 mod trace;
 mod types;
-mod view;
 
 pub use options::{
     AdoptArguments, BranchArguments, CampaignArguments, DoctorArguments, Format, PaperArguments,
-    ProcArguments, PsArguments, ReplayArguments, ReportArguments, RetireArguments,
-    RollbackArguments, RunArguments, RunChoice, ScenarioArguments, StandbyArguments, SwapArguments,
-    TraceArguments, ViewArguments,
+    ProcArguments, PsArguments, ReplayArguments, RetireArguments, RollbackArguments, RunArguments,
+    RunChoice, ScenarioArguments, StandbyArguments, SwapArguments, TraceArguments,
 };
 
-use crate::run::Summary;
+use crate::run::{RunError, Summary};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
 use clap::Parser as _;
@@ -110,8 +107,6 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
-        Command::Report(arguments) => return report::run(&arguments, out),
-        Command::View(arguments) => return view::run(&arguments, out),
         Command::Bench(command) => return bench::run(&command, out),
         Command::BenchPeer => return Ok(bench::be_peer()),
         Command::Study(command) => return study::run(&command, out),
@@ -119,6 +114,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Types(arguments) => return types::run(&arguments, out),
         Command::Completions(arguments) => return pages::completions(&arguments, out),
         Command::Man(arguments) => return pages::man(&arguments, out),
+        Command::Recover(arguments) => return recover::run(&arguments, out),
+        Command::Layout => out.write_all(crate::scene::LAYOUT.as_bytes())?,
         Command::Proc(arguments) => {
             return Ok(process::run_process(&arguments.service, arguments.place));
         }
@@ -131,7 +128,16 @@ fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Don
     let options = arguments.options(scenario);
     let flown =
         if arguments.in_process { run::run_in_process(&options) } else { run::run(&options) };
-    let summary = flown::summary(flown)?;
+    let summary = flown.map_err(|error| {
+        let code = match error {
+            RunError::Interrupted => exit::INTERRUPTED,
+            RunError::NoSuchProcessor { .. }
+            | RunError::RealtimeInProcess
+            | RunError::ScriptInProcess(_) => exit::USAGE,
+            _ => exit::UNFIT,
+        };
+        Failure::plain(&error, code)
+    })?;
     say(&summary, arguments.format, out)
 }
 

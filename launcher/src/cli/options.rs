@@ -6,20 +6,17 @@ pub(in crate::cli) mod doctor;
 mod examples;
 mod orders;
 mod pages;
-pub(in crate::cli) mod report;
+mod recover;
 mod top;
 mod topic;
 pub(in crate::cli) mod trace;
-pub(in crate::cli) mod view;
 
 pub use air::{
     AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
     SwapArguments,
 };
 pub use doctor::DoctorArguments;
-pub use report::ReportArguments;
 pub use trace::TraceArguments;
-pub use view::ViewArguments;
 
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
@@ -27,6 +24,7 @@ pub use bench::{
 };
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, ManArguments};
+pub use recover::RecoverArguments;
 pub use top::TopArguments;
 pub use topic::{
     SampleFormat, TopicCommand, TopicEchoArguments, TopicExportArguments, TopicHzArguments,
@@ -105,12 +103,6 @@ pub(super) enum Command {
     /// Follow the wrench commands of a recording back to their IMU samples
     #[command(after_help = trace::EXAMPLES)]
     Trace(TraceArguments),
-    /// Show a recording in the browser: the vehicle in space, every constraint, what happened
-    #[command(after_help = view::EXAMPLES)]
-    View(ViewArguments),
-    /// Judge a recording: pass or fail and why, every number with its gate, pictures
-    #[command(after_help = report::EXAMPLES)]
-    Report(ReportArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     #[command(after_help = examples::PAPER)]
     Paper(PaperArguments),
@@ -135,6 +127,12 @@ pub(super) enum Command {
     /// Write a manual page for each command
     #[command(after_help = pages::MAN_EXAMPLES)]
     Man(ManArguments),
+    /// Make a complete file of a recording that is cut
+    #[command(after_help = recover::EXAMPLES)]
+    Recover(RecoverArguments),
+    /// Write the layout with which Foxglove and Lichtblick show a flight
+    #[command(after_help = pages::LAYOUT_EXAMPLES)]
+    Layout,
     /// Be one process of a run
     #[command(hide = true)]
     Proc(ProcArguments),

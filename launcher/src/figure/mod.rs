@@ -15,10 +15,8 @@
 
 mod draw;
 mod heat;
-mod waterfall;
 
 pub use heat::{HeatMap, Shade};
-pub use waterfall::{Stretch, us, waterfall};
 
 /// A grid of panels.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,6 +3,7 @@
 use core::fmt;
 use std::collections::BTreeMap;
 use std::fs;
+use vehicle::VehicleParameters;
 
 /// How logical time maps to the time stamps in the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,6 +34,8 @@ pub struct Facts {
     pub epoch_unix_ns: u64,
     /// Machine of the launcher.
     pub machine: Machine,
+    /// The real vehicle, as viewers are to draw it.
+    pub vehicle: VehicleParameters,
     /// Where the scenario begins to hold; none if at the start.
     pub branch: Option<Branched>,
     /// What this file goes on from; none if it begins with the flight.

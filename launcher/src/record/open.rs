@@ -2,6 +2,7 @@
 
 use super::sink::Sink;
 use super::{Facts, SequenceAudit, Stream, messages, schema};
+use crate::scene;
 use mcap::records::Metadata;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapResult, WriteOptions, Writer};
@@ -28,35 +29,46 @@ pub(super) struct Opened {
     /// By the label of the role.
     pub(super) states: BTreeMap<&'static str, Channel>,
     pub(super) events_id: u16,
+    /// Of what is derived for viewers, by the index of the scene's channel.
+    pub(super) scene_ids: [u16; scene::CHANNELS.len()],
     pub(super) audit: SequenceAudit,
 }
 
-/// Starts the file and hands its head to the system.
-pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
-    let mut writer = WriteOptions::new()
+/// How every file is written.
+pub(super) fn options() -> WriteOptions {
+    WriteOptions::new()
         // Half of the recorder's time went into Zstandard at its fastest; this takes half of that and
         // makes files that are a third longer.
         .compression(Some(Compression::Lz4))
         .compression_level(0)
         .compression_threads(0)
         .chunk_size(Some(1 << 19))
-        .disable_seeking(true)
         .calculate_chunk_crcs(true)
         .library(concat!("morphquad ", env!("CARGO_PKG_VERSION")))
-        .create(NoSeek::new(sink))?;
+}
+
+/// Starts the file and hands its head to the system.
+pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
+    let mut writer = options().disable_seeking(true).create(NoSeek::new(sink))?;
     // First in the file, so that a crash keeps them.
     writer.write_metadata(&Metadata { name: "run".to_owned(), metadata: facts.to_metadata() })?;
     if let Some(branch) = &facts.branch {
         let metadata = branch.to_metadata();
         writer.write_metadata(&Metadata { name: "branch".to_owned(), metadata })?;
     }
-    writer.attach(&Attachment {
-        log_time: facts.epoch_unix_ns,
-        create_time: facts.epoch_unix_ns,
-        name: "scenario.toml".to_owned(),
-        media_type: "application/toml".to_owned(),
-        data: Cow::Borrowed(facts.scenario_toml.as_bytes()),
-    })?;
+    let attachments = [
+        ("scenario.toml", "application/toml", facts.scenario_toml.as_str()),
+        ("foxglove-layout.json", "application/json", scene::LAYOUT),
+    ];
+    for (name, media_type, text) in attachments {
+        writer.attach(&Attachment {
+            log_time: facts.epoch_unix_ns,
+            create_time: facts.epoch_unix_ns,
+            name: name.to_owned(),
+            media_type: media_type.to_owned(),
+            data: Cow::Borrowed(text.as_bytes()),
+        })?;
+    }
 
     let mut registry =
         Registry { writer, audit: SequenceAudit::default(), channels: BTreeMap::new() };
@@ -69,11 +81,15 @@ pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
         let channel = registry.add(name, (messages::STATE_NAME, &state), &about)?;
         states.insert(role.label(), channel);
     }
+    let mut scene_ids = [0; scene::CHANNELS.len()];
+    for (id, channel) in scene_ids.iter_mut().zip(&scene::CHANNELS) {
+        *id = registry.add_derived(channel)?;
+    }
     let log = (messages::LOG_NAME, &messages::log_descriptor());
     let events_id = registry.add_unaudited("/events", log, &BTreeMap::new())?;
     let Registry { mut writer, audit, channels } = registry;
     writer.flush()?;
-    Ok(Opened { writer, channels, states, events_id, audit })
+    Ok(Opened { writer, channels, states, events_id, scene_ids, audit })
 }
 
 /// Adds a channel for every topic.
@@ -93,6 +109,20 @@ impl Registry {
         let data = prost::Message::encode_to_vec(set);
         let schema_id = self.writer.add_schema(schema_name, "protobuf", &data)?;
         self.writer.add_channel(schema_id, name, "protobuf", about)
+    }
+
+    /// A channel that says whose samples its messages repeat in another form, and how often.
+    fn add_derived(&mut self, channel: &scene::Channel) -> McapResult<u16> {
+        let schema_id = match (channel.schema)() {
+            Some(schema) => self.writer.add_schema(&schema.name, &schema.encoding, &schema.data)?,
+            None => 0,
+        };
+        let about = BTreeMap::from([
+            ("summary".to_owned(), channel.summary.to_owned()),
+            ("derived_from".to_owned(), format!("/{}", channel.from)),
+            ("period_ns".to_owned(), channel.period_ns.to_string()),
+        ]);
+        self.writer.add_channel(schema_id, channel.name, "protobuf", &about)
     }
 
     fn add(

@@ -5,6 +5,7 @@ use super::messages::{self, Event};
 use super::open::{Channel, FileWriter, open};
 use super::sink::{Sink, Valve};
 use super::{Clock, Facts, RecordError, SequenceAudit, Verdict, encode};
+use crate::scene::{self, Scene};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapResult, Writer};
 use shared_types::topics::Topic;
@@ -33,6 +34,8 @@ pub struct Recording {
     channels: BTreeMap<&'static str, Channel>,
     states: BTreeMap<&'static str, Channel>,
     events_id: u16,
+    scene: Scene,
+    scene_ids: [u16; scene::CHANNELS.len()],
     audit: SequenceAudit,
     clock: Clock,
     epoch_unix_ns: u64,
@@ -48,6 +51,7 @@ impl std::fmt::Debug for Recording {
 }
 
 /// Time stamps of one record, Unix time \[ns\].
+#[derive(Debug, Clone, Copy)]
 struct Stamps {
     log_ns: u64,
     publish_ns: u64,
@@ -86,6 +90,8 @@ impl Recording {
             channels: opened.channels,
             states: opened.states,
             events_id: opened.events_id,
+            scene: Scene::of(&facts.vehicle),
+            scene_ids: opened.scene_ids,
             audit: opened.audit,
             clock: facts.clock,
             epoch_unix_ns: facts.epoch_unix_ns,
@@ -100,7 +106,8 @@ impl Recording {
         self.start_mono_ns = start_mono_ns;
     }
 
-    /// Records a sample unless its producer repeats itself. `receipt_mono_ns` is the recorder's
+    /// Records a sample unless its producer repeats itself, and what viewers are to draw of it.
+    /// `receipt_mono_ns` is the recorder's
     /// `CLOCK_MONOTONIC` when it took the sample \[ns\]; lockstep ignores it.
     ///
     /// # Errors
@@ -118,7 +125,23 @@ impl Recording {
         }
         self.buffer.clear();
         encode(sample, &mut self.buffer);
-        self.put(channel, &header, receipt_mono_ns)
+        self.put(channel, &header, receipt_mono_ns)?;
+        if self.writer.is_some() {
+            self.show(sample, receipt_mono_ns)?;
+        }
+        Ok(())
+    }
+
+    /// Records what is derived from a sample.
+    fn show<T: Sample>(&mut self, sample: &T, receipt_mono_ns: u64) -> Result<(), RecordError> {
+        let header = sample.header();
+        let stamps = self.stamps(header, receipt_mono_ns);
+        for (channel, message) in self.scene.observe(sample, self.instant_ns(header.release_ns)) {
+            self.buffer.clear();
+            self.buffer.extend_from_slice(&message);
+            self.put_stamped(self.scene_ids[channel], short(header.sequence), &stamps)?;
+        }
+        Ok(())
     }
 
     /// Records the packed state of the service that fills `role`, on `/state/<role>`.
@@ -147,11 +170,7 @@ impl Recording {
     /// # Errors
     /// As [`Recording::write`].
     pub fn write_event(&mut self, event: &Event<'_>) -> Result<(), RecordError> {
-        let since_start_ns = match self.clock {
-            Clock::Lockstep => event.logical_ns,
-            Clock::Realtime { speed } => wall_ns(event.logical_ns, speed),
-        };
-        let stamp_ns = self.epoch_unix_ns.saturating_add(since_start_ns);
+        let stamp_ns = self.instant_ns(event.logical_ns);
         self.buffer.clear();
         messages::encode_log(event, stamp_ns, &mut self.buffer);
         let stamps = Stamps { log_ns: stamp_ns, publish_ns: stamp_ns };
@@ -227,7 +246,21 @@ impl Recording {
         header: &Header,
         receipt_mono_ns: u64,
     ) -> Result<(), RecordError> {
-        let stamps = match self.clock {
+        let stamps = self.stamps(header, receipt_mono_ns);
+        self.put_stamped(channel.id, short(header.sequence), &stamps)
+    }
+
+    /// Unix time of a logical instant \[ns\].
+    fn instant_ns(&self, logical_ns: u64) -> u64 {
+        let since_start_ns = match self.clock {
+            Clock::Lockstep => logical_ns,
+            Clock::Realtime { speed } => wall_ns(logical_ns, speed),
+        };
+        self.epoch_unix_ns.saturating_add(since_start_ns)
+    }
+
+    fn stamps(&self, header: &Header, receipt_mono_ns: u64) -> Stamps {
+        match self.clock {
             Clock::Lockstep => {
                 let logical_ns = self.epoch_unix_ns.saturating_add(header.release_ns);
                 Stamps { log_ns: logical_ns, publish_ns: logical_ns }
@@ -240,9 +273,7 @@ impl Recording {
                 let log_ns = unix_ns(receipt_mono_ns.max(publish_mono_ns));
                 Stamps { log_ns, publish_ns: unix_ns(publish_mono_ns) }
             }
-        };
-        #[expect(clippy::cast_possible_truncation, reason = "the file's field has 32 bits")]
-        self.put_stamped(channel.id, header.sequence as u32, &stamps)
+        }
     }
 
     /// Writes what is in the buffer.
@@ -300,6 +331,12 @@ fn complete(
     // Closed before the writer is dropped, which would try to finish once more.
     end().inspect_err(|_| valve.close())?;
     Ok(writer.into_inner().into_inner().flush()?)
+}
+
+/// A sequence number as the file has it.
+#[expect(clippy::cast_possible_truncation, reason = "the file's field has 32 bits")]
+fn short(sequence: u64) -> u32 {
+    sequence as u32
 }
 
 /// Wall time that `logical_ns` takes at `speed`.

@@ -139,6 +139,7 @@ pub(super) fn facts(id: &str, options: &RunOptions) -> Facts {
         },
         epoch_unix_ns: runtime::clock::unix_now_ns(),
         machine: Machine::read(),
+        vehicle: scenario.real_vehicle(),
         branch: None,
         continues: None,
     }

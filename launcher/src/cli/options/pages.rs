@@ -1,4 +1,4 @@
-//! Arguments of `morphquad completions` and `morphquad man`.
+//! Arguments of `morphquad completions`, `man` and `layout`.
 
 use clap::Args;
 use clap_complete::Shell;
@@ -16,6 +16,14 @@ Examples:
   man morphquad-run
 
 A page for each command, morphquad.1 and morphquad-COMMAND.1.";
+
+pub(super) const LAYOUT_EXAMPLES: &str = "\
+Examples:
+  morphquad layout > flight.json
+
+To be imported into Foxglove or Lichtblick once, for all recordings: the vehicle in 3-D, positions and \
+torques with what they are to be and their bounds, modes and events. Every recording has it too, as the \
+attachment foxglove-layout.json.";
 
 /// For which shell.
 #[derive(Debug, Clone, Args)]

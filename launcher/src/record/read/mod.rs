@@ -8,11 +8,13 @@ mod error;
 mod layout;
 mod pass;
 mod records;
+mod recover;
 #[cfg(test)]
 mod tests;
 
 pub use error::{LayoutChange, ReadError};
 pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState, seat_config};
+pub use recover::{RecoverError, Recovered, recover};
 
 use super::{Branched, Clock, Continued, Facts, Machine};
 use crate::components::{self, StateLayout};
@@ -156,6 +158,7 @@ impl RecordedFlight {
             clock: self.clock(),
             epoch_unix_ns: fact("epoch_unix_ns").parse().unwrap_or(0),
             machine: Machine { kernel: fact("kernel"), cpu_model: fact("cpu_model") },
+            vehicle: self.scenario.real_vehicle(),
             branch: self.branched.clone(),
             continues: self.continued(),
         }

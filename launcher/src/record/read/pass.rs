@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 
 use super::records::{Ending, Records};
+use super::recover::RECOVERED;
 
 /// A published state as recorded.
 #[derive(Debug, Clone)]
@@ -62,7 +63,8 @@ pub fn seat_config(seat: Seat, generation: u32) -> String {
 /// The end of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Closing {
-    /// False if the file is cut: its recorder was killed or still writes, or it is a part.
+    /// False if the file is cut: its recorder was killed or still writes, or it is a part, or
+    /// recovered from one.
     pub complete: bool,
     /// The flight's summary; empty in a cut file.
     pub summary: BTreeMap<String, String>,
@@ -88,6 +90,7 @@ pub(super) fn visit<V: RecordVisitor>(
 ) -> Result<Closing, ReadError> {
     let readers = readers(flight, visitor);
     let mut closing = Closing::default();
+    let mut recovered = false;
     let ending = Records::open(&flight.path)?.for_each(|record| {
         match record {
             Record::Message { header, data } => {
@@ -104,11 +107,12 @@ pub(super) fn visit<V: RecordVisitor>(
             Record::Metadata(metadata) if metadata.name == "audit" => {
                 closing.audit = metadata.metadata;
             }
+            Record::Metadata(metadata) if metadata.name == RECOVERED => recovered = true,
             _ => {}
         }
         Ok(ControlFlow::Continue(()))
     })?;
-    closing.complete = ending == Ending::Whole;
+    closing.complete = ending == Ending::Whole && !recovered;
     Ok(closing)
 }
 

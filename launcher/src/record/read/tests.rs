@@ -1,6 +1,6 @@
 //! Recordings as they were written, cut, damaged, foreign and from other builds.
 
-use super::{ReadError, RecordVisitor, RecordedEvent, RecordedFlight};
+use super::{ReadError, RecordVisitor, RecordedEvent, RecordedFlight, RecoverError, recover};
 use crate::components::state_layouts;
 use crate::record::{Branched, Clock, Continued, Event, Facts, Machine, Recording, Severity};
 use crate::scenario::Scenario;
@@ -55,6 +55,7 @@ fn record(path: &Path, count: u64, layout: u64) -> Outcome {
         clock: Clock::Realtime { speed: 0.5 },
         epoch_unix_ns: 1_700_000_000_000_000_000,
         machine: Machine { kernel: "6.1".to_owned(), cpu_model: "test".to_owned() },
+        vehicle: vehicle::VehicleParameters::default(),
         branch: Some(branched()),
         continues: Some(continued()),
     };
@@ -154,6 +155,51 @@ fn a_file_cut_anywhere_reads_up_to_the_cut_or_says_what_its_head_lacks() -> Outc
         }
     }
     assert!(heads > 2 && most == 300, "{heads} {most}");
+    Ok(())
+}
+
+#[test]
+fn what_a_cut_file_has_is_recovered_into_a_complete_one_that_says_so() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let [path, cut, new] = ["flight", "cut", "new"].map(|name| folder.path().join(name));
+    record(&path, 300, layout_of(Role::Attitude)?)?;
+    assert!(matches!(recover(&path, &new), Err(RecoverError::Complete { .. })));
+    assert!(!new.exists());
+    let whole = fs::read(&path)?;
+    let mut most = 0;
+    for length in (1..whole.len()).step_by(whole.len() / 20) {
+        fs::write(&cut, &whole[..length])?;
+        let recovered = recover(&cut, &new);
+        if matches!(recovered, Err(RecoverError::Read(ReadError::CutHead { .. }))) {
+            assert!(!new.exists() && most == 0);
+            continue;
+        }
+        let (mut old, mut seen) = (Everything::default(), Everything::default());
+        RecordedFlight::open(&cut)?.visit(&mut old)?;
+        let closing = RecordedFlight::open(&new)?.visit(&mut seen)?;
+        assert!(!closing.complete && seen.imu == old.imu && seen.states == old.states);
+        most = seen.imu.len();
+        assert!(closing.audit["/imu#0"].contains(&format!("\"count\":{most},")));
+        let recovered = recovered?;
+        assert_eq!((recovered.gaps, recovered.damage), (0, None));
+        let bytes = fs::read(&new)?;
+        let summary = mcap::Summary::read(&bytes)?.ok_or("no summary")?;
+        let statistics = summary.stats.ok_or("no statistics")?;
+        assert_eq!(statistics.message_count, recovered.messages);
+        let held = most + seen.states.len() + seen.events.len();
+        assert_eq!(recovered.messages, held as u64);
+        assert!(matches!(recover(&cut, &new), Err(RecoverError::Write { .. })), "overwritten");
+        fs::remove_file(&new)?;
+    }
+    assert_eq!(most, 300);
+    // What a power cut leaves behind the last bytes that reached the disk.
+    let mut zeroed = whole;
+    let half = zeroed.len() * 3 / 4;
+    zeroed[half..].fill(0);
+    fs::write(&cut, &zeroed)?;
+    let recovered = recover(&cut, &new)?;
+    assert!(recovered.messages > 10, "{recovered:?}");
+    assert!(RecordedFlight::open(&new)?.samples(&topics::IMU)?.len() > 10);
     Ok(())
 }
 

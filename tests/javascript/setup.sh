@@ -1,0 +1,17 @@
+#!/bin/sh
+# Makes a folder with verify_recording.mjs and the libraries that it needs, and prints the script's path:
+# setup.sh FOLDER. Debian and Ubuntu have Node in packages of their own, which root gets here.
+set -eu
+here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
+folder=${1:?usage: setup.sh FOLDER}
+if ! command -v npm >/dev/null; then
+    if [ "$(id -u)" -ne 0 ] || ! command -v apt-get >/dev/null; then
+        echo "setup.sh: there is no npm; on Debian: apt-get install nodejs npm" >&2
+        exit 3
+    fi
+    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy nodejs npm; } >&2
+fi
+mkdir -p "$folder"
+cp "$here"/package.json "$here"/package-lock.json "$here"/verify_recording.mjs "$folder"
+npm ci --silent --ignore-scripts --no-audit --no-fund --prefix "$folder" >&2
+echo "$folder/verify_recording.mjs"
