@@ -6,6 +6,7 @@
 //! in the launcher itself, and [`orders`] lead it elsewhere.
 //! [`topic`] lets others look at topics, live and recorded, and [`top`] at everything at once.
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
+//! [`view`] shows it as a page, [`report`] judges it,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`paper`] and [`study`] are reproduction and studies,
 //! [`figure`] and [`results`] what they leave behind. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
@@ -28,6 +29,7 @@ pub mod pilot;
 pub mod process;
 pub mod record;
 pub mod replay;
+pub mod report;
 pub mod results;
 pub mod run;
 pub mod scenario;
@@ -37,5 +39,6 @@ pub mod top;
 pub mod topic;
 pub mod trace;
 pub mod types;
+pub mod view;
 
 pub use host::exit;

@@ -1,8 +1,10 @@
 //! What a study leaves behind: tables on the terminal, files in a folder.
 
 mod columns;
+mod document;
 
 pub use columns::{Columns, Kind, ParquetFile, Value};
+pub use document::Document;
 
 use crate::figure::Figure;
 use serde::Serialize;

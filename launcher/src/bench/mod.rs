@@ -24,6 +24,7 @@ pub mod stopwatch;
 pub mod usage;
 
 use crate::exit;
+use crate::figure::us;
 use crate::in_process::InProcessError;
 use crate::results::ResultsError;
 use crate::run::RunError;
@@ -112,16 +113,6 @@ impl BenchError {
 /// Name of a run that carries no flight.
 fn run_id() -> String {
     format!("b{:04x}{:05x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xf_ffff)
-}
-
-/// Microseconds with three digits that count.
-fn us(us: f64) -> String {
-    let decimals = match us {
-        us if us < 10.0 => 2,
-        us if us < 100.0 => 1,
-        _ => 0,
-    };
-    format!("{us:.decimals$}")
 }
 
 /// A ratio, or a dash where there is none.

@@ -2,8 +2,8 @@
 
 use super::loops::Measured;
 use super::measure::{Chains, FIGURES, Moment, Steps};
-use super::series::{Rank, Series};
-use crate::figure::{Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel};
+use super::series::Series;
+use crate::figure::{self, Axis, Colour, Curve, Dash, Figure, Mark, Panel, Stretch};
 
 /// Bars of a histogram in a factor of ten.
 const BARS_PER_DECADE: f64 = 20.0;
@@ -88,44 +88,16 @@ fn slowest(moments: &[Moment], of: impl Fn(&Moment) -> f64) -> Vec<[f64; 2]> {
     stretches.collect()
 }
 
-/// Links below one another: a box as long as the median from where the one above ends, and a line on to
-/// the 99 %.
+/// Links below one another.
 fn waterfall(name: &str, chains: &Chains) -> Figure {
+    let stretch = |name: &str, series: &Series| {
+        let told = series.quantiles()?;
+        Some(Stretch { name: name.to_owned(), p50_us: told.p50_us, p99_us: told.p99_us })
+    };
     let names = chains.names();
-    let rows = names.len() as f64;
-    let y = Axis::new("").range(0.0, rows).ticks(rows.max(1.0));
-    let whole = chains.from_release().quantiles();
-    // Room beyond the 99 %; what is slower still would leave nothing to see of the rest.
-    let far_us = whole.map_or(1.0, |whole| 1.1 * whole.p99_us.max(1.0));
-    let x = Axis::new("from the release [us]").range(0.0, far_us);
-    let mut panel = Panel::new("medians end to end; on to the 99 %", x, y);
-    let mut from_us = 0.0;
-    for (index, name) in names.iter().enumerate() {
-        let Some(told) = chains.link(index).quantiles() else { continue };
-        let colour = Colour::SERIES[index % Colour::SERIES.len()];
-        let middle = rows - index as f64 - 0.5;
-        let (to_us, late_us) = (from_us + told.p50_us, (from_us + told.p99_us).min(far_us));
-        // Filled, as far as lines can.
-        for step in -8_i32..=8 {
-            let y = middle + f64::from(step) * 0.04;
-            let label = if step == 0 {
-                format!("{name}: {} us", super::us(told.p50_us))
-            } else {
-                String::new()
-            };
-            panel = panel.curve(Curve::new(label, colour, vec![[from_us, y], [to_us, y]]));
-        }
-        let tail = vec![[to_us, middle], [late_us, middle]];
-        panel = panel.curve(Curve::new("", colour, tail).mark(Mark::Line(Dash::Dotted)));
-        from_us = to_us;
-    }
-    if let Some(told) = whole {
-        for (rank, dash) in [(Rank::P50, Dash::Solid), (Rank::P99, Dash::Dashed)] {
-            let label = format!("whole way {}: {} us", rank.label(), super::us(told.at(rank)));
-            panel = panel.instant(Level::new(label, Colour::Black, dash, told.at(rank)));
-        }
-    }
-    Figure::new(name, 1).panel_px(640.0, 60.0 + 34.0 * rows).panel(panel)
+    let links = names.iter().enumerate().map(|(index, name)| stretch(name, &chains.link(index)));
+    let links: Vec<_> = links.collect();
+    figure::waterfall(name, &links, stretch(name, &chains.from_release()).as_ref())
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod branch;
 mod campaign;
 pub mod check;
 mod doctor;
+mod flown;
 pub mod list;
 mod new_controller;
 pub mod options;
@@ -20,19 +21,22 @@ mod ps;
 mod recover;
 mod refusal;
 mod replay;
+mod report;
 mod study;
 mod top;
 mod topic;
 mod trace;
 mod types;
+mod view;
 
 pub use options::{
     AdoptArguments, BranchArguments, CampaignArguments, DoctorArguments, Format, PaperArguments,
-    ProcArguments, PsArguments, ReplayArguments, RetireArguments, RollbackArguments, RunArguments,
-    RunChoice, ScenarioArguments, StandbyArguments, SwapArguments, TraceArguments,
+    ProcArguments, PsArguments, ReplayArguments, ReportArguments, RetireArguments,
+    RollbackArguments, RunArguments, RunChoice, ScenarioArguments, StandbyArguments, SwapArguments,
+    TraceArguments, ViewArguments,
 };
 
-use crate::run::{RunError, Summary};
+use crate::run::Summary;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
 use clap::Parser as _;
@@ -107,6 +111,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
+        Command::Report(arguments) => return report::run(&arguments, out),
+        Command::View(arguments) => return view::run(&arguments, out),
         Command::Bench(command) => return bench::run(&command, out),
         Command::BenchPeer => return Ok(bench::be_peer()),
         Command::Study(command) => return study::run(&command, out),
@@ -128,16 +134,7 @@ fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Don
     let options = arguments.options(scenario);
     let flown =
         if arguments.in_process { run::run_in_process(&options) } else { run::run(&options) };
-    let summary = flown.map_err(|error| {
-        let code = match error {
-            RunError::Interrupted => exit::INTERRUPTED,
-            RunError::NoSuchProcessor { .. }
-            | RunError::RealtimeInProcess
-            | RunError::ScriptInProcess(_) => exit::USAGE,
-            _ => exit::UNFIT,
-        };
-        Failure::plain(&error, code)
-    })?;
+    let summary = flown::summary(flown)?;
     say(&summary, arguments.format, out)
 }
 

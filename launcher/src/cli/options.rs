@@ -7,16 +7,20 @@ mod examples;
 mod orders;
 mod pages;
 mod recover;
+pub(in crate::cli) mod report;
 mod top;
 mod topic;
 pub(in crate::cli) mod trace;
+pub(in crate::cli) mod view;
 
 pub use air::{
     AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
     SwapArguments,
 };
 pub use doctor::DoctorArguments;
+pub use report::ReportArguments;
 pub use trace::TraceArguments;
+pub use view::ViewArguments;
 
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
@@ -103,6 +107,12 @@ pub(super) enum Command {
     /// Follow the wrench commands of a recording back to their IMU samples
     #[command(after_help = trace::EXAMPLES)]
     Trace(TraceArguments),
+    /// Show a recording in the browser: the vehicle in space, every constraint, what happened
+    #[command(after_help = view::EXAMPLES)]
+    View(ViewArguments),
+    /// Judge a recording: pass or fail and why, every number with its gate, pictures
+    #[command(after_help = report::EXAMPLES)]
+    Report(ReportArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
     #[command(after_help = examples::PAPER)]
     Paper(PaperArguments),

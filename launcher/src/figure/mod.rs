@@ -15,8 +15,10 @@
 
 mod draw;
 mod heat;
+mod waterfall;
 
 pub use heat::{HeatMap, Shade};
+pub use waterfall::{Stretch, us, waterfall};
 
 /// A grid of panels.
 #[derive(Debug, Clone, PartialEq)]

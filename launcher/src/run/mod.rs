@@ -42,6 +42,7 @@ pub use slots::SwapReport;
 pub(crate) use slots::{Means, Posts, Script, Seen, SlotWatch, Slots};
 pub use summary::Summary;
 pub(crate) use supervisor::{FlightError, PostEvent};
+pub(crate) use tracking::Course;
 pub use tracking::Tracking;
 pub use upkeep::Upkeep;
 

@@ -19,39 +19,41 @@ pub struct Tracking {
     pub last_second_m: f64,
 }
 
-/// Compares positions with references, in whatever order they come.
+/// Where the vehicle was beside where it was to be at that instant, in whatever order both come.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Tracker {
+pub(crate) struct Course {
     references: VecDeque<Reference>,
     waiting: VecDeque<(u64, [f64; 3])>,
-    squares: f64,
-    tracking: Tracking,
-    recent: VecDeque<(u64, f64)>,
 }
 
-impl Tracker {
-    /// One that knows where the vehicle is to be, and of no error yet.
-    pub(super) fn anew(self) -> Self {
-        Self { references: self.references, ..Self::default() }
-    }
+/// A position and the reference in effect at its instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Point {
+    /// Logical instant \[ns\].
+    pub(crate) t_ns: u64,
+    /// Where the vehicle was \[m\].
+    pub(crate) was_w_m: [f64; 3],
+    /// Where it was to be \[m\].
+    pub(crate) wanted_w_m: [f64; 3],
+}
 
+impl Course {
     /// Takes note of where the vehicle is to be.
-    pub(super) fn observe_reference(&mut self, reference: &Reference) {
+    pub(crate) fn observe_reference(&mut self, reference: &Reference) {
         self.references.push_back(*reference);
-        self.compare(false);
     }
 
     /// Takes note of where it is.
-    pub(super) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
+    pub(crate) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
         if self.waiting.len() < WAITING_CAPACITY {
             self.waiting.push_back((t_ns, position_w_m));
         }
-        self.compare(false);
     }
 
-    /// Compares waiting truths with the reference in effect at their instant.
-    fn compare(&mut self, finished: bool) {
-        while let Some(&(t_ns, position)) = self.waiting.front() {
+    /// The next position whose reference is known; `finished` says that no reference will follow.
+    pub(crate) fn next(&mut self, finished: bool) -> Option<Point> {
+        loop {
+            let &(t_ns, was_w_m) = self.waiting.front()?;
             while self.references.get(1).is_some_and(|r| r.header.valid_ns <= t_ns) {
                 self.references.pop_front();
             }
@@ -62,14 +64,50 @@ impl Tracker {
                     self.waiting.pop_front();
                     continue;
                 }
-                return;
+                return None;
             };
             if !settled {
-                return;
+                return None;
             }
-            let error_m = distance(&reference_at(reference, t_ns), &position);
+            let wanted_w_m = reference_at(reference, t_ns);
             self.waiting.pop_front();
-            self.add_error(t_ns, error_m);
+            return Some(Point { t_ns, was_w_m, wanted_w_m });
+        }
+    }
+}
+
+/// Sums up how far positions are from their references.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tracker {
+    course: Course,
+    squares: f64,
+    tracking: Tracking,
+    recent: VecDeque<(u64, f64)>,
+}
+
+impl Tracker {
+    /// One that knows where the vehicle is to be, and of no error yet.
+    pub(super) fn anew(self) -> Self {
+        let course = Course { references: self.course.references, waiting: VecDeque::new() };
+        Self { course, ..Self::default() }
+    }
+
+    /// Takes note of where the vehicle is to be.
+    pub(super) fn observe_reference(&mut self, reference: &Reference) {
+        self.course.observe_reference(reference);
+        self.compare(false);
+    }
+
+    /// Takes note of where it is.
+    pub(super) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
+        self.course.observe_position(t_ns, position_w_m);
+        self.compare(false);
+    }
+
+    /// Compares waiting truths with the reference in effect at their instant.
+    fn compare(&mut self, finished: bool) {
+        while let Some(Point { t_ns, was_w_m, wanted_w_m }) = self.course.next(finished) {
+            self.add_error(t_ns, distance(&wanted_w_m, &was_w_m));
         }
     }
 

@@ -1,0 +1,32 @@
+//! Arguments of `report`.
+
+use super::Format;
+use clap::Args;
+use std::path::PathBuf;
+
+pub(in crate::cli) const EXAMPLES: &str = "\
+Examples:
+  morphquad report
+  morphquad report recordings/7f3a.mcap --html report.html
+  morphquad report recordings --png pictures
+  morphquad report recordings/7f3a.mcap --format json
+
+Opens with one sentence: pass or fail, and why. Ends with 0 if every gate holds, 1 if one does not, 3 for a
+file that cannot be read.";
+
+/// What to report on, and where to.
+#[derive(Debug, Clone, Args)]
+pub struct ReportArguments {
+    /// A recording, a folder of them, or a shipped scenario to fly first
+    #[arg(value_name = "FILE|DIR|SCENARIO", default_value = "figure8-morph")]
+    pub file: PathBuf,
+    /// Write it as one page, pictures in it
+    #[arg(long, value_name = "FILE.html")]
+    pub html: Option<PathBuf>,
+    /// Write its pictures into a folder
+    #[arg(long, value_name = "DIR")]
+    pub png: Option<PathBuf>,
+    /// Form of the report on stdout
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}

@@ -1,0 +1,270 @@
+//! One pass over a recording, into charts and frames.
+
+use super::happening::{Happening, Owners, World};
+use super::panel::{LOOPS, Panels, Uses};
+use super::track::Track;
+use crate::record::Clock;
+use crate::record::read::{RecordVisitor, RecordedEvent};
+use crate::run::Course;
+use nalgebra::{Quaternion, UnitQuaternion};
+use shared_types::{
+    ActuatorState, AppliedCommand, AppliedSetpoint, ControllerReport, Disturbance,
+    DisturbanceOrder, GuidanceOrder, Header, LoopStats, MorphCommand, Reference, Role, Sample,
+    StateEstimate, Topic, Truth, topics,
+};
+use std::any::Any;
+use vehicle::euler_from_quaternion;
+
+/// What moves in the picture.
+#[derive(Debug, Default)]
+pub(super) struct Frames {
+    /// Position (3), attitude quaternion (4), deployable angle.
+    pub(super) body: Track<8>,
+    pub(super) wanted_w_m: Track<3>,
+    pub(super) rotor_thrust_n: Track<4>,
+    /// Wind (3) and external force (3).
+    pub(super) world: Track<6>,
+}
+
+/// Sees every record once.
+#[derive(Debug)]
+pub(super) struct Collect<'a> {
+    owners: &'a Owners,
+    epoch_unix_ns: u64,
+    clock: Clock,
+    pub(super) panels: Panels,
+    pub(super) frames: Frames,
+    pub(super) happenings: Vec<Happening>,
+    /// Of each loop, by role.
+    pub(super) loops: Vec<LoopStats>,
+    /// First and last instant of the vehicle \[ns\].
+    pub(super) span_ns: Option<(u64, u64)>,
+    pub(super) uses: Uses,
+    rotor_thrust_max_n: f64,
+    world: World,
+    course: Course,
+    truth: Option<(u64, [f64; 3])>,
+}
+
+impl<'a> Collect<'a> {
+    pub(super) fn new(
+        owners: &'a Owners,
+        epoch_unix_ns: u64,
+        clock: Clock,
+        rotor_thrust_max_n: f64,
+    ) -> Self {
+        Self {
+            owners,
+            epoch_unix_ns,
+            clock,
+            panels: Panels::new(rotor_thrust_max_n),
+            frames: Frames::default(),
+            happenings: Vec::new(),
+            loops: Vec::new(),
+            span_ns: None,
+            uses: Uses::default(),
+            rotor_thrust_max_n,
+            world: World::default(),
+            course: Course::default(),
+            truth: None,
+        }
+    }
+
+    /// To be called when all have been seen.
+    pub(super) fn finish(&mut self) {
+        self.compare(true);
+    }
+
+    fn since_start(&self, t_ns: u64) -> u64 {
+        t_ns.saturating_sub(self.span_ns.map_or(0, |(from_ns, _)| from_ns))
+    }
+
+    fn truth(&mut self, truth: &Truth) {
+        let t_ns = truth.header.valid_ns;
+        let from_ns = self.span_ns.map_or(t_ns, |(from_ns, _)| from_ns);
+        self.span_ns = Some((from_ns, t_ns.max(from_ns)));
+        let q = truth.q_wb;
+        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+        let euler = euler_from_quaternion(&attitude);
+        self.panels.attitude.put_all(0, t_ns, [euler.x, euler.y, euler.z].map(f64::to_degrees));
+        self.panels.morph.put(0, t_ns, truth.morph_angle_rad.to_degrees());
+        let [x, y, z] = truth.position_w_m;
+        let body = [x, y, z, q.w, q.x, q.y, q.z, truth.morph_angle_rad];
+        self.frames.body.put(t_ns.saturating_sub(from_ns), body);
+        self.course.observe_position(t_ns, truth.position_w_m);
+        self.truth = Some((t_ns, truth.position_w_m));
+        self.compare(false);
+        self.loop_step(0, &truth.header);
+    }
+
+    fn compare(&mut self, finished: bool) {
+        while let Some(point) = self.course.next(finished) {
+            let error_mm = core::array::from_fn(|i| (point.was_w_m[i] - point.wanted_w_m[i]) * 1e3);
+            self.panels.error.put_all::<3>(0, point.t_ns, error_mm);
+            self.frames.wanted_w_m.put(self.since_start(point.t_ns), point.wanted_w_m);
+        }
+    }
+
+    /// The estimate beside the truth of its instant, if that came before it.
+    fn estimate(&mut self, estimate: &StateEstimate) {
+        self.loop_step(1, &estimate.header);
+        let [x, y, z, ..] = estimate.sigma;
+        let t_ns = estimate.header.valid_ns;
+        let sigma_m = libm::sqrt(x * x + y * y + z * z);
+        self.panels.estimate.put(1, t_ns, 3e3 * sigma_m);
+        if let Some((_, truth)) = self.truth.filter(|(at_ns, _)| *at_ns == t_ns) {
+            let off = |i: usize| estimate.position_w_m[i] - truth[i];
+            let error_m = libm::hypot(libm::hypot(off(0), off(1)), off(2));
+            self.panels.estimate.put(0, t_ns, 1e3 * error_m);
+        }
+    }
+
+    fn attitude_report(&mut self, report: &ControllerReport) {
+        let t_ns = report.header.release_ns;
+        if !self.commands(Role::Attitude, &report.header) {
+            return;
+        }
+        for (i, panel) in self.panels.torque.iter_mut().enumerate() {
+            panel.put(1, t_ns, report.input_max[i]);
+            panel.put(2, t_ns, report.input_min[i]);
+            let increment = report.input[i] - report.previous_input[i];
+            let share = increment / report.increment_max[i];
+            self.panels.increment.put(i, t_ns, share);
+            let uses = &mut self.uses;
+            uses.increment[i] = uses.increment[i].max(share.abs());
+            uses.torque[i] = uses.torque[i].max(used(report, i));
+        }
+        self.loop_step(3, &report.header);
+    }
+
+    fn position_report(&mut self, report: &ControllerReport) {
+        let t_ns = report.header.release_ns;
+        if !self.commands(Role::Position, &report.header) {
+            return;
+        }
+        let [pitch, roll, _] = report.input;
+        self.panels.tilt.put_all(0, t_ns, [pitch, roll].map(f64::to_degrees));
+        self.panels.tilt.put(2, t_ns, report.input_max[0].to_degrees());
+        self.panels.tilt.put(3, t_ns, report.input_min[0].to_degrees());
+        self.panels.thrust.put(2, t_ns, report.input_max[2]);
+        self.panels.thrust.put(3, t_ns, report.input_min[2]);
+        self.uses.thrust = self.uses.thrust.max(used(report, 2));
+        self.uses.tilt = self.uses.tilt.max(used(report, 0)).max(used(report, 1));
+        self.loop_step(2, &report.header);
+    }
+
+    /// True if the sample's seat commanded at its instant.
+    fn commands(&self, slot: Role, header: &Header) -> bool {
+        self.owners.owner_at(slot, header.release_ns).is_none_or(|owner| owner == header.seat)
+    }
+
+    fn loop_step(&mut self, place: usize, header: &Header) {
+        let us = |from: u64, to: u64| (from > 0).then(|| to.saturating_sub(from) as f64 * 1e-3);
+        let t_ns = header.release_ns;
+        // In lockstep there is no instant at which a step is due on the wall.
+        if matches!(self.clock, Clock::Realtime { .. })
+            && let Some(late_us) = us(header.release_mono_ns, header.start_mono_ns)
+        {
+            self.panels.lateness.put(place, t_ns, late_us);
+        }
+        if let Some(step_us) = us(header.start_mono_ns, header.publish_mono_ns) {
+            self.panels.compute.put(place, t_ns, step_us);
+        }
+    }
+
+    fn applied(&mut self, applied: &AppliedCommand) {
+        let t_ns = applied.header.valid_ns;
+        for (panel, torque) in self.panels.torque.iter_mut().zip(applied.torque_b_nm) {
+            panel.put(0, t_ns, torque);
+        }
+        self.panels.thrust.put(0, t_ns, applied.thrust_n);
+        self.happenings.extend(self.world.gate(t_ns, applied.mode));
+    }
+
+    fn setpoint(&mut self, applied: &AppliedSetpoint) {
+        if !self.commands(Role::Attitude, &applied.header) {
+            return;
+        }
+        let t_ns = applied.header.release_ns;
+        let euler = [applied.roll_rad, applied.pitch_rad, applied.yaw_rad].map(f64::to_degrees);
+        self.panels.attitude.put_all(3, t_ns, euler);
+        self.panels.thrust.put(1, t_ns, applied.thrust_n);
+    }
+
+    fn disturbance(&mut self, disturbance: &Disturbance) {
+        let Disturbance { header, wind_w_m_s, force_w_n, torque_b_nm, .. } = *disturbance;
+        let t_ns = header.valid_ns;
+        self.panels.wind.put_all(0, t_ns, wind_w_m_s);
+        let speed_m_s = libm::sqrt(wind_w_m_s.iter().map(|v| v * v).sum());
+        self.uses.wind_max_m_s = self.uses.wind_max_m_s.max(speed_m_s);
+        self.panels.force.put_all(0, t_ns, force_w_n);
+        self.panels.moment.put_all(0, t_ns, torque_b_nm);
+        let ([a, b, c], [d, e, f]) = (wind_w_m_s, force_w_n);
+        self.frames.world.put(self.since_start(t_ns), [a, b, c, d, e, f]);
+        self.happenings.extend(self.world.disturbance(disturbance));
+    }
+
+    fn loop_stats(&mut self, stats: &LoopStats) {
+        match self.loops.iter_mut().find(|known| known.role == stats.role) {
+            Some(known) => *known = *stats,
+            None => self.loops.push(*stats),
+        }
+        if let Some(place) = LOOPS.iter().position(|name| *name == stats.role.label()) {
+            let missed = stats.input_deadline_misses + stats.skipped;
+            self.panels.misses.put(place, stats.header.release_ns, missed as f64);
+        }
+    }
+}
+
+impl RecordVisitor for Collect<'_> {
+    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        if let Some(truth) = any.downcast_ref::<Truth>() {
+            self.truth(truth);
+        } else if let Some(reference) = any.downcast_ref::<Reference>() {
+            self.course.observe_reference(reference);
+            self.compare(false);
+        } else if let Some(estimate) = any.downcast_ref::<StateEstimate>() {
+            self.estimate(estimate);
+        } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
+            self.applied(applied);
+        } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
+            self.setpoint(applied);
+        } else if let Some(report) = any.downcast_ref::<ControllerReport>() {
+            if topic.info.name == topics::ATTITUDE_REPORT.info.name {
+                self.attitude_report(report);
+            } else {
+                self.position_report(report);
+            }
+        } else if let Some(actuators) = any.downcast_ref::<ActuatorState>() {
+            let t_ns = actuators.header.valid_ns;
+            self.panels.rotors.put_all(0, t_ns, actuators.rotor_thrust_n);
+            let most_n = actuators.rotor_thrust_n.into_iter().fold(0.0, f64::max);
+            self.uses.rotor = self.uses.rotor.max(most_n / self.rotor_thrust_max_n);
+            let since_ns = self.since_start(t_ns);
+            self.frames.rotor_thrust_n.put(since_ns, actuators.rotor_thrust_n);
+        } else if let Some(command) = any.downcast_ref::<MorphCommand>() {
+            self.panels.morph.put(1, command.header.valid_ns, command.angle_rad.to_degrees());
+        } else if let Some(disturbance) = any.downcast_ref::<Disturbance>() {
+            self.disturbance(disturbance);
+        } else if let Some(order) = any.downcast_ref::<GuidanceOrder>() {
+            self.happenings.extend(self.world.guidance(order));
+        } else if let Some(order) = any.downcast_ref::<DisturbanceOrder>() {
+            self.happenings.extend(self.world.disturbance_order(order));
+        } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
+            self.loop_stats(stats);
+        }
+    }
+
+    fn event(&mut self, event: RecordedEvent) {
+        self.happenings.push(Happening::told(event, self.epoch_unix_ns, self.clock));
+    }
+}
+
+/// Share of its bound that an input takes, of whichever bound it is towards.
+fn used(report: &ControllerReport, i: usize) -> f64 {
+    let input = report.input[i];
+    let bound = if input < 0.0 { report.input_min[i] } else { report.input_max[i] };
+    let share = input / bound;
+    if share.is_finite() { share } else { 0.0 }
+}

@@ -1,0 +1,265 @@
+//! What happened and when, for the time axis.
+
+use crate::record::Clock;
+use crate::record::read::{RecordVisitor, RecordedEvent};
+use serde::Serialize;
+use shared_types::{
+    Disturbance, DisturbanceKind, DisturbanceOrder, GateMode, GuidanceOrder, OwnerRecord, Role,
+    Sample, Topic, TopicInfo, topics,
+};
+use std::any::Any;
+
+/// What kind of thing; the page has a sign for each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Kind {
+    /// A change of who commands a slot, or a step of it.
+    Swap,
+    /// Something failed.
+    Fault,
+    /// The world did something.
+    Disturbance,
+    /// Somebody asked for something.
+    Order,
+    /// Anything else that was told.
+    Note,
+}
+
+/// One thing that happened.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Happening {
+    /// Logical time \[s\].
+    pub(crate) at_s: f64,
+    pub(crate) kind: Kind,
+    /// Shown as a line through every chart.
+    pub(crate) is_mark: bool,
+    pub(crate) source: String,
+    pub(crate) text: String,
+}
+
+impl Happening {
+    fn mark(at_ns: u64, kind: Kind, source: &str, text: String) -> Self {
+        let at_s = at_ns as f64 * 1e-9;
+        Self { at_s, kind, is_mark: true, source: source.to_owned(), text }
+    }
+
+    /// What was told in words; its stamp is Unix time that runs like the flight's clock.
+    pub(super) fn told(event: RecordedEvent, epoch_unix_ns: u64, clock: Clock) -> Self {
+        let since_s = event.stamp_ns.saturating_sub(epoch_unix_ns) as f64 * 1e-9;
+        let at_s = match clock {
+            Clock::Lockstep => since_s,
+            Clock::Realtime { speed } => since_s * speed,
+        };
+        let kind = match event.level {
+            3.. => Kind::Fault,
+            _ if event.text.contains(" slot: ") => Kind::Swap,
+            _ => Kind::Note,
+        };
+        let is_mark = kind == Kind::Fault;
+        Self { at_s, kind, is_mark, source: event.source, text: event.text }
+    }
+}
+
+/// Who commands each slot from when on.
+#[derive(Debug, Default)]
+pub(super) struct Owners {
+    /// Instant \[ns\], slot, seat.
+    changes: Vec<(u64, Role, u32)>,
+    pub(super) happenings: Vec<Happening>,
+}
+
+impl RecordVisitor for Owners {
+    fn wants(&self, topic: &TopicInfo) -> bool {
+        [topics::ATTITUDE_OWNER.info.name, topics::POSITION_OWNER.info.name].contains(&topic.name)
+    }
+
+    fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        let Some(record) = any.downcast_ref::<OwnerRecord>() else { return };
+        let OwnerRecord { header, epoch, owner, slot, .. } = *record;
+        let before = self.owner_at(slot, u64::MAX);
+        if before != Some(owner) {
+            if before.is_some() {
+                let text = format!("{} slot: seat {owner} commands from now on", slot.label());
+                let text = format!("{text}, epoch {epoch}");
+                let flip = Happening::mark(header.valid_ns, Kind::Swap, "supervisor", text);
+                self.happenings.push(flip);
+            }
+            self.changes.push((header.valid_ns, slot, owner));
+        }
+    }
+}
+
+impl Owners {
+    /// Seat that commands a slot at an instant; `None` before the first.
+    pub(super) fn owner_at(&self, slot: Role, t_ns: u64) -> Option<u32> {
+        let mut known = self.changes.iter().rev();
+        known.find(|(from_ns, of, _)| *of == slot && *from_ns <= t_ns).map(|(_, _, seat)| *seat)
+    }
+}
+
+/// Notices when the world changes other than by wind.
+#[derive(Debug, Default)]
+pub(super) struct World {
+    last: Option<Disturbance>,
+    gate: GateMode,
+    guidance: GuidanceOrder,
+    /// Number of the last disturbance that was ordered.
+    ordered: u64,
+}
+
+impl World {
+    /// What a new sample of the disturbance begins.
+    pub(super) fn disturbance(&mut self, now: &Disturbance) -> Option<Happening> {
+        let before = self.last.replace(*now);
+        let calm = Disturbance { rotor_efficiency: [1.0; 4], ..Disturbance::default() };
+        let before = before.unwrap_or(calm);
+        let mut told = Vec::new();
+        if !is_none(now.body_rate_kick_b_rad_s) {
+            told.push(format!("body rate kicked by {} rad/s", vector(now.body_rate_kick_b_rad_s)));
+        }
+        if is_none(before.force_w_n) && !is_none(now.force_w_n) {
+            told.push(format!("force of {} N begins", vector(now.force_w_n)));
+        }
+        if is_none(before.torque_b_nm) && !is_none(now.torque_b_nm) {
+            told.push(format!("torque of {} N m begins", vector(now.torque_b_nm)));
+        }
+        if before.payload_kg.to_bits() != now.payload_kg.to_bits() {
+            told.push(format!("payload is {} kg", now.payload_kg));
+        }
+        for (i, (was, is)) in before.rotor_efficiency.iter().zip(now.rotor_efficiency).enumerate() {
+            if was.to_bits() != is.to_bits() {
+                told.push(format!("rotor {} gives {:.0} % of its thrust", i + 1, is * 100.0));
+            }
+        }
+        let text = told.join(", ");
+        let at_ns = now.header.valid_ns;
+        (!text.is_empty()).then(|| Happening::mark(at_ns, Kind::Disturbance, "disturbance", text))
+    }
+
+    /// Where the vehicle is sent from now on, and how wide it is to be.
+    pub(super) fn guidance(&mut self, now: &GuidanceOrder) -> Vec<Happening> {
+        let before = core::mem::replace(&mut self.guidance, *now);
+        let GuidanceOrder { position, yaw, morph, .. } = now;
+        let mut told = Vec::new();
+        let mut tell = |is: bool, begin_ns: u64, before_ns: u64, text: String| {
+            if is && begin_ns != before_ns {
+                told.push(Happening::mark(begin_ns, Kind::Order, "order", text));
+            }
+        };
+        let goal = format!("go to {} m", vector(position.goal_w_m));
+        tell(position.ordered.is_set(), position.begin_ns, before.position.begin_ns, goal);
+        let heading = format!("heading {:.1}°", yaw.goal_rad.to_degrees());
+        tell(yaw.ordered.is_set(), yaw.begin_ns, before.yaw.begin_ns, heading);
+        let angle = format!("deployable angle {:.1}°", morph.goal_rad.to_degrees());
+        tell(morph.ordered.is_set(), morph.begin_ns, before.morph.begin_ns, angle);
+        told
+    }
+
+    /// What is done to it on purpose from now on.
+    pub(super) fn disturbance_order(&mut self, now: &DisturbanceOrder) -> Vec<Happening> {
+        let count = usize::try_from(now.count).unwrap_or(0).min(now.entries.len());
+        let newest = self.ordered;
+        let new = now.entries[..count].iter().filter(|entry| entry.number > newest);
+        let told = new.map(|entry| {
+            self.ordered = self.ordered.max(entry.number);
+            let what = match entry.kind {
+                DisturbanceKind::Wind => format!("wind of {} m/s", vector(entry.wind_w_m_s)),
+                DisturbanceKind::Force => format!("force of {} N", vector(entry.force_w_n)),
+                DisturbanceKind::Torque => format!("torque of {} N m", vector(entry.torque_b_nm)),
+                DisturbanceKind::Kick => {
+                    format!("body rate kicked by {} rad/s", vector(entry.body_rate_kick_b_rad_s))
+                }
+                DisturbanceKind::Payload => format!("payload of {} kg", entry.payload_kg),
+                _ => format!("rotor {} at {:.0} %", entry.rotor, entry.efficiency * 100.0),
+            };
+            Happening::mark(entry.begin_ns, Kind::Order, "order", what)
+        });
+        told.collect()
+    }
+
+    /// What a change of the gate's mode means.
+    pub(super) fn gate(&mut self, at_ns: u64, mode: GateMode) -> Option<Happening> {
+        let before = core::mem::replace(&mut self.gate, mode);
+        // Until the first command arrives the gate holds, in every flight.
+        if before == mode || at_ns == 0 {
+            return None;
+        }
+        let text = match mode {
+            GateMode::Normal => "the gate lets commands through again",
+            GateMode::Hold => "no valid command: the gate holds the last one",
+            GateMode::Level => "still no valid command: the gate levels the vehicle",
+            _ => "the gate has cut the rotors",
+        };
+        Some(Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned()))
+    }
+}
+
+/// True if nothing acts.
+fn is_none(values: [f64; 3]) -> bool {
+    values.iter().all(|value| value.abs() <= 0.0)
+}
+
+fn vector(values: [f64; 3]) -> String {
+    let [x, y, z] = values;
+    format!("({x:.3}, {y:.3}, {z:.3})")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_of_events_are_logical_time_at_any_speed() {
+        let event = |level| RecordedEvent {
+            stamp_ns: 7_000_000_000,
+            level,
+            source: "launcher".to_owned(),
+            text: "attitude slot: somebody joined".to_owned(),
+        };
+        let told = Happening::told(event(2), 5_000_000_000, Clock::Lockstep);
+        assert_eq!((told.at_s, told.kind, told.is_mark), (2.0, Kind::Swap, false));
+        let slow = Clock::Realtime { speed: 0.5 };
+        let told = Happening::told(event(3), 5_000_000_000, slow);
+        assert_eq!((told.at_s, told.kind, told.is_mark), (1.0, Kind::Fault, true));
+    }
+
+    #[test]
+    fn an_owner_holds_its_slot_until_the_next_and_the_first_is_no_change() {
+        let mut owners = Owners::default();
+        for (valid_ns, owner, epoch) in [(0, 0, 1), (5, 0, 2), (10, 1, 3)] {
+            let mut record = OwnerRecord { epoch, owner, ..OwnerRecord::default() };
+            record.slot = Role::Attitude;
+            record.header.valid_ns = valid_ns;
+            owners.sample(&topics::ATTITUDE_OWNER, &record);
+        }
+        assert_eq!(owners.owner_at(Role::Attitude, 9), Some(0));
+        assert_eq!(owners.owner_at(Role::Attitude, 10), Some(1));
+        assert_eq!(owners.owner_at(Role::Position, 10), None);
+        assert_eq!(owners.happenings.len(), 1);
+        assert!(owners.happenings[0].text.contains("seat 1"), "{:?}", owners.happenings);
+    }
+
+    #[test]
+    fn the_world_is_told_of_once_per_change() {
+        let mut world = World::default();
+        let mut now = Disturbance { rotor_efficiency: [1.0; 4], ..Disturbance::default() };
+        assert_eq!(world.disturbance(&now), None);
+        now.wind_w_m_s = [3.0, 0.0, 0.0];
+        assert_eq!(world.disturbance(&now), None);
+        now.payload_kg = 0.2;
+        now.rotor_efficiency[2] = 0.5;
+        let told = world.disturbance(&now).expect("two changes");
+        assert_eq!(told.text, "payload is 0.2 kg, rotor 3 gives 50 % of its thrust");
+        assert_eq!(world.disturbance(&now), None);
+        let mut order = GuidanceOrder::default();
+        (order.morph.goal_rad, order.morph.begin_ns) = (1.0, 7_000_000_000);
+        order.morph.ordered = true.into();
+        let told = world.guidance(&order);
+        assert_eq!((told.len(), told[0].at_s, told[0].kind), (1, 7.0, Kind::Order));
+        assert!(world.guidance(&order).is_empty());
+        assert!(world.gate(0, GateMode::Hold).is_none());
+        assert!(world.gate(1, GateMode::Normal).is_some());
+        assert!(world.gate(2, GateMode::Normal).is_none());
+    }
+}
