@@ -8,7 +8,7 @@ use crate::trace::{Chain, SEGMENTS};
 use crate::view::{Gathered, Panel};
 
 /// Intervals of a curve: more do not show on paper.
-const INTERVALS: usize = 500;
+const INTERVALS: usize = 700;
 /// Points of a tail.
 const POINTS: usize = 400;
 
@@ -48,8 +48,8 @@ fn draw(panel: &Panel, gathered: &Gathered) -> Drawn {
     let y = if panel.log { Axis::log(unit) } else { Axis::new(unit) };
     let mut drawn = Drawn::new(panel.title, Axis::new("t [s]"), y);
     for series in &panel.series {
-        let points = series.envelope.points(INTERVALS);
-        let points = points.filter(|[_, value]| !panel.log || *value > 0.0).collect::<Vec<_>>();
+        let mut points = series.envelope.points(INTERVALS);
+        points.retain(|[_, value]| !panel.log || *value > 0.0);
         if !points.is_empty() {
             let curve = Curve::new(series.name, series.colour, points);
             drawn = drawn.curve(curve.mark(Mark::Line(series.dash)));

@@ -151,15 +151,15 @@ impl fmt::Display for Report {
         writeln!(f, "{}", self.sentence)?;
         for section in SECTIONS {
             let (table, command) = self.table(section);
-            writeln!(f, "\n{} (again: {command})\n{table}", capital(section))?;
+            write!(f, "\n{} (again: {command})\n{table}", capital(section))?;
         }
         if !self.responses.is_empty() {
-            writeln!(f, "What followed. {RESPONSES}\n{}", self.responses())?;
+            write!(f, "\nWhat followed. {RESPONSES}\n{}", self.responses())?;
         }
         if self.has_swaps() {
-            writeln!(f, "Swaps\n{}", self.swaps())?;
+            write!(f, "\nSwaps\n{}", self.swaps())?;
         }
-        writeln!(f, "Audit\n{}", self.audit())?;
+        write!(f, "\nAudit\n{}\n", self.audit())?;
         let fact = |key: &str| self.facts.get(key).map_or("unknown", String::as_str);
         writeln!(
             f,

@@ -83,17 +83,26 @@ impl Envelope {
         seen.map(move |(i, [low, high])| (time_s(i), f64::from(*low), f64::from(*high)))
     }
 
-    /// Corners of a line that touches least and greatest of at most about `most` bins.
-    pub(crate) fn points(&self, most: usize) -> impl Iterator<Item = [f64; 2]> {
+    /// Corners of a line that touches least and greatest of at most `most` bins, of each first the one that is
+    /// closer to where the line comes from.
+    pub(crate) fn points(&self, most: usize) -> Vec<[f64; 2]> {
         let mut coarse = self.clone();
         while coarse.bins.len() > most.max(1) {
             coarse.coarsen();
         }
-        let intervals: Vec<_> = coarse.intervals().collect();
-        intervals.into_iter().flat_map(|(t, low, high)| {
-            let second = (high > low).then_some([t, high]);
-            core::iter::once([t, low]).chain(second)
-        })
+        let quarter_s = coarse.width_ns as f64 * 0.25e-9;
+        let mut points: Vec<[f64; 2]> = Vec::with_capacity(2 * coarse.bins.len());
+        for (t, low, high) in coarse.intervals() {
+            let from = points.last().map_or(low, |[_, value]| *value);
+            let falls = (from - high).abs() < (from - low).abs();
+            let (first, second) = if falls { (high, low) } else { (low, high) };
+            if high > low {
+                points.extend([[t - quarter_s, first], [t + quarter_s, second]]);
+            } else {
+                points.push([t, low]);
+            }
+        }
+        points
     }
 
     /// False if every bin has one value.
@@ -114,7 +123,8 @@ mod tests {
         }
         let (origin_ns, width_ns, bins) = envelope.bins();
         assert_eq!((origin_ns, width_ns, envelope.is_merged()), (5_000_000, 10_000_000, false));
-        assert!((0..2 * BINS).all(|i| bins[i] == [i as f32; 2]));
+        let exact = |i: usize| bins[i].map(f32::to_bits) == [(i as f32).to_bits(); 2];
+        assert!((0..2 * BINS).all(exact));
     }
 
     #[test]
@@ -137,12 +147,23 @@ mod tests {
         for i in 0..3000_u64 {
             envelope.put(i * 1_000_000, if i == 1234 { -7.0 } else { 1.0 });
         }
-        let points: Vec<_> = envelope.points(100).collect();
+        let points = envelope.points(100);
         assert!(points.len() <= 102, "{}", points.len());
         let peak: Vec<_> = points.iter().filter(|[_, value]| *value < 0.0).collect();
         assert!(peak.len() == 1 && (peak[0][0] - 1.234).abs() < 0.03, "{peak:?}");
         assert_eq!(envelope.intervals().count(), 3000);
         assert_eq!(envelope.intervals().nth(2), Some((0.002, 1.0, 1.0)));
+    }
+
+    #[test]
+    fn a_line_on_paper_that_rises_and_falls_does_not_go_back() {
+        let mut envelope = Envelope::default();
+        for i in 0..2000_u64 {
+            envelope.put(i * 1_000_000, if i < 1000 { i as f64 } else { 2000.0 - i as f64 });
+        }
+        let values: Vec<f64> = envelope.points(50).into_iter().map(|[_, value]| value).collect();
+        let turns = values.windows(3).filter(|w| (w[1] - w[0]) * (w[2] - w[1]) < 0.0);
+        assert!(turns.count() <= 2, "{values:?}");
     }
 
     #[test]

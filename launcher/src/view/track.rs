@@ -93,7 +93,9 @@ mod tests {
         let step_ns = track.step_ns();
         let count = track.len();
         let values = track.values(step_ns, count);
-        let exact = |(i, value): (usize, &f32)| *value == (i as u64 * step_ns / 1_000_000) as f32;
+        let exact = |(i, value): (usize, &f32)| {
+            value.to_bits() == ((i as u64 * step_ns / 1_000_000) as f32).to_bits()
+        };
         assert!(values.iter().enumerate().all(exact));
     }
 }
