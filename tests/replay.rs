@@ -140,6 +140,21 @@ fn a_realtime_flight_with_late_samples_and_missed_deadlines_is_verified() {
 }
 
 #[test]
+fn a_flight_with_asap_edges_is_verified_by_what_took_effect_when() {
+    let asap = "realtime.asap=[\"wrench_command\", \"attitude_setpoint\", \"applied_setpoint\"]";
+    let _turn = turn();
+    let flown = fly(&["figure8-morph", "--clock", "realtime", "--for", "2s", "--set", asap]);
+    assert_identical(&flown.recording_path());
+    assert_hashes_agree(&flown);
+    let stamps = ["header.release_ns", "header.valid_ns"];
+    let commands = flown.recording().series("wrench_command", &stamps);
+    let delays: Vec<f64> = commands.iter().map(|row| row.values[1] - row.values[0]).collect();
+    // As the machine had it, which is never the same for long.
+    assert!(delays.len() > 100 && delays.iter().all(|ns| *ns > 0.0), "{delays:?}");
+    assert!(delays.iter().any(|ns| *ns != delays[0]), "{delays:?}");
+}
+
+#[test]
 fn every_life_of_a_restarted_process_is_verified() {
     let _turn = turn();
     // In realtime a successor that publishes its state seldom may say something else in the steps

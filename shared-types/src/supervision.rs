@@ -188,6 +188,8 @@ sample! {
         pub generation: u64,
         /// Realtime: allocations since the loop was warm; 0 if nobody counts them.
         pub allocations: u64,
+        /// Realtime: allocations of the transport meanwhile, not counted above: one for each sample sent.
+        pub transport_allocations: u64,
         /// Realtime: page faults since the loop was warm that memory resolved.
         pub minor_faults: u64,
         /// Realtime: page faults since the loop was warm that waited for a disk.

@@ -88,7 +88,7 @@ fn arrows(graph: &Graph, flown: &ScenarioSettings, out: &mut dyn Write) -> io::R
             edge.topic.name,
             edge.from.label(),
             edge.to.label(),
-            milliseconds(edge.latency_ns),
+            if edge.asap { "asap".to_owned() } else { milliseconds(edge.latency_ns) },
             milliseconds(edge.deadline_ns),
             format!("{} ms", deadline_ns as f64 / 1e6),
             times.map_or(String::new(), on_wall),

@@ -35,7 +35,7 @@ impl<S: Service> Stepper for Executor<S> {
     }
     fn step(&mut self, now_mono_ns: fn() -> u64) {
         self.inputs.receive();
-        self.run_step(StepStamps { release_mono_ns: now_mono_ns(), now_mono_ns });
+        self.run_step(StepStamps::at_once(now_mono_ns));
     }
     fn finish(&mut self) {
         Self::finish(self);

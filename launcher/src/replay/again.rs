@@ -190,7 +190,7 @@ fn fly<S: Service>(executor: &mut Executor<S>, course: &Course, life: &Life, now
     while executor.mark_ns() <= life.last_ns {
         now_ns.set(executor.mark_ns());
         executor.inputs.receive();
-        executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        executor.run_step(StepStamps::UNTIMED);
         course.prepare(executor);
     }
     // Whoever left in order has published its totals once more.

@@ -11,6 +11,7 @@ use super::tapes::{Recorded, load};
 use crate::components::{Component, ComponentVisitor, Crew, build_service};
 use crate::record::read::{RecordedFlight, RecordedState};
 use core::convert::Infallible;
+use runtime::Graph;
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::service::{Service, state_size};
 use shared_types::{Header, Role, Sample, Topic, topics};
@@ -119,7 +120,7 @@ pub fn verify(
             meant.extend(chosen(instances(&recorded, role, &crew), who)?);
         }
         for (instance, lives) in meant {
-            let mut verdict = judge(flight, &recorded, &instance, &lives)?;
+            let mut verdict = judge(flight, &graph, (&recorded, &instance, &lives))?;
             if let Some(first) = &mut verdict.first {
                 first.release_index = node.rate.first_at_or_after(first.release_ns);
             }
@@ -133,9 +134,8 @@ pub fn verify(
 /// Flies one instance again through all of its lives, and compares.
 fn judge(
     flight: &RecordedFlight,
-    recorded: &Recorded,
-    instance: &Instance,
-    lives: &[Life],
+    graph: &Graph,
+    (recorded, instance, lives): (&Recorded, &Instance, &[Life]),
 ) -> Result<ServiceVerdict, ReplayError> {
     let (role, scenario) = (instance.role, flight.scenario());
     let left_out = |why| Ok(ServiceVerdict { left_out: Some(why), ..none(instance) });
@@ -146,7 +146,7 @@ fn judge(
     };
     let replayed = fly_again(flight, (role, service), scenario, recorded, lives)?;
     let verdict = ServiceVerdict { steps: replayed.steps, ..none(instance) };
-    let compare = Compare { recorded, replayed: &replayed, lives, verdict };
+    let compare = Compare { graph, recorded, replayed: &replayed, lives, verdict };
     build_service(service, scenario, compare).map_err(ReplayError::component(role))
 }
 
@@ -165,6 +165,7 @@ fn none(instance: &Instance) -> ServiceVerdict {
 }
 
 struct Compare<'a> {
+    graph: &'a Graph,
     recorded: &'a Recorded,
     replayed: &'a Replayed,
     lives: &'a [Life],
@@ -195,6 +196,7 @@ impl OutputVisitor for Compare<'_> {
         let lossy = self.recorded.has_gaps(name);
         // Topics that all loops write tell lives apart in their own way.
         let told = topic.info.from == Role::Supervisor;
+        let asap = self.graph.is_asap(&topic.info);
         let life = if told { LifeKey::of_deviation } else { LifeKey::of };
         self.pairs(
             (&recorded, &replayed),
@@ -203,7 +205,12 @@ impl OutputVisitor for Compare<'_> {
             life,
             |verdict, a, b| {
                 verdict.samples += 1;
-                if let Some((field, was, is)) = difference(a, b, &REPRODUCED) {
+                let mut b = *b;
+                if asap {
+                    // The instant at which the machine got it out.
+                    b.header_mut().valid_ns = a.header().valid_ns;
+                }
+                if let Some((field, was, is)) = difference(a, &b, &REPRODUCED) {
                     verdict.differ(name, a.header().release_ns, &field, was, is);
                 }
             },

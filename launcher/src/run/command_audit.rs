@@ -114,7 +114,8 @@ impl CommandAudit {
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
         }
-        self.last_ns = Some(tick.at_ns);
+        // A tick tells of the stretch that ends with it, within which a command may run out.
+        let began_ns = self.last_ns.replace(tick.at_ns).unwrap_or(tick.at_ns);
         let record = self.epochs.get(&tick.epoch).copied();
         let obeyed =
             record.map_or(
@@ -144,7 +145,8 @@ impl CommandAudit {
                     && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
             };
             let its_own = seat == obeyed || carried();
-            its_own && life.from_ns <= tick.at_ns && tick.at_ns <= life.until_ns
+            let lasted = tick.at_ns <= life.until_ns || began_ns < life.until_ns;
+            its_own && life.from_ns <= tick.at_ns && lasted
         });
         self.tally.wrong_owner += u64::from(!counts);
     }
@@ -219,6 +221,21 @@ mod tests {
         assert_eq!(wrong(&[applied(15, 1, (0, 9), false)]), 1, "never said");
         assert_eq!(wrong(&[applied(25, 2, (0, 3), true)]), 0, "the fallback took over");
         assert_eq!(wrong(&[applied(15, 9, (0, 2), false)]), 1, "an epoch that nobody announced");
+    }
+
+    #[test]
+    fn a_command_that_runs_out_within_a_tick_has_had_its_part_of_it() {
+        let audit = |until_us: u64| {
+            let mut audit = CommandAudit::default();
+            audit.record(&record(1, 0, 0, NO_SEAT));
+            let mut command = command(0, 1, 10);
+            command.validity_ns = until_us * 1000 - command.header.valid_ns;
+            audit.command(&command);
+            audit.applied(&applied(11, 1, (0, 1), false));
+            audit.applied(&applied(12, 1, (0, 1), false));
+            audit.tally().wrong_owner
+        };
+        assert_eq!([12_000, 11_700, 11_000].map(audit), [0, 0, 1]);
     }
 
     #[test]

@@ -32,7 +32,7 @@ const IDENTITY_FIELDS: [&str; 10] = [
 
 /// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever
 /// compares samples of two flights leaves these out and nothing else.
-pub const MACHINE_FIELDS: [&str; 12] = [
+pub const MACHINE_FIELDS: [&str; 13] = [
     // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
     "receive_mono_ns",
     "release_mono_ns",
@@ -44,6 +44,7 @@ pub const MACHINE_FIELDS: [&str; 12] = [
     // Of `loop_stats`: waits that only their limit ended, allocations and page faults.
     "rescued_waits",
     "allocations",
+    "transport_allocations",
     "minor_faults",
     "major_faults",
     "allocations_at_changes",

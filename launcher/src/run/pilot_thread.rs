@@ -44,7 +44,12 @@ impl ComponentVisitor for FlyPilot<'_> {
         let executor = Executor::new(service, node, place, state_every);
         let prepare = || {
             // What is not granted here, was not to the other loops either.
-            let _ = self.setup.map(|setup| setup.apply());
+            let Some(setup) = self.setup else { return Ok(()) };
+            // Its process is the launcher: what that takes later is nobody's loop's.
+            if setup.lock_memory {
+                let _ = host::realtime::lock_present_memory();
+            }
+            let _ = Setup { lock_memory: false, ..setup }.apply();
             Ok(())
         };
         fly_service(self.bus, self.graph, self.stop, executor, (await_handover, prepare))
@@ -67,9 +72,7 @@ pub(super) fn start(
         if let Some(cpu) = cpu {
             stay_on(cpu);
         }
-        // Its memory is the launcher's, which is nobody's loop.
         let setup = scenario.flight().ok().and_then(|flight| flight.setup(Role::Pilot));
-        let setup = setup.map(|setup| Setup { lock_memory: false, ..setup });
         let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
         components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop, entry, setup })
             .map_err(|error| error.to_string())?

@@ -34,6 +34,12 @@ impl Upkeep {
         self.sum(|stats| stats.allocations)
     }
 
+    /// Allocations of the transport for the samples that those loops sent.
+    #[must_use]
+    pub fn transport_allocations(&self) -> u64 {
+        self.sum(|stats| stats.transport_allocations)
+    }
+
     /// Page faults of warm loops while nobody came or left.
     #[must_use]
     pub fn page_faults(&self) -> u64 {
@@ -47,6 +53,7 @@ impl Upkeep {
             json!({
                 "loop": name,
                 "allocations": stats.allocations,
+                "transport_allocations": stats.transport_allocations,
                 "minor_faults": stats.minor_faults,
                 "major_faults": stats.major_faults,
                 "allocations_at_changes": stats.allocations_at_changes,
@@ -64,18 +71,19 @@ impl fmt::Display for Upkeep {
             self.sum(|stats| stats.allocations_at_changes),
             self.sum(|stats| stats.faults_at_changes),
         );
-        // Loaning a sample takes the transport one small block of memory; there is no way around it.
         write!(
             f,
-            "  upkeep       {faults} page faults and {allocations} allocations of warm loops, the transport's one for each sample sent included"
+            "  upkeep       {faults} page faults and {allocations} allocations of warm loops"
         )?;
+        // Lending a sample takes the transport one small block of memory; there is no way around it.
+        write!(f, "; {} of the transport for samples sent", self.transport_allocations())?;
         if at_changes != (0, 0) {
             write!(f, "; {} and {} as somebody came or left", at_changes.1, at_changes.0)?;
         }
         writeln!(f)?;
         for (name, stats) in &self.loops {
             let LoopStats { allocations, minor_faults, major_faults, .. } = stats;
-            if minor_faults + major_faults > 0 {
+            if minor_faults + major_faults + allocations > 0 {
                 writeln!(
                     f,
                     "  upkeep       {name}: {minor_faults} page faults in memory, {major_faults} from disk, {allocations} allocations"

@@ -188,6 +188,7 @@ impl<'s> Checker<'s> {
     fn deadlines(&mut self) {
         let realtime = &self.settings().realtime;
         let mut complaints = deadlines::of_unknown_edges(realtime);
+        complaints.extend(deadlines::of_unhurried(realtime));
         if let (true, Ok(graph)) = (complaints.is_empty(), self.scenario.graph()) {
             complaints = deadlines::beyond_the_period(realtime, &graph);
         }

@@ -1,4 +1,5 @@
-//! Rules for `[realtime]`: which edges have a deadline, and how long it may be.
+//! Rules for `[realtime]`: which edges have a deadline, how long it may be, and which may do without a
+//! latency.
 
 use super::settings::{RealtimeSettings, topic_of};
 use super::{suggest, wiring};
@@ -40,6 +41,19 @@ pub(super) fn of_unknown_edges(settings: &RealtimeSettings) -> Vec<Complaint> {
         }
     }
     complaints
+}
+
+/// Topics that cannot take effect when they are published, because nobody waits for their latency.
+pub(super) fn of_unhurried(settings: &RealtimeSettings) -> Vec<Complaint> {
+    let delayed: Vec<&str> = wiring::delayed_topics().collect();
+    let unknown = settings.asap.iter().filter(|name| !delayed.contains(&name.as_str()));
+    unknown
+        .map(|name| {
+            let what = format!("`{name}` is no topic with a latency of its own");
+            let remedy = suggest::remedy(name, delayed.iter().copied());
+            ("realtime.asap".to_owned(), what, remedy)
+        })
+        .collect()
 }
 
 /// A loop that leaves out what it is late for would wait for each release until it may no longer
@@ -92,6 +106,25 @@ mod tests {
                 _ => before.deadline_ns,
             };
             assert_eq!(edge.deadline_ns, expected_ns, "{} to {:?}", edge.topic.name, edge.to);
+        }
+    }
+
+    #[test]
+    fn only_a_topic_with_a_latency_can_do_without_and_only_by_the_wall_clock() {
+        for name in ["imu", "wrench_comand", "loop_stats"] {
+            let told = problem(&format!("[realtime]\nasap = [\"{name}\"]\n")).to_string();
+            assert!(told.contains("realtime.asap") && told.contains(name), "{told}");
+        }
+        let text = |clock: &str| {
+            format!("[scenario]\nclock = \"{clock}\"\n[realtime]\nasap = [\"wrench_command\"]\n")
+        };
+        for (clock, expected) in [("realtime", true), ("lockstep", false)] {
+            let scenario = Scenario::from_text("good.toml", &text(clock), &[]).unwrap();
+            let graph = scenario.graph().unwrap();
+            for edge in graph.edges() {
+                let asap = expected && edge.topic.name == "wrench_command";
+                assert_eq!(edge.asap, asap, "{} by {clock}", edge.topic.name);
+            }
         }
     }
 

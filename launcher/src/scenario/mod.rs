@@ -30,6 +30,7 @@ pub use problem::{Problem, ScenarioError};
 pub use settings::Settings;
 pub(crate) use suggest::remedy as suggestion;
 pub use wiring::WiringError;
+pub(crate) use wiring::delayed_topics;
 
 use crate::components::Crew;
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};

@@ -218,6 +218,10 @@ pub struct RealtimeSettings {
     /// By how much the system may put off a loop's timers \[s\]; 0 for what it is used to.
     #[garde(range(min = 0.0, max = 0.01))]
     pub timer_slack_s: f64,
+    /// Topics with a latency whose samples take effect when they are published instead: the shortest
+    /// way that the machine has, for a flight that no other is like.
+    #[garde(skip)]
+    pub asap: Vec<String>,
     /// Refuse to fly if the system does not grant all of this.
     #[garde(skip)]
     pub strict: bool,
@@ -297,6 +301,7 @@ impl Default for RealtimeSettings {
             cpus: Vec::new(),
             lock_memory: true,
             timer_slack_s: 1e-6,
+            asap: Vec::new(),
             strict: false,
             plant: usual(),
             estimator: usual(),

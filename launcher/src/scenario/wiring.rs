@@ -1,7 +1,7 @@
 //! From a scenario to the flight's graph: loops with their rates, arrows with their latencies.
 
 use super::ns_from_s;
-use super::settings::{LatencySettings, Settings};
+use super::settings::{Clock, LatencySettings, Settings};
 use crate::components::Crew;
 use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
@@ -57,7 +57,11 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
         .collect::<Result<Vec<_>, _>>()?;
     let graph = Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?;
     let deadline_s = |edge: &Edge| settings.realtime.deadline_s(edge.to, edge.topic.name);
-    Ok(graph.with_deadlines(&|edge| deadline_s(edge).map(ns_from_s)))
+    let graph = graph.with_deadlines(&|edge| deadline_s(edge).map(ns_from_s));
+    // Simulated time has no instant of publication.
+    let by_wall = settings.scenario.clock == Clock::Realtime;
+    let asap = |topic: &TopicInfo| settings.realtime.asap.iter().any(|name| name == topic.name);
+    Ok(graph.with_asap(&|topic| by_wall && asap(topic)))
 }
 
 fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
@@ -105,10 +109,21 @@ pub(super) fn sensor_rate(settings: &Settings, topic: &TopicInfo) -> Option<Rate
 }
 
 fn latency_ns(latency: &LatencySettings, topic: &TopicInfo) -> u64 {
-    let declared = [
+    declared(latency)
+        .into_iter()
+        .find(|(name, _)| *name == topic.name)
+        .map_or(0, |(_, s)| ns_from_s(s))
+}
+
+/// Names of the topics of which a scenario declares how long after their release samples take effect.
+pub(crate) fn delayed_topics() -> impl Iterator<Item = &'static str> {
+    declared(&LatencySettings::default()).into_iter().map(|(name, _)| name)
+}
+
+fn declared(latency: &LatencySettings) -> [(&'static str, f64); 3] {
+    [
         (topics::WRENCH_COMMAND.info.name, latency.wrench_command_s),
         (topics::ATTITUDE_SETPOINT.info.name, latency.attitude_setpoint_s),
         (topics::APPLIED_SETPOINT.info.name, latency.applied_setpoint_s),
-    ];
-    declared.into_iter().find(|(name, _)| *name == topic.name).map_or(0, |(_, s)| ns_from_s(s))
+    ]
 }

@@ -104,6 +104,7 @@ struct Arrow {
     to: String,
     latency_ns: u64,
     deadline_ns: u64,
+    asap: bool,
 }
 
 /// [`VehicleParameters`], each geometry law as `[c0, c1, c2]` over β in degrees.
@@ -223,7 +224,8 @@ impl Flight {
             let is_edge = |a: &&Arrow| a.topic == edge.topic.name && a.to == edge.to.label();
             self.edges.iter().find(is_edge).map(|arrow| arrow.deadline_ns)
         };
-        Ok(Graph::new(nodes, &latency_ns)?.with_deadlines(&deadline_ns))
+        let asap = |topic: &TopicInfo| self.edges.iter().any(|a| a.asap && a.topic == topic.name);
+        Ok(Graph::new(nodes, &latency_ns)?.with_deadlines(&deadline_ns).with_asap(&asap))
     }
 }
 
@@ -287,6 +289,7 @@ impl From<&Edge> for Arrow {
             to: edge.to.label().to_owned(),
             latency_ns: edge.latency_ns,
             deadline_ns: edge.deadline_ns,
+            asap: edge.asap,
         }
     }
 }
@@ -356,7 +359,9 @@ mod tests {
             node(Role::Pilot, 50.0, MissPolicy::Hold),
         ];
         let graph = Graph::new(nodes, &|_| 1_234_567).unwrap();
-        let graph = graph.with_deadlines(&|edge| (edge.to == Role::Attitude).then_some(99));
+        let graph = graph
+            .with_deadlines(&|edge| (edge.to == Role::Attitude).then_some(99))
+            .with_asap(&|topic| topic.name == topics::WRENCH_COMMAND.info.name);
         let geometry = Geometry { arm_length_m: Quadratic::constant(0.1), ..Geometry::default() };
         let vehicle =
             VehicleParameters { mass_kg: 0.1 + 0.2, geometry, ..VehicleParameters::default() };

@@ -26,8 +26,22 @@ pub trait StateSink {
 pub struct StepStamps {
     /// Intended release on the host clock \[ns\].
     pub release_mono_ns: u64,
+    /// When the step began \[ns\].
+    pub start_mono_ns: u64,
     /// Reads the host clock; only stamps come from it.
     pub now_mono_ns: fn() -> u64,
+}
+
+impl StepStamps {
+    /// Of a step of which nobody asks when it ran.
+    pub const UNTIMED: Self = Self { release_mono_ns: 0, start_mono_ns: 0, now_mono_ns: || 0 };
+
+    /// Of a step that is due as soon as it may run.
+    #[must_use]
+    pub fn at_once(now_mono_ns: fn() -> u64) -> Self {
+        let start_mono_ns = now_mono_ns();
+        Self { release_mono_ns: start_mono_ns, start_mono_ns, now_mono_ns }
+    }
 }
 
 /// Which of its role's seats a component takes, and who it is there.
@@ -254,7 +268,6 @@ impl<S: Service> Executor<S> {
     /// Runs the next release: accept, step, publish outputs, then state and statistics.
     pub fn run_step(&mut self, stamps: StepStamps) {
         let now_ns = self.mark_ns();
-        let start_mono_ns = (stamps.now_mono_ns)();
         if let Some(before_ns) = self.joins_after_ns.take() {
             self.inputs.skip_until(before_ns);
             self.previous_ns = Some(before_ns);
@@ -269,7 +282,7 @@ impl<S: Service> Executor<S> {
             input_sequence: origin.sequence,
             receive_mono_ns: origin.receive_mono_ns,
             release_mono_ns: stamps.release_mono_ns,
-            start_mono_ns,
+            start_mono_ns: stamps.start_mono_ns,
             publish_mono_ns: (stamps.now_mono_ns)(),
             ..self.header(now_ns, self.service.cause_sequence(&self.inputs))
         };
@@ -406,6 +419,7 @@ impl<S: Service> Executor<S> {
             rescued_waits: self.rescued_waits,
             generation: u64::from(self.place.generation),
             allocations: steady.allocations,
+            transport_allocations: steady.transport_allocations,
             minor_faults: steady.minor_faults,
             major_faults: steady.major_faults,
             allocations_at_changes: at_changes.allocations,

@@ -89,6 +89,9 @@ pub struct Edge {
     pub deadline_ns: u64,
     /// The consumer's step at t depends only on samples effective *before* t.
     pub strict: bool,
+    /// Realtime: samples take effect when they are published, and not a latency after their release.
+    /// What is in effect when is then for the machine to say.
+    pub asap: bool,
 }
 
 impl Edge {
@@ -97,7 +100,7 @@ impl Edge {
     #[must_use]
     pub fn unwaited(topic: &'static TopicInfo, to: Role) -> Self {
         let strict = to == Role::Plant;
-        Self { topic, from: topic.from, to, latency_ns: 0, deadline_ns: 0, strict }
+        Self { topic, from: topic.from, to, latency_ns: 0, deadline_ns: 0, strict, asap: false }
     }
 
     /// True if the consumer's step at `t_ns` may run as far as this edge is concerned.
@@ -183,7 +186,8 @@ impl Graph {
                     let waits = topic.edge == EdgeKind::ZeroLatency && !strict;
                     let node = nodes.iter().find(|n| n.role == to).filter(|_| waits);
                     let deadline_ns = node.map_or(0, |n| n.input_deadline_ns);
-                    edges.push(Edge { topic, from, to, latency_ns, deadline_ns, strict });
+                    let asap = false;
+                    edges.push(Edge { topic, from, to, latency_ns, deadline_ns, strict, asap });
                 }
             }
         }
@@ -198,6 +202,15 @@ impl Graph {
     pub fn with_deadlines(mut self, deadline_ns: &dyn Fn(&Edge) -> Option<u64>) -> Self {
         for edge in &mut self.edges {
             edge.deadline_ns = deadline_ns(edge).unwrap_or(edge.deadline_ns);
+        }
+        self
+    }
+
+    /// The same graph, in which samples of these topics take effect when they are published.
+    #[must_use]
+    pub fn with_asap(mut self, asap: &dyn Fn(&TopicInfo) -> bool) -> Self {
+        for edge in &mut self.edges {
+            edge.asap = asap(edge.topic);
         }
         self
     }
@@ -243,6 +256,12 @@ impl Graph {
     #[must_use]
     pub fn latency_ns(&self, topic: &TopicInfo) -> u64 {
         self.edges.iter().find(|e| e.topic.name == topic.name).map_or(0, |e| e.latency_ns)
+    }
+
+    /// True if samples of a topic take effect when they are published.
+    #[must_use]
+    pub fn is_asap(&self, topic: &TopicInfo) -> bool {
+        self.edges.iter().any(|e| e.asap && e.topic.name == topic.name)
     }
 
     /// True if `node`'s step at `t_ns` may run, given everyone's marks and the end of allowed time.

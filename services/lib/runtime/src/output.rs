@@ -1,5 +1,6 @@
 //! One output of a service: at most one sample per step, stamped and sent by the runtime.
 
+use crate::clock::WallMap;
 use shared_types::{Header, Sample, Topic};
 
 /// Where samples go: a shared-memory publisher, or a queue within one process.
@@ -16,6 +17,8 @@ pub struct Output<T> {
     slot: Option<T>,
     sequence: u64,
     latency_ns: u64,
+    /// Realtime: the clock by which samples take effect when they are published.
+    asap: Option<WallMap>,
 }
 
 impl<T: Sample> core::fmt::Debug for Output<T> {
@@ -29,7 +32,7 @@ impl<T: Sample> core::fmt::Debug for Output<T> {
 
 impl<T> Default for Output<T> {
     fn default() -> Self {
-        Self { sink: None, slot: None, sequence: 0, latency_ns: 0 }
+        Self { sink: None, slot: None, sequence: 0, latency_ns: 0, asap: None }
     }
 }
 
@@ -38,6 +41,11 @@ impl<T: Sample> Output<T> {
     pub fn connect(&mut self, sink: Box<dyn Sink<T>>, latency_ns: u64) {
         self.sink = Some(sink);
         self.latency_ns = latency_ns;
+    }
+
+    /// Lets samples take effect when they are published, and not a latency after their release.
+    pub fn take_effect_when_published(&mut self, wall: WallMap) {
+        self.asap = Some(wall);
     }
 
     /// Writes this step's sample; the header is the runtime's business.
@@ -61,11 +69,12 @@ impl<T: Sample> Output<T> {
     pub fn flush(&mut self, step: &Header) {
         let Some(sample) = &mut self.slot else { return };
         self.sequence += 1;
-        *sample.header_mut() = Header {
-            sequence: self.sequence,
-            valid_ns: step.release_ns + self.latency_ns,
-            ..*step
+        let valid_ns = match &self.asap {
+            // Who works ahead of time publishes before the release.
+            Some(wall) => wall.logical_ns(step.publish_mono_ns).max(step.release_ns),
+            None => step.release_ns + self.latency_ns,
         };
+        *sample.header_mut() = Header { sequence: self.sequence, valid_ns, ..*step };
         if let Some(sink) = &mut self.sink {
             sink.send(sample);
         }
@@ -159,4 +168,39 @@ macro_rules! outputs {
             }
         }
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::cell::RefCell;
+    use shared_types::{ClockRecord, WrenchCommand};
+    use std::rc::Rc;
+
+    struct Log(Rc<RefCell<Vec<u64>>>);
+
+    impl Sink<WrenchCommand> for Log {
+        fn send(&mut self, sample: &WrenchCommand) {
+            self.0.borrow_mut().push(sample.header.valid_ns);
+        }
+        fn serve_late_joiners(&mut self) {}
+    }
+
+    #[test]
+    fn a_sample_takes_effect_a_latency_after_its_release_or_when_it_is_published() {
+        let effects = Rc::new(RefCell::new(Vec::new()));
+        let mut output = Output::default();
+        output.connect(Box::new(Log(Rc::clone(&effects))), 1000);
+        let mut send = |output: &mut Output<WrenchCommand>, publish_mono_ns: u64| {
+            output.write(WrenchCommand::default());
+            output.flush(&Header { release_ns: 50, publish_mono_ns, ..Header::default() });
+        };
+        send(&mut output, 7070);
+        let start = ClockRecord { start_mono_ns: 7000, speed: 2.0, ..ClockRecord::default() };
+        output.take_effect_when_published(WallMap::new(&start));
+        send(&mut output, 7070);
+        // Ahead of its release.
+        send(&mut output, 7010);
+        assert_eq!(*effects.borrow(), [1050, 140, 50]);
+    }
 }

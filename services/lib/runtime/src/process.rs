@@ -74,6 +74,8 @@ pub struct Process<'a, S: Service> {
     /// Generation of the pilot that died with the launcher.
     lost_pilot: Option<u32>,
     upkeep: Upkeep,
+    /// Who was there at the last look.
+    crew: u64,
     timed_out: bool,
 }
 
@@ -116,6 +118,7 @@ impl<'a, S: Service> Process<'a, S> {
             leave_ns: u64::MAX,
             lost_pilot: None,
             upkeep: Upkeep::of_this_thread(),
+            crew: 0,
             timed_out: false,
         })
     }

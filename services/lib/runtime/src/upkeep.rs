@@ -1,5 +1,6 @@
 //! What a loop costs besides its steps: allocations and page faults, which a warm loop has none of.
 
+use core::cell::Cell;
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use rustix::io::pread;
 use std::os::fd::OwnedFd;
@@ -16,6 +17,11 @@ pub fn count_allocations_with(counter: AllocationCounter) {
     let _ = COUNTER.set(counter);
 }
 
+thread_local! {
+    /// Allocations of the transport on this thread.
+    static IN_TRANSPORT: Cell<u64> = const { Cell::new(0) };
+}
+
 /// Logical time after its first release in which a loop may still fault and allocate \[ns\].
 const WARM_UP_NS: u64 = 500_000_000;
 /// Logical time between two looks at the system's counts \[ns\].
@@ -24,8 +30,10 @@ const LOOK_EVERY_NS: u64 = 100_000_000;
 /// What a loop has had since it was warm.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Costs {
-    /// Allocations.
+    /// Allocations of our own.
     pub allocations: u64,
+    /// Allocations of the transport, which takes a small block for each sample that it lends.
+    pub transport_allocations: u64,
     /// Page faults that memory resolved.
     pub minor_faults: u64,
     /// Page faults that had to wait for a disk.
@@ -36,6 +44,7 @@ impl Costs {
     fn since(self, before: Self) -> Self {
         Self {
             allocations: self.allocations - before.allocations,
+            transport_allocations: self.transport_allocations - before.transport_allocations,
             minor_faults: self.minor_faults.saturating_sub(before.minor_faults),
             major_faults: self.major_faults.saturating_sub(before.major_faults),
         }
@@ -43,9 +52,17 @@ impl Costs {
 
     fn add(&mut self, more: Self) {
         self.allocations += more.allocations;
+        self.transport_allocations += more.transport_allocations;
         self.minor_faults += more.minor_faults;
         self.major_faults += more.major_faults;
     }
+}
+
+/// Allocations of a stretch of a loop.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Allocations {
+    own: u64,
+    of_transport: u64,
 }
 
 /// Counts for the thread that it was made on.
@@ -56,10 +73,12 @@ pub(crate) struct Upkeep {
     seen: Costs,
     /// As seen at the last look.
     looked: Costs,
+    /// Of the last stretch, until it is known that nobody came right after it.
+    held: Costs,
     warm_ns: Option<u64>,
     next_look_ns: u64,
-    /// Somebody has come or gone since the last look, or in the stretch before.
-    changed: [bool; 2],
+    /// Somebody has come or gone since the last look, or in either of the two stretches before.
+    changed: [bool; 3],
     /// In stretches in which nobody came or went, and in the others.
     pub(crate) steady: Costs,
     pub(crate) at_changes: Costs,
@@ -72,9 +91,10 @@ impl Upkeep {
             stat: openat(CWD, "/proc/thread-self/stat", flags, Mode::empty()).ok(),
             seen: Costs::default(),
             looked: Costs::default(),
+            held: Costs::default(),
             warm_ns: None,
             next_look_ns: 0,
-            changed: [false; 2],
+            changed: [false; 3],
             steady: Costs::default(),
             at_changes: Costs::default(),
         }
@@ -85,8 +105,9 @@ impl Upkeep {
         self.changed[0] = true;
     }
 
-    pub(crate) fn note_allocations(&mut self, count: u64) {
-        self.seen.allocations += count;
+    pub(crate) fn note_allocations(&mut self, count: Allocations) {
+        self.seen.allocations += count.own;
+        self.seen.transport_allocations += count.of_transport;
     }
 
     /// Looks at the system's counts if it is time to; a few microseconds, between two steps.
@@ -103,15 +124,31 @@ impl Upkeep {
         let new = self.seen.since(self.looked);
         self.looked = self.seen;
         if was_warm {
-            let changed = self.changed != [false; 2];
-            if changed { &mut self.at_changes } else { &mut self.steady }.add(new);
+            // Who comes opens ports before anybody is told, and who has gone is missed afterwards.
+            let held = core::mem::replace(&mut self.held, new);
+            let changed = self.changed != [false; 3];
+            if changed { &mut self.at_changes } else { &mut self.steady }.add(held);
         }
-        self.changed = [false, self.changed[0]];
+        self.changed = [false, self.changed[0], self.changed[1]];
     }
 }
 
+/// Runs a stretch of a loop and tells what it allocated.
+pub(crate) fn count_stretch(run: &mut dyn FnMut()) -> Allocations {
+    let before = IN_TRANSPORT.get();
+    let all = count_allocations(run);
+    let of_transport = IN_TRANSPORT.get() - before;
+    Allocations { own: all.saturating_sub(of_transport), of_transport }
+}
+
+/// Runs a call of the transport, whose allocations are its own.
+pub(crate) fn in_transport(call: &mut dyn FnMut()) {
+    let count = count_allocations(call);
+    IN_TRANSPORT.set(IN_TRANSPORT.get() + count);
+}
+
 /// Runs something and tells how often it allocated; 0 if nobody counts.
-pub(crate) fn count_allocations(run: &mut dyn FnMut()) -> u64 {
+fn count_allocations(run: &mut dyn FnMut()) -> u64 {
     if let Some(count) = COUNTER.get() {
         return count(run);
     }
@@ -148,30 +185,45 @@ mod tests {
         assert_eq!(parse_faults("7 (x) S 1"), None);
     }
 
-    #[test]
-    fn what_a_cold_loop_costs_is_not_held_against_it() {
+    /// Looks each second; of each stretch: what it allocates, and whether somebody comes in it.
+    fn watched(stretches: &[(u64, bool)]) -> Upkeep {
         let mut upkeep = Upkeep { stat: None, ..Upkeep::of_this_thread() };
         upkeep.look(0);
-        upkeep.note_allocations(5);
-        upkeep.look(SECOND_NS);
+        for ((allocations, somebody_comes), second) in stretches.iter().zip(1..) {
+            upkeep.seen.allocations += allocations;
+            if *somebody_comes {
+                upkeep.note_change();
+            }
+            upkeep.look(second * SECOND_NS);
+        }
+        upkeep
+    }
+
+    #[test]
+    fn what_a_cold_loop_costs_is_not_held_against_it() {
+        let upkeep = watched(&[(5, false), (0, false)]);
         assert_eq!(upkeep.steady, Costs::default());
-        upkeep.note_allocations(2);
-        upkeep.look(2 * SECOND_NS);
+        let upkeep = watched(&[(5, false), (2, false), (0, false)]);
         assert_eq!(upkeep.steady.allocations, 2);
     }
 
     #[test]
-    fn what_falls_to_a_change_or_just_after_it_is_counted_apart() {
-        let mut upkeep = Upkeep { stat: None, ..Upkeep::of_this_thread() };
-        upkeep.look(0);
-        upkeep.look(SECOND_NS);
-        upkeep.note_change();
-        for (second, allocations) in [(2, 1), (3, 10), (4, 100)] {
-            upkeep.note_allocations(allocations);
-            upkeep.look(second * SECOND_NS);
-        }
-        assert_eq!(upkeep.at_changes.allocations, 11);
-        assert_eq!(upkeep.steady.allocations, 100);
+    fn what_falls_next_to_a_change_is_counted_apart() {
+        let stretches = [(0, false), (1, false), (10, false), (100, true), (1000, false)];
+        let upkeep = watched(&[&stretches[..], &[(10_000, false), (0, false)]].concat());
+        assert_eq!(upkeep.at_changes.allocations, 1110);
+        assert_eq!(upkeep.steady.allocations, 10_001);
+    }
+
+    #[test]
+    fn the_transport_has_an_account_of_its_own() {
+        // Every allocation of this test counts as one, whoever asks.
+        count_allocations_with(|run| {
+            run();
+            1
+        });
+        let counted = count_stretch(&mut || in_transport(&mut || {}));
+        assert_eq!(counted, Allocations { own: 0, of_transport: 1 });
     }
 
     #[test]
@@ -182,6 +234,7 @@ mod tests {
         let pages = vec![1_u8; 64 << 20];
         core::hint::black_box(&pages);
         upkeep.look(2 * SECOND_NS);
+        upkeep.look(3 * SECOND_NS);
         assert!(upkeep.steady.minor_faults > 0);
     }
 }

@@ -12,9 +12,6 @@ use iceoryx2::prelude::ZeroCopySend;
 use iceoryx2::service::port_factory::event;
 use shared_types::wire::Wire;
 
-/// Samples kept for a reader that comes late.
-const HISTORY: usize = 1;
-
 /// A publisher.
 #[derive(Debug)]
 pub struct BareWriter<T: Wire + ZeroCopySend>(Publisher<Ipc, T, ()>);
@@ -68,15 +65,17 @@ impl BareListener {
 pub type BareEvents = event::PortFactory<Ipc>;
 
 impl Bus {
-    /// Creates a service of samples as deep as a topic's.
+    /// Creates a service of samples as deep as a topic's, which keeps so many for a reader that comes
+    /// late.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn create_bare<T: Wire + ZeroCopySend>(
         &self,
         name: &str,
+        history: usize,
     ) -> Result<TopicFactory<T>, PortError> {
-        self.create::<T>(name, RECORDER_CAPACITY, HISTORY, Crowd::ALL)
+        self.create::<T>(name, RECORDER_CAPACITY, history, Crowd::ALL)
     }
 
     /// Opens such a service for writing.

@@ -5,6 +5,7 @@ use super::{Bus, Crowd, FLYING_CAPACITY, Ipc, PortError, ServiceKind, TopicFacto
 use crate::clock::mono_now_ns;
 use crate::input::Source;
 use crate::output::Sink;
+use crate::upkeep::in_transport;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
@@ -12,6 +13,9 @@ use iceoryx2::prelude::ZeroCopySend;
 use iceoryx2::service::header::payload_header::PayloadHeader as _;
 use shared_types::wire::Wire;
 use shared_types::{Edge as EdgeKind, NodeId, Progress, Role, Sample, Seat, Topic};
+
+/// A sample in shared memory, which its writer lends.
+type Lent<T> = iceoryx2::sample::Sample<Ipc, T, ()>;
 
 /// A subscriber, perhaps of those on the roll alone.
 pub struct IpcSource<T: Wire + ZeroCopySend> {
@@ -53,28 +57,38 @@ impl<T: Wire + ZeroCopySend> IpcSource<T> {
 }
 
 impl<T: Wire + ZeroCopySend> IpcSource<T> {
-    /// The next sample from whoever may write, where it lies.
-    fn next(&mut self) -> Option<iceoryx2::sample::Sample<Ipc, T, ()>> {
-        loop {
-            // A failed connection to one publisher must not silence the others; it is retried at the
-            // next call, and a lost sample shows as a gap in the sequence.
-            let sample = self.subscriber.receive().ok().flatten()?;
-            let passes = |guard: &Guard<T>| guard.passes(sample.header().node_id(), &sample);
-            if self.guard.as_ref().is_none_or(passes) {
-                return Some(sample);
-            }
-        }
+    /// The next sample, where it lies.
+    fn next(&self) -> Option<Lent<T>> {
+        // A failed connection to one publisher must not silence the others; it is retried at the next
+        // call, and a lost sample shows as a gap in the sequence.
+        self.subscriber.receive().ok().flatten()
+    }
+
+    /// True if it comes from whoever may write.
+    fn passes(&self, sample: &Lent<T>) -> bool {
+        let passes = |guard: &Guard<T>| guard.passes(sample.header().node_id(), sample);
+        self.guard.as_ref().is_none_or(passes)
     }
 }
 
 impl<T: Wire + ZeroCopySend> Source<T> for IpcSource<T> {
     fn receive(&mut self) -> Option<T> {
-        self.next().map(|sample| *sample)
+        loop {
+            let sample = self.next()?;
+            if self.passes(&sample) {
+                return Some(*sample);
+            }
+        }
     }
 
     fn drain(&mut self, take: &mut dyn FnMut(&T, u64)) {
         while let Some(sample) = self.next() {
-            take(&sample, mono_now_ns());
+            // Before anything of it is read: a clock lets no later look begin, and each line of a sample
+            // has to come from the writer's processor.
+            let receive_mono_ns = mono_now_ns();
+            if self.passes(&sample) {
+                take(&sample, receive_mono_ns);
+            }
         }
     }
 }
@@ -104,9 +118,11 @@ impl<T: Wire + ZeroCopySend> Sink<T> for IpcSink<T> {
     fn send(&mut self, sample: &T) {
         // With overflow on, sending fails only if the segment is gone; the reader then sees a gap
         // in the sequence, which is counted there.
-        if let Ok(slot) = self.publisher.loan_uninit() {
-            let _ = slot.write_payload(*sample).send();
-        }
+        in_transport(&mut || {
+            if let Ok(slot) = self.publisher.loan_uninit() {
+                let _ = slot.write_payload(*sample).send();
+            }
+        });
     }
 
     fn serve_late_joiners(&mut self) {

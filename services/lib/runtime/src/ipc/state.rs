@@ -2,6 +2,7 @@
 
 use super::{Bus, Ipc, PortError, ServiceKind, service_name};
 use crate::executor::StateSink;
+use crate::upkeep::in_transport;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
@@ -77,10 +78,12 @@ impl StatePublisher {
 impl StateSink for StatePublisher {
     fn send(&mut self, header: &Header, state: &[u8]) {
         // See `IpcSink::send`: a failure shows as a gap to the reader.
-        if let Ok(mut slot) = self.publisher.loan_slice_uninit(state.len()) {
-            *slot.user_header_mut() = *header;
-            let _ = slot.write_from_slice(state).send();
-        }
+        in_transport(&mut || {
+            if let Ok(mut slot) = self.publisher.loan_slice_uninit(state.len()) {
+                *slot.user_header_mut() = *header;
+                let _ = slot.write_from_slice(state).send();
+            }
+        });
     }
 
     fn serve_late_joiners(&mut self) {

@@ -34,8 +34,7 @@ impl<S: Service> Process<'_, S> {
             let node = self.executor.node();
             let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
             while self.executor.mark_ns() < open_until_ns {
-                let release_mono_ns = mono_now_ns();
-                self.executor.run_step(StepStamps { release_mono_ns, now_mono_ns: mono_now_ns });
+                self.executor.run_step(StepStamps::at_once(mono_now_ns));
             }
             let after_ns = self.executor.mark_ns();
             if after_ns >= clock.end_ns {

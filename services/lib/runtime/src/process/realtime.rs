@@ -5,23 +5,26 @@ use crate::clock::{WallMap, mono_now_ns, sleep_until};
 use crate::executor::StepStamps;
 use crate::graph::{Edge, Graph, Roles};
 use crate::input::InputSet as _;
+use crate::output::{Output, OutputSet as _, OutputVisitor};
 use crate::ownership::{MarkView as _, SeatMarks};
 use crate::service::Service;
-use crate::upkeep::count_allocations;
+use crate::upkeep::count_stretch;
+use core::convert::Infallible;
 use core::time::Duration;
-use shared_types::Role;
+use shared_types::{Role, Sample, Topic};
 
 /// Longest rest without a look around \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;
 
 impl<S: Service> Process<'_, S> {
     pub(super) fn run_realtime(&mut self, wall: WallMap) -> Ending {
+        let Ok(()) = self.executor.outputs.visit(&mut Hurry { graph: &self.graph, wall });
         // Connections take a millisecond: they are made in the countdown, not in the first step.
         self.read_marks(&mut Roles::default());
         self.executor.inputs.receive();
         loop {
             let mut ending = None;
-            let allocations = count_allocations(&mut || ending = self.pass(&wall));
+            let allocations = count_stretch(&mut || ending = self.pass(&wall));
             self.upkeep.note_allocations(allocations);
             self.upkeep.look(self.executor.mark_ns());
             self.executor.note_costs(self.upkeep.steady, self.upkeep.at_changes);
@@ -48,26 +51,45 @@ impl<S: Service> Process<'_, S> {
             return Some(Ending::Finished);
         }
         let due_mono_ns = self.due_mono_ns(wall);
-        if self.is_timed() && !self.rest_until(due_mono_ns) {
-            return None;
-        }
-        if !self.inputs_decided(wall) {
-            return None;
-        }
-        if mono_now_ns() < due_mono_ns {
-            // Final before it is due: a release between two releases of the producer.
-            sleep_until(due_mono_ns.min(mono_now_ns() + LOOK_EVERY_NS));
-            return None;
-        }
-        self.executor.apply_miss_policy(wall.logical_ns(mono_now_ns()));
+        let start_mono_ns = self.begin_step(wall, due_mono_ns)?;
+        self.executor.apply_miss_policy(wall.logical_ns(start_mono_ns));
         if self.executor.mark_ns() == before_ns {
             self.count_missing_inputs();
-            let stamps = StepStamps { release_mono_ns: due_mono_ns, now_mono_ns: mono_now_ns };
-            self.executor.run_step(stamps);
+            self.executor.run_step(StepStamps {
+                release_mono_ns: due_mono_ns,
+                start_mono_ns,
+                now_mono_ns: mono_now_ns,
+            });
         }
         // A release that was skipped is final too; the one it was skipped for has its own wait.
         self.announce(before_ns, self.executor.mark_ns());
         None
+    }
+
+    /// Waits for what begins the next step, and takes its inputs in; when it began \[ns\], or nothing if
+    /// it is time to look around first.
+    ///
+    /// A loop of its own clock begins as soon as it runs, and takes its inputs in as part of the step.
+    /// One that is begun by its inputs has them by then.
+    fn begin_step(&mut self, wall: &WallMap, due_mono_ns: u64) -> Option<u64> {
+        if self.is_timed() {
+            if !self.rest_until(due_mono_ns) {
+                return None;
+            }
+            let start_mono_ns = mono_now_ns();
+            self.executor.inputs.receive();
+            return Some(start_mono_ns);
+        }
+        if !self.inputs_decided(wall) {
+            return None;
+        }
+        let now_mono_ns = mono_now_ns();
+        if now_mono_ns < due_mono_ns {
+            // Final before it is due: a release between two releases of the producer.
+            sleep_until(due_mono_ns.min(now_mono_ns + LOOK_EVERY_NS));
+            return None;
+        }
+        Some(now_mono_ns)
     }
 
     /// Rests until a release; false if that is so far ahead that it is time to look around, for a stop
@@ -129,6 +151,26 @@ impl<S: Service> Process<'_, S> {
         if missing.peek().is_some() {
             self.executor.count_input_deadline_miss(missing);
         }
+    }
+}
+
+/// Tells the outputs of asap edges of the clock.
+struct Hurry<'a> {
+    graph: &'a Graph,
+    wall: WallMap,
+}
+
+impl OutputVisitor for Hurry<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        output: &mut Output<T>,
+    ) -> Result<(), Infallible> {
+        if self.graph.is_asap(&topic.info) {
+            output.take_effect_when_published(self.wall);
+        }
+        Ok(())
     }
 }
 

@@ -6,6 +6,7 @@ use crate::input::Source as _;
 use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
 use crate::output::Sink as _;
 use crate::service::Service;
+use shared_types::wire::hash_bytes;
 use shared_types::{OwnerRecord, Progress, Role, RollEntry, Seat, TopicInfo, topics};
 
 /// How far a seat has got, and how to wake whoever sits there.
@@ -63,17 +64,17 @@ impl<S: Service> Process<'_, S> {
     /// Learns who has come and gone, and who owns which slot from when.
     pub(super) fn look_around(&mut self) {
         let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
-        let (mut somebody_came, mut somebody_went) = (false, false);
+        let (mut somebody_came, mut crew) = (false, 0_u64);
         // Without a roll nobody would be heard, so the ports could not have been opened.
         let _ = self.bus.look_at_roll(|entries| {
             marks.learn_roll(entries);
+            crew = fingerprint(entries);
             for neighbour in neighbours {
                 let Seat { role, index } = neighbour.seat;
                 let of_seat = |entry: &&RollEntry| (entry.role, entry.seat) == (role, index);
                 let entry = entries.iter().rev().find(of_seat).filter(|e| e.present.is_set());
                 let present = entry.map(|entry| (entry.generation, entry.period_ns));
                 somebody_came |= present.is_some() && present != neighbour.present;
-                somebody_went |= present.is_none() && neighbour.present.is_some();
                 neighbour.present = present;
             }
         });
@@ -99,7 +100,8 @@ impl<S: Service> Process<'_, S> {
                 }
             }
         }
-        if somebody_came || somebody_went {
+        // Also who shares the slot, and who is nobody's neighbour, has ports that others connect to.
+        if core::mem::replace(&mut self.crew, crew) != crew {
             self.upkeep.note_change();
         }
         if somebody_came {
@@ -164,6 +166,18 @@ impl<S: Service> Process<'_, S> {
         let present = self.neighbours.iter().filter(|n| n.present.is_some());
         present.filter_map(|n| n.wake.as_ref()).for_each(WakeNotifier::wake);
     }
+}
+
+/// Tells one crew from another.
+fn fingerprint(entries: &[RollEntry]) -> u64 {
+    let mut bytes = [0; 16];
+    entries.iter().filter(|entry| entry.present.is_set()).fold(0, |hash, entry| {
+        let numbers = [entry.role.0, entry.seat, entry.generation];
+        for (slot, number) in bytes.chunks_exact_mut(4).zip(numbers) {
+            slot.copy_from_slice(&number.to_le_bytes());
+        }
+        hash_bytes(hash, &bytes)
+    })
 }
 
 /// The slot that owner records on a topic are about.

@@ -108,7 +108,7 @@ impl Bench {
 
     fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
         self.executor.inputs.receive();
-        self.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        self.executor.run_step(StepStamps::UNTIMED);
         self.told().iter().map(|d| (d.kind, d.first, d.last)).collect()
     }
 
@@ -139,7 +139,7 @@ fn late_and_lost_samples_are_told_by_their_numbers_at_the_step_that_had_to_do_wi
     bench.arrives(8);
     (0..3).for_each(|_| assert_eq!(bench.step(), []));
     bench.executor.inputs.receive();
-    bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    bench.executor.run_step(StepStamps::UNTIMED);
     let told = bench.told();
     assert_eq!((told[0].kind, told[0].first, told[0].last), (DeviationKind::LostSamples, 5, 7));
     assert_eq!(told[0].input_name(), "imu");
@@ -155,7 +155,7 @@ fn a_late_sample_tells_since_when_it_was_due() {
     (0..5).for_each(|_| drop(bench.step()));
     bench.arrives(3);
     bench.executor.inputs.receive();
-    bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    bench.executor.run_step(StepStamps::UNTIMED);
     let told = bench.told();
     let late = told.iter().find(|d| d.kind == DeviationKind::LateSamples);
     assert_eq!(late.map(|d| (d.due_ns, d.header.release_ns)), Some((2 * MS, 5 * MS)));
@@ -170,7 +170,7 @@ fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeat
         bench.executor.count_input_deadline_miss([edge, edge].iter());
         bench.executor.count_input_deadline_miss([edge].iter());
         bench.executor.apply_miss_policy(9 * MS + 5);
-        bench.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+        bench.executor.run_step(StepStamps::UNTIMED);
         let told = bench.told();
         let kinds: Vec<_> = told.iter().map(|d| (d.kind, d.first, d.last)).collect();
         let loops = match policy {
@@ -206,7 +206,7 @@ fn each_life_of_a_process_numbers_its_deviations_for_itself() {
     runtime::service::pack_state(service, &header, &executor.inputs, &executor.outputs, &mut state);
     let mut second = Bench::new(MissPolicy::CatchUp, 3);
     second.executor.restore(&state).unwrap();
-    second.executor.run_step(StepStamps { release_mono_ns: 0, now_mono_ns: || 0 });
+    second.executor.run_step(StepStamps::UNTIMED);
     let told = second.told();
     assert_eq!((told[0].kind, told[0].first), (DeviationKind::Resumed, 4));
     assert_eq!((told[0].header.sequence, told[0].header.seat), (1, 32 * 3 + Role::Estimator.0));

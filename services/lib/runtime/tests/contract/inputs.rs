@@ -27,7 +27,7 @@ impl Queue {
 
 fn edge(strict: bool) -> Edge {
     let topic = &topics::IMU.info;
-    Edge { topic, from: Role::Plant, to: Role::Estimator, latency_ns: 0, deadline_ns: 0, strict }
+    Edge { strict, ..Edge::unwaited(topic, Role::Estimator) }
 }
 
 fn input(strict: bool) -> (Input<Imu>, Queue) {

@@ -130,8 +130,6 @@ impl Sink<LoopStats> for StatsLog {
     fn serve_late_joiners(&mut self) {}
 }
 
-const STAMPS: StepStamps = StepStamps { release_mono_ns: 0, now_mono_ns: || 0 };
-
 fn node(hz: f64, miss_policy: MissPolicy) -> Node {
     let rate = Rate::from_hz(hz).expect("a possible rate");
     Node { role: Role::Estimator, rate, lead_ns: 0, input_deadline_ns: 0, miss_policy }
@@ -163,7 +161,7 @@ impl Bench {
     fn step(&mut self) {
         *self.until_ns.borrow_mut() = self.executor.mark_ns();
         self.executor.inputs.receive();
-        self.executor.run_step(STAMPS);
+        self.executor.run_step(StepStamps::UNTIMED);
     }
 
     fn state(&self) -> Vec<u8> {
@@ -271,7 +269,7 @@ fn each_miss_policy_does_what_it_says() {
         assert_eq!(executor.mark_ns(), 0, "not late before the next release");
         executor.apply_miss_policy(28_000_000);
         assert_eq!(executor.mark_ns(), mark_ns, "{policy:?}");
-        executor.run_step(STAMPS);
+        executor.run_step(StepStamps::UNTIMED);
         let header = StateHeader::unpack(&last.borrow().1[..StateHeader::PACKED_SIZE]);
         assert_eq!((header.skipped, header.caught_up), (skipped, caught_up), "{policy:?}");
     }

@@ -120,7 +120,7 @@ proptest! {
         let consumer = Rate::from_hz(f64::from(millihertz) / 1e3).unwrap();
         let topic = &topics::WRENCH_COMMAND.info;
         let (from, to) = (Role::Attitude, Role::Plant);
-        let edge = Edge { topic, from, to, latency_ns, deadline_ns: 0, strict };
+        let edge = Edge { from, latency_ns, strict, ..Edge::unwaited(topic, to) };
         // Marks close to where a permission changes, and any distance from there.
         let old_ns = (consumer.release_ns(k) + old_off_ns).saturating_sub(latency_ns + 2);
         let new_ns = old_ns + step_ns;
@@ -140,7 +140,7 @@ proptest! {
     ) {
         let topic = &topics::WRENCH_COMMAND.info;
         let (from, to) = (Role::Attitude, Role::Plant);
-        let edge = Edge { topic, from, to, latency_ns, deadline_ns: 0, strict };
+        let edge = Edge { from, latency_ns, strict, ..Edge::unwaited(topic, to) };
         // Anything still to come is released at or after the mark.
         let may_come = edge.in_effect(mark_ns + latency_ns, t_ns);
         prop_assert_eq!(edge.permits(t_ns, mark_ns), !may_come);
