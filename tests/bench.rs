@@ -59,7 +59,7 @@ fn a_hop_is_measured_polled_and_blocking_beside_the_bare_transport() {
 }
 
 /// Each way from sensor to motor adds up, and stands beside its floor.
-fn assert_paths(report: &Value) {
+fn assert_paths(report: &Value, hold_us: f64) {
     let paths = report["paths"].as_array().expect("paths");
     assert_eq!(paths.len(), 2, "{report}");
     for path in paths {
@@ -70,13 +70,33 @@ fn assert_paths(report: &Value) {
             assert_measured(&link["took"]);
         }
         assert_eq!(path["untraced"], 0, "{path}");
-        assert!((path["hold_us"].as_f64().expect("a time") - 1000.0).abs() < 1e-9);
+        assert!((path["hold_us"].as_f64().expect("a time") - hold_us).abs() < 1e-9);
+        // Nothing is in effect before it is there.
+        let median = |total: &Value| total["flown"]["p50_us"].as_f64().expect("a time");
+        assert!(median(&path["until_effect"]) >= median(&path["total"]), "{path}");
         // The floor is the sum of its parts.
         let parts = path["floor_parts"].as_array().expect("parts").iter();
         let sum: f64 = parts.map(|part| part["took"]["p50_us"].as_f64().expect("a time")).sum();
         let floor = path["total"]["floor"]["p50_us"].as_f64().expect("a time");
         assert!((sum / floor - 1.0).abs() < 1e-9, "{path}");
     }
+}
+
+#[test]
+fn with_asap_edges_nothing_holds_a_command_and_a_warm_loop_allocates_nothing() {
+    let _turn = turn();
+    let flight = ["loops", "hover", "--asap", "--for", "2s", "--policy", "other"];
+    let output = bench(&[&flight[..], &["--format", "json"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let report = &result(&output)["report"];
+    assert_paths(report, 0.0);
+    for one in report["loops"].as_array().expect("loops") {
+        let cost = &one["cost"];
+        assert_eq!(cost["allocations"], 0, "{one}");
+        // Of which the transport has one for each sample.
+        assert!(cost["transport_allocations"].as_u64() > Some(0), "{one}");
+    }
+    assert!(report["launcher"]["cpu_percent"].as_f64() > Some(0.0), "{report}");
 }
 
 #[test]
@@ -112,7 +132,7 @@ fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
         }
         assert!(one["cost"]["rss_mb"].as_f64() > Some(1.0), "{one}");
     }
-    assert_paths(report);
+    assert_paths(report, 1000.0);
     let written = std::fs::read_to_string(saved).expect("it was saved");
     let written: Value = serde_json::from_str(&written).expect("it is JSON");
     assert_eq!(&written, report);

@@ -17,6 +17,9 @@ use std::path::Path;
 
 /// A reader that sleeps gets a sample this often \[ns\].
 const PERIOD_NS: u64 = 1_000_000;
+/// Pairs of processes that measure a cell one after the other: where the memory of one pair comes to lie
+/// decides about a fifth of a polled hop.
+const COUPLES: u64 = 5;
 /// Polled samples of a carrier in the time of one that a sleeper gets.
 const POLLED_PER_PERIOD: u64 = 20;
 
@@ -76,8 +79,8 @@ pub fn measure(plan: &HopPlan, done: &dyn Fn()) -> Result<HopReport, BenchError>
     let bus = Bus::join(&run.ipc_config(), "bench")?;
     let _topic = bus.create_topic(&topics::STATE_ESTIMATE)?;
     let _roll = bus.create_service::<Roll>(ServiceKind::Roll, 2)?;
-    let _bare = bus.create_bare::<StateEstimate>(BARE)?;
-    let _acknowledged = bus.create_bare::<Progress>(ACKNOWLEDGED)?;
+    let _bare = bus.create_bare::<StateEstimate>(BARE, topics::STATE_ESTIMATE.info.history)?;
+    let _acknowledged = bus.create_bare::<Progress>(ACKNOWLEDGED, 1)?;
     let _events = bus.create_bare_events(BARE)?;
     bus.create_wake(Seat::first(SENDER))?;
     let mut report = HopReport {
@@ -88,8 +91,7 @@ pub fn measure(plan: &HopPlan, done: &dyn Fn()) -> Result<HopReport, BenchError>
     };
     for waiting in [Waiting::Polled, Waiting::Blocking] {
         for pair in pairs(&plan.place.cpus) {
-            report.cells.push(cell(plan, run.folder(), waiting, pair)?);
-            bus.sweep_dead_processes();
+            report.cells.push(cell(plan, (&bus, run.folder()), waiting, pair)?);
             done();
         }
     }
@@ -112,7 +114,7 @@ pub fn pairs(cpus: &[usize]) -> Vec<[usize; 2]> {
 
 fn cell(
     plan: &HopPlan,
-    run: &Path,
+    (bus, run): (&Bus, &Path),
     waiting: Waiting,
     cpus: [usize; 2],
 ) -> Result<HopCell, BenchError> {
@@ -120,6 +122,7 @@ fn cell(
     let fifo = plan.place.fifo().filter(|_| waiting == Waiting::Blocking);
     let count = plan.for_ns / PERIOD_NS;
     let count = if waiting == Waiting::Polled { count * POLLED_PER_PERIOD } else { count };
+    let count = count / COUPLES;
     let end = |cpu| End {
         run: run.to_path_buf(),
         seat: ThreadSeat { cpu: Some(cpu), fifo, like_a_loop: true },
@@ -128,11 +131,17 @@ fn cell(
         blocks: count.div_ceil(BLOCK).max(1),
         period_ns: PERIOD_NS,
     };
-    let mut reader = Peer::start(&Order::HopTo(end(cpus[1])))?;
-    let mut sender = Peer::start(&Order::HopFrom(end(cpus[0])))?;
-    reader.tell("go")?;
-    sender.tell("go")?;
-    let hops: Hops = reader.answer()?;
+    let mut hops: Hops = vec![Vec::new(); waiting.carriers().len()];
+    for _ in 0..COUPLES {
+        let mut reader = Peer::start(&Order::HopTo(end(cpus[1])))?;
+        let mut sender = Peer::start(&Order::HopFrom(end(cpus[0])))?;
+        reader.tell("go")?;
+        sender.tell("go")?;
+        let more: Hops = reader.answer()?;
+        let _: u64 = sender.answer()?;
+        hops.iter_mut().zip(more).for_each(|(all, more)| all.extend(more));
+        bus.sweep_dead_processes();
+    }
     let of = |carrier: Carrier| {
         let at = waiting.carriers().iter().position(|c| *c == carrier);
         let hops = at.and_then(|at| hops.get(at))?;

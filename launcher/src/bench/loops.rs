@@ -17,9 +17,9 @@ use super::stopwatch::Stopwatch;
 use super::usage::MachineTime;
 use crate::components::Crew;
 use crate::run::{Pin, RunOptions, Speed, Summary, run_measured};
-use crate::scenario::{Override, Scenario, ScenarioError};
+use crate::scenario::{Override, Scenario, ScenarioError, delayed_topics};
 use runtime::{Graph, Node};
-use shared_types::{Role, Seat as LoopSeat};
+use shared_types::{LoopStats, Role, Seat as LoopSeat, topics};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -60,14 +60,19 @@ pub struct Measured {
     pub summary: Summary,
 }
 
-/// Edits that fly a scenario in realtime, scheduled as the place has it.
+/// Edits that fly a scenario in realtime, scheduled as the place has it; with asap edges everywhere, if
+/// that is asked for.
 ///
 /// # Errors
 /// None that a place could cause.
-pub fn edits(place: &Place) -> Result<Vec<Override>, ScenarioError> {
+pub fn edits(place: &Place, asap: bool) -> Result<Vec<Override>, ScenarioError> {
     let mut edits = vec![Override::set(&format!("realtime.policy={}", place.policy.label()))?];
     if place.policy == Policy::Fifo {
         edits.push(Override::set(&format!("realtime.priority={}", place.priority))?);
+    }
+    if asap {
+        let names: Vec<_> = delayed_topics().map(|name| format!("{name:?}")).collect();
+        edits.push(Override::set(&format!("realtime.asap=[{}]", names.join(",")))?);
     }
     edits.extend([Override::clock("realtime"), Override::speed("1")]);
     Ok(edits)
@@ -150,6 +155,7 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
         duration_s: summary.flown_ns as f64 * 1e-9,
         warm_up_s: plan.warm_up_ns as f64 * 1e-9,
         loops,
+        launcher: sums.cost(Role::Supervisor, 0, &LoopStats::default()),
         paths,
         floor: sums.floor(&floor_plan, steal_percent),
         notices: summary.notices.clone(),
@@ -268,7 +274,7 @@ impl Sums<'_> {
             warm_up_steps: cold.ran,
             figures: figures.collect(),
             counts,
-            cost: self.cost(node.role, seat),
+            cost: self.cost(node.role, seat, &totals),
         }
     }
 
@@ -297,7 +303,7 @@ impl Sums<'_> {
         self.data.hops(ping_of(role)?.0, self.window.mono_ns()).quantiles()
     }
 
-    fn cost(&self, role: Role, seat: u32) -> Option<Cost> {
+    fn cost(&self, role: Role, seat: u32, totals: &LoopStats) -> Option<Cost> {
         let taken = taken(&self.watch.looks, role, seat, &self.window);
         if taken.settled_ns == 0 {
             return None;
@@ -309,7 +315,10 @@ impl Sums<'_> {
             rss_mb: settled.rss_bytes as f64 / f64::from(1 << 20),
             minor_faults: settled.minor_faults,
             major_faults: settled.major_faults,
+            allocations: totals.allocations,
+            transport_allocations: totals.transport_allocations,
             faults_while_joining: moved.minor_faults + moved.major_faults,
+            allocations_while_joining: totals.allocations_at_changes,
             voluntary_switches_per_s: per_s(settled.voluntary_switches),
             involuntary_switches_per_s: per_s(settled.involuntary_switches),
         })
@@ -388,10 +397,19 @@ impl Sums<'_> {
                 floor.filter(|_| complete),
                 None,
             ),
+            until_effect: Figure::new(
+                chains.until_effect().quantiles()?,
+                floor.filter(|_| complete),
+                None,
+            ),
             from_release: chains.from_release().quantiles()?,
             links: links.collect(),
             floor_parts: parts.collect(),
-            hold_us: self.plan.scenario.settings().latency.wrench_command_s * 1e6,
+            hold_us: if self.graph.is_asap(&topics::WRENCH_COMMAND.info) {
+                0.0
+            } else {
+                self.plan.scenario.settings().latency.wrench_command_s * 1e6
+            },
             untraced: chains.untraced,
             unseen: chains.unseen,
             warm_up: chains.cold,

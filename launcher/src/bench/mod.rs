@@ -22,6 +22,7 @@ pub mod series;
 pub mod solve;
 pub mod stopwatch;
 pub mod usage;
+pub mod watch;
 
 use crate::exit;
 use crate::figure::us;

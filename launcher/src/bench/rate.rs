@@ -47,6 +47,44 @@ pub struct Ladder {
     pub trials: Vec<Trial>,
 }
 
+impl Trial {
+    /// Both flights as one; of figures the worse.
+    fn and(self, other: Self) -> Self {
+        let (steps, of_steps) =
+            (self.steps + other.steps, |t: &Self| t.miss_share * t.steps as f64);
+        let miss_share = (of_steps(&self) + of_steps(&other)) / steps.max(1) as f64;
+        let mut achieved_hz = other.achieved_hz.or(self.achieved_hz);
+        if let (Some(a), Some(b)) = (self.achieved_hz, other.achieved_hz) {
+            achieved_hz = Some(f64::midpoint(a, b));
+        }
+        let worse = |a: f64, b: f64| a.max(b);
+        let lost = self.lost.or(other.lost);
+        Self {
+            achieved_hz,
+            steps,
+            miss_share,
+            lateness_us: [0, 1].map(|i| worse(self.lateness_us[i], other.lateness_us[i])),
+            compute_us: worse(self.compute_us, other.compute_us),
+            holds: miss_share <= MOST_MISSES && lost.is_none(),
+            lost,
+            ..other
+        }
+    }
+}
+
+/// Flies a rate; one that is not held has a second chance, and both count together: one hiccup of the
+/// machine is more than a thousandth of a short flight.
+fn try_rate(
+    rate_hz: f64,
+    fly: &mut dyn FnMut(f64) -> Result<Trial, BenchError>,
+) -> Result<Trial, BenchError> {
+    let trial = fly(rate_hz)?;
+    if trial.holds || trial.lost.is_some() {
+        return Ok(trial);
+    }
+    Ok(trial.and(fly(rate_hz)?))
+}
+
 /// Doubles the rate of a loop until it is not held, then looks closer. `fly` flies it at a rate.
 ///
 /// # Errors
@@ -61,7 +99,7 @@ pub fn climb(
     let mut too_fast_hz = None;
     let mut rate_hz = from_hz;
     while too_fast_hz.is_none() && rate_hz <= MAX_RATE_HZ {
-        let trial = fly(rate_hz)?;
+        let trial = try_rate(rate_hz, fly)?;
         if trial.steps == 0 && trial.lost.is_some() {
             // Refused: the machine had no part in it.
             ladder.stopped.clone_from(&trial.lost);
@@ -84,7 +122,7 @@ pub fn climb(
         if middle_hz <= held_hz || middle_hz >= taxed_hz {
             break;
         }
-        let trial = fly(middle_hz)?;
+        let trial = try_rate(middle_hz, fly)?;
         if trial.holds {
             ladder.highest_hz = Some(middle_hz);
         } else {
@@ -205,8 +243,26 @@ mod tests {
             Ok(trial(hz, hz <= 1300.0))
         };
         let ladder = climb("a", 100.0, &mut fly).unwrap();
-        assert_eq!(flown, [100.0, 200.0, 400.0, 800.0, 1600.0, 1131.0, 1345.0, 1233.0]);
+        // What is not held is flown again.
+        let expected = [100.0, 200.0, 400.0, 800.0, 1600.0, 1600.0, 1131.0, 1345.0, 1345.0, 1233.0];
+        assert_eq!(flown, expected);
         assert_eq!((ladder.highest_hz, ladder.stopped), (Some(1233.0), None));
+    }
+
+    #[test]
+    fn a_hiccup_in_one_of_two_flights_is_judged_by_both() {
+        let short = |misses: f64| Trial {
+            steps: 1000,
+            miss_share: misses / 1000.0,
+            holds: misses <= 1.0,
+            ..trial(100.0, true)
+        };
+        let mut flights = [2.0, 0.0, 2.0, 1.0].into_iter().map(short);
+        let mut fly = |_| Ok(flights.next().unwrap());
+        let first = try_rate(100.0, &mut fly).unwrap();
+        assert!(first.holds && first.steps == 2000, "{first:?}");
+        let second = try_rate(100.0, &mut fly).unwrap();
+        assert!(!second.holds && (second.miss_share - 0.0015).abs() < 1e-12, "{second:?}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::facts::BenchFacts;
 use super::place::Place;
 use super::series::{Quantiles, Rank, Ratios};
+use super::stopwatch::LAUNCHER;
 use crate::results::Table;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,7 +12,7 @@ use std::fmt::Write as _;
 /// What kind of file this is.
 pub const FORMAT: &str = "morphquad bench loops";
 /// Its version.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 /// Share of a loop's releases that it may miss and still hold its rate.
 pub const MOST_MISSES: f64 = 1e-3;
 
@@ -79,8 +80,14 @@ pub struct Cost {
     pub minor_faults: u64,
     /// Page faults answered from the disk.
     pub major_faults: u64,
+    /// Allocations of the loop.
+    pub allocations: u64,
+    /// Allocations of the transport, one for each sample sent.
+    pub transport_allocations: u64,
     /// Page faults of both kinds while some process joined or left.
     pub faults_while_joining: u64,
+    /// Allocations of the loop while some process joined or left.
+    pub allocations_while_joining: u64,
     /// Times in a second that the loop gave its processor back.
     pub voluntary_switches_per_s: f64,
     /// Times in a second that it was taken away.
@@ -134,13 +141,17 @@ pub struct PathReport {
     /// From publication of the IMU sample to the command's arrival at the plant's gate; the floor is the
     /// sum of hops over the bare transport and of the steps as flown.
     pub total: Figure,
+    /// From publication of the IMU sample until the command is in effect, over the same floor; with asap
+    /// edges nothing holds a command, without them the gate does.
+    pub until_effect: Figure,
     /// From the intended release of the IMU sample.
     pub from_release: Quantiles,
     /// Stretches in order.
     pub links: Vec<LinkReport>,
     /// Parts of the floor.
     pub floor_parts: Vec<LinkReport>,
-    /// Logical time from the step of the command to its effect, which the gate keeps to \[us\].
+    /// Logical time from the step of the command to its effect, which the gate keeps to; 0 if commands
+    /// take effect when they are published \[us\].
     pub hold_us: f64,
     /// Commands that cannot be followed back.
     pub untraced: u64,
@@ -196,6 +207,8 @@ pub struct LoopsReport {
     pub warm_up_s: f64,
     /// Every loop.
     pub loops: Vec<LoopReport>,
+    /// The process that supervises the flight and records it.
+    pub launcher: Option<Cost>,
     /// Ways from sensor to motor.
     pub paths: Vec<PathReport>,
     /// The machine alone.
@@ -225,7 +238,13 @@ impl LoopsReport {
         if let Some(fell_back) = &place.fell_back {
             let _ = writeln!(text, "note: {fell_back}");
         }
-        let _ = write!(text, "\n{}\n{}", self.rates(), self.costs());
+        let _ = write!(
+            text,
+            "\n{}\nfaults, allocations and blocks that the transport lent, in steady flight; and what fell to\n\
+             ticks in which a process joined or left\n\n{}",
+            self.rates(),
+            self.costs()
+        );
         let _ = write!(
             text,
             "\nus; x is over the floor: a bare timer loop (lateness, period), a bare iceoryx2 ping\n\
@@ -269,17 +288,25 @@ impl LoopsReport {
 
     fn costs(&self) -> Table {
         let mut table = Table::new([
-            "loop", "cpu %", "rss MB", "faults", "major", "joining", "waits/s", "forced/s",
+            "process", "cpu %", "rss MB", "faults", "major", "allocs", "lent", "joining",
+            "waits/s", "forced/s",
         ]);
-        for l in &self.loops {
-            let Some(cost) = &l.cost else { continue };
+        let loops = self.loops.iter().map(|l| (l.name.as_str(), l.cost.as_ref(), true));
+        let launcher = (LAUNCHER, self.launcher.as_ref(), false);
+        for (name, cost, is_loop) in loops.chain([launcher]) {
+            let Some(cost) = cost else { continue };
+            // What is not a loop allocates as it likes.
+            let counted = |count: u64| if is_loop { count.to_string() } else { "-".to_owned() };
+            let joining = cost.faults_while_joining + cost.allocations_while_joining;
             table.push([
-                l.name.clone(),
+                name.to_owned(),
                 format!("{:.1}", cost.cpu_percent),
                 format!("{:.1}", cost.rss_mb),
                 cost.minor_faults.to_string(),
                 cost.major_faults.to_string(),
-                cost.faults_while_joining.to_string(),
+                counted(cost.allocations),
+                counted(cost.transport_allocations),
+                joining.to_string(),
                 format!("{:.1}", cost.voluntary_switches_per_s),
                 format!("{:.1}", cost.involuntary_switches_per_s),
             ]);
@@ -331,20 +358,29 @@ impl PathReport {
         }
         row("from release", &self.from_release);
         row("from publication", &self.total.flown);
+        row("until in effect", &self.until_effect.flown);
         for part in &self.floor_parts {
             row(&format!("  {}", part.name), &part.took);
         }
         if let Some(floor) = &self.total.floor {
             row("floor", floor);
         }
-        let at = |rank| super::ratio(self.total.ratio.as_ref().and_then(|ratio| ratio.at(rank)));
+        let over = |figure: &Figure| {
+            let at = |rank| super::ratio(figure.ratio.as_ref().and_then(|ratio| ratio.at(rank)));
+            format!("p50 {} x, p99 {} x", at(Rank::P50), at(Rank::P99))
+        };
+        let held = if self.hold_us > 0.0 {
+            format!("in effect {} us of logical time after the step", self.hold_us)
+        } else {
+            "in effect when published".to_owned()
+        };
         format!(
-            "{}, us\n\n{table}from publication over floor: p50 {} x, p99 {} x; then held for {} us of \
-             logical time\n{} commands untraced, {} replaced before they took effect\n",
+            "{}, us\n\n{table}over floor, from publication to the gate: {}\n\
+             over floor, until in effect:             {} ({held})\n\
+             {} commands untraced, {} replaced before they took effect\n",
             self.name,
-            at(Rank::P50),
-            at(Rank::P99),
-            self.hold_us,
+            over(&self.total),
+            over(&self.until_effect),
             self.untraced,
             self.unseen
         )

@@ -8,6 +8,9 @@ use std::collections::BTreeMap;
 /// From one look at the processes to the next \[ns\].
 const LOOK_EVERY_NS: u64 = 500_000_000;
 
+/// Name of this process.
+pub const LAUNCHER: &str = "launcher";
+
 /// When and whence a sample was.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Stamp {
@@ -15,6 +18,8 @@ pub struct Stamp {
     pub sequence: u64,
     /// Logical instant of the step \[ns\].
     pub release_ns: u64,
+    /// Logical instant of its effect \[ns\].
+    pub valid_ns: u64,
     /// IMU sample that it descends from.
     pub cause_sequence: u64,
     /// Sample of the step's first input that it goes by.
@@ -47,6 +52,7 @@ impl Stamp {
         Self {
             sequence: header.sequence,
             release_ns: header.release_ns,
+            valid_ns: header.valid_ns,
             cause_sequence: header.cause_sequence,
             input_sequence: header.input_sequence,
             applied_sequence: command.or(setpoint).unwrap_or(0),
@@ -160,6 +166,12 @@ impl Stopwatch {
             };
             Some(Seen { name: name.to_owned(), role, seat, pid, usage })
         });
-        self.looks.push(Look { mono_ns: now_mono_ns, seen: seen.collect() });
+        let mut seen: Vec<Seen> = seen.collect();
+        // The recorder is in it, and whatever else is done for the flight.
+        let (name, role, pid) = (LAUNCHER.to_owned(), Role::Supervisor, std::process::id());
+        if let Some(usage) = Usage::of_process(pid) {
+            seen.push(Seen { name, role, seat: 0, pid, usage });
+        }
+        self.looks.push(Look { mono_ns: now_mono_ns, seen });
     }
 }

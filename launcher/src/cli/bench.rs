@@ -5,13 +5,13 @@ mod loops;
 use super::bar::bar;
 use super::options::{
     BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, ScaleArguments,
-    SolveArguments, scenario_words,
+    SolveArguments, WatchArguments, scenario_words,
 };
 use super::refusal::Done;
 use crate::bench::hop::{self, HopPlan};
 use crate::bench::place::{Place, Policy};
 use crate::bench::rate::{self, Ladder};
-use crate::bench::{BenchError, peer, scale, solve};
+use crate::bench::{BenchError, peer, scale, solve, watch};
 use crate::components::{self, Crew};
 use crate::exit;
 use crate::scenario::{Override, Scenario};
@@ -27,6 +27,7 @@ pub(super) fn run(command: &BenchCommand, out: &mut dyn Write) -> Done {
         BenchCommand::Solve(arguments) => solve(arguments),
         BenchCommand::Rate(arguments) => find_rates(arguments),
         BenchCommand::Scale(arguments) => scale_up(arguments),
+        BenchCommand::Watch(arguments) => watch(arguments),
     };
     super::conclude(done, BenchError::exit_code, out)
 }
@@ -115,7 +116,7 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     for name in &names {
         Override::rate(&format!("{name}=100"))?;
     }
-    let words = scenario_words(&arguments.scenario, "3s");
+    let words = scenario_words(&arguments.scenario, "5s");
     let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
     let bar = bar(names.len(), "loops");
     let ladders = names.iter().map(|name| {
@@ -149,6 +150,50 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
         }
     };
     Ok((text, exit::PASS))
+}
+
+/// Flights without and with somebody who watches, in turn.
+fn watch(arguments: &WatchArguments) -> Result<(String, u8), BenchError> {
+    let place = place(&arguments.place)?;
+    Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
+    let words = scenario_words(&arguments.scenario, "5s");
+    let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
+    let rounds = usize::from(arguments.rounds);
+    let folder = tempfile::tempdir().map_err(|source| BenchError::System {
+        action: "make a folder for recordings".to_owned(),
+        source,
+    })?;
+    let bar = bar(2 * rounds, "flights");
+    let report = watch::measure(&words, rounds, folder.path(), &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let overall = report.overall();
+    let most = arguments.max_ratio;
+    let certainly = overall.and_then(|change| Some((change.between?, most?)));
+    let failed = certainly.is_some_and(|([low, _], most)| low > most);
+    let code = if failed { exit::GATE_FAILED } else { exit::PASS };
+    if arguments.format == Format::Json {
+        let told = serde_json::json!({ "place": place, "watch": report, "overall": overall });
+        return Ok((told.to_string(), code));
+    }
+    let mut text = format!(
+        "watched: recorded, and asked how it goes twice a second ({} answers); x is the median of the \
+         rounds'\nratios; {}\n\n{}",
+        report.answers,
+        place.told(),
+        report.table()
+    );
+    if let Some(change) = overall {
+        text = format!("{text}\nall together {:.3} x, 95 % {}\n", change.ratio, change.told());
+    }
+    if let (Some(change), Some(most)) = (overall, most) {
+        let verdict = match change.between {
+            Some([low, _]) if low > most => "FAILS",
+            Some([_, high]) if high <= most => "holds",
+            _ => "cannot be told in so few rounds",
+        };
+        text = format!("{text}at most {most} x: {verdict}\n");
+    }
+    Ok((text, code))
 }
 
 /// The same flight so many times at once.

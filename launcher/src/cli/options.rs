@@ -24,7 +24,7 @@ pub use view::ViewArguments;
 
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
-    ScaleArguments, SolveArguments, TableFormat, scenario_words,
+    ScaleArguments, SolveArguments, TableFormat, WatchArguments, scenario_words,
 };
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, ManArguments};

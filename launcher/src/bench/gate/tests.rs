@@ -40,6 +40,7 @@ fn report(lateness_us: u64) -> LoopsReport {
             counts: Counts { steps: 1500, ..Counts::default() },
             cost: None,
         }],
+        launcher: None,
         paths: Vec::new(),
         floor: FloorReport { timers: Vec::new(), pings: Vec::new(), steal_percent: 0.0 },
         notices: Vec::new(),

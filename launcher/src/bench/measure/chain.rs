@@ -27,6 +27,8 @@ pub struct Chain {
     pub release_ns: u64,
     /// Stretches, in order; the first begins at the intended release of the plant's step.
     pub links: Vec<Link>,
+    /// From arrival at the gate until the command is in effect \[ns\].
+    pub held_ns: u64,
 }
 
 impl Chain {
@@ -34,6 +36,12 @@ impl Chain {
     #[must_use]
     pub fn from_publication_ns(&self) -> u64 {
         self.links.iter().skip(1).map(|link| link.ns).sum()
+    }
+
+    /// From publication of the IMU sample until the command is in effect \[ns\].
+    #[must_use]
+    pub fn until_effect_ns(&self) -> u64 {
+        self.from_publication_ns() + self.held_ns
     }
 
     /// From the intended release of the IMU sample to arrival at the gate \[ns\].
@@ -71,7 +79,8 @@ impl Chains {
                 links.extend(into_step("wait of the attitude loop", command));
                 links.push(computed("attitude step", command));
                 links.push(span("hop to the gate", command.publish_mono_ns, gate_ns));
-                Chain { release_ns: imu.release_ns, links }
+                let held_ns = window.mono_ns_of(command.valid_ns).saturating_sub(gate_ns);
+                Chain { release_ns: imu.release_ns, links, held_ns }
             });
             chains.take(chain, window);
         }
@@ -111,7 +120,8 @@ impl Chains {
                 links.push(span(SETPOINT_HOLD, setpoint.publish_mono_ns, command.start_mono_ns));
                 links.push(computed("attitude step", command));
                 links.push(span("hop to the gate", command.publish_mono_ns, gate_ns));
-                Chain { release_ns: imu.release_ns, links }
+                let held_ns = window.mono_ns_of(command.valid_ns).saturating_sub(gate_ns);
+                Chain { release_ns: imu.release_ns, links, held_ns }
             });
             chains.take(chain, window);
         }
@@ -143,6 +153,12 @@ impl Chains {
     #[must_use]
     pub fn from_publication(&self) -> Series {
         self.warm.iter().map(Chain::from_publication_ns).collect()
+    }
+
+    /// Durations from publication of the IMU sample until the command is in effect.
+    #[must_use]
+    pub fn until_effect(&self) -> Series {
+        self.warm.iter().map(Chain::until_effect_ns).collect()
     }
 
     /// Durations of the whole way from the intended release of the IMU sample.
@@ -243,7 +259,8 @@ mod tests {
         let estimate = Stamp { cause_sequence: 5, input_sequence: 5, ..stamp(9, 170, 175, 200) };
         let reads = |stamp: Stamp| Stamp { cause_sequence: 5, input_sequence: 9, ..stamp };
         let setpoint = reads(stamp(3, 210, 220, 300));
-        let command = Stamp { release_ns: 2000, ..reads(stamp(4, 230, 1240, 1280)) };
+        let command =
+            Stamp { release_ns: 2000, valid_ns: 3000, ..reads(stamp(4, 230, 1240, 1280)) };
         let applied =
             Stamp { release_ns: 2000, applied_sequence: 3, ..reads(stamp(4, 230, 1240, 1280)) };
         let tick = Stamp { input_sequence: 4, applied_sequence: 4, ..stamp(11, 1300, 1350, 1360) };
@@ -269,6 +286,7 @@ mod tests {
         assert_eq!(durations(&chains), [50, 20, 5, 25, 30, 1010, 40, 20]);
         assert_eq!(chains.warm[0].from_release_ns(), 1300 - 100);
         assert_eq!(chains.warm[0].from_publication_ns(), 1300 - 150);
+        assert_eq!(chains.warm[0].until_effect_ns(), 3000 - 150);
         assert_eq!((chains.untraced, chains.unseen), (0, 0));
     }
 

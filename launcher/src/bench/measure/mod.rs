@@ -29,10 +29,16 @@ impl Window {
         release_ns >= self.warm_ns
     }
 
+    /// Host instant of a logical one \[ns\].
+    #[must_use]
+    pub fn mono_ns_of(&self, logical_ns: u64) -> u64 {
+        self.start_mono_ns + logical_ns
+    }
+
     /// From and to on the host's clock \[ns\].
     #[must_use]
     pub fn mono_ns(&self) -> [u64; 2] {
-        [self.start_mono_ns + self.warm_ns, self.start_mono_ns + self.end_ns]
+        [self.mono_ns_of(self.warm_ns), self.mono_ns_of(self.end_ns)]
     }
 }
 
@@ -55,6 +61,12 @@ pub fn totals(watch: &Stopwatch, role: Role, seat: u32, window: &Window) -> Opti
         late_samples: since(last.late_samples, first.late_samples),
         lost_samples: since(last.lost_samples, first.lost_samples),
         rescued_waits: since(last.rescued_waits, first.rescued_waits),
+        allocations: since(last.allocations, first.allocations),
+        transport_allocations: since(last.transport_allocations, first.transport_allocations),
+        allocations_at_changes: since(last.allocations_at_changes, first.allocations_at_changes),
+        minor_faults: since(last.minor_faults, first.minor_faults),
+        major_faults: since(last.major_faults, first.major_faults),
+        faults_at_changes: since(last.faults_at_changes, first.faults_at_changes),
         ..LoopStats::default()
     })
 }

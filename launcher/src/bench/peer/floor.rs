@@ -112,9 +112,9 @@ pub fn send(order: &FromOrder, talk: &mut Talk) -> Result<String, BenchError> {
     let mut held: Vec<Box<dyn core::any::Any>> = Vec::new();
     for ping in &order.pings {
         held.push(match ping.payload {
-            Payload::Imu => Box::new(bus.create_bare::<Imu>(&ping.name)?),
-            Payload::StateEstimate => Box::new(bus.create_bare::<StateEstimate>(&ping.name)?),
-            Payload::WrenchCommand => Box::new(bus.create_bare::<WrenchCommand>(&ping.name)?),
+            Payload::Imu => Box::new(bus.create_bare::<Imu>(&ping.name, 1)?),
+            Payload::StateEstimate => Box::new(bus.create_bare::<StateEstimate>(&ping.name, 1)?),
+            Payload::WrenchCommand => Box::new(bus.create_bare::<WrenchCommand>(&ping.name, 1)?),
         });
         held.push(Box::new(bus.create_bare_events(&ping.name)?));
     }

@@ -2,10 +2,12 @@
 //! ports, and through the bare transport as its own documentation shows it.
 //!
 //! Kinds take turns in blocks, so that noise of the machine meets them alike. Each sample carries the
-//! instant before it was handed to the port, and counts until the reader has it in effect.
+//! instant before it was handed to the port, and counts until the reader has read all of it: through the
+//! runtime's ports once it is in effect, from the bare transport where it lies.
 
 use super::{Seat as ThreadSeat, Talk, unheard};
 use crate::bench::BenchError;
+use core::hint::black_box;
 use core::time::Duration;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind, WakeListener, WakeNotifier};
@@ -192,7 +194,12 @@ fn taken(
         return None;
     }
     input.accept(release_ns, previous_ns);
-    input.fresh().last().map(|sample| sample.header.publish_mono_ns)
+    input.fresh().last().map(read)
+}
+
+/// When a sample was sent \[ns\], after a look at every byte of it.
+fn read(sample: &StateEstimate) -> u64 {
+    black_box(*sample).header.publish_mono_ns
 }
 
 /// Receives; the answer is how long each sample took.
@@ -223,7 +230,7 @@ pub fn receive(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
                     let found = if *carrier == Carrier::Ports {
                         taken(&mut input, release_ns, previous_ns)
                     } else {
-                        bare.receive(|sample| sample.header.publish_mono_ns)
+                        bare.receive(read)
                     };
                     if let Some(sent_ns) = found {
                         break sent_ns;

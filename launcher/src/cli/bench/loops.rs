@@ -57,7 +57,7 @@ fn plan(arguments: &LoopsArguments, place: Place) -> Result<LoopsPlan, BenchErro
         overrides.extend(edits);
         Ok(Scenario::load(&arguments.scenario.scenario, &overrides)?)
     };
-    let scenario = load(loops::edits(&place)?)?;
+    let scenario = load(loops::edits(&place, arguments.asap)?)?;
     scenario.require_candidates()?;
     let alone = load(loops::edits_alone(scenario.settings().scenario.duration_s)?)?;
     let duration_ns = scenario.duration_ns();

@@ -10,11 +10,13 @@ use std::path::PathBuf;
 
 pub(super) const EXAMPLES: &str = "Examples:
   morphquad bench loops figure8-morph --rate attitude=500 --for 60s --policy fifo --html bench.html
+  morphquad bench loops figure8-morph --rate attitude=500 --asap
   morphquad bench loops --save before.json
   morphquad bench loops --compare before.json --gate p99:+10% --gate lateness.p99:1.2x --gate held
   morphquad bench solve --for 20s
   morphquad bench rate --loop attitude-mpc --for 10s
   morphquad bench scale --max 8
+  morphquad bench watch --rounds 20 --max-ratio 1.02
   morphquad bench hop --for 5s
   morphquad bench hop --policy fifo --cpus 0,1 --max-ratio 1.25";
 
@@ -29,6 +31,8 @@ pub enum BenchCommand {
     Solve(SolveArguments),
     /// The highest rate that each loop holds: at most 0.1 % of its releases missed
     Rate(RateArguments),
+    /// What a recording and somebody who asks how it goes cost a flight, against flights without
+    Watch(WatchArguments),
     /// The same flight with 1, 2, 4, ... vehicles at once
     Scale(ScaleArguments),
 }
@@ -127,6 +131,9 @@ pub struct LoopsArguments {
     /// What else the machine does meanwhile, on every processor
     #[arg(long, value_enum, default_value = "none")]
     pub load: Load,
+    /// Let commands and set points take effect when they are published, and not a latency after
+    #[arg(long)]
+    pub asap: bool,
     /// Time at the beginning that is counted apart; 1s, or a quarter of a shorter flight
     #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
     pub warm_up: Option<Duration>,
@@ -173,7 +180,7 @@ pub enum TableFormat {
 /// Rates to be found out.
 #[derive(Debug, Clone, Args)]
 pub struct RateArguments {
-    /// The scenario; each flight of it takes 3s unless --for says otherwise.
+    /// The scenario; each flight of it takes 5s unless --for says otherwise.
     #[command(flatten)]
     pub scenario: ScenarioArguments,
     /// Where.
@@ -182,6 +189,26 @@ pub struct RateArguments {
     /// Only this loop
     #[arg(long = "loop", value_name = "NAME")]
     pub only: Vec<String>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Flights with and without somebody who watches.
+#[derive(Debug, Clone, Args)]
+pub struct WatchArguments {
+    /// The scenario; each flight of it takes 5s unless --for says otherwise.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Where.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+    /// Pairs of flights, one of each kind
+    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub rounds: u16,
+    /// End with 1 if the 99 % of the loops are certainly more than this many times those of a flight alone
+    #[arg(long, value_name = "RATIO")]
+    pub max_ratio: Option<f64>,
     /// Form of the result
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,

@@ -144,6 +144,7 @@ pub fn may_lock_memory() -> bool {
 }
 
 /// Keeps what memory the process has by now in place, all of it; false if the system does not grant it.
+#[must_use]
 pub fn lock_present_memory() -> bool {
     may_lock_memory() && mlockall(MlockAllFlags::CURRENT).is_ok()
 }

@@ -191,7 +191,7 @@ mod tests {
         let effects = Rc::new(RefCell::new(Vec::new()));
         let mut output = Output::default();
         output.connect(Box::new(Log(Rc::clone(&effects))), 1000);
-        let mut send = |output: &mut Output<WrenchCommand>, publish_mono_ns: u64| {
+        let send = |output: &mut Output<WrenchCommand>, publish_mono_ns: u64| {
             output.write(WrenchCommand::default());
             output.flush(&Header { release_ns: 50, publish_mono_ns, ..Header::default() });
         };
