@@ -97,7 +97,11 @@ impl LoopsReport {
         let loops = self.loops.iter().flat_map(|l| {
             l.figures.iter().map(move |(figure, told)| (format!("{} {figure}", l.name), told))
         });
-        loops.chain(self.paths.iter().map(|path| (format!("{} path", path.name), &path.total)))
+        let paths = self.paths.iter().flat_map(|path| {
+            let figures = [("path", &path.total), ("effect", &path.until_effect)];
+            figures.map(|(figure, told)| (format!("{} {figure}", path.name), told))
+        });
+        loops.chain(paths)
     }
 
     fn figure(&self, name: &str) -> Option<&Figure> {
@@ -158,7 +162,7 @@ pub enum Gate {
     Held,
     /// A quantile of one figure, or of all, grows at most by this share from an earlier result.
     Growth {
-        /// `lateness`, `compute`, ... or `path`; all if none.
+        /// `lateness`, `compute`, ... `path` or `effect`; all if none.
         figure: Option<String>,
         /// Which quantile.
         rank: Rank,
@@ -187,7 +191,7 @@ pub enum Gate {
 
 /// Form of a gate.
 const FORM: &str = "write [FIGURE.]RANK:LIMIT, for example p99:+10%, lateness.p99:1.2x, path.p99:500us, \
-    or held; a figure is lateness, period, age, hop, wait, compute or path";
+    or held; a figure is lateness, period, age, hop, wait, compute, path or effect";
 
 impl Gate {
     /// From its written form.
@@ -208,7 +212,7 @@ impl Gate {
             },
         };
         let rank = rank.ok_or_else(|| bad("there is no such quantile"))?;
-        let mut known = super::measure::FIGURES.into_iter().chain(["path"]);
+        let mut known = super::measure::FIGURES.into_iter().chain(["path", "effect"]);
         if let Some(figure) = &figure
             && !known.any(|known| known == figure)
         {

@@ -147,12 +147,13 @@ fn a_file_is_read_back_and_one_that_was_tampered_with_is_not() {
     fs::write(&path, &saved).unwrap();
     assert_eq!(read(&path).unwrap(), report(15));
     let half = saved[..saved.len() / 2].to_owned();
+    let version = |number: u32| format!("\"format_version\":{number}");
     let tampered = [
         half,
         String::new(),
         "[1]".to_owned(),
         saved.replace(FORMAT, "someone else's"),
-        saved.replace("\"format_version\":1", "\"format_version\":2"),
+        saved.replace(&version(FORMAT_VERSION), &version(FORMAT_VERSION - 1)),
         saved.replace("\"p50_us\":15.", "\"p50_us\":99."),
         saved.replace("\"p50\":1.", "\"p50\":0."),
         saved.replace("\"load\":\"none\"", "\"load\":\"none\",\"surplus\":1"),
