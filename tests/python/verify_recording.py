@@ -295,11 +295,13 @@ def negative_controls(data, problems):
     problems.expect(spans, "no chunk to damage")
     copies = {"cut tail": data[: len(data) - 100], "cut in half": data[: len(data) // 2]}
     for name, (start, length) in {
-        "flipped byte in the largest chunk": max(spans, key=lambda span: span[1]),
-        "flipped byte in the last chunk": spans[-1],
+        "flipped bytes in the largest chunk": max(spans, key=lambda span: span[1]),
+        "flipped bytes in the last chunk": spans[-1],
     }.items():
         copy = bytearray(data)
-        copy[start + length // 2] ^= 0x10
+        # A single one may be a distance back into a run of equal bytes, where the next is as good.
+        for place in range(start + length // 2, min(start + length // 2 + 64, start + length)):
+            copy[place] ^= 0x10
         copies[name] = bytes(copy)
     for name, copy in copies.items():
         for through_index in (False, True):
