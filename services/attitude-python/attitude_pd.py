@@ -232,12 +232,12 @@ class Controller:
             seat=setpoint.seat,
             failed_over=setpoint.failed_over,
         )
-        report = samples.ControllerReport(
-            input=tuple(self.torque),
-            previous_input=tuple(previous),
-            input_min=tuple(-limit for limit in bound),
-            input_max=tuple(bound),
-            increment_max=(math.inf, math.inf, math.inf),
+        report = samples.AttitudeReport(
+            torque_b_nm=tuple(self.torque),
+            previous_torque_b_nm=tuple(previous),
+            torque_min_b_nm=tuple(-limit for limit in bound),
+            torque_max_b_nm=tuple(bound),
+            torque_increment_max_b_nm=(math.inf, math.inf, math.inf),
             thrust_n=thrust_n,
         )
         received = self.received_mono_ns

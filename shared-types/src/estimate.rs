@@ -26,9 +26,16 @@ sample! {
         pub morph_angle_rad: f64,
         /// Rate of the deployable angle \[rad/s\].
         pub morph_rate_rad_s: f64,
-        /// One-sigma errors: position \[m\], velocity \[m/s\], attitude [rad, body], gyro bias \[rad/s\],
-        /// accelerometer bias [m/s^2].
-        pub sigma: [f64; 15],
+        /// One-sigma error of the position \[m\].
+        pub position_sigma_w_m: [f64; 3],
+        /// One-sigma error of the velocity \[m/s\].
+        pub velocity_sigma_w_m_s: [f64; 3],
+        /// One-sigma error of the attitude about the body axes \[rad\].
+        pub attitude_sigma_b_rad: [f64; 3],
+        /// One-sigma error of the gyro bias \[rad/s\].
+        pub gyro_bias_sigma_b_rad_s: [f64; 3],
+        /// One-sigma error of the accelerometer bias [m/s^2].
+        pub accelerometer_bias_sigma_b_m_s2: [f64; 3],
         /// Normalised innovation squared of the last pose fix (6 degrees of freedom).
         pub pose_fix_nis: f64,
         /// Pose fixes refused by the innovation gate so far.

@@ -25,7 +25,8 @@ pub mod wire;
 
 pub use actuation::{ActuatorState, AppliedCommand, GateMode, Truth};
 pub use control::{
-    AppliedSetpoint, AttitudeSetpoint, ControllerReport, SolveStatus, WrenchCommand,
+    AppliedSetpoint, AttitudeReport, AttitudeSetpoint, BoundedInput, ControllerReport,
+    PositionInput, PositionReport, SolveReport, SolveStatus, WrenchCommand,
 };
 pub use disturbance::Disturbance;
 pub use estimate::StateEstimate;

@@ -125,9 +125,9 @@ floor_plan! {
         "set point the attitude loop tracks"
     WRENCH_COMMAND "wrench_command": WrenchCommand, Attitude => [Plant], Delayed, history 64;
         "thrust and torque asked of the rotors"
-    POSITION_REPORT "position_report": ControllerReport, Position => [], RecordOnly, history 1;
+    POSITION_REPORT "position_report": PositionReport, Position => [], RecordOnly, history 1;
         "bounds, verdict and effort of the position controller"
-    ATTITUDE_REPORT "attitude_report": ControllerReport, Attitude => [], RecordOnly, history 1;
+    ATTITUDE_REPORT "attitude_report": AttitudeReport, Attitude => [], RecordOnly, history 1;
         "bounds, verdict and effort of the attitude controller"
     DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
         "wind, force, torque, payload and rotor faults"
@@ -145,4 +145,43 @@ floor_plan! {
         "where a step's inputs were not what edges and time prescribe"
     SEATING "seating": Seating, Supervisor => [], RecordOnly, history 64;
         "who takes a slot's seat in flight, and how it begins"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::Kind;
+    use core::convert::Infallible;
+
+    const UNITS: [&str; 11] =
+        ["_m", "_m_s", "_m_s2", "_rad", "_rad_s", "_rad_s2", "_n", "_nm", "_kg", "_s", "_ns"];
+    /// Numbers that have no unit: parts of a unit quaternion, a statistic, shares.
+    const PURE: [&str; 7] = ["w", "x", "y", "z", "pose_fix_nis", "efficiency", "rotor_efficiency"];
+
+    fn check(schema: &Schema) {
+        for field in schema.fields {
+            let (of, name) = (schema.name, field.name);
+            match field.kind {
+                Kind::F64 => {
+                    let has_unit = UNITS.iter().any(|unit| name.ends_with(unit));
+                    assert!(has_unit || PURE.contains(&name), "{of}.{name} names no unit");
+                }
+                Kind::Message(inner) => check(inner),
+                _ => {}
+            }
+        }
+    }
+
+    #[test]
+    fn every_number_on_every_topic_names_its_unit() {
+        struct Check;
+        impl TopicVisitor for Check {
+            type Error = Infallible;
+            fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+                check(&topic.schema());
+                Ok(())
+            }
+        }
+        let Ok(()) = visit_all(&mut Check);
+    }
 }

@@ -6,11 +6,11 @@ mod loops;
 use attitude_lqr::settings::Settings;
 use attitude_lqr::{AttitudeLoop, LqrLaw};
 use loops::{
-    Flight, RATES, SIZES, assert_well_behaved, fly, hover, peak, settling, shadowed, stepped,
-    timing,
+    RATES, SIZES, assert_integrates, assert_settles_on_other_vehicles, assert_well_behaved,
+    shadowed, stepped, timing, turned,
 };
 use nalgebra::Vector3;
-use vehicle::{MorphAngle, VehicleParameters};
+use vehicle::VehicleParameters;
 
 fn built(settings: &Settings, rate_hz: f64) -> AttitudeLoop<LqrLaw> {
     let vehicle = VehicleParameters::default();
@@ -40,52 +40,18 @@ fn three_axes_at_once_settle_at_every_rate_and_size() {
 
 #[test]
 fn another_lag_and_another_inertia_together_settle_too() {
-    for rate_hz in [100.0, 150.0, 500.0, 1000.0] {
-        for beta in SIZES {
-            for rotor_lag_s in [0.010, 0.015, 0.020] {
-                for inertia_scale in [0.8, 1.0, 1.5] {
-                    let flown = VehicleParameters {
-                        rotor_lag_s,
-                        inertia_scale,
-                        ..VehicleParameters::default()
-                    };
-                    let marks = stepped(&mut usual(rate_hz), flown, beta, Vector3::repeat(1.0));
-                    let case = format!("{rate_hz} Hz {beta:?} {rotor_lag_s} s x{inertia_scale}");
-                    for (settled, peaked) in marks {
-                        assert!(settled <= 1.1 && peaked <= 0.27, "{case}: {marks:?}");
-                    }
-                }
-            }
-        }
-    }
+    assert_settles_on_other_vehicles(usual);
 }
 
 #[test]
 fn a_constant_torque_is_integrated_away() {
-    for rate_hz in [100.0, 150.0, 500.0, 1000.0] {
-        for beta in SIZES {
-            let mut flight = Flight::hover(VehicleParameters::default(), beta);
-            flight.disturbance.torque_b_nm = Vector3::new(0.01, -0.008, 0.002);
-            let level = |_: f64, _: &mut Flight| hover(Vector3::zeros());
-            let (trace, _) = fly(&mut flight, &mut usual(rate_hz), 3.0, level);
-            let late = trace.t_s.iter().zip(&trace.gamma).filter(|(t, _)| **t > 2.0);
-            let worst = late.map(|(_, gamma)| gamma.amax()).fold(0.0, f64::max);
-            assert!(worst <= 1e-3, "{rate_hz} Hz, {beta:?}: {worst}");
-        }
-    }
+    assert_integrates(usual);
 }
 
 #[test]
 fn a_turn_that_takes_all_the_torque_there_is_does_not_wind_the_integral_up() {
-    let turned = |windup_s: f64| {
-        let mut law = built(&Settings { windup_s, ..Settings::default() }, 100.0);
-        let mut flight = Flight::hover(VehicleParameters::default(), MorphAngle::MAX);
-        let target = hover(Vector3::new(0.0, 0.0, 2.0));
-        let (trace, outputs) = fly(&mut flight, &mut law, 4.0, |_, _| target);
-        let at_bound = outputs.iter().filter(|output| output.torque.clipped > 0).count();
-        (peak(&trace, 2), settling(&trace, 2, 2.0, 0.0), at_bound)
-    };
-    let (with, without) = (turned(Settings::default().windup_s), turned(1e3));
+    let of = |windup_s| turned(built(&Settings { windup_s, ..Settings::default() }, 100.0));
+    let (with, without) = (of(Settings::default().windup_s), of(1e3));
     assert!(with.2 >= 15, "not saturated: {with:?}");
     assert!(with.0 <= 2.1 && with.1 <= 2.0, "{with:?}, without {without:?}");
     assert!(with.1 < without.1 || with.0 < without.0, "{with:?}, without {without:?}");

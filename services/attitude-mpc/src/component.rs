@@ -1,49 +1,18 @@
 //! The attitude MPC as a process: state estimate and set point in, wrench command out.
 
-use crate::law::{AttitudeLaw, Input, LawStatus, Output, Setpoint};
+use crate::law::{AttitudeLaw, Input, LawStatus, Output};
 use crate::memory::Memory;
 use crate::preview::MorphPlan;
-use crate::{AttitudeLawConfig, ConfigError};
-use mpc::QpStatus;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use runtime::{Link, Service, SetpointMemory, SetpointSlot, inputs, outputs};
+use crate::{AttitudeLawConfig, ConfigError, Setpoint};
+use controller::attitude::{Inputs, Outputs, applied, fresh_estimate};
+use controller::sampling::{age_s, fallback_status, gamma_rad, period_ns};
+use nalgebra::Vector3;
+use runtime::{Service, SetpointMemory, SetpointSlot};
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
-    SolveStatus, StateEstimate, WrenchCommand, topics,
+    AppliedSetpoint, AttitudeReport, BoundedInput, MorphCommand, SolveReport, SolveStatus,
+    WrenchCommand,
 };
-use vehicle::{MorphAngle, VehicleParameters, euler_from_quaternion};
-
-/// An estimate older than this, and than two periods, is flown no more: the command lapses and the
-/// plant's gate, which has a gyro of its own, takes over \[ns\].
-const STALE_NS: u64 = 20_000_000;
-
-inputs! {
-    /// What the attitude loop reads; its commands descend from the state estimate.
-    pub struct Inputs {
-        /// Believed state.
-        state_estimate: StateEstimate = topics::STATE_ESTIMATE,
-        /// Target of the position slot's owner.
-        attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
-        /// What the plant's gate made of the last command.
-        applied_command: AppliedCommand = topics::APPLIED_COMMAND,
-        /// Planned path of the deployable angle.
-        morph_command: MorphCommand = topics::MORPH_COMMAND,
-        /// Owner of the position slot.
-        position_owner: OwnerRecord = topics::POSITION_OWNER,
-    }
-}
-
-outputs! {
-    /// What the attitude loop writes.
-    pub struct Outputs {
-        /// Wrench asked of the rotors.
-        wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
-        /// Set point in use.
-        applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
-        /// Bounds, verdict and effort.
-        attitude_report: ControllerReport = topics::ATTITUDE_REPORT,
-    }
-}
+use vehicle::{MorphAngle, VehicleParameters};
 
 shared_types::memory! {
     /// Everything that evolves.
@@ -83,12 +52,7 @@ impl AttitudeMpc {
         let rate_hz = config.rate_hz;
         Ok(Self {
             law: AttitudeLaw::new(config, vehicle)?,
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "positive"
-            )]
-            period_ns: (1e9 / rate_hz).ceil() as u64,
+            period_ns: period_ns(rate_hz),
             yaw_coefficient_m: vehicle.yaw_coefficient_m,
             setpoint: Setpoint {
                 gamma_rad: Vector3::new(0.0, 0.0, start_yaw_rad),
@@ -110,56 +74,45 @@ impl AttitudeMpc {
     }
 
     fn law_input(&self, now_ns: u64, inputs: &Inputs) -> Option<Input> {
-        let limit_ns = (2 * self.period_ns).max(STALE_NS);
-        let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, limit_ns) else {
-            return None;
-        };
-        let q = &estimate.q_wb;
-        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
-        let age_ns = now_ns.saturating_sub(estimate.header.valid_ns);
+        let estimate = fresh_estimate(inputs, now_ns, self.period_ns)?;
         Some(Input {
-            gamma_rad: euler_from_quaternion(&attitude),
+            gamma_rad: gamma_rad(estimate),
             body_rate_rad_s: estimate.body_rate_b_rad_s.into(),
-            age_s: age_ns as f64 * 1e-9,
+            age_s: age_s(&estimate.header, now_ns),
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
             setpoint: self.setpoint,
             applied_torque_nm: applied(inputs).map(|applied| applied.torque_b_nm.into()),
         })
     }
 
-    fn report(&self, output: &Output) -> ControllerReport {
-        let mut report = ControllerReport {
-            input: output.torque_nm.into(),
-            previous_input: self.law.memory().previous_applied_nm,
-            input_min: (-output.torque_bound_nm).into(),
-            input_max: output.torque_bound_nm.into(),
-            increment_max: output.increment_bound_nm.into(),
-            relaxation: output.relaxation_nm.into(),
+    fn report(&self, output: &Output) -> AttitudeReport {
+        let counters = &self.law.memory().counters;
+        let solve = SolveReport {
+            fallbacks: counters.fallbacks,
+            refused: counters.refused,
             iterations: u64::from(output.iterations),
             active_constraints: u64::from(output.active),
+            status: solve_status(output.status),
+            yielded: output.yielded,
+        };
+        let bounded = BoundedInput {
+            input: output.torque_nm.into(),
+            previous: self.law.memory().previous_applied_nm,
+            min: (-output.torque_bound_nm).into(),
+            max: output.torque_bound_nm.into(),
+            increment_max: output.increment_bound_nm.into(),
+            relaxation: output.relaxation_nm.into(),
+        };
+        let is_refused = solve.status == SolveStatus::Refused;
+        AttitudeReport {
             thrust_n: output.thrust_n,
             arm_length_m: output.arm_length_m,
             yaw_coefficient_m: self.yaw_coefficient_m,
             rotor_thrust_max_n: output.rotor_bound_n,
-            fallbacks: self.law.memory().counters.fallbacks,
-            refused: self.law.memory().counters.refused,
-            yielded: output.yielded,
-            status: solve_status(output.status),
-            ..ControllerReport::default()
-        };
-        if report.status == SolveStatus::Refused {
-            // The last command is held: it obeyed the bounds of its own step.
-            report.previous_input = report.input;
-            report.input_min = report.input;
-            report.input_max = report.input;
+            solve,
+            ..if is_refused { bounded.held() } else { bounded }.into()
         }
-        report
     }
-}
-
-/// What the gate applied, once there is a command.
-fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
-    inputs.applied_command.latest().filter(|applied| applied.command_sequence > 0)
 }
 
 /// The path of a command, or its angle if it has none.
@@ -171,16 +124,14 @@ fn plan(command: &MorphCommand, now_ns: u64) -> MorphPlan<'_> {
             _ => &command.path_rad[..count],
         },
         spacing_s: command.spacing_ns.max(1) as f64 * 1e-9,
-        age_s: now_ns.saturating_sub(command.header.valid_ns) as f64 * 1e-9,
+        age_s: age_s(&command.header, now_ns),
     }
 }
 
 fn solve_status(status: LawStatus) -> SolveStatus {
     match status {
         LawStatus::Solved => SolveStatus::Solved,
-        LawStatus::Fallback(QpStatus::Infeasible) => SolveStatus::Infeasible,
-        LawStatus::Fallback(QpStatus::NotFinite) => SolveStatus::NotFinite,
-        LawStatus::Fallback(_) => SolveStatus::IterationLimit,
+        LawStatus::Fallback(status) => fallback_status(status),
         LawStatus::Refused(_) => SolveStatus::Refused,
     }
 }
@@ -222,10 +173,9 @@ impl Service for AttitudeMpc {
     }
 
     fn memory(&self) -> ComponentMemory {
-        let gamma = self.setpoint.gamma_rad;
         ComponentMemory {
             law: *self.law.memory(),
-            setpoint: [gamma.x, gamma.y, gamma.z, self.setpoint.thrust_n],
+            setpoint: self.setpoint.into(),
             setpoint_sequence: self.setpoint_sequence,
             slot: self.slot.memory(),
         }
@@ -233,8 +183,7 @@ impl Service for AttitudeMpc {
 
     fn restore(&mut self, memory: &ComponentMemory) -> Result<(), String> {
         self.law.restore(&memory.law).map_err(|error| error.to_string())?;
-        let [roll, pitch, yaw, thrust_n] = memory.setpoint;
-        self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
+        self.setpoint = memory.setpoint.into();
         self.setpoint_sequence = memory.setpoint_sequence;
         self.slot.restore(&memory.slot);
         Ok(())

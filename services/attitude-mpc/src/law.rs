@@ -1,5 +1,6 @@
 //! One step of the attitude law, (8)-(17), in the order of the paper.
 
+use controller::Setpoint;
 use mpc::{IncrementalMpc, Measured, Move};
 use nalgebra::{SVector, Vector3};
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
@@ -15,15 +16,6 @@ const ROUNDING_S: f64 = 1e-9;
 
 /// x = \[γ, γ̇, τ, u(k−1)\]; without lag and delay the last two do not matter.
 type State = SVector<f64, 12>;
-
-/// What the position loop asks for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Setpoint {
-    /// γ = (φ, θ, ψ) \[rad\], intrinsic z-y-x.
-    pub gamma_rad: Vector3<f64>,
-    /// Collective thrust T \[N\].
-    pub thrust_n: f64,
-}
 
 /// What the law knows at its sample.
 #[derive(Debug, Clone, Copy, PartialEq)]

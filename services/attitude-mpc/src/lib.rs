@@ -18,7 +18,8 @@ pub mod settings;
 
 pub use component::AttitudeMpc;
 pub use config::{AttitudeLawConfig, ConfigError, HorizonChoice, TorqueBound};
-pub use law::{AttitudeLaw, Input, LawStatus, Output, Refusal, Setpoint};
+pub use controller::Setpoint;
+pub use law::{AttitudeLaw, Input, LawStatus, Output, Refusal};
 pub use memory::{Counters, Memory};
 pub use mpc::{Basis, Horizon, MpcError, QpStatus, SolverKind};
 pub use preview::MorphPlan;

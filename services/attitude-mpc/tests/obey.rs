@@ -1,8 +1,8 @@
 //! Whose set points the attitude loop tracks: flips, records that come too late, fail-over, the
 //! limiter, and continuing from a memory amid them.
 
-use attitude_mpc::component::{Inputs, Outputs};
 use attitude_mpc::{AttitudeLawConfig, AttitudeMpc};
+use controller::attitude::{Inputs, Outputs};
 use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
 use shared_types::{

@@ -72,6 +72,7 @@ impl Estimator {
 
 fn wire(estimate: &Estimate) -> StateEstimate {
     let refused = &estimate.counters;
+    let (sigma, _) = estimate.sigmas.as_chunks::<3>();
     StateEstimate {
         position_w_m: estimate.position_w.into(),
         velocity_w_m_s: estimate.velocity_w.into(),
@@ -82,7 +83,11 @@ fn wire(estimate: &Estimate) -> StateEstimate {
         accelerometer_bias_b_m_s2: estimate.accel_bias_b.into(),
         morph_angle_rad: estimate.beta_rad,
         morph_rate_rad_s: estimate.beta_rate_rad_s,
-        sigma: estimate.sigmas,
+        position_sigma_w_m: sigma[0],
+        velocity_sigma_w_m_s: sigma[1],
+        attitude_sigma_b_rad: sigma[2],
+        gyro_bias_sigma_b_rad_s: sigma[3],
+        accelerometer_bias_sigma_b_m_s2: sigma[4],
         pose_fix_nis: estimate.nis,
         pose_fixes_gated: refused.pose_fix.gated,
         covariance_reopened: refused.reopened,

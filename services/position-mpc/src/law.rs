@@ -1,5 +1,6 @@
 //! One step of the position law, (7) and (10)-(17).
 
+use controller::Setpoint;
 use controller::heading::{angles_at, input_of, present_tilt};
 use mpc::{IncrementalMpc, LaggedAxis, Limits, Measured, Move, Operating, QpStatus};
 use nalgebra::{SVector, Vector3};
@@ -8,15 +9,6 @@ use vehicle::VehicleParameters;
 use crate::config::{ConfigError, PositionLawConfig};
 use crate::memory::Memory;
 use crate::model;
-
-/// What the attitude loop is asked for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Setpoint {
-    /// γ = (φ, θ, ψ) \[rad\], intrinsic z-y-x.
-    pub gamma_rad: Vector3<f64>,
-    /// Collective thrust T \[N\].
-    pub thrust_n: f64,
-}
 
 /// What the law knows at its sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -144,7 +136,7 @@ impl PositionLaw {
     fn follow_applied(&mut self, input: &Input<'_>) {
         let memory = &mut self.memory;
         // An attitude loop no faster than this one takes the last setpoint only now.
-        let own = [memory.setpoint, memory.previous_setpoint].map(from_memory);
+        let own = [memory.setpoint, memory.previous_setpoint].map(Setpoint::from);
         let foreign = input.applied.filter(|setpoint| {
             // The law's own command keeps its bits instead of being rotated there and back.
             !own.contains(setpoint)
@@ -270,7 +262,7 @@ impl PositionLaw {
     fn refuse(&mut self) -> Output {
         self.memory.counters.refused += 1;
         self.memory.primed = false;
-        let setpoint = from_memory(self.memory.setpoint);
+        let setpoint = Setpoint::from(self.memory.setpoint);
         let held = Move {
             u: self.memory.command.into(),
             du: Vector3::zeros(),
@@ -312,10 +304,6 @@ impl PositionLaw {
         self.memory = *memory;
         Ok(())
     }
-}
-
-fn from_memory([phi, theta, psi, thrust_n]: [f64; 4]) -> Setpoint {
-    Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n }
 }
 
 fn is_finite(input: &Input<'_>) -> bool {

@@ -16,7 +16,8 @@ pub mod settings;
 
 pub use component::PositionMpc;
 pub use config::{ConfigError, PositionLawConfig};
+pub use controller::Setpoint;
 pub use controller::preview::Landing;
-pub use law::{Input, LawStatus, Output, PositionLaw, Refusal, Setpoint};
+pub use law::{Input, LawStatus, Output, PositionLaw, Refusal};
 pub use memory::{Counters, Memory};
 pub use mpc::{Basis, Horizon, MpcError, QpStatus, SolverKind};

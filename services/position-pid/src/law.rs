@@ -2,7 +2,7 @@
 
 use controller::heading::{angles_at, input_of};
 use controller::preview::Target;
-use controller::{Limited, OutOfRange, within};
+use controller::{Limited, OutOfRange, Setpoint, within};
 use nalgebra::Vector3;
 use vehicle::VehicleParameters;
 
@@ -57,15 +57,6 @@ impl PositionPidConfig {
         within("thrust_max_weights", self.thrust_weights[1], 1.0, 4.0)?;
         within("thrust_step_max_weights", self.thrust_step_max_weights, 1e-3, 4.0)
     }
-}
-
-/// What the attitude loop is asked for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Setpoint {
-    /// γ = (φ, θ, ψ) \[rad\], intrinsic z-y-x.
-    pub gamma_rad: Vector3<f64>,
-    /// Collective thrust T \[N\].
-    pub thrust_n: f64,
 }
 
 /// What the law knows at its sample.
@@ -197,7 +188,7 @@ impl PositionPidLaw {
     fn applied(&self, input: &Input) -> Vector3<f64> {
         let memory = &self.memory;
         // An attitude loop no faster than this one takes the last set point only now.
-        let own = [memory.setpoint, memory.previous_setpoint].map(from_memory);
+        let own = [memory.setpoint, memory.previous_setpoint].map(Setpoint::from);
         let foreign = input.applied.filter(|setpoint| {
             !(memory.commanded && own.contains(setpoint))
                 && setpoint.gamma_rad.iter().chain([&setpoint.thrust_n]).all(|v| v.is_finite())
@@ -294,7 +285,7 @@ impl PositionPidLaw {
         self.memory.refused += 1;
         self.memory.primed = false;
         let command = Limited::held(&self.memory.command.into());
-        Output { setpoint: from_memory(self.memory.setpoint), command, is_new: false }
+        Output { setpoint: Setpoint::from(self.memory.setpoint), command, is_new: false }
     }
 
     /// A sample without a usable estimate: nothing is commanded.
@@ -328,10 +319,6 @@ impl PositionPidLaw {
         self.memory = *memory;
         Ok(())
     }
-}
-
-fn from_memory([phi, theta, psi, thrust_n]: [f64; 4]) -> Setpoint {
-    Setpoint { gamma_rad: Vector3::new(phi, theta, psi), thrust_n }
 }
 
 fn is_finite(input: &Input) -> bool {

@@ -12,6 +12,6 @@ mod law;
 pub mod settings;
 
 pub use component::PositionPid;
-pub use controller::OutOfRange;
 pub use controller::preview::{Landing, Target};
-pub use law::{Input, Memory, Output, PositionPidConfig, PositionPidLaw, Setpoint};
+pub use controller::{OutOfRange, Setpoint};
+pub use law::{Input, Memory, Output, PositionPidConfig, PositionPidLaw};

@@ -10,7 +10,6 @@ use position_mpc::PositionLawConfig;
 use position_pid::settings::{Settings, Shared};
 use position_pid::{Input, Output, PositionPidConfig, PositionPidLaw, Setpoint, Target};
 use rig::{Flight, MS, SIZES, nanoseconds, release_ns};
-use shared_types::SolveStatus;
 use vehicle::{
     MorphAngle, NonlinearModel, RigidBodyState, VehicleParameters, Wrench, euler_from_quaternion,
 };
@@ -120,7 +119,7 @@ fn fly(
 
 fn assert_within_bounds(output: &Output) {
     assert!(output.is_new);
-    let report = output.command.report(SolveStatus::Solved);
+    let report = output.command.bounded();
     assert!(report.worst_violation() <= 1e-15, "{output:?}");
 }
 

@@ -9,7 +9,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use runtime::{Link, Service, SetpointMemory, SetpointSlot, inputs, outputs};
 use serde::Deserialize;
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, OwnerRecord, Role,
+    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, OwnerRecord, Role,
     StateEstimate, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters};
@@ -58,7 +58,7 @@ outputs! {
         /// The set point that it tracks, for the position loop.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
         /// Bounds and command, for the summary.
-        attitude_report: ControllerReport = topics::ATTITUDE_REPORT,
+        attitude_report: AttitudeReport = topics::ATTITUDE_REPORT,
     }
 }
 
@@ -231,14 +231,14 @@ impl Service for Controller {
             yaw_rad,
             ..self.slot.applied()
         });
-        outputs.attitude_report.write(ControllerReport {
-            input: torque_nm.into(),
-            previous_input: self.memory.torque_nm,
-            input_min: (-sample.bound_nm).into(),
-            input_max: sample.bound_nm.into(),
-            increment_max: [f64::INFINITY; 3],
+        outputs.attitude_report.write(AttitudeReport {
+            torque_b_nm: torque_nm.into(),
+            previous_torque_b_nm: self.memory.torque_nm,
+            torque_min_b_nm: (-sample.bound_nm).into(),
+            torque_max_b_nm: sample.bound_nm.into(),
+            torque_increment_max_b_nm: [f64::INFINITY; 3],
             thrust_n: sample.thrust_n,
-            ..ControllerReport::default()
+            ..AttitudeReport::default()
         });
         self.memory.torque_nm = torque_nm.into();
     }

@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 use runtime::{Link, Service, inputs, outputs};
 use serde::Deserialize;
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, ControllerReport, OwnerRecord, Reference, Role,
-    StateEstimate, topics,
+    AppliedSetpoint, AttitudeSetpoint, OwnerRecord, PositionReport, Reference, Role, StateEstimate,
+    topics,
 };
 use vehicle::VehicleParameters;
 
@@ -60,7 +60,7 @@ outputs! {
         /// Thrust and Euler angles for the attitude loop.
         attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
         /// Bounds and command, for the summary.
-        position_report: ControllerReport = topics::POSITION_REPORT,
+        position_report: PositionReport = topics::POSITION_REPORT,
     }
 }
 
@@ -222,13 +222,13 @@ impl Service for Controller {
             ..AttitudeSetpoint::default()
         });
         let [least, most] = THRUST_WEIGHTS.map(|weights| weights * self.vehicle.weight_n());
-        outputs.position_report.write(ControllerReport {
-            input: command.into(),
-            previous_input: self.memory.command,
-            input_min: [-TILT_MAX_RAD, -TILT_MAX_RAD, least],
-            input_max: [TILT_MAX_RAD, TILT_MAX_RAD, most],
-            increment_max: [f64::INFINITY; 3],
-            ..ControllerReport::default()
+        outputs.position_report.write(PositionReport {
+            input: <[f64; 3]>::from(command).into(),
+            previous_input: self.memory.command.into(),
+            input_min: [-TILT_MAX_RAD, -TILT_MAX_RAD, least].into(),
+            input_max: [TILT_MAX_RAD, TILT_MAX_RAD, most].into(),
+            increment_max: [f64::INFINITY; 3].into(),
+            ..PositionReport::default()
         });
         self.memory.command = command.into();
     }

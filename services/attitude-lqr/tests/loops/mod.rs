@@ -52,7 +52,7 @@ pub(crate) fn fly<L: AttitudeLaw>(
             let setpoint = setpoint(release as f64 * 1e-9, flight);
             let output = law.step(&measured(flight, release), &setpoint);
             assert!(output.is_new, "refused at {release} ns");
-            let violation = output.torque.report(shared_types::SolveStatus::Solved);
+            let violation = output.torque.bounded();
             assert!(violation.worst_violation() <= 1e-15, "{output:?}");
             let torque_b_nm = output.torque.input;
             flight.command(Wrench { thrust_n: output.thrust_n, torque_b_nm });
@@ -111,7 +111,7 @@ pub(crate) fn assert_well_behaved<L: AttitudeLaw>(make: impl Fn() -> AttitudeLoo
         let (measurement, setpoint) = busy(k);
         let output = owner.step(&measurement, &setpoint);
         assert_eq!(output, successor.step(&measurement, &setpoint), "step {k}");
-        let report = output.torque.report(shared_types::SolveStatus::Solved);
+        let report = output.torque.bounded();
         assert!(report.worst_violation() <= 1e-15, "step {k}: {output:?}");
     }
     let (mut bad, setpoint) = busy(140);
@@ -181,4 +181,53 @@ pub(crate) fn shadowed<L: AttitudeLaw>(shadow: &mut AttitudeLoop<L>, beta: Morph
         }
     }
     worst
+}
+
+/// Three axes at once settle in 1.1 s and peak by 0.27 at most on vehicles that the law takes for others.
+pub(crate) fn assert_settles_on_other_vehicles<L: AttitudeLaw>(
+    usual: impl Fn(f64) -> AttitudeLoop<L>,
+) {
+    for rate_hz in [100.0, 150.0, 500.0, 1000.0] {
+        for beta in SIZES {
+            for (rotor_lag_s, inertia_scale) in [0.010, 0.015, 0.020]
+                .into_iter()
+                .flat_map(|lag_s| [0.8, 1.0, 1.5].map(|i| (lag_s, i)))
+            {
+                let flown = VehicleParameters {
+                    rotor_lag_s,
+                    inertia_scale,
+                    ..VehicleParameters::default()
+                };
+                let marks = stepped(&mut usual(rate_hz), flown, beta, Vector3::repeat(1.0));
+                let case = format!("{rate_hz} Hz {beta:?} {rotor_lag_s} s x{inertia_scale}");
+                for (settled, peaked) in marks {
+                    assert!(settled <= 1.1 && peaked <= 0.27, "{case}: {marks:?}");
+                }
+            }
+        }
+    }
+}
+
+/// Of a constant torque a milliradian is left after two seconds.
+pub(crate) fn assert_integrates<L: AttitudeLaw>(usual: impl Fn(f64) -> AttitudeLoop<L>) {
+    for rate_hz in [100.0, 150.0, 500.0, 1000.0] {
+        for beta in SIZES {
+            let mut flight = Flight::hover(VehicleParameters::default(), beta);
+            flight.disturbance.torque_b_nm = Vector3::new(0.01, -0.008, 0.002);
+            let level = |_: f64, _: &mut Flight| hover(Vector3::zeros());
+            let (trace, _) = fly(&mut flight, &mut usual(rate_hz), 3.0, level);
+            let late = trace.t_s.iter().zip(&trace.gamma).filter(|(t, _)| **t > 2.0);
+            let worst = late.map(|(_, gamma)| gamma.amax()).fold(0.0, f64::max);
+            assert!(worst <= 1e-3, "{rate_hz} Hz, {beta:?}: {worst}");
+        }
+    }
+}
+
+/// Peak \[rad\], settling \[s\] and saturated steps of a turn by 2 rad that takes all the torque there is.
+pub(crate) fn turned<L: AttitudeLaw>(mut law: AttitudeLoop<L>) -> (f64, f64, usize) {
+    let mut flight = Flight::hover(VehicleParameters::default(), MorphAngle::MAX);
+    let target = hover(Vector3::new(0.0, 0.0, 2.0));
+    let (trace, outputs) = fly(&mut flight, &mut law, 4.0, |_, _| target);
+    let at_bound = outputs.iter().filter(|output| output.torque.clipped > 0).count();
+    (peak(&trace, 2), settling(&trace, 2, 2.0, 0.0), at_bound)
 }

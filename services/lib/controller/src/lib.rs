@@ -1,18 +1,22 @@
 //! What the controllers of a slot have in common besides their law.
 //!
 //! [`attitude`] turns an [`attitude::AttitudeLaw`], which answers a torque to a sample, into a
-//! service of the attitude slot: ports, judging of set points, bounds, reports, memory. [`preview`]
-//! and [`heading`] are what position controllers share: the reference at their own instants, and the
-//! frame in which tilts are bounded. [`Limited`] holds every input to its level and its increment.
+//! service of the attitude slot: ports, judging of set points, bounds, reports, memory. [`position`],
+//! [`preview`] and [`heading`] are what position controllers share: ports and the set point that is
+//! tracked, the reference at their own instants, and the frame in which tilts are bounded. [`Limited`] holds every input to its level and its increment.
 
 #![cfg_attr(test, allow(clippy::float_cmp, reason = "where bits must agree, bits are compared"))]
 
 pub mod attitude;
 pub mod heading;
 mod limited;
+pub mod position;
 pub mod preview;
+pub mod sampling;
+mod setpoint;
 
 pub use limited::Limited;
+pub use setpoint::Setpoint;
 
 use thiserror::Error;
 

@@ -1,7 +1,7 @@
 //! An input within the bounds on its level and on its increment, (12)-(14), by clipping.
 
 use nalgebra::Vector3;
-use shared_types::{ControllerReport, SolveStatus};
+use shared_types::{BoundedInput, SolveReport, SolveStatus};
 
 /// What is left of a wish, with the bounds it obeys.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,20 +48,25 @@ impl Limited {
         Self { input, previous, min, max, increment: zero, relaxation: zero, clipped: 0 }
     }
 
-    /// The common part of a report.
+    /// As a report has it.
     #[must_use]
-    pub fn report(&self, status: SolveStatus) -> ControllerReport {
-        ControllerReport {
+    pub fn bounded(&self) -> BoundedInput {
+        BoundedInput {
             input: self.input.into(),
-            previous_input: self.previous.into(),
-            input_min: self.min.into(),
-            input_max: self.max.into(),
+            previous: self.previous.into(),
+            min: self.min.into(),
+            max: self.max.into(),
             increment_max: self.increment.into(),
             relaxation: self.relaxation.into(),
-            active_constraints: self.clipped.into(),
-            status,
-            ..ControllerReport::default()
         }
+    }
+
+    /// Verdict and effort of a law without an optimiser, which so far refused as many steps.
+    #[must_use]
+    pub fn solve(&self, is_new: bool, refused: u64) -> SolveReport {
+        let status = if is_new { SolveStatus::Solved } else { SolveStatus::Refused };
+        let active_constraints = self.clipped.into();
+        SolveReport { refused, active_constraints, status, ..SolveReport::default() }
     }
 }
 
@@ -89,7 +94,7 @@ mod tests {
         let outside = limit(9.0, 3.0);
         assert_eq!((outside.input.x, outside.relaxation.x), (2.0, 0.5));
         for (wish, previous) in [(9.0, 0.0), (9.0, 1.75), (9.0, 3.0), (-9.0, -7.0), (0.1, 0.2)] {
-            let report = limit(wish, previous).report(SolveStatus::Solved);
+            let report = limit(wish, previous).bounded();
             assert!(report.worst_violation() <= 0.0, "{wish} after {previous}");
         }
     }

@@ -7,9 +7,10 @@ mod actuators;
 mod service;
 
 pub use actuators::{Actuators, Timing};
-pub use service::{AttitudeController, Inputs, Outputs};
+pub use service::{AttitudeController, Inputs, Outputs, applied, fresh_estimate};
 
 use crate::Limited;
+pub use crate::Setpoint;
 use nalgebra::Vector3;
 use runtime::obey::setpoints::{SetpointMemory, SetpointSlot};
 use shared_types::wire::Wire;
@@ -59,15 +60,6 @@ pub struct Sample {
     pub follows: bool,
     /// Another controller flies, and the law is to continue from what it applies.
     pub tracking: bool,
-}
-
-/// What the position loop asks for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Setpoint {
-    /// γ = (φ, θ, ψ) \[rad\], intrinsic z-y-x.
-    pub gamma_rad: Vector3<f64>,
-    /// Collective thrust T \[N\].
-    pub thrust_n: f64,
 }
 
 /// What is measured at a sample.

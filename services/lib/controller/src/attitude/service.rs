@@ -1,22 +1,21 @@
 //! An attitude loop between its ports: state estimate and set point in, wrench command out.
 
 use super::{AttitudeLaw, AttitudeLoop, Measurement, Output, Setpoint, Timing};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use crate::sampling::{age_s, gamma_rad};
 use runtime::obey::setpoints::SetpointSlot;
 use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport, MorphCommand, OwnerRecord,
-    SolveStatus, StateEstimate, WrenchCommand, topics,
+    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, MorphCommand, OwnerRecord,
+    StateEstimate, WrenchCommand, topics,
 };
-use vehicle::{MorphAngle, VehicleParameters, euler_from_quaternion};
+use vehicle::{MorphAngle, VehicleParameters};
 
 /// An estimate older than this, and than two periods, is flown no more: the command lapses and the
 /// plant's gate, which has a gyro of its own, takes over \[ns\].
 const STALE_NS: u64 = 20_000_000;
 
 inputs! {
-    /// What an attitude loop reads, as the attitude MPC does; its commands descend from the state
-    /// estimate.
+    /// What an attitude loop reads; its commands descend from the state estimate.
     pub struct Inputs {
         /// Believed state.
         state_estimate: StateEstimate = topics::STATE_ESTIMATE,
@@ -39,7 +38,7 @@ outputs! {
         /// Set point in use.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
         /// Bounds, verdict and effort.
-        attitude_report: ControllerReport = topics::ATTITUDE_REPORT,
+        attitude_report: AttitudeReport = topics::ATTITUDE_REPORT,
     }
 }
 
@@ -75,38 +74,42 @@ impl<L: AttitudeLaw> AttitudeController<L> {
     }
 
     fn measurement(&self, now_ns: u64, inputs: &Inputs) -> Option<Measurement> {
-        let limit_ns = (2 * self.period_ns).max(STALE_NS);
-        let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, limit_ns) else {
-            return None;
-        };
-        let q = &estimate.q_wb;
-        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+        let estimate = fresh_estimate(inputs, now_ns, self.period_ns)?;
         Some(Measurement {
-            gamma_rad: euler_from_quaternion(&attitude),
+            gamma_rad: gamma_rad(estimate),
             body_rate_rad_s: estimate.body_rate_b_rad_s.into(),
-            age_s: now_ns.saturating_sub(estimate.header.valid_ns) as f64 * 1e-9,
+            age_s: age_s(&estimate.header, now_ns),
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
             applied_nm: applied(inputs).map(|applied| applied.torque_b_nm.into()),
         })
     }
 
-    fn report(&self, output: &Output, morph_angle: MorphAngle) -> ControllerReport {
+    fn report(&self, output: &Output, morph_angle: MorphAngle) -> AttitudeReport {
         let vehicle = self.inner.vehicle();
-        let status = if output.is_new { SolveStatus::Solved } else { SolveStatus::Refused };
-        ControllerReport {
+        AttitudeReport {
             thrust_n: output.thrust_n,
             arm_length_m: vehicle.geometry.arm_length_m(morph_angle),
             yaw_coefficient_m: vehicle.yaw_coefficient_m,
             rotor_thrust_max_n: f64::INFINITY,
-            refused: self.inner.common().refused,
-            ..output.torque.report(status)
+            solve: output.torque.solve(output.is_new, self.inner.common().refused),
+            ..output.torque.bounded().into()
         }
     }
 }
 
 /// What the gate applied, once there is a command.
-fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
+#[must_use]
+pub fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
     inputs.applied_command.latest().filter(|applied| applied.command_sequence > 0)
+}
+
+/// The newest estimate, unless it is too old to be flown by a loop of this period \[ns\].
+#[must_use]
+pub fn fresh_estimate(inputs: &Inputs, now_ns: u64, period_ns: u64) -> Option<&StateEstimate> {
+    match inputs.state_estimate.link(now_ns, (2 * period_ns).max(STALE_NS)) {
+        Link::Fresh(estimate) => Some(estimate),
+        _ => None,
+    }
 }
 
 impl<L: AttitudeLaw> Service for AttitudeController<L> {
@@ -120,9 +123,8 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
             self.inner.miss();
             return;
         };
-        let [roll_rad, pitch_rad, yaw_rad, thrust_n] = self.inner.common().setpoint;
-        let gamma_rad = Vector3::new(roll_rad, pitch_rad, yaw_rad);
-        let output = self.inner.step(&measurement, &Setpoint { gamma_rad, thrust_n });
+        let setpoint = Setpoint::from(self.inner.common().setpoint);
+        let output = self.inner.step(&measurement, &setpoint);
         outputs.wrench_command.write(WrenchCommand {
             thrust_n: output.thrust_n,
             torque_b_nm: output.torque.input.into(),
@@ -132,9 +134,9 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
         outputs.applied_setpoint.write(AppliedSetpoint {
             setpoint_sequence: self.inner.common().setpoint_sequence,
             thrust_n: output.thrust_n,
-            roll_rad,
-            pitch_rad,
-            yaw_rad,
+            roll_rad: setpoint.gamma_rad.x,
+            pitch_rad: setpoint.gamma_rad.y,
+            yaw_rad: setpoint.gamma_rad.z,
             ..self.slot.applied()
         });
         outputs.attitude_report.write(self.report(&output, measurement.morph_angle));

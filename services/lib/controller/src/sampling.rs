@@ -1,0 +1,36 @@
+//! What loops make of their inputs and of their rate.
+
+use mpc::QpStatus;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use shared_types::{Header, SolveStatus, StateEstimate};
+use vehicle::euler_from_quaternion;
+
+/// γ = (φ, θ, ψ) of an estimate \[rad\], intrinsic z-y-x.
+#[must_use]
+pub fn gamma_rad(estimate: &StateEstimate) -> Vector3<f64> {
+    let q = &estimate.q_wb;
+    euler_from_quaternion(&UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)))
+}
+
+/// Time since a sample has been in effect \[s\].
+#[must_use]
+pub fn age_s(header: &Header, now_ns: u64) -> f64 {
+    now_ns.saturating_sub(header.valid_ns) as f64 * 1e-9
+}
+
+/// Period of a positive rate, rounded up \[ns\].
+#[must_use]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+pub fn period_ns(rate_hz: f64) -> u64 {
+    (1e9 / rate_hz).ceil() as u64
+}
+
+/// How a report calls the reason for a fallback.
+#[must_use]
+pub fn fallback_status(status: QpStatus) -> SolveStatus {
+    match status {
+        QpStatus::Infeasible => SolveStatus::Infeasible,
+        QpStatus::NotFinite => SolveStatus::NotFinite,
+        _ => SolveStatus::IterationLimit,
+    }
+}
