@@ -9,6 +9,7 @@ use launcher::scenario::{Override, Scenario};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -91,6 +92,50 @@ fn every_life_of_every_controller_is_verified_in_both_clocks() {
             }
         }
     }
+}
+
+/// Steps of the plant at which commands of more than one seat were late.
+fn late_together(flown: &Flown) -> usize {
+    let mut echo = morphquad(["topic", "echo"]);
+    echo.arg(flown.recording_path()).args(["deviation", "--format", "jsonl"]);
+    let output = echo.output().expect("the executable starts");
+    let mut seats: BTreeMap<u64, BTreeSet<u64>> = BTreeMap::new();
+    for line in String::from_utf8(output.stdout).expect("text").lines() {
+        let line: Value = serde_json::from_str(line).expect("an object");
+        let told = &line["deviation"];
+        if (&told["kind"], &told["input"]) == (&"LateSamples".into(), &"wrench_command".into()) {
+            let step_ns = told["header"]["release_ns"].as_u64().expect("an instant");
+            let seat = told["writer_seat"].as_u64().expect("a seat");
+            seats.entry(step_ns).or_default().insert(seat);
+        }
+    }
+    seats.values().filter(|seats| seats.len() > 1).count()
+}
+
+/// Before this was told by seat, the numbers of one were taken for the other's.
+#[test]
+fn commands_of_owner_and_fallback_that_are_late_together_are_verified() {
+    let _turn = turn();
+    // No controller answers within a tick of 250 us; a machine may be too busy for a standby to sit.
+    let late = (0..10).any(|_| {
+        let flown = fly(&[
+            "figure8-morph",
+            "--for",
+            "2s",
+            "--clock",
+            "realtime",
+            "--rate",
+            "plant=4000",
+            "--set",
+            "latency.wrench_command_s=1e-6",
+            "--standby",
+            "attitude=attitude-mpc",
+        ]);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        verified(&flown, &[]);
+        late_together(&flown) > 0
+    });
+    assert!(late, "in none of ten flights");
 }
 
 #[test]
@@ -233,14 +278,22 @@ fn a_controller_with_a_scenario_of_its_own_is_verified_with_that() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let config = folder.path().join("softer.toml");
-    let mut running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "3s"]);
+    let slow = ["hover", "--clock", "realtime", "--speed", "0.2", "--for", "5s"];
+    let mut running = Running::start_and_fly(&slow);
     let softer = Override::set("attitude_mpc.increment_weight=7").expect("a setting");
     let softer = Scenario::load("hover", &[softer]).expect("a shipped scenario");
     std::fs::write(&config, softer.to_toml()).expect("a scenario");
-    let mut order = morphquad(["swap", "attitude", "--to", "attitude-mpc", "--run", running.id()]);
-    order.args(["--shadow", "500ms", "--rollback", "200ms", "--force", "--config"]).arg(&config);
-    let output = order.output().expect("the executable starts");
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    // A machine that stops for milliseconds may make it miss deadlines that its owner keeps.
+    let accepted = (0..10).any(|_| {
+        let mut order = morphquad(["swap", "attitude", "--to", "attitude-mpc"]);
+        order.args(["--run", running.id(), "--shadow", "300ms", "--rollback", "100ms"]);
+        order.arg("--force").arg("--config").arg(&config);
+        let output = order.output().expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success() || said.contains("deadlines"), "{said}");
+        output.status.success()
+    });
+    assert!(accepted, "ten times it missed deadlines");
     std::fs::remove_file(&config).expect("it was there");
     let flown = running.wait();
     assert!(verified(&flown, &[]).contains(&"attitude-mpc@1".to_owned()), "{}", flown.said());

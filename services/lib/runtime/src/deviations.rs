@@ -7,7 +7,7 @@ use crate::input::{Input, InputVisitor, Newest};
 use crate::output::Output;
 use crate::service::StateHeader;
 use core::convert::Infallible;
-use shared_types::{Deviation, DeviationKind, Header, Role, Sample, Seat, Topic, topics};
+use shared_types::{Deviation, DeviationKind, Header, Role, SEATS, Sample, Seat, Topic, topics};
 
 /// Inputs of one loop that are waited for; nobody has more.
 const MOST_AWAITED: usize = 8;
@@ -168,11 +168,11 @@ impl InputVisitor for ReportInputs<'_> {
     ) -> Result<(), Infallible> {
         let name = topic.info.name;
         let mut newest = input.newest_before();
-        let mut late: Option<Deviation> = None;
+        let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
         for sample in input.fresh() {
             let header = sample.header();
-            let Some(newest) = usize::try_from(header.seat).ok().and_then(|i| newest.get_mut(i))
-            else {
+            let seat = usize::try_from(header.seat).unwrap_or(SEATS);
+            let (Some(newest), Some(late)) = (newest.get_mut(seat), late.get_mut(seat)) else {
                 continue;
             };
             let missing = match newest.replace(Newest::of(header)) {
@@ -192,8 +192,11 @@ impl InputVisitor for ReportInputs<'_> {
                 let last = header.sequence - 1;
                 self.report.lost(name, header, header.sequence - missing, last);
             }
-            // Samples come in the order of their effect: the late ones are the first.
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
+                // Numbers are each writer's own: a range never spans two of them.
+                if let Some(before) = late.take_if(|l| l.writer_generation != header.generation) {
+                    self.report.write(DeviationKind::LateSamples, name, before);
+                }
                 let first = Deviation {
                     first: header.sequence,
                     due_ns: header.valid_ns,
@@ -204,7 +207,7 @@ impl InputVisitor for ReportInputs<'_> {
                 late.get_or_insert(first).last = header.sequence;
             }
         }
-        if let Some(deviation) = late {
+        for deviation in late.into_iter().flatten() {
             self.report.write(DeviationKind::LateSamples, name, deviation);
         }
         Ok(())

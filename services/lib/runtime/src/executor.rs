@@ -204,8 +204,13 @@ impl<S: Service> Executor<S> {
     }
 
     /// Joins a flight at the first release at or after `t_ns`: without a state of its own the component
-    /// knows what is in effect by then and follows its slot until `track_until_ns`.
+    /// knows what is in effect by then and follows its slot until `track_until_ns`. Its totals begin at
+    /// zero: what the writer of its state missed was missed by another process.
     pub fn join_at(&mut self, t_ns: u64, track_until_ns: u64) {
+        self.before = (0, 0);
+        let StateHeader { layout_hash, release_index, release_ns, .. } = self.counts;
+        self.counts =
+            StateHeader { layout_hash, release_index, release_ns, ..StateHeader::default() };
         let index = self.node.rate.first_at_or_after(t_ns);
         if self.previous_ns.is_some() {
             self.leave_out_until(index);

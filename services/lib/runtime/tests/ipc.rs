@@ -24,7 +24,17 @@ static RUN: Mutex<Weak<Membership>> = Mutex::new(Weak::new());
 /// founded by the first test, again under the same name if all tests so far have left it.
 struct Joined {
     bus: Bus,
-    _run: Arc<Membership>,
+    _stay: Stay,
+}
+
+/// Leaves under the lock: the last one wipes the run, and the next must not found it meanwhile.
+struct Stay(Option<Arc<Membership>>);
+
+impl Drop for Stay {
+    fn drop(&mut self) {
+        let _nobody_founds = RUN.lock();
+        self.0.take();
+    }
 }
 
 fn join(name: &str) -> Joined {
@@ -35,7 +45,7 @@ fn join(name: &str) -> Joined {
     });
     *run = Arc::downgrade(&member);
     let bus = Bus::join(&member.ipc_config(), name).expect("a connection");
-    Joined { bus, _run: member }
+    Joined { bus, _stay: Stay(Some(member)) }
 }
 
 /// What another build believes: the same names, other fields.

@@ -99,11 +99,21 @@ impl Bench {
 
     /// A sample in effect at its millisecond, with the sequence that follows from it.
     fn arrives(&self, sequence: u64) {
-        let instant_ns = (sequence - 1) * MS;
-        let header =
-            Header { sequence, release_ns: instant_ns, valid_ns: instant_ns, ..Header::default() };
-        let sample = Imu { header, ..Imu::default() };
-        self.imu.borrow_mut().push_back(sample);
+        self.says((0, 0), sequence, sequence - 1);
+    }
+
+    /// A sample of who has a seat, with its generation there, in effect at a millisecond.
+    fn says(&self, (seat, generation): (u32, u32), sequence: u64, instant_ms: u64) {
+        let instant_ns = instant_ms * MS;
+        let header = Header {
+            seat,
+            generation,
+            sequence,
+            release_ns: instant_ns,
+            valid_ns: instant_ns,
+            ..Header::default()
+        };
+        self.imu.borrow_mut().push_back(Imu { header, ..Imu::default() });
     }
 
     fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
@@ -159,6 +169,31 @@ fn a_late_sample_tells_since_when_it_was_due() {
     let told = bench.told();
     let late = told.iter().find(|d| d.kind == DeviationKind::LateSamples);
     assert_eq!(late.map(|d| (d.due_ns, d.header.release_ns)), Some((2 * MS, 5 * MS)));
+}
+
+#[test]
+fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.says((0, 0), 79, 0);
+    bench.says((1, 0), 9, 0);
+    (0..4).for_each(|_| drop(bench.step()));
+    // Both seats are late with two; then another process has taken the second, and counts anew.
+    for instant_ms in [1, 2] {
+        bench.says((0, 0), 79 + instant_ms, instant_ms);
+        bench.says((1, 0), 9 + instant_ms, instant_ms);
+    }
+    bench.says((1, 1), 500, 3);
+    bench.executor.inputs.receive();
+    bench.executor.run_step(StepStamps::UNTIMED);
+    let mut late: Vec<_> = bench
+        .told()
+        .iter()
+        .filter(|d| d.kind == DeviationKind::LateSamples)
+        .map(|d| ((d.writer_seat, d.writer_generation), d.first, d.last, d.due_ns / MS))
+        .collect();
+    late.sort_unstable();
+    assert_eq!(late, [((0, 0), 80, 81, 1), ((1, 0), 10, 11, 1), ((1, 1), 500, 500, 3)]);
+    assert_eq!(bench.executor.inputs.counts().late, 5);
 }
 
 #[test]

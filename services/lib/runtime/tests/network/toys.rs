@@ -3,9 +3,9 @@
 
 use runtime::{Input, Service, inputs, outputs};
 use shared_types::{
-    ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeSetpoint, ControllerReport,
-    Disturbance, Imu, MorphAngle, MorphCommand, PoseFix, Reference, Sample, StateEstimate, Truth,
-    WrenchCommand, topics,
+    ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, Disturbance,
+    Imu, MorphAngle, MorphCommand, PoseFix, PositionReport, Reference, Sample, StateEstimate,
+    Truth, WrenchCommand, topics,
 };
 
 /// Steps a hash by one word.
@@ -45,7 +45,8 @@ carrier!(
     AttitudeSetpoint => |s| s.thrust_n,
     AppliedSetpoint => |s| s.thrust_n,
     WrenchCommand => |s| s.thrust_n,
-    ControllerReport => |s| s.input[0],
+    AttitudeReport => |s| s.torque_b_nm[0],
+    PositionReport => |s| s.input.thrust_n,
     Disturbance => |s| s.payload_kg,
 );
 
@@ -141,13 +142,13 @@ toy!(position,
     [state_estimate: StateEstimate = STATE_ESTIMATE, reference: Reference = REFERENCE,
      applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, morph_command: MorphCommand = MORPH_COMMAND],
     [attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT / 1,
-     position_report: ControllerReport = POSITION_REPORT / 2]);
+     position_report: PositionReport = POSITION_REPORT / 2]);
 toy!(attitude,
     [state_estimate: StateEstimate = STATE_ESTIMATE, attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT,
      applied_command: AppliedCommand = APPLIED_COMMAND, morph_command: MorphCommand = MORPH_COMMAND],
     [wrench_command: WrenchCommand = WRENCH_COMMAND / 1,
      applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT / 1,
-     attitude_report: ControllerReport = ATTITUDE_REPORT / 1]);
+     attitude_report: AttitudeReport = ATTITUDE_REPORT / 1]);
 toy!(disturbance, [], [disturbance: Disturbance = DISTURBANCE / 2]);
 toy!(pilot, [], [reference: Reference = REFERENCE / 1, morph_command: MorphCommand = MORPH_COMMAND / 1]);
 toy!(rig_pilot, [],

@@ -1,0 +1,145 @@
+//! All inputs of a service together.
+
+use super::{Input, InputCounts, Origin};
+use crate::graph::Roles;
+use crate::ownership::SlotBook;
+use shared_types::{Role, Sample, Topic};
+
+/// Does something for every input of a service, with its type.
+pub trait InputVisitor {
+    /// What can go wrong.
+    type Error;
+    /// Called once per input, in declaration order.
+    ///
+    /// # Errors
+    /// Whatever the visitor meets; it ends the walk.
+    fn visit<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        input: &mut Input<T>,
+    ) -> Result<(), Self::Error>;
+}
+
+/// The inputs of a service; declared with [`inputs!`](crate::inputs).
+pub trait InputSet: Default {
+    /// Bytes of all latches.
+    const LATCH_SIZE: usize;
+    /// Layout of the latches.
+    const LAYOUT_HASH: u64;
+
+    /// Walks the inputs.
+    ///
+    /// # Errors
+    /// The visitor's first error.
+    fn visit<V: InputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error>;
+    /// Takes what has arrived on every input.
+    fn receive(&mut self);
+    /// Takes what has arrived on the inputs whose producers are among `moved`, or step unwaited.
+    fn receive_if_moved(&mut self, moved: Roles);
+    /// Lets whose samples count follow what has been received about owners.
+    fn heed_owners(&mut self, previous_ns: Option<u64>);
+    /// Puts into effect what is due on every input.
+    fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>);
+    /// Sum of all inputs' counters.
+    fn counts(&self) -> InputCounts;
+    /// What the first declared input says of its origin.
+    fn origin(&self) -> Origin;
+    /// Writes all latches; `out` holds [`InputSet::LATCH_SIZE`] bytes.
+    fn pack_latches(&self, out: &mut [u8]);
+    /// Restores all latches.
+    fn unpack_latches(&mut self, from: &[u8]);
+    /// See [`Input::skip_until`].
+    fn skip_until(&mut self, t_ns: u64);
+    /// See [`Input::knows_until`].
+    fn knows_until(&mut self, t_ns: u64);
+    /// See [`Input::obey`].
+    fn obey(&mut self, role: Role, slot: &SlotBook);
+}
+
+/// Declares a service's inputs: `inputs! { pub struct Inputs { imu: Imu = IMU, .. } }`. The first
+/// one is the cause of the service's outputs.
+#[macro_export]
+macro_rules! inputs {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$field_meta:meta])* $field:ident : $sample:ty = $topic:path),* $(,)?
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Default)]
+        pub struct $name {
+            $($(#[$field_meta])* pub $field: $crate::Input<$sample>,)*
+        }
+
+        impl $crate::InputSet for $name {
+            const LATCH_SIZE: usize = 0 $(+ $crate::Input::<$sample>::LATCH_SIZE)*;
+            const LAYOUT_HASH: u64 = {
+                let hash = ::shared_types::wire::HASH_SEED;
+                $(let hash = ::shared_types::wire::hash_bytes(
+                    hash,
+                    &<$sample as ::shared_types::wire::Wire>::SCHEMA.layout_hash.to_le_bytes(),
+                );)*
+                hash
+            };
+            fn visit<V: $crate::InputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error> {
+                $(visitor.visit(&$topic, &mut self.$field)?;)*
+                let _ = visitor;
+                Ok(())
+            }
+            fn receive(&mut self) {
+                $(self.$field.receive();)*
+            }
+            fn receive_if_moved(&mut self, moved: $crate::graph::Roles) {
+                $(self.$field.receive_if_moved(moved);)*
+                let _ = moved;
+            }
+            fn heed_owners(&mut self, previous_ns: Option<u64>) {
+                $(if let Some((role, book)) = self.$field.owner_news(previous_ns) {
+                    self.obey(role, &book);
+                })*
+                let _ = previous_ns;
+            }
+            fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
+                self.heed_owners(previous_ns);
+                $(self.$field.accept(t_ns, previous_ns);)*
+                let _ = (t_ns, previous_ns);
+            }
+            fn counts(&self) -> $crate::InputCounts {
+                let total = $crate::InputCounts::default();
+                $(let total = total + self.$field.counts();)*
+                total
+            }
+            fn origin(&self) -> $crate::input::Origin {
+                let origins: &[$crate::input::Origin] = &[$(self.$field.origin()),*];
+                origins.first().copied().unwrap_or_default()
+            }
+            fn pack_latches(&self, out: &mut [u8]) {
+                let rest = out;
+                $(let (head, rest) = rest.split_at_mut($crate::Input::<$sample>::LATCH_SIZE);
+                self.$field.pack_latch(head);)*
+                debug_assert!(rest.is_empty());
+            }
+            fn unpack_latches(&mut self, from: &[u8]) {
+                let rest = from;
+                $(let (head, rest) = rest.split_at($crate::Input::<$sample>::LATCH_SIZE);
+                self.$field.unpack_latch(head);)*
+                debug_assert!(rest.is_empty());
+            }
+            fn skip_until(&mut self, t_ns: u64) {
+                self.heed_owners(None);
+                $(self.$field.skip_until(t_ns);)*
+                let _ = t_ns;
+            }
+            fn obey(
+                &mut self,
+                role: ::shared_types::Role,
+                slot: &$crate::ownership::SlotBook,
+            ) {
+                $(self.$field.obey(role, slot);)*
+                let _ = (role, slot);
+            }
+            fn knows_until(&mut self, t_ns: u64) {
+                $(self.$field.knows_until(t_ns);)*
+                let _ = t_ns;
+            }
+        }
+    };
+}
