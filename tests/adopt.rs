@@ -62,9 +62,10 @@ fn strike(pid: u64, signal: Signal) {
 
 fn stand_by(run: &str) {
     let order = ["standby", "attitude", "attitude-mpc", "--shadow", "400ms", "--run", run];
-    // A machine that is busy elsewhere makes a candidate late, and the gate says so.
+    // A machine that is busy elsewhere lets a candidate step without its newest inputs, and the gate says
+    // so: of its deadlines, or of its commands, which are not its owner's then.
     let mut said = (None, String::new());
-    for _ in 0..5 {
+    for _ in 0..20 {
         said = say(&order);
         if said.0 == Some(0) {
             return;
@@ -226,7 +227,8 @@ fn an_owner_that_dies_or_stops_is_followed_by_its_standby_and_the_gate_never_lea
  {
     let _turn = turn();
     for signal in [Signal::KILL, Signal::STOP] {
-        let mut running = realtime(&["--for", "4s"]);
+        // Slowly: to a machine that stops for milliseconds, a control period is long.
+        let mut running = realtime(&["--speed", "0.3", "--for", "6s"]);
         let run = running.id().to_owned();
         stand_by(&run);
         let (owner, seat) = in_attitude(&run, "owner").expect("an owner");

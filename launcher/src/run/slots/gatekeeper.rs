@@ -8,6 +8,8 @@ use vehicle::MorphAngle;
 
 /// Realtime: one of so many steps may be missed.
 const STEPS_PER_PARDON: u64 = 50;
+/// Realtime: what the owner missed is waited for so long; who says nothing has missed nothing \[ns\].
+const OWNER_WORD_NS: u64 = 250_000_000;
 /// The consumers' limiters let through so much of a change of kind at once, over the largest command.
 const STEP_SHARE: f64 = 0.1;
 /// Commands kept of each of the two, and readings: more than lockstep lets pass at once.
@@ -31,6 +33,27 @@ enum Hearing {
     NotAt(u64),
 }
 
+/// How many steps a loop has missed since it was first heard of.
+#[derive(Debug, Clone, Copy, Default)]
+struct MissedSteps {
+    /// Until then: its own way in, or what a tenant before it missed.
+    before: Option<u64>,
+    /// In all, and when it said so \[ns\].
+    steps: u64,
+    at_ns: u64,
+}
+
+impl MissedSteps {
+    fn note(&mut self, steps: u64, at_ns: u64) {
+        self.before = Some(self.before.map_or(steps, |before| before.min(steps)));
+        (self.steps, self.at_ns) = (steps, at_ns);
+    }
+
+    fn count(&self) -> u64 {
+        self.before.map_or(0, |before| self.steps.saturating_sub(before))
+    }
+}
+
 /// Two streams of commands of one slot, compared instant by instant.
 #[derive(Debug)]
 pub(super) struct Gatekeeper {
@@ -46,8 +69,9 @@ pub(super) struct Gatekeeper {
     from_owner: VecDeque<Commanded>,
     /// Instants and readings of the deployable angle \[rad\].
     angles: VecDeque<(u64, f64)>,
-    /// Steps that the candidate had missed when it was first heard of.
-    missed_before: Option<u64>,
+    candidate_missed: MissedSteps,
+    /// In the same time.
+    owner_missed: MissedSteps,
     /// Realtime: a machine that makes everybody late now and then is no fault of the candidate.
     patient: bool,
     /// Largest step that the consumer makes at the flip, over the largest command.
@@ -78,7 +102,8 @@ impl Gatekeeper {
             from_candidate: VecDeque::with_capacity(KEPT),
             from_owner: VecDeque::with_capacity(KEPT),
             angles: VecDeque::with_capacity(KEPT),
-            missed_before: None,
+            candidate_missed: MissedSteps::default(),
+            owner_missed: MissedSteps::default(),
             patient,
             // Slopes are asked of another kind only, and so is the limiter.
             step_max: if limits.slope_min.is_finite() { STEP_SHARE } else { f64::INFINITY },
@@ -186,20 +211,37 @@ impl Gatekeeper {
         self.gate.compare(phase, &pair)
     }
 
-    /// Takes how many steps the candidate has missed in all.
+    /// Takes how many steps either has missed in all.
     pub(super) fn missed(&mut self, seat: u32, steps: u64, at_ns: u64) {
-        if seat != self.candidate || self.flip_ns.is_some() {
+        if self.flip_ns.is_some() {
             return;
         }
-        // What it missed on its way in is no fault of its own.
-        let before = *self.missed_before.get_or_insert(steps);
-        let figures = self.gate.figures();
-        let pardoned =
-            if self.patient { 1 + (figures.tracked + figures.free) / STEPS_PER_PARDON } else { 0 };
-        let known = figures.missed;
-        for _ in known..steps.saturating_sub(before).saturating_sub(pardoned) {
-            self.gate.miss(at_ns);
+        if seat == self.owner {
+            self.owner_missed.note(steps, at_ns);
+        } else if seat == self.candidate {
+            if self.candidate_missed.before.is_none() {
+                self.owner_missed.before =
+                    self.owner_missed.before.map(|_| self.owner_missed.steps);
+            }
+            self.candidate_missed.note(steps, at_ns);
+        } else {
+            return;
         }
+        self.judge_missed();
+    }
+
+    /// In realtime whatever makes an owner late that flies well makes a candidate late too: no more
+    /// than a few steps beyond the owner's are its own.
+    fn judge_missed(&mut self) {
+        let MissedSteps { at_ns, .. } = self.candidate_missed;
+        let behind_ns = at_ns.saturating_sub(self.owner_missed.at_ns);
+        if self.patient && (1..OWNER_WORD_NS).contains(&behind_ns) {
+            return;
+        }
+        let figures = self.gate.figures();
+        let own = (figures.tracked + figures.free) / STEPS_PER_PARDON + 1;
+        let allowed = if self.patient { own + self.owner_missed.count() } else { 0 };
+        self.gate.misses(self.candidate_missed.count(), allowed, at_ns);
     }
 
     pub(super) fn verdict(&self) -> Result<GateFigures, Refusal> {
@@ -229,4 +271,65 @@ fn push<T>(queue: &mut VecDeque<T>, value: T) {
         queue.pop_front();
     }
     queue.push_back(value);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Role;
+    use vehicle::VehicleParameters;
+
+    const MS: u64 = 1_000_000;
+    const CANDIDATE: u32 = 1;
+    const OWNER: u32 = 0;
+
+    fn gatekeeper(patient: bool) -> Gatekeeper {
+        let yardstick = Yardstick::of(Role::Attitude, &VehicleParameters::default());
+        let who = (CANDIDATE, OWNER);
+        let mut gatekeeper = Gatekeeper::new(yardstick, GateLimits::SAME_KIND, who, None, patient);
+        // What they missed before they flew side by side is nobody's business.
+        gatekeeper.missed(OWNER, 30, 900 * MS);
+        gatekeeper.missed(CANDIDATE, 7, 1000 * MS);
+        gatekeeper.missed(OWNER, 30, 1000 * MS);
+        gatekeeper
+    }
+
+    fn judged(
+        gatekeeper: &mut Gatekeeper,
+        (at_ms, candidate, owner): (u64, u64, u64),
+    ) -> Option<(u64, u64)> {
+        gatekeeper.missed(CANDIDATE, 7 + candidate, at_ms * MS);
+        gatekeeper.missed(OWNER, 30 + owner, at_ms * MS);
+        refused(gatekeeper)
+    }
+
+    /// Deadlines missed and allowed, if it is refused for them.
+    fn refused(gatekeeper: &Gatekeeper) -> Option<(u64, u64)> {
+        match gatekeeper.verdict() {
+            Err(Refusal::MissedDeadlines { missed, limit, .. }) => Some((missed, limit)),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn in_lockstep_every_step_that_a_candidate_misses_is_its_own() {
+        assert_eq!(judged(&mut gatekeeper(false), (1100, 3, 3)), Some((3, 0)));
+    }
+
+    #[test]
+    fn in_realtime_what_the_owner_misses_too_is_no_fault_of_the_candidate() {
+        let mut gatekeeper = gatekeeper(true);
+        assert_eq!(judged(&mut gatekeeper, (1100, 1, 0)), None, "once may happen");
+        assert_eq!(judged(&mut gatekeeper, (1200, 10, 9)), None);
+        assert_eq!(judged(&mut gatekeeper, (1300, 12, 9)), Some((12, 10)));
+    }
+
+    #[test]
+    fn an_owner_that_tells_nothing_any_more_excuses_nobody() {
+        let mut gatekeeper = gatekeeper(true);
+        gatekeeper.missed(CANDIDATE, 7 + 4, 1100 * MS);
+        assert_eq!(refused(&gatekeeper), None, "the owner has not told yet");
+        gatekeeper.missed(CANDIDATE, 7 + 4, 1400 * MS);
+        assert_eq!(refused(&gatekeeper), Some((4, 1)));
+    }
 }

@@ -19,7 +19,7 @@ pub use ledger::SwapReport;
 pub(super) use ledger::write_table;
 pub(crate) use posts::Posts;
 pub(super) use posts::Processes;
-pub(crate) use script::Script;
+pub(crate) use script::{FAULT, Script};
 pub(crate) use watch::{Seen, SlotWatch};
 
 use super::child::{ChildSpec, Launch};
@@ -246,10 +246,15 @@ impl Slots {
                 around.max_bump = ordered.max_bump;
             }
         }
+        let (is_answered, told) = (answer.is_some(), self.news.len());
         if let Some(answer) = answer {
             self.orders.follow(ordered, &self.machines, &actions, answer);
         }
         self.carry_out(slot, actions, means)?;
+        if refused && is_answered {
+            // Whoever asked knows, and the flight is none the worse for it.
+            self.news.iter_mut().skip(told).for_each(|news| news.warning = false);
+        }
         if let (Request::Swap(Target::Seated(seat), _), Some(owner), false) =
             (ordered.request, from, refused)
         {

@@ -1,6 +1,6 @@
 //! What is done to a flight on purpose, at logical instants: swaps, standbys, faults and orders.
 
-use super::{Means, Slots};
+use super::{Means, News, Slots};
 use crate::control::Request;
 use crate::control::protocol::Order;
 use crate::orders::{self, Planner};
@@ -81,6 +81,9 @@ impl Script {
     }
 }
 
+/// Begins what is told of a fault that somebody wanted.
+pub(crate) const FAULT: &str = "fault: ";
+
 /// A scripted swap is what a user would have asked for.
 fn order(swap: &SwapSettings) -> Request {
     Request::Swap(Order {
@@ -105,6 +108,9 @@ fn afflict(
     let Some(place) = in_slot.or_else(|| means.posts.seat_of(&fault.name)) else {
         return Ok(());
     };
+    let deed = if matches!(fault.kind, FaultKind::Kill) { "killed" } else { "stopped" };
+    let text = format!("{FAULT}{} is {deed} on purpose", fault.name);
+    slots.news.push(News { text, warning: false });
     match fault.kind {
         FaultKind::Kill => {
             slots.killed(place, means);

@@ -1,5 +1,6 @@
 //! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
 
+use runtime::seat_of_loop;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, LoopStats, MorphAngle,
     Role, Sample, WrenchCommand,
@@ -41,7 +42,8 @@ pub(crate) enum Seen {
     Unguided { slot: Role, by_seat: u32, epoch: u64, since_ns: u64, at_ns: u64 },
     /// The encoder's reading.
     Angle { at_ns: u64, angle_rad: f64 },
-    /// A process on a seat has missed so many steps since its start.
+    /// A process on a seat has left out so many releases since its start. An input that was not there in
+    /// time is no fault of who waited for it.
     Missed { slot: Role, seat: u32, steps: u64, at_ns: u64 },
 }
 
@@ -103,8 +105,8 @@ impl SlotWatch {
         {
             self.seen.push(Seen::Missed {
                 slot: stats.role,
-                seat: stats.header.seat / 8,
-                steps: stats.skipped + stats.input_deadline_misses,
+                seat: seat_of_loop(stats.header.seat),
+                steps: stats.skipped,
                 at_ns: stats.header.release_ns,
             });
         }

@@ -42,8 +42,6 @@ pub struct GateLimits {
     pub block_ns: u64,
     /// Fewest instants to compare in each phase that there is.
     pub instants_min: u64,
-    /// Deadlines that may be missed.
-    pub missed_max: u64,
 }
 
 impl GateLimits {
@@ -62,7 +60,6 @@ impl GateLimits {
         activity_min: f64::INFINITY,
         block_ns: 50_000_000,
         instants_min: 10,
-        missed_max: 0,
     };
 
     /// Another kind: the design's 10 %, as the typical disagreement; the limiter sees to the step at

@@ -89,6 +89,7 @@ pub struct Gate {
     /// One step ahead, running free.
     measured: [[Measure; 4]; 2],
     missed: u64,
+    missed_max: u64,
     last_ns: u64,
     first_miss_ns: u64,
     /// What no window makes good: the first of its kind.
@@ -105,6 +106,7 @@ impl Gate {
             tracks,
             measured: Default::default(),
             missed: 0,
+            missed_max: 0,
             last_ns: 0,
             first_miss_ns: 0,
             broken: None,
@@ -149,12 +151,12 @@ impl Gate {
         self.of(phase)[0].count()
     }
 
-    /// The candidate gave no command for an instant in time.
-    pub fn miss(&mut self, at_ns: u64) {
+    /// The candidate has missed so many deadlines by now, of which so many are no fault of its own.
+    pub fn misses(&mut self, missed: u64, allowed: u64, at_ns: u64) {
         if self.missed == 0 {
             self.first_miss_ns = at_ns;
         }
-        self.missed += 1;
+        (self.missed, self.missed_max) = (missed, allowed);
     }
 
     /// What has been measured so far.
@@ -193,9 +195,8 @@ impl Gate {
     }
 
     fn judge_effort(&self) -> Result<(), Refusal> {
-        let limit = self.limits.missed_max;
-        if self.missed > limit {
-            let (missed, at_ns) = (self.missed, self.first_miss_ns);
+        if self.missed > self.missed_max {
+            let (missed, limit, at_ns) = (self.missed, self.missed_max, self.first_miss_ns);
             return Err(Refusal::MissedDeadlines { missed, limit, at_ns });
         }
         let limit = self.limits.instants_min;

@@ -184,9 +184,10 @@ fn a_missed_deadline_and_too_short_a_shadow_are_reasons_too() {
     fill(&mut gate, Phase::Free, 9, |_| 0.0);
     let few = Refusal::TooFew { phase: Phase::Free, seen: 9, limit: 10 };
     assert_eq!(gate.verdict(), Err(few));
-    gate.miss(17);
-    gate.miss(18);
-    assert_eq!(gate.verdict(), Err(Refusal::MissedDeadlines { missed: 2, limit: 0, at_ns: 17 }));
+    gate.misses(0, 0, 16);
+    gate.misses(1, 0, 17);
+    gate.misses(2, 1, 18);
+    assert_eq!(gate.verdict(), Err(Refusal::MissedDeadlines { missed: 2, limit: 1, at_ns: 17 }));
     let mut gate = Gate::new(AXES, GateLimits::OTHER_KIND, true);
     fill(&mut gate, Phase::Free, 50, |_| 0.0);
     assert!(matches!(gate.verdict(), Err(Refusal::TooFew { phase: Phase::Tracking, .. })));

@@ -284,9 +284,14 @@ pub enum Reason {
     /// There is a standby.
     #[error("{0} already stands by: retire it first")]
     StandbyExists(Seat),
-    /// The old owner has left.
-    #[error("there is no swap to roll back: the old owner has left")]
+    /// No swap can be undone any more.
+    #[error("there is no swap to roll back: none was made, or its old owner has left")]
     NothingToRollBack,
+    /// Whoever is to be rolled back has not taken over.
+    #[error(
+        "{0} is not in command, so there is nothing to roll back yet; retire it to send it away"
+    )]
+    NotInCommand(Seat),
     /// It is out.
     #[error("{0}")]
     Fault(#[from] Fault),
@@ -318,7 +323,7 @@ impl Reason {
             | Self::OwnsTheSlot(_)
             | Self::StandbyExists(_)
             | Self::NothingToRollBack => 2,
-            Self::Busy(_) | Self::Ownerless(_) | Self::NoFreeSeat => 3,
+            Self::Busy(_) | Self::Ownerless(_) | Self::NoFreeSeat | Self::NotInCommand(_) => 3,
             _ => 1,
         }
     }

@@ -72,6 +72,9 @@ impl Slot {
                 self.revert(now, new, old, true, out);
                 Ok(())
             }
+            Phase::Joining { seat, .. } | Phase::Shadowing { seat, .. } => {
+                Err(Reason::NotInCommand(seat))
+            }
             _ => Err(Reason::NothingToRollBack),
         }
     }

@@ -1,0 +1,61 @@
+//! Random events in random order.
+
+use super::*;
+use proptest::prelude::*;
+
+fn any_event() -> impl Strategy<Value = Event> {
+    let seat = (0..4_usize).prop_map(|i| SEAT[i]);
+    let epoch = 0..12_u64;
+    let order =
+        (0..3_u64, 0..3_u64, any::<bool>(), any::<bool>()).prop_map(|(a, b, force, dry_run)| {
+            Order { shadow_ns: a * MS, rollback_ns: b * MS, force, dry_run }
+        });
+    prop_oneof![
+        order.clone().prop_map(|o| Event::Request(Request::Swap(Target::New(Program(1)), o))),
+        (seat.clone(), order)
+            .prop_map(|(s, o)| Event::Request(Request::Swap(Target::Seated(s), o))),
+        Just(Event::Request(Request::Rollback)),
+        seat.clone().prop_map(|s| Event::Request(Request::Retire(s))),
+        Just(Event::Request(Request::Standby(Program(2), MS))),
+        (seat.clone(), 7..9_u64).prop_map(|(s, layout)| Event::Ready(s, instance(layout))),
+        seat.clone().prop_map(|s| Event::Verdict(s, Ok(Box::default()))),
+        seat.clone().prop_map(|s| Event::Verdict(s, Err(failed()))),
+        Just(Event::Time),
+        (epoch.clone(), seat.clone()).prop_map(|(epoch, seat)| Event::Acknowledged {
+            epoch,
+            seat,
+            at_ns: 0
+        }),
+        epoch.clone().prop_map(|epoch| Event::RecordRefused { epoch }),
+        epoch.prop_map(|epoch| Event::FellOver { epoch, at_ns: 0 }),
+        seat.clone().prop_map(Event::Died),
+        seat.prop_map(|s| Event::Misbehaved(s, Fault::Stalled)),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn no_events_in_any_order_break_it(
+        events in prop::collection::vec((any_event(), 0..4 * MS), 0..120),
+        lockstep in any::<bool>(),
+    ) {
+        let config = if lockstep { SlotConfig::LOCKSTEP } else { SlotConfig::REALTIME };
+        let mut slot = Slot::new(config, SEAT[0], Program(0));
+        let mut t = 0;
+        let mut newest: Option<Record> = None;
+        for (event, later_ns) in events {
+            t += later_ns;
+            for action in slot.on(Now { logical_ns: t, allowed_ns: t }, event) {
+                let Action::Publish(record) = action else { continue };
+                if let Some(before) = newest {
+                    prop_assert!(record.epoch > before.epoch);
+                    prop_assert!(record.effective_ns >= before.effective_ns);
+                }
+                prop_assert!(record.is_taken(record.owner), "an owner that is there");
+                prop_assert_ne!(record.fallback, Some(record.owner));
+                prop_assert!(record.fallback.is_none_or(|seat| record.is_taken(seat)));
+                newest = Some(record);
+            }
+        }
+    }
+}

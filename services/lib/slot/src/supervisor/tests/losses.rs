@@ -1,0 +1,175 @@
+//! Who dies, falls silent or is sent away, and who stands by.
+
+use super::*;
+
+#[test]
+fn a_new_owner_that_dies_or_falls_silent_in_the_window_is_rolled_back() {
+    let mut desk = Desk::in_window(SlotConfig::LOCKSTEP);
+    let at_ns = desk.now.logical_ns + 30 * MS;
+    desk.at(at_ns).on(Event::Died(SEAT[1]));
+    assert_eq!((desk.record().owner, desk.record().fallback), (SEAT[0], None));
+    assert!(desk.record().effective_ns >= at_ns + 500 * MS, "beyond anything allowed");
+    let mut desk = Desk::in_window(SlotConfig::LOCKSTEP);
+    let epoch = desk.record().epoch;
+    desk.on(Event::FellOver { epoch, at_ns });
+    assert_eq!(desk.record().owner, SEAT[0]);
+    assert!(desk.has(|action| *action == Action::Kill(SEAT[1])));
+}
+
+#[test]
+fn the_old_owner_may_die_in_the_window_or_before_it() {
+    let mut desk = Desk::in_window(SlotConfig::LOCKSTEP);
+    desk.on(Event::Died(SEAT[0]));
+    assert!(desk.has(|action| *action == Action::Report(Report::Done(SEAT[1], Outcome::Swapped))));
+    assert_eq!((desk.record().owner, desk.record().fallback), (SEAT[1], None));
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.swap(7).confirm().wait().pass(SEAT[1]).on(Event::Died(SEAT[0]));
+    desk.confirm();
+    assert_eq!((desk.record().owner, desk.record().fallback), (SEAT[1], None));
+    assert!(matches!(desk.slot.phase, Phase::Steady { .. }));
+}
+
+#[test]
+fn a_fail_over_is_answered_and_the_standby_replaced() {
+    let mut desk = Desk::with_standby(SlotConfig::LOCKSTEP);
+    let epoch = desk.record().epoch;
+    desk.at(1000 * MS).on(Event::FellOver { epoch, at_ns: 1000 * MS });
+    assert_eq!((desk.record().epoch, desk.record().owner), (epoch + 1, SEAT[1]));
+    assert_eq!(desk.record().effective_ns, 1501 * MS);
+    assert!(desk.has(|action| *action == Action::Kill(SEAT[0])));
+    desk.on(Event::Died(SEAT[0]));
+    desk.confirm().wait();
+    assert!(desk.has(|action| *action == Action::Spawn(SEAT[0], Program(2))), "{:?}", desk.actions);
+}
+
+#[test]
+fn an_owner_without_a_fallback_is_started_again_on_its_own_seat() {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.at(2000 * MS).on(Event::Died(SEAT[0]));
+    assert_eq!(desk.slot.deadline_ns(), Some(2100 * MS));
+    desk.on(Event::Request(Request::Rollback));
+    desk.wait();
+    assert!(desk.has(|action| *action == Action::Restart(SEAT[0], Program(0))));
+    assert!(desk.slot.holds_time());
+    desk.on(Event::Ready(SEAT[0], instance(7)));
+    let from_its_state = |action: &Action| {
+        matches!(action, Action::HandOver { state_of, join_ns, .. }
+            if *state_of == Some(SEAT[0]) && *join_ns == 2100 * MS)
+    };
+    assert!(desk.has(from_its_state), "{:?}", desk.actions);
+    desk.confirm();
+    assert!(desk.slot.is_quiet());
+}
+
+#[test]
+fn an_owner_that_dies_again_while_starting_is_started_again() {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.at(2000 * MS).on(Event::Died(SEAT[0])).wait().on(Event::Died(SEAT[0])).wait();
+    assert!(desk.has(|action| *action == Action::Restart(SEAT[0], Program(0))));
+}
+
+/// An owner of another program than the flight began with, and no fallback.
+fn newcomer() -> Desk {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.swap(9).confirm().wait().wait().pass(SEAT[1]).confirm().wait();
+    desk.on(Event::Died(SEAT[0]));
+    desk.confirm();
+    assert_eq!((desk.record().owner, desk.record().fallback), (SEAT[1], None));
+    desk
+}
+
+#[test]
+fn a_newcomer_that_is_lost_again_at_once_makes_room_for_whom_the_flight_began_with() {
+    let mut desk = newcomer();
+    desk.on(Event::Died(SEAT[1])).wait();
+    assert!(desk.has(|action| *action == Action::Restart(SEAT[1], Program(1))));
+    desk.on(Event::Ready(SEAT[1], instance(9))).confirm();
+    desk.on(Event::Died(SEAT[1])).wait();
+    assert!(desk.has(|action| *action == Action::Spawn(SEAT[1], Program(0))), "{:?}", desk.actions);
+    // It begins from nothing, sees what is applied for a period, and commands.
+    desk.on(Event::Ready(SEAT[1], instance(7)));
+    let from_nothing = |action: &Action| {
+        matches!(action, Action::HandOver { state_of: None, join_ns, track_until_ns, .. }
+            if *track_until_ns == join_ns + 10 * MS)
+    };
+    assert!(desk.has(from_nothing), "{:?}", desk.actions);
+    desk.confirm();
+    assert!(desk.slot.is_quiet());
+}
+
+#[test]
+fn a_newcomer_that_gives_nothing_to_obey_makes_room() {
+    let mut desk = newcomer();
+    let epoch = desk.record().epoch;
+    let since_ns = desk.now.logical_ns;
+    let unguided = |at_ns: u64| Event::Unguided { epoch, since_ns, at_ns };
+    desk.on(unguided(since_ns + 229 * MS));
+    assert_eq!(desk.slot.deadline_ns(), None, "200 ms and three periods are its own");
+    desk.on(unguided(since_ns + 230 * MS));
+    assert_eq!(desk.slot.deadline_ns(), Some(since_ns + 730 * MS));
+    desk.wait();
+    assert!(desk.has(|action| *action == Action::Kill(SEAT[1])));
+    desk.on(Event::Died(SEAT[1])).wait();
+    assert!(desk.has(|action| *action == Action::Spawn(SEAT[1], Program(0))));
+}
+
+#[test]
+fn a_standby_that_dies_comes_back_and_one_that_keeps_dying_does_not() {
+    let mut desk = Desk::with_standby(SlotConfig::LOCKSTEP);
+    desk.at(1000 * MS).on(Event::Died(SEAT[1]));
+    assert_eq!(desk.record().fallback, None);
+    desk.confirm();
+    let mut spawned = 0;
+    while desk.slot.deadline_ns().is_some() {
+        desk.wait();
+        spawned += 1;
+        desk.on(Event::Died(SEAT[1]));
+    }
+    assert_eq!(spawned, SlotConfig::LOCKSTEP.standby_losses_max - 1);
+}
+
+#[test]
+fn the_standby_takes_the_slot_when_asked() {
+    let mut desk = Desk::with_standby(SlotConfig::LOCKSTEP);
+    desk.on(Event::Request(Request::Swap(Target::Seated(SEAT[1]), order(50 * MS))));
+    desk.wait().pass(SEAT[1]);
+    assert_eq!((desk.record().owner, desk.record().fallback), (SEAT[1], Some(SEAT[0])));
+}
+
+#[test]
+fn an_owner_lost_while_somebody_shadows_ends_the_swap() {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.swap(7).confirm().on(Event::Died(SEAT[0]));
+    assert_eq!(desk.refusal(), Some(&Reason::OwnerLost));
+    assert!(desk.has(|action| *action == Action::Kill(SEAT[1])));
+    assert!(matches!(desk.slot.phase, Phase::Ownerless { .. }));
+}
+
+#[test]
+fn a_retired_standby_leaves_and_stays_away() {
+    let mut desk = Desk::with_standby(SlotConfig::LOCKSTEP);
+    desk.on(Event::Request(Request::Retire(SEAT[1])));
+    assert!(desk.has(|action| *action == Action::AwaitExit(SEAT[1])));
+    assert_eq!(desk.record().fallback, None);
+    desk.on(Event::Died(SEAT[1])).confirm();
+    assert_eq!(desk.slot.deadline_ns(), None);
+}
+
+#[test]
+fn a_new_supervisor_goes_on_from_the_record_and_sends_strangers_away() {
+    let before = Desk::with_standby(SlotConfig::REALTIME);
+    let mut seated = [None; SEATS];
+    for place in seated.iter_mut().take(3) {
+        *place = Some((Program(9), instance(7)));
+    }
+    let now = before.now;
+    let (slot, actions) =
+        Slot::adopt(SlotConfig::REALTIME, now, &before.record(), Program(0), seated);
+    let record = *slot.record().unwrap();
+    assert_eq!(record.epoch, before.record().epoch + 1);
+    assert_eq!((record.owner, record.fallback), (SEAT[0], Some(SEAT[1])));
+    assert!(actions.contains(&Action::AwaitExit(SEAT[2])));
+    seated[0] = None;
+    let (slot, _) = Slot::adopt(SlotConfig::REALTIME, now, &before.record(), Program(0), seated);
+    assert_eq!(slot.record().unwrap().owner, SEAT[1], "the owner is not there any more");
+}

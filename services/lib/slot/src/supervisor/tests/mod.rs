@@ -1,0 +1,117 @@
+//! Each arrow of the drawing, and what random events must never do.
+
+mod events;
+mod losses;
+mod swaps;
+
+use super::*;
+use crate::gate::Refusal;
+
+const MS: u64 = 1_000_000;
+const SEAT: [Seat; 4] = Seat::ALL;
+
+fn instance(layout: u64) -> Instance {
+    // 100 Hz, effective 1 ms after the release.
+    Instance { layout, millihertz: 100_000, latency_ns: MS }
+}
+
+const fn order(shadow_ns: u64) -> Order {
+    Order { shadow_ns, rollback_ns: 500 * MS, force: false, dry_run: false }
+}
+
+/// A slot and what it has asked for.
+struct Desk {
+    slot: Slot,
+    now: Now,
+    actions: Vec<Action>,
+}
+
+impl Desk {
+    /// In flight with an owner of layout 7 on seat 0.
+    fn new(config: SlotConfig) -> Self {
+        let now = Now { logical_ns: 0, allowed_ns: 0 };
+        let slot = Slot::new(config, SEAT[0], Program(0));
+        let mut desk = Self { slot, now, actions: Vec::new() };
+        assert!(desk.slot.holds_time());
+        desk.on(Event::Ready(SEAT[0], instance(7)));
+        assert_eq!(desk.record().effective_ns, 0, "the first record counts from the start");
+        desk.confirm();
+        assert!(desk.slot.is_quiet());
+        desk
+    }
+
+    fn at(&mut self, at_ns: u64) -> &mut Self {
+        self.now = Now { logical_ns: at_ns, allowed_ns: at_ns };
+        self
+    }
+
+    fn on(&mut self, event: Event) -> &mut Self {
+        self.actions = self.slot.on(self.now, event);
+        self
+    }
+
+    fn record(&self) -> Record {
+        *self.slot.record().unwrap()
+    }
+
+    /// The consumer does as the newest record says.
+    fn confirm(&mut self) -> &mut Self {
+        let Record { epoch, owner, effective_ns, .. } = self.record();
+        self.at(effective_ns.max(self.now.logical_ns));
+        self.on(Event::Acknowledged { epoch, seat: owner, at_ns: effective_ns })
+    }
+
+    /// Time runs to the next instant that the slot has asked for.
+    fn wait(&mut self) -> &mut Self {
+        let at_ns = self.slot.deadline_ns().expect("a deadline");
+        self.at(at_ns).on(Event::Time)
+    }
+
+    fn has(&self, wanted: impl Fn(&Action) -> bool) -> bool {
+        self.actions.iter().any(wanted)
+    }
+
+    fn refusal(&self) -> Option<&Reason> {
+        self.actions.iter().find_map(|action| match action {
+            Action::Report(Report::Refused(reason) | Report::Aborted(_, reason)) => Some(reason),
+            _ => None,
+        })
+    }
+
+    fn swap(&mut self, layout: u64) -> &mut Self {
+        self.on(Event::Request(Request::Swap(Target::New(Program(1)), order(200 * MS))));
+        assert!(
+            self.has(|action| *action == Action::Spawn(SEAT[1], Program(1))),
+            "{:?}",
+            self.actions
+        );
+        self.on(Event::Ready(SEAT[1], instance(layout)))
+    }
+
+    fn pass(&mut self, seat: Seat) -> &mut Self {
+        assert!(self.has(|action| *action == Action::Judge(seat)), "{:?}", self.actions);
+        self.on(Event::Verdict(seat, Ok(Box::default())))
+    }
+
+    /// Seat 1 commands and seat 0 is warm.
+    fn in_window(config: SlotConfig) -> Self {
+        let mut desk = Self::new(config);
+        desk.at(1000 * MS).swap(7).confirm().wait().pass(SEAT[1]).confirm();
+        assert!(matches!(desk.slot.phase, Phase::Window { .. }));
+        desk
+    }
+
+    /// Seat 0 commands and seat 1 stands by.
+    fn with_standby(config: SlotConfig) -> Self {
+        let mut desk = Self::new(config);
+        desk.on(Event::Request(Request::Standby(Program(2), 100 * MS)));
+        desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
+        assert_eq!(desk.record().fallback, Some(SEAT[1]));
+        desk.confirm();
+        desk
+    }
+}
+
+fn failed() -> Refusal {
+    Refusal::MissedDeadlines { missed: 3, limit: 0, at_ns: 5 }
+}
