@@ -45,13 +45,22 @@ impl Recording {
 
     /// Instant of the last sample of a topic before the place where a killed writer left off \[s\].
     pub(crate) fn end_of_a_cut_file(&self, topic: &str) -> f64 {
+        self.last_of_a_cut_file(topic, &[]).t_s
+    }
+
+    /// When that was published, on the host's clock \[s\].
+    pub(crate) fn last_published_of_a_cut_file(&self, topic: &str) -> f64 {
+        self.last_of_a_cut_file(topic, &["header.publish_mono_ns"]).values[0] * 1e-9
+    }
+
+    fn last_of_a_cut_file(&self, topic: &str, fields: &[&str]) -> Row {
         let options = mcap::read::Options::IgnoreEndMagic.into();
         let messages = MessageStream::new_with_options(&self.0, options);
         let messages = messages.expect("a readable start").map_while(Result::ok);
         let of_topic = messages.filter(|m| m.channel.topic.strip_prefix('/') == Some(topic));
         let last = of_topic.last().unwrap_or_else(|| panic!("nothing on {topic}"));
         let sample = DynamicMessage::decode(descriptor(&last.channel), &*last.data);
-        row(&sample.expect("a message of its schema"), &[]).t_s
+        row(&sample.expect("a message of its schema"), fields)
     }
 
     /// Every message of the flight without what depends on the host: stamps (also inside states, of

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes a folder with verify_recording.mjs and the libraries that it needs, and prints the script's path:
+# Makes a folder with the scripts here and the libraries that they need, and prints verify_recording.mjs's path:
 # setup.sh FOLDER. Debian and Ubuntu have Node in packages of their own, which root gets here.
 set -eu
 here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
@@ -12,6 +12,6 @@ if ! command -v npm >/dev/null; then
     { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy nodejs npm; } >&2
 fi
 mkdir -p "$folder"
-cp "$here"/package.json "$here"/package-lock.json "$here"/verify_recording.mjs "$folder"
+cp "$here"/package.json "$here"/package-lock.json "$here"/*.mjs "$folder"
 npm ci --silent --ignore-scripts --no-audit --no-fund --prefix "$folder" >&2
 echo "$folder/verify_recording.mjs"

@@ -117,7 +117,7 @@ impl Change {
             let (role, name) = filled.map_err(|what| ChangeError::Swap {
                 swap: swap.clone(),
                 what: what.to_owned(),
-                known: components::fillings(),
+                known: components::fillings().join(" or "),
             })?;
             let _ = crew.swap(role, name);
         }

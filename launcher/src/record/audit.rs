@@ -4,6 +4,9 @@ use shared_types::Header;
 use std::collections::BTreeMap;
 use std::fmt;
 
+/// Before the role, in the name of a channel of published states.
+pub const STATES: &str = "state/";
+
 /// Totals of one producer seat of one topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
@@ -19,6 +22,8 @@ pub struct Tally {
     pub repeated: u64,
     /// Times the numbering fell back although logical time went on.
     pub renumbered: u64,
+    /// Processes that wrote, one after the other, as far as their samples tell.
+    pub writers: u64,
     /// Release of the last sample \[ns\].
     last_release_ns: u64,
     /// Generation of its writer.
@@ -27,9 +32,9 @@ pub struct Tally {
 
 impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { count, first, last, gaps, repeated, renumbered, .. } = self;
+        let Self { count, first, last, gaps, repeated, renumbered, writers, .. } = self;
         write!(f, r#"{{"count":{count},"first":{first},"last":{last},"gaps":{gaps},"#)?;
-        write!(f, r#""repeated":{repeated},"renumbered":{renumbered}}}"#)
+        write!(f, r#""repeated":{repeated},"renumbered":{renumbered},"writers":{writers}}}"#)
     }
 }
 
@@ -69,7 +74,7 @@ impl SequenceAudit {
         let Some((_, seats)) = self.streams.get_mut(stream) else { return Verdict::New };
         let tally = seats.entry(seat).or_default();
         if tally.count == 0 {
-            tally.first = sequence;
+            (tally.first, tally.writers) = (sequence, 1);
         } else if sequence > tally.last {
             // Whoever takes a seat in flight counts on from another seat's numbers.
             let missing = sequence - tally.last - 1;
@@ -80,6 +85,7 @@ impl SequenceAudit {
             tally.repeated += 1;
             return Verdict::Repeated;
         }
+        tally.writers += u64::from(tally.count > 0 && generation != tally.generation);
         tally.count += 1;
         tally.last = sequence;
         tally.last_release_ns = release_ns;
@@ -94,6 +100,21 @@ impl SequenceAudit {
         })
     }
 
+    /// Samples under audit, states left out.
+    #[must_use]
+    pub fn samples(&self) -> u64 {
+        let of_topics = self.tallies().filter(|(channel, ..)| !channel.starts_with(STATES));
+        of_topics.map(|(.., tally)| tally.count).sum()
+    }
+
+    /// Sequence numbers that never arrived: channel, and how many of all its seats.
+    #[must_use]
+    pub fn gaps(&self) -> Vec<(&str, u64)> {
+        let gaps = |seats: &BTreeMap<u32, Tally>| seats.values().map(|tally| tally.gaps).sum();
+        let all = self.streams.iter().map(|(channel, seats)| (channel.as_str(), gaps(seats)));
+        all.filter(|(_, gaps)| *gaps > 0).collect()
+    }
+
     /// As metadata: `channel#seat` -> totals in JSON.
     #[must_use]
     pub fn to_metadata(&self) -> BTreeMap<String, String> {
@@ -102,6 +123,13 @@ impl SequenceAudit {
         };
         self.tallies().map(entry).collect()
     }
+}
+
+/// Gaps in words: `3 of imu, 1 of state/plant`.
+#[must_use]
+pub fn name_gaps(gaps: &[(&str, u64)]) -> String {
+    let told = gaps.iter().map(|(channel, count)| format!("{count} of {channel}"));
+    told.collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -176,7 +204,7 @@ mod tests {
             let header = Header { generation, ..header(1, sequence, sequence) };
             assert_eq!(audit.observe(commands, &header), Verdict::New);
         }
-        assert_eq!(only(&audit).gaps, 1);
+        assert_eq!((only(&audit).gaps, only(&audit).writers), (1, 2));
     }
 
     #[test]
@@ -189,7 +217,8 @@ mod tests {
         let metadata = audit.to_metadata();
         let keys: Vec<_> = metadata.keys().map(String::as_str).collect();
         assert_eq!(keys, ["/a#0", "/a#1", "/b#0"]);
-        let expected = r#"{"count":1,"first":7,"last":7,"gaps":0,"repeated":1,"renumbered":0}"#;
+        let expected =
+            r#"{"count":1,"first":7,"last":7,"gaps":0,"repeated":1,"renumbered":0,"writers":1}"#;
         assert_eq!(metadata["/a#1"], expected);
     }
 }

@@ -23,16 +23,18 @@ pub enum RecordError {
     },
     /// Told at the end of a recording that had stopped earlier.
     #[error(
-        "recording {} is incomplete: it stopped with \"{cause}\" and misses the last {unrecorded} \
-         records; free space or use --record DIR",
-        path.display()
+        "recording {} is incomplete: it stopped with \"{cause}\", holds everything up to {:.3} s and \
+         misses at most the last {unrecorded} records; free space or use --record DIR",
+        path.display(), *until_ns as f64 * 1e-9
     )]
     Incomplete {
         /// The file.
         path: PathBuf,
         /// What was said when it stopped.
         cause: String,
-        /// Samples, states and events since.
+        /// Release of the newest sample that was handed to the system before \[ns\].
+        until_ns: u64,
+        /// Samples, states, events and what is derived of them since.
         unrecorded: u64,
     },
 }

@@ -1,5 +1,6 @@
 //! Where a recording comes from: run, build and machine.
 
+use crate::build::{self, Build};
 use core::fmt;
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,6 +16,29 @@ pub enum Clock {
         /// Logical seconds per wall second, above zero.
         speed: f64,
     },
+}
+
+impl Clock {
+    /// Unix time that stands for a logical instant, if `epoch_unix_ns` stands for 0 \[ns\].
+    #[must_use]
+    pub fn unix_ns(self, epoch_unix_ns: u64, logical_ns: u64) -> u64 {
+        let since_start_ns = match self {
+            Self::Lockstep => logical_ns,
+            Self::Realtime { speed } => wall_ns(logical_ns, speed),
+        };
+        epoch_unix_ns.saturating_add(since_start_ns)
+    }
+}
+
+/// Wall time that `logical_ns` takes at `speed`.
+fn wall_ns(logical_ns: u64, speed: f64) -> u64 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a stamp for display; the cast saturates"
+    )]
+    let wall_ns = (logical_ns as f64 / speed) as u64;
+    wall_ns
 }
 
 /// What a reader must know to judge or repeat a flight.
@@ -150,6 +174,7 @@ impl Facts {
             Clock::Lockstep => ("lockstep", None),
             Clock::Realtime { speed } => ("realtime", Some(speed)),
         };
+        let Build { git, rustc, crates } = build::declared();
         let mut entries = vec![
             ("run_id", self.run_id.clone()),
             ("scenario", self.scenario_name.clone()),
@@ -157,9 +182,9 @@ impl Facts {
             ("clock", clock.to_owned()),
             ("epoch_unix_ns", self.epoch_unix_ns.to_string()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("git", env!("MORPHQUAD_GIT").to_owned()),
-            ("crates", env!("MORPHQUAD_CRATES").to_owned()),
-            ("rustc", env!("MORPHQUAD_RUSTC").to_owned()),
+            ("git", git.to_owned()),
+            ("crates", crates.to_owned()),
+            ("rustc", rustc.to_owned()),
             ("kernel", self.machine.kernel.clone()),
             ("cpu_model", self.machine.cpu_model.clone()),
         ];

@@ -14,6 +14,11 @@ use shared_types::wire::Wire as _;
 
 /// Full name of the message on `/state/...`.
 pub(super) const STATE_NAME: &str = "morphquad.v1.ServiceState";
+/// Schema of the message on `/events`.
+pub(crate) fn log_schema() -> (&'static str, FileDescriptorSet) {
+    (LOG_NAME, log_descriptor())
+}
+
 /// Full name of the message on `/events`; viewers show it in their log panel.
 pub(super) const LOG_NAME: &str = "foxglove.Log";
 
@@ -137,7 +142,7 @@ pub(super) fn log_descriptor() -> FileDescriptorSet {
 }
 
 /// `stamp_ns` is Unix time. Fields 5 and 6 (source file and line) stay empty.
-pub(super) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
+pub(crate) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
     let mut timestamp = Vec::with_capacity(16);
     uint64::encode(1, &(stamp_ns / 1_000_000_000), &mut timestamp);
     uint64::encode(2, &(stamp_ns % 1_000_000_000), &mut timestamp);
@@ -149,7 +154,7 @@ pub(super) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
 }
 
 /// Reads what [`encode_log`] wrote: Unix time \[ns\], level, text and source.
-pub(super) fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), DecodeError> {
+pub(crate) fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), DecodeError> {
     let mut reader = Fields::new("Log", bytes);
     let mut stamp = Fields::new("Timestamp", reader.delimited(1, "timestamp")?);
     let seconds = stamp.varint(1, "seconds")?;

@@ -5,10 +5,12 @@
 //! [`SequenceAudit`] proves that nothing is missing. A new topic needs no change here.
 
 mod audit;
+mod begin;
 mod decode;
 mod encode;
 mod error;
 mod facts;
+mod keep;
 mod messages;
 mod open;
 pub mod read;
@@ -18,11 +20,13 @@ mod sink;
 #[cfg(test)]
 mod tests;
 
-pub use audit::{SequenceAudit, Stream, Tally, Verdict};
+pub use audit::{STATES, SequenceAudit, Stream, Tally, Verdict, name_gaps};
+pub(crate) use begin::is_recording;
 pub use decode::{DecodeError, decode};
 pub use encode::encode;
 pub use error::RecordError;
 pub use facts::{Branched, Clock, Continued, Facts, Machine};
 pub use messages::{Event, Severity};
+pub(crate) use messages::{decode_log, encode_log, log_schema};
 pub use recording::Recording;
 pub use schema::{PACKAGE, descriptor_set, full_name};

@@ -47,7 +47,7 @@ pub(super) fn options() -> WriteOptions {
         .library(concat!("morphquad ", env!("CARGO_PKG_VERSION")))
 }
 
-/// Starts the file and hands its head to the system.
+/// Starts the file and hands metadata and attachments to the system; channels go with the first samples.
 pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
     let mut writer = options().disable_seeking(true).create(NoSeek::new(sink))?;
     // First in the file, so that a crash keeps them.
@@ -69,6 +69,9 @@ pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
             data: Cow::Borrowed(text.as_bytes()),
         })?;
     }
+    // Before the first chunk has begun: a chunk without messages is stamped 0, and Lichtblick would have
+    // the flight begin in 1970.
+    writer.flush()?;
 
     let mut registry =
         Registry { writer, audit: SequenceAudit::default(), channels: BTreeMap::new() };
@@ -87,8 +90,7 @@ pub(super) fn open(sink: BufWriter<Sink>, facts: &Facts) -> McapResult<Opened> {
     }
     let log = (messages::LOG_NAME, &messages::log_descriptor());
     let events_id = registry.add_unaudited("/events", log, &BTreeMap::new())?;
-    let Registry { mut writer, audit, channels } = registry;
-    writer.flush()?;
+    let Registry { writer, audit, channels } = registry;
     Ok(Opened { writer, channels, states, events_id, scene_ids, audit })
 }
 

@@ -1,22 +1,26 @@
 //! The recording of one flight as an MCAP file.
 
 use super::error::words;
+use super::keep::Keeper;
 use super::messages::{self, Event};
 use super::open::{Channel, FileWriter, open};
 use super::sink::{Sink, Valve};
 use super::{Clock, Facts, RecordError, SequenceAudit, Verdict, encode};
 use crate::scene::{self, Scene};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, McapResult, Writer};
+use mcap::{Attachment, McapResult};
 use shared_types::topics::Topic;
 use shared_types::{Header, Role, Sample};
+use signal_hook::consts::SIGXFSZ;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Once};
 
-/// Longest time that a killed recorder can lose \[ns\].
+/// Longest time that a killed recorder can lose; a power cut takes what the disk has not finished besides
+/// \[ns\].
 const FLUSH_EVERY_NS: u64 = 50_000_000;
 
 /// An open recording. It never ends silently: [`Recording::finish`] completes the file and tells
@@ -28,9 +32,14 @@ pub struct Recording {
     /// `None` once a write has failed.
     writer: Option<FileWriter>,
     valve: Valve,
+    /// Of a file that cannot be made again.
+    keeper: Option<Keeper>,
     /// Why the recording stopped.
     failure: String,
-    unrecorded: u64,
+    /// Records asked for so far, and the newest release among them \[ns\].
+    asked: (u64, u64),
+    /// The same when everything was last handed to the system.
+    flushed: (u64, u64),
     channels: BTreeMap<&'static str, Channel>,
     states: BTreeMap<&'static str, Channel>,
     events_id: u16,
@@ -64,9 +73,17 @@ impl Recording {
     /// # Errors
     /// [`RecordError::Create`] or [`RecordError::Write`].
     pub fn create(path: &Path, facts: &Facts) -> Result<Self, RecordError> {
-        let file = File::create_new(path)
-            .map_err(|cause| RecordError::Create { path: path.to_owned(), cause })?;
-        Self::over(Box::new(file), path, facts)
+        let failed = |cause| RecordError::Create { path: path.to_owned(), cause };
+        outlive_size_limits();
+        let file = File::create_new(path).map_err(failed)?;
+        let kept = file.try_clone().map_err(failed)?;
+        let mut recording = Self::over(Box::new(file), path, facts)?;
+        // What a power cut takes of a flight in lockstep can be flown again, and the disk would slow it.
+        if let Clock::Realtime { .. } = facts.clock {
+            let keeper = Keeper::of(move || kept.sync_data()).map_err(failed)?;
+            recording.keeper = Some(keeper);
+        }
+        Ok(recording)
     }
 
     /// As [`Recording::create`], over any stream; `path` only names it in errors.
@@ -85,8 +102,10 @@ impl Recording {
             path: path.to_owned(),
             writer: Some(opened.writer),
             valve,
+            keeper: None,
             failure: String::new(),
-            unrecorded: 0,
+            asked: (0, 0),
+            flushed: (0, 0),
             channels: opened.channels,
             states: opened.states,
             events_id: opened.events_id,
@@ -193,21 +212,27 @@ impl Recording {
         writer.attach(&attachment).map_err(|cause| self.fail(cause))
     }
 
-    /// Hands everything to the system if 50 ms have passed since it was last done, so that a
-    /// killed recorder loses no more than that. Call it whenever the recorder has drained.
+    /// Hands everything to the system if 50 ms have passed since it was last done, so that a killed
+    /// recorder loses no more than that; in realtime it is then put on the disk as well. Call it
+    /// whenever the recorder has drained.
     ///
     /// # Errors
     /// As [`Recording::write`].
     pub fn flush_if_due(&mut self, now_mono_ns: u64) -> Result<(), RecordError> {
         let last_ns = *self.last_flush_ns.get_or_insert(now_mono_ns);
-        if now_mono_ns.saturating_sub(last_ns) < FLUSH_EVERY_NS {
+        // A chunk without messages would be stamped 0.
+        let has_begun = self.asked.0 > 0;
+        if now_mono_ns.saturating_sub(last_ns) < FLUSH_EVERY_NS || !has_begun {
             return Ok(());
         }
         self.last_flush_ns = Some(now_mono_ns);
-        match self.writer.as_mut().map(Writer::flush) {
-            Some(Err(cause)) => Err(self.fail(cause)),
-            _ => Ok(()),
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        let kept = || self.keeper.as_ref().map_or(Ok(()), Keeper::ring);
+        match writer.flush().and_then(|()| Ok(kept()?)) {
+            Ok(()) => self.flushed = self.asked,
+            Err(cause) => return Err(self.fail(cause)),
         }
+        Ok(())
     }
 
     /// The audit so far.
@@ -228,10 +253,13 @@ impl Recording {
             return Err(RecordError::Incomplete {
                 path: std::mem::take(&mut self.path),
                 cause: std::mem::take(&mut self.failure),
-                unrecorded: self.unrecorded,
+                until_ns: self.flushed.1,
+                unrecorded: self.asked.0 - self.flushed.0,
             });
         };
+        let keeper = self.keeper.take();
         complete(writer, summary, &self.audit, &self.valve)
+            .and_then(|()| Ok(keeper.map_or(Ok(()), Keeper::finish)?))
             .map_err(|cause| RecordError::write(&self.path, cause))?;
         Ok(std::mem::take(&mut self.audit))
     }
@@ -246,17 +274,14 @@ impl Recording {
         header: &Header,
         receipt_mono_ns: u64,
     ) -> Result<(), RecordError> {
+        self.asked.1 = self.asked.1.max(header.release_ns);
         let stamps = self.stamps(header, receipt_mono_ns);
         self.put_stamped(channel.id, short(header.sequence), &stamps)
     }
 
     /// Unix time of a logical instant \[ns\].
     fn instant_ns(&self, logical_ns: u64) -> u64 {
-        let since_start_ns = match self.clock {
-            Clock::Lockstep => logical_ns,
-            Clock::Realtime { speed } => wall_ns(logical_ns, speed),
-        };
-        self.epoch_unix_ns.saturating_add(since_start_ns)
+        self.clock.unix_ns(self.epoch_unix_ns, logical_ns)
     }
 
     fn stamps(&self, header: &Header, receipt_mono_ns: u64) -> Stamps {
@@ -269,7 +294,11 @@ impl Recording {
                 let unix_ns = |mono_ns: u64| {
                     self.epoch_unix_ns.saturating_add(mono_ns).saturating_sub(self.start_mono_ns)
                 };
-                let publish_mono_ns = header.publish_mono_ns;
+                // Words of the launcher and deviations carry no stamp of their own.
+                let publish_mono_ns = match header.publish_mono_ns {
+                    0 => receipt_mono_ns,
+                    stamped => stamped,
+                };
                 let log_ns = unix_ns(receipt_mono_ns.max(publish_mono_ns));
                 Stamps { log_ns, publish_ns: unix_ns(publish_mono_ns) }
             }
@@ -283,20 +312,15 @@ impl Recording {
         sequence: u32,
         stamps: &Stamps,
     ) -> Result<(), RecordError> {
-        let Some(writer) = &mut self.writer else {
-            self.unrecorded += 1;
-            return Ok(());
-        };
+        self.asked.0 += 1;
+        let Some(writer) = &mut self.writer else { return Ok(()) };
         let header = MessageHeader {
             channel_id,
             sequence,
             log_time: stamps.log_ns,
             publish_time: stamps.publish_ns,
         };
-        writer.write_to_known_channel(&header, &self.buffer).map_err(|cause| {
-            self.unrecorded += 1;
-            self.fail(cause)
-        })
+        writer.write_to_known_channel(&header, &self.buffer).map_err(|cause| self.fail(cause))
     }
 
     fn fail(&mut self, cause: mcap::McapError) -> RecordError {
@@ -333,19 +357,16 @@ fn complete(
     Ok(writer.into_inner().into_inner().flush()?)
 }
 
+/// A limit on the size of files is an error of the write, not the end of the flight.
+fn outlive_size_limits() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
+    });
+}
+
 /// A sequence number as the file has it.
 #[expect(clippy::cast_possible_truncation, reason = "the file's field has 32 bits")]
 fn short(sequence: u64) -> u32 {
     sequence as u32
-}
-
-/// Wall time that `logical_ns` takes at `speed`.
-fn wall_ns(logical_ns: u64, speed: f64) -> u64 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a stamp for display; the cast saturates"
-    )]
-    let wall_ns = (logical_ns as f64 / speed) as u64;
-    wall_ns
 }

@@ -1,14 +1,16 @@
 //! Protobuf descriptors, derived from the reflection of a sample.
 //!
 //! A field's number is its position in the struct, from 1; padding named `reserved` keeps its
-//! number and is left out. Each set is self-contained, so a channel needs no other file.
+//! number and is left out. Each set is self-contained, so a channel needs no other file. Flags are
+//! `bool`, which viewers plot.
 
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
     DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
     FileDescriptorProto, FileDescriptorSet,
 };
-use shared_types::wire::{EnumSchema, Field, Kind, Schema};
+use shared_types::Flag;
+use shared_types::wire::{EnumSchema, Field, Kind, Schema, Value};
 
 /// Package of every recorded sample.
 pub const PACKAGE: &str = "morphquad.v1";
@@ -48,7 +50,7 @@ pub(super) fn add_message(file: &mut FileDescriptorProto, schema: &Schema) {
     for field in schema.fields {
         match field.kind {
             Kind::Message(nested) => add_message(file, nested),
-            Kind::Enum(code) => add_enum(file, code),
+            Kind::Enum(code) if !is_flag(code) => add_enum(file, code),
             _ => {}
         }
     }
@@ -66,6 +68,7 @@ fn field_descriptor(number: i32, field: &Field) -> FieldDescriptorProto {
         Kind::U64 => (Type::Uint64, None),
         Kind::U32 => (Type::Uint32, None),
         Kind::U8 | Kind::I8 => (Type::Bytes, None),
+        Kind::Enum(code) if is_flag(code) => (Type::Bool, None),
         Kind::Enum(code) => (Type::Enum, Some(code.name)),
         Kind::Message(nested) => (Type::Message, Some(nested.name)),
     };
@@ -75,6 +78,11 @@ fn field_descriptor(number: i32, field: &Field) -> FieldDescriptorProto {
         type_name: type_name.map(|name| format!(".{PACKAGE}.{name}")),
         ..plain_field(number, field.name, kind, repeated)
     }
+}
+
+/// True for [`Flag`], whose codes are a `bool` on the wire as they are in memory.
+fn is_flag(code: &EnumSchema) -> bool {
+    matches!(<Flag as Value>::KIND, Kind::Enum(flag) if flag.name == code.name)
 }
 
 /// A field without a type name; proto3 packs repeated numbers by itself.
@@ -137,7 +145,7 @@ mod tests {
     use shared_types::header::Sample;
     use shared_types::topics::visit_all;
     use shared_types::wire::{EnumSchema, Kind, Schema, Wire as _};
-    use shared_types::{ControllerReport, Topic, TopicVisitor};
+    use shared_types::{AttitudeReport, Topic, TopicVisitor};
     use std::collections::BTreeMap;
     use std::convert::Infallible;
 
@@ -202,9 +210,9 @@ mod tests {
 
     #[test]
     fn types_come_once_and_before_their_use() {
-        let set = descriptor_set(&ControllerReport::SCHEMA);
+        let set = descriptor_set(&AttitudeReport::SCHEMA);
         let names: Vec<_> = set.file[0].message_type.iter().map(DescriptorProto::name).collect();
-        assert_eq!(names, ["Header", "ControllerReport"]);
+        assert_eq!(names, ["Header", "SolveReport", "AttitudeReport"]);
         assert_eq!(set.file[0].enum_type[0].value[1].name(), "SOLVE_STATUS_ITERATION_LIMIT");
     }
 }

@@ -176,8 +176,10 @@ pub(super) fn load(
     role: Role,
     topics: &Topics,
 ) -> Result<Recorded, ReadError> {
+    flight.require_memory()?;
     let mut load = Load { role, topics, recorded: Recorded::default() };
     let closing = flight.visit(&mut load)?;
+    closing.require_no_holes(flight.path())?;
     let mut recorded = load.recorded;
     recorded.find_ends();
     if !closing.complete {

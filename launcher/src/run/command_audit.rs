@@ -100,6 +100,11 @@ impl CommandAudit {
         Self { waiting: VecDeque::new(), tally: CommandTally::default(), ..self }
     }
 
+    /// What is settled; of the last second of a recording that was cut the topics lack unlike much.
+    pub(super) fn settled(&self) -> CommandTally {
+        self.tally
+    }
+
     /// Everything judged so far and, at the end of a flight, what was still waiting.
     pub(super) fn tally(&self) -> CommandTally {
         let mut rest = self.clone();
@@ -261,6 +266,16 @@ mod tests {
         }
         assert!(audit.waiting.len() <= 1_001 && audit.commands.len() < 350);
         assert_eq!(audit.tally(), CommandTally { ticks: 5_000, ..CommandTally::default() });
+    }
+
+    #[test]
+    fn a_tick_whose_command_was_cut_off_is_not_settled() {
+        let mut audit = flip();
+        for at_ms in (15..=40).chain([1_040]) {
+            audit.applied(&applied(at_ms, 2, (1, 9), false));
+        }
+        let of = |tally: CommandTally| (tally.ticks, tally.wrong_owner);
+        assert_eq!((of(audit.settled()), of(audit.tally())), ((25, 25), (27, 27)));
     }
 
     #[test]

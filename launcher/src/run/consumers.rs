@@ -2,19 +2,24 @@
 
 use super::hash::{FlightHash, LogHash};
 use super::metrics::Metrics;
+use super::misses::TIMING;
 use super::slots::SlotWatch;
 use super::summary::Summary;
 use crate::bench::stopwatch::Stopwatch;
+use crate::exit;
 use crate::in_process::Observer;
 use crate::record::read::seat_config;
-use crate::record::{Event, Recording, SequenceAudit, Severity, Stream, Verdict};
-use crate::topic::feed::Feed;
+use crate::record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};
+use crate::topic::feed::{Ending, Feed};
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
 
 /// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
 const NO_RECEIPT_NS: u64 = 0;
+
+/// Who tells what the launcher itself has seen.
+const LAUNCHER: &str = "launcher";
 
 /// Takes every sample and every state of a flight, in whatever order topics are drained.
 #[derive(Debug, Default)]
@@ -34,6 +39,8 @@ pub(super) struct Consumers {
     pub(super) feed: Option<Feed>,
     /// Topics of the flight, under audit.
     streams: Vec<(&'static TopicInfo, Stream)>,
+    /// Published states, under audit.
+    states: Vec<(Role, Stream)>,
 }
 
 impl Consumers {
@@ -42,7 +49,9 @@ impl Consumers {
         let mut audit = SequenceAudit::default();
         let flown = topics::all().into_iter().filter(|topic| is_flown(topic, roles));
         let streams = flown.map(|topic| (topic, audit.register(topic.name))).collect();
-        Self { audit, metrics, recording, streams, ..Self::default() }
+        let state = |role: &Role| (*role, audit.register(format!("{STATES}{}", role.label())));
+        let states = roles.iter().map(state).collect();
+        Self { audit, metrics, recording, streams, states, ..Self::default() }
     }
 
     /// Audit of a topic that belongs to the flight.
@@ -78,7 +87,7 @@ impl Consumers {
             feed.offer(topic, sample);
         }
         for (logical_ns, text) in self.metrics.take_news() {
-            self.note(logical_ns, Severity::Warning, &text);
+            self.note(logical_ns, Severity::Warning, TIMING, &text);
         }
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write(topic, sample, receipt_mono_ns)
@@ -114,6 +123,9 @@ impl Consumers {
         receipt_mono_ns: u64,
     ) {
         let Some(recording) = &mut self.recording else { return };
+        if let Some((_, stream)) = self.states.iter().find(|(known, _)| *known == role) {
+            self.audit.observe(*stream, header);
+        }
         let layout_hash = bytes
             .get(..StateHeader::PACKED_SIZE)
             .map_or(0, |head| StateHeader::unpack(head).layout_hash);
@@ -125,11 +137,15 @@ impl Consumers {
 
     /// Writes a sentence about the flight into the recording.
     pub(super) fn tell(&mut self, logical_ns: u64, text: &str) {
-        self.note(logical_ns, Severity::Info, text);
+        self.note(logical_ns, Severity::Info, LAUNCHER, text);
     }
 
-    pub(super) fn note(&mut self, logical_ns: u64, severity: Severity, text: &str) {
-        let event = Event { logical_ns, severity, source: "launcher", text };
+    /// Writes what `source` tells into the recording, and lets whoever looks on know.
+    pub(super) fn note(&mut self, logical_ns: u64, severity: Severity, source: &str, text: &str) {
+        let event = Event { logical_ns, severity, source, text };
+        if let Some(feed) = &self.feed {
+            feed.tell(&event);
+        }
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write_event(&event)
         {
@@ -150,12 +166,17 @@ impl Consumers {
         self.recording_error.get_or_insert_with(|| error.to_owned());
     }
 
-    /// Writes the summary into the recording and closes it.
-    pub(super) fn finish_recording(&mut self, summary: &mut Summary) {
+    /// Writes the summary into the recording and closes it, and tells whoever looks on how it ended.
+    pub(super) fn finish(&mut self, summary: &mut Summary) {
         if let Some(recording) = self.recording.take()
             && let Err(error) = recording.finish(&summary.to_metadata())
         {
-            summary.recording_error.get_or_insert_with(|| error.to_string());
+            // It says again why the recording stopped, and what it lacks.
+            summary.recording_error = Some(error.to_string());
+        }
+        if let Some(feed) = &self.feed {
+            let is_good = summary.exit_code() == exit::PASS;
+            feed.end(&Ending { is_good, text: summary.verdict() });
         }
     }
 }
@@ -178,7 +199,7 @@ impl Observer for Consumers {
 
     fn note(&mut self, logical_ns: u64, warning: bool, text: &str) {
         let severity = if warning { Severity::Warning } else { Severity::Info };
-        Self::note(self, logical_ns, severity, text);
+        Self::note(self, logical_ns, severity, LAUNCHER, text);
     }
 }
 

@@ -40,7 +40,7 @@ pub enum ReadError {
         what: String,
     },
     /// Bytes that have changed since they were written.
-    #[error("{} is damaged near byte {at} of {length}: {what}; copy it again from where it was recorded", path.display())]
+    #[error("{} is damaged near byte {at} of {length}: {what}; copy it again from where it was recorded, or let `morphquad recover` save what can be read", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -50,6 +50,16 @@ pub enum ReadError {
         length: u64,
         /// What does not fit.
         what: String,
+    },
+    /// Recovered around damage.
+    #[error("{} is what could be read of {from}, and {left_out} parts are missing in the middle: only a recording without holes can be flown again; copy that file again from where it was recorded, or look at this one with `report`, `view` or `topic`", path.display())]
+    Holed {
+        /// The file.
+        path: PathBuf,
+        /// The damaged file.
+        from: String,
+        /// Records and chunks that could not be read.
+        left_out: u64,
     },
     /// A type has changed since.
     #[error(transparent)]
@@ -80,6 +90,22 @@ pub enum ReadError {
         reason: String,
         /// Version of the recording build.
         recorder: String,
+    },
+    /// What has to be kept of it is more than there is memory.
+    #[error(
+        "{} has {:.1} GB, of which up to {:.1} GB of memory would be filled, and {:.1} GB are free: end other \
+         programs, or take a shorter recording; `report`, `trace`, `view`, `topic` and `replay --hash` take any length",
+        path.display(), *length as f64 * 1e-9, *needed as f64 * 1e-9, *free as f64 * 1e-9
+    )]
+    TooLong {
+        /// The file.
+        path: PathBuf,
+        /// Its length \[bytes\].
+        length: u64,
+        /// Memory for its samples \[bytes\].
+        needed: u64,
+        /// Memory that there is \[bytes\].
+        free: u64,
     },
     /// A record that is no message of its type.
     #[error("{}: a record on {topic} is not what its type says: {error}", path.display())]

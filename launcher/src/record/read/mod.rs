@@ -13,8 +13,8 @@ mod recover;
 mod tests;
 
 pub use error::{LayoutChange, ReadError};
-pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState, seat_config};
-pub use recover::{RecoverError, Recovered, recover};
+pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState, Rescue, seat_config};
+pub use recover::{Damage, RecoverError, Recovered, recover};
 
 use super::{Branched, Clock, Continued, Facts, Machine};
 use crate::components::{self, StateLayout};
@@ -122,6 +122,12 @@ impl RecordedFlight {
         &self.facts
     }
 
+    /// Unix time that stands for logical time 0 \[ns\].
+    #[must_use]
+    pub fn epoch_unix_ns(&self) -> u64 {
+        self.facts.get("epoch_unix_ns").and_then(|text| text.parse().ok()).unwrap_or(0)
+    }
+
     /// The change in the air, if it was flown with one.
     #[must_use]
     pub fn branched(&self) -> Option<&Branched> {
@@ -156,7 +162,7 @@ impl RecordedFlight {
             scenario_toml: self.scenario.to_toml().to_owned(),
             seed: settings.seed,
             clock: self.clock(),
-            epoch_unix_ns: fact("epoch_unix_ns").parse().unwrap_or(0),
+            epoch_unix_ns: self.epoch_unix_ns(),
             machine: Machine { kernel: fact("kernel"), cpu_model: fact("cpu_model") },
             vehicle: self.scenario.real_vehicle(),
             branch: self.branched.clone(),
@@ -170,6 +176,20 @@ impl RecordedFlight {
     /// [`ReadError`] where the file is damaged, or a state is not of this build.
     pub fn visit<V: RecordVisitor>(&self, visitor: &mut V) -> Result<Closing, ReadError> {
         pass::visit(self, visitor)
+    }
+
+    /// Looks whether its samples fit into memory, for whoever keeps them.
+    ///
+    /// # Errors
+    /// [`ReadError::TooLong`].
+    pub fn require_memory(&self) -> Result<(), ReadError> {
+        let path = self.path.clone();
+        let length = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
+        let needed = length.saturating_mul(UNPACKED);
+        match free_memory() {
+            Some(free) if needed > free => Err(ReadError::TooLong { path, length, needed, free }),
+            _ => Ok(()),
+        }
     }
 
     /// All samples of a topic, in the order recorded.
@@ -195,6 +215,16 @@ impl RecordedFlight {
     fn recorder(&self) -> String {
         recorder(&self.facts)
     }
+}
+
+/// Bytes of samples in memory for one of a file, at most.
+const UNPACKED: u64 = 3;
+
+/// Memory that can be had \[bytes\]; none if the system does not tell.
+fn free_memory() -> Option<u64> {
+    let told = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = told.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)
 }
 
 /// The build that recorded a file.

@@ -3,8 +3,9 @@
 use super::{LayoutChange, ReadError, RecordedFlight};
 use crate::components::StateLayout;
 use crate::record::messages::{decode_log, decode_state};
-use crate::record::{DecodeError, decode};
+use crate::record::{Clock, DecodeError, decode};
 use core::cell::Cell;
+use core::fmt;
 use core::ops::ControlFlow;
 use mcap::records::Record;
 use shared_types::topics::visit_all;
@@ -12,6 +13,7 @@ use shared_types::{Header, Role, Sample, Seat, Topic, TopicInfo, TopicVisitor};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
+use std::path::Path;
 
 use super::records::{Ending, Records};
 use super::recover::RECOVERED;
@@ -38,6 +40,39 @@ pub struct RecordedEvent {
     pub text: String,
 }
 
+impl RecordedEvent {
+    /// Of a `foxglove.Log`.
+    ///
+    /// # Errors
+    /// It is none.
+    pub(crate) fn decode(log: &[u8]) -> Result<Self, DecodeError> {
+        let (stamp_ns, level, text, source) = decode_log(log)?;
+        Ok(Self { stamp_ns, level, source, text })
+    }
+
+    /// Logical time of it \[s\], in a flight whose clock runs like that from `epoch_unix_ns` on.
+    #[must_use]
+    pub fn at_s(&self, epoch_unix_ns: u64, clock: Clock) -> f64 {
+        let since_s = self.stamp_ns.saturating_sub(epoch_unix_ns) as f64 * 1e-9;
+        match clock {
+            Clock::Lockstep => since_s,
+            Clock::Realtime { speed } => since_s * speed,
+        }
+    }
+
+    /// Name of the severity.
+    #[must_use]
+    pub fn severity(&self) -> &'static str {
+        match self.level {
+            ..=1 => "debug",
+            2 => "info",
+            3 => "warning",
+            4 => "error",
+            _ => "fatal",
+        }
+    }
+}
+
 /// Sees the records of a flight; every method has a default that ignores its record.
 pub trait RecordVisitor {
     /// False for topics that need not be decoded.
@@ -50,6 +85,10 @@ pub trait RecordVisitor {
     fn state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
     /// An event.
     fn event(&mut self, _event: RecordedEvent) {}
+    /// True once it has seen enough: the pass ends there.
+    fn is_done(&self) -> bool {
+        false
+    }
     /// A scenario that configures one controller alone, see [`seat_config`].
     fn scenario(&mut self, _name: &str, _text: &str) {}
 }
@@ -70,6 +109,61 @@ pub struct Closing {
     pub summary: BTreeMap<String, String>,
     /// The audit of every sequence; empty in a cut file.
     pub audit: BTreeMap<String, String>,
+    /// Of a file that `morphquad recover` has made.
+    pub recovered: Option<Rescue>,
+}
+
+/// What a recovered file was made from.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Rescue {
+    /// Name of that file.
+    pub from: String,
+    /// What was wrong with it, if it was not just cut.
+    pub damage: Option<String>,
+    /// Records and chunks of it that could not be read.
+    pub left_out: u64,
+}
+
+impl Closing {
+    /// True if parts of it could not be read of the file that it was recovered from.
+    #[must_use]
+    pub fn has_holes(&self) -> bool {
+        self.recovered.as_ref().is_some_and(|rescue| rescue.left_out > 0)
+    }
+
+    /// Refuses a file with holes, of which nothing can be flown again.
+    ///
+    /// # Errors
+    /// [`ReadError::Holed`].
+    pub fn require_no_holes(&self, path: &Path) -> Result<(), ReadError> {
+        match &self.recovered {
+            Some(Rescue { from, left_out: left_out @ 1.., .. }) => Err(ReadError::Holed {
+                path: path.to_owned(),
+                from: from.clone(),
+                left_out: *left_out,
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for Closing {
+    /// Why the file may not be all of its flight; nothing if it is.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.recovered {
+            Some(Rescue { from, damage: None, .. }) => {
+                write!(f, "it is recovered from {from}, whose recorder was killed")
+            }
+            Some(Rescue { from, damage: Some(damage), .. }) => {
+                write!(f, "it is recovered from {from} ({damage})")
+            }
+            None if !self.complete => {
+                write!(f, "it is cut: its recorder was killed or still writes")
+            }
+            None if self.summary.is_empty() => write!(f, "it has no summary"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Decodes a sample and shows it.
@@ -90,7 +184,6 @@ pub(super) fn visit<V: RecordVisitor>(
 ) -> Result<Closing, ReadError> {
     let readers = readers(flight, visitor);
     let mut closing = Closing::default();
-    let mut recovered = false;
     let ending = Records::open(&flight.path)?.for_each(|record| {
         match record {
             Record::Message { header, data } => {
@@ -107,12 +200,17 @@ pub(super) fn visit<V: RecordVisitor>(
             Record::Metadata(metadata) if metadata.name == "audit" => {
                 closing.audit = metadata.metadata;
             }
-            Record::Metadata(metadata) if metadata.name == RECOVERED => recovered = true,
+            Record::Metadata(mut metadata) if metadata.name == RECOVERED => {
+                let mut entry = |key: &str| metadata.metadata.remove(key);
+                let from = entry("from").unwrap_or_default();
+                let left_out = entry("left_out").and_then(|n| n.parse().ok()).unwrap_or(0);
+                closing.recovered = Some(Rescue { from, damage: entry("damage"), left_out });
+            }
             _ => {}
         }
-        Ok(ControlFlow::Continue(()))
+        Ok(if visitor.is_done() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
-    closing.complete = ending == Ending::Whole && !recovered;
+    closing.complete = ending == Ending::Whole && closing.recovered.is_none();
     Ok(closing)
 }
 
@@ -151,8 +249,7 @@ fn read<V: RecordVisitor>(
             Ok(())
         }
         Reader::Events => {
-            let (stamp_ns, level, text, source) = decode_log(data).map_err(broken)?;
-            visitor.event(RecordedEvent { stamp_ns, level, source, text });
+            visitor.event(RecordedEvent::decode(data).map_err(broken)?);
             Ok(())
         }
     }

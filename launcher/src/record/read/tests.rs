@@ -188,7 +188,7 @@ fn what_a_cut_file_has_is_recovered_into_a_complete_one_that_says_so() -> Outcom
         assert_eq!(statistics.message_count, recovered.messages);
         let held = most + seen.states.len() + seen.events.len();
         assert_eq!(recovered.messages, held as u64);
-        assert!(matches!(recover(&cut, &new), Err(RecoverError::Write { .. })), "overwritten");
+        assert!(matches!(recover(&cut, &new), Err(RecoverError::Exists { .. })), "overwritten");
         fs::remove_file(&new)?;
     }
     assert_eq!(most, 300);
@@ -200,6 +200,61 @@ fn what_a_cut_file_has_is_recovered_into_a_complete_one_that_says_so() -> Outcom
     let recovered = recover(&cut, &new)?;
     assert!(recovered.messages > 10, "{recovered:?}");
     assert!(RecordedFlight::open(&new)?.samples(&topics::IMU)?.len() > 10);
+    Ok(())
+}
+
+#[test]
+fn around_a_damaged_chunk_everything_else_is_recovered_and_the_hole_is_told() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let [path, bad, new] = ["flight", "bad", "new"].map(|name| folder.path().join(name));
+    record(&path, 300, layout_of(Role::Attitude)?)?;
+    let whole = fs::read(&path)?;
+    let summary = mcap::Summary::read(&whole)?.ok_or("no summary")?;
+    let chunks = &summary.chunk_indexes;
+    assert!(chunks.len() > 3, "{}", chunks.len());
+    let total = summary.stats.as_ref().ok_or("no statistics")?.message_count;
+    // The first tells what the channels are, which only the end of the file tells once more.
+    for chunk in [&chunks[0], &chunks[chunks.len() / 2]] {
+        let held = summary.stream_chunk(&whole, chunk)?.count() as u64;
+        let middle = usize::try_from(chunk.chunk_start_offset + chunk.chunk_length / 2)?;
+        let mut damaged = whole.clone();
+        damaged[middle] ^= 0x10;
+        fs::write(&bad, &damaged)?;
+        let recovered = recover(&bad, &new)?;
+        assert_eq!(recovered.messages, total - held);
+        let damage = recovered.damage.ok_or("no damage")?;
+        assert_eq!((damage.left_out, damage.unknown, damage.end), (1, 0, None));
+        assert!(damage.first.contains("near byte"), "{}", damage.first);
+
+        let mut seen = Everything::default();
+        let closing = RecordedFlight::open(&new)?.visit(&mut seen)?;
+        assert!(!closing.complete && held > 0);
+        let told = seen.imu.len() + seen.states.len() + seen.events.len();
+        assert_eq!(told as u64, total - held);
+        let before_it = chunk.chunk_start_offset > chunks[0].chunk_start_offset;
+        assert!(recovered.gaps == held || !before_it, "{} of {held}", recovered.gaps);
+        let refused = closing.require_no_holes(&new).err().ok_or("flown again")?.to_string();
+        assert!(refused.contains("1 parts are missing in the middle"), "{refused}");
+        fs::remove_file(&new)?;
+    }
+    // Behind the last chunk is nothing to recover: no hole, and what there is can be flown again.
+    let last = usize::try_from(chunks[chunks.len() - 1].chunk_start_offset)?;
+    let mut damaged = whole.clone();
+    damaged[last + 100] ^= 0x10;
+    fs::write(&bad, &damaged)?;
+    let damage = recover(&bad, &new)?.damage.ok_or("no damage")?;
+    assert!(damage.left_out == 0 && damage.end.is_some(), "{damage:?}");
+    let closing = RecordedFlight::open(&new)?.visit(&mut Everything::default())?;
+    assert!(!closing.complete && closing.require_no_holes(&new).is_ok());
+    fs::remove_file(&new)?;
+    // Where one record ends and the next begins is lost: what comes before is kept.
+    let mut damaged = whole.clone();
+    let middle = usize::try_from(chunks[chunks.len() / 2].chunk_start_offset)?;
+    damaged[middle + 6] ^= 0x40;
+    fs::write(&bad, &damaged)?;
+    let recovered = recover(&bad, &new)?;
+    let end = recovered.damage.and_then(|damage| damage.end).ok_or("it went on")?;
+    assert!(recovered.messages > total / 4 && end.contains("near byte"), "{end}");
     Ok(())
 }
 

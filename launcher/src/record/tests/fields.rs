@@ -53,6 +53,8 @@ impl Visitor for Compare<'_> {
     fn u64s(&mut self, field: &'static Field, values: &[u64]) {
         let narrow = |value: u64| u32::try_from(value).unwrap();
         let expected = values.iter().map(|&value| match field.kind {
+            // Any bit of it makes a flag true.
+            Kind::Enum(code) if code.name == "Flag" => Read::Bool(value != 0),
             Kind::Enum(_) => Read::EnumNumber(narrow(value).cast_signed()),
             Kind::U32 => Read::U32(narrow(value)),
             _ => Read::U64(value),

@@ -30,6 +30,29 @@ pub(super) fn imu(sequence: u64) -> Imu {
     Imu { header, gyro_b_rad_s: [sequence as f64, 0.0, -1.0], ..Imu::default() }
 }
 
+/// Viewers take the beginning of a flight from its chunks.
+#[test]
+fn no_chunk_begins_before_the_flight() -> Result<(), Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("flight.mcap");
+    let mut recording = Recording::create(&path, &facts(Clock::Lockstep))?;
+    for late_ms in 0..500 {
+        recording.flush_if_due(late_ms * 1_000_000)?;
+    }
+    for sequence in 1..=50 {
+        recording.write(&topics::IMU, &imu(sequence), 0)?;
+        recording.flush_if_due(500_000_000 + sequence * 20_000_000)?;
+    }
+    recording.finish(&BTreeMap::new())?;
+    let summary = Summary::read(&fs::read(&path)?)?.ok_or("no summary")?;
+    assert!(summary.chunk_indexes.len() > 5, "{}", summary.chunk_indexes.len());
+    for chunk in &summary.chunk_indexes {
+        let (from_ns, to_ns) = (chunk.message_start_time, chunk.message_end_time);
+        assert!(EPOCH_NS < from_ns && from_ns <= to_ns && to_ns <= EPOCH_NS + 50_000_000);
+    }
+    Ok(())
+}
+
 #[test]
 fn a_flight_is_read_back_message_for_message() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
@@ -88,7 +111,8 @@ fn a_flight_is_read_back_message_for_message() -> Result<(), Box<dyn std::error:
     assert_eq!(metadata["run"]["seed"], "7");
     assert_eq!(metadata["summary"]["verdict"], "ok");
     assert_eq!(metadata["audit"], audit.to_metadata());
-    let imu_audit = r#"{"count":68,"first":1,"last":70,"gaps":2,"repeated":2,"renumbered":0}"#;
+    let imu_audit =
+        r#"{"count":68,"first":1,"last":70,"gaps":2,"repeated":2,"renumbered":0,"writers":1}"#;
     assert_eq!(metadata["audit"]["/imu#0"], imu_audit);
     assert!(metadata["audit"].contains_key("/wrench_command#2"));
     Ok(())
@@ -101,7 +125,10 @@ fn in_realtime_stamps_are_host_time_and_receipt_never_precedes_publication()
     let path = folder.path().join("flight.mcap");
     let mut recording = Recording::create(&path, &facts(Clock::Realtime { speed: 2.0 }))?;
     recording.set_start(10_000);
-    for (sequence, publish_mono_ns, receipt_mono_ns) in [(1, 10_500, 10_900), (2, 11_500, 11_000)] {
+    // The third carries no stamp, as the launcher's own words do not.
+    for (sequence, publish_mono_ns, receipt_mono_ns) in
+        [(1, 10_500, 10_900), (2, 11_500, 11_000), (3, 0, 12_000)]
+    {
         let header = Header { sequence, publish_mono_ns, ..Header::default() };
         recording.write(
             &topics::TRUTH,
@@ -122,7 +149,7 @@ fn in_realtime_stamps_are_host_time_and_receipt_never_precedes_publication()
         }
         stamps.push((message.log_time - EPOCH_NS, message.publish_time - EPOCH_NS));
     }
-    assert_eq!(stamps, [(900, 500), (1500, 1500), (400, 400)]);
+    assert_eq!(stamps, [(900, 500), (1500, 1500), (2000, 2000), (400, 400)]);
     Ok(())
 }
 

@@ -1,0 +1,134 @@
+//! Gets what has been written onto the disk, so that it survives a power cut, from a thread of its own: a
+//! disk takes its time, and who drains the flight has none.
+
+use std::io::{self, ErrorKind};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, OnceLock};
+use std::thread::{Builder, JoinHandle};
+
+/// It only waits and calls the system.
+const STACK_BYTES: usize = 64 << 10;
+
+pub(super) struct Keeper {
+    /// `None` once it is to leave.
+    bell: Option<SyncSender<()>>,
+    thread: Option<JoinHandle<()>>,
+    failure: Arc<OnceLock<io::Error>>,
+}
+
+impl Keeper {
+    /// `sync` waits until everything written is on the disk.
+    pub(super) fn of(sync: impl Fn() -> io::Result<()> + Send + 'static) -> io::Result<Self> {
+        let (bell, rung) = sync_channel(1);
+        let failure = Arc::<OnceLock<io::Error>>::default();
+        let told = Arc::clone(&failure);
+        let keep = move || {
+            while rung.recv().is_ok() {
+                match sync() {
+                    Ok(()) => {}
+                    Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                    // What is no disk cannot keep anything.
+                    Err(error) if error.kind() == ErrorKind::InvalidInput => return,
+                    Err(error) => {
+                        let _ = told.set(error);
+                        return;
+                    }
+                }
+            }
+        };
+        let thread =
+            Builder::new().name("keeper".to_owned()).stack_size(STACK_BYTES).spawn(keep)?;
+        Ok(Self { bell: Some(bell), thread: Some(thread), failure })
+    }
+
+    /// More has been written. Never waits.
+    ///
+    /// # Errors
+    /// What the disk said.
+    pub(super) fn ring(&self) -> io::Result<()> {
+        self.failed()?;
+        if let Some(bell) = &self.bell {
+            // If it has not got to the last one yet, it will do both at once.
+            let _ = bell.try_send(());
+        }
+        Ok(())
+    }
+
+    /// Waits until everything is on the disk.
+    ///
+    /// # Errors
+    /// As [`ring`](Self::ring).
+    pub(super) fn finish(mut self) -> io::Result<()> {
+        self.ring()?;
+        self.leave();
+        self.failed()
+    }
+
+    fn failed(&self) -> io::Result<()> {
+        let again = |error: &io::Error| Err(io::Error::new(error.kind(), error.to_string()));
+        self.failure.get().map_or(Ok(()), again)
+    }
+
+    fn leave(&mut self) {
+        self.bell = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        self.leave();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Keeper;
+    use std::io;
+    use std::sync::mpsc::channel;
+    use std::sync::{Arc, Mutex};
+
+    #[test]
+    fn a_slow_disk_is_never_waited_for_and_the_last_word_is_kept() {
+        let (let_go, gate) = channel();
+        let synced = Arc::new(Mutex::new(0));
+        let (counts, gate) = (Arc::clone(&synced), Mutex::new(gate));
+        let keeper = Keeper::of(move || {
+            let gate = gate.lock().expect("nobody has panicked");
+            let _ = gate.recv();
+            *counts.lock().expect("nobody has panicked") += 1;
+            Ok(())
+        });
+        let keeper = keeper.expect("a thread");
+        for _ in 0..100 {
+            keeper.ring().expect("nothing has failed");
+        }
+        // The first, and one for all that came meanwhile.
+        let_go.send(()).expect("it waits");
+        let_go.send(()).expect("it waits");
+        drop(let_go);
+        drop(keeper);
+        let synced = *synced.lock().expect("nobody has panicked");
+        assert!((1..=2).contains(&synced), "{synced}");
+    }
+
+    #[test]
+    fn what_the_disk_refuses_is_told_and_what_is_no_disk_is_left_alone() {
+        for (kind, is_told) in
+            [(io::ErrorKind::StorageFull, true), (io::ErrorKind::InvalidInput, false)]
+        {
+            let (done, wait) = channel::<()>();
+            let keeper = Keeper::of(move || {
+                let _ = &done;
+                Err(io::Error::from(kind))
+            });
+            let keeper = keeper.expect("a thread");
+            let _ = keeper.ring();
+            // It leaves with the first error, and hangs up.
+            let _ = wait.recv();
+            assert_eq!(keeper.ring().is_err(), is_told, "{kind}");
+        }
+    }
+}

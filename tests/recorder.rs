@@ -1,0 +1,221 @@
+//! The launcher's recorder under more than any flight gives it, killed, and on a disk that is full: what is in
+//! the file is all there was, and what is not is named.
+//!
+//! `cargo test --release --test recorder -- --nocapture` prints how much of a flight was lost.
+
+mod common;
+
+use common::processes::{Running, kill, pause_ms, processes_of, wait_until};
+use common::recording::Recording;
+use common::{Flown, morphquad, rounds, turn};
+use launcher::record::read::RecordedFlight;
+use launcher::report::Report;
+use launcher::run::{Burst, Pin, RunOptions, Speed};
+use launcher::scenario::{Override, Scenario};
+use mcap::MessageStream;
+use runtime::clock::mono_now_ns;
+use runtime::ipc::RECORDER_CAPACITY;
+use rustix::process::{Pid, Resource, Rlimit, Signal, prlimit};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::Child;
+use std::time::Duration;
+
+/// Messages by topic, slash left out, of which no other topic's are a repetition.
+fn counted(path: &Path) -> BTreeMap<String, u64> {
+    let bytes = std::fs::read(path).expect("the recording");
+    let mut counts = BTreeMap::new();
+    for message in MessageStream::new(&bytes).expect("a readable start") {
+        let channel = message.expect("an unbroken message").channel;
+        if !channel.metadata.contains_key("derived_from") {
+            *counts.entry(channel.topic.trim_start_matches('/').to_owned()).or_insert(0) += 1;
+        }
+    }
+    counts
+}
+
+fn metadata(path: &Path, name: &str) -> BTreeMap<String, String> {
+    let bytes = std::fs::read(path).expect("the recording");
+    let summary = mcap::Summary::read(&bytes).expect("an end").expect("a summary");
+    let index = summary.metadata_indexes.iter().find(|index| index.name == name);
+    mcap::read::metadata(&bytes, index.expect("it is there")).expect("metadata").metadata
+}
+
+/// The transport is configured once per process, so all of it is one test.
+#[test]
+fn whatever_fits_the_rings_is_recorded_at_any_rate_and_what_does_not_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let duration = Override::duration(Duration::from_secs(2));
+    let options = RunOptions {
+        scenario: Scenario::load("figure8-morph", &[duration]).expect("it is shipped"),
+        speed: Speed::Max,
+        record: Some(folder.path().to_owned()),
+        pin: Pin::None,
+        disorder: None,
+        live: None,
+        progress: false,
+    };
+    let mut burst = Burst::prepare(options, "b0rec").expect("room for its rings");
+    let mut most = 0;
+    for _ in 0..4 {
+        // Nothing is drained before everything is there: faster than this cannot be offered.
+        most = most.max(burst.fill());
+        burst.drain();
+    }
+    assert!(most > RECORDER_CAPACITY as u64, "{most}");
+    // Twice what fits, from where the rings are empty.
+    burst.fill();
+    burst.fill_again();
+    let offered = burst.offered();
+    let all: u64 = offered.values().sum();
+    let summary = burst.finish().expect("a summary");
+    let path = summary.recording.clone().expect("a recording");
+    let (gaps, in_file) = (summary.audit.gaps(), counted(&path));
+    let lost: u64 = gaps.iter().map(|(_, lost)| lost).sum();
+    println!("{all} offered, {lost} lost: {gaps:?}");
+    assert!(lost > 0 && gaps.iter().any(|(topic, _)| *topic == "imu"), "{gaps:?}");
+    for (topic, offered) in &offered {
+        let lost = gaps.iter().find(|(lost, _)| lost == topic).map_or(0, |(_, lost)| *lost);
+        assert_eq!(in_file.get(topic), Some(&(offered - lost)), "{topic}");
+    }
+    // The summary, the recording and a report of it say so, topic by topic.
+    let (topic, count) = gaps[0];
+    let named = format!("{count} of {topic}");
+    assert!(summary.to_string().contains(&named), "{summary}");
+    assert_eq!(summary.exit_code(), 1, "{summary}");
+    let told = summary.to_json();
+    assert!(told["dropped"].as_str().is_some_and(|words| words.contains(&named)), "{told}");
+    assert_eq!(metadata(&path, "summary")["dropped_samples"], lost.to_string());
+    let audit: Value = serde_json::from_str(&metadata(&path, "audit")[&format!("/{topic}#0")])
+        .expect("totals in JSON");
+    assert_eq!(audit["gaps"], count);
+    let report = Report::of(&RecordedFlight::open(&path).expect("a recording")).expect("flown");
+    assert!(report.sentence.starts_with("FAIL") && report.sentence.contains(&named), "{report}");
+    let output = morphquad(["replay"]).arg(&path).arg("--hash").output().expect("it starts");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Longest part of a flight that a killed launcher may lose \[s\].
+const MAY_BE_LOST_S: f64 = 0.1;
+
+/// Somebody who is shown every sample of a topic right after the launcher has taken it.
+struct Listener(Child);
+
+impl Listener {
+    fn start(run: &str, topic: &str) -> Self {
+        let listener =
+            morphquad(["topic", "echo", topic, "--format", "jsonl", "--run", run]).spawn();
+        Self(listener.expect("the executable starts"))
+    }
+
+    /// When the last sample heard was published \[s\], once there are no more.
+    fn end(mut self, topic: &str) -> f64 {
+        let lines = BufReader::new(self.0.stdout.take().expect("a pipe")).lines();
+        let last = lines.map_while(Result::ok).filter(|line| line.ends_with('}')).last();
+        self.0.wait().expect("an end");
+        let last: Value = serde_json::from_str(&last.expect("something was heard")).expect("JSON");
+        last[topic]["header"]["publish_mono_ns"].as_f64().expect("a stamp") * 1e-9
+    }
+}
+
+fn in_realtime(more: &[&str]) -> Running {
+    let no_grace = ["--set", "launcher.launcher_grace_s=0"];
+    let base = ["figure8-morph", "--clock", "realtime", "--for", "60s"];
+    Running::start_and_fly(&[&base[..], &no_grace, more].concat())
+}
+
+/// The launcher is killed; what it had taken is in the file but for its last moments. What it has not taken
+/// because the machine was busy is not its loss.
+#[test]
+fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
+    let _turn = turn();
+    for round in 0..rounds(3) {
+        let mut running = in_realtime(&[]);
+        let path = running.recording_path().expect("it records");
+        let listener = Listener::start(running.id(), "truth");
+        pause_ms(400 + 37 * round as u64);
+        let killed_s = mono_now_ns() as f64 * 1e-9;
+        assert!(kill(running.launcher_pid(), Signal::KILL));
+        let heard_s = listener.end("truth");
+        let id = running.id().to_owned();
+        wait_until("everybody leaves", || processes_of(&id).is_empty());
+        let recorded_s = Recording::read(&path).last_published_of_a_cut_file("truth");
+        let [lost_s, by_clock_s] = [heard_s, killed_s].map(|s| s - recorded_s);
+        println!(
+            "{:.0} ms of what it had taken, {:.0} ms by the clock",
+            lost_s * 1e3,
+            by_clock_s * 1e3
+        );
+        assert!(lost_s < MAY_BE_LOST_S, "{lost_s}");
+        assert_recoverable(&path);
+        assert_nobody_stole(&path);
+        running.wait();
+    }
+}
+
+/// The file grows no further from some moment on, as on a full disk; then the launcher is killed, or the
+/// flight ends.
+#[test]
+fn a_disk_that_fills_in_flight_leaves_a_readable_file_and_the_summary_says_what_it_lacks() {
+    let _turn = turn();
+    for ending in [Signal::KILL, Signal::INT] {
+        let mut running = in_realtime(&[]);
+        let path = running.recording_path().expect("it records");
+        pause_ms(300);
+        let size = || std::fs::metadata(&path).expect("the recording").len();
+        let full = Some(size() + 300_000);
+        let launcher = i32::try_from(running.launcher_pid()).ok().and_then(Pid::from_raw);
+        let limit = Rlimit { current: full, maximum: full };
+        prlimit(launcher, Resource::Fsize, limit).expect("our own child");
+        wait_until("the disk is full", || Some(size()) == full);
+        pause_ms(200);
+        assert!(kill(running.launcher_pid(), ending));
+        let flown = running.wait();
+        let (until_s, messages) = assert_recoverable(&path);
+        assert!(until_s > 0.3 && messages > 1000, "{until_s} {messages}");
+        if ending == Signal::INT {
+            assert_incomplete(&flown, until_s);
+        }
+    }
+}
+
+fn assert_incomplete(flown: &Flown, until_s: f64) {
+    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    let told = flown.word("recording_error");
+    assert!(told.contains("is incomplete") && told.contains("File too large"), "{told}");
+    let (_, rest) = told.split_once("everything up to ").expect("an instant");
+    let told_s: f64 = rest.split(' ').next().and_then(|s| s.parse().ok()).expect("a number");
+    // It promises what was handed over at the last flush; more may be there.
+    assert!(told_s > 0.0 && told_s <= until_s + 1e-3, "{told_s} {until_s}");
+    assert!(until_s - told_s < MAY_BE_LOST_S, "{told_s} {until_s}");
+}
+
+/// What is torn off differs from topic to topic, and makes no tick somebody else's.
+fn assert_nobody_stole(path: &Path) {
+    let output = morphquad(["report", "--format", "json"]).arg(path).output();
+    let told: Value = serde_json::from_slice(&output.expect("it starts").stdout).expect("JSON");
+    let numbers = told["numbers"].as_array().expect("numbers");
+    for key in ["wrong_owner_ticks", "duplicated_ticks"] {
+        let number = numbers.iter().find(|number| number["key"] == key);
+        assert_eq!(number.expect(key)["value"], "0", "{key}");
+    }
+}
+
+/// Recovers a cut file: instant of the last sample \[s\], and messages in the new one, which is complete.
+fn assert_recoverable(path: &Path) -> (f64, u64) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = folder.path().join("whole.mcap");
+    let output = morphquad(["recover", "--format", "json", "--out"]).arg(&whole).arg(path).output();
+    let output = output.expect("the executable starts");
+    let told: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert_eq!(told["gaps"], 0, "{told}");
+    let messages = Recording::read(&whole).count_messages_of_a_complete_file();
+    assert_eq!(told["messages"], messages, "{told}");
+    // The other reader also shows the beginning of a torn chunk, which no checksum vouches for.
+    let cut = Recording::read(path).count_messages_of_a_cut_file() as u64;
+    assert!(messages <= cut && cut - messages < 1000, "{cut} {told}");
+    (told["end_s"].as_f64().expect("an instant"), messages)
+}
