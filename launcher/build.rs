@@ -1,4 +1,4 @@
-//! Tells the recorder what it was built from.
+//! Tells the executable what it was built from; the library does without, so that a commit does not rebuild it.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,19 +11,12 @@ fn main() {
     println!("cargo::rustc-env=MORPHQUAD_GIT={}", first_line("git", &describe));
     let rustc = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     println!("cargo::rustc-env=MORPHQUAD_RUSTC={}", first_line(&rustc, &["--version"]));
-    let lock = std::fs::read_to_string("../Cargo.lock").unwrap_or_default();
+    let lock = std::fs::read_to_string("Cargo.lock").unwrap_or_default();
     println!("cargo::rustc-env=MORPHQUAD_CRATES={}", versions(&lock).join(", "));
 
     // Any of these can turn a clean tree dirty, or back. A missing path would mean "always".
-    let watched = [
-        "build.rs",
-        "src",
-        "../shared-types",
-        "../services",
-        "../Cargo.lock",
-        "../.git/index",
-        "../.git/logs/HEAD",
-    ];
+    let watched =
+        ["launcher", "shared-types", "services", "Cargo.lock", ".git/index", ".git/logs/HEAD"];
     for path in watched.iter().filter(|path| Path::new(path).exists()) {
         println!("cargo::rerun-if-changed={path}");
     }

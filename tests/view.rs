@@ -95,7 +95,7 @@ fn a_cut_file_is_shown_as_far_as_it_goes_and_says_so() {
     let (_, flight) = page_of(&cut, folder.path());
     assert_eq!(flight["outcome"]["is_good"], false);
     let told = flight["outcome"]["text"].as_str().expect("a sentence");
-    assert!(told.contains("cut at"), "{told}");
+    assert!(told.contains("the file ends at") && told.contains("it is cut"), "{told}");
     let to_s = flight["to_s"].as_f64().expect("a time");
     assert!(to_s > 0.5 && to_s < 2.9, "{to_s}");
 }
@@ -119,9 +119,34 @@ fn what_is_no_recording_is_named_with_the_remedy_and_gets_no_page() {
     for (path, told) in bad {
         let output = view(&path, &["--out", &out.display().to_string()]);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(3), "{said}");
+        assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains(told) && said.contains(&*path.display().to_string()), "{said}");
         assert!(!out.exists());
+    }
+}
+
+#[test]
+fn who_names_no_flight_is_told_which_there_are() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recordings = folder.path().join("recordings");
+    fs::create_dir(&recordings).expect("room");
+    fs::write(recordings.join("7f3a55.mcap"), b"").expect("room");
+    fs::write(folder.path().join("mine.toml"), "[scenario]\nname = \"mine\"\n").expect("room");
+    for (named, told) in [
+        ("unknown", &["recordings here: recordings/7f3a55.mcap", "`figure8-morph`"][..]),
+        ("none.toml", &["recordings here: recordings/7f3a55.mcap", "`figure8-morph`"]),
+        ("hovver", &["did you mean `hover`?"]),
+        ("7f3a", &["did you mean recordings/7f3a55.mcap?"]),
+        ("recordings", &["recordings in it: recordings/7f3a55.mcap"]),
+        ("mine.toml", &["`morphquad run mine.toml`"]),
+    ] {
+        let output = morphquad(["view", named, "--no-open"]).current_dir(folder.path()).output();
+        let output = output.expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{named}: {said}");
+        for words in told {
+            assert!(said.contains(words), "{named}: no `{words}` in: {said}");
+        }
     }
 }
 
@@ -160,4 +185,20 @@ fn the_page_is_served_to_this_machine_alone_until_it_is_told_to_stop() {
     let pid = rustix::process::Pid::from_child(&server);
     rustix::process::kill_process(pid, rustix::process::Signal::INT).expect("it is ours");
     assert_eq!(server.wait().expect("it ends").code(), Some(0));
+}
+
+#[test]
+fn a_page_never_replaces_a_recording() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "500ms"]);
+    let path = flown.recording_path();
+    let before = std::fs::read(&path).expect("the recording");
+    let file = path.to_str().expect("text");
+    for words in [["view", file, "--out", file], ["report", file, "--html", file]] {
+        let output = morphquad(words).output().expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(file) && said.contains("is a recording"), "{said}");
+    }
+    assert!(std::fs::read(&path).expect("the recording") == before);
 }

@@ -7,86 +7,11 @@ PAGE.html shows 20 s of figure8-morph with a swap and a fault; URL is the same p
 Pictures of it are left in the folder PICTURES.
 """
 
-import base64
 import sys
 from pathlib import Path
 
+from browsing import WITH_GL, WITHOUT_GL, check, colours, launched, opened, overlaps, time_of, wait_for_time
 from playwright.sync_api import sync_playwright
-
-SIZE = {"width": 1280, "height": 800}
-# The software renderer stands in for a graphics card.
-WITH_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-WITHOUT_GL = ["--disable-gpu", "--disable-3d-apis"]
-
-
-def check(holds, what):
-    if not holds:
-        sys.exit(f"drive_page.py: {what}")
-
-
-def opened(browser, address, **options):
-    """A page that is ready, with what its console complains of."""
-    page = browser.new_page(viewport=SIZE, **options)
-    complaints = []
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
-    requests = []
-    page.on("request", lambda request: requests.append(request.url))
-    page.goto(address)
-    page.wait_for_selector("html[data-ready=yes]", timeout=20_000)
-    others = [url for url in requests if url.split("#")[0] != address.split("#")[0] and not url.startswith("data:")]
-    check(not others, f"the page asked for {others}")
-    return page, complaints
-
-
-def wait_for_time(page, holds):
-    """Until the time shown is as wanted; the page's own policy forbids what Playwright waits with."""
-    for _ in range(200):
-        if holds(time_of(page)):
-            return
-        page.wait_for_timeout(50)
-    check(False, f"the time stays at {time_of(page)} s")
-
-
-def time_of(page):
-    return float(page.inner_text("#clock").split("/")[0].replace("\u2212", "-"))
-
-
-def colours(page, selector):
-    """How many different colours a part of the page shows, by its canvas as the browser composed it."""
-    picture = page.locator(selector).screenshot()
-    return page.evaluate(
-        """async (letters) => {
-            const bytes = Uint8Array.from(atob(letters), (letter) => letter.charCodeAt(0));
-            const image = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-            const canvas = new OffscreenCanvas(image.width, image.height), context = canvas.getContext("2d");
-            context.drawImage(image, 0, 0);
-            return new Set(new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer)).size;
-        }""",
-        base64.b64encode(picture).decode(),
-    )
-
-
-def overlaps(page):
-    """Pairs of words in header, read-outs and footer that lie on one another or are cut off."""
-    return page.evaluate(
-        """() => {
-            const parts = [...document.querySelectorAll("header > *, footer > *, #now dt, #now dd")]
-                .filter((part) => part.offsetWidth > 0 && !part.classList.contains("gap"));
-            const boxes = parts.map((part) => part.getBoundingClientRect());
-            const found = [];
-            for (let i = 0; i < boxes.length; i++) {
-                if (parts[i].tagName === "DD" && parts[i].scrollWidth > parts[i].clientWidth + 1) found.push("cut: " + parts[i].textContent);
-                if (boxes[i].right > innerWidth + 1) found.push("outside: " + parts[i].textContent);
-                for (let j = i + 1; j < boxes.length; j++) {
-                    const [a, b] = [boxes[i], boxes[j]];
-                    if (a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1)
-                        found.push(parts[i].textContent + " on " + parts[j].textContent);
-                }
-            }
-            return found;
-        }"""
-    )
 
 
 def drive_in_space(browser, address, pictures):
@@ -171,15 +96,12 @@ def main():
     pictures.mkdir(parents=True, exist_ok=True)
     file = Path(page_path).resolve().as_uri()
     with sync_playwright() as playwright:
-        def launch(flags):
-            return playwright.chromium.launch(executable_path=browser_path, args=["--no-sandbox", *flags])
-
-        with_gl = launch(WITH_GL)
+        with_gl = launched(playwright, browser_path, WITH_GL)
         drive_in_space(with_gl, file, pictures)
         page, complaints = opened(with_gl, url)
         check(not complaints, f"served, the console says {complaints}")
         with_gl.close()
-        without_gl = launch(WITHOUT_GL)
+        without_gl = launched(playwright, browser_path, WITHOUT_GL)
         drive_on_plan(without_gl, file, pictures)
         without_gl.close()
     print(f"the page moves, in space and without WebGL; pictures in {pictures}")

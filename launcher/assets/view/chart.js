@@ -26,10 +26,17 @@ class Chart {
   constructor(canvas, chart, flight) {
     Object.assign(this, { canvas, chart, flight });
     this.context = canvas.getContext("2d");
-    this.isEmpty = chart.series.length === 0;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", `${chart.title} in ${chart.unit} over time`);
-    if (this.isEmpty) canvas.classList.add("small");
+    this.refresh();
+  }
+
+  /** After more data: a chart without any is low, and hidden unless its group's name stands above it. */
+  refresh() {
+    this.isEmpty = this.chart.series.every((series) => series.least.length === 0);
+    this.canvas.classList.toggle("small", this.isEmpty);
+    this.isHidden = this.isEmpty && !this.chart.group;
+    this.canvas.hidden = this.isHidden;
   }
 
   /** Least and greatest of what is between two instants. */
@@ -136,6 +143,10 @@ class Chart {
     context.setLineDash(series.dash);
     context.lineWidth = series.is_bound ? 1.1 : 1.4;
     context.lineJoin = "round";
+    if (!this.chart.log && x(from + (series.width_s || 0)) - x(from) > 2) {
+      this.band(series, [first, last], x, y, colour);
+      return;
+    }
     context.beginPath();
     let [column, low, high, entry, exit] = [null, 0, 0, 0, 0];
     // Values that fall on one column of pixels become one upright stroke.
@@ -167,6 +178,33 @@ class Chart {
     context.lineWidth = 1;
   }
 
+  /** Intervals that are wider than a line: what lies between least and greatest, and its middle. */
+  band(series, [first, last], x, y, colour) {
+    const { context } = this;
+    const points = [];
+    for (let i = first; i <= last; i++) {
+      if (!Number.isNaN(series.least[i])) points.push([x(timeOf(series, i)), y(series.least[i]), y(series.greatest[i])]);
+    }
+    if (points.some(([, low, high]) => low !== high)) {
+      context.beginPath();
+      for (const [at, low] of points) context.lineTo(at, low);
+      for (const [at, , high] of points.toReversed()) context.lineTo(at, high);
+      context.fillStyle = colour(series.colour);
+      context.globalAlpha = 0.3;
+      context.fill();
+      context.globalAlpha = 1;
+    }
+    context.beginPath();
+    for (const [at, low, high] of points) context.lineTo(at, (low + high) / 2);
+    if (points.length > 0 && series.is_bound) {
+      const [at, low, high] = points.at(-1);
+      context.lineTo(Math.max(at, Math.min(x(this.flight.to_s), this.box.right)), (low + high) / 2);
+    }
+    context.stroke();
+    context.setLineDash([]);
+    context.lineWidth = 1;
+  }
+
   /** Title, then each series with its value at time t, as far as there is room. */
   legend(t, box, colour) {
     const { context, chart } = this;
@@ -180,20 +218,26 @@ class Chart {
     context.font = "11px system-ui, 'DejaVu Sans', sans-serif";
     if (this.isEmpty) {
       context.fillStyle = colour("faint");
-      context.fillText("not in this recording", left, 12);
+      context.fillText(this.flight.live ? "nothing yet" : "not in this recording", left, 12);
       return;
     }
     const level = chart.levels.find((line) => line.name);
-    const entries = chart.series.filter((series) => series.name).map((series) => {
+    const entries = chart.series.filter((series) => series.name && series.least.length).map((series) => {
       const i = series.is_bound ? -1 : indexAt(series, t);
-      const value = i < 0 ? "" : ` ${short(series.least[i])}${series.greatest[i] > series.least[i] ? `\u2026${short(series.greatest[i])}` : ""}`;
+      // Of durations the slowest counts, of anything else the middle of what the interval holds.
+      const value = i < 0 ? "" : ` ${short(chart.log ? series.greatest[i] : (series.least[i] + series.greatest[i]) / 2)}`;
       return { text: series.name + value, colour: series.colour, dash: series.dash };
     });
     if (level && chart.levels.length > 1 && level.name !== "smallest") entries.push({ text: level.name, colour: "red", dash: [6, 4] });
     if (level && level.name === "smallest") entries.push({ text: "range", colour: "red", dash: [6, 4] });
     for (const entry of entries) {
-      const room = Math.max(24 + context.measureText(entry.text).width + 12, 74);
-      if (left + room > box.right + 8) break;
+      const room = Math.max(24 + context.measureText(entry.text).width + 8, 70);
+      if (left + room > box.right + 8) {
+        // More than there is room for.
+        context.fillStyle = colour("faint");
+        context.fillText("\u2026", Math.min(left, box.right - 4), 12);
+        break;
+      }
       context.strokeStyle = colour(entry.colour);
       context.lineWidth = 2;
       context.setLineDash(entry.dash);

@@ -1,4 +1,4 @@
-// The flight as the page uses it. Whoever makes another source, such as a live one, gives the same object.
+// The flight as the page uses it. Of a flight under way it grows: see live.js.
 
 /** Numbers from letters: 32-bit floats, least significant byte first. */
 function unpack(letters) {
@@ -11,19 +11,28 @@ function unpack(letters) {
   return values;
 }
 
+/** Numbers per frame of what moves. */
+const TRACKS = { body: 8, wanted_w_m: 3, rotor_thrust_n: 4, world: 6 };
+
+function unpackFrames(frames) {
+  for (const name of Object.keys(TRACKS)) frames[name] = unpack(frames[name]);
+}
+
+function unpackSeries(series) {
+  series.least = unpack(series.least);
+  // Without a second side every interval has one value, as recorded at its beginning.
+  series.merged = series.greatest !== undefined;
+  series.greatest = series.merged ? unpack(series.greatest) : series.least;
+}
+
 /** Reads the JSON that `morphquad view` writes. */
 function readFlight(text) {
   const flight = JSON.parse(text);
   if (flight.format !== 1) throw new Error(`the flight has format ${flight.format}, this page reads 1`);
-  for (const name of ["body", "wanted_w_m", "rotor_thrust_n", "world"]) {
-    flight.frames[name] = unpack(flight.frames[name]);
-  }
+  unpackFrames(flight.frames);
   for (const chart of flight.charts) {
     for (const series of chart.series) {
-      series.least = unpack(series.least);
-      // Without a second side every interval has one value, as recorded at its beginning.
-      series.merged = series.greatest !== undefined;
-      series.greatest = series.merged ? unpack(series.greatest) : series.least;
+      unpackSeries(series);
     }
   }
   return flight;
@@ -42,9 +51,15 @@ function indexAt(series, t) {
   return i;
 }
 
+/** Before the first frame of a flight that is about to begin. */
+const AT_REST = {
+  position: [0, 0, 0.5], attitude: [1, 0, 0, 0], beta: Math.PI / 2, wanted: null, thrust: [0, 0, 0, 0], wind: [0, 0, 0], force: [0, 0, 0],
+};
+
 /** Where everything is at time t, between two frames. */
 function poseAt(flight, t) {
   const { frames } = flight;
+  if (frames.count === 0) return AT_REST;
   const place = Math.max(0, Math.min((t - flight.from_s) / frames.step_s, frames.count - 1));
   const i = Math.floor(place);
   const j = Math.min(i + 1, frames.count - 1);

@@ -1,11 +1,19 @@
 // Without WebGL: the vehicle from above and from the side, on a plain canvas.
 
+/** Where there is less room [px], the views stand side by side. */
+const LOW = 200;
+
 class PlanView {
   constructor(canvas, flight) {
     Object.assign(this, { canvas, flight, mode: "follow", scale: 1 });
     this.context = canvas.getContext("2d");
-    this.extent = extentOf(flight);
+    this.refresh();
     this.theme();
+  }
+
+  /** After more of the flight. */
+  refresh() {
+    this.extent = extentOf(this.flight);
   }
 
   theme() {
@@ -20,8 +28,13 @@ class PlanView {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, wide, tall);
     const top = 124, middle = top + (tall - top) * 0.55;
-    this.plane(pose, t, [52, top, wide - 14, middle - 30], 1, "y [m] north");
-    this.plane(pose, t, [52, middle, wide - 14, tall - 34], 2, "z [m] up");
+    if (tall - top > LOW) {
+      this.plane(pose, t, [52, top, wide - 14, middle - 30], 1, "y [m] north");
+      this.plane(pose, t, [52, middle, wide - 14, tall - 34], 2, "z [m] up");
+    } else {
+      this.plane(pose, t, [52, top, wide / 2 - 14, tall - 34], 1, "y [m] north");
+      this.plane(pose, t, [wide / 2 + 38, top, wide - 14, tall - 34], 2, "z [m] up");
+    }
   }
 
   /** x to the right, and axis `other` up, within [left, top, right, bottom]. */

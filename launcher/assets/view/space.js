@@ -68,9 +68,8 @@ class SpaceView {
   constructor(gl, canvas, labels, flight) {
     Object.assign(this, { gl, canvas, flight, mode: "follow" });
     this.labels = labels.getContext("2d");
-    this.extent = extentOf(flight);
-    this.camera = { turn: -2.2, tilt: 0.48, far: { follow: 0.95, course: 0 } };
-    this.camera.far.course = 1.2 * Math.hypot(...sub(this.extent[1], this.extent[0])) + 0.5;
+    // How far the eye is: in metres, and in sizes of the course.
+    this.camera = { turn: -2.2, tilt: 0.48, far: { follow: 0.95, course: 1 } };
     this.lines = this.program(LINE_VERTEX, [["aFrom", 3], ["aTo", 3], ["aColour", 4], ["aWidth", 1]], 1);
     this.faces = this.program(FACE_VERTEX, [["aPlace", 3], ["aNormal", 3], ["aColour", 4]], 0);
     this.theme();
@@ -113,35 +112,46 @@ class SpaceView {
     return { program, array, buffer, stride, attach };
   }
 
-  /** Takes up the colours of the page, and the courses that do not change. */
+  /** Takes up the colours of the page. */
   theme() {
     this.colours = palette();
+    this.refresh();
+  }
+
+  /** Draws up what stands still: the courses and the ground below them. */
+  refresh() {
+    this.extent = extentOf(this.flight);
     const { body, wanted_w_m: wanted, count } = this.flight.frames;
-    const { blue, orange } = this.colours;
-    this.flown = this.course(body, 8, count, [...blue, 1], 2.2);
-    this.planned = this.course(wanted, 3, count, [...orange, 0.95], 1.8, 6);
-    const { line, grid } = this.colours;
+    const { blue, orange, line, grid } = this.colours;
+    this.flown = this.still(this.flown, this.course(body, 8, count, [...blue, 1], 2.2));
+    this.planned = this.still(this.planned, this.course(wanted, 3, count, [...orange, 0.95], 1.8, 6));
     const ground = [];
     const [low, high] = this.extent;
     const step = Math.max(1, Math.ceil((high[0] - low[0]) / 20));
     for (let x = low[0]; x <= high[0]; x += step) this.put(ground, [x, low[1], 0], [x, high[1], 0], [...(x === 0 ? line : grid), 1], 1);
     for (let y = low[1]; y <= high[1]; y += step) this.put(ground, [low[0], y, 0], [high[0], y, 0], [...(y === 0 ? line : grid), 1], 1);
-    this.ground = { buffer: this.gl.createBuffer(), count: ground.length / 11, step };
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.ground.buffer);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, new Float32Array(ground), this.gl.STATIC_DRAW);
+    this.ground = { ...this.still(this.ground, new Float32Array(ground)), step };
+  }
+
+  /** Hands strokes to the graphics card, in place of those before. */
+  still(before, data) {
+    const { gl } = this;
+    const buffer = before?.buffer ?? gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+    return { buffer, count: data.length / 11 };
   }
 
   /** One line from each frame to the next; every `gap`-th stretch is left out to make dashes. */
   course(values, width, count, colour, px, gap = 0) {
+    if (values.length === 0) return new Float32Array(0);
     const data = new Float32Array(Math.max(count - 1, 0) * 11);
-    if (values.length) for (let i = 0; i + 1 < count; i++) {
+    for (let i = 0; i + 1 < count; i++) {
+      const [a, b] = [i * width, (i + 1) * width];
       const visible = gap === 0 || Math.floor(i / gap) % 2 === 0;
-      data.set([values[i * width], values[i * width + 1], values[i * width + 2], values[(i + 1) * width], values[(i + 1) * width + 1], values[(i + 1) * width + 2], ...colour, visible ? px : 0], i * 11);
+      data.set([values[a], values[a + 1], values[a + 2], values[b], values[b + 1], values[b + 2], ...colour, visible ? px : 0], i * 11);
     }
-    const buffer = this.gl.createBuffer();
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, buffer);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.STATIC_DRAW);
-    return { buffer, count: values.length ? Math.max(count - 1, 0) : 0 };
+    return data;
   }
 
   listen() {
@@ -158,7 +168,8 @@ class SpaceView {
     });
     canvas.addEventListener("wheel", (e) => {
       e.preventDefault();
-      camera.far[this.mode] = Math.max(0.3, Math.min(80, camera.far[this.mode] * Math.exp(e.deltaY * 0.001)));
+      const [nearest, furthest] = this.mode === "follow" ? [0.3, 80] : [0.05, 10];
+      camera.far[this.mode] = Math.max(nearest, Math.min(furthest, camera.far[this.mode] * Math.exp(e.deltaY * 0.001)));
       this.changed?.();
     }, { passive: false });
   }
@@ -246,7 +257,8 @@ class SpaceView {
     const [low, high] = this.extent;
     const follows = this.mode === "follow";
     const target = follows ? pose.position : low.map((v, i) => (v + high[i]) / 2);
-    const far = camera.far[this.mode] * (follows ? 1 : Math.max(1, 1.1 / aspect));
+    const size = 1.2 * Math.hypot(...sub(high, low)) + 0.5;
+    const far = camera.far[this.mode] * (follows ? 1 : size * Math.max(1, 1.1 / aspect));
     const eye = add(target, [Math.cos(camera.turn) * Math.cos(camera.tilt), Math.sin(camera.turn) * Math.cos(camera.tilt), Math.sin(camera.tilt)], far);
     eye[2] = Math.max(eye[2], 0.05);
     this.view = lookAt(eye, target, aspect);
@@ -321,10 +333,13 @@ class SpaceView {
     context.textBaseline = "middle";
     context.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--faint");
     const taken = [];
+    // What the lines mean stands before the same ground.
+    const [own, key] = [context.canvas, document.getElementById("key")].map((one) => one.getBoundingClientRect());
+    const hides = (x, y, room) => x - room < key.right - own.left && x + room > key.left - own.left && y + 8 > key.top - own.top && y - 8 < key.bottom - own.top;
     const write = (text, point) => {
       const at = this.project(point, wide, tall);
       const room = 5 + context.measureText(text).width / 2;
-      if (!at || at[0] < room || at[0] > wide - room || at[1] < 40 || at[1] > tall - 12) return;
+      if (!at || at[0] < room || at[0] > wide - room || at[1] < 40 || at[1] > tall - 12 || hides(...at, room)) return;
       if (taken.some(([x, y, r]) => Math.abs(x - at[0]) < r + room && Math.abs(y - at[1]) < 14)) return;
       taken.push([...at, room]);
       context.fillText(text, at[0], at[1]);

@@ -61,6 +61,7 @@ function extentOf(flight) {
   };
   take(flight.frames.body, 8);
   take(flight.frames.wanted_w_m, 3);
+  if (flight.frames.count === 0) take([0, 0, 0], 3);
   for (let k = 0; k < 2; k++) {
     low[k] = Math.floor(low[k] - 0.4);
     high[k] = Math.ceil(high[k] + 0.4);

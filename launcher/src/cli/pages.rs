@@ -1,17 +1,23 @@
-//! `morphquad completions` and `morphquad man`: what shells and `man` know, from the grammar itself.
+//! `morphquad man` and `morphquad layout`: what `man` knows, from the grammar itself, and what viewers do.
 
-use super::options::{Cli, CompletionsArguments, ManArguments};
+use super::flown::recorded;
+use super::options::{Cli, LayoutArguments, ManArguments};
 use super::refusal::{Done, Failure};
-use crate::exit;
+use crate::{exit, scene};
 use clap::{Command, CommandFactory as _};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes a shell's completions.
-pub(super) fn completions(arguments: &CompletionsArguments, out: &mut dyn Write) -> Done {
-    let mut text = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "morphquad", &mut text);
-    out.write_all(&text)?;
+/// Writes a layout for a viewer.
+pub(super) fn layout(arguments: &LayoutArguments, out: &mut dyn Write) -> Done {
+    let Some(recording) = &arguments.plotjuggler else {
+        out.write_all(scene::LAYOUT.as_bytes())?;
+        return Ok(exit::PASS);
+    };
+    recorded(recording)?;
+    // Wherever the layout ends up, it leads to the file.
+    let path = std::path::absolute(recording)?;
+    out.write_all(scene::plotjuggler_layout(&path.to_string_lossy()).as_bytes())?;
     Ok(exit::PASS)
 }
 
@@ -36,7 +42,8 @@ pub(super) fn man(arguments: &ManArguments, out: &mut dyn Write) -> Done {
 
 fn pages(command: &Command, name: &str, folder: &Path, written: &mut u32) -> io::Result<()> {
     let mut page = Vec::new();
-    clap_mangen::Man::new(command.clone()).title(name).render(&mut page)?;
+    let man = clap_mangen::Man::new(command.clone()).title(name);
+    man.source(concat!("morphquad ", env!("CARGO_PKG_VERSION"))).render(&mut page)?;
     std::fs::write(folder.join(format!("{name}.1")), page)?;
     *written += 1;
     for inner in command.get_subcommands().filter(|c| !c.is_hide_set() && c.get_name() != "help") {
@@ -79,16 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn completions_know_every_command_and_pages_are_one_for_each() {
-        for shell in ["bash", "zsh", "fish"] {
-            let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
-            let words = ["morphquad", "completions", shell].map(Into::into);
-            assert_eq!(super::super::execute(words.into_iter(), &mut out, &mut diagnostics), 0);
-            let text = String::from_utf8(out).unwrap();
-            for command in ["disturb", "goto", "topic", "new-controller"] {
-                assert!(text.contains(command), "{shell} has no {command}");
-            }
-        }
+    fn pages_are_one_for_each_command() {
         let folder = tempfile::TempDir::new().unwrap();
         let arguments = ManArguments { dir: folder.path().join("man1") };
         let mut out = Vec::new();

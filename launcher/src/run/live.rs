@@ -6,7 +6,7 @@ use super::supervisor::{Member, Supervisor};
 use crate::control::server::{Answer, ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
 use crate::control::{Reply, Request};
-use crate::topic::feed::Feed;
+use crate::topic::feed::{Feed, Flying};
 use runtime::{Graph, SeatMarks};
 use shared_types::{ClockMode, NO_SEAT, OwnerRecord, Role, Seat};
 use std::collections::BTreeMap;
@@ -47,10 +47,11 @@ impl Live {
         run: &str,
         scenario: &str,
         recording: Option<&Path>,
+        flying: Flying,
     ) -> Result<Self, RunError> {
         let server = ControlServer::open(folder, Limits::default())
             .map_err(system(format!("open the control socket in {}", folder.display())))?;
-        let feed = Feed::open(folder)
+        let feed = Feed::open(folder, flying)
             .map_err(system(format!("open the socket for topics in {}", folder.display())))?;
         let seen = BTreeMap::new();
         let recording = recording.map(|path| path.canonicalize().unwrap_or(path.to_path_buf()));

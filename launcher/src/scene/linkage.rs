@@ -48,6 +48,11 @@ impl Linkage {
         self.geometry.arm_length_m(MorphAngle::MIN)
     }
 
+    /// Of a rotor as it is drawn: discs of neighbours leave a gap even at the shortest arms \[m\].
+    pub(super) fn disc_radius_m(&self) -> f64 {
+        0.45 * core::f64::consts::SQRT_2 * self.shortest_m()
+    }
+
     /// The arms at an angle \[rad\]; outside the range, or not a number, at its nearest end.
     pub(super) fn fold(&self, beta_rad: f64) -> Fold {
         let beta = MorphAngle::saturating_from_rad(beta_rad).unwrap_or(MorphAngle::MIN);

@@ -5,6 +5,7 @@
 //! time: two recordings of a flight hold the same, in whatever order topics were drained. What belongs to
 //! another topic is placed by frames: thrust arrows stand in the frames of their rotors.
 
+mod cloud;
 mod frames;
 mod linkage;
 mod shapes;
@@ -13,7 +14,7 @@ mod tests;
 mod trail;
 
 use core::any::Any;
-use foxglove::messages::{FrameTransforms, PoseInFrame, SceneUpdate, Timestamp};
+use foxglove::messages::{FrameTransforms, PointCloud, PoseInFrame, SceneUpdate, Timestamp};
 use foxglove::{Encode, Schema};
 use linkage::Linkage;
 use prost::Message;
@@ -25,6 +26,18 @@ use vehicle::VehicleParameters;
 
 /// Layout of Foxglove and Lichtblick for a flight.
 pub const LAYOUT: &str = include_str!("../../assets/foxglove-layout.json");
+/// Layout for `PlotJuggler`, which opens a recording by it: without its dialog, and without the channels that
+/// are of use in three dimensions alone.
+const PLOTJUGGLER_LAYOUT: &str = include_str!("../../assets/plotjuggler-layout.xml");
+
+/// The layout with which `PlotJuggler` opens this recording.
+#[must_use]
+pub fn plotjuggler_layout(recording: &str) -> String {
+    let name = [("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("\"", "&quot;")]
+        .into_iter()
+        .fold(recording.to_owned(), |name, (letter, written)| name.replace(letter, written));
+    PLOTJUGGLER_LAYOUT.replace("RECORDING", &name)
+}
 
 /// A channel of derived messages.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +57,7 @@ pub struct Channel {
 const HZ_50_NS: u64 = 20_000_000;
 
 /// All channels; a message names its own by the index.
-pub const CHANNELS: [Channel; 9] = [
+pub const CHANNELS: [Channel; 11] = [
     Channel {
         name: "/tf",
         from: "truth",
@@ -108,6 +121,20 @@ pub const CHANNELS: [Channel; 9] = [
         summary: "the path that was to be flown, and the one ahead",
         schema: SceneUpdate::get_schema,
     },
+    Channel {
+        name: "/cloud/vehicle",
+        from: "truth",
+        period_ns: 50_000_000,
+        summary: "body, arms and rotors as points, for viewers that know no scene",
+        schema: PointCloud::get_schema,
+    },
+    Channel {
+        name: "/cloud/flown",
+        from: "truth",
+        period_ns: 1_000_000_000,
+        summary: "the path flown in the last twenty seconds, as points",
+        schema: PointCloud::get_schema,
+    },
 ];
 
 const TF: usize = 0;
@@ -119,6 +146,8 @@ const THRUST: usize = 5;
 const DISTURBANCE: usize = 6;
 const FLOWN: usize = 7;
 const REFERENCE: usize = 8;
+const CLOUD_VEHICLE: usize = 9;
+const CLOUD_FLOWN: usize = 10;
 
 /// A derived message: index of its channel, and its bytes.
 pub type Derived = (usize, Vec<u8>);
@@ -194,6 +223,13 @@ impl Scene {
         if self.is_due(FLOWN, release_ns) {
             let line = shapes::path("flown", self.flown.points(), shapes::BLUE, 3.0);
             put(FLOWN, &shapes::lines("flown", vec![line], stamp(stamp_ns)), out);
+        }
+        if self.is_due(CLOUD_VEHICLE, release_ns) {
+            let fold = self.linkage.fold(truth.morph_angle_rad);
+            put(CLOUD_VEHICLE, &cloud::vehicle(&self.linkage, &fold, stamp(stamp_ns)), out);
+        }
+        if self.is_due(CLOUD_FLOWN, release_ns) {
+            put(CLOUD_FLOWN, &cloud::path(self.flown.points(), stamp(stamp_ns)), out);
         }
     }
 

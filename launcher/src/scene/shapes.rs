@@ -19,10 +19,10 @@ pub(super) const PURPLE: Color = colour(0.8, 0.47, 0.65, 1.0);
 const GREEN: Color = colour(0.0, 0.62, 0.45, 0.9);
 const VERMILION: Color = colour(0.84, 0.37, 0.0, 1.0);
 const SKY: Color = colour(0.34, 0.71, 0.91, 0.8);
-const GREY: Color = colour(0.35, 0.37, 0.4, 1.0);
-const DISC: Color = colour(0.34, 0.71, 0.91, 0.45);
+pub(super) const GREY: Color = colour(0.35, 0.37, 0.4, 1.0);
+pub(super) const DISC: Color = colour(0.34, 0.71, 0.91, 0.45);
 /// Of rotor 1, in front.
-const FRONT_DISC: Color = colour(0.9, 0.62, 0.0, 0.6);
+pub(super) const FRONT_DISC: Color = colour(0.9, 0.62, 0.0, 0.6);
 
 /// An external force of the vehicle's weight is drawn so long \[m\].
 const WEIGHT_M: f64 = 1.0;
@@ -65,8 +65,7 @@ fn block(centre: [f64; 3], size: [f64; 3], color: Color) -> CubePrimitive {
 
 /// Body, links of the arms, rotor discs.
 pub(super) fn vehicle(linkage: &Linkage, fold: &Fold, stamp: Timestamp) -> SceneUpdate {
-    // Discs of neighbours leave a gap even at the shortest arms.
-    let radius_m = 0.45 * core::f64::consts::SQRT_2 * linkage.shortest_m();
+    let radius_m = linkage.disc_radius_m();
     let (hub_m, link_m) = (linkage.hinge_m, fold.link_m);
     let (width_m, height_m) = (0.12 * hub_m, 0.25 * hub_m);
     let mut body = entity(VEHICLE, "body", stamp);

@@ -164,6 +164,53 @@ fn arrows_point_where_forces_do_and_are_as_long_as_they_are_strong() {
     assert_eq!(text(&rotors[3], "frame_id"), "rotor_4");
 }
 
+/// Places \[m\] and colours of a cloud's points.
+fn points(cloud: &DynamicMessage) -> Vec<([f64; 3], [u8; 4])> {
+    let data = field(cloud, "data").as_bytes().unwrap().clone();
+    let stride = usize::try_from(field(cloud, "point_stride").as_u32().unwrap()).unwrap();
+    let offsets: Vec<usize> = items(cloud, "fields")
+        .iter()
+        .map(|f| usize::try_from(field(f, "offset").as_u32().unwrap()).unwrap())
+        .collect();
+    assert_eq!((data.len() % stride, offsets.len()), (0, 7));
+    let point = |bytes: &[u8]| {
+        let place = |i: usize| {
+            let at = offsets[i];
+            f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()))
+        };
+        ([place(0), place(1), place(2)], core::array::from_fn(|i| bytes[offsets[3 + i]]))
+    };
+    data.chunks(stride).map(point).collect()
+}
+
+#[test]
+fn a_cloud_has_its_rotors_where_the_frames_have_them_and_its_path_where_it_was() {
+    let mut scene = Scene::of(&VehicleParameters::default());
+    let mut reaches_m = Vec::new();
+    for (second, degrees) in (0..).zip([45.0, 94.5, 160.0]) {
+        let beta = MorphAngle::from_degrees(degrees).unwrap();
+        let shown = shown(&mut scene, &truth(second * 1_000_000_000, beta));
+        let cloud = &shown["/cloud/vehicle"];
+        assert_eq!(text(cloud, "frame_id"), "vehicle");
+        let points = points(cloud);
+        // The front rotor alone is orange.
+        let front: Vec<_> = points.iter().filter(|(_, [r, _, b, _])| r > b && *r > 200).collect();
+        let sum: Vector3<f64> = front.iter().map(|(place, _)| Vector3::from(*place)).sum();
+        let centre = sum / front.len() as f64;
+        let expected_m = VehicleParameters::default().geometry.arm_length_m(beta);
+        assert!((centre - Vector3::new(expected_m, 0.0, 0.0)).norm() < 1e-6, "{centre}");
+        let reach_m = points.iter().map(|(place, _)| Vector3::from(*place).norm());
+        reaches_m.push(reach_m.fold(0.0, f64::max) - expected_m);
+        let flown = &shown["/cloud/flown"];
+        assert_eq!(text(flown, "frame_id"), "world");
+        let passed = self::points(flown);
+        let here = |place: &[f64; 3]| Vector3::from(*place) == Vector3::new(1.0, -2.0, 3.0);
+        assert!(passed.iter().all(|(place, _)| here(place)));
+        assert_eq!(passed.len() as u64, second + 1);
+    }
+    assert!(reaches_m.iter().all(|radius_m| (radius_m - reaches_m[0]).abs() < 1e-6));
+}
+
 #[test]
 fn a_message_comes_once_a_period_and_paths_grow_and_are_forgotten() {
     let mut scene = Scene::of(&VehicleParameters::default());
@@ -219,6 +266,32 @@ fn schemas() -> BTreeMap<String, Schema> {
     let mut all = All(BTreeMap::new());
     topics::visit_all(&mut all).unwrap();
     all.0
+}
+
+#[test]
+fn the_layout_for_plotjuggler_asks_only_for_what_a_recording_has_and_names_it() {
+    let layout = super::plotjuggler_layout("/tmp/a & b/<x>.mcap");
+    assert!(layout.contains("filename=\"/tmp/a &amp; b/&lt;x&gt;.mcap\""), "{layout}");
+    let quoted = |text: &'static str, key: &str| -> Vec<String> {
+        let key = format!(" {key}=\"");
+        let parts = text.split(key.as_str()).skip(1);
+        parts.filter_map(|part| part.split('"').next()).map(str::to_owned).collect()
+    };
+    let selected = quoted(super::PLOTJUGGLER_LAYOUT, "selected_topics").concat();
+    let schemas = schemas();
+    for topic in selected.split(';') {
+        assert!(schemas.contains_key(topic) || topic == "/events", "{topic}");
+    }
+    let curves = ["name", "curve_x", "curve_y"].map(|key| quoted(super::PLOTJUGGLER_LAYOUT, key));
+    let paths: Vec<_> = curves.into_iter().flatten().filter(|name| name.starts_with('/')).collect();
+    assert!(paths.len() > 15, "{paths:?}");
+    for path in paths {
+        // Its separators are slashes, and ours dots behind the topic.
+        let (topic, fields) = path[1..].split_once('/').unwrap();
+        let path = format!("/{topic}.{}", fields.replace('/', "."));
+        assert!(misled(&path, &schemas).is_none(), "{path}");
+        assert!(selected.split(';').any(|known| known == format!("/{topic}")), "{path}");
+    }
 }
 
 /// Why a path of the layout, such as `/truth.position_w_m[2]`, leads nowhere.

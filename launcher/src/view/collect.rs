@@ -5,19 +5,19 @@ use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
 use crate::record::Clock;
 use crate::record::read::{RecordVisitor, RecordedEvent};
-use crate::run::Course;
-use nalgebra::{Quaternion, UnitQuaternion};
+use crate::run::{Course, LOST_M, LoopLedger};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::{
-    ActuatorState, AppliedCommand, AppliedSetpoint, ControllerReport, Disturbance,
-    DisturbanceOrder, GuidanceOrder, Header, LoopStats, MorphCommand, Reference, Role, Sample,
-    StateEstimate, Topic, Truth, topics,
+    ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, ControllerReport, Disturbance,
+    DisturbanceOrder, GuidanceOrder, Header, LoopStats, MorphCommand, PositionReport, Reference,
+    Role, Sample, Seating, StateEstimate, Topic, Truth,
 };
 use std::any::Any;
 use vehicle::euler_from_quaternion;
 
 /// What moves in the picture.
 #[derive(Debug, Default)]
-pub(super) struct Frames {
+pub(crate) struct Frames {
     /// Position (3), attitude quaternion (4), deployable angle.
     pub(super) body: Track<8>,
     pub(super) wanted_w_m: Track<3>,
@@ -28,27 +28,29 @@ pub(super) struct Frames {
 
 /// Sees every record once.
 #[derive(Debug)]
-pub(super) struct Collect<'a> {
-    owners: &'a Owners,
+pub(crate) struct Collect {
+    /// Who commands; complete before the first sample of a recording, and ahead of the commands in the air.
+    pub(crate) owners: Owners,
     epoch_unix_ns: u64,
     clock: Clock,
-    pub(super) panels: Panels,
-    pub(super) frames: Frames,
-    pub(super) happenings: Vec<Happening>,
-    /// Of each loop, by role.
-    pub(super) loops: Vec<LoopStats>,
+    pub(crate) panels: Panels,
+    pub(crate) frames: Frames,
+    pub(crate) happenings: Vec<Happening>,
+    pub(crate) loops: LoopLedger,
     /// First and last instant of the vehicle \[ns\].
-    pub(super) span_ns: Option<(u64, u64)>,
+    pub(crate) span_ns: Option<(u64, u64)>,
     pub(super) uses: Uses,
     rotor_thrust_max_n: f64,
     world: World,
     course: Course,
     truth: Option<(u64, [f64; 3])>,
+    /// Last distance from the reference \[m\].
+    off_m: f64,
 }
 
-impl<'a> Collect<'a> {
-    pub(super) fn new(
-        owners: &'a Owners,
+impl Collect {
+    pub(crate) fn new(
+        owners: Owners,
         epoch_unix_ns: u64,
         clock: Clock,
         rotor_thrust_max_n: f64,
@@ -60,19 +62,28 @@ impl<'a> Collect<'a> {
             panels: Panels::new(rotor_thrust_max_n),
             frames: Frames::default(),
             happenings: Vec::new(),
-            loops: Vec::new(),
+            loops: LoopLedger::default(),
             span_ns: None,
             uses: Uses::default(),
             rotor_thrust_max_n,
             world: World::default(),
             course: Course::default(),
             truth: None,
+            off_m: 0.0,
         }
     }
 
     /// To be called when all have been seen.
-    pub(super) fn finish(&mut self) {
+    pub(crate) fn finish(&mut self) {
         self.compare(true);
+    }
+
+    /// Why the vehicle cannot be said to fly as it should, if so.
+    pub(crate) fn trouble(&self) -> Option<String> {
+        if self.world.has_cut_rotors() {
+            return Some("its rotors are cut".to_owned());
+        }
+        (self.off_m > LOST_M).then(|| format!("{:.1} m off its path", self.off_m))
     }
 
     fn since_start(&self, t_ns: u64) -> u64 {
@@ -100,6 +111,7 @@ impl<'a> Collect<'a> {
     fn compare(&mut self, finished: bool) {
         while let Some(point) = self.course.next(finished) {
             let error_mm = core::array::from_fn(|i| (point.was_w_m[i] - point.wanted_w_m[i]) * 1e3);
+            self.off_m = 1e-3 * Vector3::from(error_mm).norm();
             self.panels.error.put_all::<3>(0, point.t_ns, error_mm);
             self.frames.wanted_w_m.put(self.since_start(point.t_ns), point.wanted_w_m);
         }
@@ -108,7 +120,7 @@ impl<'a> Collect<'a> {
     /// The estimate beside the truth of its instant, if that came before it.
     fn estimate(&mut self, estimate: &StateEstimate) {
         self.loop_step(1, &estimate.header);
-        let [x, y, z, ..] = estimate.sigma;
+        let [x, y, z] = estimate.position_sigma_w_m;
         let t_ns = estimate.header.valid_ns;
         let sigma_m = libm::sqrt(x * x + y * y + z * z);
         self.panels.estimate.put(1, t_ns, 3e3 * sigma_m);
@@ -119,37 +131,39 @@ impl<'a> Collect<'a> {
         }
     }
 
-    fn attitude_report(&mut self, report: &ControllerReport) {
+    fn attitude_report(&mut self, report: &AttitudeReport) {
         let t_ns = report.header.release_ns;
         if !self.commands(Role::Attitude, &report.header) {
             return;
         }
+        let torque = report.bounded();
         for (i, panel) in self.panels.torque.iter_mut().enumerate() {
-            panel.put(1, t_ns, report.input_max[i]);
-            panel.put(2, t_ns, report.input_min[i]);
-            let increment = report.input[i] - report.previous_input[i];
-            let share = increment / report.increment_max[i];
+            panel.put(1, t_ns, torque.max[i]);
+            panel.put(2, t_ns, torque.min[i]);
+            let increment = torque.input[i] - torque.previous[i];
+            let share = increment / torque.increment_max[i];
             self.panels.increment.put(i, t_ns, share);
             let uses = &mut self.uses;
             uses.increment[i] = uses.increment[i].max(share.abs());
-            uses.torque[i] = uses.torque[i].max(used(report, i));
+            uses.torque[i] = uses.torque[i].max(torque.used(i));
         }
         self.loop_step(3, &report.header);
     }
 
-    fn position_report(&mut self, report: &ControllerReport) {
+    fn position_report(&mut self, report: &PositionReport) {
         let t_ns = report.header.release_ns;
         if !self.commands(Role::Position, &report.header) {
             return;
         }
-        let [pitch, roll, _] = report.input;
-        self.panels.tilt.put_all(0, t_ns, [pitch, roll].map(f64::to_degrees));
-        self.panels.tilt.put(2, t_ns, report.input_max[0].to_degrees());
-        self.panels.tilt.put(3, t_ns, report.input_min[0].to_degrees());
-        self.panels.thrust.put(2, t_ns, report.input_max[2]);
-        self.panels.thrust.put(3, t_ns, report.input_min[2]);
-        self.uses.thrust = self.uses.thrust.max(used(report, 2));
-        self.uses.tilt = self.uses.tilt.max(used(report, 0)).max(used(report, 1));
+        let (input, min, max) = (&report.input, &report.input_min, &report.input_max);
+        self.panels.tilt.put_all(0, t_ns, [input.pitch_rad, input.roll_rad].map(f64::to_degrees));
+        self.panels.tilt.put(2, t_ns, max.pitch_rad.to_degrees());
+        self.panels.tilt.put(3, t_ns, min.pitch_rad.to_degrees());
+        self.panels.thrust.put(2, t_ns, max.thrust_n);
+        self.panels.thrust.put(3, t_ns, min.thrust_n);
+        let bounded = report.bounded();
+        self.uses.thrust = self.uses.thrust.max(bounded.used(2));
+        self.uses.tilt = self.uses.tilt.max(bounded.used(0)).max(bounded.used(1));
         self.loop_step(2, &report.header);
     }
 
@@ -205,19 +219,16 @@ impl<'a> Collect<'a> {
     }
 
     fn loop_stats(&mut self, stats: &LoopStats) {
-        match self.loops.iter_mut().find(|known| known.role == stats.role) {
-            Some(known) => *known = *stats,
-            None => self.loops.push(*stats),
-        }
+        self.loops.observe(stats);
         if let Some(place) = LOOPS.iter().position(|name| *name == stats.role.label()) {
-            let missed = stats.input_deadline_misses + stats.skipped;
+            let missed = self.loops.missed(stats.role);
             self.panels.misses.put(place, stats.header.release_ns, missed as f64);
         }
     }
 }
 
-impl RecordVisitor for Collect<'_> {
-    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+impl RecordVisitor for Collect {
+    fn sample<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
         let any: &dyn Any = sample;
         if let Some(truth) = any.downcast_ref::<Truth>() {
             self.truth(truth);
@@ -230,12 +241,10 @@ impl RecordVisitor for Collect<'_> {
             self.applied(applied);
         } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
             self.setpoint(applied);
-        } else if let Some(report) = any.downcast_ref::<ControllerReport>() {
-            if topic.info.name == topics::ATTITUDE_REPORT.info.name {
-                self.attitude_report(report);
-            } else {
-                self.position_report(report);
-            }
+        } else if let Some(report) = any.downcast_ref::<AttitudeReport>() {
+            self.attitude_report(report);
+        } else if let Some(report) = any.downcast_ref::<PositionReport>() {
+            self.position_report(report);
         } else if let Some(actuators) = any.downcast_ref::<ActuatorState>() {
             let t_ns = actuators.header.valid_ns;
             self.panels.rotors.put_all(0, t_ns, actuators.rotor_thrust_n);
@@ -253,18 +262,12 @@ impl RecordVisitor for Collect<'_> {
             self.happenings.extend(self.world.disturbance_order(order));
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
             self.loop_stats(stats);
+        } else if let Some(seating) = any.downcast_ref::<Seating>() {
+            self.loops.seated(seating);
         }
     }
 
     fn event(&mut self, event: RecordedEvent) {
         self.happenings.push(Happening::told(event, self.epoch_unix_ns, self.clock));
     }
-}
-
-/// Share of its bound that an input takes, of whichever bound it is towards.
-fn used(report: &ControllerReport, i: usize) -> f64 {
-    let input = report.input[i];
-    let bound = if input < 0.0 { report.input_min[i] } else { report.input_max[i] };
-    let share = input / bound;
-    if share.is_finite() { share } else { 0.0 }
 }

@@ -2,12 +2,18 @@
 
 use crate::record::Clock;
 use crate::record::read::{RecordVisitor, RecordedEvent};
+use crate::run::{FAULT, TIMING};
+use disturbance_injector::Event;
 use serde::Serialize;
 use shared_types::{
     Disturbance, DisturbanceKind, DisturbanceOrder, GateMode, GuidanceOrder, OwnerRecord, Role,
     Sample, Topic, TopicInfo, topics,
 };
 use std::any::Any;
+
+/// Troubles of the gate that come closer together than this are one: its beginning and whatever is worse
+/// are marks, the rest is in the list \[ns\].
+const EPISODE_NS: u64 = 2_000_000_000;
 
 /// What kind of thing; the page has a sign for each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -45,13 +51,12 @@ impl Happening {
 
     /// What was told in words; its stamp is Unix time that runs like the flight's clock.
     pub(super) fn told(event: RecordedEvent, epoch_unix_ns: u64, clock: Clock) -> Self {
-        let since_s = event.stamp_ns.saturating_sub(epoch_unix_ns) as f64 * 1e-9;
-        let at_s = match clock {
-            Clock::Lockstep => since_s,
-            Clock::Realtime { speed } => since_s * speed,
-        };
+        let at_s = event.at_s(epoch_unix_ns, clock);
         let kind = match event.level {
+            // So many on a busy machine that they would hide everything else; a chart has them all.
+            3.. if event.source == TIMING => Kind::Note,
             3.. => Kind::Fault,
+            _ if event.text.starts_with(FAULT) => Kind::Fault,
             _ if event.text.contains(" slot: ") => Kind::Swap,
             _ => Kind::Note,
         };
@@ -62,10 +67,10 @@ impl Happening {
 
 /// Who commands each slot from when on.
 #[derive(Debug, Default)]
-pub(super) struct Owners {
+pub(crate) struct Owners {
     /// Instant \[ns\], slot, seat.
     changes: Vec<(u64, Role, u32)>,
-    pub(super) happenings: Vec<Happening>,
+    pub(crate) happenings: Vec<Happening>,
 }
 
 impl RecordVisitor for Owners {
@@ -98,11 +103,32 @@ impl Owners {
     }
 }
 
+/// Winds of the script that begin in flight: gusts have no instant that the samples would tell.
+pub(super) fn winds(script: &[Event], until_s: f64) -> Vec<Happening> {
+    let winds = script.iter().filter_map(|event| match event {
+        Event::Wind(wind) if wind.at_s > 0.0 => Some(wind),
+        _ => None,
+    });
+    let told = winds.flat_map(|wind| {
+        let mean = vector(wind.mean_w_m_s);
+        let mark = |at_s: f64, text: String| {
+            let (kind, source) = (Kind::Disturbance, "disturbance".to_owned());
+            Happening { at_s, kind, is_mark: true, source, text }
+        };
+        let end =
+            wind.until_s.map(|at_s| mark(at_s, format!("wind of {mean} m/s on average ends")));
+        [Some(mark(wind.at_s, format!("wind of {mean} m/s on average begins"))), end]
+    });
+    told.flatten().filter(|told| told.at_s <= until_s).collect()
+}
+
 /// Notices when the world changes other than by wind.
 #[derive(Debug, Default)]
 pub(super) struct World {
     last: Option<Disturbance>,
     gate: GateMode,
+    /// Worst mode of the gate's troubles of late, and when they are over unless there is another \[ns\].
+    episode: (GateMode, u64),
     guidance: GuidanceOrder,
     /// Number of the last disturbance that was ordered.
     ordered: u64,
@@ -150,7 +176,9 @@ impl World {
         let goal = format!("go to {} m", vector(position.goal_w_m));
         tell(position.ordered.is_set(), position.begin_ns, before.position.begin_ns, goal);
         let heading = format!("heading {:.1}°", yaw.goal_rad.to_degrees());
-        tell(yaw.ordered.is_set(), yaw.begin_ns, before.yaw.begin_ns, heading);
+        // Whoever is sent somewhere without a word on the heading comes to rest without a turn.
+        let turns = yaw.ordered.is_set() && yaw.move_s > 0.0;
+        tell(turns, yaw.begin_ns, before.yaw.begin_ns, heading);
         let angle = format!("deployable angle {:.1}°", morph.goal_rad.to_degrees());
         tell(morph.ordered.is_set(), morph.begin_ns, before.morph.begin_ns, angle);
         told
@@ -178,6 +206,11 @@ impl World {
         told.collect()
     }
 
+    /// True if the gate has given up.
+    pub(super) fn has_cut_rotors(&self) -> bool {
+        self.gate == GateMode::Cut
+    }
+
     /// What a change of the gate's mode means.
     pub(super) fn gate(&mut self, at_ns: u64, mode: GateMode) -> Option<Happening> {
         let before = core::mem::replace(&mut self.gate, mode);
@@ -191,7 +224,12 @@ impl World {
             GateMode::Level => "still no valid command: the gate levels the vehicle",
             _ => "the gate has cut the rotors",
         };
-        Some(Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned()))
+        let mut told = Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned());
+        let (worst, quiet_ns) = self.episode;
+        let worst = if at_ns < quiet_ns { worst } else { GateMode::Normal };
+        told.is_mark = mode.0 > worst.0;
+        self.episode = (if told.is_mark { mode } else { worst }, at_ns + EPISODE_NS);
+        Some(told)
     }
 }
 
@@ -222,6 +260,9 @@ mod tests {
         let slow = Clock::Realtime { speed: 0.5 };
         let told = Happening::told(event(3), 5_000_000_000, slow);
         assert_eq!((told.at_s, told.kind, told.is_mark), (1.0, Kind::Fault, true));
+        let late = RecordedEvent { source: TIMING.to_owned(), ..event(3) };
+        let told = Happening::told(late, 5_000_000_000, slow);
+        assert_eq!((told.kind, told.is_mark), (Kind::Note, false));
     }
 
     #[test]
@@ -238,6 +279,21 @@ mod tests {
         assert_eq!(owners.owner_at(Role::Position, 10), None);
         assert_eq!(owners.happenings.len(), 1);
         assert!(owners.happenings[0].text.contains("seat 1"), "{:?}", owners.happenings);
+    }
+
+    #[test]
+    fn a_wind_of_the_script_is_told_of_unless_it_blows_from_the_start_or_after_the_end() {
+        let script = r#"script = [
+            { kind = "wind", mean_w_m_s = [1.0, 0.0, 0.0] },
+            { kind = "wind", at_s = 2.0, until_s = 3.5, mean_w_m_s = [20.0, 0.0, 0.0] },
+            { kind = "wind", at_s = 9.0, mean_w_m_s = [20.0, 0.0, 0.0] },
+        ]"#;
+        let settings: disturbance_injector::settings::Settings = toml::from_str(script).unwrap();
+        let told = winds(&settings.script, 8.0);
+        let told: Vec<_> = told.iter().map(|told| (told.at_s, told.text.as_str())).collect();
+        let [begins, ends] = ["begins", "ends"]
+            .map(|word| format!("wind of (20.000, 0.000, 0.000) m/s on average {word}"));
+        assert_eq!(told, [(2.0, begins.as_str()), (3.5, ends.as_str())]);
     }
 
     #[test]
@@ -259,7 +315,13 @@ mod tests {
         assert_eq!((told.len(), told[0].at_s, told[0].kind), (1, 7.0, Kind::Order));
         assert!(world.guidance(&order).is_empty());
         assert!(world.gate(0, GateMode::Hold).is_none());
-        assert!(world.gate(1, GateMode::Normal).is_some());
-        assert!(world.gate(2, GateMode::Normal).is_none());
+        let mut gate = |at_ns, mode| world.gate(at_ns, mode).map(|told| told.is_mark);
+        assert_eq!(gate(1, GateMode::Normal), Some(false));
+        assert_eq!(gate(2, GateMode::Normal), None);
+        // Trouble after trouble is one, unless it gets worse.
+        let modes = [GateMode::Hold, GateMode::Normal, GateMode::Hold, GateMode::Level];
+        let marks = [3, 4, 5, 6].into_iter().zip(modes).map(|(at_ns, mode)| gate(at_ns, mode));
+        assert_eq!(marks.collect::<Vec<_>>(), [true, false, false, true].map(Some));
+        assert_eq!(gate(EPISODE_NS + 6, GateMode::Hold), Some(true));
     }
 }

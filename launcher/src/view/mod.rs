@@ -8,13 +8,17 @@
 mod collect;
 mod envelope;
 mod happening;
+pub(crate) mod json;
 mod page;
 mod panel;
 mod scene;
 mod serve;
 mod track;
 
+pub(crate) use collect::Collect;
 pub(crate) use envelope::Envelope;
+pub(crate) use happening::{Happening, Kind, Owners};
+pub(crate) use page::live_page;
 pub use page::page;
 pub(crate) use panel::Panel;
 pub(crate) use scene::{Gathered, gather};

@@ -1,24 +1,38 @@
 //! Page and flight in one file.
 
 use super::Scene;
+use serde_json::Value;
 
 const FRAME: &str = include_str!("../../assets/view/page.html");
 const STYLE: &str = include_str!("../../assets/view/style.css");
 /// Small first: each uses what those before it declare.
-const SCRIPTS: [&str; 6] = [
+const SCRIPTS: [&str; 10] = [
     include_str!("../../assets/view/data.js"),
     include_str!("../../assets/view/vehicle.js"),
     include_str!("../../assets/view/space.js"),
     include_str!("../../assets/view/plan.js"),
     include_str!("../../assets/view/chart.js"),
+    include_str!("../../assets/view/lists.js"),
+    include_str!("../../assets/view/player.js"),
+    include_str!("../../assets/view/live.js"),
+    include_str!("../../assets/view/control.js"),
     include_str!("../../assets/view/main.js"),
 ];
 
 /// An HTML document that shows a flight in any browser, with nothing else to load.
 #[must_use]
 pub fn page(scene: &Scene) -> String {
+    document(scene.to_json())
+}
+
+/// The same document for a flight in the air, which asks its server for what comes.
+pub(crate) fn live_page(flight: &Value) -> String {
+    document(flight).replacen("connect-src 'none'", "connect-src 'self'", 1)
+}
+
+fn document(flight: &Value) -> String {
     // Within a script element only `<` could end it; in JSON it stands in strings alone.
-    let flight = scene.to_json().to_string().replace('<', "\\u003c");
+    let flight = flight.to_string().replace('<', "\\u003c");
     let script = SCRIPTS.concat();
     let mut document =
         String::with_capacity(FRAME.len() + STYLE.len() + script.len() + flight.len());

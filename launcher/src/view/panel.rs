@@ -156,7 +156,7 @@ impl Panels {
         let by_loop = |title, unit| Panel::new(title, unit).lines(LOOPS, LOOP_COLOURS);
         let along = |title, unit| Panel::new(title, unit).lines(["x", "y", "z"], XYZ);
         let attitude = Panel::new("Attitude", "°").lines(["roll φ", "pitch θ", "yaw ψ"], XYZ);
-        let set_points = ["φ set point", "θ set point", "ψ set point"].into_iter().zip(XYZ);
+        let set_points = ["φ set", "θ set", "ψ set"].into_iter().zip(XYZ);
         Self {
             error: along("Position error", "mm"),
             attitude: set_points.fold(attitude, |panel, (n, c)| panel.dashed(n, c, Dash::Dotted)),

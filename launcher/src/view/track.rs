@@ -52,16 +52,19 @@ impl<const N: usize> Track<N> {
         self.frames.len()
     }
 
-    /// `count` frames `step_ns` apart, one after the other; none if there never was a value.
-    pub(super) fn values(mut self, step_ns: u64, count: usize) -> Vec<f32> {
-        while self.step_ns < step_ns {
-            self.coarsen();
-        }
+    /// Frames `first` to `end`, `step_ns` apart, one after the other; none if there never was a value.
+    pub(super) fn values(&self, step_ns: u64, first: usize, end: usize) -> Vec<f32> {
         let Some(mut last) = self.frames.iter().flatten().next().copied() else {
             return Vec::new();
         };
-        let held = (0..count).map(|i| {
-            last = self.frames.get(i).copied().flatten().unwrap_or(last);
+        let merged = usize::try_from(step_ns / self.step_ns).unwrap_or(1).max(1);
+        let at = |i: usize| {
+            let frames = self.frames.get(i * merged..)?;
+            frames.iter().take(merged).flatten().next().copied()
+        };
+        last = (0..first).rev().find_map(at).unwrap_or(last);
+        let held = (first..end).map(|i| {
+            last = at(i).unwrap_or(last);
             last
         });
         held.flatten().collect()
@@ -77,10 +80,11 @@ mod tests {
         let mut seldom = Track::<2>::default();
         seldom.put(STEP_NS, [1.0, 2.0]);
         seldom.put(3 * STEP_NS, [3.0, 4.0]);
-        let values = seldom.clone().values(STEP_NS, 5);
+        let values = seldom.values(STEP_NS, 0, 5);
         assert_eq!(values, [1.0, 2.0, 1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
-        assert_eq!(seldom.values(2 * STEP_NS, 2), [1.0, 2.0, 3.0, 4.0]);
-        assert!(Track::<2>::default().values(STEP_NS, 3).is_empty());
+        assert_eq!(seldom.values(STEP_NS, 2, 4), [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(seldom.values(2 * STEP_NS, 0, 2), [1.0, 2.0, 3.0, 4.0]);
+        assert!(Track::<2>::default().values(STEP_NS, 0, 3).is_empty());
     }
 
     #[test]
@@ -92,7 +96,7 @@ mod tests {
         assert!(track.len() <= 2 * FRAMES, "{}", track.len());
         let step_ns = track.step_ns();
         let count = track.len();
-        let values = track.values(step_ns, count);
+        let values = track.values(step_ns, 0, count);
         let exact = |(i, value): (usize, &f32)| {
             value.to_bits() == ((i as u64 * step_ns / 1_000_000) as f32).to_bits()
         };

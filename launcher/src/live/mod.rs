@@ -1,0 +1,311 @@
+//! A run in the air, for viewers: `morphquad live`, which `run --live` starts as a process of its own.
+//!
+//! It listens to the run as `topic` does, and hands what it hears on: `viewers` over the Foxglove
+//! WebSocket protocol, where nobody can write, and `desk` to our own page, with buttons for whoever
+//! holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
+//! slowly loses samples here, and the flight knows nothing of it.
+
+mod desk;
+mod past;
+mod picture;
+mod token;
+mod viewers;
+
+use crate::control::client::Conversation;
+use crate::control::runs::Run;
+use crate::control::status::RunStatus;
+use crate::control::{Reply, Request};
+use crate::scenario::{Scenario, ScenarioError};
+use crate::topic::feed::Ending;
+use crate::topic::live::{ListenError, Listening, Word};
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::time::Duration;
+use desk::Desk;
+use picture::Picture;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::namespace::living_runs;
+use shared_types::{Sample, Topic, TopicInfo, TopicVisitor, topics};
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{Builder, JoinHandle};
+use thiserror::Error;
+use token::Token;
+use viewers::Viewers;
+
+/// How long to wait for the next sample before looking at anything else.
+const MOMENT: Duration = Duration::from_millis(50);
+/// How often to ask the launcher who is there.
+const STATUS_EVERY: Duration = Duration::from_millis(500);
+/// How long to look for another launcher once one has gone \[ns\].
+const SUCCESSOR_LIMIT_NS: u64 = 120_000_000_000;
+/// How often to look for it \[ns\].
+const LOOK_EVERY_NS: u64 = 200_000_000;
+/// How long a page may take to fetch the end \[ns\].
+const LAST_LOOK_NS: u64 = 8_000_000_000;
+
+/// Why a run cannot be shown.
+#[derive(Debug, Error)]
+pub enum LiveError {
+    /// It cannot be listened to.
+    #[error(transparent)]
+    Listen(#[from] ListenError),
+    /// What it flies cannot be read.
+    #[error("the scenario of run {run} cannot be read: {cause}")]
+    Scenario {
+        /// The run.
+        run: String,
+        /// What the parser says.
+        cause: ScenarioError,
+    },
+    /// Somebody else has the port, or the address is not this machine's.
+    #[error(
+        "cannot listen on {address}: {cause}; name another with --listen ADDRESS:PORT (run: --live=ADDRESS:PORT), or port 0 for a free one"
+    )]
+    Address {
+        /// As asked for.
+        address: SocketAddr,
+        /// What the system says.
+        cause: String,
+    },
+    /// Threads, sockets, chance.
+    #[error("cannot {action}: {cause}")]
+    System {
+        /// What was tried.
+        action: &'static str,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+}
+
+/// What a server and its threads share.
+#[derive(Debug)]
+struct Shared {
+    picture: Mutex<Picture>,
+}
+
+impl Shared {
+    /// A picture is whole between two samples, whatever happened to whoever held it.
+    fn picture(&self) -> std::sync::MutexGuard<'_, Picture> {
+        self.picture.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Serves one run until it is over.
+pub struct LiveServer {
+    run: Run,
+    listening: Listening,
+    viewers: Viewers,
+    shared: Arc<Shared>,
+    desk: Desk,
+    token: Token,
+    watcher: Option<JoinHandle<()>>,
+    /// Wakes the watcher for the last time.
+    dismiss: Option<Sender<()>>,
+}
+
+impl core::fmt::Debug for LiveServer {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("LiveServer").field("run", &self.run).finish_non_exhaustive()
+    }
+}
+
+impl LiveServer {
+    /// Listens to `run`, and for viewers: the WebSocket at `listen`, the page on the port after it,
+    /// or any free one, of the same address. At most `rate_hz` samples per second of flight of each writer of a topic
+    /// are sent to viewers; all if it is `None`.
+    ///
+    /// # Errors
+    /// [`LiveError`].
+    pub fn open(run: Run, listen: SocketAddr, rate_hz: Option<f64>) -> Result<Self, LiveError> {
+        let file = run.folder().join("scenario.toml");
+        let scenario = Scenario::load(&file.to_string_lossy(), &[])
+            .map_err(|cause| LiveError::Scenario { run: run.id().to_owned(), cause })?;
+        let listening = Listening::to_everything(&run)?;
+        let viewers = Viewers::open(listen, run.id(), &scenario, listening.flying(), rate_hz)?;
+        let picture = Picture::new(run.id(), &scenario, listening.flying());
+        let shared = Arc::new(Shared { picture: Mutex::new(picture) });
+        let token =
+            Token::random().map_err(|cause| LiveError::System { action: "make a token", cause })?;
+        let open = |port: u16| {
+            let address = SocketAddr::new(listen.ip(), port);
+            Desk::open(address, run.clone(), token.clone(), Arc::clone(&shared))
+        };
+        let after = if listen.port() == 0 { 0 } else { listen.port().wrapping_add(1) };
+        let desk = open(after).or_else(|_| open(0))?;
+        let (dismiss, dismissed) = channel();
+        let watcher = watch(run.clone(), Arc::clone(&shared), dismissed)
+            .map_err(|cause| LiveError::System { action: "start a thread", cause })?;
+        let (watcher, dismiss) = (Some(watcher), Some(dismiss));
+        Ok(Self { run, listening, viewers, shared, desk, token, watcher, dismiss })
+    }
+
+    /// Where the page is, with the token in the part that a browser keeps to itself.
+    #[must_use]
+    pub fn page_url(&self) -> String {
+        self.page_at(reachable(self.desk.address()))
+    }
+
+    /// Where Foxglove and its kin connect.
+    #[must_use]
+    pub fn socket_url(&self) -> String {
+        format!("ws://{}", reachable(self.viewers.address()))
+    }
+
+    /// Page and `WebSocket` as other machines find them, if every address of this one is listened at; none
+    /// where it has no address but its own.
+    #[must_use]
+    pub fn urls_elsewhere(&self) -> Vec<String> {
+        let (page, socket) = (self.desk.address(), self.viewers.address());
+        let own = Some(page.ip()).filter(IpAddr::is_unspecified).and_then(|_| outward(page.ip()));
+        own.map_or_else(Vec::new, |ip| {
+            let socket = SocketAddr::new(ip, socket.port());
+            vec![self.page_at(SocketAddr::new(ip, page.port())), format!("ws://{socket}")]
+        })
+    }
+
+    fn page_at(&self, address: SocketAddr) -> String {
+        format!("http://{address}/#token={}", self.token.as_str())
+    }
+
+    /// Hands on what it hears until the flight is over or `end` is set.
+    ///
+    /// # Errors
+    /// The launcher says what this build does not understand.
+    pub fn serve(mut self, end: &AtomicBool) -> Result<(), LiveError> {
+        while !end.load(Ordering::Relaxed) {
+            match self.listening.next(MOMENT)? {
+                Word::Sample(topic, packed) => self.sample(topic, &packed),
+                Word::Told(log) => {
+                    self.viewers.told(&log);
+                    self.shared.picture().told(&log);
+                }
+                Word::Dropped(count) => self.shared.picture().dropped(count),
+                Word::Nothing => {}
+                Word::Ended(ending) => {
+                    self.finish(ending);
+                    return Ok(());
+                }
+                Word::Over => {
+                    let Some(listening) = self.successor(end) else {
+                        let text = "its launcher has died, and nobody goes on with it";
+                        self.finish(Ending { is_good: false, text: text.to_owned() });
+                        return Ok(());
+                    };
+                    self.shared.picture().orphaned(false);
+                    self.listening = listening;
+                }
+            }
+        }
+        let text = "still in the air, but shown no more";
+        self.finish(Ending { is_good: false, text: text.to_owned() });
+        Ok(())
+    }
+
+    fn sample(&mut self, topic: &'static TopicInfo, packed: &[u8]) {
+        let mut picture = self.shared.picture();
+        let mut hand_on =
+            HandOn { topic, packed, viewers: &mut self.viewers, picture: &mut picture };
+        let Ok(()) = topics::visit_all(&mut hand_on);
+    }
+
+    /// Whoever takes the run over from a launcher that has died.
+    fn successor(&self, end: &AtomicBool) -> Option<Listening> {
+        self.shared.picture().orphaned(true);
+        let give_up_ns = mono_now_ns() + SUCCESSOR_LIMIT_NS;
+        while mono_now_ns() < give_up_ns && !end.load(Ordering::Relaxed) {
+            if !living_runs().iter().any(|(id, _)| id == self.run.id()) {
+                return None;
+            }
+            if let Ok(listening) = Listening::to_everything(&self.run) {
+                return Some(listening);
+            }
+            sleep_until(mono_now_ns() + LOOK_EVERY_NS);
+        }
+        None
+    }
+
+    /// Tells the end to whoever is looking, and leaves.
+    fn finish(mut self, ending: Ending) {
+        self.shared.picture().end(ending);
+        self.desk.await_last_look(LAST_LOOK_NS);
+        self.dismiss.take();
+        if let Some(watcher) = self.watcher.take() {
+            let _ = watcher.join();
+        }
+        drop(self.desk);
+        self.viewers.close();
+    }
+}
+
+/// Gives a packed sample to viewers and picture as what it is.
+struct HandOn<'a> {
+    topic: &'static TopicInfo,
+    packed: &'a [u8],
+    viewers: &'a mut Viewers,
+    picture: &'a mut Picture,
+}
+
+impl TopicVisitor for HandOn<'_> {
+    type Error = core::convert::Infallible;
+
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Self::Error> {
+        if topic.info.name == self.topic.name && self.packed.len() == T::PACKED_SIZE {
+            let sample = T::unpack(self.packed);
+            self.viewers.sample(topic, &sample);
+            self.picture.sample(topic, &sample);
+        }
+        Ok(())
+    }
+}
+
+/// Asks the launcher now and then who is there, for the page.
+fn watch(
+    run: Run,
+    shared: Arc<Shared>,
+    dismissed: Receiver<()>,
+) -> std::io::Result<JoinHandle<()>> {
+    Builder::new().name("status".to_owned()).spawn(move || {
+        while dismissed.recv_timeout(STATUS_EVERY) == Err(RecvTimeoutError::Timeout) {
+            let status = status(&run);
+            shared.picture().status(status);
+        }
+    })
+}
+
+fn status(run: &Run) -> Option<RunStatus> {
+    let reply = Conversation::ask(run, &Request::Ps).and_then(|mut asked| asked.hear());
+    match reply {
+        Ok(Reply::Status(status)) => Some(status),
+        _ => None,
+    }
+}
+
+/// An address that a browser on this machine can use.
+fn reachable(address: SocketAddr) -> SocketAddr {
+    let ip = match address.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => std::net::Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(ip) if ip.is_unspecified() => std::net::Ipv6Addr::LOCALHOST.into(),
+        ip => ip,
+    };
+    SocketAddr::new(ip, address.port())
+}
+
+/// Address with which this machine would turn to others, of those it has in the family of `any`.
+fn outward(any: IpAddr) -> Option<IpAddr> {
+    // Kept for documentation (RFC 5737, RFC 3849); nothing is sent to it.
+    let far = |ip: IpAddr| -> IpAddr {
+        match ip {
+            IpAddr::V4(_) => std::net::Ipv4Addr::new(192, 0, 2, 1).into(),
+            IpAddr::V6(_) => std::net::Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into(),
+        }
+    };
+    // Who listens at all of IPv6 listens at all of IPv4, too.
+    let families = [any, std::net::Ipv4Addr::UNSPECIFIED.into()];
+    let mut own = families.into_iter().filter_map(|family| {
+        let socket = UdpSocket::bind((family, 0)).ok()?;
+        socket.connect((far(family), 9)).ok()?;
+        Some(socket.local_addr().ok()?.ip())
+    });
+    own.find(|ip| !ip.is_loopback() && !ip.is_unspecified())
+}
