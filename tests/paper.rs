@@ -15,7 +15,8 @@ const USAGE: i32 = 2;
 /// Exit code for an environment that cannot be worked in.
 const UNFIT: i32 = 3;
 /// The only files with times of this machine in them.
-const MEASURED: [&str; 3] = ["figure-4.svg", "summary.json", "test2-compute-time.csv"];
+const MEASURED: [&str; 4] =
+    ["figure-4.svg", "paper.html", "summary.json", "test2-compute-time.csv"];
 
 fn paper(out: &Path, arguments: &[&str]) -> Output {
     let out = out.display().to_string();
@@ -62,6 +63,7 @@ fn two_runs_pass_and_write_the_same_bytes_but_for_the_compute_times() {
         "figure-4.svg",
         "figure-5.svg",
         "figure-6.svg",
+        "paper.html",
         "test1-rates.csv",
         "test1-trajectories.csv",
         "test2-trajectories.json",
@@ -94,8 +96,12 @@ fn one_test_alone_is_printed_as_json_and_its_tables_are_rectangular() {
         let text = std::str::from_utf8(bytes).expect("text");
         match name.rsplit('.').next() {
             Some("json") => assert!(serde_json::from_str::<Value>(text).is_ok(), "{name}"),
+            Some("html") => {
+                assert!(text.matches("<svg").count() == 2 && text.contains("cannot be matched"));
+            }
             Some("svg") => {
                 assert!(text.starts_with("<svg") && text.ends_with("</svg>"), "{name}");
+                assert!(text.contains(" viewBox=\"0 0 "), "{name} does not scale");
                 assert!(!text.contains("NaN") && !text.contains("inf"), "{name}");
             }
             _ => {

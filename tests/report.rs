@@ -62,8 +62,10 @@ fn the_command_that_a_report_names_flies_the_same_flight_again() {
     let flown = fly(&["hover", "--seed", "7"]);
     let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
     let told: Value = serde_json::from_str(&out).expect("JSON");
-    let command = number(&told, "position_rms_m")["command"].as_str().expect("a command");
+    let command = told["again"].as_str().expect("a command");
     assert_eq!(command, "morphquad run hover --seed 7");
+    let numbers = number(&told, "position_rms_m")["command"].as_str().expect("a command");
+    assert!(numbers.starts_with("morphquad report "), "{numbers}");
     let words: Vec<_> = command.split(' ').skip(2).collect();
     assert_eq!(fly(&words).hash(), number(&told, "hash")["value"].as_str().expect("a hash"));
 }
@@ -81,18 +83,74 @@ fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
     fs::write(folder.path().join("b.mcap"), &whole[..whole.len() * 2 / 3]).expect("room");
     let (code, out, _) = report(folder.path(), &[]);
     assert_eq!(code, Some(1), "{out}");
-    assert!(out.starts_with("FAIL: 1 of 2 flights pass."), "{out}");
-    assert!(out.contains("b.mcap: FAIL: hover: outcome: the file is cut at"), "{out}");
+    let failed = folder.path().join("b.mcap");
+    let failed = format!("FAIL: 1 of 2 flights pass, not {}", failed.display());
+    assert!(out.starts_with(&format!("{failed}.")), "{out}");
+    assert!(out.contains("b.mcap: FAIL: hover: outcome: unknown: the file ends at"), "{out}");
     fs::write(folder.path().join("c.mcap"), b"something else").expect("room");
-    let (code, _, err) = report(folder.path(), &[]);
-    assert_eq!(code, Some(3), "{err}");
-    assert!(err.contains("c.mcap is no morphquad recording"), "{err}");
+    // The others are told of all the same.
+    let (code, out, _) = report(folder.path(), &[]);
+    assert_eq!(code, Some(2), "{out}");
+    assert!(out.starts_with(&format!("{failed}, and a file cannot be read.")), "{out}");
+    assert!(
+        out.contains("a.mcap: PASS") && out.contains("c.mcap is no morphquad recording"),
+        "{out}"
+    );
+    // A complete copy stands for the file that it was made of.
+    let cut = folder.path().join("b.mcap");
+    let recovered = morphquad(["recover"]).arg(cut).output().expect("the executable starts");
+    assert!(recovered.status.success(), "{recovered:?}");
+    let (_, out, _) = report(folder.path(), &[]);
+    assert!(out.starts_with("FAIL: 1 of 2 flights pass, not "), "{out}");
+    assert!(
+        out.contains("b.mcap: recovered as ") && out.contains("b-recovered.mcap: FAIL"),
+        "{out}"
+    );
+}
+
+#[test]
+fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("shove.toml");
+    let shove = r#"
+        [scenario]
+        name = "shove"
+        duration_s = 12.0
+
+        [start]
+        position_w_m = [0.0, 0.0, 5.0]
+
+        [[disturbance_injector.script]]
+        kind = "wind"
+        at_s = 2.0
+        until_s = 3.5
+        mean_w_m_s = [14.0, 0.0, 0.0]
+    "#;
+    fs::write(&path, shove).expect("room");
+    let flown = fly(&[path.to_str().expect("UTF-8")]);
+    let (code, out, _) = report(&flown.recording_path(), &["--format", "json"]);
+    let told: Value = serde_json::from_str(&out).expect("JSON");
+    let largest = number(&told, "position_max_m");
+    assert_eq!((code, &largest["holds"]), (Some(1), &Value::from(false)), "{largest}");
+    let sentence = told["sentence"].as_str().expect("a sentence");
+    assert!(sentence.starts_with("FAIL: shove: tracking error, largest: "), "{sentence}");
+    let what: Vec<_> = told["responses"].as_array().expect("responses").iter().collect();
+    let began = "wind of (14.000, 0.000, 0.000) m/s on average begins";
+    assert!(what[0]["what"] == began && what[0]["at_s"] == 2.0, "{what:?}");
 }
 
 #[test]
 fn a_folder_without_recordings_is_named_with_the_remedy() {
     let folder = tempfile::tempdir().expect("a folder");
     let (code, _, err) = report(folder.path(), &[]);
-    assert_eq!(code, Some(3), "{err}");
+    assert_eq!(code, Some(2), "{err}");
     assert!(err.contains(&*folder.path().display().to_string()) && err.contains("*.mcap"), "{err}");
+}
+
+#[test]
+fn several_files_are_refused_with_their_folder_as_the_remedy() {
+    let (code, out, err) = report(Path::new("flights/a.mcap"), &["flights/b.mcap"]);
+    assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+    assert!(err.contains("`morphquad report flights`"), "{err}");
 }

@@ -4,7 +4,7 @@ mod columns;
 mod document;
 
 pub use columns::{Columns, Kind, ParquetFile, Value};
-pub use document::Document;
+pub use document::{Document, capital};
 
 use crate::figure::Figure;
 use serde::Serialize;
@@ -24,16 +24,19 @@ pub struct Table {
 #[derive(Debug)]
 pub struct ResultsFolder {
     path: PathBuf,
+    /// What the user names it with.
+    flag: &'static str,
     written: Vec<PathBuf>,
 }
 
 /// A result that could not be written.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
 #[error("cannot {action} `{}`", path.display())]
-#[diagnostic(help("name a folder on a disk with room that you may write to: --out DIR"))]
+#[diagnostic(help("name a place on a disk with room that you may write to: {flag}"))]
 pub struct ResultsError {
     action: &'static str,
     path: PathBuf,
+    flag: &'static str,
     source: io::Error,
 }
 
@@ -122,14 +125,31 @@ impl fmt::Display for Table {
 }
 
 impl ResultsFolder {
-    /// Makes the folder, and those above it, if there is none.
+    /// Makes the folder that `--out` names, and those above it, if there is none.
     ///
     /// # Errors
     /// It cannot be made.
     pub fn create(path: &Path) -> Result<Self, ResultsError> {
-        let failed = |source| ResultsError { action: "make", path: path.to_owned(), source };
-        fs::create_dir_all(path).map_err(failed)?;
-        Ok(Self { path: path.to_owned(), written: Vec::new() })
+        Self::named_by("--out DIR", path)
+    }
+
+    /// As [`create`](Self::create), where complaints are to name another flag, with its kind of value.
+    ///
+    /// # Errors
+    /// It cannot be made.
+    pub fn named_by(flag: &'static str, path: &Path) -> Result<Self, ResultsError> {
+        fs::create_dir_all(path).map_err(|source| {
+            let source = match source.kind() {
+                io::ErrorKind::AlreadyExists => io::Error::other("it is there and is no folder"),
+                _ => source,
+            };
+            ResultsError { action: "make the folder", path: path.to_owned(), flag, source }
+        })?;
+        Ok(Self { path: path.to_owned(), flag, written: Vec::new() })
+    }
+
+    fn failed(&self, action: &'static str, path: &Path, source: io::Error) -> ResultsError {
+        ResultsError { action, path: path.to_owned(), flag: self.flag, source }
     }
 
     /// Where it is.
@@ -155,7 +175,7 @@ impl ResultsFolder {
                 self.written.push(path);
                 Ok(())
             }
-            Err(source) => Err(ResultsError { action: "write", path, source }),
+            Err(source) => Err(self.failed("write", &path, source)),
         }
     }
 
@@ -166,7 +186,7 @@ impl ResultsFolder {
     pub fn replace(&mut self, name: &str, content: &[u8]) -> Result<(), ResultsError> {
         let (path, partial) = (self.path.join(name), self.path.join(format!("{name}.partial")));
         let replaced = fs::write(&partial, content).and_then(|()| fs::rename(&partial, &path));
-        replaced.map_err(|source| ResultsError { action: "write", path: path.clone(), source })?;
+        replaced.map_err(|source| self.failed("write", &path, source))?;
         self.written.push(path);
         Ok(())
     }
@@ -185,11 +205,8 @@ impl ResultsFolder {
     /// Those of [`Self::write`], and a value that JSON cannot hold.
     pub fn json(&mut self, name: &str, value: &impl Serialize) -> Result<(), ResultsError> {
         let name = format!("{name}.json");
-        let mut text = serde_json::to_vec_pretty(value).map_err(|error| ResultsError {
-            action: "write",
-            path: self.path.join(&name),
-            source: error.into(),
-        })?;
+        let mut text = serde_json::to_vec_pretty(value)
+            .map_err(|error| self.failed("write", &self.path.join(&name), error.into()))?;
         text.push(b'\n');
         self.write(&name, &text)
     }
@@ -208,10 +225,8 @@ impl ResultsFolder {
     /// Those of [`Self::write`], and a picture that cannot be drawn.
     pub fn bitmap(&mut self, name: &str, figure: &Figure) -> Result<(), ResultsError> {
         let name = format!("{name}.png");
-        let bytes = figure.to_png().map_err(|error| ResultsError {
-            action: "draw",
-            path: self.path.join(&name),
-            source: io::Error::other(error),
+        let bytes = figure.to_png().map_err(|error| {
+            self.failed("draw", &self.path.join(&name), io::Error::other(error))
         })?;
         self.write(&name, &bytes)
     }
@@ -237,6 +252,10 @@ mod tests {
         assert!(error.to_string().contains("/dev/null/results"), "{error}");
         let report = format!("{:?}", miette::Report::new(error));
         assert!(report.contains("--out DIR"), "{report}");
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let error = ResultsFolder::named_by("--png DIR", file.path()).unwrap_err();
+        let report = format!("{:?}", miette::Report::new(error));
+        assert!(report.contains("--png DIR") && report.contains("is no folder"), "{report}");
     }
 
     #[test]

@@ -8,6 +8,9 @@ use crate::paper::{Findings, PaperError, Test, report};
 use crate::results::{ResultsError, ResultsFolder};
 use std::io::{self, Write};
 
+/// Everything to look at.
+const PAGE: &str = "paper.html";
+
 /// Runs the tests asked for and gives the exit code.
 ///
 /// # Errors
@@ -35,6 +38,7 @@ fn write(findings: &[Findings], folder: &mut ResultsFolder) -> Result<(), Result
     for found in findings {
         report::write(found, folder)?;
     }
+    folder.write(PAGE, report::page(findings).as_bytes())?;
     folder.json("summary", &report::summary(findings))
 }
 
@@ -53,11 +57,9 @@ fn print(
             let pictures = findings.iter().flat_map(|found| &found.figures);
             let pictures: Vec<String> = pictures.map(|(name, _)| format!("{name}.svg")).collect();
             let (count, path) = (folder.written().len(), folder.path().display());
-            writeln!(
-                out,
-                "{count} files in {path}: {}, tables, trajectories",
-                pictures.join(", ")
-            )?;
+            let names = pictures.join(", ");
+            writeln!(out, "{count} files in {path}: {names}, tables, trajectories")?;
+            writeln!(out, "{path}/{PAGE}: open it in a browser")?;
         }
     }
     out.flush()

@@ -1,70 +1,124 @@
 //! `morphquad report`: a recording judged, told and drawn.
 
+use super::flown::{self, Writers, unreadable};
+use super::keep_safe::write_page;
 use super::options::{Format, ReportArguments};
+use super::recover::RECOVERED;
 use super::refusal::{Done, Failure};
 use crate::exit;
 use crate::record::read::RecordedFlight;
-use crate::report::{Report, document, pictures};
+use crate::report::{Folder, Report, document, pictures};
 use crate::results::ResultsFolder;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Reports on one recording or on all of a folder; 1 if a gate fails.
+/// Reports on one recording or on all of a folder; 1 if a gate fails, 2 if a file cannot be read.
 pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write) -> Done {
-    let flights = if arguments.file.is_dir() {
-        let files = recordings_in(&arguments.file)?;
-        let open = |path: &PathBuf| RecordedFlight::open(path).map_err(|error| unfit(&error));
-        files.iter().map(open).collect::<Result<Vec<_>, _>>()?
-    } else {
-        vec![super::flown::open(&arguments.file)?]
-    };
-    let bar = super::bar::bar(flights.len(), "recordings");
-    let mut reports = Vec::with_capacity(flights.len());
-    for flight in &flights {
-        reports.push(Report::of(flight).map_err(|error| unfit(&error))?);
-        bar.inc(1);
+    if !arguments.more.is_empty() {
+        let folder = arguments.file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).display();
+        let told = format!(
+            "report takes one recording, or all of a folder, not several: try `morphquad report {folder}`"
+        );
+        return Err(unreadable(&told));
     }
-    bar.finish_and_clear();
-    if let Some(folder) = &arguments.png {
-        write_pictures(&reports, folder)?;
+    let is_folder = arguments.file.is_dir();
+    let folder = if is_folder {
+        of_folder(&recordings_in(&arguments.file)?)
+    } else {
+        let flight = flown::open(&arguments.file)?;
+        if let Some(run) = Writers::now().of(&flight) {
+            let file = arguments.file.display();
+            return Err(unreadable(&format!(
+                "{file}: {}; look at it with `morphquad top --run {run}`",
+                in_the_air(&run)
+            )));
+        }
+        let busy = super::bar::busy("reading");
+        let report = Report::of(&flight);
+        drop(busy);
+        Folder { reports: vec![report.map_err(|error| unreadable(&error))?], ..Folder::default() }
+    };
+    if let Some(path) = &arguments.png {
+        write_pictures(&folder.reports, path)?;
     }
     if let Some(path) = &arguments.html {
-        std::fs::write(path, document(&reports)).map_err(|error| {
-            let path = path.display();
-            unfit(&format!("cannot write {path}: {error}; give --html a file that you may write"))
-        })?;
+        write_page(path, document(&folder), "--html")?;
     }
-    tell(&reports, arguments, out)?;
-    let passes = reports.iter().all(Report::passes);
-    Ok(if passes { exit::PASS } else { exit::GATE_FAILED })
+    let verdict = match &folder {
+        Folder { unread, .. } if !unread.is_empty() => exit::USAGE,
+        Folder { reports, .. } if !reports.iter().all(Report::passes) => exit::GATE_FAILED,
+        _ => exit::PASS,
+    };
+    match tell(&folder, is_folder, arguments, out) {
+        // Who has read enough, such as `head`, makes no pass of a fail.
+        Err(Failure::Unwritten(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(verdict),
+        told => told.map(|()| verdict),
+    }
 }
 
-fn unfit(error: &dyn std::fmt::Display) -> Failure {
-    Failure::plain(&error, exit::UNFIT)
+/// Whatever can be told of a folder's files; what cannot be read, or is not to be judged, is named.
+fn of_folder(files: &[PathBuf]) -> Folder {
+    let bar = super::bar::bar(files.len(), "recordings");
+    let mut folder = Folder::default();
+    let writers = Writers::now();
+    for path in files {
+        let file = || path.display().to_string();
+        bar.inc(1);
+        if let Some(copy) = recovered(path).filter(|copy| files.contains(copy)) {
+            let why = format!("recovered as {}, which is judged instead", copy.display());
+            folder.left_out.push((file(), why));
+            continue;
+        }
+        let flight = RecordedFlight::open(path);
+        if let Some(run) = flight.as_ref().ok().and_then(|flight| writers.of(flight)) {
+            folder.left_out.push((file(), in_the_air(&run)));
+            continue;
+        }
+        let report = flight.map_err(|error| error.to_string());
+        let report =
+            report.and_then(|flight| Report::of(&flight).map_err(|error| error.to_string()));
+        match report {
+            Ok(report) => folder.reports.push(report),
+            Err(why) => folder.unread.push((file(), why)),
+        }
+    }
+    bar.finish_and_clear();
+    folder
+}
+
+fn in_the_air(run: &str) -> String {
+    format!("run {run} is in the air and still writes it; it is judged when the run is over")
+}
+
+/// Where `recover` puts the complete copy of a recording.
+fn recovered(path: &Path) -> Option<PathBuf> {
+    let stem = path.file_stem()?.to_string_lossy();
+    Some(path.with_file_name(format!("{stem}{RECOVERED}")))
 }
 
 fn tell(
-    reports: &[Report],
+    folder: &Folder,
+    is_folder: bool,
     arguments: &ReportArguments,
     out: &mut dyn Write,
 ) -> Result<(), Failure> {
-    match arguments.format {
-        Format::Json => {
-            let told: serde_json::Value = match reports {
-                [one] if !arguments.file.is_dir() => one.to_json(),
-                several => several.iter().map(Report::to_json).collect(),
-            };
-            writeln!(out, "{told}")?;
-        }
-        Format::Text if arguments.file.is_dir() => {
-            let passed = reports.iter().filter(|report| report.passes()).count();
-            let word = if passed == reports.len() { "PASS" } else { "FAIL" };
-            writeln!(out, "{word}: {passed} of {} flights pass.", reports.len())?;
+    match (arguments.format, &folder.reports[..]) {
+        (Format::Json, [one]) if !is_folder => writeln!(out, "{}", one.to_json())?,
+        (Format::Json, _) => writeln!(out, "{}", folder.to_json())?,
+        (Format::Text, reports) if is_folder => {
+            writeln!(out, "{}", folder.sentence())?;
             for report in reports {
                 writeln!(out, "{}: {}", report.file, report.sentence)?;
             }
+            for (_, why) in &folder.unread {
+                writeln!(out, "{why}")?;
+            }
+            for (file, why) in &folder.left_out {
+                writeln!(out, "{file}: {why}")?;
+            }
         }
-        Format::Text => {
+        (Format::Text, reports) => {
             for report in reports {
                 write!(out, "{report}")?;
             }
@@ -81,14 +135,11 @@ fn tell(
 fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let failed = |error: &dyn std::fmt::Display| {
         let folder = folder.display();
-        unfit(&format!("cannot report on {folder}: {error}; give a recording or a folder of them"))
+        unreadable(&format!(
+            "cannot report on {folder}: {error}; give a recording or a folder of them"
+        ))
     };
-    let entries = std::fs::read_dir(folder).map_err(|error| failed(&error))?;
-    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
-    let mut files: Vec<_> = paths
-        .filter(|path| path.extension().is_some_and(|extension| extension == "mcap"))
-        .collect();
-    files.sort();
+    let files = flown::recordings_in(folder).map_err(|error| failed(&error))?;
     if files.is_empty() { Err(failed(&"it holds no file *.mcap")) } else { Ok(files) }
 }
 
@@ -98,7 +149,7 @@ fn write_pictures(reports: &[Report], folder: &Path) -> Result<(), Failure> {
         let name = Path::new(&report.file).file_stem().unwrap_or_default();
         let folder = if reports.len() > 1 { folder.join(name) } else { folder.to_owned() };
         let failed = |error| Failure::report(error, exit::UNFIT);
-        let mut folder = ResultsFolder::create(&folder).map_err(failed)?;
+        let mut folder = ResultsFolder::named_by("--png DIR", &folder).map_err(failed)?;
         for (name, figure) in pictures(report) {
             folder.bitmap(name, &figure).map_err(failed)?;
         }

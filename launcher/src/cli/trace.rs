@@ -1,10 +1,10 @@
 //! `morphquad trace`: where a command's time went, from a recording.
 
+use super::flown::{recorded, unreadable};
 use super::options::{Format, TraceArguments};
 use super::refusal::{Done, Failure};
 use crate::exit;
-use crate::record::read::RecordedFlight;
-use crate::trace::{Chain, Report, SEGMENTS, Trace, Traced, trace};
+use crate::trace::{Chain, SEGMENTS, Sum, Traced, trace};
 use serde_json::{Map, Value, json};
 use shared_types::Header;
 use std::fmt::Write as _;
@@ -12,28 +12,29 @@ use std::io::Write;
 
 /// Shows a summary, or one command's chain.
 pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {
-    let unfit = |error| Failure::plain(&error, exit::UNFIT);
-    let flight = RecordedFlight::open(&arguments.file).map_err(unfit)?;
-    let busy = super::bar::busy("reading");
-    let traced = trace(&flight);
-    drop(busy);
-    let traced = traced.map_err(unfit)?;
+    let flight = recorded(&arguments.file)?;
     let file = flight.path().display().to_string();
+    let busy = super::bar::busy("reading");
     let (text, json, complete) = match arguments.command {
         None => {
-            let report = Report::new(&traced);
+            let mut sum = Sum::default();
+            let ended = trace(&flight, |traced| sum.add(traced));
+            let report = sum.report(&ended.map_err(|error| unreadable(&error))?);
             let mut json = report.to_json();
             json["file"] = json!(file);
             (report.to_string(), json, report.is_complete())
         }
         Some(sequence) => {
-            let found = find(&traced, sequence, arguments.seat)?;
-            let text = found.iter().map(|one| text_of(one)).collect::<Vec<_>>().join("\n");
-            let commands: Vec<_> = found.iter().map(|one| json_of(one)).collect();
+            let mut wanted = Wanted::new(sequence, arguments.seat);
+            trace(&flight, |traced| wanted.see(traced)).map_err(|error| unreadable(&error))?;
+            let found = wanted.found()?;
+            let text = found.iter().map(text_of).collect::<Vec<_>>().join("\n");
+            let commands: Vec<_> = found.iter().map(json_of).collect();
             let complete = found.iter().all(|one| one.chain.is_ok());
             (text, json!({ "file": file, "commands": commands }), complete)
         }
     };
+    drop(busy);
     match arguments.format {
         Format::Text => out.write_all(text.as_bytes())?,
         Format::Json => writeln!(out, "{json}")?,
@@ -43,21 +44,45 @@ pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {
 }
 
 /// Every command of a sequence; two seats, or two lives of one, may both have sent one.
-fn find(trace: &Trace, sequence: u64, seat: Option<u32>) -> Result<Vec<&Traced>, Failure> {
-    let of_seat = |traced: &&Traced| seat.is_none_or(|seat| traced.command.seat == seat);
-    let of_seat = trace.commands.iter().filter(of_seat);
-    let found: Vec<_> = of_seat.clone().filter(|t| t.command.sequence == sequence).collect();
-    if !found.is_empty() {
-        return Ok(found);
+struct Wanted {
+    sequence: u64,
+    seat: Option<u32>,
+    found: Vec<Traced>,
+    /// First and last sequence there is.
+    range: Option<(u64, u64)>,
+}
+
+impl Wanted {
+    fn new(sequence: u64, seat: Option<u32>) -> Self {
+        Self { sequence, seat, found: Vec::new(), range: None }
     }
-    let sequences = of_seat.map(|traced| traced.command.sequence);
-    let whose = seat.map_or(String::new(), |seat| format!(" of seat {seat}"));
-    let there_are = match (sequences.clone().min(), sequences.max()) {
-        (Some(first), Some(last)) => format!("the file has {first} to {last}{whose}"),
-        _ => format!("the file has none{whose}"),
-    };
-    let what = format!("--command {sequence}: no wrench command has this sequence; {there_are}");
-    Err(Failure::plain(&what, exit::USAGE))
+
+    fn see(&mut self, traced: &Traced) {
+        let Header { seat, sequence, .. } = traced.command;
+        if self.seat.is_some_and(|wanted| wanted != seat) {
+            return;
+        }
+        let (first, last) = self.range.unwrap_or((sequence, sequence));
+        self.range = Some((first.min(sequence), last.max(sequence)));
+        if sequence == self.sequence {
+            self.found.push(traced.clone());
+        }
+    }
+
+    fn found(self) -> Result<Vec<Traced>, Failure> {
+        if !self.found.is_empty() {
+            return Ok(self.found);
+        }
+        let whose = self.seat.map_or(String::new(), |seat| format!(" of seat {seat}"));
+        let there_are = match self.range {
+            Some((first, last)) => format!("the file has {first} to {last}{whose}"),
+            None => format!("the file has none{whose}"),
+        };
+        let sequence = self.sequence;
+        let what =
+            format!("--command {sequence}: no wrench command has this sequence; {there_are}");
+        Err(Failure::plain(&what, exit::USAGE))
+    }
 }
 
 /// The samples of a chain with their topics, in the order of time.

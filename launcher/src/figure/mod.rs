@@ -67,6 +67,8 @@ pub struct Axis {
     pub log: bool,
     /// Distance of the ticks; what fits if `None`.
     pub tick_step: Option<f64>,
+    /// Written at 1, 2, ... instead of numbers; numbers if empty.
+    pub names: Vec<String>,
 }
 
 /// Points joined by a line or shown as marks. A point that is not finite breaks the line.
@@ -261,7 +263,8 @@ impl Axis {
     /// A linear axis over what the data needs.
     #[must_use]
     pub fn new(label: impl Into<String>) -> Self {
-        Self { label: label.into(), range: None, log: false, tick_step: None }
+        let (label, names) = (label.into(), Vec::new());
+        Self { label, range: None, log: false, tick_step: None, names }
     }
 
     /// A logarithmic one: values must be positive.
@@ -274,6 +277,14 @@ impl Axis {
     #[must_use]
     pub fn range(mut self, from: f64, to: f64) -> Self {
         self.range = Some([from, to]);
+        self
+    }
+
+    /// With names at 1, 2, ... and nothing between.
+    #[must_use]
+    pub fn named(mut self, names: Vec<String>) -> Self {
+        self.range = Some([0.5, names.len() as f64 + 0.5]);
+        self.names = names;
         self
     }
 

@@ -5,7 +5,7 @@ use super::{Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel};
 /// One stretch of a way, over many of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
-    /// In the legend.
+    /// Beside it, or in the legend.
     pub name: String,
     /// Half take at most this \[µs\].
     pub p50_us: f64,
@@ -28,8 +28,13 @@ pub fn us(us: f64) -> String {
 /// the 99 %; `whole` is the way from end to end. A stretch that nobody had is left empty.
 #[must_use]
 pub fn waterfall(title: &str, stretches: &[Option<Stretch>], whole: Option<&Stretch>) -> Figure {
+    let told = |stretch: &Option<Stretch>| {
+        let told = |s: &Stretch| format!("{}: {} us", s.name, us(s.p50_us));
+        stretch.as_ref().map_or_else(String::new, told)
+    };
+    // From bottom to top.
+    let y = Axis::new("").named(stretches.iter().rev().map(told).collect());
     let rows = stretches.len() as f64;
-    let y = Axis::new("").range(0.0, rows).ticks(rows.max(1.0));
     // Room beyond the 99 %; what is slower still would leave nothing to see of the rest.
     let far_us = whole.map_or(1.0, |whole| 1.1 * whole.p99_us.max(1.0));
     let x = Axis::new("from the release [us]").range(0.0, far_us);
@@ -38,17 +43,12 @@ pub fn waterfall(title: &str, stretches: &[Option<Stretch>], whole: Option<&Stre
     for (index, stretch) in stretches.iter().enumerate() {
         let Some(stretch) = stretch else { continue };
         let colour = Colour::SERIES[index % Colour::SERIES.len()];
-        let middle = rows - index as f64 - 0.5;
+        let middle = rows - index as f64;
         let (to_us, late_us) = (from_us + stretch.p50_us, (from_us + stretch.p99_us).min(far_us));
         // Filled, as far as lines can.
         for step in -8_i32..=8 {
             let y = middle + f64::from(step) * 0.04;
-            let label = if step == 0 {
-                format!("{}: {} us", stretch.name, us(stretch.p50_us))
-            } else {
-                String::new()
-            };
-            panel = panel.curve(Curve::new(label, colour, vec![[from_us, y], [to_us, y]]));
+            panel = panel.curve(Curve::new("", colour, vec![[from_us, y], [to_us, y]]));
         }
         let tail = vec![[to_us, middle], [late_us, middle]];
         panel = panel.curve(Curve::new("", colour, tail).mark(Mark::Line(Dash::Dotted)));

@@ -1,8 +1,8 @@
 //! What was found, for the terminal, for machines and as files.
 
 use super::rig::{Blow, Experiment, Sample, World};
-use super::{Findings, Run};
-use crate::results::{ResultsError, ResultsFolder, Table};
+use super::{Check, Findings, Run};
+use crate::results::{Document, ResultsError, ResultsFolder, Table, capital};
 use attitude_mpc::{HorizonChoice, SolverKind, TorqueBound};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -77,6 +77,54 @@ pub fn summary(findings: &[Findings]) -> Value {
     };
     json!({ "holds": holds(findings), "tests": findings.iter().map(test).collect::<Vec<_>>() })
 }
+
+/// All of it as one page: verdicts, what is not matched and why, figures, tables.
+#[must_use]
+pub fn page(findings: &[Findings]) -> String {
+    let checks = || findings.iter().flat_map(|found| &found.checks);
+    let held = checks().filter(|check| check.holds).count();
+    let remarks = findings.iter().flat_map(|found| &found.sections).flat_map(|s| &s.remarks);
+    let unmatched: Vec<_> = remarks.filter_map(|remark| remark.strip_prefix(NOT_MATCHED)).collect();
+    let verdict = format!(
+        "{held} of {} claims that are checked hold; of {} more it is said below why they cannot be matched.",
+        checks().count(),
+        unmatched.len()
+    );
+    let mut page = Document::new("morphquad paper").verdict(holds(findings), &verdict);
+    page = page.paragraph(
+        "Attitude control for morphing quadrotor through model predictive control with constraints (Zhao et \
+         al.): Tests I to III run again. Crosses, dotted lines, grey bands and dashed ranges in the figures, and \
+         the columns named after the paper, are the printed numbers; everything else is ours.",
+    );
+    if !unmatched.is_empty() {
+        page = page.heading("What cannot be matched");
+    }
+    for remark in unmatched {
+        page = page.paragraph(&capital(remark.trim_start()));
+    }
+    for found in findings {
+        page = page.heading(found.title);
+        let mut claims = Table::new(["claim", "found", ""]);
+        for Check { claim, found, holds } in &found.checks {
+            let verdict = if *holds { "holds" } else { "FAILS" };
+            claims.push([claim.as_str(), found, verdict]);
+        }
+        page = page.table(&claims);
+        for (_, figure) in &found.figures {
+            page = page.figure(figure);
+        }
+        for section in &found.sections {
+            page = page.subheading(&section.title).table(&section.table);
+            for remark in &section.remarks {
+                page = page.paragraph(remark);
+            }
+        }
+    }
+    page.to_html()
+}
+
+/// Begins a remark about what the paper says and nobody finds.
+const NOT_MATCHED: &str = "Not matched:";
 
 /// Writes tables, trajectories and pictures of a test.
 ///

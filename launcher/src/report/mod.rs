@@ -3,23 +3,27 @@
 //!
 //! Numbers come from the samples in the file, not from what the flight said of itself: `observe.rs` goes
 //! through them, `numbers.rs` judges them, `response.rs` looks at what followed each disturbance, swap and
-//! fault, `pictures.rs` draws, `told.rs` writes it down.
+//! fault, `orders.rs` at what became of each order, `pictures.rs` draws, `told.rs` writes it down.
 
 mod numbers;
 mod observe;
+mod orders;
 mod pictures;
 mod response;
 mod told;
 
 pub use numbers::Number;
+pub(crate) use observe::recount;
+pub use orders::Ordered;
 pub use pictures::pictures;
 pub use response::Response;
-pub use told::document;
+pub use told::{Folder, document};
 
 use crate::record::read::RecordedFlight;
 use crate::trace::{self, trace};
 use crate::view::{Gathered, ViewError, gather};
 use observe::Observed;
+use pictures::Tails;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -32,10 +36,16 @@ pub struct Report {
     pub scenario: String,
     /// In one sentence: pass or fail, and why.
     pub sentence: String,
+    /// What the file lacks, in a sentence; empty if it is all of its flight.
+    pub lacks: String,
+    /// The command that flies it again.
+    pub again: String,
     /// Every number, in the order told.
     pub numbers: Vec<Number>,
     /// What followed what.
     pub responses: Vec<Response>,
+    /// What was ordered, and what came of it.
+    pub orders: Vec<Ordered>,
     /// Changes of who commands, as the flight told them.
     pub swaps: serde_json::Value,
     /// Samples by topic and seat.
@@ -45,7 +55,7 @@ pub struct Report {
     /// Run, build and machine.
     pub facts: BTreeMap<String, String>,
     gathered: Gathered,
-    trace: trace::Trace,
+    tails: Tails,
 }
 
 /// Samples of one seat of one topic.
@@ -55,6 +65,8 @@ pub struct AuditRow {
     pub topic: String,
     /// Seat of the producer.
     pub seat: u32,
+    /// Processes that sat there and wrote, one after the other; each numbers on its own.
+    pub writers: u64,
     /// In the file.
     pub samples: u64,
     /// Sequence of the first.
@@ -66,16 +78,21 @@ pub struct AuditRow {
 }
 
 impl Report {
-    /// Goes through a recording, in bounded memory but for the headers of its commands.
+    /// Goes through a recording, in bounded memory but for four lengths of each command.
     ///
     /// # Errors
     /// The file is damaged, or nothing was flown.
     pub fn of(flight: &RecordedFlight) -> Result<Self, ViewError> {
         let gathered = gather(flight)?;
         let observed = Observed::of(flight)?;
-        let trace = trace(flight)?;
-        let latency = trace::Report::new(&trace);
+        let (mut sum, mut tails) = (trace::Sum::default(), Tails::default());
+        let ended = trace(flight, |traced| {
+            sum.add(traced);
+            tails.add(traced);
+        })?;
+        let latency = sum.report(&ended);
         let responses = response::responses(&gathered);
+        let orders = orders::ordered(&gathered, &observed.pursuits, &responses);
         let numbers = numbers::numbers(flight, &gathered, &observed, &latency);
         let scenario = flight.scenario().settings().scenario.name.clone();
         let swaps =
@@ -84,14 +101,17 @@ impl Report {
             file: flight.path().display().to_string(),
             sentence: numbers::sentence(&scenario, &numbers, &observed, &latency),
             scenario,
+            lacks: lacks(&gathered),
+            again: numbers::flown_again(flight, &gathered.closing),
             numbers,
             responses,
+            orders,
             swaps: swaps.unwrap_or_else(|| serde_json::json!([])),
             audit: observed.audit_rows(),
             latency,
             facts: flight.facts().clone(),
             gathered,
-            trace,
+            tails: tails.sorted(),
         })
     }
 
@@ -101,14 +121,51 @@ impl Report {
         self.numbers.iter().all(|number| number.holds != Some(false))
     }
 
+    /// True if time stood still whenever a step was not done: then a latency is the machine's own, and
+    /// nobody ever was late.
+    fn is_lockstep(&self) -> bool {
+        self.facts.get("clock").is_some_and(|clock| clock == "lockstep")
+    }
+
     /// For machines.
     #[must_use]
     pub fn to_json(&self) -> serde_json::Value {
-        let Self { file, scenario, sentence, numbers, responses, swaps, audit, facts, .. } = self;
+        let Self { file, scenario, sentence, lacks, again, numbers, responses, .. } = self;
+        let Self { orders, swaps, audit, facts, .. } = self;
         serde_json::json!({
             "file": file, "scenario": scenario, "pass": self.passes(), "sentence": sentence,
-            "numbers": numbers, "responses": responses, "swaps": swaps, "audit": audit,
-            "latency": self.latency.to_json(), "facts": facts,
+            "lacks": lacks, "again": again, "numbers": numbers, "responses": responses, "orders": orders,
+            "swaps": swaps, "audit": audit, "latency": self.latency.to_json(),
+            "latency_is_of_lockstep": self.is_lockstep(), "facts": facts,
         })
     }
+}
+
+/// What an incomplete file does not tell.
+fn lacks(gathered: &Gathered) -> String {
+    let why = gathered.closing.to_string();
+    if why.is_empty() {
+        return why;
+    }
+    let ends_in_order = !gathered.closing.summary.is_empty();
+    if gathered.closing.has_holes() {
+        let end = if ends_in_order { "" } else { ", nor how the flight ended" };
+        return format!(
+            "The file has holes: {why}. What was in the damaged parts is not in it{end}; every number here \
+             is computed from the samples that are."
+        );
+    }
+    if ends_in_order {
+        return format!("The file lacks its own end: {why}. All of the flight is in it.");
+    }
+    let until_s = gathered.span_ns.1 as f64 * 1e-9;
+    let remedy = match gathered.closing.recovered {
+        None => " `morphquad recover` makes a complete file of it.",
+        Some(_) => "",
+    };
+    format!(
+        "The file is not all of its flight: {why}. It ends at {until_s:.3} s. How the flight ended, what it \
+         counted itself and how its swaps came out are not in it; every number here is computed from the \
+         samples that are.{remedy}"
+    )
 }

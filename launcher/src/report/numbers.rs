@@ -2,8 +2,8 @@
 
 use super::observe::Observed;
 use crate::record::Clock;
-use crate::record::read::RecordedFlight;
-use crate::run::Effort;
+use crate::record::read::{Closing, RecordedFlight};
+use crate::run::{Effort, LOST_M, Metrics};
 use crate::scenario::{Override, Scenario};
 use crate::trace;
 use crate::view::Gathered;
@@ -25,7 +25,7 @@ pub struct Number {
     pub gate: &'static str,
     /// Whether it is.
     pub holds: Option<bool>,
-    /// Gives it again.
+    /// Computes it again.
     pub command: String,
 }
 
@@ -72,13 +72,14 @@ pub(super) fn numbers(
 ) -> Vec<Number> {
     let file = flight.path().display();
     let mut numbers = Numbers { section: "", command: String::new(), all: Vec::new() };
-    let again = flown_again(flight);
+    let again = format!("morphquad report {file}");
     numbers.section("flight", &again);
     of_flight(flight, gathered, observed, &mut numbers);
     numbers.section("constraints", &again);
     of_constraints(gathered, observed, &mut numbers);
     numbers.section("timing", &again);
     of_timing(flight, observed, &mut numbers);
+    of_commands(gathered, &observed.metrics, &mut numbers);
     numbers.section("latency", &format!("morphquad trace {file}"));
     of_latency(latency, &mut numbers);
     numbers.section("recording", &format!("morphquad replay {file} --hash"));
@@ -87,7 +88,7 @@ pub(super) fn numbers(
 }
 
 /// The command that flies it again: by name if it is a shipped scenario with at most another seed.
-fn flown_again(flight: &RecordedFlight) -> String {
+pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String {
     let settings = &flight.scenario().settings().scenario;
     let seed = format!("scenario.seed={}", settings.seed);
     let realtime = matches!(flight.clock(), Clock::Realtime { .. });
@@ -101,6 +102,9 @@ fn flown_again(flight: &RecordedFlight) -> String {
     if is_shipped && flight.branched().is_none() {
         let clock = if realtime { " --clock realtime" } else { "" };
         return format!("morphquad run {} --seed {}{clock}", settings.name, settings.seed);
+    }
+    if closing.has_holes() {
+        return "nothing, for the file has holes".to_owned();
     }
     format!("morphquad replay {} --verify", flight.path().display())
 }
@@ -116,21 +120,24 @@ fn of_flight(
     numbers: &mut Numbers,
 ) {
     let metrics = &observed.metrics;
-    let outcome = match gathered.closing.summary.get("outcome") {
-        Some(outcome) => outcome.clone(),
-        None => format!("the file is cut at {:.3} s", gathered.span_ns.1 as f64 * 1e-9),
-    };
+    let told = gathered.closing.summary.get("outcome").cloned();
+    let outcome = told.unwrap_or_else(|| {
+        let until_s = gathered.span_ns.1 as f64 * 1e-9;
+        format!("unknown: the file ends at {until_s:.3} s, {}", gathered.closing)
+    });
     let good = outcome == "flown";
     numbers.add(("outcome", "outcome"), outcome, Some(("flown", good)));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
-    let flown_s = gathered.closing.summary.get("flown_s").map_or("?", String::as_str);
+    let flown_s = gathered.closing.summary.get("flown_s").cloned();
+    let flown_s = flown_s.unwrap_or_else(|| format!("{:.3}", gathered.span_ns.1 as f64 * 1e-9));
     numbers.tell(("flown_s", "flown"), format!("{flown_s} s of {planned_s:.3} s"));
     let tracking = metrics.tracking();
     if tracking.samples > 0 {
         numbers.tell(("position_rms_m", "tracking error, rms"), mm(tracking.rms_m));
-        numbers.tell(("position_max_m", "tracking error, largest"), mm(tracking.max_m));
+        let gate = Some(("at most 1 m", tracking.max_m <= LOST_M));
+        numbers.add(("position_max_m", "tracking error, largest"), mm(tracking.max_m), gate);
         let off = tracking.last_second_m;
-        let gate = Some(("at most 1 m", off <= 1.0));
+        let gate = Some(("at most 1 m", off <= LOST_M));
         numbers.add(("position_last_second_m", "error in the last second, mean"), mm(off), gate);
     }
     for (axis, response) in
@@ -141,13 +148,12 @@ fn of_flight(
             "settled {settled}, peak {:.4} rad, at the end {:.1e} rad off",
             response.peak_rad, response.final_error_rad
         );
-        let holds = response.final_error_rad.abs() <= 1.0;
         let names = match *axis {
             "roll" => ("roll_step", "step of the roll"),
             "pitch" => ("pitch_step", "step of the pitch"),
             _ => ("yaw_step", "step of the yaw"),
         };
-        numbers.add(names, value, Some(("at the end at most 1 rad off", holds)));
+        numbers.add(names, value, Some(("settled at the end", response.settling_s.is_some())));
     }
     numbers.tell(
         ("tilt_max_deg", "largest tilt"),
@@ -204,11 +210,14 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
 
 fn of_timing(flight: &RecordedFlight, observed: &Observed, numbers: &mut Numbers) {
     let metrics = &observed.metrics;
-    let stats = || metrics.all_loop_stats();
+    let loops = metrics.loops();
+    let stats = || loops.iter();
     let missed = stats().map(|s| s.skipped + s.input_deadline_misses).sum::<u64>();
     let late = stats().map(|s| s.late_samples).sum::<u64>();
     let unseen = stats().map(|s| s.lost_samples).sum::<u64>();
-    if flight.clock() == Clock::Lockstep {
+    // Whoever kills a process on purpose wants to see what it costs.
+    let unharmed = flight.scenario().settings().fault.is_empty();
+    if flight.clock() == Clock::Lockstep && unharmed {
         numbers.none(("missed_ticks", "missed deadlines and skipped releases"), missed);
         numbers.none(("late_samples", "samples after their step"), late);
     } else {
@@ -216,14 +225,24 @@ fn of_timing(flight: &RecordedFlight, observed: &Observed, numbers: &mut Numbers
         numbers.tell(("late_samples", "samples after their step"), late.to_string());
     }
     numbers.tell(("unseen_samples", "samples that a loop never saw"), unseen.to_string());
-    let commands = metrics.commands();
+    let names = ("safe_mode_episodes", "safe-mode episodes");
+    let episodes = metrics.gate().safe_mode_episodes;
+    if unharmed {
+        numbers.none(names, episodes);
+    } else {
+        numbers.tell(names, episodes.to_string());
+    }
+    let restarts = stats().map(|s| s.generation).sum::<u64>().to_string();
+    numbers.tell(("restarts", "processes started again"), restarts);
+}
+
+/// Who commanded: where a file is cut, up to where nothing about a tick is missing.
+fn of_commands(gathered: &Gathered, metrics: &Metrics, numbers: &mut Numbers) {
+    let complete = gathered.closing.complete;
+    let commands = if complete { metrics.commands() } else { metrics.settled_commands() };
     numbers.none(("wrong_owner_ticks", "ticks commanded by a wrong owner"), commands.wrong_owner);
     numbers.none(("duplicated_ticks", "ticks with two commands"), commands.duplicated);
     numbers.tell(("missed_commands", "ticks without a valid command"), commands.missed.to_string());
-    let gate = metrics.gate();
-    numbers.tell(("safe_mode_episodes", "safe-mode episodes"), gate.safe_mode_episodes.to_string());
-    let restarts = stats().map(|s| s.generation).sum::<u64>();
-    numbers.tell(("restarts", "processes started again"), restarts.to_string());
 }
 
 fn of_latency(latency: &trace::Report, numbers: &mut Numbers) {
@@ -246,9 +265,10 @@ fn of_latency(latency: &trace::Report, numbers: &mut Numbers) {
 }
 
 fn of_recording(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers) {
-    let (samples, gaps) = observed.samples();
-    numbers.tell(("samples", "samples in the file"), samples.to_string());
-    numbers.none(("gaps", "sequence numbers missing"), gaps);
+    numbers.tell(("samples", "samples in the file"), observed.samples().to_string());
+    let (gaps, named) = observed.gaps();
+    let named = if gaps == 0 { "0".to_owned() } else { named };
+    numbers.add(("gaps", "samples and states lost"), named, Some(("0", gaps == 0)));
     let stored = |key: &str| gathered.closing.summary.get(key);
     for (names, key, hash) in [
         (("hash", "flight hash"), "hash", &observed.flight_hash),
@@ -272,7 +292,7 @@ pub(super) fn sentence(
         return format!("FAIL: {scenario}: {}.", told.collect::<Vec<_>>().join("; "));
     }
     let metrics = &observed.metrics;
-    let (samples, _) = observed.samples();
+    let samples = observed.samples();
     let tracking = metrics.tracking();
     let flown = match (tracking.samples, metrics.step_response()) {
         (1.., _) => format!("stayed within {} of its path", mm(tracking.max_m)),

@@ -4,7 +4,7 @@ use super::Report;
 use crate::figure::{
     self, Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel as Drawn, Stretch,
 };
-use crate::trace::{Chain, SEGMENTS};
+use crate::trace::{SEGMENTS, Traced};
 use crate::view::{Gathered, Panel};
 
 /// Intervals of a curve: more do not show on paper.
@@ -77,27 +77,53 @@ fn waterfall(report: &Report) -> Figure {
     let parts = SEGMENTS.iter().position(|segment| segment.key == "gate_hold").unwrap_or(0);
     let stretches: Vec<_> = (0..parts).map(stretch).collect();
     let whole = whole.and_then(stretch);
-    figure::waterfall("From sensor to motor", &stretches, whole.as_ref())
+    let title = titled("From sensor to motor", report);
+    figure::waterfall(&title, &stretches, whole.as_ref())
+}
+
+/// A title that does not let times of lockstep pass for latencies.
+fn titled(what: &str, report: &Report) -> String {
+    if report.is_lockstep() { format!("{what}, in lockstep") } else { what.to_owned() }
+}
+
+/// Ways whose tails are drawn.
+const TAILS: [&str; 4] =
+    ["sensor_to_command", "sensor_to_gate", "attitude_compute", "estimator_compute"];
+
+/// Their lengths, command by command \[us\].
+#[derive(Debug, Default)]
+pub(super) struct Tails([Vec<f64>; TAILS.len()]);
+
+impl Tails {
+    pub(super) fn add(&mut self, traced: &Traced) {
+        let Ok(chain) = &traced.chain else { return };
+        for (key, lengths) in TAILS.iter().zip(&mut self.0) {
+            let segment = SEGMENTS.iter().find(|segment| segment.key == *key);
+            let length_ns = segment.and_then(|segment| segment.of(chain));
+            lengths.extend(length_ns.map(|ns| (ns as f64 * 1e-3).max(0.1)));
+        }
+    }
+
+    pub(super) fn sorted(mut self) -> Self {
+        for lengths in &mut self.0 {
+            lengths.sort_by(f64::total_cmp);
+        }
+        self
+    }
 }
 
 /// How many commands took longer than what.
 fn tails(report: &Report) -> Figure {
     let x = Axis::log("longer than [us]");
     let mut panel = Drawn::new("", x, Axis::log("share of commands"));
-    let keys = ["sensor_to_command", "sensor_to_gate", "attitude_compute", "estimator_compute"];
-    for (key, colour) in keys.into_iter().zip(Colour::SERIES) {
-        let Some(segment) = SEGMENTS.iter().find(|segment| segment.key == key) else { continue };
-        let chains = report.trace.commands.iter().filter_map(|traced| traced.chain.as_ref().ok());
-        let length = |chain: &Chain| segment.of(chain).map(|ns| (ns as f64 * 1e-3).max(0.1));
-        let mut lengths: Vec<f64> = chains.filter_map(length).collect();
-        lengths.sort_by(f64::total_cmp);
-        if lengths.is_empty() {
-            continue;
+    for ((key, lengths), colour) in TAILS.iter().zip(&report.tails.0).zip(Colour::SERIES) {
+        let segment = SEGMENTS.iter().find(|segment| segment.key == *key);
+        if let Some(segment) = segment.filter(|_| !lengths.is_empty()) {
+            let curve = Curve::new(segment.text, colour, tail(lengths));
+            panel = panel.curve(curve.mark(Mark::Hold(Dash::Solid)));
         }
-        let curve = Curve::new(segment.text, colour, tail(&lengths));
-        panel = panel.curve(curve.mark(Mark::Hold(Dash::Solid)));
     }
-    Figure::new("Tails", 1).panel_px(640.0, 300.0).panel(panel)
+    Figure::new(titled("Tails", report), 1).panel_px(640.0, 300.0).panel(panel)
 }
 
 /// Of sorted lengths, the share that is at least as long: closer together towards the slowest.

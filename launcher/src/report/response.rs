@@ -1,12 +1,12 @@
 //! What followed each disturbance, swap, order and fault.
 
-use crate::view::{Envelope, Gathered};
+use crate::view::{Envelope, Gathered, Kind};
 use serde::Serialize;
 
 /// How long before and after is looked at \[s\].
 const BEFORE_S: f64 = 1.0;
 const AFTER_S: f64 = 2.0;
-/// Things told of; a storm of faults is told by its beginning.
+/// Things told of; a storm of faults is told by its beginning, and hides nothing else.
 const MOST: usize = 40;
 
 /// The error around one instant. Of a flight on a path it is that of the position, of a rig that of the
@@ -33,7 +33,11 @@ type Errors = Vec<(f64, f64)>;
 /// Around every mark of the time axis.
 pub(super) fn responses(gathered: &Gathered) -> Vec<Response> {
     let (unit, axes) = errors(gathered);
-    let marks = gathered.happenings.iter().filter(|happening| happening.is_mark).take(MOST);
+    let mut faults = 0;
+    let marks = gathered.happenings.iter().filter(|happening| {
+        faults += usize::from(happening.is_mark && happening.kind == Kind::Fault);
+        happening.is_mark && (happening.kind != Kind::Fault || faults <= MOST)
+    });
     let around = marks.filter_map(|mark| {
         let within = |from: f64, to: f64| {
             axes.iter().flatten().copied().filter(move |(t, _)| (from..to).contains(t))

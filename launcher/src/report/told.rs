@@ -1,7 +1,7 @@
 //! A report in words: for the terminal, and as a page.
 
-use super::{AuditRow, Number, Report, Response, pictures};
-use crate::results::{Document, Table};
+use super::{AuditRow, Number, Ordered, Report, Response, pictures};
+use crate::results::{Document, Table, capital};
 use core::fmt;
 use serde_json::Value;
 
@@ -43,9 +43,24 @@ impl Report {
         table
     }
 
+    fn orders(&self) -> Table {
+        let mut table = Table::new(["asked s", "from s", "plan s", "order", "what came of it"]);
+        let told = |s: &Option<f64>| s.map_or("-".to_owned(), |s| format!("{s:.3}"));
+        for Ordered { asked_s, begins_s, order, planned_s, came } in &self.orders {
+            table.push([
+                told(asked_s),
+                format!("{begins_s:.3}"),
+                told(planned_s),
+                order.clone(),
+                came.clone(),
+            ]);
+        }
+        table
+    }
+
     fn swaps(&self) -> Table {
         let mut table =
-            Table::new(["slot", "from", "to", "asked s", "flip s", "bump %", "outcome"]);
+            Table::new(["slot", "from", "to", "asked s", "flip s", "rms %", "bump %", "outcome"]);
         for swap in self.swaps.as_array().into_iter().flatten() {
             let word = |key: &str| swap[key].as_str().unwrap_or("-").to_owned();
             let number = |key: &str, scale: f64| {
@@ -58,6 +73,7 @@ impl Report {
                 word("to"),
                 number("requested_s", 1.0),
                 number("flipped_s", 1.0),
+                number("rms", 100.0),
                 number("bump", 100.0),
                 word("outcome"),
             ]);
@@ -66,9 +82,11 @@ impl Report {
     }
 
     fn audit(&self) -> Table {
-        let mut table = Table::new(["topic", "seat", "samples", "first", "last", "gaps"]);
-        for AuditRow { topic, seat, samples, first, last, gaps } in &self.audit {
-            let numbers = [*samples, *first, *last, *gaps].map(|number| number.to_string());
+        let mut table =
+            Table::new(["topic", "seat", "writers", "samples", "first", "last", "gaps"]);
+        for AuditRow { topic, seat, writers, samples, first, last, gaps } in &self.audit {
+            let numbers =
+                [*writers, *samples, *first, *last, *gaps].map(|number| number.to_string());
             table.push([topic.clone(), seat.to_string()].into_iter().chain(numbers));
         }
         table
@@ -88,11 +106,21 @@ impl Report {
 
     fn part(&self, document: Document) -> Document {
         let mut document = document.verdict(self.passes(), &self.sentence);
-        document = document.paragraph(&format!("From {}.", self.file));
+        document =
+            document.paragraph(&format!("From {}. Flown again by: {}", self.file, self.again));
+        if !self.lacks.is_empty() {
+            document = document.paragraph(&self.lacks);
+        }
         for section in SECTIONS {
             let (table, command) = self.table(section);
-            let titled = document.heading(&capital(section)).table(&table);
-            document = titled.paragraph(&format!("Again: {command}"));
+            document = document.heading(&capital(section)).table(&table);
+            if section == "latency" && self.is_lockstep() {
+                document = document.paragraph(LOCKSTEP);
+            }
+            document = document.paragraph(&format!("These numbers again: {command}"));
+        }
+        if !self.orders.is_empty() {
+            document = document.heading("Orders").paragraph(ORDERS).table(&self.orders());
         }
         if !self.responses.is_empty() {
             document =
@@ -118,40 +146,113 @@ impl Report {
 const RESPONSES: &str = "Error along the worst axis: largest in the second before, largest in the two seconds \
      after, and when it was back for good to what it was before (a dash: not in those two seconds).";
 
+const ORDERS: &str = "When it was asked for, from when on it shows, when it was to be done, and what the vehicle made of it.";
+
+const LOCKSTEP: &str = "Flown in lockstep: time stands still until every step is done, so that nothing is ever late. These are \
+     times of this machine and no latency of a realtime flight; for that, fly with --clock realtime.";
+
+/// Files of a folder.
+#[derive(Debug, Default)]
+pub struct Folder {
+    /// Those that can be read, by name.
+    pub reports: Vec<Report>,
+    /// The others, and why not.
+    pub unread: Vec<(String, String)>,
+    /// Those that are not judged, and why not.
+    pub left_out: Vec<(String, String)>,
+}
+
+impl Folder {
+    /// In one sentence.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let Self { reports, unread, .. } = self;
+        let passed = reports.iter().filter(|report| report.passes()).count();
+        let word = if passed == reports.len() && unread.is_empty() { "PASS" } else { "FAIL" };
+        let failed = reports.iter().filter(|report| !report.passes());
+        let failed: Vec<_> = failed.map(|report| report.file.as_str()).collect();
+        let text = match &failed[..] {
+            [] => format!("{word}: {passed} of {} flights pass", reports.len()),
+            [first, rest @ ..] => {
+                let more = if rest.is_empty() {
+                    String::new()
+                } else {
+                    format!(" and {} more", rest.len())
+                };
+                format!("{word}: {passed} of {} flights pass, not {first}{more}", reports.len())
+            }
+        };
+        match unread.len() {
+            0 => format!("{text}."),
+            1 => format!("{text}, and a file cannot be read."),
+            several => format!("{text}, and {several} files cannot be read."),
+        }
+    }
+
+    /// For machines.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let unread = self.unread.iter();
+        let unread = unread.map(|(file, why)| serde_json::json!({ "file": file, "error": why }));
+        let left_out = self.left_out.iter();
+        let left_out =
+            left_out.map(|(file, why)| serde_json::json!({ "file": file, "left_out": why }));
+        self.reports.iter().map(Report::to_json).chain(unread).chain(left_out).collect()
+    }
+
+    /// File by file.
+    fn overview(&self) -> Table {
+        let mut table = Table::new(["file", ""]);
+        for report in &self.reports {
+            table.push([&report.file, &report.sentence]);
+        }
+        for (file, why) in self.unread.iter().chain(&self.left_out) {
+            table.push([file, why]);
+        }
+        table
+    }
+}
+
 /// A page for people of one report or several, with the same for machines in it.
 #[must_use]
-pub fn document(reports: &[Report]) -> String {
-    let title = match reports {
-        [one] => format!("morphquad report: {}", one.scenario),
-        several => format!("morphquad report: {} flights", several.len()),
+pub fn document(folder: &Folder) -> String {
+    let Folder { reports, unread, left_out } = folder;
+    let several = reports.len() + unread.len() + left_out.len() > 1;
+    let title = match &reports[..] {
+        [one] if !several => format!("morphquad report: {}", one.scenario),
+        flights => format!("morphquad report: {} flights", flights.len()),
     };
     let mut document = Document::new(&title);
-    if reports.len() > 1 {
-        let passed = reports.iter().filter(|report| report.passes()).count();
-        let text = format!("{passed} of {} flights pass.", reports.len());
-        document = document.verdict(passed == reports.len(), &text);
+    if several {
+        let sentence = folder.sentence();
+        document = document.verdict(sentence.starts_with("PASS"), &sentence);
+        document = document.table(&folder.overview());
     }
     for report in reports {
-        if reports.len() > 1 {
+        if several {
             document = document.heading(&report.file);
         }
         document = report.part(document);
     }
-    let told: Value = reports.iter().map(Report::to_json).collect();
-    document.json("report", &told).to_html()
-}
-
-fn capital(word: &str) -> String {
-    let (first, rest) = word.split_at(1);
-    first.to_uppercase() + rest
+    document.json("report", &folder.to_json()).to_html()
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.sentence)?;
+        if !self.lacks.is_empty() {
+            writeln!(f, "{}", self.lacks)?;
+        }
+        writeln!(f, "Flown again by: {}", self.again)?;
         for section in SECTIONS {
             let (table, command) = self.table(section);
-            write!(f, "\n{} (again: {command})\n{table}", capital(section))?;
+            write!(f, "\n{} (these numbers again: {command})\n{table}", capital(section))?;
+            if section == "latency" && self.is_lockstep() {
+                writeln!(f, "{LOCKSTEP}")?;
+            }
+        }
+        if !self.orders.is_empty() {
+            write!(f, "\nOrders. {ORDERS}\n{}", self.orders())?;
         }
         if !self.responses.is_empty() {
             write!(f, "\nWhat followed. {RESPONSES}\n{}", self.responses())?;

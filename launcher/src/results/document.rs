@@ -5,7 +5,7 @@ use crate::figure::Figure;
 use core::fmt::Write as _;
 use serde::Serialize;
 
-/// Pictures are drawn for white paper and keep it in the dark.
+/// Pictures are drawn for white paper. In the dark light and dark change places and hues stay.
 const STYLE: &str = ":root{color-scheme:light dark}body{font:15px/1.5 system-ui,sans-serif;\
     max-width:1080px;margin:2em auto;padding:0 1em}pre{font:12px/1.35 ui-monospace,monospace;\
     background:color-mix(in srgb,currentColor 6%,transparent);padding:1em;overflow-x:auto}\
@@ -14,7 +14,8 @@ const STYLE: &str = ":root{color-scheme:light dark}body{font:15px/1.5 system-ui,
     div{overflow-x:auto}td,th{padding:2px 14px 2px 0;text-align:left;vertical-align:top;\
     font-variant-numeric:tabular-nums}th{font-weight:600;border-bottom:1px solid}\
     .good{color:#00845a}.bad{color:#c24f00}@media(prefers-color-scheme:dark){\
-    body{background:#14171c;color:#e9ecf0}.good{color:#35cf9f}.bad{color:#f28046}}";
+    body{background:#14171c;color:#e9ecf0}figure svg{filter:invert(.91) hue-rotate(180deg)}\
+    figure{background:#171717}.good{color:#35cf9f}.bad{color:#f28046}}";
 
 /// Grows from top to bottom.
 #[derive(Debug, Clone)]
@@ -40,6 +41,12 @@ impl Document {
     #[must_use]
     pub fn heading(self, text: &str) -> Self {
         self.with(format_args!("<h2>{}</h2>\n", escaped(text)))
+    }
+
+    /// Adds a heading below the last one.
+    #[must_use]
+    pub fn subheading(self, text: &str) -> Self {
+        self.with(format_args!("<h3>{}</h3>\n", escaped(text)))
     }
 
     /// Adds a paragraph.
@@ -99,6 +106,14 @@ impl Document {
              {body}</body></html>\n"
         )
     }
+}
+
+/// With its first letter large.
+#[must_use]
+pub fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).collect()
 }
 
 fn escaped(text: &str) -> String {

@@ -104,10 +104,54 @@ impl Chain {
         seen.map_or(0, |tick| tick.receive_mono_ns)
     }
 
+    /// Instant from which the command moved the rotors: the tick's beginning, or the arrival of a command that
+    /// the tick, already awake, still took in \[ns\].
+    #[must_use]
+    pub fn effect_mono_ns(&self) -> Option<u64> {
+        self.tick.map(|tick| tick.start_mono_ns.max(self.gate_mono_ns()))
+    }
+
     /// Age of the IMU sample at the instant from which the command is in effect, in logical time
     /// \[ns\].
     #[must_use]
     pub fn age_ns(&self) -> u64 {
         self.command.valid_ns.saturating_sub(self.imu.valid_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Chain;
+    use crate::trace::SEGMENTS;
+    use shared_types::Header;
+
+    #[test]
+    fn a_command_that_a_tick_takes_in_while_awake_is_held_for_no_time() {
+        let header = |receive_mono_ns, start_mono_ns| Header {
+            sequence: 7,
+            input_sequence: 7,
+            release_mono_ns: 100,
+            receive_mono_ns,
+            start_mono_ns,
+            publish_mono_ns: start_mono_ns + 5,
+            ..Header::default()
+        };
+        let command = header(120, 130);
+        let chain = |tick| {
+            let (imu, estimate) = (header(0, 101), header(110, 112));
+            Chain { imu, estimate, command, tick: Some(tick), setpoint: None }
+        };
+        let of = |key: &str, tick| {
+            let segment = SEGMENTS.iter().find(|segment| segment.key == key).unwrap();
+            assert!(!segment.runs_backwards(&chain(tick)));
+            segment.of(&chain(tick))
+        };
+        // Awake since 140, the command came at 150; or it waited from 150 to 160.
+        for (tick, held, to_motor) in [(header(150, 140), 0, 50), (header(150, 160), 10, 60)] {
+            assert_eq!(
+                (of("gate_hold", tick), of("sensor_to_motor", tick)),
+                (Some(held), Some(to_motor))
+            );
+        }
     }
 }

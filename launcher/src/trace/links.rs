@@ -37,7 +37,7 @@ pub(super) struct Use {
 /// Every header that may be a link. Two of one sequence are two lives of a process.
 #[derive(Debug, Default)]
 pub(super) struct Links {
-    pub(super) commands: Vec<Header>,
+    commands: Vec<Header>,
     pub(super) end_ns: u64,
     imu: Vec<Header>,
     estimates: Vec<Header>,
@@ -89,7 +89,21 @@ impl Links {
         self.end_ns = self.end_ns.max(applied.header.release_ns);
     }
 
-    /// To be called when all have been seen: a recorder takes topics in turn.
+    /// Commands released before an instant, in the order recorded; they are followed once.
+    pub(super) fn take_commands(&mut self, until_ns: u64) -> Vec<Header> {
+        self.commands.extract_if(.., |command| command.release_ns < until_ns).collect()
+    }
+
+    /// Lets go of what no later command descends from.
+    pub(super) fn forget(&mut self, before_ns: u64) {
+        for headers in [&mut self.imu, &mut self.estimates, &mut self.setpoints] {
+            headers.retain(|header| header.release_ns >= before_ns);
+        }
+        self.uses.retain(|one| one.release_ns >= before_ns);
+        self.ticks.retain(|tick| tick.header.release_ns >= before_ns);
+    }
+
+    /// To be called before anything is followed: a recorder takes topics in turn.
     pub(super) fn sort(&mut self) {
         for headers in [&mut self.imu, &mut self.estimates] {
             headers.sort_by_key(|h| (h.sequence, h.publish_mono_ns));

@@ -1,6 +1,6 @@
 //! What the chains of a recording add up to.
 
-use super::{Broken, Chain, SEGMENTS, Trace, Traced};
+use super::{Broken, Chain, Ended, SEGMENTS, Traced};
 use core::fmt;
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
@@ -73,9 +73,7 @@ fn histogram() -> Histogram<u64> {
 }
 
 impl Figures {
-    fn of(lengths_ns: impl Iterator<Item = u64>) -> Self {
-        let mut histogram = histogram();
-        lengths_ns.for_each(|length| histogram.saturating_record(length));
+    fn of(histogram: &Histogram<u64>) -> Self {
         let at = |share: f64| histogram.value_at_quantile(share).min(histogram.max());
         Self {
             n: histogram.len(),
@@ -108,32 +106,71 @@ impl Slowest {
     }
 }
 
-impl Report {
-    /// Sums up.
-    #[must_use]
-    pub fn new(trace: &Trace) -> Self {
-        let chains: Vec<&Chain> =
-            trace.commands.iter().filter_map(|traced| traced.chain.as_ref().ok()).collect();
-        let mut slowest: Vec<_> = chains.iter().filter_map(|chain| Slowest::of(chain)).collect();
-        slowest.sort_by_key(|one| core::cmp::Reverse(one.sensor_to_command_ns));
-        slowest.truncate(SLOWEST);
-        let untraced =
-            |traced: &Traced| Some((traced.command, traced.chain.as_ref().err().copied()?));
+/// Adds commands up.
+#[derive(Debug)]
+pub struct Sum {
+    commands: usize,
+    applied: usize,
+    age: Histogram<u64>,
+    /// By segment, in order.
+    segments: Vec<Histogram<u64>>,
+    slowest: Vec<Slowest>,
+    untraced: Vec<(Header, Broken)>,
+}
+
+impl Default for Sum {
+    fn default() -> Self {
         Self {
-            commands: trace.commands.len(),
-            traced: chains.len(),
-            applied: chains.iter().filter(|chain| chain.tick.is_some()).count(),
-            age: Figures::of(chains.iter().map(|chain| chain.age_ns())),
-            segments: SEGMENTS
-                .iter()
-                .map(|segment| Figures::of(chains.iter().filter_map(|chain| segment.of(chain))))
-                .collect(),
-            slowest,
-            untraced: trace.commands.iter().filter_map(untraced).collect(),
-            cut_at_ns: (!trace.closing.complete).then_some(trace.end_ns),
+            commands: 0,
+            applied: 0,
+            age: histogram(),
+            segments: SEGMENTS.iter().map(|_| histogram()).collect(),
+            slowest: Vec::new(),
+            untraced: Vec::new(),
+        }
+    }
+}
+
+impl Sum {
+    /// Takes another one.
+    pub fn add(&mut self, traced: &Traced) {
+        self.commands += 1;
+        let chain = match &traced.chain {
+            Ok(chain) => chain,
+            Err(broken) => return self.untraced.push((traced.command, *broken)),
+        };
+        self.applied += usize::from(chain.tick.is_some());
+        self.age.saturating_record(chain.age_ns());
+        for (segment, lengths) in SEGMENTS.iter().zip(&mut self.segments) {
+            if let Some(length_ns) = segment.of(chain) {
+                lengths.saturating_record(length_ns);
+            }
+        }
+        if let Some(slow) = Slowest::of(chain) {
+            let slower = |one: &Slowest| one.sensor_to_command_ns >= slow.sensor_to_command_ns;
+            let place = self.slowest.partition_point(slower);
+            self.slowest.insert(place, slow);
+            self.slowest.truncate(SLOWEST);
         }
     }
 
+    /// What it comes to.
+    #[must_use]
+    pub fn report(self, ended: &Ended) -> Report {
+        Report {
+            commands: self.commands,
+            traced: self.commands - self.untraced.len(),
+            applied: self.applied,
+            age: Figures::of(&self.age),
+            segments: self.segments.iter().map(Figures::of).collect(),
+            slowest: self.slowest,
+            untraced: self.untraced,
+            cut_at_ns: (!ended.closing.complete).then_some(ended.end_ns),
+        }
+    }
+}
+
+impl Report {
     /// True if the file is whole and every command in it has a chain.
     #[must_use]
     pub fn is_complete(&self) -> bool {

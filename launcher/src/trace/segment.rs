@@ -71,7 +71,7 @@ pub static SEGMENTS: [Segment; 18] = [
         Some((c.command.publish_mono_ns, c.gate_mono_ns()))
     }),
     segment("gate_hold", "held until in effect", |c| {
-        c.tick.map(|tick| (c.gate_mono_ns(), tick.start_mono_ns))
+        c.effect_mono_ns().map(|effect| (c.gate_mono_ns(), effect))
     }),
     segment("sensor_to_command", "imu due to command sent", |c| {
         Some((c.imu.release_mono_ns, c.command.publish_mono_ns))
@@ -80,7 +80,7 @@ pub static SEGMENTS: [Segment; 18] = [
         Some((c.imu.release_mono_ns, c.gate_mono_ns()))
     }),
     segment("sensor_to_motor", "imu due to rotors", |c| {
-        c.tick.map(|tick| (c.imu.release_mono_ns, tick.start_mono_ns))
+        c.effect_mono_ns().map(|effect| (c.imu.release_mono_ns, effect))
     }),
     segment("position_hop", "hop estimator to position", |c| {
         c.setpoint.map(|s| (s.estimate.publish_mono_ns, s.setpoint.receive_mono_ns))

@@ -16,7 +16,20 @@ const BOUND_PX: f64 = 1.2;
 const FONT: &str = "DejaVu Sans, Helvetica, Arial, sans-serif";
 
 pub(super) fn svg(figure: &Figure) -> String {
-    renumbered(&SvgBackend::new().render_scene(&grid(figure).render()), &figure.title)
+    let drawn = SvgBackend::new().render_scene(&grid(figure).render());
+    renumbered(&scalable(&drawn), &figure.title)
+}
+
+/// With its size as the extent of its coordinates: without, a page that is narrower cuts it off.
+fn scalable(drawn: &str) -> String {
+    let Some((head, rest)) = drawn.split_once('>') else { return drawn.to_owned() };
+    let attribute = |name: &str| head.split_once(&format!(" {name}=\""))?.1.split('"').next();
+    match (attribute("width"), attribute("height")) {
+        (Some(width), Some(height)) if !head.contains("viewBox") => {
+            format!("{head} viewBox=\"0 0 {width} {height}\">{rest}")
+        }
+        _ => drawn.to_owned(),
+    }
 }
 
 pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, String> {
@@ -92,6 +105,9 @@ fn layout(panel: &Panel) -> Layout {
 }
 
 fn ticked(mut layout: Layout, panel: &Panel) -> Layout {
+    if !panel.y.names.is_empty() {
+        layout = layout.with_y_categories(panel.y.names.clone());
+    }
     if let Some(step) = panel.x.tick_step {
         layout = layout.with_x_tick_step(step);
     }
@@ -233,16 +249,17 @@ fn legend(figure: &Figure) -> Vec<LegendEntry> {
     entries
 }
 
+/// The palette of Okabe and Ito, which those tell apart who see no red or green.
 fn hex(colour: Colour) -> &'static str {
     match colour {
         Colour::Black => "#000000",
         Colour::Grey => "#7f7f7f",
-        Colour::Red => "#c8372d",
-        Colour::Blue => "#1f5fa8",
-        Colour::Green => "#1b8a5a",
-        Colour::Orange => "#e08a00",
-        Colour::Purple => "#8e4fa8",
-        Colour::Sky => "#4fb3e0",
+        Colour::Red => "#d55e00",
+        Colour::Blue => "#0072b2",
+        Colour::Green => "#009e73",
+        Colour::Orange => "#e69f00",
+        Colour::Purple => "#cc79a7",
+        Colour::Sky => "#56b4e9",
     }
 }
 

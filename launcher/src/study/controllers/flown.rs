@@ -86,8 +86,10 @@ pub(super) fn fly_one(scenario: &Scenario, case: &Case) -> Result<Flown, Control
     flight.fly_until(u64::MAX)?;
     let (mut metrics, path) = flight.seen(core::mem::take);
     metrics.finish();
+    let loops = metrics.loops();
     let median = |role: Role| {
-        metrics.compute().get(role.label()).map_or(0, |times| times.value_at_quantile(0.5))
+        let times = loops.iter().find(|of| of.role == role).and_then(|of| metrics.compute(of));
+        times.map_or(0, |times| times.value_at_quantile(0.5))
     };
     let mut flown = Flown {
         violations: metrics.violations(),
