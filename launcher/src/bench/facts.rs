@@ -31,7 +31,7 @@ impl BenchFacts {
         let possible = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            git: env!("MORPHQUAD_GIT").to_owned(),
+            git: crate::build::declared().git.to_owned(),
             kernel,
             cpu_model,
             processors: possible.lines().filter(|line| line.starts_with("processor")).count(),

@@ -1,5 +1,6 @@
 //! `morphquad bench watch`: what being watched costs a flight. Flights without and with a recording and
-//! somebody who asks how it goes take turns, so that the machine's moods meet both alike.
+//! somebody who asks how it goes take turns, so that the machine's moods meet both alike; with viewers of
+//! the live page see [`super::turns`].
 
 use super::BenchError;
 use super::fleet::{Flight, Flown};
@@ -14,7 +15,7 @@ use std::path::Path;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 
-/// From one question about the flight to the next.
+/// From one question about the flight to the next, as `top` asks.
 const ASK_EVERY: Duration = Duration::from_millis(500);
 /// Figures of each loop that are compared.
 const FIGURES: [&str; 2] = ["lateness", "compute"];
@@ -40,15 +41,20 @@ pub struct Change {
 }
 
 /// All of it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct WatchReport {
     /// Each figure.
     pub pairs: Vec<Pairs>,
-    /// Questions that were answered during watched flights.
+    /// Questions that were answered to whoever watched.
     pub answers: u64,
+    /// Messages that viewers of the live page were sent.
+    pub received: u64,
 }
 
-/// Flies this many rounds of two flights, recording one of each into `folder`.
+/// 99 % of a figure: loop or path, which figure, and how much \[us\].
+pub(super) type Told = (String, &'static str, f64);
+
+/// Flies this many rounds of two flights, and watches one of each.
 ///
 /// # Errors
 /// [`BenchError`] of a flight.
@@ -58,7 +64,7 @@ pub fn measure(
     folder: &Path,
     done: &dyn Fn(),
 ) -> Result<WatchReport, BenchError> {
-    let mut report = WatchReport { pairs: Vec::new(), answers: 0 };
+    let mut report = WatchReport::default();
     for round in 0..rounds {
         // Whoever is first finds the machine as the other has left it.
         let order = if round.is_multiple_of(2) { [false, true] } else { [true, false] };
@@ -76,21 +82,21 @@ pub fn measure(
 
 fn fly(
     words: &[String],
-    watch: Option<&Path>,
+    folder: Option<&Path>,
     report: &mut WatchReport,
 ) -> Result<LoopsReport, BenchError> {
     let mut words = words.to_vec();
-    words.extend(watch.map(|folder| format!("--record={}", folder.display())));
+    words.extend(folder.map(|folder| format!("--record={}", folder.display())));
     let flight = Flight::start(&words)?;
     let (going, over) = mpsc::channel();
     let (flown, answers) = thread::scope(|scope| {
-        let asking = watch.map(|_| scope.spawn(move || keep_asking(&over)));
+        let asking = folder.map(|_| scope.spawn(move || keep_asking(&over)));
         let flown = flight.wait();
         drop(going);
         (flown, asking.and_then(|asking| asking.join().ok()).unwrap_or(0))
     });
     report.answers += answers;
-    if let Some(folder) = watch {
+    if let Some(folder) = folder {
         wipe(folder);
     }
     match flown? {
@@ -107,8 +113,7 @@ fn keep_asking(over: &Receiver<()>) -> u64 {
     while over.recv_timeout(ASK_EVERY) == Err(RecvTimeoutError::Timeout) {
         for run in runs::living() {
             let asked = Conversation::ask(&run, &Request::Ps);
-            let told = asked.is_ok_and(|mut talk| talk.hear().is_ok());
-            answers += u64::from(told);
+            answers += u64::from(asked.is_ok_and(|mut talk| talk.hear().is_ok()));
         }
     }
     answers
@@ -121,7 +126,7 @@ fn wipe(folder: &Path) {
     }
 }
 
-fn p99s(report: &LoopsReport) -> Vec<(String, &'static str, f64)> {
+fn p99s(report: &LoopsReport) -> Vec<Told> {
     let mut all = Vec::new();
     for told in &report.loops {
         for name in FIGURES {
@@ -137,11 +142,7 @@ fn p99s(report: &LoopsReport) -> Vec<(String, &'static str, f64)> {
 }
 
 impl WatchReport {
-    fn take(
-        &mut self,
-        alone: &[(String, &'static str, f64)],
-        watched: &[(String, &'static str, f64)],
-    ) {
+    pub(super) fn take(&mut self, alone: &[Told], watched: &[Told]) {
         for (name, figure, alone_us) in alone {
             let same = watched.iter().find(|(n, f, _)| n == name && f == figure);
             let Some((_, _, watched_us)) = same else { continue };
@@ -254,7 +255,7 @@ mod tests {
 
     #[test]
     fn rounds_are_compared_pair_by_pair_and_all_figures_together_by_their_geometric_mean() {
-        let mut report = WatchReport { pairs: Vec::new(), answers: 0 };
+        let mut report = WatchReport::default();
         let told = |plant: f64, attitude: f64| {
             vec![
                 ("plant".to_owned(), "lateness", plant),

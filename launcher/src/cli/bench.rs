@@ -1,17 +1,19 @@
 //! `morphquad bench`: from arguments to tables on stdout and an exit code.
 
 mod loops;
+mod watch;
 
 use super::bar::bar;
 use super::options::{
-    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, ScaleArguments,
-    SolveArguments, WatchArguments, scenario_words,
+    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, RecorderArguments,
+    ScaleArguments, SolveArguments, scenario_words,
 };
 use super::refusal::Done;
 use crate::bench::hop::{self, HopPlan};
 use crate::bench::place::{Place, Policy};
 use crate::bench::rate::{self, Ladder};
-use crate::bench::{BenchError, peer, scale, solve, watch};
+use crate::bench::recorder::{self, RecorderPlan};
+use crate::bench::{BenchError, peer, scale, solve};
 use crate::components::{self, Crew};
 use crate::exit;
 use crate::scenario::{Override, Scenario};
@@ -26,8 +28,9 @@ pub(super) fn run(command: &BenchCommand, out: &mut dyn Write) -> Done {
         BenchCommand::Hop(arguments) => hop(arguments),
         BenchCommand::Solve(arguments) => solve(arguments),
         BenchCommand::Rate(arguments) => find_rates(arguments),
+        BenchCommand::Recorder(arguments) => record(arguments),
         BenchCommand::Scale(arguments) => scale_up(arguments),
-        BenchCommand::Watch(arguments) => watch(arguments),
+        BenchCommand::Watch(arguments) => watch::measure(arguments),
     };
     super::conclude(done, BenchError::exit_code, out)
 }
@@ -152,48 +155,29 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     Ok((text, exit::PASS))
 }
 
-/// Flights without and with somebody who watches, in turn.
-fn watch(arguments: &WatchArguments) -> Result<(String, u8), BenchError> {
-    let place = place(&arguments.place)?;
-    Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
-    let words = scenario_words(&arguments.scenario, "5s");
-    let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
-    let rounds = usize::from(arguments.rounds);
+/// Samples of a flight, faster than it publishes them.
+fn record(arguments: &RecorderArguments) -> Result<(String, u8), BenchError> {
+    let mut overrides = arguments.scenario.overrides()?;
+    if arguments.scenario.duration.is_none() {
+        overrides.push(Override::duration(Duration::from_secs(2)));
+    }
+    let plan = RecorderPlan {
+        scenario: Scenario::load(&arguments.scenario.scenario, &overrides)?,
+        per_s: arguments.per_s,
+        for_ns: nanoseconds(arguments.offer_for),
+    };
     let folder = tempfile::tempdir().map_err(|source| BenchError::System {
-        action: "make a folder for recordings".to_owned(),
+        action: "make a folder for the recording".to_owned(),
         source,
     })?;
-    let bar = bar(2 * rounds, "flights");
-    let report = watch::measure(&words, rounds, folder.path(), &|| bar.inc(1))?;
-    bar.finish_and_clear();
-    let overall = report.overall();
-    let most = arguments.max_ratio;
-    let certainly = overall.and_then(|change| Some((change.between?, most?)));
-    let failed = certainly.is_some_and(|([low, _], most)| low > most);
-    let code = if failed { exit::GATE_FAILED } else { exit::PASS };
-    if arguments.format == Format::Json {
-        let told = serde_json::json!({ "place": place, "watch": report, "overall": overall });
-        return Ok((told.to_string(), code));
-    }
-    let mut text = format!(
-        "watched: recorded, and asked how it goes twice a second ({} answers); x is the median of the \
-         rounds'\nratios; {}\n\n{}",
-        report.answers,
-        place.told(),
-        report.table()
-    );
-    if let Some(change) = overall {
-        text = format!("{text}\nall together {:.3} x, 95 % {}\n", change.ratio, change.told());
-    }
-    if let (Some(change), Some(most)) = (overall, most) {
-        let verdict = match change.between {
-            Some([low, _]) if low > most => "FAILS",
-            Some([_, high]) if high <= most => "holds",
-            _ => "cannot be told in so few rounds",
-        };
-        text = format!("{text}at most {most} x: {verdict}\n");
-    }
-    Ok((text, code))
+    let busy = super::bar::busy("recording");
+    let report = recorder::measure(&plan, folder.path())?;
+    drop(busy);
+    let text = match arguments.format {
+        Format::Json => serde_json::json!(report).to_string(),
+        Format::Text => report.to_string(),
+    };
+    Ok((text, if report.holds() { exit::PASS } else { exit::GATE_FAILED }))
 }
 
 /// The same flight so many times at once.

@@ -9,6 +9,7 @@ pub use steps::{FIGURES, Moment, Steps};
 
 use super::stopwatch::{Look, Stopwatch};
 use super::usage::Usage;
+use runtime::seat_of_loop;
 use shared_types::{LoopStats, Role};
 
 /// The part of a flight that is judged, and what came before it.
@@ -47,7 +48,7 @@ impl Window {
 pub fn totals(watch: &Stopwatch, role: Role, seat: u32, window: &Window) -> Option<LoopStats> {
     let of_loop = watch.totals.iter().filter(|stats| {
         // The recorder tells loops apart by 8 times the seat plus the role.
-        stats.role == role && stats.header.seat / 8 == seat
+        stats.role == role && seat_of_loop(stats.header.seat) == seat
     });
     let mut warm = of_loop.filter(|stats| window.is_warm(stats.header.release_ns));
     let first = warm.next()?;

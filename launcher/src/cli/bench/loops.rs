@@ -77,29 +77,29 @@ fn plan(arguments: &LoopsArguments, place: Place) -> Result<LoopsPlan, BenchErro
 fn write_files(measured: &Measured, arguments: &LoopsArguments) -> Result<(), BenchError> {
     if let Some(path) = &arguments.save {
         let text = serde_json::to_string_pretty(&measured.report).unwrap_or_default();
-        write(path, &format!("{text}\n"))?;
+        write("--save FILE", path, &format!("{text}\n"))?;
     }
     if let Some(path) = &arguments.html {
-        write(path, &page::page(measured))?;
+        write("--html FILE", path, &page::page(measured))?;
     }
     if arguments.svg.is_none() && arguments.png.is_none() {
         return Ok(());
     }
     let pictures = pictures::pictures(measured);
     if let Some(folder) = &arguments.svg {
-        let mut folder = ResultsFolder::create(folder)?;
+        let mut folder = ResultsFolder::named_by("--svg DIR", folder)?;
         pictures.iter().try_for_each(|(name, figure)| folder.figure(name, figure))?;
     }
     if let Some(folder) = &arguments.png {
-        let mut folder = ResultsFolder::create(folder)?;
+        let mut folder = ResultsFolder::named_by("--png DIR", folder)?;
         pictures.iter().try_for_each(|(name, figure)| folder.bitmap(name, figure))?;
     }
     Ok(())
 }
 
-fn write(path: &Path, text: &str) -> Result<(), BenchError> {
+fn write(flag: &'static str, path: &Path, text: &str) -> Result<(), BenchError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let mut folder = ResultsFolder::create(folder.unwrap_or(Path::new(".")))?;
+    let mut folder = ResultsFolder::named_by(flag, folder.unwrap_or(Path::new(".")))?;
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
     folder.write(&name.unwrap_or_default(), text.as_bytes())?;
     Ok(())
