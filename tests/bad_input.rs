@@ -62,6 +62,41 @@ fn a_value_in_another_unit_or_of_another_type_is_refused_with_the_unit_in_the_ke
         &["--seed", "9223372036854775807"],
     );
     assert_refused(&["hover", "--for", "20 parsecs"], &["--for", "20 parsecs"]);
+    assert_refused(&["hover", "--for", "-3s"], &["--for", "-3s", "must not be negative", "20s"]);
+}
+
+#[test]
+fn what_says_nothing_or_is_a_recording_is_no_scenario_and_the_remedy_is_named() {
+    for nothing in ["", "# all usual\n", "[scenario]\n[plant]\n"] {
+        assert_file_refused(nothing, &["mine.toml", "no key", "help:", "`morphquad run hover`"]);
+    }
+    let folder = TempDir::new().expect("a folder");
+    let renamed = folder.path().join("flight");
+    fs::write(&renamed, b"\x89MCAP0\r\n and so on").expect("a file");
+    let renamed = renamed.display().to_string();
+    assert_refused(&[&renamed], &["is a recording", "morphquad view", "--verify"]);
+    assert_refused(&["nowhere.mcap"], &["named like a recording", "`morphquad view nowhere.mcap`"]);
+}
+
+#[test]
+fn flags_that_name_a_place_are_named_where_it_cannot_be_used() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "200ms"]);
+    let (recording, folder) = (flown.recording_path(), TempDir::new().expect("a folder"));
+    let cut = folder.path().join("cut.mcap");
+    let whole = fs::read(&recording).expect("a recording");
+    fs::write(&cut, &whole[..whole.len() * 9 / 10]).expect("room");
+    for (command, file, flag, told) in [
+        ("report", &recording, "--png", "is no folder"),
+        ("recover", &cut, "--out", "is there already"),
+    ] {
+        let output = morphquad([command]).args([file, Path::new(flag), &cut]).output();
+        let output = output.expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{command}: {said}");
+        assert!(said.contains(flag) && said.contains(told), "{command}: {said}");
+    }
+    assert!(fs::read(&cut).expect("as it was") == whole[..whole.len() * 9 / 10]);
 }
 
 #[test]

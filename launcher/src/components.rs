@@ -75,11 +75,11 @@ pub fn filling(slot: &str, name: &str) -> Result<(Role, &'static str), &'static 
     Ok((role, service.ok_or("no service of this name fills the slot")?))
 }
 
-/// Every slot with every service that fills it, as words.
+/// Every slot with every service that fills it.
 #[must_use]
-pub fn fillings() -> String {
+pub fn fillings() -> Vec<String> {
     let names = |role: Role| names_for(role).map(move |name| format!("{}={name}", role.label()));
-    SLOTS.into_iter().flat_map(names).collect::<Vec<_>>().join(" or ")
+    SLOTS.into_iter().flat_map(names).collect()
 }
 
 /// Name of the service that fills a role by default.

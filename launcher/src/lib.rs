@@ -4,7 +4,8 @@
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight, and [`control`] lets others ask it; [`pilot`] flies along
 //! in the launcher itself, and [`orders`] lead it elsewhere.
-//! [`topic`] lets others look at topics, live and recorded, and [`top`] at everything at once.
+//! [`topic`] lets others look at topics, live and recorded, [`top`] at everything at once, and [`live`]
+//! serves it to viewers.
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
 //! [`view`] shows it as a page, [`report`] judges it,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
@@ -14,6 +15,7 @@
 
 pub mod bench;
 pub mod branch;
+pub mod build;
 pub mod campaign;
 pub mod candidate;
 pub mod cli;
@@ -22,6 +24,7 @@ pub mod control;
 pub mod doctor;
 pub mod figure;
 pub mod in_process;
+pub mod live;
 pub mod new_controller;
 pub mod orders;
 pub mod paper;
@@ -40,5 +43,6 @@ pub mod topic;
 pub mod trace;
 pub mod types;
 pub mod view;
+mod web;
 
 pub use host::exit;

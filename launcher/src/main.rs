@@ -1,8 +1,14 @@
 //! The `morphquad` executable: the launcher, and every process it starts.
 
+use launcher::build::{self, Build};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    build::declare(Build {
+        git: env!("MORPHQUAD_GIT"),
+        rustc: env!("MORPHQUAD_RUSTC"),
+        crates: env!("MORPHQUAD_CRATES"),
+    });
     let code =
         launcher::cli::execute(std::env::args_os(), &mut std::io::stdout(), &mut std::io::stderr());
     ExitCode::from(code)

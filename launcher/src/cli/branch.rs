@@ -54,6 +54,7 @@ enum Trouble {
 impl Trouble {
     fn exit_code(&self) -> u8 {
         match self {
+            Self::Read(ReadError::TooLong { .. }) => exit::UNFIT,
             Self::Read(_) | Self::Branch(_) | Self::Branched { .. } | Self::Argument { .. } => {
                 exit::USAGE
             }
@@ -94,8 +95,11 @@ fn prepare(file: &Path, at: At) -> Result<Prepared, Trouble> {
     if let Some(branched) = branched.as_ref().filter(|branched| at_ns < branched.at_ns) {
         return Err(refused(branched));
     }
+    recorded.require_memory()?;
     let mut tape = Tape::default();
-    let complete = recorded.visit(&mut tape)?.complete;
+    let closing = recorded.visit(&mut tape)?;
+    closing.require_no_holes(file)?;
+    let complete = closing.complete;
     let run = recorded.facts().get("run_id").cloned().unwrap_or_default();
     let scenario = recorded.scenario().clone();
     match (Branch::prepare(scenario, Arc::new(tape), complete, at), &branched) {
@@ -120,6 +124,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         pin: Pin::None,
         disorder: None,
         progress: io::stderr().is_terminal(),
+        live: None,
     };
     let origin = format!("branch of run {run} at {} s{}", seconds(&branch), told(&change));
     let branched = change

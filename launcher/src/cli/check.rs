@@ -58,7 +58,7 @@ fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<
             missed(node)
         )?;
     }
-    writeln!(out, "Others can fill a slot: --crew {}.\n", components::fillings())
+    writeln!(out, "Others can fill a slot: --crew {}.\n", components::fillings().join(" or "))
 }
 
 fn missed(node: &Node) -> &'static str {

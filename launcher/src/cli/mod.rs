@@ -7,11 +7,15 @@ mod adopt;
 mod bar;
 mod bench;
 mod branch;
+mod browser;
 mod campaign;
 pub mod check;
+mod completions;
 mod doctor;
 mod flown;
+mod keep_safe;
 pub mod list;
+mod live;
 mod new_controller;
 pub mod options;
 mod orders;
@@ -39,7 +43,6 @@ pub use options::{
 use crate::run::Summary;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::{exit, process, run};
-use clap::Parser as _;
 use host::{LAYOUT_ARGUMENT, layout_hash};
 use options::{Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
@@ -59,7 +62,7 @@ pub fn execute(
         let told = writeln!(out, "{:016x}", layout_hash());
         return if told.is_ok() { exit::PASS } else { exit::UNFIT };
     }
-    let done = match Cli::try_parse_from(&arguments) {
+    let done = match Cli::of(&arguments) {
         Ok(cli) => dispatch(cli.command, out, diagnostics),
         Err(error) if error.use_stderr() => Err(Failure::usage(&error, exit::USAGE)),
         Err(help) => {
@@ -69,7 +72,14 @@ pub fn execute(
         }
     };
     let told = done.or_else(|failure| match failure {
-        Failure::Refused(refusal) => refusal.tell(asks_for_json(&arguments), out, diagnostics),
+        Failure::Refused(refusal) => {
+            let told = refusal.tell(asks_for_json(&arguments), out, diagnostics);
+            // Refused it is, whether or not anybody listens.
+            told.or_else(|error| match error.kind() {
+                io::ErrorKind::BrokenPipe => Ok(refusal.code()),
+                _ => Err(error),
+            })
+        }
         Failure::Unwritten(error) => Err(error),
     });
     match told {
@@ -88,13 +98,20 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::List => list::list(out)?,
         Command::Check(arguments) => check::print(&load(&arguments, diagnostics)?, out)?,
         Command::Run(arguments) => {
-            return fly(load(&arguments.scenario, diagnostics)?, &arguments, out);
+            let scenario = load(&arguments.scenario, diagnostics)?;
+            if arguments.live.live.is_some() && scenario.settings().scenario.is_unpaced() {
+                let told = "speed max: the flight may be over before its page is open; --speed 1 has the clock's pace";
+                writeln!(diagnostics, "morphquad: {told}")?;
+            }
+            return fly(scenario, &arguments, out);
         }
         Command::Ps(arguments) => return ps::run(&arguments, out),
         Command::Swap(arguments) => return orders::swap(&arguments, out),
         Command::Rollback(arguments) => return orders::roll_back(&arguments, out),
         Command::Retire(arguments) => return orders::retire(&arguments, out),
         Command::Standby(arguments) => return orders::stand_by(&arguments, out),
+        Command::Stop(arguments) => return orders::stop(&arguments, out),
+        Command::Live(arguments) => return live::run(&arguments, out),
         Command::Goto(arguments) => return orders::go_to(&arguments, out),
         Command::Morph(arguments) => return orders::morph(&arguments, out),
         Command::Disturb(arguments) => return orders::disturb(&arguments, out),
@@ -118,10 +135,10 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Study(command) => return study::run(&command, out),
         Command::NewController(arguments) => return new_controller::run(&arguments, out),
         Command::Types(arguments) => return types::run(&arguments, out),
-        Command::Completions(arguments) => return pages::completions(&arguments, out),
+        Command::Completions(arguments) => return completions::completions(&arguments, out),
         Command::Man(arguments) => return pages::man(&arguments, out),
         Command::Recover(arguments) => return recover::run(&arguments, out),
-        Command::Layout => out.write_all(crate::scene::LAYOUT.as_bytes())?,
+        Command::Layout(arguments) => return pages::layout(&arguments, out),
         Command::Proc(arguments) => {
             return Ok(process::run_process(&arguments.service, arguments.place));
         }
@@ -261,6 +278,25 @@ mod tests {
         let (code, out, diagnostics) = morphquad(scripted);
         assert_eq!((code, out.as_str()), (exit::USAGE, ""));
         assert!(diagnostics.contains("--in-process"), "{diagnostics}");
+    }
+
+    #[test]
+    fn a_negative_number_after_a_flag_is_refused_as_its_value() {
+        for (bad, flag) in [
+            ("run --seed -4", "--seed"),
+            ("run --pin -1", "--pin"),
+            ("run --speed -1", "speed"),
+            ("view --port -1", "--port"),
+            ("study stability --rate -100", "--rate"),
+            ("bench watch --rounds -1", "--rounds"),
+            ("topic echo --count -1", "--count"),
+        ] {
+            let (code, _, said) = morphquad(bad);
+            assert_eq!(code, exit::USAGE, "{bad}: {said}");
+            assert!(said.contains(flag) && !said.contains("unexpected"), "{bad}: {said}");
+        }
+        let (code, _, said) = morphquad("list --no-such-flag -1");
+        assert!(code == exit::USAGE && said.contains("unexpected"), "{said}");
     }
 
     #[test]

@@ -1,9 +1,9 @@
-//! `morphquad swap`, `rollback`, `retire`, `standby`, `goto`, `morph` and `disturb`: orders to a run in
-//! the air.
+//! `morphquad swap`, `rollback`, `retire`, `standby`, `stop`, `goto`, `morph` and `disturb`: orders to a
+//! run in the air.
 
 use super::options::{
     DisturbArguments, Format, GotoArguments, MorphArguments, RetireArguments, RollbackArguments,
-    RunChoice, StandbyArguments, SwapArguments,
+    RunChoice, StandbyArguments, StopArguments, SwapArguments,
 };
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
@@ -52,6 +52,11 @@ pub(super) fn stand_by(arguments: &StandbyArguments, out: &mut dyn Write) -> Don
         shadow_ns: nanoseconds(arguments.shadow),
     };
     order(&arguments.run, &request, arguments.format, out)
+}
+
+/// Ends the flight in order.
+pub(super) fn stop(arguments: &StopArguments, out: &mut dyn Write) -> Done {
+    order(&arguments.run, &Request::Stop, arguments.format, out)
 }
 
 /// Sends the vehicle to a place.

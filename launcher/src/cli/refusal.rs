@@ -1,11 +1,12 @@
 //! Why a command ends without a result: told to people once and, if they asked for JSON, to machines.
 
+use anstream::{AutoStream, ColorChoice};
 use clap::error::ErrorKind;
 use core::fmt::Display;
 use miette::{Diagnostic, Report};
 use serde_json::json;
 use std::ffi::OsString;
-use std::io::{self, IsTerminal as _, Write};
+use std::io::{self, Write};
 
 /// How a command ends: an exit code after its result, or without one.
 pub(super) type Done = Result<u8, Failure>;
@@ -65,16 +66,19 @@ impl Failure {
         let shows_help = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
         let first = if shows_help { "arguments are missing".to_owned() } else { first };
         let help = parts.next().map(line);
-        let said = if io::stderr().is_terminal() {
-            error.render().ansi().to_string()
-        } else {
-            rendered.clone()
-        };
+        // A terminal that wants no colours says so, for example by `NO_COLOR`.
+        let plain = AutoStream::choice(&io::stderr()) == ColorChoice::Never;
+        let said = if plain { rendered.clone() } else { error.render().ansi().to_string() };
         Self::Refused(Box::new(Refusal { said, error: first, help, at: None, code }))
     }
 }
 
 impl Refusal {
+    /// What the command ends with.
+    pub(super) fn code(&self) -> u8 {
+        self.code
+    }
+
     /// Tells it and gives the exit code.
     pub(super) fn tell(
         &self,

@@ -4,7 +4,7 @@ use super::options::{Format, ReplayArguments};
 use super::refusal::{Done, Failure};
 use crate::components;
 use crate::exit;
-use crate::record::read::RecordedFlight;
+use crate::record::read::{ReadError, RecordedFlight};
 use crate::replay::{self, ReplayError, Who, With};
 use crate::scenario::{Override, suggestion};
 use indicatif::ProgressBar;
@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
 /// A file that cannot be read, however it came to that, was asked for wrongly.
 fn code_of(error: &ReplayError) -> u8 {
     match error {
-        ReplayError::Record(_) => exit::UNFIT,
+        ReplayError::Record(_) | ReplayError::Read(ReadError::TooLong { .. }) => exit::UNFIT,
         ReplayError::Interrupted => exit::INTERRUPTED,
         _ => exit::USAGE,
     }

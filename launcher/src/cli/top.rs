@@ -8,6 +8,7 @@ use crate::exit;
 use crate::top::draw::plain;
 use crate::top::screen::{Ear, show, status_of};
 use crate::top::snapshot::Usage;
+use anstream::adapter::strip_str;
 use runtime::clock::{mono_now_ns, sleep_until};
 use serde_json::json;
 use std::io::{self, IsTerminal as _, Write};
@@ -57,7 +58,8 @@ fn execute(words: Vec<String>) -> Vec<String> {
     let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
     let code = super::execute(words.into_iter().map(Into::into), &mut out, &mut diagnostics);
     let text = [out, diagnostics].concat();
-    let text = String::from_utf8_lossy(&text).into_owned();
+    // Complaints are coloured for the terminal, which here is the screen's.
+    let text = strip_str(&String::from_utf8_lossy(&text)).to_string();
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
     let mut lines: Vec<String> = lines.map(str::to_owned).collect();
     if code != exit::PASS && lines.is_empty() {

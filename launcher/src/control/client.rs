@@ -19,11 +19,13 @@ const REPLY_BYTES: u64 = 1 << 20;
 pub enum AskError {
     /// Nobody listens.
     #[error(
-        "no launcher answers for run {run}: it is just starting, or has died, and then `morphquad adopt {run}` goes on before its processes leave ({source})"
+        "no launcher answers for run {run}: it is just starting, or has died, and then {rescue} ({source})"
     )]
     NoLauncher {
         /// The run.
         run: String,
+        /// What can be done for it then.
+        rescue: String,
         /// What the system says.
         source: io::Error,
     },
@@ -66,8 +68,9 @@ impl Conversation {
     /// # Errors
     /// Nobody listens, or the request cannot be written.
     pub fn ask(run: &Run, request: &Request) -> Result<Self, AskError> {
-        let stream = UnixStream::connect(run.folder().join(SOCKET))
-            .map_err(|source| AskError::NoLauncher { run: run.id().to_owned(), source })?;
+        let stream = UnixStream::connect(run.folder().join(SOCKET)).map_err(|source| {
+            AskError::NoLauncher { run: run.id().to_owned(), rescue: run.rescue(), source }
+        })?;
         let mut conversation = Self { run: run.id().to_owned(), reader: BufReader::new(stream) };
         conversation.send(request).map_err(|source| conversation.silent(source))?;
         Ok(conversation)

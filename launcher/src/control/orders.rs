@@ -119,7 +119,7 @@ impl Orders {
         machines: &Machines,
     ) -> Result<Option<Ordered>, Refusal> {
         let (slot, request, max_bump) = match request {
-            Request::Ps | Request::Order { .. } => return Ok(None),
+            Request::Ps | Request::Stop | Request::Order { .. } => return Ok(None),
             Request::Swap(order) => {
                 let slot = known_slot(&order.slot, machines)?;
                 check(order)?;

@@ -35,6 +35,8 @@ pub enum Request {
         #[serde(default = "shadow_ns")]
         shadow_ns: u64,
     },
+    /// The flight is to end in order, as if it had been interrupted.
+    Stop,
     /// Another place to go, another width of the arms, or a disturbance.
     Order {
         /// What.
@@ -131,12 +133,21 @@ pub struct Figures {
 /// The good end of an order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Done {
-    /// Slot.
+    /// Slot; empty if it is about the flight as a whole.
     pub slot: String,
-    /// For programs: `swapped`, `rolled back`, `dry run`, `stands by` or `retired`.
+    /// For programs: `swapped`, `rolled back`, `dry run`, `stands by`, `retired` or `stopping`.
     pub outcome: String,
     /// For people.
     pub text: String,
+}
+
+impl Done {
+    /// To [`Request::Stop`].
+    #[must_use]
+    pub fn stopping() -> Self {
+        let text = "the flight ends in order".to_owned();
+        Self { slot: String::new(), outcome: "stopping".to_owned(), text }
+    }
 }
 
 /// Why not.

@@ -43,11 +43,34 @@ impl Run {
         &self.folder
     }
 
+    /// What the scenario says of itself; none before it is there.
+    fn scenario(&self) -> Option<toml::Table> {
+        let text = fs::read_to_string(self.folder.join("scenario.toml")).ok()?;
+        let table: toml::Table = text.parse().ok()?;
+        table.get("scenario")?.as_table().cloned()
+    }
+
+    /// What can be done for it if its launcher has died.
+    pub(super) fn rescue(&self) -> String {
+        let clock =
+            self.scenario().map(|scenario| scenario.get("clock")?.as_str().map(str::to_owned));
+        match clock.as_ref().map(Option::as_deref) {
+            Some(Some("realtime")) => {
+                format!("`morphquad adopt {}` goes on before its processes leave", self.id)
+            }
+            Some(_) => {
+                "its processes leave within seconds: in lockstep nobody can go on with it, but its \
+                        recording can be read, and flown again it is the same flight"
+                    .to_owned()
+            }
+            None => "its processes leave".to_owned(),
+        }
+    }
+
     /// Name and scenario, as far as it can be read.
     fn described(&self) -> String {
-        let text = fs::read_to_string(self.folder.join("scenario.toml")).unwrap_or_default();
-        let table: toml::Table = text.parse().unwrap_or_default();
-        let name = table.get("scenario").and_then(|scenario| scenario.get("name")?.as_str());
+        let scenario = self.scenario().unwrap_or_default();
+        let name = scenario.get("name").and_then(|name| name.as_str());
         let led = leading(&self.folder);
         let led = led.map_or("without launcher".to_owned(), |pid| format!("led by {pid}"));
         format!("{}  {}  {led}", self.id, name.unwrap_or("(just starting)"))
@@ -172,6 +195,22 @@ mod tests {
         assert_eq!(chosen(Some("9"), &["7f3a", "9b01"]).as_deref(), Ok("9b01"));
         // A whole name is that run's although another one begins with it.
         assert_eq!(chosen(Some("7f"), &["7f3a", "7f"]).as_deref(), Ok("7f"));
+    }
+
+    #[test]
+    fn who_has_lost_the_launcher_is_told_what_can_be_done_on_which_clock() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::at("7f3a", folder.path());
+        let told = |scenario: &str| {
+            fs::write(folder.path().join("scenario.toml"), scenario).unwrap();
+            run.rescue()
+        };
+        assert!(!run.rescue().contains("adopt"), "nothing is known of it yet");
+        assert!(told("[scenario]\nclock = \"realtime\"\n").contains("`morphquad adopt 7f3a`"));
+        for lockstep in ["[scenario]\nclock = \"lockstep\"\n", "[scenario]\nseed = 1\n"] {
+            let told = told(lockstep);
+            assert!(told.contains("lockstep") && !told.contains("adopt"), "{told}");
+        }
     }
 
     #[test]

@@ -1,15 +1,18 @@
 //! `morphquad doctor`: what of this machine is in the way of a realtime flight.
 //!
-//! A check looks at one thing and gives a [`Finding`]. Those of `settings.rs` read what the kernel writes
-//! into files, so that tests can write other files; `rights.rs` asks for what a flight asks for,
+//! A check looks at one thing and gives a [`Finding`]. Those of `settings.rs` and `means.rs` read what the
+//! kernel writes into files, so that tests can write other files; `rights.rs` asks for what a flight asks for,
 //! `places.rs` looks at shared memory and disk, `clocks.rs` measures, `programs.rs` asks executables.
 
 mod clocks;
+mod means;
 mod places;
 mod programs;
 mod report;
 mod rights;
 mod settings;
+#[cfg(test)]
+mod tests;
 
 pub use report::Report;
 
@@ -106,7 +109,7 @@ impl Machine {
 #[must_use]
 pub fn examine(recordings: &Path) -> Report {
     let machine = Machine { root: PathBuf::from("/") };
-    let before = settings::Stolen::look(&machine);
+    let before = means::Stolen::look(&machine);
     let findings = thread::scope(|scope| {
         // What waits for something other than the processor waits at once.
         let disk = scope.spawn(|| places::disk(recordings));

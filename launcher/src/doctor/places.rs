@@ -137,8 +137,10 @@ fn rate(folder: &Path, place: &str, other: &str) -> Finding {
     let trial = path.clone();
     // A disk that hangs must not hang its examination.
     thread::spawn(move || {
-        let _ = told.send(write(&trial));
+        let written = write(&trial);
+        // Before it is told of: whoever examines may be gone a moment later, and this thread with it.
         let _ = fs::remove_file(&trial);
+        let _ = told.send(written);
     });
     match heard.recv_timeout(TRIAL_LIMIT) {
         Ok(Ok(rate)) => {

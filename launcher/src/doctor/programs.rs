@@ -3,13 +3,13 @@
 use super::Finding;
 use crate::candidate::installed;
 use host::{LAYOUT_ARGUMENT, layout_hash};
+use runtime::clock::{mono_now_ns, sleep_until};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
 
-/// How long an executable may take to say who it is.
-const LIMIT: Duration = Duration::from_millis(500);
+/// How long an executable may take to say who it is \[ns\].
+const LIMIT_NS: u64 = 500_000_000;
 
 pub(super) fn checks() -> Vec<Finding> {
     thread::scope(|scope| {
@@ -21,7 +21,7 @@ pub(super) fn checks() -> Vec<Finding> {
 }
 
 fn version() -> Finding {
-    let (version, git) = (env!("CARGO_PKG_VERSION"), env!("MORPHQUAD_GIT"));
+    let (version, git) = (env!("CARGO_PKG_VERSION"), crate::build::declared().git);
     Finding::ok("version", format!("morphquad {version} ({git}), layout {:016x}", layout_hash()))
 }
 
@@ -83,18 +83,17 @@ fn say(executable: &Path, argument: &str) -> Option<String> {
     let mut command = Command::new(executable);
     command.arg(argument).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = command.spawn().ok()?;
-    #[expect(clippy::disallowed_methods, reason = "patience with a program, not a loop")]
-    let (start, now) = (Instant::now(), Instant::now);
+    let patient_until_ns = mono_now_ns() + LIMIT_NS;
     loop {
         match child.try_wait().ok()? {
             Some(_) => break,
-            None if now().duration_since(start) > LIMIT => {
+            None if mono_now_ns() > patient_until_ns => {
                 // It may be anything; it was started here and is ended here.
                 let _ = child.kill();
                 let _ = child.wait();
                 return None;
             }
-            None => runtime::clock::sleep_until(runtime::clock::mono_now_ns() + 1_000_000),
+            None => sleep_until(mono_now_ns() + 1_000_000),
         }
     }
     let output = child.wait_with_output().ok()?;

@@ -1,14 +1,9 @@
 //! What the kernel and the machine are set to, by the files that tell it.
 
+use super::means::{cpu_quota, fair_quota, map_count, memory, psi, swap};
 use super::{Finding, Machine};
 use std::fs;
 
-/// Free memory below which flights get into trouble \[kB\].
-const LEAST_MEMORY_KB: u64 = 200 * 1024;
-/// Free memory that leaves room for recordings' pages \[kB\].
-const ENOUGH_MEMORY_KB: u64 = 512 * 1024;
-/// Share of time that a host may take away before loops feel it \[%\].
-const STEAL_PERCENT: f64 = 1.0;
 /// Way out of an idle state that shows in a hop \[us\].
 const LONG_EXIT_US: i64 = 50;
 
@@ -248,156 +243,11 @@ fn huge_pages(machine: &Machine) -> Finding {
     Finding::warn_if(chosen == "always", name, found, remedy)
 }
 
-fn swap(machine: &Machine) -> Finding {
-    let areas = machine.read("proc/swaps").unwrap_or_default().lines().count().saturating_sub(1);
-    let locked = host::realtime::may_lock_memory();
-    let found = match areas {
-        0 => "none".to_owned(),
-        _ if locked => format!("{areas} areas; loops lock their memory"),
-        _ => format!("{areas} areas, and loops may not lock their memory"),
-    };
-    Finding::warn_if(areas > 0 && !locked, "swap", found, "`swapoff -a`, or see memory lock")
-}
-
-fn memory(machine: &Machine) -> Finding {
-    let name = "memory";
-    let info = machine.read("proc/meminfo").unwrap_or_default();
-    let line = info.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let available = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
-    let Some(available) = available else {
-        return Finding::warn(name, "unknown", "mount /proc");
-    };
-    let found = format!("{} MB available", available >> 10);
-    let remedy = "end other programs";
-    if available < LEAST_MEMORY_KB {
-        return Finding::fail(name, found, remedy);
-    }
-    Finding::warn_if(available < ENOUGH_MEMORY_KB, name, found, remedy)
-}
-
-/// Folder of this process's group in one of the kernel's two hierarchies.
-fn group(machine: &Machine, is_it: impl Fn(&str) -> bool) -> Option<String> {
-    let groups = machine.read("proc/self/cgroup")?;
-    let line = groups.lines().find(|line| line.split(':').nth(1).is_some_and(&is_it))?;
-    line.split(':').nth(2).map(str::to_owned)
-}
-
-fn cpu_quota(machine: &Machine) -> Finding {
-    let name = "cpu quota";
-    let folder = group(machine, str::is_empty).unwrap_or_default();
-    let read = |base: &str| machine.read(&format!("sys/fs/cgroup/{base}{folder}/cpu.max"));
-    let Some(quota) = read("").or_else(|| read("unified")) else {
-        return Finding::ok(name, "none set by a group of version 2");
-    };
-    let mut words = quota.split(' ').map(str::parse::<f64>);
-    match (words.next(), words.next()) {
-        (Some(Ok(quota)), Some(Ok(period))) => {
-            let found = format!("{:.2} processors", quota / period);
-            let remedy = "raise cpu.max, e.g. `--cpus` of the container";
-            if quota < period {
-                Finding::fail(name, found, remedy)
-            } else {
-                Finding::warn(name, found, remedy)
-            }
-        }
-        _ => Finding::ok(name, "no limit"),
-    }
-}
-
-fn fair_quota(machine: &Machine) -> Finding {
-    let name = "cpu quota, v1";
-    let is_cpu = |controllers: &str| controllers.split(',').any(|one| one == "cpu");
-    let Some(folder) = group(machine, is_cpu) else {
-        return Finding::ok(name, "no group of version 1");
-    };
-    let read = |file: &str| machine.number(&format!("sys/fs/cgroup/cpu{folder}/{file}"));
-    match (read("cpu.cfs_quota_us"), read("cpu.cfs_period_us")) {
-        (Some(quota), Some(period)) if quota > 0 => {
-            let found = format!("{:.2} processors", quota as f64 / period as f64);
-            let remedy = "raise cpu.cfs_quota_us";
-            if quota < period {
-                Finding::fail(name, found, remedy)
-            } else {
-                Finding::warn(name, found, remedy)
-            }
-        }
-        _ => Finding::ok(name, "no limit"),
-    }
-}
-
-fn map_count(machine: &Machine) -> Finding {
-    let count = machine.number("proc/sys/vm/max_map_count").unwrap_or(i64::MAX);
-    // A process maps a segment for each writer of each topic that it reads: some hundred.
-    let found = if count == i64::MAX { "no limit".to_owned() } else { format!("{count} allowed") };
-    Finding::warn_if(count < 4096, "memory maps", found, "`sysctl vm.max_map_count=65530`")
-}
-
-fn psi(machine: &Machine) -> Finding {
-    let name = "pressure";
-    let Some(text) = machine.read("proc/pressure/cpu") else {
-        return Finding::ok(name, "the kernel does not tell");
-    };
-    let share = text.split_whitespace().find_map(|word| word.strip_prefix("avg10="));
-    let share: f64 = share.and_then(|share| share.parse().ok()).unwrap_or(0.0);
-    let found = format!("somebody waited for a processor {share} % of the last 10 s");
-    Finding::warn_if(share > 20.0, name, found, "end other programs, or fly slower with --speed")
-}
-
-/// Processor time of all, and what a host has taken of it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Stolen {
-    all: u64,
-    stolen: u64,
-}
-
-impl Stolen {
-    pub(super) fn look(machine: &Machine) -> Self {
-        let stat = machine.read("proc/stat").unwrap_or_default();
-        let line = stat.lines().next().unwrap_or_default();
-        let ticks = line.split_whitespace().skip(1).filter_map(|word| word.parse::<u64>().ok());
-        let ticks: Vec<_> = ticks.take(8).collect();
-        Self { all: ticks.iter().sum(), stolen: ticks.get(7).copied().unwrap_or(0) }
-    }
-
-    /// Of the time since then, or since the start if that was short.
-    pub(super) fn since(self, machine: &Machine) -> Finding {
-        let now = Self::look(machine);
-        let share = |stolen: u64, all: u64| 100.0 * stolen as f64 / all.max(1) as f64;
-        let lately =
-            share(now.stolen.saturating_sub(self.stolen), now.all.saturating_sub(self.all));
-        let ever = share(now.stolen, now.all);
-        let found = format!("{lately:.1} % now, {ever:.2} % since the start");
-        let remedy = "ask for processors of your own, or fly when the host is quiet";
-        Finding::warn_if(lately.max(ever) > STEAL_PERCENT, "steal", found, remedy)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::Verdict;
+    use super::super::tests::{Check, machine, verdict};
     use super::*;
-    use tempfile::TempDir;
-
-    type Check = fn(&Machine) -> Finding;
-
-    /// A machine with these files alone.
-    fn machine(files: &[(&str, &str)]) -> (TempDir, Machine) {
-        let folder = tempfile::tempdir().unwrap();
-        for (path, text) in files {
-            let path = folder.path().join(path);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
-        let root = folder.path().to_path_buf();
-        (folder, Machine { root })
-    }
-
-    fn verdict(check: Check, files: &[(&str, &str)]) -> Verdict {
-        let (_folder, machine) = machine(files);
-        let finding = check(&machine);
-        assert_eq!(finding.verdict == Verdict::Ok, finding.remedy.is_empty(), "{finding:?}");
-        finding.verdict
-    }
 
     #[test]
     fn a_machine_that_tells_nothing_is_examined_all_the_same() {
@@ -435,33 +285,11 @@ mod tests {
     }
 
     #[test]
-    fn a_quota_below_one_processor_fails_and_a_larger_one_warns() {
-        let group = ("proc/self/cgroup", "0::/box\n");
-        for (quota, expected) in [
-            ("50000 100000", Verdict::Fail),
-            ("150000 100000", Verdict::Warn),
-            ("max 100000", Verdict::Ok),
-        ] {
-            let files = [group, ("sys/fs/cgroup/box/cpu.max", quota)];
-            assert_eq!(verdict(cpu_quota, &files), expected, "{quota}");
-        }
-    }
-
-    #[test]
     fn interrupts_on_isolated_processors_are_counted() {
         let isolated = ("sys/devices/system/cpu/isolated", "2-3");
         let there = [isolated, ("proc/irq/5/effective_affinity_list", "3\n")];
         assert_eq!(verdict(irq_affinity, &there), Verdict::Warn);
         let elsewhere = [isolated, ("proc/irq/5/effective_affinity_list", "0-1\n")];
         assert_eq!(verdict(irq_affinity, &elsewhere), Verdict::Ok);
-    }
-
-    #[test]
-    fn stolen_time_is_a_share_of_all_time() {
-        let (_folder, before) = machine(&[("proc/stat", "cpu 100 0 0 900 0 0 0 0 0 0\n")]);
-        let (_other, after) = machine(&[("proc/stat", "cpu 150 0 0 940 0 0 0 10 0 0\n")]);
-        let finding = Stolen::look(&before).since(&after);
-        assert!(finding.found.starts_with("10.0 %"), "{}", finding.found);
-        assert_eq!(finding.verdict, Verdict::Warn);
     }
 }

@@ -18,6 +18,8 @@ use serde::{Deserialize, Serialize};
 pub const REACH_M: f64 = 100.0;
 /// Lowest that it may be sent over ground \[m\].
 pub const FLOOR_M: f64 = 0.2;
+/// Shortest that a sweep of the arms may take; the servo asks for more \[s\].
+const SHORTEST_S: f64 = 1e-3;
 /// Longest that anything ordered may take or last \[s\].
 pub const LONGEST_S: f64 = 3600.0;
 
@@ -160,7 +162,7 @@ impl Order {
             }
             Self::Morph(Morph { angle_deg, over_s }) => {
                 within("angle", *angle_deg, (45.0, 160.0), "deg")?;
-                within("over", *over_s, (0.0, LONGEST_S), "s")
+                within("over", *over_s, (SHORTEST_S, LONGEST_S), "s")
             }
             Self::Disturb(Disturb { load, in_s, for_s }) => {
                 load.check()?;

@@ -246,7 +246,8 @@ fn refused_orders_change_nothing_and_say_what_would_do() {
         (goto([0.0, -101.0, 1.0], None), "y -101"),
         (goto([0.0, 0.0, 1.0], Some(400.0)), "from -360 to 360 deg"),
         (morph(44.9, 2.0), "from 45 to 160 deg"),
-        (morph(90.0, -1.0), "from 0 to 3600 s"),
+        (morph(90.0, -1.0), "from 0.001 to 3600 s"),
+        (morph(90.0, 0.0), "from 0.001 to 3600 s"),
     ] {
         let told = refused(order, 1000);
         assert!(told.contains(words), "{told}");

@@ -132,14 +132,14 @@ fn consumers(
 }
 
 /// A flight that is over.
-struct Ended {
-    id: String,
-    path: Option<PathBuf>,
-    wall_ns: u64,
-    from_ns: u64,
-    flown_ns: u64,
-    end: Result<End, InProcessError>,
-    told: Conclusion,
+pub(super) struct Ended {
+    pub(super) id: String,
+    pub(super) path: Option<PathBuf>,
+    pub(super) wall_ns: u64,
+    pub(super) from_ns: u64,
+    pub(super) flown_ns: u64,
+    pub(super) end: Result<End, InProcessError>,
+    pub(super) told: Conclusion,
 }
 
 /// What came of the slots, told as a flight of processes tells it.
@@ -151,7 +151,7 @@ fn conclude<O: Observer>(flight: &mut InProcess<O>) -> Conclusion {
     told
 }
 
-fn sum_up(
+pub(super) fn sum_up(
     mut consumers: Consumers,
     options: &RunOptions,
     ended: Ended,
@@ -184,7 +184,7 @@ fn sum_up(
         recording: path,
         recording_error: consumers.recording_error.take(),
     };
-    consumers.finish_recording(&mut summary);
+    consumers.finish(&mut summary);
     Ok(summary)
 }
 
@@ -207,7 +207,7 @@ impl HasConsumers for (Consumers, (Compare, Metrics)) {
 
 /// How a flight ended that no defect ended.
 #[derive(PartialEq)]
-enum End {
+pub(super) enum End {
     Flown,
     Interrupted,
 }

@@ -10,6 +10,7 @@ mod watch;
 
 pub use adopt::{AdoptError, AdoptOptions, adopt};
 
+use super::audience::Audience;
 use super::conductor::Conductor;
 use super::grants::Grants;
 use super::live::{Live, View};
@@ -17,7 +18,7 @@ use super::notes::{Notebook, Of};
 use super::pilot_thread::PilotEnd;
 use super::services::{HeldServices, Wakers};
 use super::setup::{
-    RunError, RunOptions, clock_of, facts, recording_path, require_processor,
+    RunError, RunOptions, clock_of, facts, pinned_cpu, recording_path, require_processor,
     require_shared_memory, run_id, system,
 };
 use super::slots::{Means, Processes, Script, Slots};
@@ -25,8 +26,10 @@ use super::summary::Summary;
 use super::supervisor::{FlightError, Supervisor};
 use super::tap::Tap;
 use crate::bench::stopwatch::Stopwatch;
+use crate::control::protocol::{Done, Reply, Request};
 use crate::orders::Planner;
 use crate::record::{Recording, Severity};
+use crate::topic::feed::Flying;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::Bus;
@@ -69,6 +72,10 @@ pub fn run_measured(
     Ok((summary, stopwatch.unwrap_or_default()))
 }
 
+fn cpu_of(options: &RunOptions) -> Option<usize> {
+    pinned_cpu(options.pin, clock_of(&options.scenario))
+}
+
 fn fly(
     options: &RunOptions,
     stopwatch: Option<Stopwatch>,
@@ -97,7 +104,13 @@ fn fly(
         .write(membership.folder())
         .map_err(system(format!("describe the flight in {}", membership.folder().display())))?;
     let name = &options.scenario.settings().scenario.name;
-    let live = Live::open(membership.folder(), &id, name, recording_path.as_deref())?;
+    let flying = Flying::new(facts.epoch_unix_ns, facts.clock);
+    let live = Live::open(membership.folder(), &id, name, recording_path.as_deref(), flying)?;
+    let audience = options.live.as_ref().map(|live| Audience::open(live, &id, cpu_of(options)));
+    let audience = audience.transpose().inspect_err(|_| {
+        // Nothing has flown, and a file that holds nothing would only be in the way.
+        let _ = recording_path.as_deref().map(std::fs::remove_file);
+    })?;
     let of = Of {
         run: id.clone(),
         recording: recording_path.as_deref().map(|path| path.canonicalize().unwrap_or(path.into())),
@@ -115,7 +128,14 @@ fn fly(
             return Err(error);
         }
     };
-    Ok(flight.conclude(outcome, options, &id, recording_path))
+    if let Some(audience) = &audience {
+        audience.flight_is_over();
+    }
+    let concluded = flight.conclude(outcome, options, &id, recording_path);
+    if let Some(audience) = audience {
+        audience.leave();
+    }
+    Ok(concluded)
 }
 
 struct Flight {
@@ -198,7 +218,15 @@ impl Flight {
         let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
         let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
         let view = View { graph, supervisor, conductor, marks, drained_ns };
-        let orders = self.live.serve(&view, now_ns);
+        let mut orders = self.live.serve(&view, now_ns);
+        orders.retain(|(request, answer)| {
+            let goes_on = *request != Request::Stop;
+            if !goes_on {
+                self.stop.request();
+                answer.send(Reply::Done(Done::stopping()));
+            }
+            goes_on
+        });
         if orders.is_empty() {
             return Ok(());
         }
@@ -270,7 +298,7 @@ impl Flight {
     fn pass_on_news(&mut self, logical_ns: u64) {
         for news in core::mem::take(&mut self.slots.news) {
             let severity = if news.warning { Severity::Warning } else { Severity::Info };
-            self.tap.consumers.note(logical_ns, severity, &news.text);
+            self.tap.consumers.note(logical_ns, severity, "launcher", &news.text);
             if news.warning {
                 self.notice(&news.text);
             }

@@ -1,14 +1,17 @@
 //! What the flight achieved, from the samples alone.
 
 use super::command_audit::{CommandAudit, CommandTally};
+use super::loops::LoopLedger;
 use super::misses::MissLog;
 use super::response::{AxisResponse, StepResponse};
 use super::tracking::{Tracker, Tracking};
 use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
+use runtime::seat_of_loop;
 use shared_types::{
-    AppliedCommand, AttitudeSetpoint, ControllerReport, Deviation, GateMode, Header, LoopStats,
-    OwnerRecord, Reference, Role, Sample, SolveStatus, StateEstimate, Topic, Truth, WrenchCommand,
+    AppliedCommand, AttitudeReport, AttitudeSetpoint, ControllerReport, Deviation, GateMode,
+    Header, LoopStats, OwnerRecord, PositionReport, Reference, Role, Sample, Seating, SolveStatus,
+    StateEstimate, Topic, TopicInfo, Truth, WrenchCommand,
 };
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -17,7 +20,7 @@ use std::collections::BTreeMap;
 pub const VIOLATION_TOLERANCE: f64 = 1e-9;
 /// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own
 /// size and more, far beyond what wind or a failing rotor does to one that is under control.
-const LOST_M: f64 = 1.0;
+pub(crate) const LOST_M: f64 = 1.0;
 /// Error of an angle at the end of a rig flight from which the vehicle counts as lost \[rad\].
 const LOST_RAD: f64 = 1.0;
 /// Effort and verdicts of one controller.
@@ -44,8 +47,9 @@ pub struct Effort {
 pub struct Metrics {
     tracker: Tracker,
     efforts: BTreeMap<&'static str, Effort>,
-    compute: BTreeMap<&'static str, Histogram<u64>>,
-    loops: BTreeMap<u32, LoopStats>,
+    /// By loop and seat.
+    compute: BTreeMap<(&'static str, u32), Histogram<u64>>,
+    loops: LoopLedger,
     /// Slot, instant \[ns\] and seat of each owner.
     owners: Vec<(Role, u64, u32)>,
     gate: AppliedCommand,
@@ -96,17 +100,19 @@ impl Metrics {
             self.time("estimator", estimate);
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
             self.tracker.observe_reference(reference);
-        } else if let Some(report) = any.downcast_ref::<ControllerReport>() {
-            if self.is_owner(topic.info.from, &report.header) {
-                self.observe_report(topic.info.name, report);
-            }
+        } else if let Some(report) = any.downcast_ref::<AttitudeReport>() {
+            self.observe_report(&topic.info, report);
+        } else if let Some(report) = any.downcast_ref::<PositionReport>() {
+            self.observe_report(&topic.info, report);
         } else if let Some(record) = any.downcast_ref::<OwnerRecord>() {
             self.owners.push((record.slot, record.header.valid_ns, record.owner));
             self.commands.record(record);
         } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
             self.observe_applied(applied);
         } else if let Some(stats) = any.downcast_ref::<LoopStats>() {
-            self.loops.insert(stats.header.seat, *stats);
+            self.loops.observe(stats);
+        } else if let Some(seating) = any.downcast_ref::<Seating>() {
+            self.loops.seated(seating);
         } else if let Some(deviation) = any.downcast_ref::<Deviation>() {
             self.misses.observe(deviation, self.response.is_some());
         } else if let Some(command) = any.downcast_ref::<WrenchCommand>() {
@@ -127,7 +133,7 @@ impl Metrics {
             return;
         }
         let compute_ns = header.publish_mono_ns.saturating_sub(header.start_mono_ns);
-        let histogram = self.compute.entry(name).or_insert_with(new_histogram);
+        let histogram = self.compute.entry((name, header.seat)).or_insert_with(new_histogram);
         histogram.saturating_record(compute_ns.max(1));
     }
 
@@ -149,16 +155,19 @@ impl Metrics {
         owner.is_none_or(|(.., seat)| *seat == header.seat)
     }
 
-    fn observe_report(&mut self, topic: &'static str, report: &ControllerReport) {
-        let effort = self.efforts.entry(topic).or_default();
-        let violation = report.worst_violation();
+    fn observe_report<R: ControllerReport>(&mut self, topic: &TopicInfo, report: &R) {
+        if !self.is_owner(topic.from, report.header()) {
+            return;
+        }
+        let effort = self.efforts.entry(topic.name).or_default();
+        let (violation, solve) = (report.worst_violation(), report.solve());
         effort.steps += 1;
         effort.worst_violation = effort.worst_violation.max(violation);
         effort.violations += u64::from(violation > VIOLATION_TOLERANCE);
-        effort.relaxed += u64::from(report.relaxation.iter().any(|r| *r > 0.0));
-        effort.yielded += u64::from(report.yielded > 0);
-        effort.unsolved += u64::from(report.status != SolveStatus::Solved);
-        effort.most_iterations = effort.most_iterations.max(report.iterations);
+        effort.relaxed += u64::from(report.bounded().relaxation.iter().any(|r| *r > 0.0));
+        effort.yielded += u64::from(solve.yielded > 0);
+        effort.unsolved += u64::from(solve.status != SolveStatus::Solved);
+        effort.most_iterations = effort.most_iterations.max(solve.iterations);
     }
 
     fn observe_applied(&mut self, applied: &AppliedCommand) {
@@ -173,6 +182,12 @@ impl Metrics {
     #[must_use]
     pub fn commands(&self) -> CommandTally {
         self.commands.tally()
+    }
+
+    /// The same of the ticks that no record can contradict any more, a second before the last one.
+    #[must_use]
+    pub fn settled_commands(&self) -> CommandTally {
+        self.commands.settled()
     }
 
     /// Closes the comparison with the reference at the end of the flight.
@@ -192,21 +207,16 @@ impl Metrics {
         &self.efforts
     }
 
-    /// Time from start of step to publication by loop \[ns\].
+    /// Time from start of step to publication on the seat that these totals are of \[ns\].
     #[must_use]
-    pub fn compute(&self) -> &BTreeMap<&'static str, Histogram<u64>> {
-        &self.compute
+    pub fn compute(&self, stats: &LoopStats) -> Option<&Histogram<u64>> {
+        self.compute.get(&(stats.role.label(), seat_of_loop(stats.header.seat)))
     }
 
-    /// Last totals of one loop.
+    /// Totals of every seat's loop, whoever sat there.
     #[must_use]
-    pub fn loop_stats(&self, role: Role) -> Option<&LoopStats> {
-        self.loops.get(&role.0)
-    }
-
-    /// Last totals of every seat's loop.
-    pub fn all_loop_stats(&self) -> impl Iterator<Item = &LoopStats> {
-        self.loops.values()
+    pub fn loops(&self) -> Vec<LoopStats> {
+        self.loops.seats()
     }
 
     /// Where deadlines were missed.
@@ -230,10 +240,23 @@ impl Metrics {
     /// [`Metrics::finish`] first.
     #[must_use]
     pub fn vehicle_lost(&self) -> bool {
-        let on_path = self.tracking().last_second_m <= LOST_M;
-        let mut axes = self.step_response().into_iter().flatten();
-        let tumbled = axes.any(|axis| axis.final_error_rad.abs() > LOST_RAD);
-        !on_path || tumbled || self.gate.mode == GateMode::Cut
+        self.how_lost().is_some()
+    }
+
+    /// In which of these ways it was lost, if it was.
+    #[must_use]
+    pub fn how_lost(&self) -> Option<String> {
+        let last_second_m = self.tracking().last_second_m;
+        let on_path = last_second_m <= LOST_M;
+        let off_path =
+            (!on_path).then(|| format!("{last_second_m:.1} m off its path in the last second"));
+        let axes = self.step_response().into_iter().flatten();
+        let turned_rad = axes.map(|axis| axis.final_error_rad.abs()).fold(0.0, f64::max);
+        let tumbled = (turned_rad > LOST_RAD)
+            .then(|| format!("turned {turned_rad:.1} rad away from its set point at the end"));
+        let cut = (self.gate.mode == GateMode::Cut).then(|| "rotors cut".to_owned());
+        let ways: Vec<String> = [off_path, tumbled, cut].into_iter().flatten().collect();
+        (!ways.is_empty()).then(|| ways.join(", "))
     }
 
     /// Commands outside their bounds.
@@ -289,13 +312,16 @@ mod tests {
     #[test]
     fn a_command_outside_its_bounds_is_a_violation_and_so_is_a_nan() {
         let mut metrics = Metrics::default();
-        let mut report =
-            ControllerReport { input_max: [1.0; 3], increment_max: [1.0; 3], ..Default::default() };
+        let mut report = AttitudeReport {
+            torque_max_b_nm: [1.0; 3],
+            torque_increment_max_b_nm: [1.0; 3],
+            ..AttitudeReport::default()
+        };
         metrics.observe(&topics::ATTITUDE_REPORT, &report);
-        report.input[1] = 1.0 + 1e-6;
-        report.previous_input[1] = 0.5;
+        report.torque_b_nm[1] = 1.0 + 1e-6;
+        report.previous_torque_b_nm[1] = 0.5;
         metrics.observe(&topics::ATTITUDE_REPORT, &report);
-        report.input[1] = f64::NAN;
+        report.torque_b_nm[1] = f64::NAN;
         metrics.observe(&topics::ATTITUDE_REPORT, &report);
         assert_eq!(metrics.efforts()["attitude_report"].violations, 2);
     }

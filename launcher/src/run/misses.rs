@@ -7,7 +7,9 @@ use serde_json::{Value, json};
 use shared_types::{Deviation, DeviationKind, Role, topics};
 use std::collections::BTreeMap;
 
-/// Logical time between two events about one place \[ns\].
+/// Who tells of misses, in the recording.
+pub(crate) const TIMING: &str = "timing";
+/// Logical time between the first two events about one place \[ns\]; each later one waits twice as long.
 const QUIET_NS: u64 = 1_000_000_000;
 
 /// Where something was missed.
@@ -90,7 +92,16 @@ pub struct Missed {
     pub worst_ns: u64,
     /// Step that this happened to \[ns\].
     pub worst_at_ns: u64,
-    told_ns: Option<u64>,
+    told: Option<Told>,
+}
+
+/// What has been told of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Told {
+    /// From when on there may be news \[ns\].
+    next_ns: u64,
+    quiet_ns: u64,
+    count: u64,
 }
 
 impl fmt::Display for Missed {
@@ -130,7 +141,7 @@ impl MissLog {
             last_ns: 0,
             worst_ns: 0,
             worst_at_ns: 0,
-            told_ns: None,
+            told: None,
         };
         let misses = self.places.entry(place).or_insert(unseen);
         misses.count += count;
@@ -138,13 +149,20 @@ impl MissLog {
         if late_ns > misses.worst_ns {
             (misses.worst_ns, misses.worst_at_ns) = (late_ns, at_ns);
         }
-        if misses.told_ns.is_none_or(|told_ns| at_ns >= told_ns.saturating_add(QUIET_NS)) {
-            misses.told_ns = Some(at_ns);
-            self.news.push((at_ns, format!("{place}: {misses}")));
+        let before = misses.told;
+        if before.is_none_or(|told| at_ns >= told.next_ns) {
+            let quiet_ns = before.map_or(QUIET_NS, |told| told.quiet_ns.saturating_mul(2));
+            let next_ns = at_ns.saturating_add(quiet_ns);
+            misses.told = Some(Told { next_ns, quiet_ns, count: misses.count });
+            let more = before.map_or(String::new(), |told| {
+                format!("{} more since it was told last, in all ", misses.count - told.count)
+            });
+            self.news.push((at_ns, format!("{place}: {more}{misses}")));
         }
     }
 
-    /// Instant \[ns\] and text of what has happened since the last call, at most one a second and place.
+    /// Instant \[ns\] and text of what has happened since the last call; ever fewer of a place that goes
+    /// on missing.
     pub fn take_news(&mut self) -> Vec<(u64, String)> {
         core::mem::take(&mut self.news)
     }
@@ -229,6 +247,22 @@ mod tests {
         assert_eq!((&json[0]["topic"], &json[0]["count"]), (&json!("wrench_command"), &json!(3)));
         // Both within one second: told once.
         assert_eq!(log.take_news().len(), 1);
+    }
+
+    #[test]
+    fn a_place_that_goes_on_missing_is_told_of_ever_more_rarely_with_what_is_new() {
+        let mut log = MissLog::default();
+        for second in 1..=16 {
+            log.observe(&deviation(DeviationKind::LateSamples, second * 1000, 7, 7), false);
+        }
+        let news = log.take_news();
+        let told: Vec<_> = news.iter().map(|(at_ns, _)| at_ns / 1_000_000_000).collect();
+        assert_eq!(told, [1, 2, 4, 8, 16]);
+        let last = &news[4].1;
+        assert!(
+            last.contains(": 8 more since it was told last, in all 16, first at 1.000"),
+            "{last}"
+        );
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! `morphquad run`: from a scenario to a flown flight, a summary and a recording.
 
 mod alone;
+mod audience;
+mod burst;
 mod child;
 mod command_audit;
 mod conductor;
@@ -10,6 +12,7 @@ mod flight;
 mod grants;
 mod hash;
 mod live;
+mod loops;
 mod metrics;
 mod misses;
 mod notes;
@@ -29,17 +32,21 @@ mod tracking;
 mod upkeep;
 
 pub use alone::{Branched, run_branch, run_in_process};
+pub use burst::Burst;
 pub(crate) use child::{ChildSpec, Launch};
 pub use command_audit::CommandTally;
 pub use conductor::Speed;
 pub use flight::{AdoptError, AdoptOptions, adopt, run, run_measured};
 pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};
+pub(crate) use loops::{LoopLedger, seat_name};
+pub(crate) use metrics::LOST_M;
 pub use metrics::{Effort, Metrics, VIOLATION_TOLERANCE};
+pub(crate) use misses::TIMING;
 pub use misses::{EdgeName, MissLog, Missed, Place};
 pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
-pub use setup::{RunError, RunOptions};
+pub use setup::{LiveOptions, RunError, RunOptions};
 pub use slots::SwapReport;
-pub(crate) use slots::{Means, Posts, Script, Seen, SlotWatch, Slots};
+pub(crate) use slots::{FAULT, Means, Posts, Script, Seen, SlotWatch, Slots};
 pub use summary::Summary;
 pub(crate) use supervisor::{FlightError, PostEvent};
 pub(crate) use tracking::Course;

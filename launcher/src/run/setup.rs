@@ -10,6 +10,7 @@ use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
 use shared_types::ClockMode;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -31,6 +32,17 @@ pub struct RunOptions {
     pub disorder: Option<u64>,
     /// Whether to show progress on standard error.
     pub progress: bool,
+    /// Whether and where to serve it to viewers while it flies.
+    pub live: Option<LiveOptions>,
+}
+
+/// How a flight is served to viewers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LiveOptions {
+    /// Where the `WebSocket` listens; the page has another port of the same address.
+    pub listen: SocketAddr,
+    /// Whether to open the page in a browser.
+    pub open: bool,
 }
 
 /// Why a flight could not be started.
@@ -93,6 +105,14 @@ pub enum RunError {
     /// A script for processes, without processes.
     #[error("--in-process: {0}")]
     ScriptInProcess(InProcessError),
+    /// Viewers cannot be served.
+    #[error("{told}")]
+    NotServed {
+        /// Why not.
+        told: String,
+        /// What whoever was to serve them ended with.
+        exit_code: u8,
+    },
     /// The processes did not get ready.
     #[error("{0}")]
     NotReady(String),
@@ -127,21 +147,26 @@ pub(super) fn recording_path(dir: &Path, id: &str) -> Result<PathBuf, RunError> 
 
 pub(super) fn facts(id: &str, options: &RunOptions) -> Facts {
     let scenario = &options.scenario;
-    let times = if let Speed::Times(times) = options.speed { times } else { 1.0 };
     Facts {
         run_id: id.to_owned(),
         scenario_name: scenario.settings().scenario.name.clone(),
         scenario_toml: scenario.to_toml().to_owned(),
         seed: scenario.settings().scenario.seed,
-        clock: match clock_of(scenario) {
-            ClockMode::Realtime => Clock::Realtime { speed: times },
-            _ => Clock::Lockstep,
-        },
+        clock: stamps_of(options),
         epoch_unix_ns: runtime::clock::unix_now_ns(),
         machine: Machine::read(),
         vehicle: scenario.real_vehicle(),
         branch: None,
         continues: None,
+    }
+}
+
+/// How the stamps of the flight run.
+pub(super) fn stamps_of(options: &RunOptions) -> Clock {
+    let speed = if let Speed::Times(times) = options.speed { times } else { 1.0 };
+    match clock_of(&options.scenario) {
+        ClockMode::Realtime => Clock::Realtime { speed },
+        _ => Clock::Lockstep,
     }
 }
 

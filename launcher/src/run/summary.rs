@@ -1,12 +1,13 @@
 //! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
 
 use super::command_audit::CommandTally;
+use super::loops::seat_name;
 use super::metrics::{Effort, Metrics};
 use super::slots::{SwapReport, write_table};
 use super::upkeep::Upkeep;
 use crate::exit;
 use crate::orders::OrderReport;
-use crate::record::SequenceAudit;
+use crate::record::{SequenceAudit, name_gaps};
 use hdrhistogram::Histogram;
 use shared_types::{ClockMode, Role};
 use std::collections::BTreeMap;
@@ -74,7 +75,7 @@ pub struct Misses {
     pub late: u64,
     /// Samples that a loop never saw, most of them while it was being restarted.
     pub unseen: u64,
-    /// Samples that the recorder never saw.
+    /// Samples and states that the recorder never saw.
     pub dropped: u64,
 }
 
@@ -123,21 +124,19 @@ impl Summary {
     #[must_use]
     pub fn misses(&self) -> Misses {
         let mut misses = Misses::default();
-        for (role, _) in &self.processes {
-            if let Some(stats) = self.metrics.loop_stats(*role) {
-                misses.ticks += stats.skipped + stats.input_deadline_misses;
-                misses.late += stats.late_samples;
-                misses.unseen += stats.lost_samples;
-            }
+        for stats in self.metrics.loops() {
+            misses.ticks += stats.skipped + stats.input_deadline_misses;
+            misses.late += stats.late_samples;
+            misses.unseen += stats.lost_samples;
         }
-        misses.dropped += self.audit.tallies().map(|(_, _, tally)| tally.gaps).sum::<u64>();
+        misses.dropped = self.audit.gaps().iter().map(|(_, gaps)| gaps).sum();
         misses
     }
 
     /// Samples that the recorder took.
     #[must_use]
     pub fn recorded(&self) -> u64 {
-        self.audit.tallies().map(|(_, _, tally)| tally.count).sum()
+        self.audit.samples()
     }
 
     /// Logical seconds per wall second.
@@ -179,6 +178,9 @@ impl Summary {
         put("late_samples", misses.late.to_string());
         put("unseen_samples", misses.unseen.to_string());
         put("dropped_samples", misses.dropped.to_string());
+        if misses.dropped > 0 {
+            put("dropped", name_gaps(&self.audit.gaps()));
+        }
         put("misses", self.metrics.misses().to_json().to_string());
         put("recorded_samples", self.recorded().to_string());
         put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
@@ -214,7 +216,7 @@ impl Summary {
             .collect();
         object.insert("misses".to_owned(), self.metrics.misses().to_json());
         if self.clock == ClockMode::Realtime {
-            let upkeep = Upkeep::of(self.metrics.all_loop_stats());
+            let upkeep = Upkeep::of(&self.metrics.loops());
             object.insert("upkeep".to_owned(), upkeep.to_json());
         }
         object.insert("run".to_owned(), self.run_id.clone().into());
@@ -222,25 +224,26 @@ impl Summary {
         object.insert("seed".to_owned(), self.seed.into());
         let recording = self.recording.as_ref().map(|p| p.display().to_string());
         object.insert("recording".to_owned(), recording.into());
+        object.insert("recording_error".to_owned(), self.recording_error.clone().into());
         object.insert("notices".to_owned(), self.notices.clone().into());
         object.insert("swaps".to_owned(), serde_json::json!(self.swaps));
         object.insert("orders".to_owned(), serde_json::json!(self.orders));
         serde_json::Value::from_iter(object)
     }
 
-    fn verdict(&self) -> String {
+    pub(super) fn verdict(&self) -> String {
         if let Some(reason) = &self.lost {
             format!("lost: {}", reason.lines().next().unwrap_or_default())
         } else if self.interrupted {
             "interrupted".to_owned()
-        } else if self.vehicle_lost() {
-            "vehicle lost: off its path, tumbling, or rotors cut, at the end".to_owned()
+        } else if let Some(how) = self.metrics.how_lost() {
+            format!("vehicle lost: {how}")
         } else if self.violations() > 0 {
             "flown, with violated bounds".to_owned()
         } else if self.has_stolen_ticks() {
             "flown, but with commands of a wrong owner".to_owned()
         } else if self.misses().dropped > 0 {
-            "flown, but the recorder lost samples".to_owned()
+            format!("flown, but the recorder lost {}", name_gaps(&self.audit.gaps()))
         } else {
             "flown".to_owned()
         }
@@ -252,20 +255,22 @@ impl Summary {
             "  {:<12} {:>7} {:>8} {:>8} {:>6} {:>6} {:>24}",
             "loop", "Hz", "steps", "skipped", "missed", "late", "step p50 / p99 / max us"
         )?;
+        let loops = self.metrics.loops();
         for (role, rate_hz) in &self.processes {
-            let Some(stats) = self.metrics.loop_stats(*role) else { continue };
-            let compute = self.metrics.compute().get(role.label()).map(quantiles);
-            writeln!(
-                out,
-                "  {:<12} {:>7} {:>8} {:>8} {:>6} {:>6} {:>24}",
-                role.label(),
-                rate_hz,
-                stats.steps,
-                stats.skipped,
-                stats.input_deadline_misses,
-                stats.late_samples,
-                compute.unwrap_or_else(|| "-".to_owned()),
-            )?;
+            for stats in loops.iter().filter(|stats| stats.role == *role) {
+                let compute = self.metrics.compute(stats).map(quantiles);
+                writeln!(
+                    out,
+                    "  {:<12} {:>7} {:>8} {:>8} {:>6} {:>6} {:>24}",
+                    seat_name(stats),
+                    rate_hz,
+                    stats.steps,
+                    stats.skipped,
+                    stats.input_deadline_misses,
+                    stats.late_samples,
+                    compute.unwrap_or_else(|| "-".to_owned()),
+                )?;
+            }
         }
         Ok(())
     }
@@ -349,9 +354,12 @@ impl Summary {
             writeln!(out, "  missed       {place}: {missed}")?;
         }
         writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), misses.dropped)?;
+        if misses.dropped > 0 {
+            writeln!(out, "  dropped      {}", name_gaps(&self.audit.gaps()))?;
+        }
         self.write_loops(out)?;
         if self.clock == ClockMode::Realtime {
-            write!(out, "{}", Upkeep::of(self.metrics.all_loop_stats()))?;
+            write!(out, "{}", Upkeep::of(&self.metrics.loops()))?;
         }
         write_table(&self.swaps, out)?;
         for order in &self.orders {

@@ -1,5 +1,6 @@
 //! What the loops of a realtime flight cost besides their steps, for the summary.
 
+use super::loops::seat_name;
 use core::fmt;
 use serde_json::{Value, json};
 use shared_types::LoopStats;
@@ -12,15 +13,10 @@ pub struct Upkeep {
 }
 
 impl Upkeep {
-    /// Of the last totals of every seat's loop.
-    pub fn of<'a>(stats: impl Iterator<Item = &'a LoopStats>) -> Self {
-        let named = stats.map(|stats| {
-            // Seat and role, as statistics carry them.
-            let seat = stats.header.seat / 8;
-            let label = stats.role.label();
-            let name = if seat == 0 { label.to_owned() } else { format!("{label}-{seat}") };
-            (name, *stats)
-        });
+    /// Of the totals of every seat's loop.
+    #[must_use]
+    pub fn of(stats: &[LoopStats]) -> Self {
+        let named = stats.iter().map(|stats| (seat_name(stats), *stats));
         Self { loops: named.collect() }
     }
 
@@ -111,11 +107,11 @@ mod tests {
             ..LoopStats::default()
         };
         let quiet = LoopStats { role: Role::Plant, ..LoopStats::default() };
-        let upkeep = Upkeep::of([&quiet, &shadow].into_iter());
+        let upkeep = Upkeep::of(&[quiet, shadow]);
         let told = upkeep.to_string();
         assert!(told.contains("3 page faults and 2 allocations of warm loops"), "{told}");
         assert!(told.contains("; 5 and 0 as somebody came or left"), "{told}");
-        assert!(told.contains("attitude-1: 3 page faults") && !told.contains("plant"), "{told}");
+        assert!(told.contains("attitude@1: 3 page faults") && !told.contains("plant"), "{told}");
         assert_eq!(upkeep.to_json()[1]["faults_at_changes"], 5);
     }
 }

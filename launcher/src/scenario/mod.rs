@@ -33,6 +33,7 @@ pub use wiring::WiringError;
 pub(crate) use wiring::delayed_topics;
 
 use crate::components::Crew;
+use crate::record::is_recording;
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
 use attitude_lqr::LqrConfig;
 use attitude_mpc::AttitudeLawConfig;
@@ -50,6 +51,7 @@ use position_pid::PositionPidConfig;
 use position_pid::settings::Shared;
 use runtime::Graph;
 use shared_types::Role;
+use std::net::SocketAddr;
 use std::path::Path;
 
 /// A scenario that can be flown.
@@ -68,11 +70,17 @@ impl Scenario {
     /// Everything that is wrong: an unknown name, an unreadable file, an unknown key, a wrong type,
     /// a value out of range, or settings that do not fit one another.
     pub fn load(name_or_path: &str, overrides: &[Override]) -> Result<Self, ScenarioError> {
-        let text = match shipped::text(name_or_path) {
-            Some(text) => text.to_owned(),
-            None => read(name_or_path)?,
-        };
-        Self::from_text(name_or_path, &text, overrides)
+        if let Some(text) = shipped::text(name_or_path) {
+            return Self::from_text(name_or_path, text, overrides);
+        }
+        let text = read(name_or_path)?;
+        let scenario = Self::from_text(name_or_path, &text, overrides)?;
+        if text.parse().is_ok_and(|table| says_nothing(&table)) {
+            let remedy = "write what is to be other than usual, such as `duration_s = 5.0` under `[scenario]`; \
+                          `morphquad run hover` flies a scenario that is there";
+            return Err(Problem::new(name_or_path, "has no key in it", remedy, None).into());
+        }
+        Ok(scenario)
     }
 
     /// As [`load`](Self::load), from a text that complaints call `name`.
@@ -310,8 +318,22 @@ impl Scenario {
 }
 
 fn read(path: &str) -> Result<String, ScenarioError> {
+    let is_named_so = Path::new(path).extension().is_some_and(|kind| kind == "mcap");
+    let is_recording = is_recording(Path::new(path));
+    if is_named_so || is_recording {
+        let what = if is_recording { "is a recording" } else { "is named like a recording" };
+        let what = format!("{what}, and what flies is a scenario");
+        let remedy = format!(
+            "`morphquad view {path}` shows one, `report {path}` judges it, `replay {path} --verify` flies it again"
+        );
+        return Err(Problem::new(path, what, remedy, None).into());
+    }
     std::fs::read_to_string(path).map_err(|error| {
         let is_name = !path.contains('/') && Path::new(path).extension().is_none();
+        if path.parse::<u16>().is_ok() || path.parse::<SocketAddr>().is_ok() {
+            let remedy = format!("an address belongs to its flag: --live={path}");
+            return ScenarioError::from(Problem::new(path, "is no scenario", remedy, None));
+        }
         if is_name && error.kind() == std::io::ErrorKind::NotFound {
             let remedy = suggestion(path, shipped::names());
             return Problem::new(path, "no scenario has this name", remedy, None).into();
@@ -322,6 +344,11 @@ fn read(path: &str) -> Result<String, ScenarioError> {
         );
         Problem::new(path, format!("cannot be read: {error}"), remedy, None).into()
     })
+}
+
+/// True without any value, however many sections there are.
+fn says_nothing(table: &toml::Table) -> bool {
+    table.values().all(|value| value.as_table().is_some_and(says_nothing))
 }
 
 fn unwritable(name: &str) -> ScenarioError {

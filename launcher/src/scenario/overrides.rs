@@ -167,7 +167,8 @@ impl Override {
                 Ok(Self(Edit { shown, key, value: format!("{name:?}"), added: false }))
             }
             Err(what) => {
-                let remedy = format!("write --crew SLOT=NAME with {}", components::fillings());
+                let remedy =
+                    format!("write --crew SLOT=NAME with {}", components::fillings().join(" or "));
                 Err(refusal("--crew", &shown, what, &remedy))
             }
         }

@@ -143,6 +143,12 @@ impl Default for ScenarioSettings {
 }
 
 impl ScenarioSettings {
+    /// True if it is asked for in so many words to be as fast as possible.
+    #[must_use]
+    pub fn is_unpaced(&self) -> bool {
+        self.speed == Some(Speed::Max)
+    }
+
     /// Logical seconds per wall second; `None` for as fast as possible.
     #[must_use]
     pub fn pace(&self) -> Option<f64> {

@@ -20,6 +20,8 @@ pub struct Talk {
     pub lines: Vec<String>,
     /// The command that is being typed.
     pub typing: Option<String>,
+    /// The command typed last, for another time.
+    pub last: Option<String>,
     /// The run has ended.
     pub over: bool,
 }
@@ -80,17 +82,37 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, talk: &Talk, palette: Pa
     let room = usize::from(talked.height);
     let kept = talk.lines.len().saturating_sub(room);
     let said: Vec<Line<'_>> =
-        talk.lines[kept..].iter().map(|line| Line::from(line.as_str())).collect();
+        talk.lines[kept..].iter().map(|line| Line::from(cut(line, talked.width.into()))).collect();
     frame.render_widget(Paragraph::new(said), talked);
     let last = match &talk.typing {
         Some(typed) => Line::from(vec![
             Span::styled("> ", Style::new().add_modifier(Modifier::BOLD)),
             Span::raw(tail(typed, usize::from(keys.width).saturating_sub(3))),
             Span::styled(" ", Style::new().add_modifier(Modifier::REVERSED)),
+            Span::styled(hint(typed), Style::new().add_modifier(Modifier::DIM)),
         ]),
         None => Line::styled(KEYS, Style::new().add_modifier(Modifier::DIM)),
     };
     frame.render_widget(Paragraph::new(last), keys);
+}
+
+/// What may follow a command of which nothing but its name stands there.
+fn hint(typed: &str) -> &'static str {
+    match typed.split_whitespace().collect::<Vec<_>>()[..] {
+        ["disturb"] => "force 0 0 -0.2 --for 500ms",
+        ["morph"] => "120 --over 2s",
+        ["goto"] => "1 0 2 90",
+        ["swap", _, "--to"] => "attitude-lqr",
+        _ => "",
+    }
+}
+
+/// A text that shows where it is cut.
+fn cut(text: &str, width: usize) -> String {
+    if text.chars().count() <= width {
+        return text.to_owned();
+    }
+    text.chars().take(width.saturating_sub(1)).chain(['…']).collect()
 }
 
 /// The end of a text that is too long.

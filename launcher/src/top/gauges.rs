@@ -1,6 +1,7 @@
 //! How loops do, by what they publish: stamps of the last second, totals of the flight.
 
 use crate::topic::{header, known};
+use runtime::seat_of_loop;
 use serde::Serialize;
 use shared_types::wire::Value as _;
 use shared_types::{Header, LoopStats, Role, TopicInfo, topics};
@@ -79,8 +80,7 @@ impl Gauges {
         if topic.name == topics::LOOP_STATS.info.name {
             if packed.len() == LoopStats::PACKED_SIZE {
                 let stats = LoopStats::unpack(packed);
-                // The seat of this topic numbers loops.
-                self.totals.insert((stats.role, header.seat / 8), stats);
+                self.totals.insert((stats.role, seat_of_loop(header.seat)), stats);
             }
             return;
         }

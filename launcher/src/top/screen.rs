@@ -11,6 +11,7 @@ use crate::topic::live::{ListenError, Listening, Word};
 use core::time::Duration;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use runtime::clock::mono_now_ns;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -36,7 +37,7 @@ impl Ear {
     /// # Errors
     /// It lets nobody listen.
     pub fn open(run: &Run) -> Result<Self, ListenError> {
-        let mut listening = Listening::to(run, &wanted())?;
+        let mut listening = Listening::to(run, &wanted(), false)?;
         let heard = Arc::<Mutex<(Gauges, u64)>>::default();
         let leave = Arc::<AtomicBool>::default();
         let (into, leaves) = (Arc::clone(&heard), Arc::clone(&leave));
@@ -47,7 +48,7 @@ impl Ear {
                 match word {
                     Ok(Word::Sample(topic, packed)) => heard.0.take(topic, &packed),
                     Ok(Word::Dropped(count)) => heard.1 += count,
-                    Ok(Word::Nothing) => {}
+                    Ok(Word::Nothing | Word::Told(_) | Word::Ended(_)) => {}
                     Ok(Word::Over) | Err(_) => return,
                 }
             }
@@ -89,13 +90,17 @@ pub type Execute = fn(Vec<String>) -> Vec<String>;
 /// Commands that are of use while one looks.
 const ORDERS: [&str; 7] = ["swap", "rollback", "standby", "retire", "goto", "morph", "disturb"];
 
-/// Shows a run until `q` is pressed.
+/// Shows a run until `q` is pressed, or a signal asks it to end.
 ///
 /// # Errors
 /// The terminal.
 pub fn show(run: &Run, ear: &Ear, first: RunStatus, execute: Execute) -> io::Result<()> {
+    let end = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&end))?;
+    }
     let mut terminal = ratatui::try_init()?;
-    let shown = Screen::new(run, ear, first, execute).run(&mut terminal);
+    let shown = Screen::new(run, ear, first, execute).run(&mut terminal, &end);
     ratatui::restore();
     shown
 }
@@ -127,10 +132,10 @@ impl<'a> Screen<'a> {
         }
     }
 
-    fn run(&mut self, terminal: &mut ratatui::DefaultTerminal) -> io::Result<()> {
+    fn run(&mut self, terminal: &mut ratatui::DefaultTerminal, end: &AtomicBool) -> io::Result<()> {
         let mut snapshot = self.look();
         let mut looked_ns = mono_now_ns();
-        loop {
+        while !end.load(Ordering::Relaxed) {
             for lines in self.answers.1.try_iter() {
                 self.talk.lines.extend(lines);
             }
@@ -151,6 +156,7 @@ impl<'a> Screen<'a> {
                 looked_ns = mono_now_ns();
             }
         }
+        Ok(())
     }
 
     fn look(&mut self) -> Snapshot {
@@ -174,6 +180,16 @@ impl<'a> Screen<'a> {
             (Some(typed), KeyCode::Backspace) => {
                 typed.pop();
             }
+            (Some(typed), KeyCode::Char('u')) if control => typed.clear(),
+            (Some(typed), KeyCode::Char('w')) if control => {
+                let kept = typed.trim_end().rfind(' ').map_or(0, |space| space + 1);
+                typed.truncate(kept);
+            }
+            (Some(typed), KeyCode::Up) => {
+                if let Some(last) = &self.talk.last {
+                    typed.clone_from(last);
+                }
+            }
             (Some(typed), KeyCode::Char(letter)) if !control => typed.push(letter),
             (Some(_), KeyCode::Enter) => {
                 if let Some(typed) = self.talk.typing.take() {
@@ -195,6 +211,7 @@ impl<'a> Screen<'a> {
             return;
         }
         self.talk.lines.push(format!("> {typed}"));
+        self.talk.last = Some(typed.to_owned());
         words.insert(0, "morphquad".to_owned());
         words.extend(["--run".to_owned(), self.run.id().to_owned()]);
         let (answer, execute) = (self.answers.0.clone(), self.execute);
@@ -211,9 +228,9 @@ pub(super) fn begun(letter: char, status: &RunStatus) -> Option<String> {
     match letter {
         's' => Some(format!("swap {slot} --to ")),
         'r' => Some(format!("rollback {slot}")),
-        'd' => Some("disturb force 0 0 -0.2 --for 500ms".to_owned()),
-        'm' => Some("morph 120 --over 2s".to_owned()),
-        'g' => Some("goto 0 0 1.5".to_owned()),
+        'd' => Some("disturb ".to_owned()),
+        'm' => Some("morph ".to_owned()),
+        'g' => Some("goto ".to_owned()),
         ':' => Some(String::new()),
         _ => None,
     }

@@ -4,6 +4,7 @@
 //! waiting; the thread does the rest. What finds the queue or a client's buffer full is dropped and counted.
 
 use super::{SOCKET, known, place, schema};
+use crate::record::{Clock, Event, encode_log};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use serde::{Deserialize, Serialize};
 use shared_types::{Sample, Topic};
@@ -30,6 +31,12 @@ const CLIENTS: usize = 8;
 const LOOK_EVERY_NS: i64 = 10_000_000;
 /// In place of a topic: so many samples have been dropped.
 pub(super) const DROPPED: u16 = u16::MAX;
+/// In place of a topic: something was told, as a recording has it.
+pub(super) const TOLD: u16 = u16::MAX - 1;
+/// In place of a topic: the flight is over, and how.
+pub(super) const ENDED: u16 = u16::MAX - 2;
+/// Among the topics that somebody wants: what is told besides.
+const EVENTS: u64 = 1 << 63;
 
 /// What a client asks for, as a line of JSON.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -37,12 +44,58 @@ pub(super) const DROPPED: u16 = u16::MAX;
 pub(super) struct Listen {
     /// Topics, each with the layout that the client knows, in hexadecimal.
     pub(super) listen: Vec<(String, String)>,
+    /// Whether to be told of events, and of the end.
+    #[serde(default)]
+    pub(super) events: bool,
 }
 
-/// The answer: nothing, or why not.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// The answer: which flight it is, or why not.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Heard {
     pub(super) error: Option<String>,
+    pub(super) flight: Option<Flying>,
+}
+
+/// How a flight's logical time stands to the clock on the wall.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Flying {
+    /// Unix time that stands for logical time 0 \[ns\].
+    pub epoch_unix_ns: u64,
+    /// In realtime, logical seconds per wall second.
+    pub speed: Option<f64>,
+}
+
+impl Flying {
+    /// Of a flight.
+    #[must_use]
+    pub fn new(epoch_unix_ns: u64, clock: Clock) -> Self {
+        let speed = match clock {
+            Clock::Lockstep => None,
+            Clock::Realtime { speed } => Some(speed),
+        };
+        Self { epoch_unix_ns, speed }
+    }
+
+    /// How time stamps run.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        self.speed.map_or(Clock::Lockstep, |speed| Clock::Realtime { speed })
+    }
+
+    /// Unix time that stands for a logical instant \[ns\].
+    #[must_use]
+    pub fn unix_ns(&self, logical_ns: u64) -> u64 {
+        self.clock().unix_ns(self.epoch_unix_ns, logical_ns)
+    }
+}
+
+/// How a flight has ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ending {
+    /// As planned, and no gate failed.
+    pub is_good: bool,
+    /// In a few words.
+    pub text: String,
 }
 
 /// A packed sample.
@@ -69,6 +122,7 @@ pub struct Feed {
     bell: Arc<OwnedFd>,
     thread: Option<JoinHandle<()>>,
     path: PathBuf,
+    flying: Flying,
 }
 
 impl Feed {
@@ -76,7 +130,7 @@ impl Feed {
     ///
     /// # Errors
     /// The socket or the thread cannot be made.
-    pub fn open(folder: &Path) -> io::Result<Self> {
+    pub fn open(folder: &Path, flying: Flying) -> io::Result<Self> {
         let path = folder.join(SOCKET);
         // A launcher that has died leaves its own.
         let _ = fs::remove_file(&path);
@@ -93,9 +147,10 @@ impl Feed {
             shared: Arc::clone(&shared),
             told_dropped: 0,
             clients: Vec::new(),
+            flying,
         };
         let thread = Builder::new().name("topics".to_owned()).spawn(move || desk.serve())?;
-        Ok(Self { shared, frames, bell, thread: Some(thread), path })
+        Ok(Self { shared, frames, bell, thread: Some(thread), path, flying })
     }
 
     /// Takes a copy if somebody wants it. Never waits.
@@ -110,8 +165,26 @@ impl Feed {
         }
         let mut packed = vec![0; T::PACKED_SIZE];
         sample.pack(&mut packed);
-        let frame = Frame { topic: u16::try_from(place).unwrap_or(DROPPED), packed };
-        if self.frames.try_send(frame).is_err() {
+        self.put(u16::try_from(place).unwrap_or(DROPPED), packed);
+    }
+
+    /// Tells what happened to whoever wants to know. Never waits.
+    pub fn tell(&self, event: &Event<'_>) {
+        if self.shared.wanted.load(Ordering::Acquire) & EVENTS != 0 {
+            let mut log = Vec::new();
+            encode_log(event, self.flying.unix_ns(event.logical_ns), &mut log);
+            self.put(TOLD, log);
+        }
+    }
+
+    /// Tells how the flight has ended; nothing comes after it.
+    pub fn end(&self, ending: &Ending) {
+        // It holds a string and a flag, which JSON can say.
+        self.put(ENDED, serde_json::to_vec(ending).unwrap_or_default());
+    }
+
+    fn put(&self, topic: u16, packed: Vec<u8>) {
+        if self.frames.try_send(Frame { topic, packed }).is_err() {
             self.shared.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -147,6 +220,7 @@ struct Desk {
     shared: Arc<Shared>,
     told_dropped: u64,
     clients: Vec<Client>,
+    flying: Flying,
 }
 
 impl Desk {
@@ -155,7 +229,7 @@ impl Desk {
             let leaves = self.shared.leave.load(Ordering::Acquire);
             self.hand_out();
             for client in &mut self.clients {
-                client.hear();
+                client.hear(self.flying);
             }
             // Before the answers: whoever has one gets every sample from then on.
             self.tell_wanted();
@@ -212,7 +286,8 @@ impl Desk {
     /// Gives everybody what they want of what has come.
     fn hand_out(&mut self) {
         while let Ok(Frame { topic, packed }) = self.queue.try_recv() {
-            for client in self.clients.iter_mut().filter(|c| c.wanted & (1 << topic) != 0) {
+            let bit = if topic >= ENDED { EVENTS } else { 1 << topic };
+            for client in self.clients.iter_mut().filter(|client| client.wanted & bit != 0) {
                 client.put(topic, &packed);
             }
         }
@@ -236,14 +311,14 @@ impl Client {
     }
 
     /// Reads the request; whatever comes after it, or an end, ends the conversation.
-    fn hear(&mut self) {
+    fn hear(&mut self, flying: Flying) {
         let mut chunk = [0; 4096];
         loop {
             match self.stream.read(&mut chunk) {
                 Ok(0) => self.over = true,
                 Ok(count) if self.wanted == 0 => {
                     self.inbox.extend_from_slice(&chunk[..count]);
-                    self.answer();
+                    self.answer(flying);
                     continue;
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
@@ -254,7 +329,7 @@ impl Client {
         }
     }
 
-    fn answer(&mut self) {
+    fn answer(&mut self, flying: Flying) {
         let Some(end) = self.inbox.iter().position(|byte| *byte == b'\n') else {
             if self.inbox.len() > REQUEST_BYTES {
                 self.refuse(format!("a request has at most {REQUEST_BYTES} bytes"));
@@ -266,7 +341,7 @@ impl Client {
         match asked.map_err(|error| format!("not a request: {error}")).and_then(|l| wanted(&l)) {
             Ok(wanted) => {
                 self.wanted = wanted;
-                self.say(&Heard::default());
+                self.say(&Heard { error: None, flight: Some(flying) });
             }
             Err(error) => self.refuse(error),
         }
@@ -279,7 +354,7 @@ impl Client {
     }
 
     fn refuse(&mut self, error: String) {
-        self.say(&Heard { error: Some(error) });
+        self.say(&Heard { error: Some(error), flight: None });
         self.speak();
         self.over = true;
     }
@@ -308,7 +383,7 @@ impl Client {
 
 /// A bit for each topic, if all are known and laid out as here.
 fn wanted(listen: &Listen) -> Result<u64, String> {
-    let mut wanted = 0;
+    let mut wanted = if listen.events { EVENTS } else { 0 };
     for (name, theirs) in &listen.listen {
         let topic = known(name).ok_or_else(|| format!("this run has no topic {name}"))?;
         let ours = schema(topic).map_or(0, |schema| schema.layout_hash);

@@ -3,8 +3,8 @@
 use crate::results::{Kind as CellKind, Value as Cell};
 use core::fmt::Write as _;
 use serde_json::{Map, Value, json};
-use shared_types::Header;
 use shared_types::wire::{EnumSchema, Field, Kind, Schema, Visitor, Wire};
+use shared_types::{Header, NO_SEAT};
 
 /// Elements of a list of structs that people are shown.
 const SHOWN: usize = 2;
@@ -123,6 +123,10 @@ fn lines(text: &mut String, name: &str, value: &Value) {
 }
 
 fn plain(value: &Value) -> String {
+    // No other whole number has this value, and nobody knows it for what it is.
+    if value.as_u64() == Some(NO_SEAT.into()) {
+        return "none".to_owned();
+    }
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
@@ -219,7 +223,7 @@ mod tests {
     use super::*;
     use shared_types::topics::visit_all;
     use shared_types::{
-        Deviation, DeviationKind, Imu, Reference, Role, Sample, Topic, TopicVisitor,
+        Deviation, DeviationKind, Imu, OwnerRecord, Reference, Role, Sample, Topic, TopicVisitor,
     };
 
     #[test]
@@ -243,6 +247,13 @@ mod tests {
         assert_eq!(reference["points"].as_array().map(Vec::len), Some(48));
         assert_eq!(reference["points"][0]["position_w_m"], json!([0.0, 0.0, 0.0]));
         assert!(to_text("reference", &header, &reference).contains("46 more"));
+    }
+
+    #[test]
+    fn a_seat_that_there_is_not_is_none_for_people() {
+        let record = OwnerRecord { fallback: NO_SEAT, ..OwnerRecord::default() };
+        let text = to_text("attitude_owner", &Header::default(), &to_json(&record));
+        assert!(text.contains("\n  fallback: none\n"), "{text}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The other end: listens to topics of a run in the air.
 
-use super::feed::{DROPPED, Heard, Listen};
+use super::feed::{DROPPED, ENDED, Ending, Flying, Heard, Listen, TOLD};
 use super::{SOCKET, schema};
 use crate::control::runs::Run;
 use core::time::Duration;
@@ -47,6 +47,10 @@ pub enum Word {
     Sample(&'static TopicInfo, Vec<u8>),
     /// So many were not sent, because nobody read fast enough.
     Dropped(u64),
+    /// Something that happened, as `foxglove.Log`.
+    Told(Vec<u8>),
+    /// How the flight has ended.
+    Ended(Ending),
     /// Nothing within the time given.
     Nothing,
     /// The flight is over.
@@ -60,14 +64,15 @@ pub struct Listening {
     reader: BufReader<UnixStream>,
     /// What has come of the next frame.
     partial: Vec<u8>,
+    flying: Flying,
 }
 
 impl Listening {
-    /// Asks the launcher of `run` for topics.
+    /// Asks the launcher of `run` for topics, and perhaps for what is told in words.
     ///
     /// # Errors
     /// [`ListenError`].
-    pub fn to(run: &Run, wanted: &[&'static TopicInfo]) -> Result<Self, ListenError> {
+    pub fn to(run: &Run, wanted: &[&'static TopicInfo], events: bool) -> Result<Self, ListenError> {
         let closed = |source| ListenError::Closed { run: run.id().to_owned(), source };
         let stream = UnixStream::connect(run.folder().join(SOCKET)).map_err(closed)?;
         stream.set_read_timeout(Some(PATIENCE)).map_err(closed)?;
@@ -75,19 +80,34 @@ impl Listening {
         let named = wanted.iter();
         let listen =
             named.map(|topic| (topic.name.to_owned(), format!("{:016x}", layout(topic)))).collect();
-        let mut line = serde_json::to_vec(&Listen { listen }).map_err(|e| closed(e.into()))?;
+        let mut line =
+            serde_json::to_vec(&Listen { listen, events }).map_err(|e| closed(e.into()))?;
         line.push(b'\n');
         let mut reader = BufReader::new(stream);
         reader.get_mut().write_all(&line).map_err(closed)?;
         let mut answer = String::new();
         reader.read_line(&mut answer).map_err(closed)?;
         match serde_json::from_str::<Heard>(&answer) {
-            Ok(Heard { error: None }) => {
-                Ok(Self { run: run.id().to_owned(), reader, partial: Vec::new() })
+            Ok(Heard { error: None, flight: Some(flying) }) => {
+                Ok(Self { run: run.id().to_owned(), reader, partial: Vec::new(), flying })
             }
-            Ok(Heard { error: Some(error) }) => Err(ListenError::Refused(error)),
-            Err(_) => Err(ListenError::NotUnderstood { run: run.id().to_owned() }),
+            Ok(Heard { error: Some(error), .. }) => Err(ListenError::Refused(error)),
+            Ok(_) | Err(_) => Err(ListenError::NotUnderstood { run: run.id().to_owned() }),
         }
+    }
+
+    /// Asks for everything there is: topics, events, and how it ends.
+    ///
+    /// # Errors
+    /// [`ListenError`].
+    pub fn to_everything(run: &Run) -> Result<Self, ListenError> {
+        Self::to(run, &topics::all(), true)
+    }
+
+    /// How the flight's time stands to the clock on the wall.
+    #[must_use]
+    pub fn flying(&self) -> Flying {
+        self.flying
     }
 
     /// Waits for the next thing, at most so long.
@@ -115,9 +135,17 @@ impl Listening {
         }
         let packed = self.partial.split_off(6);
         self.partial.clear();
-        if topic == DROPPED {
-            let count = packed.try_into().map(u64::from_le_bytes).map_err(|_| not_understood())?;
-            return Ok(Word::Dropped(count));
+        match topic {
+            DROPPED => {
+                let count = packed.try_into().map(u64::from_le_bytes);
+                return count.map(Word::Dropped).map_err(|_| not_understood());
+            }
+            TOLD => return Ok(Word::Told(packed)),
+            ENDED => {
+                let ending = serde_json::from_slice(&packed);
+                return ending.map(Word::Ended).map_err(|_| not_understood());
+            }
+            _ => {}
         }
         let topic = topics::all().get(usize::from(topic)).copied().ok_or_else(not_understood)?;
         Ok(Word::Sample(topic, packed))

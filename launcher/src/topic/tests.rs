@@ -1,9 +1,10 @@
 //! Both ends of the feed, on a socket of their own.
 
-use super::feed::Feed;
+use super::feed::{Ending, Feed, Flying};
 use super::live::{Listening, Word};
 use super::{SOCKET, header, known, place, schema, unpack};
 use crate::control::runs::Run;
+use crate::record::{Event, Severity, decode_log};
 use core::time::Duration;
 use shared_types::{Header, Imu, Truth, topics};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -24,7 +25,7 @@ struct Flight {
 impl Flight {
     fn new() -> Self {
         let folder = tempfile::TempDir::new().unwrap();
-        let feed = Feed::open(folder.path()).unwrap();
+        let feed = Feed::open(folder.path(), Flying::default()).unwrap();
         Self { folder, feed }
     }
 
@@ -34,7 +35,7 @@ impl Flight {
 
     fn listen(&self, names: &[&str]) -> Listening {
         let topics: Vec<_> = names.iter().map(|name| known(name).unwrap()).collect();
-        Listening::to(&self.run(), &topics).unwrap()
+        Listening::to(&self.run(), &topics, false).unwrap()
     }
 }
 
@@ -123,4 +124,44 @@ fn a_packed_sample_is_taken_apart_by_its_topic_and_only_if_it_fits() {
     assert_eq!(place(topic), 0);
     assert_eq!(schema(topic).unwrap().name, "Imu");
     assert!(known("imus").is_none());
+}
+
+#[test]
+fn what_is_told_and_the_end_come_to_whoever_wants_everything_and_to_nobody_else() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let flying = Flying { epoch_unix_ns: 1_000_000_000, speed: Some(0.5) };
+    let feed = Feed::open(folder.path(), flying).unwrap();
+    let run = Run::at("x", folder.path());
+    let mut all = Listening::to_everything(&run).unwrap();
+    let mut some = Listening::to(&run, &[known("imu").unwrap()], false).unwrap();
+    assert_eq!((all.flying(), some.flying()), (flying, flying));
+    let event =
+        Event { logical_ns: 2_000_000_000, severity: Severity::Warning, source: "s", text: "gust" };
+    feed.tell(&event);
+    feed.offer(&topics::IMU, &imu(1));
+    let ending = Ending { is_good: true, text: "flown".to_owned() };
+    feed.end(&ending);
+    let mut words = Vec::new();
+    while words.len() < 3 {
+        match all.next(MOMENT).unwrap() {
+            Word::Nothing => {}
+            word => words.push(word),
+        }
+    }
+    let [Word::Told(log), Word::Sample(topic, _), Word::Ended(ended)] = &words[..] else {
+        panic!("{words:?}");
+    };
+    assert_eq!((topic.name, ended), ("imu", &ending));
+    // At half speed, two seconds of flight are four on the wall.
+    let (stamp_ns, level, text, source) = decode_log(log).unwrap();
+    assert_eq!((stamp_ns, level, &*text, &*source), (5_000_000_000, 3, "gust", "s"));
+    assert_eq!(next(&mut some), ("imu", 1));
+    drop(feed);
+    loop {
+        match some.next(MOMENT).unwrap() {
+            Word::Nothing => {}
+            Word::Over => break,
+            word => panic!("{word:?}"),
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! Arguments of the commands to a run in the air.
 
 use super::Format;
+use super::duration::duration;
 use crate::candidate::share;
 use clap::Args;
 use core::time::Duration;
@@ -12,7 +13,7 @@ Examples:
   morphquad ps --run 7f3a --format json
 
 AT is the first instant that a process has not yet published completely, AGE the wall time since this \
-last advanced. CPU counts from the start of the process, RSS with the memory that processes share.
+last advanced. CPU counts from the start of the process, RSS with the memory that processes share. \
 Ends with 2 if no run is in the air, or several and none is named.";
 
 pub(super) const SWAP_EXAMPLES: &str = "\
@@ -22,7 +23,7 @@ Examples:
   morphquad swap attitude --to attitude-mpc@1     the instance on seat 1, such as the standby
 
 The candidate shadows the owner, is judged by the gate, and takes over at an instant agreed on before; the \
-old owner stays warm for the rollback window. Interrupting this command does not stop the swap.
+old owner stays warm for the rollback window. Interrupting this command does not stop the swap. \
 Ends with 0 when the window is over; 1 if the gate refused or something failed, and the owner commands as \
 before; 2 for an unknown slot or name, no run or several, or an instance that owns the slot already; 3 if \
 another swap is in progress.";
@@ -50,6 +51,24 @@ pub struct RunChoice {
 #[derive(Debug, Clone, Args)]
 pub struct PsArguments {
     /// The run.
+    #[command(flatten)]
+    pub run: RunChoice,
+    /// Form of the answer
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+pub(super) const STOP_EXAMPLES: &str = "\
+Examples:
+  morphquad stop
+  morphquad stop --run 7f3a
+
+As Ctrl-C at the launcher: the flight ends in order, and its recording is complete.";
+
+/// A run to end.
+#[derive(Debug, Clone, Args)]
+pub struct StopArguments {
+    /// Which run.
     #[command(flatten)]
     pub run: RunChoice,
     /// Form of the answer
@@ -85,14 +104,14 @@ pub struct SwapArguments {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// How long it shadows before it is judged
-    #[arg(long, value_name = "DURATION", default_value = "2s", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
     /// Largest step of the command, as a share of the largest one; 1% for the same kind of
     /// controller, 10% for another
     #[arg(long, value_name = "PERCENT", value_parser = bump)]
     pub max_bump: Option<f64>,
     /// How long the old owner stays warm
-    #[arg(long, value_name = "DURATION", default_value = "500ms", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", default_value = "500ms", allow_hyphen_values = true, value_parser = duration)]
     pub rollback: Duration,
     /// Take over although the gate finds that it disagrees
     #[arg(long)]
@@ -140,9 +159,10 @@ pub struct StandbyArguments {
     /// `attitude` or `position`
     pub slot: String,
     /// A controller or an executable
+    #[arg(value_name = "NAME|EXE")]
     pub name: String,
     /// How long it shadows before it is judged
-    #[arg(long, value_name = "DURATION", default_value = "2s", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
     /// The run.
     #[command(flatten)]

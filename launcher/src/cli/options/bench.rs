@@ -1,5 +1,6 @@
 //! The grammar of `morphquad bench`.
 
+use super::duration::duration;
 use super::{Format, ScenarioArguments};
 use crate::bench::gate::Gate;
 use crate::bench::load::Load;
@@ -16,6 +17,7 @@ pub(super) const EXAMPLES: &str = "Examples:
   morphquad bench solve --for 20s
   morphquad bench rate --loop attitude-mpc --for 10s
   morphquad bench scale --max 8
+  morphquad bench recorder --per-s 200000
   morphquad bench watch --rounds 20 --max-ratio 1.02
   morphquad bench hop --for 5s
   morphquad bench hop --policy fifo --cpus 0,1 --max-ratio 1.25";
@@ -33,6 +35,8 @@ pub enum BenchCommand {
     Rate(RateArguments),
     /// What a recording and somebody who asks how it goes cost a flight, against flights without
     Watch(WatchArguments),
+    /// Samples of a flight, faster than it publishes them, through shared memory into a recording
+    Recorder(RecorderArguments),
     /// The same flight with 1, 2, 4, ... vehicles at once
     Scale(ScaleArguments),
 }
@@ -106,7 +110,7 @@ pub fn scenario_words(scenario: &ScenarioArguments, usual: &str) -> Vec<String> 
 #[derive(Debug, Clone, Args)]
 pub struct HopArguments {
     /// How long each carrier is measured with a sleeping reader
-    #[arg(long = "for", value_name = "DURATION", default_value = "2s", value_parser = humantime::parse_duration)]
+    #[arg(long = "for", value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
     pub duration: Duration,
     /// Where.
     #[command(flatten)]
@@ -135,7 +139,7 @@ pub struct LoopsArguments {
     #[arg(long)]
     pub asap: bool,
     /// Time at the beginning that is counted apart; 1s, or a quarter of a shorter flight
-    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = duration)]
     pub warm_up: Option<Duration>,
     /// Leave the machine's own noise out
     #[arg(long)]
@@ -197,18 +201,38 @@ pub struct RateArguments {
 /// Flights with and without somebody who watches.
 #[derive(Debug, Clone, Args)]
 pub struct WatchArguments {
-    /// The scenario; each flight of it takes 5s unless --for says otherwise.
+    /// The scenario; each flight of it takes 5s, each stretch 3s, unless --for says otherwise.
     #[command(flatten)]
     pub scenario: ScenarioArguments,
     /// Where.
     #[command(flatten)]
     pub place: PlaceArguments,
-    /// Pairs of flights, one of each kind
+    /// Pairs of flights, or of stretches, one of each kind
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub rounds: u16,
+    /// Viewers of `morphquad live` in turns within one flight: its page, and one of every topic
+    #[arg(long)]
+    pub live: bool,
     /// End with 1 if the 99 % of the loops are certainly more than this many times those of a flight alone
     #[arg(long, value_name = "RATIO")]
     pub max_ratio: Option<f64>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// A flight for the recorder.
+#[derive(Debug, Clone, Args)]
+pub struct RecorderArguments {
+    /// The scenario whose samples they are; 2s of it unless --for says otherwise, over and over.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Samples and states per second; everything not in the file makes it end with 1
+    #[arg(long, value_name = "N", default_value = "200000", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub per_s: u32,
+    /// How long they are offered at that rate
+    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
+    pub offer_for: Duration,
     /// Form of the result
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,

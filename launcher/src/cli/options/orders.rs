@@ -1,5 +1,6 @@
 //! Arguments of `goto`, `morph` and `disturb`.
 
+use super::duration::duration;
 use super::{Format, RunChoice};
 use crate::orders::{Calm, Disturb, Load, Order};
 use clap::{Args, Subcommand};
@@ -11,7 +12,7 @@ Examples:
   morphquad goto -1 0.5 1.5 90      and turn the nose to the north
 
 The reference leaves its plan smoothly from wherever it is, moving or not, and rests there for the rest of \
-the flight. Up to 100 m from the origin; over ground not below 0.2 m.
+the flight. Up to 100 m from the origin; over ground not below 0.2 m. \
 Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are in the air.";
 
 pub(super) const MORPH_EXAMPLES: &str = "\
@@ -19,7 +20,7 @@ Examples:
   morphquad morph 160
   morphquad morph 45 --over 500ms
 
-From 45 to 160 degrees, no faster than the servo's rate limit; a sweep that is under way is left smoothly.
+From 45 to 160 degrees, no faster than the servo's rate limit; a sweep that is under way is left smoothly. \
 Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are in the air.";
 
 pub(super) const DISTURB_EXAMPLES: &str = "\
@@ -29,7 +30,7 @@ Examples:
   morphquad disturb payload 0.03
   morphquad disturb off
 
-Adds to what the scenario's script does, up to eight at a time, until its time or `off`.
+Adds to what the scenario's script does, up to eight at a time, until its time or `off`. \
 Ends with 0 once the injector has it; 2 if it is out of range, or no run or several are in the air; 3 if \
 eight are under way.";
 
@@ -60,7 +61,7 @@ pub struct MorphArguments {
     /// Deployable angle, 45 to 160
     pub degrees: f64,
     /// Time to get there
-    #[arg(long, value_name = "DURATION", default_value = "2s", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
     pub over: Duration,
     /// The run.
     #[command(flatten)]
@@ -133,7 +134,7 @@ pub enum Disturbance {
         /// Yaw [rad/s]
         z: f64,
         /// From when on, after the order is in effect
-        #[arg(long = "in", value_name = "DURATION", default_value = "0s", value_parser = humantime::parse_duration)]
+        #[arg(long = "in", value_name = "DURATION", default_value = "0s", allow_hyphen_values = true, value_parser = duration)]
         delay: Duration,
         /// The run.
         #[command(flatten)]
@@ -185,10 +186,10 @@ pub struct Target {
 #[derive(Debug, Clone, Args)]
 pub struct Span {
     /// From when on, after the order is in effect
-    #[arg(long = "in", value_name = "DURATION", default_value = "0s", value_parser = humantime::parse_duration)]
+    #[arg(long = "in", value_name = "DURATION", default_value = "0s", allow_hyphen_values = true, value_parser = duration)]
     pub delay: Duration,
     /// For how long; until `off` if left out
-    #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration)]
+    #[arg(long = "for", value_name = "DURATION", allow_hyphen_values = true, value_parser = duration)]
     pub duration: Option<Duration>,
     /// The run.
     #[command(flatten)]

@@ -20,10 +20,19 @@ A page for each command, morphquad.1 and morphquad-COMMAND.1.";
 pub(super) const LAYOUT_EXAMPLES: &str = "\
 Examples:
   morphquad layout > flight.json
+  morphquad layout --plotjuggler recordings/7f3a.mcap > flight.xml && plotjuggler --layout flight.xml
 
 To be imported into Foxglove or Lichtblick once, for all recordings: the vehicle in 3-D, positions and \
 torques with what they are to be and their bounds, modes and events. Every recording has it too, as the \
-attachment foxglove-layout.json.";
+attachment foxglove-layout.json. PlotJuggler's names its recording and opens it.";
+
+/// For whom.
+#[derive(Debug, Clone, Args)]
+pub struct LayoutArguments {
+    /// For `plotjuggler` instead, with the plots of this recording
+    #[arg(long, value_name = "FILE")]
+    pub plotjuggler: Option<PathBuf>,
+}
 
 /// For which shell.
 #[derive(Debug, Clone, Args)]

@@ -12,7 +12,7 @@ Examples:
 LATE is from a step's intended release to its start, STEP what it then took, AGE how old the inertial sample \
 was that it descends from: medians of the last second (u for us, m for ms). MISS counts releases left out and \
 deadlines missed in the whole flight, Q releases that the plant has passed and the loop has not published. EP \
-is the epoch of a slot's owner, GEN how often a process was restarted.
+is the epoch of a slot's owner, GEN how often a process was restarted. \
 Keys: s swap, r roll back, d disturb, m morph, g goto; each begins a command line, which Enter carries out \
 and Esc drops. q ends. Ends with 2 if no run is in the air, or several and none is named.";
 

@@ -1,5 +1,6 @@
 //! Arguments of `morphquad topic`.
 
+use super::duration::duration;
 use super::{Format, RunChoice};
 use clap::{ArgGroup, Args, Subcommand, ValueEnum};
 use core::time::Duration;
@@ -17,9 +18,10 @@ Examples:
   morphquad topic echo state_estimate
   morphquad topic echo truth imu --count 5 --format jsonl
   morphquad topic echo recordings/7f3a.mcap attitude_report --from 2s --count 1
+  morphquad topic echo recordings/7f3a.mcap events
 
 Live, the launcher hands on copies of what it records: no loop has to do with it. Whoever reads too slowly \
-loses samples and is told how many. Without --count it goes on to the end of the flight.
+loses samples and is told how many. Without --count it goes on to the end of the flight. \
 Ends with 2 for an unknown topic or file, or if no run or several are in the air.";
 
 pub(super) const HZ_EXAMPLES: &str = "\
@@ -82,7 +84,7 @@ pub enum SampleFormat {
 #[derive(Debug, Clone, Args)]
 pub struct TopicListArguments {
     /// How long to count
-    #[arg(long = "for", value_name = "DURATION", default_value = "500ms", value_parser = humantime::parse_duration)]
+    #[arg(long = "for", value_name = "DURATION", default_value = "500ms", allow_hyphen_values = true, value_parser = duration)]
     pub duration: Duration,
     /// The run.
     #[command(flatten)]
@@ -95,7 +97,7 @@ pub struct TopicListArguments {
 /// Which samples to show.
 #[derive(Debug, Clone, Args)]
 pub struct TopicEchoArguments {
-    /// Topics, all if there are none, and perhaps a recording to take them from
+    /// Topics or `events`, all if there are none, and perhaps a recording to take them from
     #[arg(value_name = "TOPIC|FILE")]
     pub what: Vec<String>,
     /// No more than so many samples
@@ -105,7 +107,7 @@ pub struct TopicEchoArguments {
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     pub every: u64,
     /// Nothing released before, in logical time
-    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = duration)]
     pub from: Option<Duration>,
     /// The run.
     #[command(flatten)]
@@ -122,7 +124,7 @@ pub struct TopicHzArguments {
     #[arg(value_name = "TOPIC|FILE")]
     pub what: Vec<String>,
     /// How long to count
-    #[arg(long = "for", value_name = "DURATION", default_value = "2s", value_parser = humantime::parse_duration)]
+    #[arg(long = "for", value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
     pub duration: Duration,
     /// The run.
     #[command(flatten)]

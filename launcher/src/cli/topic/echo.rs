@@ -1,10 +1,11 @@
 //! `morphquad topic echo`.
 
-use super::{What, find, open, refuse};
+use super::{EVENTS, What, find, open, refuse};
 use crate::cli::options::{SampleFormat, TopicEchoArguments};
 use crate::cli::refusal::Done;
 use crate::exit;
-use crate::record::read::RecordVisitor;
+use crate::record::Clock;
+use crate::record::read::{RecordVisitor, RecordedEvent};
 use crate::topic::fields::{to_json, to_text};
 use crate::topic::live::{Listening, Word};
 use crate::topic::unpack;
@@ -28,7 +29,8 @@ pub(super) fn run(
     match &what.file {
         Some(path) => {
             let flight = open(path)?;
-            let mut reader = FromFile { what: &what, echo: &mut echo };
+            let time = (flight.epoch_unix_ns(), flight.clock());
+            let mut reader = FromFile { what: &what, time, echo: &mut echo };
             flight.visit(&mut reader).map_err(refuse)?;
         }
         None => live(arguments, &what, &mut echo, said)?,
@@ -44,7 +46,9 @@ fn live(
     said: &mut dyn Write,
 ) -> Result<(), crate::cli::refusal::Failure> {
     let run = find(arguments.run.run.as_deref())?;
-    let mut listening = Listening::to(&run, &what.topics_or_all()).map_err(refuse)?;
+    let topics = what.topics_or_all();
+    let mut listening = Listening::to(&run, &topics, what.wants_events()).map_err(refuse)?;
+    let time = (listening.flying().epoch_unix_ns, listening.flying().clock());
     while !echo.is_done() {
         match listening.next(MOMENT).map_err(refuse)? {
             Word::Sample(topic, packed) => {
@@ -55,7 +59,12 @@ fn live(
             Word::Dropped(count) => {
                 writeln!(said, "morphquad: {count} samples were left out, read too slowly")?;
             }
-            Word::Nothing => echo.out.flush()?,
+            Word::Told(log) => {
+                if let Ok(event) = RecordedEvent::decode(&log) {
+                    echo.tell(&event, time);
+                }
+            }
+            Word::Nothing | Word::Ended(_) => echo.out.flush()?,
             Word::Over => break,
         }
     }
@@ -87,22 +96,47 @@ impl<'a> Echo<'a> {
         header: &Header,
         fields: impl FnOnce() -> Map<String, Value>,
     ) {
-        let from_ns = self.arguments.from.map_or(0, |from| from.as_nanos());
-        if self.is_done() || u128::from(header.release_ns) < from_ns {
-            return;
-        }
-        let seen = self.seen.entry(topic).or_default();
-        *seen += 1;
-        if !(*seen - 1).is_multiple_of(self.arguments.every) {
+        if !self.is_next(topic, header.release_ns as f64 * 1e-9) {
             return;
         }
         let fields = fields();
+        let text = || to_text(topic, header, &fields);
+        self.write(text, || json!({topic: fields}));
+    }
+
+    /// Shows an event of a flight that began at Unix time `time.0` \[ns\].
+    fn tell(&mut self, event: &RecordedEvent, (epoch_unix_ns, clock): (u64, Clock)) {
+        let at_s = event.at_s(epoch_unix_ns, clock);
+        if !self.is_next(EVENTS, at_s) {
+            return;
+        }
+        let RecordedEvent { source, text, .. } = event;
+        let severity = event.severity();
+        self.write(
+            || format!("{EVENTS}  {at_s:.6} s  {severity}  {source}: {text}\n"),
+            || json!({EVENTS: { "t_s": at_s, "severity": severity, "source": source, "text": text }}),
+        );
+    }
+
+    /// Counts one of a topic; true if it is to be shown.
+    fn is_next(&mut self, topic: &'static str, at_s: f64) -> bool {
+        let from_s = self.arguments.from.map_or(0.0, |from| from.as_secs_f64());
+        // Instants are whole nanoseconds; a double has them to fractions of one.
+        if self.is_done() || at_s < from_s - 0.5e-9 {
+            return false;
+        }
+        let seen = self.seen.entry(topic).or_default();
+        *seen += 1;
+        (*seen - 1).is_multiple_of(self.arguments.every)
+    }
+
+    fn write(&mut self, text: impl FnOnce() -> String, object: impl FnOnce() -> Value) {
         let written = match self.arguments.format {
-            SampleFormat::Text => write!(self.out, "{}", to_text(topic, header, &fields)),
-            SampleFormat::Jsonl => writeln!(self.out, "{}", json!({topic: fields})),
+            SampleFormat::Text => write!(self.out, "{}", text()),
+            SampleFormat::Jsonl => writeln!(self.out, "{}", object()),
             SampleFormat::Json => {
                 let before = if self.shown == 0 { "[\n" } else { ",\n" };
-                write!(self.out, "{before}{}", json!({topic: fields}))
+                write!(self.out, "{before}{}", object())
             }
         };
         self.trouble = written.err();
@@ -123,6 +157,7 @@ impl<'a> Echo<'a> {
 
 struct FromFile<'a, 'e> {
     what: &'a What,
+    time: (u64, Clock),
     echo: &'a mut Echo<'e>,
 }
 
@@ -130,7 +165,15 @@ impl RecordVisitor for FromFile<'_, '_> {
     fn wants(&self, topic: &TopicInfo) -> bool {
         self.what.wants(topic)
     }
+    fn is_done(&self) -> bool {
+        self.echo.is_done()
+    }
     fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         self.echo.show(topic.info.name, sample.header(), || to_json(sample));
+    }
+    fn event(&mut self, event: RecordedEvent) {
+        if self.what.wants_events() {
+            self.echo.tell(&event, self.time);
+        }
     }
 }

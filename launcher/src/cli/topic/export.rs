@@ -11,7 +11,7 @@ use std::io::Write;
 
 /// Writes tables and names them.
 pub(super) fn run(arguments: &TopicExportArguments, out: &mut dyn Write) -> Done {
-    let what = What::of(&arguments.what)?;
+    let what = What::of_samples(&arguments.what)?;
     let Some(path) = &what.file else { return Err(refuse(Trouble::NoFile)) };
     let flight = open(path)?;
     let form = if arguments.csv { Form::Csv } else { Form::Parquet };

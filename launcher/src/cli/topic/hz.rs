@@ -23,7 +23,7 @@ pub(super) type Tallies = BTreeMap<&'static str, Tally>;
 
 /// Counts and shows.
 pub(super) fn run(arguments: &TopicHzArguments, out: &mut dyn Write, said: &mut dyn Write) -> Done {
-    let what = What::of(&arguments.what)?;
+    let what = What::of_samples(&arguments.what)?;
     let tallies = if let Some(path) = &what.file {
         let flight = open(path)?;
         let mut count = Count { what: &what, tallies: Tallies::new() };
@@ -65,7 +65,7 @@ pub(super) fn listen(
     topics: &[&'static TopicInfo],
     duration: Duration,
 ) -> Result<(Tallies, u64), Failure> {
-    let mut listening = Listening::to(run, topics).map_err(refuse)?;
+    let mut listening = Listening::to(run, topics, false).map_err(refuse)?;
     let _busy = busy("listening");
     let (mut tallies, mut dropped) = (Tallies::new(), 0);
     let begin_ns = mono_now_ns();
@@ -78,7 +78,7 @@ pub(super) fn listen(
                 }
             }
             Word::Dropped(count) => dropped += count,
-            Word::Nothing => {}
+            Word::Nothing | Word::Told(_) | Word::Ended(_) => {}
             Word::Over => break,
         }
     }

@@ -19,7 +19,7 @@ use std::path::Path;
 
 /// Tells about topics, or about a recording.
 pub(super) fn run(arguments: &TopicInfoArguments, out: &mut dyn Write) -> Done {
-    let what = What::of(&arguments.what)?;
+    let what = What::of_samples(&arguments.what)?;
     let (text, json) = if let Some(path) = &what.file {
         of_file(path, &what)?
     } else {
@@ -92,6 +92,7 @@ fn of_file(path: &Path, what: &What) -> Result<(String, Value), crate::cli::refu
         "file": path,
         "bytes": bytes,
         "complete": closing.complete,
+        "recovered_from": closing.recovered.as_ref().map(|rescue| &rescue.from),
         "facts": flight.facts(),
         "summary": closing.summary,
         "topics": topics,
@@ -116,7 +117,9 @@ fn head(flight: &RecordedFlight, closing: &Closing, bytes: u64) -> String {
             let hash = closing.summary.get("hash").map_or("", String::as_str);
             let _ = writeln!(text, "{outcome}; hash {hash}\n");
         }
-        _ => text.push_str("CUT: the recorder was killed or still writes\n\n"),
+        _ => {
+            let _ = writeln!(text, "INCOMPLETE: {closing}\n");
+        }
     }
     text
 }

@@ -30,6 +30,8 @@ pub(super) enum Trouble {
     TwoFiles(PathBuf, PathBuf),
     #[error("name a recording: `morphquad topic export FILE --csv`")]
     NoFile,
+    #[error("events are words, not samples: `morphquad topic echo {EVENTS}` shows them")]
+    Words,
     #[error(transparent)]
     Find(#[from] FindError),
     #[error(transparent)]
@@ -58,17 +60,33 @@ where
     Failure::report(trouble, code)
 }
 
+/// What a launcher tells in words, where a topic is asked for.
+const EVENTS: &str = "events";
+
 /// Topics, and perhaps a recording.
 struct What {
     topics: Vec<&'static TopicInfo>,
+    /// Events are named among them.
+    events: bool,
     file: Option<PathBuf>,
 }
 
 impl What {
+    /// As [`What::of`], for who counts samples.
+    fn of_samples(words: &[String]) -> Result<Self, Failure> {
+        let what = Self::of(words)?;
+        if what.events { Err(refuse(Trouble::Words)) } else { Ok(what) }
+    }
+
     /// Tells names of topics from paths.
     fn of(words: &[String]) -> Result<Self, Failure> {
         let (mut named, mut file): (Vec<_>, Option<PathBuf>) = (Vec::new(), None);
+        let mut events = false;
         for word in words {
+            if word == EVENTS {
+                events = true;
+                continue;
+            }
             if let Some(topic) = known(word) {
                 if !named.iter().any(|other: &&TopicInfo| other.name == topic.name) {
                     named.push(topic);
@@ -78,6 +96,7 @@ impl What {
             let path = Path::new(word);
             if !path.exists() && !word.contains(['/', '.']) {
                 let names = topics::all().into_iter().map(|topic| topic.name);
+                let names = names.chain([EVENTS]);
                 let remedy = suggestion(word, names);
                 return Err(refuse(Trouble::Unknown { name: word.clone(), remedy }));
             }
@@ -85,16 +104,25 @@ impl What {
                 return Err(refuse(Trouble::TwoFiles(before, path.to_owned())));
             }
         }
-        Ok(Self { topics: named, file })
+        Ok(Self { topics: named, events, file })
+    }
+
+    /// Nothing is named, which means everything.
+    fn is_all(&self) -> bool {
+        self.topics.is_empty() && !self.events
     }
 
     /// The topics named, or all.
     fn topics_or_all(&self) -> Vec<&'static TopicInfo> {
-        if self.topics.is_empty() { topics::all().to_vec() } else { self.topics.clone() }
+        if self.is_all() { topics::all().to_vec() } else { self.topics.clone() }
     }
 
     fn wants(&self, topic: &TopicInfo) -> bool {
-        self.topics.is_empty() || self.topics.iter().any(|wanted| wanted.name == topic.name)
+        self.is_all() || self.topics.iter().any(|wanted| wanted.name == topic.name)
+    }
+
+    fn wants_events(&self) -> bool {
+        self.is_all() || self.events
     }
 }
 

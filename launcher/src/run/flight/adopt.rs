@@ -10,11 +10,12 @@ use crate::run::live::Live;
 use crate::run::notes::{Notebook, Notes, NotesError, Of};
 use crate::run::pilot_thread::{self, Entry};
 use crate::run::services::HeldServices;
-use crate::run::setup::{RunError, RunOptions, facts, recording_path, system};
+use crate::run::setup::{RunError, RunOptions, facts, recording_path, stamps_of, system};
 use crate::run::slots::{SlotWatch, Slots};
 use crate::run::summary::Summary;
 use crate::run::supervisor::Supervisor;
 use crate::scenario::{Scenario, ScenarioError};
+use crate::topic::feed::Flying;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, PortError, ServiceKind};
 use runtime::leader::{LeadError, Leader};
@@ -132,6 +133,7 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
         pin: notes.posts.iter().find_map(|post| post.spec.cpu).map_or(Pin::None, Pin::Cpu),
         disorder: None,
         progress: options.progress,
+        live: None,
     };
     let (path, recording) = open_recording(&options, &notes, from_ns)?;
     // From here on the processes wait for nobody else.
@@ -224,7 +226,8 @@ impl Flight {
         // The dead launcher's socket; nobody listens there.
         let _ = std::fs::remove_file(folder.join(SOCKET));
         let name = &scenario.settings().scenario.name;
-        let live = Live::open(folder, &notes.of.run, name, path)?;
+        let flying = Flying::new(notes.of.epoch_unix_ns, stamps_of(options));
+        let live = Live::open(folder, &notes.of.run, name, path, flying)?;
         let crewed =
             Crewed { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
         Ok(Self::of(crewed, options)?)

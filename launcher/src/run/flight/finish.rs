@@ -78,7 +78,7 @@ impl Flight {
             Outcome::Interrupted | Outcome::Killed => summary.interrupted = true,
             Outcome::Lost(reason) => summary.lost = Some(reason),
         }
-        self.tap.consumers.finish_recording(&mut summary);
+        self.tap.consumers.finish(&mut summary);
         (summary, self.tap.consumers.stopwatch.take())
     }
 }

@@ -1,7 +1,7 @@
 //! What the main loop looks at besides: strangers, loops that stand still, what is to be told.
 
 use super::Flight;
-use crate::record::{Event, Severity};
+use crate::record::Severity;
 use crate::run::conductor::Patience;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
 
@@ -73,17 +73,8 @@ impl Flight {
 
     pub(super) fn publish_notices(&mut self, logical_ns: u64) {
         for notice in core::mem::take(&mut self.supervisor.notices) {
-            if let Some(recording) = &mut self.tap.consumers.recording {
-                let event = Event {
-                    logical_ns,
-                    severity: Severity::Warning,
-                    source: &notice.source,
-                    text: &notice.text,
-                };
-                if let Err(error) = recording.write_event(&event) {
-                    self.tap.consumers.fail_recording(&error.to_string());
-                }
-            }
+            let consumers = &mut self.tap.consumers;
+            consumers.note(logical_ns, Severity::Warning, &notice.source, &notice.text);
             self.notice(&notice.text);
         }
     }

@@ -1,0 +1,138 @@
+//! What every loop counted, whoever ran it.
+//!
+//! A process that is started again goes on with the totals of the one before, as its state has them; one
+//! that takes the seat in flight begins at zero. So the totals of a seat are those of the last life of each
+//! of its tenants, and what a tenant counted is not forgotten when another follows it.
+
+use runtime::seat_of_loop;
+use shared_types::{Header, LoopStats, Role, Seating, SeatingKind};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Role and seat.
+type Place = (u32, u32);
+
+/// Last totals of every life of every loop.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct LoopLedger {
+    lives: BTreeMap<(Place, u32), LoopStats>,
+    /// Lives that began with totals of their own.
+    tenants: BTreeSet<(Place, u32)>,
+    /// Those of them that go on from what their seat had, where one before them died.
+    restarted: BTreeSet<(Place, u32)>,
+}
+
+impl LoopLedger {
+    /// Takes a loop's totals.
+    pub(crate) fn observe(&mut self, stats: &LoopStats) {
+        let Header { seat, generation, .. } = stats.header;
+        self.lives.insert(((stats.role.0, seat_of_loop(seat)), generation), *stats);
+    }
+
+    /// Takes word of a process that begins in flight.
+    pub(crate) fn seated(&mut self, seating: &Seating) {
+        if seating.kind != SeatingKind::Joined {
+            return;
+        }
+        let life = ((seating.role.0, seating.seat), seating.generation);
+        let has_state = seating.has_state.is_set();
+        if seating.join_ns > 0 || !has_state {
+            self.tenants.insert(life);
+        }
+        if has_state && seating.state_seat == seating.seat {
+            self.restarted.insert(life);
+        }
+    }
+
+    /// Totals of each seat, all its tenants together; what it counts as `generation` are restarts alone.
+    pub(crate) fn seats(&self) -> Vec<LoopStats> {
+        let mut seats: BTreeMap<Place, LoopStats> = BTreeMap::new();
+        let mut lives = self.lives.iter().peekable();
+        while let Some(((place, _), stats)) = lives.next() {
+            let next = lives.peek().map(|(life, _)| **life).filter(|(of, _)| of == place);
+            let goes_on = next.is_some_and(|next| !self.tenants.contains(&next));
+            let is_restart = next.is_some_and(|next| self.restarted.contains(&next));
+            let all = seats.entry(*place).or_default();
+            all.generation += u64::from(goes_on || is_restart);
+            if !goes_on {
+                *all = sum(all, stats);
+            }
+        }
+        seats.into_values().collect()
+    }
+
+    /// Deadlines missed and releases left out by every loop of a role.
+    pub(crate) fn missed(&self, role: Role) -> u64 {
+        let seats = self.seats().into_iter().filter(|stats| stats.role == role);
+        seats.map(|stats| stats.skipped + stats.input_deadline_misses).sum()
+    }
+}
+
+/// Of a seat's totals, as orders and replays name it.
+pub(crate) fn seat_name(stats: &LoopStats) -> String {
+    let label = stats.role.label();
+    match seat_of_loop(stats.header.seat) {
+        0 => label.to_owned(),
+        seat => format!("{label}@{seat}"),
+    }
+}
+
+/// Totals of `past` tenants of a seat and of the one after them.
+fn sum(past: &LoopStats, next: &LoopStats) -> LoopStats {
+    LoopStats {
+        steps: past.steps + next.steps,
+        skipped: past.skipped + next.skipped,
+        caught_up: past.caught_up + next.caught_up,
+        input_deadline_misses: past.input_deadline_misses + next.input_deadline_misses,
+        late_samples: past.late_samples + next.late_samples,
+        lost_samples: past.lost_samples + next.lost_samples,
+        rescued_waits: past.rescued_waits + next.rescued_waits,
+        allocations: past.allocations + next.allocations,
+        transport_allocations: past.transport_allocations + next.transport_allocations,
+        minor_faults: past.minor_faults + next.minor_faults,
+        major_faults: past.major_faults + next.major_faults,
+        allocations_at_changes: past.allocations_at_changes + next.allocations_at_changes,
+        faults_at_changes: past.faults_at_changes + next.faults_at_changes,
+        generation: past.generation,
+        // Who it is, and its last word.
+        ..*next
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Flag;
+
+    fn told(seat: u32, generation: u32, steps: u64) -> LoopStats {
+        let header = Header { seat: 8 * seat + Role::Attitude.0, generation, ..Header::default() };
+        LoopStats { header, role: Role::Attitude, steps, skipped: 1, ..LoopStats::default() }
+    }
+
+    fn seated(seat: u32, generation: u32, join_ns: u64) -> Seating {
+        let (role, has_state) = (Role::Attitude, Flag::Yes);
+        Seating { role, seat, generation, join_ns, has_state, ..Seating::default() }
+    }
+
+    #[test]
+    fn whoever_is_started_again_goes_on_and_whoever_takes_the_seat_adds() {
+        let mut ledger = LoopLedger::default();
+        for (seat, generation, steps) in [(0, 0, 10), (0, 0, 20), (1, 0, 5), (0, 1, 30)] {
+            ledger.observe(&told(seat, generation, steps));
+        }
+        // The word that tells a tenant from a restart may come after its first totals.
+        ledger.observe(&told(1, 1, 7));
+        ledger.observe(&told(1, 0, 6));
+        ledger.seated(&seated(1, 1, 9));
+        ledger.seated(&seated(0, 1, 0));
+        // Another one is started again and joins, from the state of its own seat.
+        ledger.observe(&told(1, 2, 1));
+        ledger.seated(&Seating { state_seat: 1, ..seated(1, 2, 20) });
+        let seats = ledger.seats();
+        let names: Vec<_> = seats.iter().map(seat_name).collect();
+        assert_eq!(names, ["attitude", "attitude@1"]);
+        let totals: Vec<_> = seats.iter().map(|s| (s.steps, s.skipped, s.generation)).collect();
+        assert_eq!(totals, [(30, 1, 1), (14, 3, 1)]);
+        let missed = [Role::Attitude, Role::Position].map(|role| ledger.missed(role));
+        assert_eq!(missed, [4, 0]);
+    }
+}
