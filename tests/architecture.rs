@@ -19,7 +19,7 @@ const ALLOWED: [(&str, &[&str]); 20] = [
     ("controller", &["runtime", "shared-types", "vehicle", "mpc"]),
     ("position-mpc", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("position-pid", &["runtime", "shared-types", "vehicle", "controller"]),
-    ("attitude-mpc", &["runtime", "shared-types", "slot", "vehicle", "mpc"]),
+    ("attitude-mpc", &["runtime", "shared-types", "slot", "vehicle", "mpc", "controller"]),
     ("attitude-lqr", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("attitude-pid", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("disturbance-injector", &["runtime", "shared-types"]),

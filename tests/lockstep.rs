@@ -206,5 +206,8 @@ fn a_vehicle_that_ends_off_its_path_fails_the_run_although_no_process_crashed() 
     // Seven estimates a second cannot hold a vehicle.
     let flown = fly(&["hover", "--rate", "estimator=7"]);
     assert_eq!(flown.code, Some(1), "{}", flown.said());
-    assert!(flown.said().contains("vehicle lost"), "{}", flown.said());
+    let said = flown.said();
+    let how = said.split("vehicle lost: ").nth(1).expect("how it was lost");
+    let off_path_m: f64 = how.split(' ').next().and_then(|m| m.parse().ok()).expect("a distance");
+    assert!(off_path_m > 1.0 && how.contains("m off its path in the last second"), "{said}");
 }
