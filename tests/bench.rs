@@ -17,6 +17,27 @@ fn result(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"))
 }
 
+/// A flight without the restarts that follow when a machine stands still for long; every loop is told in
+/// any case.
+fn flown(arguments: &[&str], code: i32) -> Value {
+    let mut notices = Vec::new();
+    for _ in 0..5 {
+        let output = bench(&[arguments, &["--format", "json"]].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        let told = result(&output);
+        let report = &told["report"];
+        let loops = report["loops"].as_array().expect("loops");
+        assert_eq!(loops.len(), 6, "{report}");
+        let ran = |one: &Value| one["counts"]["steps"].as_u64() > Some(0);
+        if report["notices"].as_array().is_some_and(Vec::is_empty) && loops.iter().all(ran) {
+            return told;
+        }
+        notices.push(report["notices"].clone());
+    }
+    panic!("no flight went as planned: {notices:?}");
+}
+
 /// Something was measured, and its quantiles are in order.
 fn assert_measured(told: &Value) {
     assert!(told["n"].as_u64() > Some(0), "{told}");
@@ -86,9 +107,7 @@ fn assert_paths(report: &Value, hold_us: f64) {
 fn with_asap_edges_nothing_holds_a_command_and_a_warm_loop_allocates_nothing() {
     let _turn = turn();
     let flight = ["loops", "hover", "--asap", "--for", "2s", "--policy", "other"];
-    let output = bench(&[&flight[..], &["--format", "json"]].concat());
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let report = &result(&output)["report"];
+    let report = &flown(&flight, 0)["report"];
     assert_paths(report, 0.0);
     for one in report["loops"].as_array().expect("loops") {
         let cost = &one["cost"];
@@ -105,14 +124,10 @@ fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let saved = folder.path().join("saved.json");
     let saved = saved.to_str().expect("a path");
-    let flight = ["loops", "hover", "--for", "2s", "--policy", "other", "--format", "json"];
-    let output = bench(&[&flight[..], &["--save", saved]].concat());
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    let told = result(&output);
+    let flight = ["loops", "hover", "--for", "2s", "--policy", "other"];
+    let told = flown(&[&flight[..], &["--save", saved]].concat(), 0);
     let report = &told["report"];
-    let loops = report["loops"].as_array().expect("loops");
-    assert_eq!(loops.len(), 6, "{report}");
-    for one in loops {
+    for one in report["loops"].as_array().expect("loops") {
         let name = &one["name"];
         assert!(
             one["counts"]["steps"].as_u64() > Some(0) && one["warm_up_steps"].as_u64() > Some(0)
@@ -144,9 +159,7 @@ fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
     assert_eq!(other.status.code(), Some(2), "{said}");
     assert!(said.contains("200 Hz"), "{said}");
     let limits = ["--gate", "lateness.max:0us", "--gate", "p99:+100000000%"];
-    let judged = bench(&[&flight[..], &compare, &limits].concat());
-    assert_eq!(judged.status.code(), Some(1), "{}", String::from_utf8_lossy(&judged.stderr));
-    let judged = result(&judged);
+    let judged = flown(&[&flight[..], &compare, &limits].concat(), 1);
     let failed = judged["failed"].as_array().expect("failures");
     assert!(failed.iter().all(|f| f.as_str().is_some_and(|f| f.contains("lateness max"))));
     assert!(!judged["comparison"]["rows"].as_array().expect("rows").is_empty(), "{judged}");
@@ -154,6 +167,7 @@ fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
 
 #[test]
 fn each_service_is_measured_alone() {
+    let _turn = turn();
     let output = bench(&["solve", "hover", "--for", "500ms", "--format", "json"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let report = result(&output);

@@ -239,9 +239,33 @@ impl Gate {
         matches!(self, Self::Growth { .. })
     }
 
-    /// Everything that exceeds it.
+    /// Everything that exceeds it, and what it asks about and was not measured.
     #[must_use]
     pub fn judge(&self, now: &LoopsReport, before: Option<&LoopsReport>) -> Vec<String> {
+        let mut failed = self.not_measured(now, before);
+        failed.extend(self.exceeded(now, before));
+        failed
+    }
+
+    /// Without this a loop that stood still, or that nobody could follow, would pass every limit.
+    fn not_measured(&self, now: &LoopsReport, before: Option<&LoopsReport>) -> Vec<String> {
+        let still = now.loops.iter().filter(|l| l.counts.steps == 0);
+        let still = still.map(|l| format!("{} ran no step after the warm-up", l.name));
+        let (figure, earlier) = match self {
+            // Says so itself.
+            Self::Held => return Vec::new(),
+            Self::Growth { figure, .. } => (figure.as_deref(), before),
+            Self::Limit { figure, .. } | Self::Floor { figure, .. } => (figure.as_deref(), None),
+        };
+        let gone = earlier.into_iter().flat_map(|earlier| chosen(earlier, figure));
+        let gone = gone.filter(|(name, _)| now.figure(name).is_none());
+        let gone = gone.map(|(name, _)| format!("{name} was not measured"));
+        let none = figure.filter(|_| chosen(now, figure).next().is_none());
+        let none = none.map(|figure| format!("no {figure} was measured"));
+        still.chain(gone).chain(none).collect()
+    }
+
+    fn exceeded(&self, now: &LoopsReport, before: Option<&LoopsReport>) -> Vec<String> {
         match self {
             Self::Held => {
                 let taxed = now.overtaxed().map(|l| {

@@ -108,7 +108,7 @@ pub struct LoopReport {
     pub timed: bool,
     /// As asked for \[Hz\].
     pub rate_hz: f64,
-    /// As flown \[Hz\].
+    /// As flown: of the releases that were due, those that ran; none if none was due \[Hz\].
     pub achieved_hz: Option<f64>,
     /// True if it missed few enough.
     pub holds: bool,
@@ -153,7 +153,7 @@ pub struct PathReport {
     /// Logical time from the step of the command to its effect, which the gate keeps to; 0 if commands
     /// take effect when they are published \[us\].
     pub hold_us: f64,
-    /// Commands that cannot be followed back.
+    /// Commands after the warm-up that cannot be followed back.
     pub untraced: u64,
     /// Commands that were replaced before they took effect.
     pub unseen: u64,

@@ -56,7 +56,7 @@ fn growth_is_judged_against_the_earlier_result_and_clock_ticks_are_not() {
     let (before, now) = (report(100), report(120));
     assert_eq!(judged("p99:+10%", &now, Some(&before)), 1);
     assert_eq!(judged("lateness.p50:+10%", &now, Some(&before)), 1);
-    assert_eq!(judged("compute.p99:+10%", &now, Some(&before)), 0);
+    assert_eq!(judged("compute.p99:+10%", &now, Some(&before)), 1, "neither has it");
     assert_eq!(judged("p99:+25%", &now, Some(&before)), 0);
     assert_eq!(judged("p99:+10%", &before, Some(&now)), 0);
     // Twice as long, and less than a microsecond more.
@@ -87,6 +87,22 @@ fn limits_in_time_and_over_the_floor_need_no_earlier_result() {
     let mut overtaxed = report(15);
     overtaxed.loops[0].holds = false;
     assert_eq!(judged("held", &overtaxed, None), 1);
+}
+
+#[test]
+fn what_was_not_measured_passes_no_gate() {
+    let before = report(10);
+    let mut still = report(10);
+    still.loops[0].counts = Counts { skipped: 1500, ..Counts::default() };
+    still.loops[0].figures.clear();
+    still.loops[0].holds = false;
+    let failed = |gate| Gate::parse(gate).unwrap().judge(&still, Some(&before));
+    let ran_none = "plant ran no step after the warm-up";
+    assert_eq!(failed("p99:+10%"), [ran_none, "plant lateness was not measured"]);
+    assert_eq!(failed("lateness.p99:9ms"), [ran_none, "no lateness was measured"]);
+    assert_eq!(failed("p99:2x"), [ran_none]);
+    assert_eq!(failed("held"), ["plant misses 100.00 % of its releases at 1000 Hz"]);
+    assert_eq!(judged("path.p99:1x", &before, None), 1, "no path was found");
 }
 
 #[test]

@@ -58,27 +58,33 @@ impl Sums<'_> {
         let mut upstream = None;
         let (mut reports, mut all) = (Vec::new(), Vec::new());
         for node in self.graph.nodes() {
-            for seat in LoopSeat::all(node.role) {
+            let seats = LoopSeat::all(node.role).map(|seat| {
                 let key = (node.role, seat.index);
-                let steps = |warm| Steps::of(self.watch, key, node.rate, &self.window, warm);
-                let (steps, cold) = (steps(true), steps(false));
-                if steps.ran == 0 {
-                    continue;
-                }
+                let of = |warm| Steps::of(self.watch, key, node.rate, &self.window, warm);
+                (key, of(true), of(false))
+            });
+            let mut seats: Vec<_> = seats.collect();
+            // A loop that nobody ran is no less of the flight: it is told, with nothing to its name.
+            let nobody = seats.iter().all(|(_, steps, _)| steps.ran == 0);
+            seats.retain(|((_, seat), steps, _)| steps.ran > 0 || (nobody && *seat == 0));
+            let alone = seats.len() == 1;
+            for (key, steps, cold) in seats {
                 let mut seen = self.watch.looks.iter().flat_map(|look| &look.seen);
                 let seen = seen.find(|s| (s.role, s.seat) == key).map(|s| s.name.as_str());
                 let usual = crew.name(node.role).unwrap_or(node.role.label());
                 let mut name = seen.unwrap_or(usual).to_owned();
-                if seat.index > 0 {
-                    name = format!("{name}@{}", seat.index);
+                if key.1 > 0 {
+                    name = format!("{name}@{}", key.1);
                 }
                 if node.role == Role::Estimator {
                     upstream = steps.compute.quantiles();
                 }
-                reports.push(self.report(node, seat.index, &name, (&steps, &cold), upstream));
+                let due = steps.due(node.rate, &self.window, alone);
+                reports.push(self.report(node, key.1, &name, (&steps, &cold, due), upstream));
                 all.push((name, steps));
             }
         }
+        all.retain(|(_, steps): &(String, Steps)| steps.ran > 0);
         (reports, all)
     }
 
@@ -87,7 +93,7 @@ impl Sums<'_> {
         node: &Node,
         seat: u32,
         name: &str,
-        (steps, cold): (&Steps, &Steps),
+        (steps, cold, due): (&Steps, &Steps, u64),
         upstream: Option<Quantiles>,
     ) -> LoopReport {
         let figures = FIGURES.into_iter().filter_map(|figure| {
@@ -101,7 +107,8 @@ impl Sums<'_> {
             steps: steps.ran,
             deadline_misses: totals.input_deadline_misses,
             overruns: steps.overruns,
-            skipped: totals.skipped,
+            // A process that was started again counts from nothing, and one that is gone not at all.
+            skipped: totals.skipped.max(due.saturating_sub(steps.ran)),
             caught_up: totals.caught_up,
             late_samples: totals.late_samples,
             rescued_waits: totals.rescued_waits,
@@ -112,7 +119,7 @@ impl Sums<'_> {
             seat,
             timed: ping_of(node.role).is_none() || node.role == Role::Plant,
             rate_hz: node.rate.hz(),
-            achieved_hz: steps.rate_hz(),
+            achieved_hz: (due > 0).then(|| node.rate.hz() * (steps.ran as f64 / due as f64)),
             holds: counts.miss_share() <= MOST_MISSES,
             warm_up_steps: cold.ran,
             figures: figures.collect(),

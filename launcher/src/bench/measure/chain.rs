@@ -58,7 +58,8 @@ pub struct Chains {
     pub warm: Vec<Chain>,
     /// In the warm-up.
     pub cold: u64,
-    /// Commands that arrived and cannot be followed back.
+    /// Commands after the warm-up that arrived and cannot be followed back. Before, a controller may
+    /// have stepped without having heard of an estimate.
     pub untraced: u64,
     /// Commands that nothing shows at the gate: the next one came before they took effect.
     pub unseen: u64,
@@ -82,7 +83,7 @@ impl Chains {
                 let held_ns = window.mono_ns_of(command.valid_ns).saturating_sub(gate_ns);
                 Chain { release_ns: imu.release_ns, links, held_ns }
             });
-            chains.take(chain, window);
+            chains.take(command, chain, window);
         }
         chains
     }
@@ -123,14 +124,15 @@ impl Chains {
                 let held_ns = window.mono_ns_of(command.valid_ns).saturating_sub(gate_ns);
                 Chain { release_ns: imu.release_ns, links, held_ns }
             });
-            chains.take(chain, window);
+            chains.take(setpoint, chain, window);
         }
         chains
     }
 
-    fn take(&mut self, chain: Option<Chain>, window: &Window) {
+    fn take(&mut self, command: &Stamp, chain: Option<Chain>, window: &Window) {
         match chain {
-            None => self.untraced += 1,
+            None if window.is_warm(command.release_ns) => self.untraced += 1,
+            None => self.cold += 1,
             Some(chain) if window.is_warm(chain.release_ns) => self.warm.push(chain),
             Some(_) => self.cold += 1,
         }
@@ -302,6 +304,9 @@ mod tests {
         let mut lost = flown();
         lost.stamps.remove("state_estimate");
         assert_eq!(Chains::of_attitude(&lost, &WINDOW).untraced, 1);
+        let later = Window { warm_ns: 2001, ..WINDOW };
+        let chains = Chains::of_attitude(&lost, &later);
+        assert_eq!((chains.untraced, chains.cold), (0, 1), "nobody judges the warm-up");
         let mut overtaken = flown();
         overtaken.stamps.remove("applied_command");
         let chains = Chains::of_attitude(&overtaken, &WINDOW);

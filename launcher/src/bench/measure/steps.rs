@@ -26,7 +26,7 @@ pub struct Steps {
     /// Steps that ran.
     pub ran: u64,
     /// First and last release of them \[ns\].
-    pub spans_ns: [u64; 2],
+    pub span_ns: [u64; 2],
     /// Steps that were published after the next release.
     pub overruns: u64,
     /// From the intended release to the start; releases that were left out count as late as the step
@@ -80,10 +80,10 @@ impl Steps {
 
     fn take(&mut self, stamp: &Stamp, before: Option<&Stamp>, rate: Rate) {
         if self.ran == 0 {
-            self.spans_ns[0] = stamp.release_ns;
+            self.span_ns[0] = stamp.release_ns;
         }
         self.ran += 1;
-        self.spans_ns[1] = stamp.release_ns;
+        self.span_ns[1] = stamp.release_ns;
         let late_ns = stamp.start_mono_ns.saturating_sub(stamp.release_mono_ns);
         let compute_ns = stamp.publish_mono_ns.saturating_sub(stamp.start_mono_ns);
         self.lateness.record(late_ns);
@@ -119,11 +119,14 @@ impl Steps {
         self.wait.record(stamp.start_mono_ns.saturating_sub(ready_ns));
     }
 
-    /// Steps in a second; none of less than two.
+    /// Releases that were due: from the first step to the last, or in all of the window if nobody else
+    /// could have run them.
     #[must_use]
-    pub fn rate_hz(&self) -> Option<f64> {
-        let [first_ns, last_ns] = self.spans_ns;
-        (self.ran > 1).then(|| (self.ran - 1) as f64 / ((last_ns - first_ns) as f64 * 1e-9))
+    pub fn due(&self, rate: Rate, window: &Window, alone: bool) -> u64 {
+        let [first_ns, last_ns] = self.span_ns;
+        let [from_ns, until_ns] =
+            if alone { [window.warm_ns, window.end_ns] } else { [first_ns, last_ns + 1] };
+        rate.first_at_or_after(until_ns).saturating_sub(rate.first_at_or_after(from_ns))
     }
 
     /// A figure by name.
@@ -220,7 +223,9 @@ mod tests {
         // 1 ms + 10 us and 3 ms + 80 us instead of whole milliseconds.
         let periods: Vec<_> = steps.period.bins().map(|(ns, n)| (ns / 1000, n)).collect();
         assert_eq!(periods, [(10, 1), (80, 1)]);
-        assert_eq!(steps.rate_hz(), Some(500.0));
+        // Ten were due until 10 ms, and five of them until the last step.
+        let window = Window { end_ns: 10_000_000, ..WINDOW };
+        assert_eq!([true, false].map(|alone| steps.due(khz(), &window, alone)), [10, 5]);
     }
 
     #[test]
