@@ -18,12 +18,14 @@ fn trace(file: &Path, arguments: &[&str]) -> (Option<i32>, Value) {
     (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null))
 }
 
-fn assert_all_trace(flown: &Flown) -> Value {
+fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
     assert_eq!(flown.code, Some(0), "{}", flown.said());
     let (code, told) = trace(&flown.recording_path(), &[]);
     assert_eq!(code, Some(0), "{told}");
     let sent = flown.recording().series("wrench_command", &["thrust_n"]).len() as u64;
-    assert!(sent > 100, "{sent}");
+    // A machine that stands still makes a loop leave releases out, and what it sent must trace all the same.
+    let least = if clock == "lockstep" { 100 } else { 10 };
+    assert!(sent > least, "{sent}");
     assert_eq!((told["commands"].as_u64(), told["traced"].as_u64()), (Some(sent), Some(sent)));
     let latency = &told["segments"]["sensor_to_command"];
     assert_eq!(latency["n"].as_u64(), Some(sent), "{told}");
@@ -35,7 +37,7 @@ fn every_command_of_each_shipped_scenario_traces_in_both_clocks() {
     let _turn = turn();
     for name in shipped::names() {
         for clock in ["lockstep", "realtime"] {
-            assert_all_trace(&fly(&[name, "--for", "1500ms", "--clock", clock]));
+            assert_all_trace(&fly(&[name, "--for", "1500ms", "--clock", clock]), clock);
         }
     }
 }
@@ -48,7 +50,7 @@ fn commands_of_shadows_and_of_whoever_takes_over_trace_too() {
     for clock in ["lockstep", "realtime"] {
         let flown =
             fly(&[&swap[..], &["--clock", clock, "--standby", "position=position-pid"]].concat());
-        let told = assert_all_trace(&flown);
+        let told = assert_all_trace(&flown, clock);
         let applied = told["applied"].as_u64().expect("a count");
         assert!(applied > 0 && applied < told["commands"].as_u64().expect("a count"), "{told}");
     }
