@@ -267,7 +267,7 @@ impl<S: Service> Executor<S> {
     fn count_samples(&mut self) {
         let inputs = self.inputs.counts();
         self.counts.late_samples = self.before.0 + inputs.late;
-        self.counts.lost_samples = self.before.1 + inputs.lost + inputs.overflowed;
+        self.counts.lost_samples = self.before.1 + inputs.lost;
     }
 
     /// Runs the next release: accept, step, publish outputs, then state and statistics.

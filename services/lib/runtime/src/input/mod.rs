@@ -63,20 +63,15 @@ pub enum Link<'a, T> {
 pub struct InputCounts {
     /// Samples that arrived after the step in which they should have taken effect.
     pub late: u64,
-    /// Sequence numbers never received.
+    /// Sequence numbers that never took effect: those that did not arrive, and those that had to make
+    /// room for newer ones.
     pub lost: u64,
-    /// Samples dropped because the reader was full.
-    pub overflowed: u64,
 }
 
 impl core::ops::Add for InputCounts {
     type Output = Self;
     fn add(self, other: Self) -> Self {
-        Self {
-            late: self.late + other.late,
-            lost: self.lost + other.lost,
-            overflowed: self.overflowed + other.overflowed,
-        }
+        Self { late: self.late + other.late, lost: self.lost + other.lost }
     }
 }
 
@@ -223,10 +218,12 @@ impl<T: Sample> Input<T> {
         };
         if let Some(same) = self.pending.get_mut(at).filter(|p| place(p) == key) {
             *same = arrived;
-        } else if self.pending.len() == READER_CAPACITY {
-            self.counts.overflowed += 1;
-        } else {
+        } else if self.pending.len() < READER_CAPACITY {
             self.pending.insert(at, arrived);
+        } else if at > 0 {
+            // The newest matter to a loop; the gap before them is counted when they take effect.
+            self.pending.pop_front();
+            self.pending.insert(at - 1, arrived);
         }
     }
 

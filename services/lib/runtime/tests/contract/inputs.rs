@@ -149,17 +149,22 @@ fn a_repeated_sample_replaces_the_waiting_one_and_is_ignored_once_in_effect() {
 }
 
 #[test]
-fn a_full_reader_counts_what_it_cannot_hold_and_keeps_the_older() {
+fn a_full_reader_keeps_the_newest_and_counts_what_it_dropped_once() {
     let (mut input, queue) = input(false);
     let capacity = READER_CAPACITY as u64;
-    for sequence in 1..=capacity + 3 {
+    queue.push(1_000, 0, 1);
+    input.receive();
+    input.accept(1_000, None);
+    for sequence in 2..=capacity + 4 {
         queue.push(1_000 + sequence, 0, sequence);
     }
+    // Older than all that it has: there is no room for it either.
+    queue.push(1_001, 0, 1);
     input.receive();
-    assert_eq!(input.counts(), InputCounts { overflowed: 3, ..InputCounts::default() });
     input.accept(1_000_000, None);
     assert_eq!(input.fresh().len(), READER_CAPACITY);
-    assert_eq!(input.latest().unwrap().header.sequence, capacity);
+    assert_eq!(input.latest().unwrap().header.sequence, capacity + 4);
+    assert_eq!(input.counts(), InputCounts { lost: 3, ..InputCounts::default() });
 }
 
 #[test]
