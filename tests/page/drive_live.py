@@ -38,7 +38,7 @@ BACK_AT_ONCE = """(slot, name) => {
 @contextmanager
 def flying(morphquad, folder):
     """A flight, and the address that it prints for a browser."""
-    command = [morphquad, "run", "figure8-morph", "--live=127.0.0.1:0", "--no-open", "--for", "300s", "--record", folder]
+    command = [morphquad, "run", "figure8-morph", "--live=127.0.0.1:0", "--no-open", "--for", "900s", "--record", folder]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     told, found, address = [], threading.Event(), []
 

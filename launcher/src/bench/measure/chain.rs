@@ -131,10 +131,9 @@ impl Chains {
 
     fn take(&mut self, command: &Stamp, chain: Option<Chain>, window: &Window) {
         match chain {
-            None if window.is_warm(command.release_ns) => self.untraced += 1,
-            None => self.cold += 1,
             Some(chain) if window.is_warm(chain.release_ns) => self.warm.push(chain),
-            Some(_) => self.cold += 1,
+            None if window.is_warm(command.release_ns) => self.untraced += 1,
+            _ => self.cold += 1,
         }
     }
 
