@@ -265,8 +265,11 @@ fn around_damage_everything_is_recovered_and_whoever_reads_it_says_that_there_ar
     let _turn = turn();
     let flown = fly(&["figure8-morph", "--for", "4s"]);
     let mut bytes = fs::read(flown.recording_path()).expect("the recording");
-    let middle = bytes.len() / 2;
-    bytes[middle] ^= 0x55;
+    // Many bytes, and of a chunk: one may decode to the same samples, and between chunks lie none.
+    let chunks = places(&bytes, CHUNK);
+    let chunk = chunks[chunks.len() / 2];
+    let middle = chunk + record_at(&bytes, chunk) / 2;
+    bytes[middle..middle + 64].iter_mut().for_each(|byte| *byte ^= 0x55);
     let folder = tempfile::tempdir().expect("a folder");
     let damaged = written(folder.path(), "damaged.mcap", &bytes);
     let recovered = folder.path().join("recovered.mcap");
