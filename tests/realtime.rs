@@ -19,7 +19,7 @@ fn figure8_morph_follows_its_reference_in_realtime_and_the_recorder_loses_nothin
         flown
     };
     // Whoever a machine keeps from running for a third of a second is started again.
-    let mut flights = (0..3).map(|_| fly_once());
+    let mut flights = (0..8).map(|_| fly_once());
     let flown = flights.find(|flown| flown.number("recovered_crashes") == 0.0);
     let flown = flown.expect("a flight in which everybody could run");
     assert_eq!(flown.code, Some(0), "{}", flown.said());
