@@ -14,6 +14,9 @@ crate::code! {
         Level = 2,
         /// Rotors off, for good.
         Cut = 3,
+        /// The owner tripped while the vehicle was tilted or turning fast: the gate levels it from its own
+        /// gyro and accelerometer before the fallback's commands count.
+        Recover = 4,
     }
 }
 
@@ -28,6 +31,8 @@ sample! {
         pub command_cause_sequence: u64,
         /// Seat of the writer of the command in effect; [`NO_SEAT`](crate::NO_SEAT) while none is.
         pub command_seat: u32,
+        /// The owner of this epoch has tripped.
+        pub tripped: Flag,
         /// Epoch of the owner record in effect; 0 before the first.
         pub epoch: u64,
         /// Allocated collective thrust, after rotor limits \[N\].

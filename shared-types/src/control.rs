@@ -43,6 +43,10 @@ sample! {
         pub seat: u32,
         /// The fallback gives the set points, until the next epoch.
         pub failed_over: Flag,
+        /// The owner of this epoch has tripped.
+        pub tripped: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
     }
 }
 

@@ -116,6 +116,7 @@ samples!(
     crate::Truth,
     crate::ActuatorState,
     crate::Disturbance,
+    crate::Trip,
     crate::OwnerRecord,
     crate::LoopStats,
     crate::Deviation,

@@ -3,7 +3,8 @@
 //! * [`topics`] is the floor plan: one line per topic, from which ports, recorder, command line and
 //!   documentation are derived. Open it first.
 //! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
-//!   [`control`], [`actuation`], [`disturbance`], [`order`], [`supervision`].
+//!   [`control`], [`actuation`], [`disturbance`], [`order`], [`trip`],
+//!   [`supervision`].
 //! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
 //!   that two builds which disagree about a type refuse each other.
 //!
@@ -21,6 +22,7 @@ pub mod order;
 pub mod sensors;
 pub mod supervision;
 pub mod topics;
+pub mod trip;
 pub mod wire;
 
 pub use actuation::{ActuatorState, AppliedCommand, GateMode, Truth};
@@ -43,3 +45,4 @@ pub use supervision::{
     OwnerRecord, Progress, ROLL_LINES, Role, Roll, RollEntry, SEATS, Seat, Seating, SeatingKind,
 };
 pub use topics::{Edge, Topic, TopicInfo, TopicVisitor};
+pub use trip::{Trip, TripCause};

@@ -18,20 +18,23 @@ code! {
         Disturbance = 4,
         /// Reference and morph schedule, inside the launcher.
         Pilot = 5,
+        /// Judge of owners that have not proven themselves.
+        Monitor = 6,
         /// Owner records, inside the launcher.
-        Supervisor = 6,
+        Supervisor = 7,
     }
 }
 
 impl Role {
     /// Every role that steps, in data-flow order.
-    pub const STEPPING: [Self; 6] = [
+    pub const STEPPING: [Self; 7] = [
         Self::Plant,
         Self::Estimator,
         Self::Position,
         Self::Attitude,
         Self::Disturbance,
         Self::Pilot,
+        Self::Monitor,
     ];
 
     /// Position in [`Role::STEPPING`].
@@ -66,6 +69,7 @@ impl Role {
             Self::Attitude => "attitude",
             Self::Disturbance => "disturbance",
             Self::Pilot => "pilot",
+            Self::Monitor => "monitor",
             _ => "supervisor",
         }
     }
@@ -162,6 +166,10 @@ sample! {
         pub slot: Role,
         /// The owner is of another kind than its predecessor: consumers limit the step between them.
         pub kind_changed: Flag,
+        /// The owner has not proven itself: the monitor judges it, and a trip of it counts.
+        pub watched: Flag,
+        /// Keeps the size a multiple of eight bytes.
+        pub reserved: u32,
     }
 }
 

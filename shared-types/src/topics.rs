@@ -107,21 +107,21 @@ floor_plan! {
         "delayed position and attitude from a tracker"
     MORPH_ANGLE "morph_angle": MorphAngle, Plant => [Estimator], ZeroLatency, history 64;
         "encoder reading of the deployable angle"
-    APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Attitude], ZeroLatency, history 64, hashed;
+    APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Attitude, Monitor], ZeroLatency, history 64, hashed;
         "wrench and rotor thrusts the gate applied"
     TRUTH "truth": Truth, Plant => [], RecordOnly, history 1, hashed;
         "real state of the vehicle"
     ACTUATOR_STATE "actuator_state": ActuatorState, Plant => [], RecordOnly, history 1;
         "real rotor thrusts"
-    STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude], ZeroLatency, history 64, hashed;
+    STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
         "believed state with one-sigma errors"
-    REFERENCE "reference": Reference, Pilot => [Position], ZeroLatency, history 32;
+    REFERENCE "reference": Reference, Pilot => [Position, Monitor], ZeroLatency, history 32;
         "trajectory to follow, with preview"
     MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
         "commanded deployable angle, with its path"
     ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude], Delayed, history 32;
         "thrust and Euler angles for the attitude loop"
-    APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position], Delayed, history 32;
+    APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position, Monitor], Delayed, history 32;
         "set point the attitude loop tracks"
     WRENCH_COMMAND "wrench_command": WrenchCommand, Attitude => [Plant], Delayed, history 64;
         "thrust and torque asked of the rotors"
@@ -131,9 +131,11 @@ floor_plan! {
         "bounds, verdict and effort of the attitude controller"
     DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
         "wind, force, torque, payload and rotor faults"
-    ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant, Position], Delayed, history 16;
+    TRIP "trip": Trip, Monitor => [Plant, Attitude], Delayed, history 32;
+        "an owner that is not to be obeyed any more, and why"
+    ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant, Position, Monitor], Delayed, history 16;
         "owner of the attitude slot"
-    POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude], Delayed, history 16;
+    POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude, Monitor], Delayed, history 16;
         "owner of the position slot"
     GUIDANCE_ORDER "guidance_order": GuidanceOrder, Supervisor => [Pilot], Delayed, history 16;
         "where to go and how wide to spread the arms, as ordered in flight"

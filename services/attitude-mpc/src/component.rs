@@ -4,7 +4,7 @@ use crate::law::{AttitudeLaw, Input, LawStatus, Output};
 use crate::memory::Memory;
 use crate::preview::MorphPlan;
 use crate::{AttitudeLawConfig, ConfigError, Setpoint};
-use controller::attitude::{Inputs, Outputs, applied, fresh_estimate};
+use controller::attitude::{Inputs, Outputs, applied, fresh_estimate, is_recovering};
 use controller::sampling::{age_s, fallback_status, gamma_rad, period_ns};
 use nalgebra::Vector3;
 use runtime::{Service, SetpointMemory, SetpointSlot};
@@ -65,7 +65,8 @@ impl AttitudeMpc {
 
     /// Takes the set point that counts; the last one stays if nobody's does.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let taken = self.slot.take(now_ns, &inputs.position_owner, &inputs.attitude_setpoint);
+        let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
+        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);
         if let Some(command) = taken {
             let [thrust_n, roll, pitch, yaw] = command.value;
             self.setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
@@ -170,6 +171,10 @@ impl Service for AttitudeMpc {
         if let Some(applied) = applied(inputs) {
             self.law.track(&applied.torque_b_nm.into(), applied.thrust_n);
         }
+    }
+
+    fn is_displaced(&self, inputs: &Inputs) -> bool {
+        is_recovering(inputs)
     }
 
     fn memory(&self) -> ComponentMemory {

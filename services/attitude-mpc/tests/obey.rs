@@ -51,6 +51,8 @@ fn tell(inputs: &mut Inputs, epoch: u64, from_ms: u64, owner: u32, fallback: u32
         fallback,
         slot: Role::Position,
         kind_changed: Flag::from(other),
+        watched: Flag::Yes,
+        ..OwnerRecord::default()
     });
 }
 

@@ -104,6 +104,8 @@ struct Arrow {
     to: String,
     latency_ns: u64,
     deadline_ns: u64,
+    /// Said for readers in other languages; here it follows from the consumer.
+    strict: bool,
     asap: bool,
 }
 
@@ -289,6 +291,7 @@ impl From<&Edge> for Arrow {
             to: edge.to.label().to_owned(),
             latency_ns: edge.latency_ns,
             deadline_ns: edge.deadline_ns,
+            strict: edge.strict,
             asap: edge.asap,
         }
     }

@@ -278,7 +278,7 @@ impl<S: Service> Executor<S> {
             self.previous_ns = Some(before_ns);
         }
         self.inputs.accept(now_ns, self.previous_ns);
-        if now_ns < self.track_until_ns {
+        if now_ns < self.track_until_ns || self.service.is_displaced(&self.inputs) {
             self.service.track(now_ns, &self.inputs);
         }
         self.service.step(now_ns, &self.inputs, &mut self.outputs);

@@ -1,18 +1,18 @@
 //! How the consumer of a slot obeys: whose command counts from instant to instant.
 //!
 //! Once per step [`Obedience::hear`] takes the owner records. Then, instant by instant:
-//! [`advance`](Obedience::advance), [`offer`](Obedience::offer) for each command that takes effect,
-//! [`decide`](Obedience::decide). A step that ends after its last decision says so with
+//! [`advance`](Obedience::advance), [`trip`](Obedience::trip) for each trip and
+//! [`offer`](Obedience::offer) for each command that takes effect, [`decide`](Obedience::decide). A step that ends after its last decision says so with
 //! [`close_before`](Obedience::close_before): a record for an instant that is past then came too
 //! late and is refused. [`setpoints`] does all this for whoever tracks attitude set points.
 
 pub mod setpoints;
 
 use crate::input::Input;
-use shared_types::{Header, NO_SEAT, OwnerRecord};
+use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Trip};
 use slot::{
     Command, Consumer, ConsumerMemory, Counters, Desk, DeskMemory, Limiter, LimiterMemory, Record,
-    Seat, Source, Standing,
+    Seat, Source, Standing, Tripped,
 };
 
 /// Time over which what the limiter takes out of a change of kind comes back \[ns\].
@@ -103,6 +103,16 @@ impl Obedience {
         if let Some(turn) = self.consumer.advance(now_ns) {
             self.desk.turn(&turn);
             self.kind_changes = turn.kind_changed;
+        }
+    }
+
+    /// Takes a trip that is in effect, if it is about the owner of `slot`, which this consumer obeys.
+    pub fn trip(&mut self, slot: Role, trip: &Trip) -> Tripped {
+        match Seat::new(trip.instance) {
+            Some(seat) if trip.slot == slot => {
+                self.consumer.trip(trip.epoch, seat, trip.header.valid_ns)
+            }
+            _ => Tripped::Ignored,
         }
     }
 
@@ -201,6 +211,12 @@ impl Obedience {
     #[must_use]
     pub fn failed_over(&self) -> bool {
         self.consumer.failed_over()
+    }
+
+    /// True once the owner has tripped, until the next epoch.
+    #[must_use]
+    pub fn tripped(&self) -> bool {
+        self.consumer.tripped()
     }
 
     /// What happened since the start.

@@ -33,10 +33,17 @@ pub trait Service {
     /// Sets the memory so that the output of the next step continues from what the slot last applied.
     ///
     /// The runtime calls it before each step while the service shadows a controller of another kind,
-    /// whose memory it cannot restore, with the instant and the inputs of that step. What the slot
+    /// whose memory it cannot restore, and while it [is displaced](Self::is_displaced), with the
+    /// instant and the inputs of that step. What the slot
     /// applied is among the inputs (`applied_command` for attitude, `applied_setpoint` for position).
     /// A service that fills no slot has nothing to track.
     fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
+
+    /// True while the slot applies what no controller commands, because its consumer brings the vehicle
+    /// back by itself: whoever is to command afterwards then tracks too, see [`track`](Self::track).
+    fn is_displaced(&self, _inputs: &Self::Inputs) -> bool {
+        false
+    }
 
     /// Draws everything random from the streams of another seed from now on, at the places reached.
     fn reseed(&mut self, _seed: u64) {}

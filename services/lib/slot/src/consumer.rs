@@ -1,15 +1,15 @@
 //! Which record is in effect at the one who obeys it, and its own move from owner to fallback.
 //!
 //! ```text
-//!              owner's command missing, fallback's there
+//!        owner's command missing, or owner tripped; fallback's there
 //!   on owner ─────────────────────────────────────────────▶ on fallback
 //!      ▲                                                        │
 //!      └───────────────── a record of a new epoch ──────────────┘
 //! ```
 //!
 //! At each instant, in this order: [`Consumer::take_record`] for records that have arrived,
-//! [`Consumer::advance`], [`Consumer::standing_at`] for each command effective now,
-//! [`Consumer::decide`]. [`crate::desk::Desk`] does the last two.
+//! [`Consumer::advance`], [`Consumer::trip`] for each trip effective now, [`Consumer::standing_at`] for
+//! each command effective now, [`Consumer::decide`]. [`crate::desk::Desk`] does the last two.
 
 use crate::record::{Record, RecordMemory, Seat, Standing};
 
@@ -40,6 +40,18 @@ pub enum Source {
     Nobody,
 }
 
+/// What became of a trip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Tripped {
+    /// The owner is not obeyed any more as soon as the fallback has a usable command.
+    ToFallback,
+    /// The record has no fallback to move to: the owner goes on.
+    NoFallback,
+    /// It is of another epoch, of a seat that is not the owner's, of an owner that nobody watches, of
+    /// one that is not obeyed any more, or a repetition.
+    Ignored,
+}
+
 /// A record came into effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Turn {
@@ -65,6 +77,10 @@ shared_types::memory! {
         pub fail_over_ns: u64,
         /// Instants with neither owner's nor fallback's command.
         pub missed: u64,
+        /// Trips taken, one per epoch at most.
+        pub trips: u64,
+        /// Instant of the last of them \[ns\].
+        pub trip_ns: u64,
     }
 }
 
@@ -84,6 +100,8 @@ shared_types::memory! {
         pub open_ns: u64,
         /// Whether the fallback commands, in this epoch.
         pub failed_over: bool,
+        /// Whether the owner has tripped, in this epoch.
+        pub tripped: bool,
     }
 }
 
@@ -96,6 +114,7 @@ pub struct Consumer {
     counters: Counters,
     open_ns: u64,
     failed_over: bool,
+    tripped: bool,
 }
 
 impl Consumer {
@@ -149,6 +168,7 @@ impl Consumer {
         while let Some(due) = self.pending[0].filter(|next| next.effective_ns <= now_ns) {
             self.previous = self.current.replace(due);
             self.failed_over = false;
+            self.tripped = false;
             self.pending.rotate_left(1);
             self.pending[PENDING - 1] = None;
             turned = true;
@@ -156,6 +176,28 @@ impl Consumer {
         let record = self.current.filter(|_| turned)?;
         let kind_changed = record.kind_changed && Some(record.owner) != from;
         Some(Turn { record, from, kind_changed })
+    }
+
+    /// Takes the monitor's word, in effect at `at_ns`, that the owner on `seat` by the record of `epoch`
+    /// is not to be obeyed any more.
+    ///
+    /// One that came late counts from the next decision on, like a late command: what has been decided
+    /// stays decided, and an owner that has to go had better go late than not at all.
+    pub fn trip(&mut self, epoch: u64, seat: Seat, at_ns: u64) -> Tripped {
+        let judged = |record: &Record| {
+            record.watched && record.epoch == epoch && record.owner == seat && !self.failed_over
+        };
+        let Some(record) = self.current.filter(|record| judged(record) && !self.tripped) else {
+            return Tripped::Ignored;
+        };
+        self.tripped = true;
+        self.counters.trips += 1;
+        self.counters.trip_ns = at_ns.max(self.open_ns);
+        if record.fallback.is_some_and(|fallback| record.is_taken(fallback)) {
+            Tripped::ToFallback
+        } else {
+            Tripped::NoFallback
+        }
     }
 
     /// Standing of `seat`'s writer at the effective instant of a command of its.
@@ -176,11 +218,12 @@ impl Consumer {
     }
 
     /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, for the
-    /// rest of the epoch, if only it has one.
+    /// rest of the epoch, if only it has one, or if it has one and the owner has tripped.
     pub fn decide(&mut self, now_ns: u64, owner_valid: bool, fallback_valid: bool) -> Source {
         self.open_ns = self.open_ns.max(now_ns.saturating_add(1));
         let fallback_valid = fallback_valid && self.current.is_some_and(|r| r.fallback.is_some());
-        if owner_valid && !self.failed_over {
+        let must_move = self.tripped && fallback_valid;
+        if owner_valid && !self.failed_over && !must_move {
             return Source::Owner;
         }
         if !fallback_valid {
@@ -225,6 +268,12 @@ impl Consumer {
         self.failed_over
     }
 
+    /// True once the owner has tripped, until the next epoch.
+    #[must_use]
+    pub fn tripped(&self) -> bool {
+        self.tripped
+    }
+
     /// Seat whose commands count: the owner's, or after a fail-over the fallback's.
     #[must_use]
     pub fn seat_in_effect(&self) -> Option<Seat> {
@@ -254,6 +303,7 @@ impl Consumer {
             counters: self.counters,
             open_ns: self.open_ns,
             failed_over: self.failed_over,
+            tripped: self.tripped,
         }
     }
 
@@ -266,6 +316,7 @@ impl Consumer {
             counters: memory.counters,
             open_ns: memory.open_ns,
             failed_over: memory.failed_over,
+            tripped: memory.tripped,
         };
     }
 }

@@ -188,6 +188,7 @@ mod tests {
             effective_ns,
             period_ns: [PERIOD_NS, PERIOD_NS, 0, 0],
             kind_changed: false,
+            watched: true,
         }
     }
 

@@ -20,13 +20,13 @@ pub mod limiter;
 pub mod record;
 pub mod supervisor;
 
-pub use consumer::{Consumer, ConsumerMemory, Counters, Source, Taken, Turn};
+pub use consumer::{Consumer, ConsumerMemory, Counters, Source, Taken, Tripped, Turn};
 pub use desk::{Choice, Command, Desk, DeskMemory};
 pub use gate::{Axis, Gate, GateFigures, GateLimits, Pair, Refusal};
 pub use limiter::{Limiter, LimiterMemory};
 pub use record::{Record, SEATS, Seat, Standing};
 pub use supervisor::message;
 pub use supervisor::{
-    Action, Clock, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, Report, Request,
-    Slot, SlotConfig, Step, Target,
+    Action, Clock, Event, Fault, Instance, Now, Order, Outcome, Program, Progress, Reason,
+    RehearsalRefusal, Rehearsed, Report, Request, Slot, SlotConfig, Step, Target,
 };

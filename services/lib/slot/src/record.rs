@@ -59,6 +59,8 @@ pub struct Record {
     pub period_ns: [u64; SEATS],
     /// The new owner is a controller of another kind than the one before it.
     pub kind_changed: bool,
+    /// The owner has not proven itself: the monitor judges it.
+    pub watched: bool,
 }
 
 /// What a record says about a writer.
@@ -117,6 +119,7 @@ impl Record {
             effective_ns: sample.header.valid_ns,
             period_ns: sample.period_ns,
             kind_changed: sample.kind_changed.is_set(),
+            watched: sample.watched.is_set(),
         })
     }
 
@@ -136,6 +139,8 @@ impl Record {
             fallback: self.fallback.map_or(NO_SEAT, u32::from),
             slot,
             kind_changed: Flag::from(self.kind_changed),
+            watched: Flag::from(self.watched),
+            reserved: 0,
         }
     }
 }
@@ -156,6 +161,8 @@ shared_types::memory! {
         pub fallback: u8,
         /// Whether the owner is of another kind than before.
         pub kind_changed: bool,
+        /// Whether the monitor judges the owner.
+        pub watched: bool,
     }
 }
 
@@ -168,6 +175,7 @@ impl From<Option<Record>> for RecordMemory {
             owner: record.owner.0,
             fallback: record.fallback.map_or(u8::MAX, |seat| seat.0),
             kind_changed: record.kind_changed,
+            watched: record.watched,
         })
     }
 }
@@ -183,6 +191,7 @@ impl From<RecordMemory> for Option<Record> {
             effective_ns: memory.effective_ns,
             period_ns: memory.period_ns,
             kind_changed: memory.kind_changed,
+            watched: memory.watched,
         })
     }
 }
@@ -199,6 +208,7 @@ mod tests {
             effective_ns: 7,
             period_ns: [10, 10, 20, 0],
             kind_changed: true,
+            watched: true,
         }
     }
 

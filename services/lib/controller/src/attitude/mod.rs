@@ -7,7 +7,7 @@ mod actuators;
 mod service;
 
 pub use actuators::{Actuators, Timing};
-pub use service::{AttitudeController, Inputs, Outputs, applied, fresh_estimate};
+pub use service::{AttitudeController, Inputs, Outputs, applied, fresh_estimate, is_recovering};
 
 use crate::Limited;
 pub use crate::Setpoint;

@@ -5,8 +5,8 @@ use crate::sampling::{age_s, gamma_rad};
 use runtime::obey::setpoints::SetpointSlot;
 use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, MorphCommand, OwnerRecord,
-    StateEstimate, WrenchCommand, topics,
+    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, MorphCommand,
+    OwnerRecord, StateEstimate, Trip, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -27,6 +27,8 @@ inputs! {
         morph_command: MorphCommand = topics::MORPH_COMMAND,
         /// Owner of the position slot.
         position_owner: OwnerRecord = topics::POSITION_OWNER,
+        /// Owners that are not to be obeyed any more.
+        trip: Trip = topics::TRIP,
     }
 }
 
@@ -62,7 +64,8 @@ impl<L: AttitudeLaw> AttitudeController<L> {
 
     /// Takes the set point that counts; the last one stays if nobody's does.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let taken = self.slot.take(now_ns, &inputs.position_owner, &inputs.attitude_setpoint);
+        let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
+        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);
         let slot = self.slot.memory();
         let common = self.inner.common_mut();
         common.slot = slot;
@@ -101,6 +104,12 @@ impl<L: AttitudeLaw> AttitudeController<L> {
 #[must_use]
 pub fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
     inputs.applied_command.latest().filter(|applied| applied.command_sequence > 0)
+}
+
+/// True while the plant brings the vehicle back by itself after a trip.
+#[must_use]
+pub fn is_recovering(inputs: &Inputs) -> bool {
+    inputs.applied_command.latest().is_some_and(|applied| applied.mode == GateMode::Recover)
 }
 
 /// The newest estimate, unless it is too old to be flown by a loop of this period \[ns\].
@@ -146,6 +155,10 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
         if let Some(applied) = applied(inputs) {
             self.inner.track(&applied.torque_b_nm.into(), applied.thrust_n);
         }
+    }
+
+    fn is_displaced(&self, inputs: &Inputs) -> bool {
+        is_recovering(inputs)
     }
 
     fn memory(&self) -> L::Memory {

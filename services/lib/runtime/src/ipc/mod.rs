@@ -125,8 +125,8 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Joins the run whose transport configuration is `config_file`, in the run's folder. Must be the process's first
-    /// use of the transport, because the configuration is global to a process.
+    /// Joins the run whose transport configuration is `config_file`, in the run's folder. A process may take
+    /// part in several runs at once, each with a connection of its own.
     ///
     /// # Errors
     /// The configuration cannot be read or the node cannot be created.
@@ -134,12 +134,16 @@ impl Bus {
         set_log_level(LogLevel::Fatal);
         let file = FilePath::new(config_file.as_os_str().as_encoded_bytes())
             .map_err(PortError::transport(name, "name the configuration file"))?;
-        let config = Config::setup_global_config_from_file(&file)
+        let config = Config::from_file(&file)
+            .map_err(PortError::transport(name, "read the transport configuration"))?;
+        // The transport falls back on the configuration of the process when it removes what a node has
+        // left that died while it was created; the first run of a process is the one that does so.
+        Config::setup_global_config_from_file(&file)
             .map_err(PortError::transport(name, "read the transport configuration"))?;
         let node_name = name.try_into().map_err(PortError::transport(name, "name the node"))?;
         let node = NodeBuilder::new()
             .name(&node_name)
-            .config(config)
+            .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(PortError::transport(name, "create a node"))?;

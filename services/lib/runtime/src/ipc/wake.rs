@@ -11,7 +11,7 @@
 use super::{Bus, PortError, ServiceKind};
 use core::time::Duration;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat, open};
+use rustix::fs::{CWD, FileType, Mode, OFlags, link, mknodat, open};
 use rustix::io::{Errno, read, write};
 use shared_types::Seat;
 use std::os::fd::OwnedFd;
@@ -26,6 +26,16 @@ impl Bus {
         let mode = Mode::RUSR | Mode::WUSR;
         mknodat(CWD, self.wake_path(seat), FileType::Fifo, mode, 0)
             .map_err(PortError::transport(&ServiceKind::Wake(seat).name(), "create the pipe"))
+    }
+
+    /// Lets whoever wakes `seat` wake the process of seat `of`, whose pipe exists (launcher only): the two
+    /// have one pipe.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn share_wake(&self, seat: Seat, of: Seat) -> Result<(), PortError> {
+        link(self.wake_path(of), self.wake_path(seat))
+            .map_err(PortError::transport(&ServiceKind::Wake(seat).name(), "share the pipe"))
     }
 
     fn open_wake(&self, seat: Seat) -> Result<OwnedFd, PortError> {

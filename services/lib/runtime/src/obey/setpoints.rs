@@ -3,7 +3,8 @@
 use super::{Obedience, ObedienceMemory};
 use crate::input::Input;
 use crate::ownership::Standing;
-use shared_types::{AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord};
+use core::slice::Iter;
+use shared_types::{AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, Trip};
 use slot::{Command, Standing as Seated};
 
 /// Bound on the tilt that a position loop asks for, the unit in which steps of it are measured \[rad\].
@@ -47,6 +48,7 @@ impl SetpointSlot {
         now_ns: u64,
         records: &Input<OwnerRecord>,
         setpoints: &Input<AttitudeSetpoint>,
+        trips: &Input<Trip>,
     ) -> Option<Command> {
         let joins = self.obedience.consumer.record().is_none();
         self.obedience.hear(records);
@@ -57,12 +59,17 @@ impl SetpointSlot {
                 self.obedience.carry(&known.header, value, validity_ns);
             }
         }
+        if let Some(known) = trips.before_fresh().filter(|_| joins) {
+            let _taken = self.obedience.trip(Role::Position, known);
+        }
+        let mut trips = trips.fresh().iter();
         let at_once =
             |a: &AttitudeSetpoint, b: &AttitudeSetpoint| a.header.valid_ns == b.header.valid_ns;
         for samples in setpoints.fresh().chunk_by(at_once) {
             let Some(first) = samples.first() else { continue };
             // A late one counts from the last decision on, which stays as it was.
             let at_ns = first.header.valid_ns.max(self.obedience.consumer.open_ns());
+            self.take_trips(at_ns, &mut trips);
             self.obedience.advance(at_ns);
             for sample in samples {
                 self.offer(sample);
@@ -71,8 +78,22 @@ impl SetpointSlot {
                 self.obedience.decide(at_ns, &self.limit);
             }
         }
+        self.take_trips(now_ns, &mut trips);
         self.obedience.advance(now_ns);
         self.obedience.decide(now_ns, &self.limit).map(|order| order.command)
+    }
+
+    /// Takes the trips in effect until `until_ns`, each at its own instant, ahead of the set points then.
+    fn take_trips(&mut self, until_ns: u64, trips: &mut Iter<'_, Trip>) {
+        while let Some(trip) = trips.as_slice().first().filter(|t| t.header.valid_ns <= until_ns) {
+            let _this = trips.next();
+            let at_ns = trip.header.valid_ns.max(self.obedience.consumer.open_ns());
+            self.obedience.advance(at_ns);
+            let _taken = self.obedience.trip(Role::Position, trip);
+            if at_ns < until_ns {
+                self.obedience.decide(at_ns, &self.limit);
+            }
+        }
     }
 
     fn offer(&mut self, sample: &AttitudeSetpoint) {
@@ -104,6 +125,7 @@ impl SetpointSlot {
             refused_epoch: self.obedience.counters().refused_epoch,
             seat: self.obedience.seat(),
             failed_over: Flag::from(self.obedience.failed_over()),
+            tripped: Flag::from(self.obedience.tripped()),
             ..AppliedSetpoint::default()
         }
     }
@@ -189,7 +211,8 @@ mod tests {
                 setpoints.offer(AttitudeSetpoint { header, roll_rad, ..Default::default() });
             }
             setpoints.accept(now_ns, None);
-            slot.take(now_ns, &records, &setpoints).map(|command| command.sequence)
+            slot.take(now_ns, &records, &setpoints, &Input::default())
+                .map(|command| command.sequence)
         };
         assert_eq!(take(5, Some(0.1)), Some(6));
         assert_eq!(take(15, Some(f64::NAN)), Some(6), "two periods are not over");

@@ -51,6 +51,9 @@ fn seats(plan: &Plan, network: &Network) -> Vec<Box<dyn Seat>> {
             Role::Disturbance => {
                 Box::new(Worker::<toys::disturbance::Toy>::new(graph, node, network, every))
             }
+            Role::Monitor => {
+                Box::new(Worker::<toys::monitor::Toy>::new(graph, node, network, every))
+            }
             _ if rig => Box::new(Worker::<toys::rig_pilot::Toy>::new(graph, node, network, every)),
             _ => Box::new(Worker::<toys::pilot::Toy>::new(graph, node, network, every)),
         }

@@ -97,7 +97,8 @@ fn a_command_latency_far_above_every_period_is_part_of_the_bound() {
     }
     let bound = plan.graph.most_waiting(imu, 1);
     assert!(highest > 120 && highest <= bound, "{highest} of {bound}");
-    let too_fast = Wiring { rates_hz: [8000.0, 1000.0, 100.0, 500.0, 200.0, 100.0], ..wiring };
+    let too_fast =
+        Wiring { rates_hz: [8000.0, 1000.0, 100.0, 500.0, 200.0, 100.0, 100.0], ..wiring };
     assert!(matches!(
         too_fast.graph(),
         Err(GraphError::BufferTooSmall { topic: "imu", consumer: "estimator", .. })
@@ -107,7 +108,7 @@ fn a_command_latency_far_above_every_period_is_part_of_the_bound() {
 #[test]
 fn a_history_that_is_too_short_is_foreseen() {
     // A pilot at 500 Hz publishes 200 ms ahead, 100 samples, of which the topic keeps 32.
-    let rates_hz = [1000.0, 1000.0, 100.0, 500.0, 200.0, 500.0];
+    let rates_hz = [1000.0, 1000.0, 100.0, 500.0, 200.0, 500.0, 100.0];
     let plan = Wiring { rates_hz, ..Wiring::default() }.plan(1).unwrap();
     let (edge, needed) = plan.graph.too_short_history(Role::Position, 1, &|_| None).unwrap();
     assert_eq!(edge.topic.name, "reference");

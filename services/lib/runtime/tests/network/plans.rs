@@ -9,10 +9,11 @@ use shared_types::{Role, topics};
 #[derive(Debug, Clone)]
 pub(crate) struct Wiring {
     /// By role.
-    pub(crate) rates_hz: [f64; 6],
+    pub(crate) rates_hz: [f64; 7],
     pub(crate) wrench_latency_ns: u64,
     pub(crate) setpoint_latency_ns: u64,
     pub(crate) applied_latency_ns: u64,
+    pub(crate) trip_latency_ns: u64,
     pub(crate) pilot_lead_ns: u64,
     pub(crate) disturbance_lead_ns: u64,
     pub(crate) with_position: bool,
@@ -22,10 +23,11 @@ pub(crate) struct Wiring {
 impl Default for Wiring {
     fn default() -> Self {
         Self {
-            rates_hz: [1000.0, 1000.0, 100.0, 500.0, 200.0, 100.0],
+            rates_hz: [1000.0, 1000.0, 100.0, 500.0, 200.0, 100.0, 100.0],
             wrench_latency_ns: 1_000_000,
             setpoint_latency_ns: 1_000_000,
             applied_latency_ns: 1_000_000,
+            trip_latency_ns: 1_000_000,
             pilot_lead_ns: 200_000_000,
             disturbance_lead_ns: 5_000_000,
             with_position: true,
@@ -54,6 +56,7 @@ impl Wiring {
         Graph::new(nodes, &|topic| match topic.name {
             name if name == topics::WRENCH_COMMAND.info.name => self.wrench_latency_ns,
             name if name == topics::ATTITUDE_SETPOINT.info.name => self.setpoint_latency_ns,
+            name if name == topics::TRIP.info.name => self.trip_latency_ns,
             name if name == topics::APPLIED_SETPOINT.info.name => self.applied_latency_ns,
             _ => 0,
         })
@@ -75,12 +78,14 @@ pub(crate) fn wirings() -> impl Strategy<Value = Wiring> {
         vec![150.0, 500.0, 1000.0, 333.0, 50.0],
         vec![200.0, 77.7, 1000.0, 9.9],
         vec![100.0, 33.3, 10.0, 150.0, 500.0],
+        vec![100.0, 250.0, 33.3, 10.0],
     ]
     .map(prop::sample::select);
     let latencies = [
         vec![0, 1, 1_000_000, 2_500_001],
         vec![0, 1_000_000, 20_000_000, 1],
         vec![0, 1_000_000, 6_666_666],
+        vec![1_000_000, 1, 11_000_000],
     ]
     .map(prop::sample::select);
     let leads = [
@@ -94,6 +99,7 @@ pub(crate) fn wirings() -> impl Strategy<Value = Wiring> {
             wrench_latency_ns: latencies[0],
             setpoint_latency_ns: latencies[1],
             applied_latency_ns: latencies[2],
+            trip_latency_ns: latencies[3],
             pilot_lead_ns: leads[0],
             disturbance_lead_ns: leads[1],
             with_position,

@@ -4,7 +4,7 @@
 use runtime::{Input, Service, inputs, outputs};
 use shared_types::{
     ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, Disturbance,
-    Imu, MorphAngle, MorphCommand, PoseFix, PositionReport, Reference, Sample, StateEstimate,
+    Imu, MorphAngle, MorphCommand, PoseFix, PositionReport, Reference, Sample, StateEstimate, Trip,
     Truth, WrenchCommand, topics,
 };
 
@@ -48,6 +48,7 @@ carrier!(
     AttitudeReport => |s| s.torque_b_nm[0],
     PositionReport => |s| s.input.thrust_n,
     Disturbance => |s| s.payload_kg,
+    Trip => |s| s.angle_rad,
 );
 
 fn absorb<T: Carrier>(hash: u64, input: &Input<T>) -> u64 {
@@ -131,7 +132,7 @@ macro_rules! toy {
 
 toy!(plant,
     [wrench_command: WrenchCommand = WRENCH_COMMAND, disturbance: Disturbance = DISTURBANCE,
-     morph_command: MorphCommand = MORPH_COMMAND],
+     morph_command: MorphCommand = MORPH_COMMAND, trip: Trip = TRIP],
     [imu: Imu = IMU / 1, pose_fix: PoseFix = POSE_FIX / 10, morph_angle: MorphAngle = MORPH_ANGLE / 2,
      applied_command: AppliedCommand = APPLIED_COMMAND / 1, truth: Truth = TRUTH / 1,
      actuator_state: ActuatorState = ACTUATOR_STATE / 3]);
@@ -145,11 +146,16 @@ toy!(position,
      position_report: PositionReport = POSITION_REPORT / 2]);
 toy!(attitude,
     [state_estimate: StateEstimate = STATE_ESTIMATE, attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT,
-     applied_command: AppliedCommand = APPLIED_COMMAND, morph_command: MorphCommand = MORPH_COMMAND],
+     applied_command: AppliedCommand = APPLIED_COMMAND, morph_command: MorphCommand = MORPH_COMMAND,
+     trip: Trip = TRIP],
     [wrench_command: WrenchCommand = WRENCH_COMMAND / 1,
      applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT / 1,
      attitude_report: AttitudeReport = ATTITUDE_REPORT / 1]);
 toy!(disturbance, [], [disturbance: Disturbance = DISTURBANCE / 2]);
+toy!(monitor,
+    [state_estimate: StateEstimate = STATE_ESTIMATE, applied_command: AppliedCommand = APPLIED_COMMAND,
+     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, reference: Reference = REFERENCE],
+    [trip: Trip = TRIP / 5]);
 toy!(pilot, [], [reference: Reference = REFERENCE / 1, morph_command: MorphCommand = MORPH_COMMAND / 1]);
 toy!(rig_pilot, [],
     [attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT / 1,

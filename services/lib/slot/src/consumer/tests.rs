@@ -14,6 +14,7 @@ fn record(epoch: u64, effective_ns: u64, owner: usize, fallback: Option<usize>) 
         effective_ns,
         period_ns: [10, 10, 10, 0],
         kind_changed: false,
+        watched: true,
     }
 }
 
@@ -190,4 +191,83 @@ fn a_restored_consumer_goes_on_as_the_first_would_have() {
     let mut other = Consumer::new();
     other.restore(&ConsumerMemory::unpack(&packed));
     assert_eq!(other, consumer);
+}
+
+#[test]
+fn a_trip_moves_to_the_fallback_for_the_rest_of_the_epoch_although_the_owner_speaks() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 50, 1, Some(0))]);
+    consumer.advance(10);
+    assert_eq!(consumer.decide(10, true, true), Source::Owner);
+    assert_eq!(consumer.trip(1, A, 11), Tripped::ToFallback);
+    assert_eq!(consumer.decide(11, true, true), Source::Fallback);
+    assert_eq!(consumer.decide(20, true, true), Source::Fallback, "latched");
+    let Counters { fail_overs, fail_over_ns, trips, trip_ns, .. } = consumer.counters();
+    assert_eq!((fail_overs, fail_over_ns, trips, trip_ns), (1, 11, 1, 11));
+    assert!(consumer.tripped() && consumer.failed_over());
+    consumer.advance(50);
+    assert!(!consumer.tripped() && !consumer.failed_over(), "a new epoch");
+    assert_eq!(consumer.decide(50, true, true), Source::Owner);
+}
+
+#[test]
+fn a_trip_of_another_epoch_or_seat_or_of_an_owner_that_nobody_watches_means_nothing() {
+    let trusted = Record { watched: false, ..record(2, 50, 1, Some(0)) };
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1)), trusted]);
+    consumer.advance(10);
+    assert_eq!(consumer.trip(2, B, 10), Tripped::Ignored, "not yet in effect");
+    assert_eq!(consumer.trip(1, B, 10), Tripped::Ignored, "the fallback");
+    assert_eq!(consumer.decide(10, true, true), Source::Owner);
+    consumer.advance(50);
+    assert_eq!(consumer.trip(1, A, 50), Tripped::Ignored, "of the epoch before");
+    assert_eq!(consumer.trip(2, B, 50), Tripped::Ignored, "not watched");
+    assert_eq!(consumer.decide(50, true, true), Source::Owner);
+    assert_eq!(consumer.counters().trips, 0);
+}
+
+#[test]
+fn a_trip_that_is_repeated_or_comes_after_a_fail_over_changes_nothing() {
+    let mut first = consumer(&[record(1, 0, 0, Some(1))]);
+    first.advance(10);
+    assert_eq!(first.trip(1, A, 10), Tripped::ToFallback);
+    assert_eq!(first.trip(1, A, 10), Tripped::Ignored);
+    let mut other = consumer(&[record(1, 0, 0, Some(1))]);
+    other.advance(10);
+    assert_eq!(other.decide(10, false, true), Source::Fallback);
+    assert_eq!(other.trip(1, A, 11), Tripped::Ignored);
+    assert_eq!((first.counters().trips, other.counters().trips), (1, 0));
+}
+
+#[test]
+fn a_late_trip_counts_from_the_next_decision_on_and_what_was_decided_stays() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1))]);
+    consumer.advance(10);
+    assert_eq!(consumer.decide(10, true, true), Source::Owner);
+    assert_eq!(consumer.trip(1, A, 5), Tripped::ToFallback);
+    assert_eq!(consumer.counters().trip_ns, 11);
+    assert_eq!(consumer.decide(11, true, true), Source::Fallback);
+}
+
+#[test]
+fn without_a_fallback_a_trip_is_told_and_the_owner_goes_on() {
+    let mut alone = consumer(&[record(1, 0, 0, None), record(2, 50, 0, Some(1))]);
+    alone.advance(10);
+    assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
+    assert_eq!(alone.decide(10, true, true), Source::Owner);
+    assert!(alone.tripped() && !alone.failed_over());
+    // A fallback that has not spoken yet takes over with its first command, and not before.
+    alone.advance(50);
+    assert_eq!(alone.trip(2, A, 51), Tripped::ToFallback);
+    assert_eq!(alone.decide(51, true, false), Source::Owner);
+    assert_eq!(alone.decide(60, true, true), Source::Fallback);
+}
+
+#[test]
+fn a_restored_consumer_remembers_that_the_owner_has_tripped() {
+    let mut first = consumer(&[record(1, 0, 0, Some(1))]);
+    first.advance(10);
+    assert_eq!(first.trip(1, A, 10), Tripped::ToFallback);
+    let mut other = Consumer::new();
+    other.restore(&first.memory());
+    assert_eq!(other, first);
+    assert_eq!(other.decide(10, true, true), Source::Fallback);
 }

@@ -94,6 +94,16 @@ impl Measure {
         self.range.map_or(0.0, |[least, most]| (most - mean).max(mean - least))
     }
 
+    /// Largest disagreement allowed: the owner's own swing adds to it.
+    pub(super) fn peak_max(&self, limits: &GateLimits) -> f64 {
+        limits.peak + limits.peak_of_swing * self.swing()
+    }
+
+    /// Largest root mean square allowed: the owner's own activity adds to it.
+    pub(super) fn rms_max(&self, limits: &GateLimits) -> f64 {
+        limits.rms + limits.rms_of_activity * self.commands.activity()
+    }
+
     /// # Errors
     /// The first reason against the candidate.
     pub(super) fn judge(
@@ -107,15 +117,14 @@ impl Measure {
             self.judge_slopes(limits, axis, until_ns)?;
         }
         let Worst { value, at_ns } = self.worst;
-        let limit = limits.peak + limits.peak_of_swing * self.swing();
+        let limit = self.peak_max(limits);
         let pardoned = limits.outlier_share > 0.0
             && self.outliers as f64 <= 1.0 + limits.outlier_share * self.count as f64
             && value <= limits.outlier;
         if value > limit && !pardoned {
             return Err(Refusal::TooFar { phase, axis, value, limit, at_ns });
         }
-        let (value, limit) =
-            (self.rms(), limits.rms + limits.rms_of_activity * self.commands.activity());
+        let (value, limit) = (self.rms(), self.rms_max(limits));
         if value > limit {
             return Err(Refusal::TooFarOnTheWhole { phase, axis, value, limit, at_ns: until_ns });
         }

@@ -69,14 +69,22 @@ pub struct GateFigures {
     pub free: u64,
     /// Worst disagreement one step ahead.
     pub tracking_worst: [Worst; 4],
+    /// The most that it may be.
+    pub tracking_worst_max: [f64; 4],
     /// Worst disagreement running free.
     pub free_worst: [Worst; 4],
+    /// The most that it may be.
+    pub free_worst_max: [f64; 4],
     /// Its root mean square, over the largest command.
     pub free_rms: [f64; 4],
+    /// The most that it may be.
+    pub free_rms_max: [f64; 4],
     /// Slope of the candidate's free commands over the owner's; `None` where the owner was quiet.
     pub slope: [Option<Estimate>; 4],
     /// Deadlines missed.
     pub missed: u64,
+    /// The most that may be.
+    pub missed_max: u64,
 }
 
 /// The gate of one shadow window.
@@ -162,15 +170,20 @@ impl Gate {
     /// What has been measured so far.
     #[must_use]
     pub fn figures(&self) -> GateFigures {
-        let free = self.of(Phase::Free);
+        let (tracking, free) = (self.of(Phase::Tracking), self.of(Phase::Free));
+        let peak_max = |measure: &Measure| measure.peak_max(&self.limits);
         GateFigures {
             tracked: self.seen(Phase::Tracking),
             free: self.seen(Phase::Free),
-            tracking_worst: self.of(Phase::Tracking).each_ref().map(Measure::worst),
+            tracking_worst: tracking.each_ref().map(Measure::worst),
+            tracking_worst_max: tracking.each_ref().map(peak_max),
             free_worst: free.each_ref().map(Measure::worst),
+            free_worst_max: free.each_ref().map(peak_max),
             free_rms: free.each_ref().map(Measure::rms),
+            free_rms_max: free.each_ref().map(|measure| measure.rms_max(&self.limits)),
             slope: free.each_ref().map(|measure| measure.slope(&self.limits)),
             missed: self.missed,
+            missed_max: self.missed_max,
         }
     }
 

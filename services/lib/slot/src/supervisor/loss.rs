@@ -64,6 +64,27 @@ impl Slot {
         }
     }
 
+    /// The monitor found the owner of `epoch` about to lose the vehicle. A fallback commands from
+    /// `at_ns` on, and the owner, which still runs, leaves in order: when that is seen changes nothing
+    /// in the flight. Without a fallback the owner is dealt with like one that is of no use.
+    pub(super) fn tripped(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
+        let Some(seat) = self.ledger.owner_of(epoch) else { return };
+        if self.ledger.owner() != Some(seat)
+            || !self.chairs.is_seated(seat)
+            || self.chairs.since(seat) > epoch
+        {
+            return;
+        }
+        if self.fallback(seat).is_some() {
+            self.dismiss(seat, out);
+            self.lost(now, seat, Fault::Tripped, at_ns, out);
+        } else if self.useless.is_none() {
+            let due_ns = at_ns.saturating_add(self.config.react_ns);
+            let epoch = self.ledger.epoch();
+            self.useless = Some(Useless { seat, epoch, fault: Fault::Tripped, due_ns });
+        }
+    }
+
     /// The consumer has been on its own for a while.
     pub(super) fn unguided(&mut self, epoch: u64, since_ns: u64, at_ns: u64) {
         let Some(seat) = self.ledger.owner().filter(|_| self.ledger.epoch() == epoch) else {
@@ -75,16 +96,16 @@ impl Slot {
         let since_ns = since_ns.max(self.ledger.effective_ns());
         if alone && at_ns.saturating_sub(since_ns) >= patience_ns {
             let due_ns = at_ns.saturating_add(self.config.react_ns);
-            self.useless = Some(Useless { seat, epoch, due_ns });
+            self.useless = Some(Useless { seat, epoch, fault: Fault::Silent, due_ns });
         }
     }
 
     /// An owner that gives nothing to obey makes room for one that does, unless things have changed.
     pub(super) fn clear_seat(&mut self, now: Now, useless: Useless, out: &mut Vec<Action>) {
-        let Useless { seat, epoch, due_ns } = useless;
+        let Useless { seat, epoch, fault, due_ns } = useless;
         if self.ledger.epoch() == epoch && self.chairs.is_seated(seat) {
             self.kill(seat, out);
-            self.lost(now, seat, Fault::Silent, due_ns, out);
+            self.lost(now, seat, fault, due_ns, out);
         }
     }
 
@@ -152,14 +173,20 @@ impl Slot {
             }
             _ => {}
         }
+        self.untrusted = self.untrusted.filter(|untrusted| *untrusted != seat);
         if let Some(heir) = heir {
+            let kept = self.standby.take_if(|standby| standby.automatic);
+            if self.untrusted.is_some() {
+                // The heir is itself one that is watched.
+                self.standby = kept;
+            }
             self.forget_standby(heir);
             self.settle(at_ns);
             self.publish(now, heir, Some(at_ns), out);
             step(out, Step::TookOver { seat: heir, from: seat, fault });
         } else {
             let newcomer = self.chairs.get(seat).program() != Some(self.home);
-            if fault == Fault::Silent && newcomer {
+            if matches!(fault, Fault::Silent | Fault::Tripped) && newcomer {
                 // Garbage from its last state would be garbage again.
                 self.restarted_ns = Some(now.logical_ns);
             }

@@ -39,14 +39,20 @@ pub enum Target {
 }
 
 /// How a swap is to be done.
+#[expect(clippy::struct_excessive_bools, reason = "choices of their own, in any combination")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Order {
     /// How long the candidate shadows before it is judged \[ns\].
     pub shadow_ns: u64,
     /// How long the old owner stays as the fallback \[ns\].
     pub rollback_ns: u64,
-    /// Overrule the gate where it is about disagreement.
+    /// Overrule the gate where it is about disagreement, and the rehearsal.
     pub force: bool,
+    /// Fly the candidate ahead before the flip, and let that decide.
+    pub rehearse: bool,
+    /// The candidate may be the only controller once its window is over. Any other is watched for as
+    /// long as it commands, and the last proven owner stays as its fallback.
+    pub trusted: bool,
     /// Judge only.
     pub dry_run: bool,
 }
@@ -61,8 +67,9 @@ pub enum Request {
     /// An instance that does not command is to leave.
     Retire(Seat),
     /// Keep an instance of this program warm beside the owner: it shadows for this long \[ns\], is
+    /// flown ahead if the flag says so, is
     /// judged, and then is the fallback, again and again if it dies.
-    Standby(Program, u64),
+    Standby(Program, u64, bool),
 }
 
 /// Why an instance is out.
@@ -83,6 +90,32 @@ pub enum Fault {
     /// The consumer had no usable command of it and went over to the fallback.
     #[error("its commands failed to come, or were refused")]
     Silent,
+    /// The monitor found that it would lose the vehicle.
+    #[error("the monitor tripped: it was losing the vehicle")]
+    Tripped,
+}
+
+/// Why a rehearsal does not let a candidate fly.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum RehearsalRefusal {
+    /// Flown ahead, it leaves the tube or loses the vehicle; in words, with number and limit.
+    #[error("flown ahead, {0} (swap --force overrides)")]
+    Fails(String),
+    /// There is no answer; the words say why.
+    #[error("not rehearsed: {0} (swap --no-rehearsal goes without)")]
+    NotRehearsed(String),
+}
+
+/// The end of a rehearsal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rehearsed {
+    /// Logical instant from which the candidate was flown ahead \[ns\].
+    pub from_ns: u64,
+    /// The vehicle has left the tube of the rehearsal since then, so that its answer is about another
+    /// flight than the one at hand.
+    pub left_tube: bool,
+    /// Whether the candidate may fly; if so in words what it did.
+    pub verdict: Result<String, RehearsalRefusal>,
 }
 
 /// What happened.
@@ -94,6 +127,8 @@ pub enum Event {
     Ready(Seat, Instance),
     /// Answer to [`Action::Judge`], or at any time before it what no window makes good.
     Verdict(Seat, Result<Box<GateFigures>, Refusal>),
+    /// Answer to [`Action::Rehearse`].
+    Rehearsed(Seat, Rehearsed),
     /// Time has come to [`super::Slot::deadline_ns`].
     Time,
     /// The consumer put the record of this epoch into effect at `at_ns`, and obeys this seat.
@@ -115,6 +150,14 @@ pub enum Event {
         /// Epoch in effect.
         epoch: u64,
         /// When \[ns\].
+        at_ns: u64,
+    },
+    /// The monitor tripped: from `at_ns` on the owner of `epoch` no longer counts, and the consumer
+    /// obeys the fallback, if there is one.
+    Tripped {
+        /// Epoch in effect.
+        epoch: u64,
+        /// The trip's effective instant \[ns\].
         at_ns: u64,
     },
     /// Neither the owner of `epoch` nor a fallback has given the consumer a usable command since
@@ -156,6 +199,9 @@ pub enum Action {
     },
     /// The shadow window is over: send the gate's [`Event::Verdict`].
     Judge(Seat),
+    /// Fly the candidate on this seat ahead from now on: send [`Event::Rehearsed`]. Asked again, it
+    /// begins anew.
+    Rehearse(Seat),
     /// The record just written has no place for the process on this seat, which leaves by itself.
     /// Send [`Event::Died`] when it has, or [`Event::Misbehaved`] when your patience is over.
     AwaitExit(Seat),
@@ -196,6 +242,21 @@ pub enum Step {
     Passed(Seat, Box<GateFigures>),
     /// The gate did not, and was overruled.
     Forced(Seat, Refusal),
+    /// It is being flown ahead, for the second time if the flag says so.
+    Rehearses(Seat, bool),
+    /// Flown ahead, it did this.
+    Rehearsed(Seat, String),
+    /// The rehearsal did not let it through, and was overruled.
+    RehearsalForced(Seat, RehearsalRefusal),
+    /// The last proven owner stays as the fallback of one that is watched.
+    FallbackStays {
+        /// Who stays.
+        seat: Seat,
+        /// Who commands.
+        owner: Seat,
+    },
+    /// It will be watched, and there will be nobody to go back to once its window is over.
+    WithoutFallback(Seat),
     /// A record was written that gives it the slot.
     FlipsAt {
         /// New owner.
@@ -298,6 +359,9 @@ pub enum Reason {
     /// The gate refused it.
     #[error("{0}")]
     Gate(#[from] Refusal),
+    /// The rehearsal refused it.
+    #[error("{0}")]
+    Rehearsal(#[from] RehearsalRefusal),
     /// The owner was lost while it shadowed.
     #[error("the owner was lost meanwhile: there is nothing left to compare with")]
     OwnerLost,
@@ -344,6 +408,21 @@ impl core::fmt::Display for Step {
             Self::RunsFree(seat) => write!(f, "{seat} tracks no more and runs free"),
             Self::Passed(seat, _) => write!(f, "the gate lets {seat} through"),
             Self::Forced(seat, refusal) => write!(f, "{seat} is let through by force: {refusal}"),
+            Self::WithoutFallback(seat) => write!(
+                f,
+                "{seat} will have no fallback after its window (watch.fallback): if it trips, the vehicle is levelled and the initial controller is started in its place"
+            ),
+            Self::Rehearses(seat, false) => write!(f, "{seat} is flown ahead"),
+            Self::Rehearses(seat, true) => {
+                write!(f, "{seat} is flown ahead again, from where the vehicle is now")
+            }
+            Self::Rehearsed(seat, words) => write!(f, "{seat} has been flown ahead: {words}"),
+            Self::RehearsalForced(seat, refusal) => {
+                write!(f, "{seat} is let through by force: {refusal}")
+            }
+            Self::FallbackStays { seat, owner } => {
+                write!(f, "{owner} stays watched; {seat} stays as its fallback until it is retired")
+            }
             Self::FlipsAt { seat, epoch, at_ns } => {
                 write!(f, "{seat} gets the slot at {:.6} s, epoch {epoch}", s(*at_ns))
             }

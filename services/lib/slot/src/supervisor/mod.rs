@@ -16,13 +16,80 @@ mod request;
 mod shadow;
 
 pub use message::{
-    Action, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, Report, Request, Step,
-    Target,
+    Action, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, RehearsalRefusal,
+    Rehearsed, Report, Request, Step, Target,
 };
 
 use crate::record::{Record, SEATS, Seat};
 use chairs::{Chair, Chairs};
 use ledger::Ledger;
+
+/// How far a slot is, for who looks on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Progress {
+    /// The owner commands and nothing is under way.
+    Steady,
+    /// Nobody commands; the owner is being started.
+    Ownerless,
+    /// A candidate is being started.
+    Joining(Seat),
+    /// It shadows the owner until this instant \[ns\], and tracks what is applied.
+    Tracking(Seat, u64),
+    /// It shadows the owner and runs free, until this instant \[ns\].
+    Shadowing(Seat, u64),
+    /// It is being flown ahead.
+    Rehearsing(Seat),
+    /// It gets the slot.
+    Flipping(Seat),
+    /// It commands, and can be rolled back until this instant \[ns\].
+    Window(Seat, u64),
+    /// The owner before it gets the slot again.
+    Reverting(Seat),
+}
+
+impl Progress {
+    /// In a word.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Steady => "steady",
+            Self::Ownerless => "ownerless",
+            Self::Joining(_) => "joining",
+            Self::Tracking(..) => "tracking",
+            Self::Shadowing(..) => "shadowing",
+            Self::Rehearsing(_) => "rehearsing",
+            Self::Flipping(_) => "flipping",
+            Self::Window(..) => "window",
+            Self::Reverting(_) => "reverting",
+        }
+    }
+
+    /// The instance that it is about.
+    #[must_use]
+    pub fn seat(self) -> Option<Seat> {
+        match self {
+            Self::Steady | Self::Ownerless => None,
+            Self::Joining(seat)
+            | Self::Tracking(seat, _)
+            | Self::Shadowing(seat, _)
+            | Self::Rehearsing(seat)
+            | Self::Flipping(seat)
+            | Self::Window(seat, _)
+            | Self::Reverting(seat) => Some(seat),
+        }
+    }
+
+    /// When it is over, if that is known \[ns\].
+    #[must_use]
+    pub fn until_ns(self) -> Option<u64> {
+        match self {
+            Self::Tracking(_, until_ns)
+            | Self::Shadowing(_, until_ns)
+            | Self::Window(_, until_ns) => Some(until_ns),
+            _ => None,
+        }
+    }
+}
 
 /// How the slot's time runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -58,6 +125,10 @@ pub struct SlotConfig {
     pub tries_max: u32,
     /// Standbys lost in a row, or refused, before there shall be none.
     pub standby_losses_max: u32,
+    /// The last proven owner stays as the fallback of an owner that is not trusted.
+    pub keeps_fallback: bool,
+    /// From a rehearsal's instant until its answer is about a flight that is past.
+    pub rehearsal_ns: u64,
 }
 
 impl SlotConfig {
@@ -71,6 +142,8 @@ impl SlotConfig {
         acknowledge_ns: 500_000_000,
         tries_max: 5,
         standby_losses_max: 3,
+        keeps_fallback: true,
+        rehearsal_ns: 2_000_000_000,
     };
     /// For flights by the wall clock.
     pub const REALTIME: Self = Self {
@@ -112,9 +185,9 @@ enum Phase {
     /// It steps and publishes; nobody obeys.
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
     /// A record from `epoch` on names it as the owner.
-    Flipping { new: Seat, old: Seat, epoch: u64, rollback_ns: u64 },
+    Flipping { new: Seat, old: Seat, epoch: u64, order: Order },
     /// It commands; the old owner is the fallback.
-    Window { new: Seat, old: Seat, until_ns: u64 },
+    Window { new: Seat, old: Seat, until_ns: u64, order: Order },
     /// A record from `epoch` on names the old owner again; the other one is healthy and leaves when
     /// that is confirmed.
     Reverting { from: Seat, to: Seat, epoch: u64, asked: bool },
@@ -124,14 +197,21 @@ enum Phase {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Goal {
     Swap(Order),
-    Standby { shadow_ns: u64 },
+    Standby { shadow_ns: u64, rehearse: bool },
 }
 
 impl Goal {
     fn shadow_ns(self) -> u64 {
         match self {
             Self::Swap(order) => order.shadow_ns,
-            Self::Standby { shadow_ns } => shadow_ns,
+            Self::Standby { shadow_ns, .. } => shadow_ns,
+        }
+    }
+
+    fn is_rehearsed(self) -> bool {
+        match self {
+            Self::Swap(order) => order.rehearse,
+            Self::Standby { rehearse, .. } => rehearse,
         }
     }
 }
@@ -143,13 +223,22 @@ enum Stage {
     Free,
     /// The gate has been asked.
     Judged,
+    /// It has passed the gate and is being flown ahead.
+    Rehearsing {
+        again: bool,
+    },
 }
 
 /// The standby that is to be kept.
+#[expect(clippy::struct_excessive_bools, reason = "facts of their own, in any combination")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Standby {
     program: Program,
     shadow_ns: u64,
+    /// It is flown ahead before it may stand by.
+    rehearse: bool,
+    /// It is there because the owner is not trusted, and goes with that owner.
+    automatic: bool,
     /// Where it is, once it has passed the gate.
     seat: Option<Seat>,
     /// How often in a row it has been lost.
@@ -174,6 +263,8 @@ pub struct Slot {
     restarted_ns: Option<u64>,
     /// An owner without usable commands, and when it is sent away.
     useless: Option<Useless>,
+    /// An owner that came by a swap and is watched for as long as it commands.
+    untrusted: Option<Seat>,
 }
 
 /// An owner that is there, does not command, and has no fallback.
@@ -181,6 +272,7 @@ pub struct Slot {
 struct Useless {
     seat: Seat,
     epoch: u64,
+    fault: Fault,
     /// When it is dealt with: in lockstep beyond all that can have been allowed \[ns\].
     due_ns: u64,
 }
@@ -201,6 +293,7 @@ impl Slot {
             home: program,
             restarted_ns: None,
             useless: None,
+            untrusted: None,
         }
     }
 
@@ -228,6 +321,8 @@ impl Slot {
             Some(Standby {
                 program,
                 shadow_ns: ADOPTED_SHADOW_NS,
+                rehearse: false,
+                automatic: record.watched,
                 seat: Some(seat),
                 losses: 0,
                 proven: true,
@@ -244,6 +339,7 @@ impl Slot {
             home: owner,
             restarted_ns: None,
             useless: None,
+            untrusted: record.watched.then_some(record.owner),
         };
         let mut actions = Vec::new();
         for seat in Seat::ALL {
@@ -268,6 +364,7 @@ impl Slot {
             Event::Request(request) => self.request(now, request, out),
             Event::Ready(seat, instance) => self.ready(now, seat, instance, out),
             Event::Verdict(seat, verdict) => self.verdict(now, seat, verdict, out),
+            Event::Rehearsed(seat, rehearsed) => self.rehearsed(now, seat, rehearsed, out),
             Event::Time => self.time(now, out),
             Event::Acknowledged { epoch, seat, at_ns } => {
                 self.acknowledged(now, epoch, seat, at_ns, out);
@@ -277,6 +374,7 @@ impl Slot {
             }
             Event::RecordRefused { .. } => {}
             Event::FellOver { epoch, at_ns } => self.fell_over(now, epoch, at_ns, out),
+            Event::Tripped { epoch, at_ns } => self.tripped(now, epoch, at_ns, out),
             Event::Unguided { epoch, since_ns, at_ns } => self.unguided(epoch, since_ns, at_ns),
             Event::Died(seat) => self.died(now, seat, out),
             Event::Misbehaved(seat, fault) => self.misbehaved(now, seat, fault, out),
@@ -301,14 +399,35 @@ impl Slot {
         [phase_ns, outstanding_ns, useless_ns].into_iter().flatten().min()
     }
 
-    /// True while lockstep time must stand still: a process is being started, or the gate has been
-    /// asked.
+    /// True while lockstep time must stand still: a process is being started or flown ahead, or the
+    /// gate has been asked.
     #[must_use]
     pub fn holds_time(&self) -> bool {
         match self.phase {
-            Phase::Joining { .. } | Phase::Shadowing { stage: Stage::Judged, .. } => true,
+            Phase::Joining { .. }
+            | Phase::Shadowing { stage: Stage::Judged | Stage::Rehearsing { .. }, .. } => true,
             Phase::Ownerless { at_ns, .. } => at_ns.is_none(),
             _ => false,
+        }
+    }
+
+    /// How far the slot is.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        match self.phase {
+            Phase::Ownerless { .. } => Progress::Ownerless,
+            Phase::Steady { .. } => Progress::Steady,
+            Phase::Joining { seat, .. } => Progress::Joining(seat),
+            Phase::Shadowing { seat, stage: Stage::Rehearsing { .. }, .. } => {
+                Progress::Rehearsing(seat)
+            }
+            Phase::Shadowing { seat, stage: Stage::Tracking, track_until_ns, .. } => {
+                Progress::Tracking(seat, track_until_ns)
+            }
+            Phase::Shadowing { seat, until_ns, .. } => Progress::Shadowing(seat, until_ns),
+            Phase::Flipping { new, .. } => Progress::Flipping(new),
+            Phase::Window { new, until_ns, .. } => Progress::Window(new, until_ns),
+            Phase::Reverting { to, .. } => Progress::Reverting(to),
         }
     }
 
@@ -365,7 +484,7 @@ impl Slot {
                 self.run_free(out);
             }
             Phase::Shadowing { until_ns, stage: Stage::Free, .. } if due(until_ns) => self.ask(out),
-            Phase::Window { new, old, until_ns } if due(until_ns) => {
+            Phase::Window { new, old, until_ns, .. } if due(until_ns) => {
                 self.commit(now, new, old, out);
             }
             _ => {}

@@ -65,11 +65,21 @@ impl Slot {
             fallback: self.fallback(owner),
             effective_ns,
             period_ns: self.chairs.periods_ns(),
+            watched: self.is_watched(owner),
             kind_changed: layout_in_force.is_some() && layout != layout_in_force,
         };
         let until_ns = effective_ns.saturating_add(self.config.acknowledge_ns.max(1));
         self.ledger.write(record, Outstanding { until_ns, tries });
         out.push(Action::Publish(record));
+    }
+
+    /// Whether the monitor judges `owner`: around its own flip, and for as long as it is not trusted.
+    fn is_watched(&self, owner: Seat) -> bool {
+        let is_new = match self.phase {
+            Phase::Flipping { new, .. } | Phase::Window { new, .. } => new == owner,
+            _ => false,
+        };
+        is_new || self.untrusted == Some(owner)
     }
 
     fn margin_ns(&self) -> u64 {
@@ -135,13 +145,13 @@ impl Slot {
             self.ledger.outstanding = None;
         }
         match self.phase {
-            Phase::Flipping { new, old, epoch: from, rollback_ns } if epoch >= from => {
+            Phase::Flipping { new, old, epoch: from, order } if epoch >= from => {
                 // The consumer tells it at its next step; its record says from when on.
                 let record = self.ledger.newest().filter(|record| record.epoch == epoch);
                 let since_ns = record.map_or(at_ns, |record| record.effective_ns.min(at_ns));
                 step(out, Step::Flipped { seat: new, epoch, at_ns: since_ns });
-                let until_ns = at_ns.saturating_add(rollback_ns);
-                self.phase = Phase::Window { new, old, until_ns };
+                let until_ns = at_ns.saturating_add(order.rollback_ns);
+                self.phase = Phase::Window { new, old, until_ns, order };
                 if !self.chairs.is_seated(old) {
                     self.commit(now, new, old, out);
                 }

@@ -11,7 +11,9 @@ impl Slot {
             Request::Swap(target, order) => self.swap(now, target, order, out),
             Request::Rollback => self.roll_back(now, out),
             Request::Retire(seat) => self.retire(now, seat, out),
-            Request::Standby(program, shadow_ns) => self.stand_by(program, shadow_ns, out),
+            Request::Standby(program, shadow_ns, rehearse) => {
+                self.stand_by(program, shadow_ns, rehearse, out)
+            }
         };
         if let Err(reason) = done {
             out.push(Action::Report(Report::Refused(reason)));
@@ -120,16 +122,19 @@ impl Slot {
         &mut self,
         program: Program,
         shadow_ns: u64,
+        rehearse: bool,
         out: &mut Vec<Action>,
     ) -> Result<(), Reason> {
         if let Some(seat) = self.standby.and_then(|standby| standby.seat) {
             return Err(Reason::StandbyExists(seat));
         }
         self.be_at_rest()?;
-        self.spawn(program, Goal::Standby { shadow_ns }, out)?;
+        self.spawn(program, Goal::Standby { shadow_ns, rehearse }, out)?;
         self.standby = Some(Standby {
             program,
             shadow_ns,
+            rehearse,
+            automatic: false,
             seat: None,
             losses: 0,
             proven: false,
@@ -141,9 +146,12 @@ impl Slot {
     /// The standby that is wanted and missing; without a free seat, when there is one.
     pub(super) fn start_standby(&mut self, out: &mut Vec<Action>) {
         self.phase = Phase::Steady { rejoin_ns: None };
-        if let Some(Standby { program, shadow_ns, seat: None, .. }) = self.standby {
+        if let Some(Standby { program, shadow_ns, rehearse, seat: None, proven, .. }) = self.standby
+        {
+            // What has stood by once need not be flown ahead again.
+            let goal = Goal::Standby { shadow_ns, rehearse: rehearse && !proven };
             // A seat that is being left becomes free with a death, which comes back here.
-            let _ = self.spawn(program, Goal::Standby { shadow_ns }, out);
+            let _ = self.spawn(program, goal, out);
         }
     }
 }

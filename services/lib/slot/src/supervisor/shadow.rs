@@ -1,8 +1,10 @@
 //! The way of a candidate: joining, shadowing, the gate, the flip, the window.
 
 use super::chairs::Chair;
-use super::message::{Action, Instance, Now, Outcome, Reason, Report, Step};
-use super::{Clock, Goal, Phase, Slot, Stage, step};
+use super::message::{
+    Action, Instance, Now, Order, Outcome, Reason, RehearsalRefusal, Rehearsed, Report, Step,
+};
+use super::{Clock, Goal, Phase, Slot, Stage, Standby, step};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
 
@@ -123,6 +125,60 @@ impl Slot {
             Err(refusal) => return self.abort(now, seat, Reason::Gate(refusal), out),
             Ok(_) => return,
         }
+        if goal.is_rehearsed() {
+            self.rehearse(seat, false, out);
+        } else {
+            self.passed(now, seat, goal, out);
+        }
+    }
+
+    /// Has the candidate flown ahead from now on.
+    fn rehearse(&mut self, seat: Seat, again: bool, out: &mut Vec<Action>) {
+        if let Phase::Shadowing { stage, .. } = &mut self.phase {
+            *stage = Stage::Rehearsing { again };
+            step(out, Step::Rehearses(seat, again));
+            out.push(Action::Rehearse(seat));
+        }
+    }
+
+    /// The candidate has been flown ahead. An answer about a flight that is past is asked for once
+    /// more: where the first took too long the second may find the machine idle, a third would not.
+    pub(super) fn rehearsed(
+        &mut self,
+        now: Now,
+        flown: Seat,
+        rehearsed: Rehearsed,
+        out: &mut Vec<Action>,
+    ) {
+        let Phase::Shadowing { seat, goal, stage: Stage::Rehearsing { again }, .. } = self.phase
+        else {
+            return;
+        };
+        if seat != flown {
+            return;
+        }
+        let age_ns = now.logical_ns.saturating_sub(rehearsed.from_ns);
+        let old = age_ns > self.config.rehearsal_ns;
+        let verdict = match rehearsed.verdict {
+            Ok(_) if (old || rehearsed.left_tube) && !again => {
+                return self.rehearse(seat, true, out);
+            }
+            Ok(_) if old => Err(RehearsalRefusal::NotRehearsed(format!(
+                "it took {:.1} s of flight, twice; the answer may be {:.1} s old",
+                age_ns as f64 * 1e-9,
+                self.config.rehearsal_ns as f64 * 1e-9
+            ))),
+            Ok(_) if rehearsed.left_tube => Err(RehearsalRefusal::NotRehearsed(
+                "the owner itself leaves the tube, twice: wait for quieter flight".to_owned(),
+            )),
+            verdict => verdict,
+        };
+        let force = matches!(goal, Goal::Swap(order) if order.force);
+        match verdict {
+            Ok(words) => step(out, Step::Rehearsed(seat, words)),
+            Err(refusal) if force => step(out, Step::RehearsalForced(seat, refusal)),
+            Err(refusal) => return self.abort(now, seat, Reason::Rehearsal(refusal), out),
+        }
         self.passed(now, seat, goal, out);
     }
 
@@ -137,7 +193,7 @@ impl Slot {
                     self.send_away(now, seat, out);
                 }
             }
-            Goal::Swap(order) => self.flip(now, owner, seat, order.rollback_ns, out),
+            Goal::Swap(order) => self.flip(now, owner, seat, order, out),
             Goal::Standby { .. } => {
                 if let Some(standby) = &mut self.standby {
                     standby.seat = Some(seat);
@@ -152,21 +208,63 @@ impl Slot {
         }
     }
 
-    fn flip(&mut self, now: Now, old: Seat, new: Seat, rollback_ns: u64, out: &mut Vec<Action>) {
+    fn flip(&mut self, now: Now, old: Seat, new: Seat, order: Order, out: &mut Vec<Action>) {
         self.forget_standby(new);
         let epoch = self.ledger.epoch() + 1;
-        self.phase = Phase::Flipping { new, old, epoch, rollback_ns };
+        if !order.trusted && !self.config.keeps_fallback && self.standby.is_none() {
+            step(out, Step::WithoutFallback(new));
+        }
+        self.phase = Phase::Flipping { new, old, epoch, order };
         self.publish(now, new, None, out);
         step(out, Step::FlipsAt { seat: new, epoch, at_ns: self.ledger.effective_ns() });
     }
 
-    /// The window is over: the new owner stays and the old one leaves.
+    /// The window is over: the new owner stays, and the old one leaves unless it is to be the
+    /// fallback of one that is not trusted.
     pub(super) fn commit(&mut self, now: Now, new: Seat, old: Seat, out: &mut Vec<Action>) {
         out.push(Action::Report(Report::Done(new, Outcome::Swapped)));
-        let Phase::Window { until_ns, .. } = self.phase else { return };
+        let Phase::Window { until_ns, order, .. } = self.phase else { return };
+        let stays = !order.trusted && self.keep_as_fallback(old, order.shadow_ns);
+        self.untrusted = (!order.trusted).then_some(new);
+        if order.trusted {
+            self.drop_automatic_standby(out);
+        }
         self.settle(until_ns.min(now.logical_ns));
-        self.dismiss(old, out);
+        if stays {
+            step(out, Step::FallbackStays { seat: old, owner: new });
+        } else {
+            self.dismiss(old, out);
+        }
         self.publish(now, new, None, out);
+    }
+
+    /// Makes the last owner the standby; false if it cannot be, or if there is one already.
+    fn keep_as_fallback(&mut self, old: Seat, shadow_ns: u64) -> bool {
+        let program = self.chairs.get(old).program().filter(|_| self.chairs.is_seated(old));
+        let Some(program) = program.filter(|_| self.config.keeps_fallback) else { return false };
+        if self.standby.is_some_and(|standby| standby.seat.is_some()) {
+            return false;
+        }
+        self.standby = Some(Standby {
+            program,
+            shadow_ns,
+            rehearse: false,
+            automatic: true,
+            seat: Some(old),
+            losses: 0,
+            proven: true,
+            refused: false,
+        });
+        true
+    }
+
+    /// Sends a standby away that is there for an owner that no longer commands.
+    pub(super) fn drop_automatic_standby(&mut self, out: &mut Vec<Action>) {
+        if let Some(standby) = self.standby.take_if(|standby| standby.automatic)
+            && let Some(seat) = standby.seat
+        {
+            self.dismiss(seat, out);
+        }
     }
 
     /// Names the old owner again, with the new one, which is healthy, as its fallback until then.
@@ -203,7 +301,8 @@ impl Slot {
                 | Phase::Shadowing { goal: Goal::Standby { .. }, .. }
         );
         if standby {
-            self.count_standby_loss(matches!(reason, Reason::Gate(_)), out);
+            let refused = matches!(reason, Reason::Gate(_) | Reason::Rehearsal(_));
+            self.count_standby_loss(refused, out);
         }
         out.push(Action::Report(Report::Aborted(seat, reason)));
         self.forget_standby(seat);

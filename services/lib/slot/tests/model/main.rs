@@ -58,6 +58,10 @@ impl Model for Search {
                 "who has failed over does not go back within the epoch",
                 |_, world: &World| world.broken != Some(Broken::Unlatched),
             ),
+            Property::always(
+                "an owner that has tripped is not obeyed once its fallback speaks",
+                |_, world: &World| world.broken != Some(Broken::TripForgotten),
+            ),
             Property::always("epochs grow and instants do not go back", |_, world: &World| {
                 world.broken != Some(Broken::Backwards)
             }),
@@ -156,6 +160,11 @@ fn a_consumer_that_goes_back_to_its_owner_is_caught() {
 #[test]
 fn a_consumer_that_does_not_fail_over_is_caught() {
     catches(Flaw::NeverFailsOver, ONE_MISFORTUNE, "there to obey");
+}
+
+#[test]
+fn a_consumer_that_forgets_a_trip_is_caught() {
+    catches(Flaw::ForgetsTrip, Budget::new(1, 1, 1), "has tripped is not obeyed");
 }
 
 #[test]

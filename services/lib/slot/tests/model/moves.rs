@@ -1,12 +1,12 @@
 //! What may happen next.
 
 use crate::world::{
-    CREDIT, Flaw, LATENCY, OTHER_KIND, OWNER, Process, RECORD_PATIENCE, SAME_KIND, STANDBY, Word,
-    World, config,
+    CREDIT, Flaw, LATENCY, LEVEL, OTHER_KIND, OWNER, Process, RECORD_PATIENCE, REHEARSAL,
+    SAME_KIND, STANDBY, Word, World, config,
 };
 use slot::{
-    Clock, Event, Fault, GateFigures, Instance, Order, Program, Refusal, Request, SEATS, Seat,
-    Slot, Target,
+    Clock, Event, Fault, GateFigures, Instance, Order, Program, Refusal, RehearsalRefusal,
+    Rehearsed, Request, SEATS, Seat, Slot, Target,
 };
 
 /// One thing that happens.
@@ -28,6 +28,10 @@ pub(crate) enum Move {
     NeverReady(Seat),
     /// The gate's word.
     Verdict(bool),
+    /// The rehearsal's word; begun so many ticks ago.
+    Rehearsed(bool, u64),
+    /// The monitor trips the watched owner; the gate levels the vehicle for so many ticks first.
+    Trip(u64),
     /// A process that is to leave does.
     Exit(Seat),
     /// The launcher notices a death.
@@ -48,16 +52,24 @@ pub(crate) enum Move {
     Ask(Request),
 }
 
-const fn order(dry_run: bool) -> Order {
-    Order { shadow_ns: 2, rollback_ns: 3, force: false, dry_run }
-}
+/// Of a built-in controller.
+const TRUSTED: Order = Order {
+    shadow_ns: 2,
+    rollback_ns: 3,
+    force: false,
+    rehearse: false,
+    trusted: true,
+    dry_run: false,
+};
+/// Of one that somebody brought.
+const BROUGHT: Order = Order { rehearse: true, trusted: false, ..TRUSTED };
 
 const REQUESTS: [Request; 9] = [
-    Request::Swap(Target::New(SAME_KIND), order(false)),
-    Request::Swap(Target::New(OTHER_KIND), order(false)),
-    Request::Swap(Target::New(SAME_KIND), order(true)),
-    Request::Swap(Target::Seated(Seat::ALL[1]), order(false)),
-    Request::Standby(STANDBY, 2),
+    Request::Swap(Target::New(SAME_KIND), TRUSTED),
+    Request::Swap(Target::New(OTHER_KIND), BROUGHT),
+    Request::Swap(Target::New(SAME_KIND), Order { dry_run: true, ..BROUGHT }),
+    Request::Swap(Target::Seated(Seat::ALL[1]), TRUSTED),
+    Request::Standby(STANDBY, 2, false),
     Request::Rollback,
     Request::Retire(Seat::ALL[0]),
     Request::Retire(Seat::ALL[1]),
@@ -109,6 +121,13 @@ impl World {
             }
             if !fit || self.budget.misfortunes > 0 {
                 moves.push(Move::Verdict(false));
+            }
+        }
+        if self.rehearsing.is_some() {
+            moves.push(Move::Rehearsed(true, 0));
+            if self.budget.misfortunes > 0 {
+                moves.push(Move::Rehearsed(false, 0));
+                moves.push(Move::Rehearsed(true, REHEARSAL + 1));
             }
         }
         for seat in Seat::ALL {
@@ -168,7 +187,7 @@ impl World {
             Process::Flying { leaving: Some(since), .. } => self.may_exit(seat) && late(since + 2),
             _ => false,
         });
-        record || word || time || seats || self.judging.is_some()
+        record || word || time || seats || self.judging.is_some() || self.rehearsing.is_some()
     }
 
     /// Lockstep: how far the conductor lets time go.
@@ -184,6 +203,12 @@ impl World {
 
     fn misfortunes(&self, moves: &mut Vec<Move>) {
         if self.budget.misfortunes > 0 {
+            if self.consumer.record().is_some_and(|record| record.watched)
+                && !self.consumer.tripped()
+                && !self.consumer.failed_over()
+            {
+                moves.extend([0, LEVEL].map(Move::Trip));
+            }
             for seat in Seat::ALL {
                 match self.processes[seat.index()] {
                     Process::Starting { .. } => {
@@ -226,6 +251,11 @@ impl World {
                 self.tell(Event::Misbehaved(seat, Fault::NeverReady));
             }
             Move::Verdict(passed) => self.verdict(passed),
+            Move::Rehearsed(passed, age) => self.rehearsed(passed, age),
+            Move::Trip(level) => {
+                self.budget.misfortunes -= 1;
+                self.trip(level);
+            }
             Move::Exit(seat) => self.die(seat),
             Move::NoticeDeath(seat) => {
                 self.processes[seat.index()] = Process::Gone;
@@ -253,7 +283,7 @@ impl World {
                 self.budget.misfortunes -= 1;
                 self.slot = None;
                 self.words.clear();
-                self.judging = None;
+                (self.judging, self.rehearsing) = (None, None);
             }
             Move::Adopt => self.adopt(),
             Move::Ask(request) => {
@@ -284,6 +314,7 @@ impl World {
             Word::Refused { .. } if deaf => {}
             Word::Refused { epoch } => self.tell(Event::RecordRefused { epoch }),
             Word::FellOver { epoch, at_ns } => self.tell(Event::FellOver { epoch, at_ns }),
+            Word::Tripped { epoch, at_ns } => self.tell(Event::Tripped { epoch, at_ns }),
             Word::Unguided { epoch, since_ns, at_ns } => {
                 self.tell(Event::Unguided { epoch, since_ns, at_ns });
             }
@@ -305,6 +336,17 @@ impl World {
             Err(Refusal::MissedDeadlines { missed: 1, limit: 0, at_ns: self.t })
         };
         self.tell(Event::Verdict(seat, verdict));
+    }
+
+    fn rehearsed(&mut self, passed: bool, age: u64) {
+        let Some(seat) = self.rehearsing.take() else { return };
+        let refusal = || RehearsalRefusal::Fails("would lose the vehicle".to_owned());
+        let verdict = passed.then(|| "keeps to the tube".to_owned()).ok_or_else(refusal);
+        if !passed || age > 0 {
+            self.budget.misfortunes -= 1;
+        }
+        let from_ns = self.t.saturating_sub(age);
+        self.tell(Event::Rehearsed(seat, Rehearsed { from_ns, left_tube: false, verdict }));
     }
 
     /// A new launcher finds the flight: the newest record written, and who is there.
@@ -331,6 +373,11 @@ impl World {
         let (adopted, actions) = Slot::adopt(config(self.clock), now, &record, OWNER, seated);
         self.slot = Some(adopted);
         self.act(actions);
+        if self.consumer.tripped() {
+            // The monitor repeats itself to whoever listens late.
+            let (epoch, at_ns) = (self.consumer.epoch(), self.consumer.counters().trip_ns);
+            self.tell(Event::Tripped { epoch, at_ns });
+        }
         if self.consumer.failed_over() {
             let (epoch, at_ns) = (self.consumer.epoch(), self.consumer.counters().fail_over_ns);
             self.tell(Event::FellOver { epoch, at_ns });

@@ -13,6 +13,10 @@ pub(crate) const NEVER: u64 = 80;
 pub(crate) const RECORD_PATIENCE: u64 = 3;
 /// Lockstep: how far allowed time runs ahead \[ticks\].
 pub(crate) const CREDIT: u64 = 2;
+/// How old the answer of a rehearsal may be \[ticks\].
+pub(crate) const REHEARSAL: u64 = 2;
+/// How long the gate levels the vehicle after a trip far from trim \[ticks\].
+pub(crate) const LEVEL: u64 = 3;
 /// From a release to the command's effect \[ticks\].
 pub(crate) const LATENCY: u64 = 1;
 /// Rate of a controller that steps each tick, a tick being a nanosecond \[mHz\].
@@ -43,6 +47,7 @@ pub(crate) enum Flaw {
     ForgetsFailOver,
     NeverFailsOver,
     NeverTriesAgain,
+    ForgetsTrip,
 }
 
 /// What must not happen.
@@ -51,6 +56,7 @@ pub(crate) enum Broken {
     WrongWriter,
     Missed,
     Unlatched,
+    TripForgotten,
     Backwards,
 }
 
@@ -108,6 +114,8 @@ pub(crate) struct World {
     told: (u64, u64, u64),
     /// Whose verdict the launcher owes.
     pub judging: Option<Seat>,
+    /// Whom it flies ahead.
+    pub rehearsing: Option<Seat>,
     /// Ticks in a row at which nothing changed.
     calm: u8,
     /// The records that the plant has accepted, newest first, as one who only watches remembers them.
@@ -116,6 +124,10 @@ pub(crate) struct World {
     pub written: Option<Record>,
     /// The epoch in which the plant was last seen to obey the fallback.
     latched: u64,
+    /// The epoch whose owner the monitor has tripped, as one who only watches remembers it.
+    tripped: u64,
+    /// Until then the gate levels the vehicle, whoever commands.
+    level_until: u64,
     obeyed: Option<Seat>,
     /// Since when the plant has been on its own.
     alone: Option<u64>,
@@ -128,6 +140,7 @@ pub(crate) enum Word {
     Acknowledged { epoch: u64, seat: Seat, at_ns: u64 },
     Refused { epoch: u64 },
     FellOver { epoch: u64, at_ns: u64 },
+    Tripped { epoch: u64, at_ns: u64 },
     Unguided { epoch: u64, since_ns: u64, at_ns: u64 },
 }
 
@@ -138,7 +151,12 @@ pub(crate) const SAME_KIND: Program = Program(2);
 pub(crate) const OTHER_KIND: Program = Program(3);
 
 pub(crate) fn config(clock: Clock) -> SlotConfig {
-    let common = SlotConfig { acknowledge_ns: 5, unguided_ns: 0, ..SlotConfig::REALTIME };
+    let common = SlotConfig {
+        acknowledge_ns: 5,
+        unguided_ns: 0,
+        rehearsal_ns: REHEARSAL,
+        ..SlotConfig::REALTIME
+    };
     match clock {
         Clock::Realtime => common,
         Clock::Lockstep => SlotConfig { clock, react_ns: CREDIT + 1, restart_ns: 1, ..common },
@@ -166,10 +184,13 @@ impl World {
             words: Vec::new(),
             told: (0, 0, 0),
             judging: None,
+            rehearsing: None,
             calm: 0,
             accepted: Vec::new(),
             written: None,
             latched: 0,
+            tripped: 0,
+            level_until: 0,
             obeyed: None,
             alone: None,
             broken: None,
@@ -180,7 +201,7 @@ impl World {
         world.tell(Event::Ready(first, instance));
         if standby {
             world.calm_down();
-            world.tell(Event::Request(slot::Request::Standby(STANDBY, 2)));
+            world.tell(Event::Request(slot::Request::Standby(STANDBY, 2, false)));
         }
         world.calm_down();
         World { flaw, ..world }
@@ -243,6 +264,7 @@ impl World {
                     }
                 }
                 Action::Judge(seat) => self.judging = Some(seat),
+                Action::Rehearse(seat) => self.rehearsing = Some(seat),
                 Action::AwaitExit(seat) => {
                     if let Process::Flying { leaving, .. } = &mut self.processes[seat.index()] {
                         *leaving = Some(t);
@@ -257,6 +279,7 @@ impl World {
         }
         let candidate = self.slot.as_ref().and_then(Slot::candidate);
         self.judging = self.judging.filter(|seat| Some(*seat) == candidate);
+        self.rehearsing = self.rehearsing.filter(|seat| Some(*seat) == candidate);
     }
 
     /// A record arrives at the plant.
@@ -319,7 +342,8 @@ impl World {
             self.desk.0.decide(&mut self.consumer, t)
         };
         let before = self.obeyed;
-        self.obeyed = choice.map(|choice| choice.seat);
+        let levels = self.t < self.level_until;
+        self.obeyed = choice.map(|choice| choice.seat).filter(|_| !levels);
         self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
         let said = self.words.len();
         self.speak();
@@ -327,6 +351,20 @@ impl World {
         let changed = before != self.obeyed || self.words.len() > said;
         self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
         self.t += 1;
+    }
+
+    /// The monitor's word takes effect at the plant's next tick.
+    pub(crate) fn trip(&mut self, level: u64) {
+        let Some(record) = self.consumer.record().copied() else { return };
+        let mut memory = self.consumer.memory();
+        self.consumer.trip(record.epoch, record.owner, self.t);
+        if self.flaw == Some(Flaw::ForgetsTrip) {
+            memory.counters = self.consumer.memory().counters;
+            self.consumer.restore(&memory);
+        }
+        self.tripped = record.epoch;
+        self.level_until = self.t + level;
+        self.say(Word::Tripped { epoch: record.epoch, at_ns: self.t });
     }
 
     fn offer(&mut self, seat: Seat, command: &Command) {
@@ -374,6 +412,10 @@ impl World {
             Some((seat, _, command)) => {
                 if self.latched == record.epoch {
                     self.broken = Some(Broken::Unlatched);
+                }
+                let fallback = record.fallback.filter(|seat| self.spoke(&record, *seat));
+                if self.tripped == record.epoch && seat == record.owner && fallback.is_some() {
+                    self.broken = Some(Broken::TripForgotten);
                 }
                 // Around a flip it may be what was obeyed before, while it is valid.
                 let then = at(command.effective_ns);
@@ -428,7 +470,7 @@ impl World {
     fn complain(&mut self) {
         let epoch = self.consumer.epoch();
         self.alone = match self.alone {
-            _ if self.obeyed.is_some() || epoch == 0 => None,
+            _ if self.obeyed.is_some() || epoch == 0 || self.t < self.level_until => None,
             Some(since_ns) => {
                 if (self.t - since_ns).is_multiple_of(3) {
                     self.say(Word::Unguided { epoch, since_ns, at_ns: self.t });

@@ -8,7 +8,14 @@ fn any_event() -> impl Strategy<Value = Event> {
     let epoch = 0..12_u64;
     let order =
         (0..3_u64, 0..3_u64, any::<bool>(), any::<bool>()).prop_map(|(a, b, force, dry_run)| {
-            Order { shadow_ns: a * MS, rollback_ns: b * MS, force, dry_run }
+            Order {
+                shadow_ns: a * MS,
+                rollback_ns: b * MS,
+                force,
+                rehearse: a % 2 == 1,
+                trusted: b % 2 == 1,
+                dry_run,
+            }
         });
     prop_oneof![
         order.clone().prop_map(|o| Event::Request(Request::Swap(Target::New(Program(1)), o))),
@@ -16,10 +23,16 @@ fn any_event() -> impl Strategy<Value = Event> {
             .prop_map(|(s, o)| Event::Request(Request::Swap(Target::Seated(s), o))),
         Just(Event::Request(Request::Rollback)),
         seat.clone().prop_map(|s| Event::Request(Request::Retire(s))),
-        Just(Event::Request(Request::Standby(Program(2), MS))),
+        Just(Event::Request(Request::Standby(Program(2), MS, true))),
         (seat.clone(), 7..9_u64).prop_map(|(s, layout)| Event::Ready(s, instance(layout))),
         seat.clone().prop_map(|s| Event::Verdict(s, Ok(Box::default()))),
         seat.clone().prop_map(|s| Event::Verdict(s, Err(failed()))),
+        (seat.clone(), any::<bool>(), any::<bool>()).prop_map(|(s, left_tube, passed)| {
+            let refusal = || RehearsalRefusal::NotRehearsed("it took too long".to_owned());
+            let verdict = passed.then(String::new).ok_or_else(refusal);
+            Event::Rehearsed(s, Rehearsed { from_ns: 0, left_tube, verdict })
+        }),
+        epoch.clone().prop_map(|epoch| Event::Tripped { epoch, at_ns: 0 }),
         Just(Event::Time),
         (epoch.clone(), seat.clone()).prop_map(|(epoch, seat)| Event::Acknowledged {
             epoch,

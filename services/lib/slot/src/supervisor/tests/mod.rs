@@ -2,6 +2,7 @@
 
 mod events;
 mod losses;
+mod rehearsals;
 mod swaps;
 
 use super::*;
@@ -16,7 +17,14 @@ fn instance(layout: u64) -> Instance {
 }
 
 const fn order(shadow_ns: u64) -> Order {
-    Order { shadow_ns, rollback_ns: 500 * MS, force: false, dry_run: false }
+    Order {
+        shadow_ns,
+        rollback_ns: 500 * MS,
+        force: false,
+        rehearse: false,
+        trusted: true,
+        dry_run: false,
+    }
 }
 
 /// A slot and what it has asked for.
@@ -104,7 +112,7 @@ impl Desk {
     /// Seat 0 commands and seat 1 stands by.
     fn with_standby(config: SlotConfig) -> Self {
         let mut desk = Self::new(config);
-        desk.on(Event::Request(Request::Standby(Program(2), 100 * MS)));
+        desk.on(Event::Request(Request::Standby(Program(2), 100 * MS, false)));
         desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
         assert_eq!(desk.record().fallback, Some(SEAT[1]));
         desk.confirm();
