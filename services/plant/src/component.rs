@@ -12,11 +12,11 @@ use crate::ports::{Inputs, Outputs};
 use crate::sensors::{Imu, ImuSample, MorphEncoder, Pose, PoseFix};
 use nalgebra::Vector3;
 use runtime::{Obedience, Service};
-use shared_types::{AppliedCommand, Flag, GateMode, WrenchCommand};
-use slot::Standing;
+use shared_types::{AppliedCommand, Flag, GateMode, Role, WrenchCommand};
+use slot::{Standing, Tripped};
 use vehicle::{
     Actuation, Allocation, GroundContact, LinearModel, MorphAngle, NonlinearModel, PlantInputs,
-    PlantModel, RigidBodyState, Truth, VehicleParameters, Wrench,
+    PlantModel, Truth, VehicleParameters, Wrench,
 };
 
 /// Longest integration step \[s\].
@@ -56,14 +56,13 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// A vehicle at trim.
+    /// A vehicle as it begins.
     ///
     /// # Errors
     /// [`PlantError`] naming the impossible number.
     pub fn new(config: &PlantConfig) -> Result<Self, PlantError> {
         let vehicle = config.vehicle;
-        let mut state = RigidBodyState::hover(&vehicle, config.position_w_m, config.morph_angle);
-        state.q_wb = vehicle::quaternion_from_euler(&Vector3::new(0.0, 0.0, config.yaw_rad));
+        let state = config.initial_state();
         let (model, linear): (Box<dyn PlantModel>, bool) = match config.model {
             ModelKind::Nonlinear { ground } => {
                 let ground = ground.then(GroundContact::default);
@@ -78,7 +77,7 @@ impl Plant {
             imu: Imu::new(&config.imu, config.seed)?,
             pose_fix: PoseFix::new(&config.pose_fix, config.seed)?,
             morph_encoder: MorphEncoder::new(&config.morph_encoder, config.seed)?,
-            gate: Gate::new(&config.gate, &vehicle)?,
+            gate: config.initial_gate(&state)?,
             start_morph: config.morph_angle,
             obedience: Obedience::new(),
             integrated_ns: 0,
@@ -130,11 +129,10 @@ impl Plant {
         let largest = self.vehicle.largest_wrench(self.measured_morph());
         let limit = largest.map(|most| STEP_SHARE * most);
         let order = self.obedience.decide(now_ns, &limit).filter(|order| order.is_new)?;
-        let slot::Command { sequence, cause_sequence, .. } = order.command;
+        let slot::Command { value, sequence, cause_sequence, effective_ns, valid_until_ns } =
+            order.command;
         self.in_effect = InEffect { seat: order.seat.into(), sequence, cause_sequence };
-        let [thrust_n, x, y, z] = order.command.value;
-        let (effective_ns, valid_until_ns) =
-            (order.command.effective_ns, order.command.valid_until_ns);
+        let [thrust_n, x, y, z] = value;
         Some(Command {
             wrench: Wrench { thrust_n, torque_b_nm: Vector3::new(x, y, z) },
             effective_ns,
@@ -150,6 +148,9 @@ impl Plant {
     fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, effects: &mut Effects) -> PlantInputs {
         effects.advance(now_ns, inputs);
         self.obedience.advance(now_ns);
+        let trips = inputs.trip.fresh()[effects.trips_from..effects.trips_to].iter();
+        let taken = trips.map(|trip| self.obedience.trip(Role::Attitude, trip));
+        let tripped = taken.filter(|taken| *taken != Tripped::Ignored).count() > 0;
         for sample in &inputs.wrench_command.fresh()[effects.commands_from..effects.commands_to] {
             self.offer(now_ns, sample);
         }
@@ -160,10 +161,11 @@ impl Plant {
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
+            tripped,
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,
         });
-        if matches!(output.mode, Mode::Level { .. } | Mode::Cut) {
+        if !matches!(output.mode, Mode::Normal | Mode::Hold { .. }) {
             self.obedience.forget_order();
         }
         let applied = self.allocate(&output);
@@ -299,6 +301,7 @@ impl Plant {
             refused_records: slot.refused_records,
             seat: self.obedience.seat(),
             failed_over: Flag::from(self.obedience.failed_over()),
+            tripped: Flag::from(self.obedience.tripped()),
             ..AppliedCommand::default()
         }
     }

@@ -34,6 +34,8 @@ pub(crate) fn commanded_morph(command: &MorphCommand, now_ns: u64) -> f64 {
 pub(crate) struct Effects {
     pub(crate) commands_from: usize,
     pub(crate) commands_to: usize,
+    pub(crate) trips_from: usize,
+    pub(crate) trips_to: usize,
     owners: usize,
     disturbances: usize,
     kicks: usize,
@@ -46,6 +48,8 @@ impl Effects {
         self.owners = due(inputs.attitude_owner.fresh(), self.owners, now_ns);
         self.disturbances = due(inputs.disturbance.fresh(), self.disturbances, now_ns);
         self.morphs = due(inputs.morph_command.fresh(), self.morphs, now_ns);
+        self.trips_from = self.trips_to;
+        self.trips_to = due(inputs.trip.fresh(), self.trips_to, now_ns);
         self.commands_from = self.commands_to;
         self.commands_to = due(inputs.wrench_command.fresh(), self.commands_to, now_ns);
     }
@@ -54,6 +58,7 @@ impl Effects {
     pub(crate) fn next_ns(&self, inputs: &Inputs) -> Option<u64> {
         [
             valid_ns(inputs.attitude_owner.fresh(), self.owners),
+            valid_ns(inputs.trip.fresh(), self.trips_to),
             valid_ns(inputs.disturbance.fresh(), self.disturbances),
             valid_ns(inputs.morph_command.fresh(), self.morphs),
             valid_ns(inputs.wrench_command.fresh(), self.commands_to),

@@ -14,5 +14,5 @@ pub mod sensors;
 pub mod settings;
 
 pub use component::Plant;
-pub use config::{ModelKind, PlantConfig, PlantError};
+pub use config::{ModelKind, Motion, PlantConfig, PlantError};
 pub use memory::{InEffect, PlantMemory};

@@ -4,7 +4,7 @@ use nalgebra::UnitQuaternion;
 use runtime::{inputs, outputs};
 use shared_types::{
     ActuatorState, AppliedCommand, Disturbance, Imu, MorphAngle, MorphCommand, OwnerRecord,
-    PoseFix, Quaternion, Truth, WrenchCommand, topics,
+    PoseFix, Quaternion, Trip, Truth, WrenchCommand, topics,
 };
 
 inputs! {
@@ -14,6 +14,8 @@ inputs! {
         wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
         /// Owner of the attitude slot.
         attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
+        /// Owners that are not to be obeyed any more.
+        trip: Trip = topics::TRIP,
         /// Wind, forces, payload, rotor faults.
         disturbance: Disturbance = topics::DISTURBANCE,
         /// Commanded deployable angle.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use plant::gate::GateConfig;
 use plant::ports::{Inputs, Outputs};
 use plant::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
-use plant::{ModelKind, Plant, PlantConfig};
+use plant::{ModelKind, Motion, Plant, PlantConfig};
 use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, TopicInfo, WrenchCommand, topics};
@@ -49,6 +49,7 @@ fn plant(model: ModelKind) -> Plant {
         position_w_m: Vector3::new(0.0, 0.0, 1.5),
         yaw_rad: 0.0,
         morph_angle: MorphAngle::MIN,
+        motion: Motion::default(),
         seed: 1,
     })
     .expect("the default plant is possible")

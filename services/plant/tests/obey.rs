@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 use plant::gate::GateConfig;
 use plant::ports::{Inputs, Outputs};
 use plant::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
-use plant::{ModelKind, Plant, PlantConfig};
+use plant::{ModelKind, Motion, Plant, PlantConfig};
 use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
 use shared_types::{
-    AppliedCommand, Flag, GateMode, Header, NO_SEAT, OwnerRecord, Role, WrenchCommand, topics,
+    AppliedCommand, Flag, GateMode, Header, NO_SEAT, OwnerRecord, Role, Trip, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -38,6 +38,7 @@ fn plant() -> Plant {
         position_w_m: Vector3::new(0.0, 0.0, 1.5),
         yaw_rad: 0.0,
         morph_angle: MorphAngle::MIN,
+        motion: Motion::default(),
         seed: 1,
     })
     .expect("the default plant is possible")
@@ -48,6 +49,7 @@ fn inputs() -> Inputs {
     let edge = |topic| Some(Edge::unwaited(topic, Role::Plant));
     inputs.attitude_owner.connect(Box::new(Silent), edge(&topics::ATTITUDE_OWNER.info));
     inputs.wrench_command.connect(Box::new(Silent), edge(&topics::WRENCH_COMMAND.info));
+    inputs.trip.connect(Box::new(Silent), edge(&topics::TRIP.info));
     inputs
 }
 
@@ -60,6 +62,8 @@ fn tell(inputs: &mut Inputs, epoch: u64, from_ns: u64, owner: u32, fallback: u32
         fallback,
         slot: Role::Attitude,
         kind_changed: Flag::from(other),
+        watched: Flag::Yes,
+        ..OwnerRecord::default()
     });
 }
 
@@ -252,4 +256,72 @@ fn a_plant_restored_amid_flips_and_fail_over_continues_bit_for_bit() {
         ends.push(shown(&first));
     }
     assert!(ends.windows(2).all(|pair| pair[0] == pair[1]));
+}
+
+/// The owner of an epoch trips.
+fn trip(inputs: &mut Inputs, epoch: u64, instance: u32, at_ns: u64) {
+    inputs.trip.offer(Trip {
+        header: Header { sequence: epoch, valid_ns: at_ns, ..Header::default() },
+        epoch,
+        slot: Role::Attitude,
+        instance,
+        ..Trip::default()
+    });
+}
+
+#[test]
+fn a_trip_within_a_tick_gives_the_slot_to_the_fallback_from_that_instant_on() {
+    let (mut plant, mut inputs) = (plant(), inputs());
+    tell(&mut inputs, 1, 0, A, B, false);
+    say(&mut inputs, A, 300_000, 60 * MS, 2 * PERIOD_NS);
+    say(&mut inputs, B, 300_000, 60 * MS, 2 * PERIOD_NS);
+    trip(&mut inputs, 1, A, 20 * MS + 300_000);
+    let before = applied(&fly(&mut plant, &mut inputs, 0, 20));
+    assert_eq!((before.seat, before.tripped.is_set()), (A, false));
+    let after = fly(&mut plant, &mut inputs, 21, 23);
+    let told = applied(&after);
+    assert_eq!((told.epoch, told.seat, told.mode), (1, B, GateMode::Normal));
+    assert!(told.tripped.is_set() && told.failed_over.is_set());
+    assert!((roll_rate(&after) - rate_after(2.7e-3)).abs() < 1e-9);
+}
+
+#[test]
+fn a_trip_in_a_fast_turn_is_answered_by_the_gate_and_then_by_the_fallback() {
+    let (mut plant, mut inputs) = (plant(), inputs());
+    // B turns the vehicle; A, who holds still, stands by.
+    tell(&mut inputs, 1, 0, B, A, false);
+    say(&mut inputs, A, 0, 400 * MS, 2 * PERIOD_NS);
+    say(&mut inputs, B, 0, 400 * MS, 2 * PERIOD_NS);
+    trip(&mut inputs, 1, B, 40 * MS);
+    let turning = fly(&mut plant, &mut inputs, 0, 40);
+    assert!(roll_rate(&turning) > 4.0, "{}", roll_rate(&turning));
+    let recovering = applied(&fly(&mut plant, &mut inputs, 41, 60));
+    assert_eq!((recovering.mode, recovering.seat), (GateMode::Recover, A));
+    assert!(recovering.torque_b_nm[0] < 0.0);
+    let mut calm = fly(&mut plant, &mut inputs, 61, 61);
+    for t_ms in 62..400 {
+        calm = fly(&mut plant, &mut inputs, t_ms, t_ms);
+        if applied(&calm).mode == GateMode::Normal {
+            break;
+        }
+    }
+    assert_eq!((applied(&calm).mode, applied(&calm).command_seat), (GateMode::Normal, A));
+    assert!(roll_rate(&calm).abs() < 1.6, "{}", roll_rate(&calm));
+}
+
+#[test]
+fn without_a_fallback_the_gate_levels_and_gives_the_slot_back_to_the_owner() {
+    let (mut plant, mut inputs) = (plant(), inputs());
+    tell(&mut inputs, 1, 0, B, NO_SEAT, false);
+    say(&mut inputs, B, 0, 1200 * MS, 2 * PERIOD_NS);
+    trip(&mut inputs, 1, B, 40 * MS);
+    fly(&mut plant, &mut inputs, 0, 40);
+    let recovering = applied(&fly(&mut plant, &mut inputs, 41, 60));
+    assert_eq!((recovering.mode, recovering.seat), (GateMode::Recover, B));
+    assert!(recovering.tripped.is_set() && !recovering.failed_over.is_set());
+    let given_back = (61..1200).any(|t_ms| {
+        let now = applied(&fly(&mut plant, &mut inputs, t_ms, t_ms));
+        (now.mode, now.command_seat) == (GateMode::Normal, B)
+    });
+    assert!(given_back);
 }

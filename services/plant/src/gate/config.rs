@@ -24,6 +24,26 @@ pub struct GateConfig {
     /// Torque of LEVEL is at most this times m g L(β).
     #[garde(custom(finite_in(0.0, 1.0)))]
     pub level_torque_fraction: f64,
+    /// Tilt beyond which the gate itself answers a trip, by RECOVER: the bound on the tilt that position
+    /// controllers may ask for, so that no controller has been made for more.
+    #[garde(custom(finite_in(0.0, 3.2)))]
+    pub recover_tilt_rad: f64,
+    /// Rate about roll and pitch beyond which it does.
+    #[garde(custom(finite_in(0.0, 100.0)))]
+    pub recover_rate_rad_s: f64,
+    /// Tilt below which commands count again.
+    #[garde(custom(finite_in(0.0, 3.2)))]
+    pub recovered_tilt_rad: f64,
+    /// Rate about roll and pitch below which they do.
+    #[garde(custom(finite_in(0.0, 100.0)))]
+    pub recovered_rate_rad_s: f64,
+    /// Longest RECOVER; then commands count, or LEVEL begins.
+    #[garde(custom(finite_in(0.0, 60.0)))]
+    pub recover_max_s: f64,
+    /// Torque of RECOVER is at most this times m g L(β). At hover thrust each pair of rotors carries half
+    /// of the weight, so that one half is what roll and pitch can have at once without clipping.
+    #[garde(custom(finite_in(0.0, 1.0)))]
+    pub recover_torque_fraction: f64,
     /// Undamped frequency of LEVEL's attitude loop; far below 1 / rotor lag.
     #[garde(custom(finite_in(0.1, 50.0)))]
     pub level_bandwidth_rad_s: f64,
@@ -53,6 +73,12 @@ impl Default for GateConfig {
             tip_over_tilt_rad: 1.2,
             tip_over_s: 0.2,
             level_torque_fraction: 0.25,
+            recover_tilt_rad: 0.35,
+            recover_rate_rad_s: 4.0,
+            recovered_tilt_rad: 0.25,
+            recovered_rate_rad_s: 1.5,
+            recover_max_s: 2.0,
+            recover_torque_fraction: 0.5,
             level_bandwidth_rad_s: 10.0,
             level_damping: 1.0,
             filter_time_constant_s: 3.0,
@@ -74,6 +100,10 @@ impl GateConfig {
 
     pub(super) fn level_max_ns(&self) -> u64 {
         ns_from_s(self.level_max_s)
+    }
+
+    pub(super) fn recover_max_ns(&self) -> u64 {
+        ns_from_s(self.recover_max_s)
     }
 
     pub(super) fn tip_over_ns(&self) -> u64 {

@@ -54,6 +54,7 @@ impl Flight {
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
+            tripped: false,
             reading: self.imu.sample(now_ns, &omega, &force),
             morph_angle_rad: self.beta.rad(),
         });

@@ -91,12 +91,13 @@ pub(super) struct LevelLaw {
 }
 
 impl LevelLaw {
-    pub(super) fn new(config: &GateConfig) -> Self {
+    /// With torques up to a share of m g L(β).
+    pub(super) fn new(config: &GateConfig, torque_fraction: f64) -> Self {
         let bandwidth = config.level_bandwidth_rad_s;
         Self {
             stiffness: bandwidth * bandwidth,
             damping: 2.0 * config.level_damping * bandwidth,
-            torque_fraction: config.level_torque_fraction,
+            torque_fraction,
         }
     }
 
@@ -142,7 +143,7 @@ mod tests {
     }
 
     fn torque(filter: &UpFilter, beta: MorphAngle) -> Vector3<f64> {
-        let law = LevelLaw::new(&GateConfig::default());
+        let law = LevelLaw::new(&GateConfig::default(), 0.25);
         law.wrench(&VehicleParameters::default(), filter, beta, 0).torque_b_nm
     }
 
@@ -207,7 +208,7 @@ mod tests {
 
     #[test]
     fn without_a_recent_reading_there_is_thrust_but_no_torque() {
-        let law = LevelLaw::new(&GateConfig::default());
+        let law = LevelLaw::new(&GateConfig::default(), 0.25);
         let (vehicle, filter) = (VehicleParameters::default(), up_at(0.3, 0.0));
         let at = |now_ns| law.wrench(&vehicle, &filter, MorphAngle::MIN, now_ns);
         assert!(at(MAX_READING_AGE_NS).torque_b_nm.norm() > 0.0);

@@ -44,6 +44,8 @@ pub struct GateInput {
     /// The command that counts from now on, if it is another than at the last tick; one that
     /// [`Gate::judge`] has let through, or lies between such.
     pub command: Option<Command>,
+    /// The owner of the attitude slot trips now: what it has commanded until here is not to be trusted.
+    pub tripped: bool,
     /// The plant's own inertial reading, if there is a new one.
     pub reading: Option<ImuSample>,
     /// Measured β \[rad\]; the last usable one stands in for a NaN.
@@ -96,6 +98,14 @@ struct Held {
     hold_ns: u64,
 }
 
+/// Tilt \[rad\] and rate \[rad/s\] beyond which a trip is answered by the gate itself, and below which
+/// commands count again.
+#[derive(Debug, Clone, Copy)]
+struct RecoverBounds {
+    enter: [f64; 2],
+    leave: [f64; 2],
+}
+
 /// The actuation gate.
 #[derive(Debug, Clone)]
 pub struct Gate {
@@ -103,8 +113,10 @@ pub struct Gate {
     range: CommandRange,
     limits: ModeLimits,
     law: LevelLaw,
+    recovery: LevelLaw,
     hold_max_ns: u64,
     tip_over_tilt_rad: f64,
+    bounds: RecoverBounds,
     filter_time_constant_s: f64,
     mode: Mode,
     held: Held,
@@ -134,8 +146,14 @@ impl Gate {
             limits: ModeLimits {
                 level_max_ns: config.level_max_ns(),
                 tip_over_ns: config.tip_over_ns(),
+                recover_max_ns: config.recover_max_ns(),
             },
-            law: LevelLaw::new(config),
+            law: LevelLaw::new(config, config.level_torque_fraction),
+            recovery: LevelLaw::new(config, config.recover_torque_fraction),
+            bounds: RecoverBounds {
+                enter: [config.recover_tilt_rad, config.recover_rate_rad_s],
+                leave: [config.recovered_tilt_rad, config.recovered_rate_rad_s],
+            },
             hold_max_ns,
             tip_over_tilt_rad: config.tip_over_tilt_rad,
             filter_time_constant_s: config.filter_time_constant_s,
@@ -171,12 +189,15 @@ impl Gate {
                 hold_ns: command.validity_ns.min(self.hold_max_ns),
             };
         }
-        self.change_mode(input.now_ns, command.is_some());
+        self.change_mode(input, command.is_some());
 
         let mut wrench = match self.mode {
             Mode::Normal | Mode::Hold { .. } => self.held.wrench,
             Mode::Level { .. } => {
                 self.law.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
+            }
+            Mode::Recover { .. } => {
+                self.recovery.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
             }
             Mode::Cut => Wrench::thrust(0.0),
         };
@@ -197,25 +218,35 @@ impl Gate {
         let Some(reading) = &input.reading else { return };
         if !self.filter.read(input.now_ns, reading) {
             self.counters.bad_readings += 1;
-        } else if !matches!(self.mode, Mode::Level { .. }) {
+        } else if !matches!(self.mode, Mode::Level { .. } | Mode::Recover { .. }) {
             let share = (reading_s / self.filter_time_constant_s).min(MAX_CORRECTION);
             let gravity = self.vehicle.gravity_m_s2;
             self.filter.correct(&reading.specific_force_b_m_s2, gravity, share);
         }
     }
 
-    fn change_mode(&mut self, now_ns: u64, fresh: bool) {
+    fn change_mode(&mut self, input: &GateInput, fresh: bool) {
         let seen = Observation {
-            now_ns,
+            now_ns: input.now_ns,
             fresh,
             valid_until_ns: self.held.valid_until_ns,
             hold_ns: self.held.hold_ns,
             tilted: self.filter.tilt_rad() > self.tip_over_tilt_rad,
+            out_of_hand: input.tripped && !self.is_within(self.bounds.enter),
+            calm: self.is_within(self.bounds.leave),
         };
         let next = self.mode.next(&seen, &self.limits);
         let leaves_normal = self.mode == Mode::Normal && next != Mode::Normal;
         self.counters.safe_mode_episodes += u64::from(leaves_normal);
         self.mode = next;
+    }
+
+    /// True if tilt \[rad\] and rate about roll and pitch \[rad/s\] are within these, by the gate's own
+    /// readings; without any there is nothing that it could bring back.
+    fn is_within(&self, [tilt_rad, rate_rad_s]: [f64; 2]) -> bool {
+        let rate_b = &self.filter.rate_b;
+        self.filter.is_blind(self.tick_ns)
+            || self.filter.tilt_rad() <= tilt_rad && libm::hypot(rate_b.x, rate_b.y) <= rate_rad_s
     }
 
     /// Everything that evolves.

@@ -10,6 +10,12 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
+//! When the owner trips while the vehicle is tilted or turns fast, all but CUT give way to RECOVER:
+//!
+//! ```text
+//!   any ── trip ──▶ RECOVER ── calm, or recover_max passed ──▶ NORMAL, or LEVEL without a valid command
+//! ```
+//!
 //! At most one arrow is taken per tick.
 
 /// What the gate lets through.
@@ -31,6 +37,12 @@ pub enum Mode {
     },
     /// Rotors off, for good.
     Cut,
+    /// The owner has tripped and left the vehicle in a state that no controller is made for: the gate
+    /// levels it, whoever commands. This mode never cuts the rotors by itself.
+    Recover {
+        /// First tick in this mode \[ns\].
+        since_ns: u64,
+    },
 }
 
 /// How long a mode may last \[ns\].
@@ -38,9 +50,11 @@ pub enum Mode {
 pub(super) struct ModeLimits {
     pub(super) level_max_ns: u64,
     pub(super) tip_over_ns: u64,
+    pub(super) recover_max_ns: u64,
 }
 
 /// What decides about the mode at one tick.
+#[expect(clippy::struct_excessive_bools, reason = "facts of their own, in any combination")]
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Observation {
     pub(super) now_ns: u64,
@@ -52,6 +66,10 @@ pub(super) struct Observation {
     pub(super) hold_ns: u64,
     /// The tilt is beyond the limit.
     pub(super) tilted: bool,
+    /// The owner trips now, and tilt or rate are beyond what a controller is made for.
+    pub(super) out_of_hand: bool,
+    /// Tilt and rate are such that a controller can go on.
+    pub(super) calm: bool,
 }
 
 impl Mode {
@@ -61,6 +79,15 @@ impl Mode {
         let elapsed = |since_ns: u64| now_ns.saturating_sub(since_ns);
         match self {
             Self::Cut => Self::Cut,
+            Self::Recover { since_ns } => {
+                let over = seen.calm || elapsed(since_ns) >= limits.recover_max_ns;
+                match (over, now_ns < seen.valid_until_ns) {
+                    (false, _) => self,
+                    (true, true) => Self::Normal,
+                    (true, false) => Self::Level { since_ns: now_ns, tilted_since_ns: None },
+                }
+            }
+            _ if seen.out_of_hand => Self::Recover { since_ns: now_ns },
             _ if seen.fresh => Self::Normal,
             Self::Normal if now_ns < seen.valid_until_ns => self,
             Self::Normal => Self::Hold { since_ns: seen.valid_until_ns },
@@ -80,7 +107,7 @@ impl Mode {
         }
     }
 
-    /// 0 normal, 1 hold, 2 level, 3 cut, as on the wire.
+    /// 0 normal, 1 hold, 2 level, 3 cut, 4 recover, as on the wire.
     #[must_use]
     pub fn code(self) -> u32 {
         match self {
@@ -88,6 +115,7 @@ impl Mode {
             Self::Hold { .. } => 1,
             Self::Level { .. } => 2,
             Self::Cut => 3,
+            Self::Recover { .. } => 4,
         }
     }
 
@@ -95,7 +123,7 @@ impl Mode {
     pub(super) fn to_words(self) -> [u64; 3] {
         let (since, tilted) = match self {
             Self::Normal | Self::Cut => (u64::MAX, None),
-            Self::Hold { since_ns } => (since_ns, None),
+            Self::Hold { since_ns } | Self::Recover { since_ns } => (since_ns, None),
             Self::Level { since_ns, tilted_since_ns } => (since_ns, tilted_since_ns),
         };
         [u64::from(self.code()), since, tilted.unwrap_or(u64::MAX)]
@@ -107,6 +135,7 @@ impl Mode {
             0 => Self::Normal,
             1 => Self::Hold { since_ns },
             2 => Self::Level { since_ns, tilted_since_ns: (tilted != u64::MAX).then_some(tilted) },
+            4 => Self::Recover { since_ns },
             _ => Self::Cut,
         }
     }
@@ -116,11 +145,20 @@ impl Mode {
 mod tests {
     use super::*;
 
-    const LIMITS: ModeLimits = ModeLimits { level_max_ns: 2000, tip_over_ns: 200 };
+    const LIMITS: ModeLimits =
+        ModeLimits { level_max_ns: 2000, tip_over_ns: 200, recover_max_ns: 1000 };
     const HOLD: Mode = Mode::Hold { since_ns: 100 };
 
     fn at(now_ns: u64) -> Observation {
-        Observation { now_ns, fresh: false, valid_until_ns: 100, hold_ns: 20, tilted: false }
+        Observation {
+            now_ns,
+            fresh: false,
+            valid_until_ns: 100,
+            hold_ns: 20,
+            tilted: false,
+            out_of_hand: false,
+            calm: false,
+        }
     }
 
     fn tilted_at(now_ns: u64) -> Observation {
@@ -181,9 +219,10 @@ mod tests {
 
     #[test]
     fn words_bring_back_each_mode_and_unknown_words_cut() {
-        for mode in [Mode::Normal, HOLD, level(1, None), level(1, Some(2)), Mode::Cut] {
+        let recover = Mode::Recover { since_ns: 7 };
+        for mode in [Mode::Normal, HOLD, level(1, None), level(1, Some(2)), Mode::Cut, recover] {
             assert_eq!(Mode::from_words(mode.to_words()), mode);
         }
-        assert_eq!(Mode::from_words([4, 0, 0]), Mode::Cut);
+        assert_eq!(Mode::from_words([5, 0, 0]), Mode::Cut);
     }
 }

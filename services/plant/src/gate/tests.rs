@@ -30,7 +30,13 @@ fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
         saturated: false,
     };
     let command = newest(gate, now_ns, commands);
-    gate.tick(&GateInput { now_ns, command, reading: Some(reading), morph_angle_rad: 1.0 })
+    gate.tick(&GateInput {
+        now_ns,
+        command,
+        tripped: false,
+        reading: Some(reading),
+        morph_angle_rad: 1.0,
+    })
 }
 
 /// Ticks of 1 ms without commands over [from, until), which is not empty.
@@ -132,7 +138,13 @@ fn between_two_commands_in_range_nothing_is_refused_and_nothing_leaves_the_range
     let mut gate = gate();
     let wrench = Wrench { thrust_n: -0.3, torque_b_nm: Vector3::new(9.0, 0.0, 0.0) };
     let command = Some(Command { wrench, ..command(0) });
-    let output = gate.tick(&GateInput { now_ns: 0, command, reading: None, morph_angle_rad: 1.0 });
+    let output = gate.tick(&GateInput {
+        now_ns: 0,
+        command,
+        tripped: false,
+        reading: None,
+        morph_angle_rad: 1.0,
+    });
     assert_eq!(output.wrench.thrust_n.to_bits(), 0.0_f64.to_bits());
     assert!((0.01..1.0).contains(&output.wrench.torque_b_nm.x), "{:?}", output.wrench);
     assert_eq!((output.mode, output.counters), (Mode::Normal, GateCounters::default()));
@@ -213,6 +225,7 @@ proptest! {
             let input = GateInput {
                 now_ns,
                 command,
+                tripped: now_ns % 7 == 0,
                 reading: *reading,
                 morph_angle_rad: *morph_angle_rad,
             };

@@ -1,0 +1,207 @@
+//! Each criterion by itself, on motions that are known.
+
+use super::*;
+
+const STEP_NS: u64 = 10_000_000;
+const STEP_S: f64 = 0.01;
+
+fn judge() -> Judge {
+    Judge::new(Limits::default(), &VehicleParameters::default(), 0.011)
+}
+
+/// At rest at 1.5 m, level, with everything as asked.
+fn rest(step: u64) -> Moment {
+    let weight_n = VehicleParameters::default().weight_n();
+    let place = Vector3::new(0.0, 0.0, 1.5);
+    Moment {
+        now_ns: (step + 1) * STEP_NS,
+        elapsed_s: STEP_S,
+        morph_angle: MorphAngle::MIN,
+        q_wb: UnitQuaternion::identity(),
+        rate_b_rad_s: Vector3::zeros(),
+        position_w_m: place,
+        velocity_w_m_s: Vector3::zeros(),
+        setpoint: Some(Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight_n }),
+        applied: Some(Applied { thrust_n: weight_n, is_commanded: true }),
+        reference: Some([place, Vector3::zeros()]),
+    }
+}
+
+/// The first finding of a motion, with its step.
+fn first(steps: u64, motion: impl Fn(u64) -> Moment) -> Option<(u64, Findings)> {
+    let mut judge = judge();
+    let found = (0..steps).map(|step| (step, judge.see(&motion(step))));
+    found.into_iter().find(|(_, found)| *found != Findings::default())
+}
+
+fn rolled(step: u64, roll: f64, rate: f64) -> Moment {
+    let q_wb = quaternion_from_euler(&Vector3::new(roll, 0.0, 0.0));
+    Moment { q_wb, rate_b_rad_s: Vector3::new(rate, 0.0, 0.0), ..rest(step) }
+}
+
+#[test]
+fn a_vehicle_at_rest_is_not_found_anything_about() {
+    assert_eq!(first(1000, rest), None);
+}
+
+#[test]
+fn turning_away_is_found_before_the_angle_is_large_and_whichever_way_it_is() {
+    // From rest with a quarter of the braking ability.
+    let (alpha, limit) = (140.0, Limits::default().turn_away_rad);
+    for side in [-1.0, 1.0] {
+        let motion = |step: u64| {
+            let t = step as f64 * STEP_S;
+            rolled(step, side * 0.5 * alpha * t * t, side * alpha * t)
+        };
+        let (step, found) = first(100, motion).unwrap();
+        let finding = found.attitude.unwrap();
+        assert_eq!((finding.cause, found.position), (TripCause::AttitudeDeparts, None));
+        assert!(finding.value > limit);
+        let t = step as f64 * STEP_S;
+        assert!(0.5 * alpha * t * t < limit, "found at {t} s");
+    }
+}
+
+#[test]
+fn a_step_of_the_set_point_is_no_departure_while_the_vehicle_follows_it() {
+    let motion = |step: u64| {
+        let t = step as f64 * STEP_S;
+        // Critically damped at 25 rad/s, to 0.5 rad.
+        let left = 0.5 * (1.0 + 25.0 * t) * libm::exp(-25.0 * t);
+        let rate = 0.5 * 625.0 * t * libm::exp(-25.0 * t);
+        let moment = rolled(step, 0.5 - left, rate);
+        let setpoint = moment.setpoint.unwrap();
+        let gamma_rad = Vector3::new(0.5, 0.0, 0.0);
+        // On a rig nobody bounds what is asked for.
+        Moment { setpoint: Some(Setpoint { gamma_rad, ..setpoint }), reference: None, ..moment }
+    };
+    assert_eq!(first(200, motion), None);
+}
+
+#[test]
+fn an_attitude_that_stays_off_is_found_after_its_time() {
+    let (step, found) = first(200, |step| rolled(step, -0.2, 0.0)).unwrap();
+    let finding = found.attitude.unwrap();
+    assert_eq!(finding.cause, TripCause::AttitudeAstray);
+    // At the first step by which half a second is over, rounded or not.
+    assert!((49..=50).contains(&step), "{step} {finding:?}");
+    assert!((0.5..0.511).contains(&finding.lasted_s), "{step} {finding:?}");
+}
+
+#[test]
+fn a_heading_that_turns_away_is_found() {
+    let motion = |step: u64| {
+        let yaw = 2.0 * step as f64 * STEP_S;
+        let q_wb = quaternion_from_euler(&Vector3::new(0.0, 0.0, yaw));
+        Moment { q_wb, rate_b_rad_s: Vector3::new(0.0, 0.0, 2.0), ..rest(step) }
+    };
+    let (_, found) = first(100, motion).unwrap();
+    assert_eq!(found.attitude.unwrap().cause, TripCause::HeadingDeparts);
+}
+
+#[test]
+fn a_body_that_swings_is_found_and_one_kick_is_not() {
+    let swing = |step: u64| {
+        let phase = core::f64::consts::TAU * 6.0 * step as f64 * STEP_S;
+        rolled(step, 0.08 * libm::sin(phase), 3.0 * libm::cos(phase))
+    };
+    let (_, found) = first(200, swing).unwrap();
+    assert_eq!(found.attitude.unwrap().cause, TripCause::RateOscillates);
+    let kick = |step: u64| {
+        let t = step as f64 * STEP_S;
+        rolled(step, 5.0 * t * libm::exp(-30.0 * t), 5.0 * (1.0 - 30.0 * t) * libm::exp(-30.0 * t))
+    };
+    assert_eq!(first(200, kick), None);
+}
+
+#[test]
+fn a_thrust_that_is_not_the_one_asked_for_is_found_by_the_speed_that_comes_of_it() {
+    let motion = |step: u64| {
+        let moment = rest(step);
+        let applied =
+            Applied { thrust_n: 0.2 * moment.applied.unwrap().thrust_n, is_commanded: true };
+        Moment { applied: Some(applied), ..moment }
+    };
+    let (step, found) = first(200, motion).unwrap();
+    assert_eq!(found.attitude.unwrap().cause, TripCause::ThrustAstray);
+    // 0.8 g for 65 ms are half a metre per second.
+    assert!((5..=8).contains(&step), "{step}");
+    let guarded = |step: u64| {
+        let moment = motion(step);
+        let applied = moment.applied.map(|applied| Applied { is_commanded: false, ..applied });
+        Moment { applied, ..moment }
+    };
+    assert_eq!(first(200, guarded), None, "what the gate makes up is not the owner's");
+}
+
+#[test]
+fn a_vehicle_that_leaves_its_reference_is_the_position_loops_if_the_attitude_was_followed() {
+    let leaves = |step: u64| {
+        let (t, moment) = (step as f64 * STEP_S, rest(step));
+        let away = Vector3::new(1.75 * t * t, 0.0, 0.0);
+        let velocity_w_m_s = Vector3::new(3.5 * t, 0.0, 0.0);
+        Moment { position_w_m: moment.position_w_m + away, velocity_w_m_s, ..moment }
+    };
+    let (_, found) = first(200, leaves).unwrap();
+    assert_eq!((found.position.unwrap().cause, found.attitude), (TripCause::PositionDeparts, None));
+    let astray = |step: u64| {
+        let q_wb = quaternion_from_euler(&Vector3::new(0.0, 0.2, 0.0));
+        // For too short a time to be called astray by itself.
+        if step > 40 { Moment { q_wb, ..leaves(step) } } else { rest(step) }
+    };
+    let (_, found) = first(200, astray).unwrap();
+    assert_eq!((found.attitude.unwrap().cause, found.position), (TripCause::PositionDeparts, None));
+}
+
+#[test]
+fn a_vehicle_that_sinks_is_found_while_it_can_still_be_stopped() {
+    let motion = |step: u64| {
+        let (t, moment) = (step as f64 * STEP_S, rest(step));
+        let position_w_m = moment.position_w_m - Vector3::new(0.0, 0.0, 2.0 * t);
+        Moment { position_w_m, velocity_w_m_s: Vector3::new(0.0, 0.0, -2.0), ..moment }
+    };
+    let limits = Limits { excursion_m: 9.0, ..Limits::default() };
+    let mut judge = Judge::new(limits, &VehicleParameters::default(), 0.011);
+    let found = (0..75).find_map(|step| judge.see(&motion(step)).position.map(|f| (step, f)));
+    let (step, finding) = found.unwrap();
+    assert_eq!(finding.cause, TripCause::Sinks);
+    // v² / 2 g = 0.2 m, and what is left of the height is more than that.
+    assert!(motion(step).position_w_m.z > 0.2, "{finding:?}");
+}
+
+#[test]
+fn a_set_point_beyond_the_bound_is_the_position_loops_and_a_rig_may_ask_for_anything() {
+    let motion = |step: u64| {
+        let moment = rolled(step, 0.6, 0.0);
+        let gamma_rad = Vector3::new(0.6, 0.0, 0.0);
+        Moment { setpoint: Some(Setpoint { gamma_rad, thrust_n: 1.2 }), ..moment }
+    };
+    let (step, found) = first(10, motion).unwrap();
+    assert_eq!((step, found.position.unwrap().cause), (0, TripCause::SetpointBeyond));
+    assert_eq!(first(20, |step| Moment { reference: None, ..motion(step) }), None);
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_passed_over() {
+    let motion = |step: u64| Moment { rate_b_rad_s: Vector3::repeat(f64::NAN), ..rest(step) };
+    assert_eq!(first(100, motion), None);
+}
+
+#[test]
+fn a_restored_judge_goes_on_as_the_first_would_have() {
+    let swing = |step: u64| {
+        let phase = core::f64::consts::TAU * 6.0 * step as f64 * STEP_S;
+        rolled(step, 0.08 * libm::sin(phase), 3.0 * libm::cos(phase))
+    };
+    let (mut first, mut other) = (judge(), judge());
+    for step in 0..200 {
+        let found = first.see(&swing(step));
+        assert_eq!(other.see(&swing(step)), found);
+        assert_eq!(other.memory(), first.memory());
+        let memory = first.memory();
+        other = judge();
+        other.restore(&memory);
+    }
+    first.forget();
+    assert_eq!(first.memory(), JudgeMemory::default());
+}
