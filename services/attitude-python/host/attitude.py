@@ -1,0 +1,122 @@
+"""What surrounds the law of an attitude controller: state estimate and set point in, torque out."""
+
+import math
+import sys
+import tomllib
+import typing
+
+from . import process
+from .obedience import SetPoints
+from .vehicle import Vehicle
+
+INPUTS = ("state_estimate", "attitude_setpoint", "applied_command", "position_owner", "trip")
+OUTPUTS = ("wrench_command", "applied_setpoint", "attitude_report")
+# An estimate older than this, and than two periods, is not flown on [ns].
+STALE_NS = 20_000_000
+UNLIMITED = (math.inf, math.inf, math.inf)
+
+
+class Sample(typing.NamedTuple):
+    """What an attitude law knows at a step."""
+
+    t_ns: int
+    # The newest state estimate; q_wb and body_rate_b_rad_s are the fields that a law needs most.
+    estimate: typing.Any
+    # Roll, pitch and yaw to take [rad], and collective thrust beside the torque [N].
+    attitude_rad: tuple
+    thrust_n: float
+    # Principal inertia [kg m^2], and largest torque that the rotors can give now [N m].
+    inertia_kg_m2: list
+    bound_nm: tuple
+    # Torque from which the next one is to continue [N m]; None unless the controller shadows another, or
+    # the actuation guard brings the vehicle back by itself.
+    tracked_nm: typing.Any
+
+
+class Attitude:
+    """An attitude loop around a law, which is called as `law.torque(sample)`."""
+
+    def __init__(self, law, vehicle, flight, samples):
+        self._law, self._vehicle, self._no_seat = law, vehicle, samples.NO_SEAT
+        self._recovers = samples.GateMode.Recover
+        self._setpoints = SetPoints(vehicle.weight_n, samples.Role.Position)
+        self._angles_rad = (0.0, 0.0, flight["start_yaw_rad"])
+        self._thrust_n = vehicle.weight_n
+        self._followed = 0
+        self._torque_nm = (0.0, 0.0, 0.0)
+
+    def step(self, t_ns, loop):
+        """Fills in the outputs of a step; gives the names of those to send."""
+        self._take_setpoint(t_ns, loop)
+        estimate = loop.inputs["state_estimate"].value
+        limit_ns = max(2 * loop.rate.period_ns, STALE_NS)
+        if estimate is None or t_ns > estimate.header.valid_ns + limit_ns:
+            return ()  # The command lapses, and the plant's gate holds and levels by itself.
+        vehicle, angle_rad = self._vehicle, estimate.morph_angle_rad
+        thrust_n = min(max(self._thrust_n, 0.0), vehicle.thrust_max_n)
+        bound_nm = vehicle.bound_nm(angle_rad, thrust_n)
+        sample = Sample(
+            t_ns,
+            estimate,
+            self._angles_rad,
+            thrust_n,
+            vehicle.inertia_kg_m2(angle_rad),
+            bound_nm,
+            self._tracked(loop),
+        )
+        torque_nm = tuple(self._law.torque(sample))
+        self._fill_in(loop, thrust_n, torque_nm, bound_nm)
+        self._torque_nm = torque_nm
+        return OUTPUTS
+
+    def _take_setpoint(self, t_ns, loop):
+        """Takes the set point that counts; the last one stays if nobody's does."""
+        setpoints = loop.inputs["attitude_setpoint"]
+        owners, trips = loop.inputs["position_owner"], loop.inputs["trip"]
+        command = self._setpoints.take(t_ns, owners, setpoints, trips)
+        if command is not None:
+            self._thrust_n, *angles_rad = command.value
+            self._angles_rad, self._followed = tuple(angles_rad), command.sequence
+        elif loop.is_tracking and self._followed == 0 and setpoints.value is not None:
+            # A shadow that has just come: the first set point of its own is yet to be sent.
+            asked = setpoints.value
+            self._thrust_n = asked.thrust_n
+            self._angles_rad = (asked.roll_rad, asked.pitch_rad, asked.yaw_rad)
+
+    def _tracked(self, loop):
+        applied = loop.inputs["applied_command"].value
+        # While the actuation guard brings the vehicle back, no controller's command is applied.
+        recovers = applied is not None and applied.mode == self._recovers
+        if not loop.is_tracking and not recovers:
+            return None
+        said = applied is not None and (recovers or applied.command_sequence > 0)
+        return tuple(applied.torque_b_nm) if said else None
+
+    def _fill_in(self, loop, thrust_n, torque_nm, bound_nm):
+        wrench = loop.outputs["wrench_command"].value
+        wrench.thrust_n, wrench.torque_b_nm = thrust_n, torque_nm
+        wrench.validity_ns = 2 * loop.rate.period_ns
+        applied = loop.outputs["applied_setpoint"].value
+        applied.setpoint_sequence, applied.thrust_n = self._followed, thrust_n
+        applied.roll_rad, applied.pitch_rad, applied.yaw_rad = self._angles_rad
+        self._setpoints.tell(applied, self._no_seat)
+        report = loop.outputs["attitude_report"].value
+        report.torque_b_nm, report.previous_torque_b_nm = torque_nm, self._torque_nm
+        report.torque_min_b_nm = tuple(-limit for limit in bound_nm)
+        report.torque_max_b_nm, report.torque_increment_max_b_nm = bound_nm, UNLIMITED
+        report.thrust_n = thrust_n
+
+
+def main(name, law, gains):
+    """Flies `law(vehicle, period_s, gains)` in the attitude slot; `--config FILE` changes gains."""
+
+    def begin(host):
+        own = dict(gains)
+        if host.options.config:
+            own.update(tomllib.loads(host.options.config.read_text()))
+        vehicle = Vehicle(host.flight["vehicle"])
+        period_s = 1.0 / host.graph.rates["attitude"].hz
+        made = law(vehicle, period_s, own)
+        return Attitude(made, vehicle, host.flight, host.samples), (INPUTS, OUTPUTS)
+
+    sys.exit(process.main(name, "an attitude controller of a morphquad run", "attitude", begin))

@@ -1,0 +1,107 @@
+"""One input of a loop: what has arrived, what is in effect, what is new."""
+
+import bisect
+import struct
+import typing
+
+# Of a header: sequence, valid_ns, seat and generation.
+HEADER = struct.Struct("<Q8xQ48xII")
+
+
+class Sample(typing.NamedTuple):
+    """A sample as it lies in memory, in the order in which samples take effect."""
+
+    valid_ns: int
+    seat: int
+    sequence: int
+    generation: int
+    received_mono_ns: int
+    packed: bytes
+
+
+class Input:
+    """The samples of one topic, each taken in at the step from which on it is in effect."""
+
+    def __init__(self, sample_type, receive, producer, is_awaited):
+        self.type = sample_type
+        self.producer = producer
+        self.is_awaited = is_awaited
+        self._receive = receive
+        self._pending = []
+        # By seat, the newest sample in effect.
+        self._newest = {}
+        self._known_until_ns = None
+        # Owner records of the producer's slot: what an owner does not say is nobody's to wait for.
+        self.book = None
+        self.late = self.lost = 0
+        self.latest = self.before = None
+        self.fresh = []
+        self._value = None
+
+    def receive(self):
+        """Takes in all that has arrived."""
+        for received_mono_ns, packed in self._receive():
+            sequence, valid_ns, seat, generation = HEADER.unpack_from(packed)
+            sample = Sample(valid_ns, seat, sequence, generation, received_mono_ns, packed)
+            self.arrive(sample)
+
+    def arrive(self, sample):
+        """Takes one sample in, in the order of effect, seat and sequence. One that comes again, as
+        history or from a restarted process, is ignored or replaces the one that is still pending."""
+        if self._known_until_ns is not None and sample.valid_ns <= self._known_until_ns:
+            return
+        newest = self._newest.get(sample.seat)
+        if newest and (sample.valid_ns, sample.sequence) <= (newest.valid_ns, newest.sequence):
+            return
+        pending, key = self._pending, sample[:3]
+        if not pending or pending[-1][:3] < key:
+            pending.append(sample)
+            return
+        at = bisect.bisect_left(pending, key)
+        if at < len(pending) and pending[at][:3] == key:
+            pending[at] = sample
+        else:
+            pending.insert(at, sample)
+
+    def accept(self, t_ns, previous_ns):
+        """Puts into effect what is due at `t_ns` and nothing later; what was due at the step before
+        is counted as late."""
+        self.before, self.fresh = self.latest, []
+        count = 0
+        for sample in self._pending:
+            if sample.valid_ns > t_ns:
+                break
+            count += 1
+            if self.book is None or self.book.counts(sample.seat, sample.valid_ns):
+                self._take(sample, previous_ns)
+        if count:
+            del self._pending[:count]
+
+    def _take(self, sample, previous_ns):
+        if previous_ns is not None and sample.valid_ns <= previous_ns:
+            self.late += 1
+        before = self._newest.get(sample.seat)
+        if before and before.generation == sample.generation:
+            self.lost += max(0, sample.sequence - before.sequence - 1)
+        self._newest[sample.seat] = self.latest = sample
+        self._value = None
+        self.fresh.append(sample)
+
+    def skip_until(self, t_ns):
+        """Lets what is in effect at `t_ns` be known without being new: a loop that joins a flight
+        begins with the samples of its first period."""
+        self.accept(t_ns, None)
+        self.before, self.fresh = self.latest, []
+        self.late = self.lost = 0
+        self._known_until_ns = t_ns
+
+    def value_of(self, sample):
+        """A sample's fields."""
+        return self.type.from_buffer_copy(sample.packed)
+
+    @property
+    def value(self):
+        """The fields of the latest sample in effect; None before the first."""
+        if self._value is None and self.latest is not None:
+            self._value = self.value_of(self.latest)
+        return self._value

@@ -1,0 +1,285 @@
+"""Whose set point counts from instant to instant, at an attitude loop.
+
+A set point is judged once, by the owner record in effect at its own effective instant. An instant once
+decided stays decided: a record for it is refused, and its writer tries again further ahead. Once only
+the fallback has a valid set point, it counts until the next epoch.
+"""
+
+import math
+import typing
+
+# Bound on the tilt that a position loop asks for, the unit in which steps of it are measured [rad].
+TILT_BOUND_RAD = 0.35
+# Share of a bound by which a change to a controller of another kind may step at once, and the time over
+# which the rest comes back [ns].
+STEP_SHARE = 0.1
+LIMITED_FOR_NS = 100_000_000
+
+
+class Command(typing.NamedTuple):
+    """A set point that was its writer's to give."""
+
+    value: tuple  # Thrust [N], roll, pitch and yaw [rad].
+    sequence: int
+    seat: int
+    valid_ns: int
+    valid_until_ns: int
+
+    def is_valid(self, t_ns):
+        return self.valid_ns <= t_ns < self.valid_until_ns
+
+
+class Record(typing.NamedTuple):
+    """Who may command from an instant on."""
+
+    epoch: int
+    owner: int
+    fallback: int
+    effective_ns: int
+    periods_ns: tuple
+    kind_changed: bool
+    watched: bool
+
+    def is_taken(self, seat):
+        return 0 <= seat < len(self.periods_ns) and self.periods_ns[seat] > 0
+
+    def may_command(self, seat):
+        return self.is_taken(seat) and seat in (self.owner, self.fallback)
+
+    def hands(self):
+        """Owner and fallback as far as somebody is there."""
+        return [seat if self.is_taken(seat) else None for seat in (self.owner, self.fallback)]
+
+
+class Limiter:
+    """Takes the step out of a change to a controller of another kind, and lets it back in linearly."""
+
+    def __init__(self, limits):
+        self._limits = limits
+        self.reset()
+
+    def reset(self):
+        self._excess, self._since_ns = (0.0,) * len(self._limits), 0
+
+    def engage(self, t_ns, old, new):
+        steps = [b - a for a, b in zip(old, new)]
+        excess = (
+            step - math.copysign(limit, step) if math.isfinite(step) and abs(step) > limit else 0.0
+            for step, limit in zip(steps, self._limits)
+        )
+        self._excess, self._since_ns = tuple(excess), t_ns
+
+    def apply(self, t_ns, value):
+        age_ns = t_ns - self._since_ns
+        if age_ns >= LIMITED_FOR_NS or not any(self._excess):
+            return value
+        share = 1.0 - age_ns / LIMITED_FOR_NS
+        return tuple(v - excess * share for v, excess in zip(value, self._excess))
+
+
+class Obedience:
+    """Records, set points and the choice between them."""
+
+    def __init__(self, limits):
+        self.record = self._previous = None
+        self._announced = []
+        self.refused_epoch = 0
+        self.failed_over = self.tripped = False
+        self.open_ns = 0
+        # By seat the newest set point of owner and fallback; those in effect at the last turn and at the
+        # last decision.
+        self._held = {}
+        self._carried = self._last = None
+        self._limiter = Limiter(limits)
+        self._given = None
+        self._kind_changes = False
+
+    def hear(self, record):
+        """Takes in an owner record."""
+        newest = self._announced[-1] if self._announced else self.record
+        if newest and record.epoch <= newest.epoch:
+            return
+        if record.effective_ns < self.open_ns:
+            if self.failed_over or not self.record or self.record.hands() != record.hands():
+                self.refused_epoch = record.epoch
+                return
+            record = record._replace(effective_ns=self.open_ns)
+        # The newest record of an instant counts: those for it or for a later one are void.
+        self._announced = [r for r in self._announced if r.effective_ns < record.effective_ns]
+        self._announced.append(record)
+
+    def advance(self, t_ns):
+        """Puts the record into effect that is due."""
+        obeyed = self.seat if self.record and self.record.is_taken(self.seat) else None
+        turned = False
+        while self._announced and self._announced[0].effective_ns <= t_ns:
+            self._previous, self.record = self.record, self._announced.pop(0)
+            self.failed_over = self.tripped = False
+            turned = True
+        if turned:
+            self._kind_changes = self.record.kind_changed and self.record.owner != obeyed
+            self._carried = self._last
+            self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
+
+    def trip(self, epoch, instance):
+        """Takes the monitor's word that the owner of an epoch is not to be followed any more: from now on
+        the fallback counts as soon as it has a valid set point."""
+        record = self.record
+        if record and record.watched and (record.epoch, record.owner) == (epoch, instance):
+            self.tripped = self.tripped or not self.failed_over
+
+    @property
+    def seat(self):
+        """Seat whose set points count; None before the first record."""
+        if self.record is None:
+            return None
+        return self.record.fallback if self.failed_over else self.record.owner
+
+    def two_periods_ns(self, seat):
+        """How long a set point of a seat is valid."""
+        return 2 * self.record.periods_ns[seat] if self.record and self.record.is_taken(seat) else 0
+
+    def may_command(self, seat, t_ns):
+        """True if a set point of a seat for an instant is its owner's or its fallback's."""
+        known = [self._previous, self.record, *self._announced]
+        judges = [record for record in known if record and record.effective_ns <= t_ns]
+        return bool(judges) and judges[-1].may_command(seat)
+
+    def offer(self, command):
+        """Keeps a set point that may count."""
+        held = self._held.get(command.seat)
+        is_taken = self.record is not None and self.record.is_taken(command.seat)
+        if is_taken and (held is None or held.valid_ns <= command.valid_ns):
+            self._held[command.seat] = command
+
+    def carry(self, command):
+        """Takes a set point as the one in effect when this loop joined, until the owner speaks."""
+        self._carried = command
+
+    def decide(self, t_ns):
+        """The set point to follow at an instant; None if nobody has a valid one."""
+        record = self.record
+        if record is None:
+            return None
+        self.open_ns = max(self.open_ns, t_ns + 1)
+        owners, fallbacks = self._valid(record.owner, t_ns), self._valid(record.fallback, t_ns)
+        if owners is None and self._carried and self._carried.is_valid(t_ns):
+            owners = self._carried
+        has_to_move = self.tripped and fallbacks is not None
+        if owners is not None and not self.failed_over and not has_to_move:
+            choice = owners
+        else:
+            choice = fallbacks
+            self.failed_over = self.failed_over or choice is not None
+        self._last = choice
+        return None if choice is None else self._limited(choice, t_ns)
+
+    def _valid(self, seat, t_ns):
+        held = self._held.get(seat)
+        return held if held and held.is_valid(t_ns) else None
+
+    def _limited(self, choice, t_ns):
+        by_owner = not self.failed_over and choice.seat == self.record.owner
+        given = self._given
+        if given is None or choice.seat != given.seat:
+            if given is not None and by_owner and self._kind_changes:
+                old = self._valid(given.seat, t_ns)
+                old = given.value if old is None else self._limiter.apply(t_ns, old.value)
+                self._limiter.engage(t_ns, old, choice.value)
+            else:
+                self._limiter.reset()
+        if by_owner or self.failed_over:
+            self._kind_changes = False
+        self._given = choice._replace(value=self._limiter.apply(t_ns, choice.value))
+        return self._given
+
+
+class SetPoints:
+    """The set point that an attitude loop has to follow."""
+
+    def __init__(self, weight_n, role):
+        self._role = role
+        tilt_rad = STEP_SHARE * TILT_BOUND_RAD
+        # The heading comes from the reference whoever owns the slot, and it wraps: never limited.
+        self._obedience = Obedience((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
+
+    def take(self, t_ns, owners, setpoints, trips):
+        """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`;
+        None if nobody's is valid, which is for two control periods of its writer."""
+        obedience = self._obedience
+        joins = obedience.record is None
+        records = [owners.before] if joins and owners.before else []
+        for sample in (*records, *owners.fresh):
+            obedience.hear(record_of(owners.value_of(sample)))
+        if joins and setpoints.before:
+            obedience.advance(setpoints.before.valid_ns)
+            command = self._judge(setpoints, setpoints.before)
+            if command:
+                obedience.carry(command)
+        if joins and trips.before:
+            self._trip(trips, trips.before)
+        waiting = list(trips.fresh)
+        fresh = setpoints.fresh
+        for index, sample in enumerate(fresh):
+            # One that comes late counts from the last decision on, which stays as it was.
+            at_ns = max(sample.valid_ns, obedience.open_ns)
+            self._take_trips(at_ns, trips, waiting)
+            obedience.advance(at_ns)
+            command = self._judge(setpoints, sample)
+            if command:
+                obedience.offer(command)
+            is_last = index + 1 == len(fresh) or fresh[index + 1].valid_ns != sample.valid_ns
+            if is_last and at_ns < t_ns:
+                obedience.decide(at_ns)
+        self._take_trips(t_ns, trips, waiting)
+        obedience.advance(t_ns)
+        return obedience.decide(t_ns)
+
+    def _take_trips(self, until_ns, trips, waiting):
+        """Takes the trips in effect until an instant, each at its own, ahead of the set points then."""
+        obedience = self._obedience
+        while waiting and waiting[0].valid_ns <= until_ns:
+            sample = waiting.pop(0)
+            at_ns = max(sample.valid_ns, obedience.open_ns)
+            obedience.advance(at_ns)
+            self._trip(trips, sample)
+            if at_ns < until_ns:
+                obedience.decide(at_ns)
+
+    def _trip(self, trips, sample):
+        trip = trips.value_of(sample)
+        if trip.slot == self._role:
+            self._obedience.trip(trip.epoch, trip.instance)
+
+    def _judge(self, setpoints, sample):
+        """A set point that is fit to be followed; one that is not finite is its writer's silence."""
+        if not self._obedience.may_command(sample.seat, sample.valid_ns):
+            return None
+        asked = setpoints.value_of(sample)
+        value = (asked.thrust_n, asked.roll_rad, asked.pitch_rad, asked.yaw_rad)
+        if not all(map(math.isfinite, value)):
+            return None
+        until_ns = sample.valid_ns + self._obedience.two_periods_ns(sample.seat)
+        return Command(value, sample.sequence, sample.seat, sample.valid_ns, until_ns)
+
+    def tell(self, applied, no_seat):
+        """Fills in who commands, in a sample of `applied_setpoint`."""
+        obedience = self._obedience
+        applied.epoch = obedience.record.epoch if obedience.record else 0
+        applied.refused_epoch = obedience.refused_epoch
+        applied.seat = no_seat if obedience.seat is None else obedience.seat
+        applied.failed_over = obedience.failed_over
+        applied.tripped = obedience.tripped
+
+
+def record_of(sample):
+    """An owner record as it is obeyed."""
+    return Record(
+        sample.epoch,
+        sample.owner,
+        sample.fallback,
+        sample.header.valid_ns,
+        tuple(sample.period_ns),
+        sample.kind_changed != 0,
+        sample.watched != 0,
+    )

@@ -1,0 +1,196 @@
+"""The run's services: opened, never created, and heard only from those on the roll."""
+
+import ctypes
+import importlib.util
+import pathlib
+import struct
+import subprocess
+import time
+
+import iceoryx2 as iox2
+
+# Generation of a progress mark, behind three numbers; seat and generation of a header.
+MARK = struct.Struct("<Q16xI")
+SEATED = struct.Struct("<72xII")
+
+
+class Unfit(Exception):
+    """Why this process cannot take part."""
+
+
+def now_ns():
+    """CLOCK_MONOTONIC [ns]."""
+    return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+
+
+class Types:
+    """The module that `morphquad types --python` writes: the one beside the controllers, or the run's
+    own, which is asked for in the background."""
+
+    def __init__(self, launcher_pid):
+        self._beside = pathlib.Path(__file__).parent.with_name("samples.py")
+        self._asked = None
+        if not self._beside.exists():
+            command = [f"/proc/{launcher_pid}/exe", "types", "--python"]
+            self._asked = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def load(self):
+        if self._asked is None:
+            text = self._beside.read_text()
+        else:
+            text, _ = self._asked.communicate()
+            if self._asked.returncode != 0:
+                raise Unfit("the launcher does not tell the samples' types: is it of another build?")
+        samples = importlib.util.module_from_spec(importlib.util.spec_from_loader("samples", None))
+        exec(compile(text, "samples.py", "exec"), samples.__dict__)
+        return samples
+
+
+class Reader:
+    """What arrives on a service."""
+
+    def __init__(self, subscriber, sample_type, passes=None):
+        self._subscriber = subscriber
+        self._size = ctypes.sizeof(sample_type)
+        self._type = sample_type
+        self._passes = passes
+
+    def receive(self):
+        """All that has come since the last time and may be heard: instant of arrival, and its bytes."""
+        arrived = []
+        receive, passes, size = self._subscriber.receive, self._passes, self._size
+        while (sample := receive()) is not None:
+            mono_ns = now_ns()
+            # A copy: what is borrowed from the transport goes back at once.
+            packed = ctypes.string_at(sample.payload_ptr, size)
+            if passes is None or passes(sample.header.node_id.value, packed):
+                arrived.append((mono_ns, packed))
+            sample.delete()
+        return arrived
+
+    def values(self):
+        """The same, as the structures that they are."""
+        return [self._type.from_buffer_copy(packed) for _, packed in self.receive()]
+
+
+class Writer:
+    """A service to publish on."""
+
+    def __init__(self, publisher):
+        self._publisher = publisher
+
+    def send(self, value):
+        self._publisher.send_copy(value)
+
+    def serve_late_joiners(self):
+        """Lets readers that have just joined have the history."""
+        self._publisher.update_connections()
+
+
+class Bus:
+    """A process's connection to its run."""
+
+    def __init__(self, folder, name, samples):
+        self.samples = samples
+        iox2.set_log_level(iox2.LogLevel.Fatal)
+        path = iox2.FilePath.new(str(folder / "iceoryx2.toml"))
+        self._node = (
+            iox2.NodeBuilder.new()
+            .name(iox2.NodeName.new(name))
+            .config(iox2.config.setup_global_config_from_file(path))
+            .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
+            .create(iox2.ServiceType.Ipc)
+        )
+        self._roll_reader = self._read("roll", samples.Roll, 2)
+        self._labels = {role.value: role.name.lower() for role in samples.Role}
+        # By identity of the writer: role, seat, generation, whether it is there, and its period [ns].
+        self._roll = {}
+        # How often the roll has changed.
+        self.roll_changes = 0
+        self.learn_roll()
+
+    def learn_roll(self):
+        """Learns who sits where."""
+        rolls = self._roll_reader.values()
+        if rolls:
+            roll = rolls[-1]
+            self.roll_changes += 1
+            self._roll = {
+                (line.node[0] << 64) | line.node[1]: (
+                    self._labels.get(line.role, "unknown"),
+                    line.seat,
+                    line.generation,
+                    line.present != 0,
+                    line.period_ns,
+                )
+                for line in roll.entries[: min(roll.count, self.samples.ROLL_LINES)]
+            }
+
+    @property
+    def roll(self):
+        """Lines of the roll, in its order."""
+        return self._roll.values()
+
+    def _line(self, node):
+        line = self._roll.get(node)
+        if line is None:
+            self.learn_roll()
+            line = self._roll.get(node)
+        return line
+
+    # Ports.
+
+    def _service(self, name, sample_type):
+        verifier = iox2.AttributeVerifier.new().require(
+            iox2.AttributeKey.new("layout"), iox2.AttributeValue.new(sample_type.LAYOUT)
+        )
+        builder = self._node.service_builder(iox2.ServiceName.new(name))
+        try:
+            return builder.publish_subscribe(sample_type).open_with_attributes(verifier)
+        except iox2.PublishSubscribeOpenError as error:
+            raise Unfit(
+                f"service {name}: {sample_type.__name__} is not laid out as {sample_type.LAYOUT} "
+                f"in this run, or it has no such service ({error}): remove samples.py"
+            ) from error
+
+    def _read(self, name, sample_type, depth, passes=None):
+        subscriber = self._service(name, sample_type).subscriber_builder().buffer_size(depth).create()
+        return Reader(subscriber, sample_type, passes)
+
+    def announced(self, name, sample_type, depth):
+        """What the launcher alone can write: the transport refuses a second writer."""
+        return self._read(name, sample_type, depth)
+
+    def topic(self, name, producer):
+        """A topic, from processes of a role alone: each sample must come from where it says it does."""
+
+        def passes(node, packed):
+            line = self._line(node)
+            return line is not None and line[0] == producer and line[1:3] == SEATED.unpack_from(packed)
+
+        sample_type = self.samples.TOPICS[name].type
+        return self._read(name, sample_type, 1024, None if producer == "supervisor" else passes)
+
+    def marks(self, role, seat):
+        """How far the processes on a seat have got: pairs of generation and mark, as they come."""
+
+        def passes(node, packed):
+            line = self._line(node)
+            return line is not None and line[:2] == (role, seat) and line[2] == MARK.unpack_from(packed)[1]
+
+        label = self.label(role, seat)
+        reader = self._read(f"progress/{label}", self.samples.Progress, 2, passes)
+        return lambda: [MARK.unpack_from(packed) for _, packed in reader.receive()]
+
+    def label(self, role, seat):
+        """Name of a seat in services and pipes."""
+        return self.samples.seat_label(self.samples.Role[role.capitalize()], seat)
+
+    def writer(self, name, sample_type):
+        return Writer(self._service(name, sample_type).publisher_builder().create())
+
+    def handover(self, label):
+        """Bytes that a process is handed when it takes a seat in flight, with their headers."""
+        service = self._node.service_builder(iox2.ServiceName.new(f"handover/{label}"))
+        service = service.publish_subscribe(iox2.Slice[ctypes.c_uint8])
+        return service.user_header(self.samples.Header).open().subscriber_builder().create()

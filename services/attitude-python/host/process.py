@@ -1,0 +1,376 @@
+"""A process of a run: takes a seat, learns who is there and how far they are, tells how far it is."""
+
+import argparse
+import fcntl
+import gc
+import hashlib
+import os
+import pathlib
+import select
+import shutil
+import signal
+import sys
+import tomllib
+
+from .graph import Graph
+from .loop import OWNED, Loop
+from .lockstep import fly_lockstep
+from .ownership import FOREVER, SeatMarks
+from .ports import Bus, Types, Unfit, now_ns
+from .realtime import fly_realtime
+
+# After so long of a wait shared memory is read again [s].
+WAIT_LIMIT_S = 0.02
+HANDOVER_LIMIT_S = 5.0
+# Wall time that a realtime flight is given to land after the grace period, and the longest grace of one
+# in lockstep, which nobody can take over [s].
+LANDING_S = 4.0
+LOCKSTEP_GRACE_S = 2.0
+# Exit codes of a run's processes.
+PASS, UNFIT, CRASHED, INTERRUPTED = 0, 3, 4, 130
+
+
+def arguments(description):
+    """What the launcher tells a controller."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--slot", required=True, choices=["attitude", "position"])
+    parser.add_argument("--run", required=True, type=pathlib.Path, help="folder of the run")
+    parser.add_argument("--generation", required=True, type=int)
+    parser.add_argument("--launcher-pid", required=True, type=int)
+    parser.add_argument("--seat", type=int, default=0)
+    parser.add_argument("--await-handover", action="store_true")
+    parser.add_argument("--config", type=pathlib.Path, help="gains, as TOML")
+    parser.add_argument("--cpu", type=int)
+    parser.add_argument("--nice", type=int)
+    return parser.parse_args()
+
+
+class Process:
+    """A seat of a slot, from joining the run to leaving it."""
+
+    def __init__(self, options, name):
+        self.options = options
+        self._stop = False
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._on_signal)
+        if options.cpu is not None:
+            os.sched_setaffinity(0, [options.cpu])
+        if options.nice is not None:
+            os.nice(options.nice)
+        # Everybody holds this lock; whoever leaves last wipes.
+        self._lock = open(options.run / "run.lock", "r+b")
+        fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        self._launcher = select.poll()
+        self._launcher_fd = os.pidfd_open(options.launcher_pid)
+        self._launcher.register(self._launcher_fd, select.POLLIN)
+        types = Types(options.launcher_pid)
+        self.slot = options.slot
+        try:
+            self.flight = tomllib.loads((options.run / "flight.toml").read_text())
+            self.is_realtime = self.flight["clock"] == "realtime"
+            self.graph = Graph(self.flight, self.slot)
+        except (KeyError, tomllib.TOMLDecodeError) as error:
+            raise Unfit(
+                f"{options.run}/flight.toml is of another build ({error}): use the controllers that "
+                "came with this morphquad"
+            ) from error
+        if self.slot not in self.graph.rates:
+            raise Unfit(f"this flight has no {self.slot} loop: choose another scenario")
+        if self.is_realtime:
+            self._take_priority()
+        self.samples = types.load()
+        self.marks = SeatMarks(self.samples.SEATS)
+        self._bus = Bus(options.run, name, self.samples)
+        self._clock_reader = self._bus.announced("clock", self.samples.ClockRecord, 2)
+        self.clock = self.samples.ClockRecord()
+        self._open_neighbours()
+        label = self._bus.label(self.slot, options.seat)
+        self._progress = self._bus.writer(f"progress/{label}", self.samples.Progress)
+        self._mark = self.samples.Progress(generation=options.generation, pid=os.getpid())
+        self._pipe = self._open_pipe(label)
+        self._poll = select.poll()
+        self._poll.register(self._pipe, select.POLLIN)
+        self._handover = self._bus.handover(label)
+        self._roll_changes = 0
+        self.loop = None
+        self.leave_ns = FOREVER
+        self._grace_ends_ns = FOREVER
+        self._lost_pilot = None
+        # Whether the last wait was ended by its limit.
+        self.timed_out = False
+
+    def _on_signal(self, _number, _frame):
+        self._stop = True
+
+    def _take_priority(self):
+        claim = next(one["claim"] for one in self.flight["loops"] if one["role"] == self.slot)
+        if claim["cpus"] and self.options.cpu is None:
+            os.sched_setaffinity(0, claim["cpus"])
+        if self.flight["realtime"]["policy"] == "fifo" and claim["priority"] > 0:
+            try:
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(claim["priority"]))
+            except PermissionError:
+                pass  # The launcher says so.
+
+    def _open_pipe(self, label):
+        # Both directions at each end: nobody has to wait for, or survive, the other end.
+        return os.open(self.options.run / f"wake-{label}", os.O_RDWR | os.O_NONBLOCK)
+
+    def _open_neighbours(self):
+        seats = {role: self.samples.SEATS if role in OWNED.values() else 1 for role in self.graph.rates}
+        places = lambda roles: [(r, s) for r in sorted(roles) for s in range(seats[r])]  # noqa: E731
+        self._mark_readers = [
+            (role, seat, self._bus.marks(role, seat)) for role, seat in places(self.graph.producers)
+        ]
+        self._pipes = {
+            (role, seat): self._open_pipe(self._bus.label(role, seat))
+            for role, seat in places(self.graph.consumers)
+        }
+        # Of whoever sits there: generation and period [ns].
+        self._present = dict.fromkeys([(r, s) for r, s, _ in self._mark_readers] + [*self._pipes])
+        self._owner_readers = [
+            (slot, self._bus.announced(topic, self.samples.OwnerRecord, 16))
+            for topic, slot in OWNED.items()
+            if slot == self.slot or slot in self.graph.producers
+        ]
+
+    # Taking the seat.
+
+    def take_seat(self, topics):
+        """Says hello with all ports open and, if told to, waits for the instant at which to begin."""
+        options = self.options
+        self.loop = Loop(self._bus, self.graph, self.marks, self.slot, options, topics)
+        # It publishes no state, so nobody is of its kind, and nobody's state is for it.
+        identity = f"{self.slot} {options.seat} {options.generation}".encode()
+        self._hello = self._bus.writer("hello", self.samples.Hello)
+        self._hello.send(
+            self.samples.Hello(
+                state_layout=int.from_bytes(hashlib.sha256(identity).digest()[:8]),
+                period_ns=self.loop.rate.period_ns,
+                pid=os.getpid(),
+                generation=options.generation,
+                role=self.samples.Role[self.slot.capitalize()],
+                seat=options.seat,
+            )
+        )
+        order = self._await_handover() if options.await_handover else None
+        # Whoever is not on the roll yet is not heard.
+        while not (self.read_clock().started and self._is_seated()):
+            if self.ending() is not None:
+                return
+            self.wait(WAIT_LIMIT_S)
+        self.look_around()
+        if order is not None:
+            # Without an instant to join at, a dead predecessor is to be replaced at once.
+            self.loop.join(order.join_ns or self.logical_ns(now_ns()), order.track_until_ns)
+        self._tell_mark(self.loop.mark_ns)
+        # After a start nobody knows what a predecessor had already announced.
+        self._wake(lambda _role, _period_ns: True)
+
+    def _is_seated(self):
+        self._bus.learn_roll()
+        own = (self.slot, self.options.seat, self.options.generation, True)
+        return any(line[:4] == own for line in self._bus.roll)
+
+    def _await_handover(self):
+        limit_ns = now_ns() + int(HANDOVER_LIMIT_S * 1e9)
+        while now_ns() < limit_ns and self.ending() is None:
+            while (sample := self._handover.receive()) is not None:
+                generation = sample.user_header().contents.generation
+                packed = bytes(sample.payload().as_memory_view())
+                sample.delete()
+                if generation == self.options.generation:
+                    # Without padding the packed form of a structure is its form in memory.
+                    return self.samples.Handover.from_buffer_copy(packed)
+            self.wait(0.002)
+        raise Unfit(f"no hand-over within {HANDOVER_LIMIT_S:g} s")
+
+    # Time.
+
+    def read_clock(self):
+        """The conductor's last word."""
+        for self.clock in self._clock_reader.values():
+            pass
+        return self.clock
+
+    def mono_ns(self, t_ns):
+        """CLOCK_MONOTONIC at an instant of logical time, in realtime."""
+        return self.clock.start_mono_ns + int(t_ns / self.clock.speed)
+
+    def logical_ns(self, mono_ns):
+        """Logical time at an instant of CLOCK_MONOTONIC, in realtime."""
+        return max(0, int((mono_ns - self.clock.start_mono_ns) * self.clock.speed))
+
+    def wait(self, limit_s):
+        """Waits until somebody wakes this process, or the limit is over."""
+        self.timed_out = not self._poll.poll(max(0.0, limit_s) * 1e3)
+        if self.timed_out:
+            # Idle long enough to look after readers that have just joined.
+            self.serve_late_joiners()
+        else:
+            try:
+                while len(os.read(self._pipe, 128)) == 128:
+                    pass
+            except BlockingIOError:
+                pass
+
+    # Who is there, and how far they are.
+
+    def look_around(self):
+        """Learns who has come and gone, and who owns which slot from when."""
+        self._bus.learn_roll()
+        if self._bus.roll_changes != self._roll_changes:
+            self._roll_changes = self._bus.roll_changes
+            self._learn_neighbours()
+        if self._is_launcher_gone():
+            # The pilot lived in the launcher; its successor comes as another generation.
+            if self._lost_pilot is None:
+                self._lost_pilot = self.marks.generation("pilot", 0)
+            if self._lost_pilot is not None:
+                self.marks.advance("pilot", 0, self._lost_pilot, FOREVER)
+        done_ns = (self.loop.previous_ns or 0) if self.loop else 0
+        for slot, reader in self._owner_readers:
+            book = self.marks.book(slot)
+            for record in reader.values():
+                book.learn(record)
+            book.forget_before(done_ns)
+            if slot == self.slot:
+                self.leave_ns = book.released_ns(self.options.seat)
+
+    def _learn_neighbours(self):
+        self.marks.learn_roll(self._bus.roll)
+        present = dict.fromkeys(self._present)
+        for role, seat, generation, is_present, period_ns in self._bus.roll:
+            if (role, seat) in present:
+                present[role, seat] = (generation, period_ns) if is_present else None
+        came = any(one is not None and one != self._present[at] for at, one in present.items())
+        self._present = present
+        if came:
+            # Its ports are open and empty.
+            self.serve_late_joiners()
+
+    def read_marks(self):
+        """Reads how far those have got that this loop waits for; gives the roles that have moved."""
+        moved = set()
+        for role, seat, read in self._mark_readers:
+            if self.marks.concerns(role, seat):
+                for mark_ns, generation in read():
+                    self.marks.advance(role, seat, generation, mark_ns)
+                    moved.add(role)
+        return moved
+
+    def announce(self, before_ns, mark_ns):
+        """Says that everything before the mark has been published, and wakes those who may go on."""
+        self._tell_mark(mark_ns)
+        # Nobody waits for a shadow.
+        if not self.marks.concerns(self.slot, self.options.seat):
+            return
+        roles = self.graph.wakes(before_ns, mark_ns)
+        usual = self.graph.rates
+        # At another rate than the flight's own a process is always worth waking.
+        self._wake(lambda role, period_ns: role in roles or period_ns != usual[role].period_ns)
+
+    def _wake(self, is_meant):
+        for (role, seat), pipe in self._pipes.items():
+            present = self._present[role, seat]
+            if present is not None and is_meant(role, present[1]):
+                try:
+                    os.write(pipe, b"\1")
+                except BlockingIOError:
+                    pass  # A full pipe wakes just as well.
+
+    def _tell_mark(self, mark_ns):
+        if self.loop is not None:
+            # A reader that has just joined must have the history before it learns of the mark.
+            self.loop.serve_late_joiners()
+            self._mark.steps = self.loop.steps
+        self._mark.mark_ns = mark_ns
+        self._mark.publish_mono_ns = now_ns()
+        self._progress.send(self._mark)
+
+    def serve_late_joiners(self):
+        """Lets readers that have just joined have what was published before."""
+        if self.loop is not None:
+            self.loop.serve_late_joiners()
+        self._progress.serve_late_joiners()
+
+    # Leaving.
+
+    @property
+    def is_stopped(self):
+        """True once a signal has asked for the end."""
+        return self._stop
+
+    def _is_launcher_gone(self):
+        return bool(self._launcher.poll(0))
+
+    def ending(self):
+        """The exit code if it is time to leave, else None."""
+        if self._stop:
+            return INTERRUPTED
+        if self._grace_ends_ns == FOREVER and self._is_launcher_gone():
+            # Hovering and landing are the position loop's; this one flies on until that is over.
+            grace_s = self.flight["grace_s"]
+            if not self.is_realtime:
+                grace_s = min(grace_s, LOCKSTEP_GRACE_S)
+            elif grace_s > 0.0:
+                grace_s += LANDING_S
+            self._grace_ends_ns = now_ns() + int(1e9 * grace_s)
+        return CRASHED if now_ns() > self._grace_ends_ns else None
+
+    def fly(self, law):
+        """Runs every release until the end of the flight, or until the seat is given up."""
+        # Nothing in flight makes rubbish in circles, and looking for it takes milliseconds.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        return (fly_realtime if self.is_realtime else fly_lockstep)(self, law)
+
+    def leave(self, is_retired):
+        """Says that nothing will follow. A flight that is over has readers that are not done yet; a
+        seat that is given up has none."""
+        self.loop.finish()
+        self.announce(self.loop.mark_ns, FOREVER)
+        while not is_retired and not self.read_clock().may_leave:
+            if self.ending() is not None or self._is_launcher_gone():
+                break
+            self.wait(WAIT_LIMIT_S)
+        return PASS
+
+    def close(self):
+        """Leaves the run; the last one to leave wipes it."""
+        run, lock = self.options.run, self._lock
+        # Ports and node go first, while the run is still there.
+        self.__dict__.clear()
+        gc.unfreeze()
+        gc.collect()
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return
+        prefix = f"mqshm-{run.name.removeprefix('mq-')}_"
+        for entry in pathlib.Path("/dev/shm").glob(f"{prefix}*"):
+            entry.unlink(missing_ok=True)
+        shutil.rmtree(run, ignore_errors=True)
+
+
+def main(name, description, slot, begin):
+    """Flies as the process `name`: `begin(process)` gives the law and the topics that it reads and
+    writes."""
+    process, law = None, None
+    try:
+        options = arguments(description)
+        if options.slot != slot:
+            raise Unfit(f"it flies the {slot} slot: --slot {slot}")
+        process = Process(options, name)
+        law, topics = begin(process)
+        process.take_seat(topics)
+        ending = process.ending()
+        code = process.fly(law) if ending is None else ending
+    except (Unfit, OSError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        code = UNFIT
+    if process is not None:
+        del law
+        process.close()
+    return code

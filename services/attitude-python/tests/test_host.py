@@ -1,0 +1,365 @@
+"""The rules by which a Python process waits, takes samples in and follows set points.
+
+    services/attitude-python/.venv/bin/python -m unittest discover services/attitude-python/tests
+"""
+
+import ctypes
+import pathlib
+import sys
+import types
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
+
+from host.graph import Edge, Graph, Rate  # noqa: E402
+from host.inputs import Input, Sample  # noqa: E402
+from host.obedience import Command, Limiter, Obedience, Record, SetPoints  # noqa: E402
+from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
+from host.vehicle import Vehicle  # noqa: E402
+
+MS = 1_000_000
+NO_SEAT = 2**32 - 1
+
+
+def edge(producer, consumer, latency_ms, topic="t", deadline_ms=0):
+    strict = consumer == "plant"
+    return {
+        "topic": topic,
+        "from": producer,
+        "to": consumer,
+        "latency_ns": latency_ms * MS,
+        "deadline_ns": deadline_ms * MS,
+        "strict": strict,
+        "asap": False,
+    }
+
+
+def owner(epoch, valid_ms, owner_seat, fallback=NO_SEAT, periods_ms=(10, 10, 10, 10)):
+    header = types.SimpleNamespace(valid_ns=valid_ms * MS)
+    periods_ns = [period * MS for period in periods_ms]
+    return types.SimpleNamespace(
+        header=header, epoch=epoch, owner=owner_seat, fallback=fallback, period_ns=periods_ns
+    )
+
+
+def sample(valid_ms, sequence, seat=0, generation=0):
+    return Sample(valid_ms * MS, seat, sequence, generation, 0, b"")
+
+
+class GraphRules(unittest.TestCase):
+    def test_a_rate_that_does_not_divide_a_second_keeps_its_grid_for_an_hour(self):
+        rate = Rate(150.0)
+        self.assertEqual(rate.instant(1), 6_666_666)
+        self.assertEqual(rate.instant(150 * 3600), 3_600_000_000_000)
+        for t_ns in (0, 1, 6_666_666, 6_666_667, 10**12 + 7):
+            first = rate.first_at_or_after(t_ns)
+            self.assertGreaterEqual(rate.instant(first), t_ns)
+            self.assertTrue(first == 0 or rate.instant(first - 1) < t_ns)
+
+    def graph(self):
+        loops = [
+            {"role": "plant", "rate_hz": 1000.0},
+            {"role": "estimator", "rate_hz": 1000.0},
+            {"role": "position", "rate_hz": 50.0},
+            {"role": "attitude", "rate_hz": 100.0},
+        ]
+        edges = [
+            edge("estimator", "attitude", 0, "state_estimate", deadline_ms=1),
+            edge("position", "attitude", 1, "attitude_setpoint"),
+            edge("attitude", "plant", 1, "wrench_command"),
+            edge("attitude", "position", 1, "applied_setpoint"),
+            edge("plant", "estimator", 0, "imu"),
+        ]
+        return Graph({"loops": loops, "edges": edges}, "attitude")
+
+    def marks(self, **roles_ms):
+        marks = SeatMarks(4)
+        for role, mark_ms in roles_ms.items():
+            marks.advance(role, 0, 0, mark_ms * MS)
+        return marks
+
+    def test_a_step_waits_for_marks_past_its_instant_less_the_latency(self):
+        graph = self.graph()
+        for estimator_ms, position_ms, allowed_ms, open_ms in [
+            (10, 20, 99, 10),  # The step at 10 ms waits for the estimate of 10 ms.
+            (11, 20, 99, 11),
+            (30, 20, 99, 21),  # A latency of 1 ms permits one more.
+            (30, 40, 25, 25),
+        ]:
+            marks = self.marks(estimator=estimator_ms, position=position_ms)
+            self.assertEqual(graph.open_until_ns(marks, allowed_ms * MS), open_ms * MS)
+
+    def test_only_those_whose_release_may_be_unblocked_are_woken(self):
+        graph = self.graph()
+        self.assertEqual(graph.wakes(0, 10 * MS), {"plant"})
+        self.assertEqual(graph.wakes(10 * MS, 20 * MS), {"plant", "position"})
+        self.assertEqual(graph.wakes(20 * MS, 30 * MS), {"plant"})
+        self.assertEqual(graph.wakes(20 * MS, FOREVER), {"plant", "position"})
+
+    def test_the_strict_consumer_may_run_up_to_the_mark_itself(self):
+        strict = Edge("t", "attitude", "plant", MS, 0, True, False)
+        self.assertEqual(strict.open_until_ns(10 * MS), 11 * MS + 1)
+
+    def test_in_realtime_an_input_is_missing_until_it_is_final_and_without_a_deadline_never(self):
+        graph = self.graph()
+        self.assertEqual(graph.missing_deadline_ns(self.marks(estimator=10), 10 * MS), MS)
+        self.assertEqual(graph.missing_deadline_ns(self.marks(estimator=11), 10 * MS), 0)
+
+
+class OwnershipRules(unittest.TestCase):
+    def mark_ms(self, seats_ms, records, latency_ms=1):
+        marks = SeatMarks(4)
+        for seat, mark_ms in enumerate(seats_ms):
+            marks.advance("position", seat, 0, mark_ms * MS)
+        for record in records:
+            marks.book("position").learn(record)
+        return marks.of_edge(Edge("t", "position", "attitude", latency_ms * MS, 0, False, False)) // MS
+
+    def test_the_old_owner_is_waited_for_until_the_change_and_the_new_one_after_it(self):
+        records = [owner(1, 0, 0), owner(2, 101, 1)]
+        # The change at 101 ms concerns what is released from 100 ms on.
+        self.assertEqual(self.mark_ms([90, 120, 0, 0], records), 90)
+        self.assertEqual(self.mark_ms([99, 120, 0, 0], records), 99)
+        self.assertEqual(self.mark_ms([100, 120, 0, 0], records), 120)
+        self.assertEqual(self.mark_ms([100, 80, 0, 0], records), 100)
+        self.assertEqual(self.mark_ms([100, 120, 0, 0], records, latency_ms=0), 100)
+
+    def test_a_fallback_is_waited_for_and_a_shadow_is_not(self):
+        self.assertEqual(self.mark_ms([90, 10, 10, 10], [owner(1, 0, 0)]), 90)
+        self.assertEqual(self.mark_ms([90, 10, 70, 10], [owner(1, 0, 0, fallback=2)]), 70)
+
+    def test_a_process_that_has_left_is_not_waited_for_and_its_successor_begins_anew(self):
+        marks = SeatMarks(4)
+        of = lambda: marks.of_edge(Edge("t", "plant", "attitude", 0, 0, False, False)) // MS  # noqa: E731
+        marks.advance("plant", 0, 0, 90 * MS)
+        marks.learn_roll([("plant", 0, 0, True, 1)])
+        self.assertEqual(of(), 90)
+        marks.learn_roll([("plant", 0, 0, False, 1)])
+        self.assertEqual(of(), FOREVER // MS)
+        marks.learn_roll([("plant", 0, 0, False, 1), ("plant", 0, 1, True, 1)])
+        self.assertEqual(of(), 0)
+        marks.advance("plant", 0, 0, 95 * MS)
+        self.assertEqual(of(), 0, "its predecessor's last mark comes late")
+        marks.advance("plant", 0, 1, 96 * MS)
+        self.assertEqual(of(), 96)
+
+    def test_a_seat_counts_for_the_instants_of_its_tenure_and_as_a_fallback(self):
+        book = SlotBook()
+        self.assertTrue(book.counts(3, 0), "without a record everybody does")
+        book.learn(owner(1, 0, 0))
+        book.learn(owner(2, 100, 1, fallback=0))
+        book.learn(owner(2, 500, 3))  # An old epoch says nothing.
+        expected = [(0, 99, True), (1, 99, False), (1, 100, True), (0, 100, True), (2, 100, False)]
+        for seat, at_ms, counts in expected:
+            self.assertEqual(book.counts(seat, at_ms * MS), counts, (seat, at_ms))
+        book.forget_before(100 * MS)
+        self.assertEqual(len(book.tenures), 2, "the step at the change itself takes from both")
+        book.forget_before(100 * MS + 1)
+        self.assertEqual([tenure.owner for tenure in book.tenures], [1])
+
+    def test_a_seat_that_a_record_leaves_out_is_released_from_then_on(self):
+        book = SlotBook()
+        book.learn(owner(1, 0, 0))
+        self.assertEqual(book.released_ns(1), FOREVER)
+        book.learn(owner(2, 300, 0, periods_ms=(10, 0, 10, 10)))
+        self.assertEqual((book.released_ns(1), book.released_ns(0)), (300 * MS, FOREVER))
+
+
+class InputRules(unittest.TestCase):
+    def input(self, *samples):
+        taken = Input(ctypes.c_uint64, list, "position", True)
+        for one in samples:
+            taken.arrive(one)
+        return taken
+
+    def fresh(self, taken, t_ms, previous_ms=None):
+        taken.accept(t_ms * MS, None if previous_ms is None else previous_ms * MS)
+        return [(one.valid_ns // MS, one.seat, one.sequence) for one in taken.fresh]
+
+    def test_a_step_takes_in_all_that_is_in_effect_and_nothing_later_in_one_order(self):
+        early, late = [sample(5, 1), sample(7, 2), sample(7, 9, seat=1)], [sample(8, 3)]
+        for arrival in (early + late, late + early[::-1]):
+            taken = self.input(*arrival)
+            self.assertEqual(self.fresh(taken, 7), [(5, 0, 1), (7, 0, 2), (7, 1, 9)])
+            self.assertEqual(taken.latest.seat, 1)
+            self.assertEqual(self.fresh(taken, 8), [(8, 0, 3)])
+            self.assertEqual(self.fresh(taken, 9), [])
+
+    def test_a_sample_that_comes_again_is_taken_once(self):
+        taken = self.input(sample(5, 1), sample(5, 1), sample(6, 2))
+        self.assertEqual(self.fresh(taken, 6), [(5, 0, 1), (6, 0, 2)])
+        taken.arrive(sample(6, 2))
+        self.assertEqual(self.fresh(taken, 7), [])
+
+    def test_a_loop_that_joins_knows_what_is_in_effect_and_begins_with_its_first_period(self):
+        taken = self.input(sample(5, 1), sample(6, 2), sample(12, 3))
+        taken.skip_until(10 * MS)
+        self.assertEqual((taken.latest.sequence, taken.before.sequence), (2, 2))
+        taken.arrive(sample(9, 7))
+        self.assertEqual(self.fresh(taken, 20, 10), [(12, 0, 3)])
+
+    def test_what_is_late_or_lost_is_counted(self):
+        taken = self.input(sample(5, 1), sample(8, 4))
+        self.fresh(taken, 10, 6)
+        self.assertEqual((taken.late, taken.lost), (1, 2))
+
+    def test_a_shadow_is_not_heard(self):
+        taken = self.input(sample(5, 1), sample(5, 1, seat=1), sample(15, 2, seat=1))
+        taken.book = SlotBook()
+        taken.book.learn(owner(1, 0, 0))
+        taken.book.learn(owner(2, 10, 1))
+        self.assertEqual(self.fresh(taken, 20), [(5, 0, 1), (15, 1, 2)])
+
+
+class ObedienceRules(unittest.TestCase):
+    LIMITS = (1.0, 0.1, 0.1, float("inf"))
+
+    def record(
+        self, epoch, effective_ms, owner_seat, fallback=NO_SEAT, kind_changed=False, watched=False
+    ):
+        periods_ns = (10 * MS,) * 4
+        return Record(
+            epoch, owner_seat, fallback, effective_ms * MS, periods_ns, kind_changed, watched
+        )
+
+    def obedience(self, *records):
+        made = Obedience(self.LIMITS)
+        for record in records:
+            made.hear(record)
+        return made
+
+    def at(self, obedience, t_ms, *seats, thrust=0.0):
+        """One instant: set points of these seats, then whose is followed, and since when."""
+        t_ns = t_ms * MS
+        obedience.advance(t_ns)
+        for seat in seats:
+            if obedience.may_command(seat, t_ns):
+                value = (thrust, 0.0, 0.0, 0.0)
+                obedience.offer(Command(value, t_ms, seat, t_ns, t_ns + 20 * MS))
+        choice = obedience.decide(t_ns)
+        return choice and (choice.seat, choice.valid_ns // MS)
+
+    def test_until_the_new_owner_speaks_the_old_ones_last_set_point_stays_in_effect(self):
+        obedience = self.obedience(self.record(1, 0, 0), self.record(2, 20, 1))
+        self.assertEqual(self.at(obedience, 10, 0, 1), (0, 10))
+        self.assertEqual(self.at(obedience, 20), (0, 10))
+        self.assertEqual(self.at(obedience, 25, 1, 0), (1, 25))
+
+    def test_a_silent_owner_is_followed_by_the_fallback_until_the_next_epoch(self):
+        obedience = self.obedience(self.record(1, 0, 0, fallback=1))
+        self.assertEqual(self.at(obedience, 10, 0, 1), (0, 10))
+        self.assertEqual(self.at(obedience, 20, 1), (0, 10))
+        self.assertEqual(self.at(obedience, 30, 1), (1, 30))
+        self.assertEqual(self.at(obedience, 40, 0), (1, 30), "latched for the epoch")
+        self.assertIsNone(self.at(obedience, 50, 0))
+        obedience.hear(self.record(2, 60, 0, fallback=1))
+        self.assertEqual(self.at(obedience, 60, 0, 1), (0, 60))
+
+    def test_nobody_else_is_ever_followed(self):
+        obedience = self.obedience(self.record(1, 0, 0))
+        self.assertIsNone(self.at(obedience, 0, 1, 2, 3))
+
+    def test_a_record_for_an_instant_already_decided_is_refused_and_told(self):
+        obedience = self.obedience(self.record(1, 0, 0))
+        self.at(obedience, 20, 0)
+        obedience.hear(self.record(2, 20, 1))
+        self.assertEqual((obedience.refused_epoch, obedience.record.epoch), (2, 1))
+        obedience.hear(self.record(3, 20, 0))  # It changes no hands.
+        self.at(obedience, 21, 0)
+        self.assertEqual((obedience.refused_epoch, obedience.record.epoch), (2, 3))
+
+    def test_a_newer_record_for_an_earlier_instant_voids_those_beyond_it(self):
+        obedience = self.obedience(self.record(1, 0, 0), self.record(2, 80, 1))
+        obedience.hear(self.record(3, 40, 2))
+        self.at(obedience, 200)
+        self.assertEqual((obedience.seat, obedience.record.epoch), (2, 3))
+
+    def test_a_change_of_kind_steps_by_the_limit_and_the_rest_comes_back(self):
+        obedience = self.obedience(self.record(1, 0, 0), self.record(2, 20, 1, kind_changed=True))
+        self.at(obedience, 10, 0, thrust=5.0)
+        self.at(obedience, 20, 1, thrust=9.0)
+        given = [obedience.decide(t_ms * MS) for t_ms in (20, 30)]
+        self.assertEqual([one.value[0] for one in given], [6.0, 9.0 - 3.0 * 0.9])
+        limiter = Limiter(self.LIMITS)
+        limiter.engage(0, (0.0,) * 4, (0.9, 0.1, float("nan"), 7.0))
+        self.assertEqual(limiter.apply(1, (0.9, 0.1, 0.0, 7.0)), (0.9, 0.1, 0.0, 7.0))
+
+    def test_a_loop_that_joins_begins_with_the_set_point_in_effect(self):
+        obedience = self.obedience(self.record(1, 0, 0, fallback=1))
+        obedience.advance(10 * MS)
+        obedience.carry(Command((1.0, 0.0, 0.0, 0.0), 1, 0, 10 * MS, 30 * MS))
+        self.assertEqual(self.at(obedience, 15), (0, 10))
+        self.assertFalse(obedience.failed_over)
+
+
+    def test_after_a_trip_a_watched_owner_gives_way_to_a_fallback_that_speaks(self):
+        for watched, epoch, seat, expected in (
+            (True, 1, 0, 1),
+            (False, 1, 0, 0),
+            (True, 2, 0, 0),
+            (True, 1, 1, 0),
+        ):
+            obedience = self.obedience(self.record(1, 0, 0, 1, watched=watched))
+            self.at(obedience, 0, 0, 1)
+            obedience.trip(epoch, seat)
+            self.assertEqual(self.at(obedience, 10, 0, 1), (expected, 10))
+            self.assertEqual(obedience.tripped, bool(expected))
+        obedience = self.obedience(self.record(1, 0, 0, 1, watched=True))
+        self.at(obedience, 0, 0)
+        obedience.trip(1, 0)
+        self.assertEqual(self.at(obedience, 10, 0), (0, 10), "whom nobody can follow goes on")
+        obedience.hear(self.record(2, 20, 0, 1, watched=True))
+        self.assertEqual(self.at(obedience, 20, 0, 1), (0, 20), "the next epoch begins anew")
+
+
+class Setpoint(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_double) for name in ("thrust_n", "roll_rad", "pitch_rad", "yaw_rad")]
+
+
+class SetPointRules(unittest.TestCase):
+    def test_a_set_point_that_is_not_finite_is_its_writers_silence(self):
+        owners = types.SimpleNamespace(before=None, fresh=[0], value_of=lambda _: record)
+        record = owner(1, 0, 0, periods_ms=(10, 0, 0, 0))
+        record.kind_changed = record.watched = 0
+        setpoints = Input(Setpoint, list, "position", True)
+        slot, trips = SetPoints(1.0, 2), types.SimpleNamespace(before=None, fresh=[])
+
+        def take(t_ms, roll_rad=None):
+            if roll_rad is not None:
+                packed = bytes(Setpoint(1.0, roll_rad, 0.0, 0.0))
+                setpoints.arrive(Sample(t_ms * MS, 0, t_ms, 0, 0, packed))
+            setpoints.accept(t_ms * MS, None)
+            command = slot.take(t_ms * MS, owners, setpoints, trips)
+            owners.fresh = []
+            return command and command.sequence
+
+        self.assertEqual(take(5, 0.1), 5)
+        self.assertEqual(take(15, float("nan")), 5, "two periods are not over")
+        self.assertIsNone(take(25))
+        self.assertEqual(take(30, 0.1), 30)
+
+
+class VehicleRules(unittest.TestCase):
+    def test_a_deployable_angle_beyond_its_range_counts_as_its_end(self):
+        law = [1.0, 0.0, 0.0]
+        vehicle = Vehicle(
+            {
+                "mass_kg": 2.0,
+                "gravity_m_s2": 10.0,
+                "rotor_thrust_max_n": 10.0,
+                "inertia_scale": 2.0,
+                "yaw_coefficient_m": 0.1,
+                "arm_length_m": [0.0, 0.01, 0.0],
+                "inertia_xx_kg_m2": law,
+                "inertia_yy_kg_m2": law,
+                "inertia_zz_kg_m2": law,
+            }
+        )
+        self.assertEqual(vehicle.inertia_kg_m2(0.0), [2.0, 2.0, 2.0])
+        self.assertAlmostEqual(vehicle.bound_nm(0.0, 20.0)[0], 4.5)
+        self.assertAlmostEqual(vehicle.bound_nm(9.0, 2.0)[0], 1.6)
+        self.assertAlmostEqual(vehicle.bound_nm(9.0, 20.0)[2], 2.0)
+
+
+if __name__ == "__main__":
+    unittest.main()
