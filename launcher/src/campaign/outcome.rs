@@ -2,43 +2,50 @@
 
 use crate::in_process::{InProcess, InProcessError, StateSource};
 use crate::results::{Kind, Value};
-use crate::run::{FlightHash, Metrics};
+use crate::run::{Closing, FlightHash, Metrics};
 use crate::scenario::Scenario;
+use ::verdict::{End, Grade};
 use core::fmt;
 
 /// Logical time flown between two looks at whether to stop \[ns\].
 const LOOK_EVERY_NS: u64 = 500_000_000;
 
-/// How a flight went, worst last.
+/// How a case came out, worst last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// To its end, within all bounds.
-    Flown,
-    /// To its end, with violated bounds.
-    Violated,
-    /// Off its path, tumbling, or with rotors cut at the end.
-    Lost,
+    /// It was flown, and judged: passed, incomplete, failed or lost.
+    Flown(Grade),
     /// The scenario or a component refuses this configuration.
     Refused,
     /// A component failed, which is a defect.
-    Failed,
+    Crashed,
 }
 
 impl Verdict {
     /// Every one, the best first.
-    pub const ALL: [Self; 5] =
-        [Self::Flown, Self::Violated, Self::Lost, Self::Refused, Self::Failed];
+    pub const ALL: [Self; 6] = [
+        Self::Flown(Grade::Passed),
+        Self::Flown(Grade::Incomplete),
+        Self::Flown(Grade::Failed),
+        Self::Flown(Grade::Lost),
+        Self::Refused,
+        Self::Crashed,
+    ];
 
-    /// In a word.
+    /// In a word, which is that of every other output about a flight.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
-            Self::Flown => "flown",
-            Self::Violated => "violated",
-            Self::Lost => "lost",
-            Self::Refused => "refused",
-            Self::Failed => "failed",
+            Self::Flown(grade) => grade.word(),
+            Self::Refused => "REFUSED",
+            Self::Crashed => Grade::Crashed.word(),
         }
+    }
+}
+
+impl From<Grade> for Verdict {
+    fn from(grade: Grade) -> Self {
+        if grade == Grade::Crashed { Self::Crashed } else { Self::Flown(grade) }
     }
 }
 
@@ -107,13 +114,9 @@ impl Outcome {
         failure: Option<&InProcessError>,
     ) -> Self {
         metrics.finish();
-        let verdict = match failure {
-            Some(_) => Verdict::Failed,
-            None if metrics.vehicle_lost() => Verdict::Lost,
-            None if metrics.violations() > 0 => Verdict::Violated,
-            None => Verdict::Flown,
-        };
-        let reason = failure.map(|error| Value::Text(first_line(error)));
+        let end = failure.map_or(End::Planned, |error| End::Crashed(first_line(error)));
+        let judged = metrics.judge(&Closing { end, flown_ns, ..Closing::default() });
+        let verdict = Verdict::from(judged.grade());
         let tracking = metrics.tracking();
         let tracked = |value: f64| (tracking.samples > 0).then_some(value);
         let axes = metrics.step_response();
@@ -123,7 +126,7 @@ impl Outcome {
         let effort = metrics.effort();
         Self(vec![
             verdict.word().into(),
-            reason.unwrap_or(Value::Missing),
+            judged.reason().as_str().into(),
             (flown_ns as f64 * 1e-9).into(),
             effort.violations.into(),
             effort.relaxed.into(),
@@ -159,7 +162,7 @@ impl Outcome {
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let word = self.cell("outcome").to_cell();
-        Verdict::ALL.into_iter().find(|v| v.word() == word).unwrap_or(Verdict::Failed)
+        Verdict::ALL.into_iter().find(|v| v.word() == word).unwrap_or(Verdict::Crashed)
     }
 
     /// What makes one case worse than another with the same verdict, the first that differs: how far
@@ -249,7 +252,8 @@ mod tests {
     #[test]
     fn a_flight_has_positions_and_a_rig_has_angles() {
         let hover = flown("hover", &[]);
-        assert_eq!((hover.verdict(), hover.cell("flown_s")), (Verdict::Flown, &Value::Number(0.4)));
+        let passed = Verdict::Flown(Grade::Passed);
+        assert_eq!((hover.verdict(), hover.cell("flown_s")), (passed, &Value::Number(0.4)));
         assert!(hover.badness()[0] > 0.0 && hover.badness()[0] < 0.1);
         assert_eq!(hover.cell("settling_s"), &Value::Missing);
         let rig = flown("attitude-step", &[]);

@@ -4,6 +4,7 @@ use super::outcome::{NEVER, RANKING};
 use super::{Axis, Campaign, Case, Outcome, Verdict};
 use crate::exit;
 use crate::results::{Columns, Kind, ResultsError, ResultsFolder, Table, Value};
+use ::verdict::Grade;
 use core::cmp::Ordering;
 use parquet::errors::ParquetError;
 use serde_json::json;
@@ -72,27 +73,39 @@ pub fn worst(flown: &[(Case, Outcome)], count: usize) -> Vec<usize> {
 
 /// How many cases ended how.
 #[must_use]
-pub fn counts(flown: &[(Case, Outcome)]) -> [(Verdict, usize); 5] {
+pub fn counts(flown: &[(Case, Outcome)]) -> [(Verdict, usize); 6] {
     Verdict::ALL.map(|verdict| {
         let count = flown.iter().filter(|(_, outcome)| outcome.verdict() == verdict).count();
         (verdict, count)
     })
 }
 
-/// 0 if every case that could be flown was, within its bounds; 1 if one was lost or violated a bound, 4
-/// if a component failed in one, and 2 if the scenario refuses them all.
+/// 0 if every case that could be flown passed; 1 if one did not, 4 if a component failed in one, and 2 if the
+/// scenario refuses them all.
 #[must_use]
 pub fn exit_code(flown: &[(Case, Outcome)]) -> u8 {
-    let [_, violated, lost, refused, failed] = counts(flown).map(|(_, count)| count);
-    if failed > 0 {
+    let [passed, .., refused, crashed] = counts(flown).map(|(_, count)| count);
+    if crashed > 0 {
         exit::CRASHED
     } else if refused == flown.len() {
         exit::USAGE
-    } else if lost + violated > 0 {
+    } else if passed + refused < flown.len() {
         exit::GATE_FAILED
     } else {
         exit::PASS
     }
+}
+
+/// The line that the output begins with: how the worst case came out, and why.
+#[must_use]
+pub fn line(what: &str, flown: &[(Case, Outcome)]) -> String {
+    let passed = counts(flown)[0].1;
+    let all = format!("{what}: {passed} of {} cases passed", flown.len());
+    let Some((place, (_, outcome))) = worst(flown, 1).first().map(|at| (*at, &flown[*at])) else {
+        return format!("{}  {all}", Grade::Passed);
+    };
+    let (verdict, reason) = (outcome.verdict(), outcome.cell("reason").to_cell());
+    format!("{verdict}  {all}; the worst is case {place}, {verdict}: {reason}")
 }
 
 /// Median, 95 % and largest of one column over all cases that have it; none if no case has.
@@ -253,10 +266,10 @@ mod tests {
             Outcome::from_text(&cells).unwrap()
         };
         vec![
-            (case(1, "1"), outcome("flown", 0.5)),
-            (case(2, "1"), outcome("lost", 0.1)),
-            (case(1, "2.5"), outcome("flown", 0.6)),
-            (case(2, "2.5"), outcome("refused", 0.0)),
+            (case(1, "1"), outcome("PASSED", 0.5)),
+            (case(2, "1"), outcome("LOST", 0.1)),
+            (case(1, "2.5"), outcome("PASSED", 0.6)),
+            (case(2, "2.5"), outcome("REFUSED", 0.0)),
         ]
     }
 
@@ -266,14 +279,14 @@ mod tests {
         assert_eq!(worst(&flown(), 99).len(), 4);
         let axes = [Axis { key: "k".into(), values: vec!["1".into(), "2.5".into()] }];
         let text = worst_cases(&axes, &flown(), 1, &|case| format!("fly {}", case.seed));
-        assert!(text.ends_with("  fly 2\n") && text.contains("refused"), "{text}");
+        assert!(text.ends_with("  fly 2\n") && text.contains("REFUSED"), "{text}");
     }
 
     #[test]
     fn rigs_are_ranked_by_when_they_settle_and_then_by_where() {
         let rig = |seed, settling: &str, error: &str| {
             let mut cells = Outcome::refused(&"").to_text();
-            cells[0] = "flown".to_owned();
+            cells[0] = "PASSED".to_owned();
             cells[10] = settling.to_owned();
             cells[11] = error.to_owned();
             (Case { seed, values: Vec::new() }, Outcome::from_text(&cells).unwrap())
@@ -288,8 +301,8 @@ mod tests {
 
     #[test]
     fn counts_and_spreads_are_over_all_cases() {
-        let [(_, flown_well), _, (_, lost), (_, refused), (_, failed)] = counts(&flown());
-        assert_eq!([flown_well, lost, refused, failed], [2, 1, 1, 0]);
+        let [(_, passed), _, _, (_, lost), (_, refused), (_, crashed)] = counts(&flown());
+        assert_eq!([passed, lost, refused, crashed], [2, 1, 1, 0]);
         let flown = flown();
         let codes = [&flown[..1], &flown[..], &flown[3..]].map(exit_code);
         assert_eq!(codes, [exit::PASS, exit::GATE_FAILED, exit::USAGE]);

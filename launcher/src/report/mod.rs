@@ -2,8 +2,9 @@
 //! and pictures.
 //!
 //! Numbers come from the samples in the file, not from what the flight said of itself: `observe.rs` goes
-//! through them, `numbers.rs` judges them, `response.rs` looks at what followed each disturbance, swap and
-//! fault, `orders.rs` at what became of each order, `pictures.rs` draws, `told.rs` writes it down.
+//! through them, `numbers.rs` puts them beside the limits of the verdict, `response.rs` looks at what
+//! followed each disturbance, swap and fault, `orders.rs` at what became of each order, `pictures.rs` draws,
+//! `told.rs` writes it down.
 
 mod numbers;
 mod observe;
@@ -13,7 +14,7 @@ mod response;
 mod told;
 
 pub use numbers::Number;
-pub(crate) use observe::recount;
+pub(crate) use observe::Observed;
 pub use orders::Ordered;
 pub use pictures::pictures;
 pub use response::Response;
@@ -22,7 +23,7 @@ pub use told::{Folder, document};
 use crate::record::read::RecordedFlight;
 use crate::trace::{self, trace};
 use crate::view::{Gathered, ViewError, gather};
-use observe::Observed;
+use ::verdict::Verdict;
 use pictures::Tails;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -34,8 +35,10 @@ pub struct Report {
     pub file: String,
     /// What was flown.
     pub scenario: String,
-    /// In one sentence: pass or fail, and why.
+    /// In one line: the verdict, and why.
     pub sentence: String,
+    /// The same for machines, with every reason and limit.
+    pub verdict: Verdict,
     /// What the file lacks, in a sentence; empty if it is all of its flight.
     pub lacks: String,
     /// The command that flies it again.
@@ -99,7 +102,8 @@ impl Report {
             gathered.closing.summary.get("swaps").and_then(|t| serde_json::from_str(t).ok());
         Ok(Self {
             file: flight.path().display().to_string(),
-            sentence: numbers::sentence(&scenario, &numbers, &observed, &latency),
+            sentence: observed.line(),
+            verdict: observed.verdict().clone(),
             scenario,
             lacks: lacks(&gathered),
             again: numbers::flown_again(flight, &gathered.closing),
@@ -115,10 +119,10 @@ impl Report {
         })
     }
 
-    /// True if every gate holds.
+    /// True if the flight passed.
     #[must_use]
     pub fn passes(&self) -> bool {
-        self.numbers.iter().all(|number| number.holds != Some(false))
+        self.verdict.passed()
     }
 
     /// True if time stood still whenever a step was not done: then a latency is the machine's own, and
@@ -131,9 +135,10 @@ impl Report {
     #[must_use]
     pub fn to_json(&self) -> serde_json::Value {
         let Self { file, scenario, sentence, lacks, again, numbers, responses, .. } = self;
-        let Self { orders, swaps, audit, facts, .. } = self;
+        let Self { orders, swaps, audit, facts, verdict, .. } = self;
         serde_json::json!({
             "file": file, "scenario": scenario, "pass": self.passes(), "sentence": sentence,
+            "verdict": verdict,
             "lacks": lacks, "again": again, "numbers": numbers, "responses": responses, "orders": orders,
             "swaps": swaps, "audit": audit, "latency": self.latency.to_json(),
             "latency_is_of_lockstep": self.is_lockstep(), "facts": facts,

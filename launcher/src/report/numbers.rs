@@ -3,12 +3,12 @@
 use super::observe::Observed;
 use crate::record::Clock;
 use crate::record::read::{Closing, RecordedFlight};
-use crate::run::{Effort, LOST_M, Metrics};
+use crate::run::Effort;
 use crate::scenario::{Override, Scenario};
 use crate::trace;
 use crate::view::Gathered;
+use ::verdict::CHECKS;
 use serde::Serialize;
-use shared_types::GateMode;
 
 /// One number with what it is measured by.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -22,7 +22,7 @@ pub struct Number {
     /// With its unit.
     pub value: String,
     /// What it must be; empty if it is only told.
-    pub gate: &'static str,
+    pub gate: String,
     /// Whether it is.
     pub holds: Option<bool>,
     /// Computes it again.
@@ -30,13 +30,14 @@ pub struct Number {
 }
 
 /// Collects numbers of one section after the other.
-struct Numbers {
+struct Numbers<'a> {
+    observed: &'a Observed,
     section: &'static str,
     command: String,
     all: Vec<Number>,
 }
 
-impl Numbers {
+impl Numbers<'_> {
     fn section(&mut self, section: &'static str, command: &str) {
         self.section = section;
         command.clone_into(&mut self.command);
@@ -46,10 +47,10 @@ impl Numbers {
         &mut self,
         (key, name): (&'static str, &'static str),
         value: String,
-        gate: Option<(&'static str, bool)>,
+        gate: Option<(String, bool)>,
     ) {
         let (section, command) = (self.section, self.command.clone());
-        let (gate, holds) = gate.map_or(("", None), |(gate, holds)| (gate, Some(holds)));
+        let (gate, holds) = gate.map_or((String::new(), None), |(gate, holds)| (gate, Some(holds)));
         self.all.push(Number { section, key, name, value, gate, holds, command });
     }
 
@@ -57,9 +58,21 @@ impl Numbers {
         self.add(names, value, None);
     }
 
-    /// A count that must be zero.
-    fn none(&mut self, names: (&'static str, &'static str), count: u64) {
-        self.add(names, count.to_string(), Some(("0", count == 0)));
+    /// A number that the verdict rests on, with its limit.
+    fn judged(&mut self, names: (&'static str, &'static str), value: String, key: &str) {
+        let verdict = self.observed.verdict();
+        let check = CHECKS.iter().find(|check| check.key == key);
+        let gate = check.zip(verdict.thresholds().limit(key)).map(|(check, limit)| {
+            let holds =
+                verdict.reasons().iter().all(|reason| reason.key != key || verdict.passed());
+            let gate = if limit > 0.0 {
+                format!("at most {}", check.unit.tell(limit))
+            } else {
+                "0".to_owned()
+            };
+            (gate, holds)
+        });
+        self.add(names, value, gate);
     }
 }
 
@@ -71,15 +84,15 @@ pub(super) fn numbers(
     latency: &trace::Report,
 ) -> Vec<Number> {
     let file = flight.path().display();
-    let mut numbers = Numbers { section: "", command: String::new(), all: Vec::new() };
+    let mut numbers = Numbers { observed, section: "", command: String::new(), all: Vec::new() };
     let again = format!("morphquad report {file}");
     numbers.section("flight", &again);
     of_flight(flight, gathered, observed, &mut numbers);
     numbers.section("constraints", &again);
     of_constraints(gathered, observed, &mut numbers);
     numbers.section("timing", &again);
-    of_timing(flight, observed, &mut numbers);
-    of_commands(gathered, &observed.metrics, &mut numbers);
+    of_timing(observed, &mut numbers);
+    of_commands(observed, &mut numbers);
     numbers.section("latency", &format!("morphquad trace {file}"));
     of_latency(latency, &mut numbers);
     numbers.section("recording", &format!("morphquad replay {file} --hash"));
@@ -117,28 +130,24 @@ fn of_flight(
     flight: &RecordedFlight,
     gathered: &Gathered,
     observed: &Observed,
-    numbers: &mut Numbers,
+    numbers: &mut Numbers<'_>,
 ) {
     let metrics = &observed.metrics;
-    let told = gathered.closing.summary.get("outcome").cloned();
-    let outcome = told.unwrap_or_else(|| {
-        let until_s = gathered.span_ns.1 as f64 * 1e-9;
-        format!("unknown: the file ends at {until_s:.3} s, {}", gathered.closing)
-    });
-    let good = outcome == "flown";
-    numbers.add(("outcome", "outcome"), outcome, Some(("flown", good)));
+    numbers.tell(("ended", "ended"), crate::run::told_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
     let flown_s = gathered.closing.summary.get("flown_s").cloned();
     let flown_s = flown_s.unwrap_or_else(|| format!("{:.3}", gathered.span_ns.1 as f64 * 1e-9));
     numbers.tell(("flown_s", "flown"), format!("{flown_s} s of {planned_s:.3} s"));
-    let tracking = metrics.tracking();
-    if tracking.samples > 0 {
-        numbers.tell(("position_rms_m", "tracking error, rms"), mm(tracking.rms_m));
-        let gate = Some(("at most 1 m", tracking.max_m <= LOST_M));
-        numbers.add(("position_max_m", "tracking error, largest"), mm(tracking.max_m), gate);
-        let off = tracking.last_second_m;
-        let gate = Some(("at most 1 m", off <= LOST_M));
-        numbers.add(("position_last_second_m", "error in the last second, mean"), mm(off), gate);
+    if let Some(tracking) = observed.outcome.tracking {
+        numbers.tell(("position_rms_m", "tracking error, rms"), mm(metrics.tracking().rms_m));
+        let names = ("position_max_m", "tracking error, largest");
+        numbers.judged(names, mm(tracking.max_m), "tracking_max_m");
+        let names = ("position_sustained_m", "tracking error, largest mean over a second");
+        numbers.judged(names, mm(tracking.sustained_m), "tracking_sustained_max_m");
+        let names = ("position_recovering_m", "tracking error, largest during a recovery");
+        numbers.judged(names, mm(tracking.recovering_m), "recovery_max_m");
+        let names = ("position_last_second_m", "error in the last second, mean");
+        numbers.judged(names, mm(tracking.end_m), "lost_m");
     }
     for (axis, response) in
         ["roll", "pitch", "yaw"].iter().zip(metrics.step_response().into_iter().flatten())
@@ -153,24 +162,32 @@ fn of_flight(
             "pitch" => ("pitch_step", "step of the pitch"),
             _ => ("yaw_step", "step of the yaw"),
         };
-        numbers.add(names, value, Some(("settled at the end", response.settling_s.is_some())));
+        numbers.tell(names, value);
     }
-    numbers.tell(
-        ("tilt_max_deg", "largest tilt"),
-        format!("{:.1}°", metrics.tilt_max_rad().to_degrees()),
+    if let Some(turned_rad) = observed.outcome.turned_rad {
+        let names = ("attitude_end_rad", "error of an angle at the end, largest");
+        numbers.judged(names, format!("{turned_rad:.4} rad"), "attitude_end_max_rad");
+    }
+    let tilt = format!("{:.3} rad", observed.outcome.tilt_rad);
+    numbers.judged(("tilt_max_rad", "largest tilt"), tilt, "tilt_max_rad");
+    let contact = format!("{:.3} s", observed.outcome.contact.total_s);
+    numbers.judged(
+        ("contact_s", "time on the ground where its path is not"),
+        contact,
+        "contact_max_s",
     );
     let wind = gathered.uses.wind_max_m_s;
     numbers.tell(("wind_max_m_s", "strongest wind"), format!("{wind:.2} m/s"));
-    let cut = metrics.gate().mode == GateMode::Cut;
-    let rotors = if cut { "cut" } else { "on" };
-    numbers.add(("rotors", "rotors at the end"), rotors.to_owned(), Some(("on", !cut)));
+    let cut = format!("{:.3} s", observed.outcome.cut_s);
+    numbers.judged(("rotors_cut_s", "time with the rotors cut"), cut, "cut_max_s");
 }
 
-fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers) {
+fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
     let metrics = &observed.metrics;
     let Effort { steps, violations, worst_violation, relaxed, yielded, unsolved, most_iterations } =
         metrics.effort();
-    numbers.none(("constraint_violations", "commands outside their bounds"), violations);
+    let names = ("constraint_violations", "commands outside their bounds");
+    numbers.judged(names, violations.to_string(), "violations_max");
     numbers.tell(("controller_steps", "of controller steps"), steps.to_string());
     // Below the tolerance it is rounding.
     numbers.tell(
@@ -202,53 +219,55 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
     numbers.tell(("yielded_steps", "steps that left a soft bound"), yielded.to_string());
     numbers.tell(("unsolved_steps", "steps without a solved optimum"), unsolved.to_string());
     numbers.tell(("most_iterations", "most iterations in a step"), most_iterations.to_string());
-    numbers.tell(
-        ("clipped_share", "ticks with clipped rotors"),
-        format!("{:.2} %", 100.0 * metrics.clipped_share()),
-    );
+    let clipping = observed.outcome.clipping;
+    let share = format!("{:.2} %", 100.0 * clipping.share);
+    numbers.judged(("clipped_share", "ticks with clipped rotors"), share, "clipped_max_share");
+    let longest = format!("{:.3} s", clipping.longest_s);
+    numbers.judged(("clipped_s", "longest stretch with clipped rotors"), longest, "clipped_max_s");
 }
 
-fn of_timing(flight: &RecordedFlight, observed: &Observed, numbers: &mut Numbers) {
-    let metrics = &observed.metrics;
-    let loops = metrics.loops();
+fn of_timing(observed: &Observed, numbers: &mut Numbers<'_>) {
+    let loops = observed.metrics.loops();
     let stats = || loops.iter();
+    let outcome = &observed.outcome;
     let missed = stats().map(|s| s.skipped + s.input_deadline_misses).sum::<u64>();
     let late = stats().map(|s| s.late_samples).sum::<u64>();
     let unseen = stats().map(|s| s.lost_samples).sum::<u64>();
-    // Whoever kills a process on purpose wants to see what it costs.
-    let unharmed = flight.scenario().settings().fault.is_empty();
-    if flight.clock() == Clock::Lockstep && unharmed {
-        numbers.none(("missed_ticks", "missed deadlines and skipped releases"), missed);
-        numbers.none(("late_samples", "samples after their step"), late);
-    } else {
-        numbers.tell(("missed_ticks", "missed deadlines and skipped releases"), missed.to_string());
-        numbers.tell(("late_samples", "samples after their step"), late.to_string());
-    }
+    numbers.tell(("missed_ticks", "missed deadlines and skipped releases"), missed.to_string());
+    let of_worst = |misses: &::verdict::Misses| match misses.of.as_str() {
+        "" => "0 %".to_owned(),
+        of => format!("{:.2} % of {of}", 100.0 * misses.share),
+    };
+    let names = ("missed_share", "the same, of the loop that missed most");
+    numbers.judged(names, of_worst(&outcome.missed), "missed_max_share");
+    numbers.tell(("late_samples", "samples after their step"), late.to_string());
+    let names = ("late_share", "the same, of the loop that got most");
+    numbers.judged(names, of_worst(&outcome.late), "late_max_share");
     numbers.tell(("unseen_samples", "samples that a loop never saw"), unseen.to_string());
-    let names = ("safe_mode_episodes", "safe-mode episodes");
-    let episodes = metrics.gate().safe_mode_episodes;
-    if unharmed {
-        numbers.none(names, episodes);
-    } else {
-        numbers.tell(names, episodes.to_string());
-    }
+    let safe_mode = outcome.safe_mode;
+    let names = ("safe_mode_episodes", "safe-mode episodes that nothing explains");
+    numbers.judged(names, safe_mode.unexplained.to_string(), "safe_mode_max");
+    let names = ("safe_mode_explained", "those that a fault or the loss of a process explains");
+    numbers.tell(names, safe_mode.explained.to_string());
+    let longest = format!("{:.3} s", safe_mode.longest_s);
+    numbers.judged(("safe_mode_s", "longest safe-mode episode"), longest, "safe_mode_max_s");
     let restarts = stats().map(|s| s.generation).sum::<u64>().to_string();
     numbers.tell(("restarts", "processes started again"), restarts);
 }
 
 /// Who commanded: where a file is cut, up to where nothing about a tick is missing.
-fn of_commands(gathered: &Gathered, metrics: &Metrics, numbers: &mut Numbers) {
-    let complete = gathered.closing.complete;
-    let commands = if complete { metrics.commands() } else { metrics.settled_commands() };
-    numbers.none(("wrong_owner_ticks", "ticks commanded by a wrong owner"), commands.wrong_owner);
-    numbers.none(("duplicated_ticks", "ticks with two commands"), commands.duplicated);
+fn of_commands(observed: &Observed, numbers: &mut Numbers<'_>) {
+    let (outcome, commands) = (&observed.outcome, observed.metrics.commands());
+    let names = ("wrong_owner_ticks", "ticks commanded by a wrong owner");
+    numbers.judged(names, outcome.wrong_owner.to_string(), "wrong_owner_max");
+    let names = ("duplicated_ticks", "ticks with two commands");
+    numbers.judged(names, outcome.duplicated.to_string(), "duplicated_max");
     numbers.tell(("missed_commands", "ticks without a valid command"), commands.missed.to_string());
 }
 
-fn of_latency(latency: &trace::Report, numbers: &mut Numbers) {
+fn of_latency(latency: &trace::Report, numbers: &mut Numbers<'_>) {
     let value = format!("{} of {}", latency.traced, latency.commands);
-    let names = ("traced", "commands traced to their sensor");
-    numbers.add(names, value, Some(("all", latency.untraced.is_empty() && latency.commands > 0)));
+    numbers.tell(("traced", "commands traced to their sensor"), value);
     let place = trace::SEGMENTS.iter().position(|s| s.key == "sensor_to_command");
     if let Some(figures) = place.and_then(|place| latency.segments.get(place)) {
         let us = |ns: u64| format!("{} µs", crate::figure::us(ns as f64 * 1e-3));
@@ -264,48 +283,17 @@ fn of_latency(latency: &trace::Report, numbers: &mut Numbers) {
     );
 }
 
-fn of_recording(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers) {
+fn of_recording(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
     numbers.tell(("samples", "samples in the file"), observed.samples().to_string());
     let (gaps, named) = observed.gaps();
     let named = if gaps == 0 { "0".to_owned() } else { named };
-    numbers.add(("gaps", "samples and states lost"), named, Some(("0", gaps == 0)));
+    numbers.judged(("gaps", "samples and states lost"), named, "dropped_max");
     let stored = |key: &str| gathered.closing.summary.get(key);
     for (names, key, hash) in [
         (("hash", "flight hash"), "hash", &observed.flight_hash),
         (("log_hash", "hash of all samples"), "log_hash", &observed.log_hash),
     ] {
-        let gate = stored(key).map(|stored| ("as the flight had it", stored == hash));
+        let gate = stored(key).map(|stored| ("as the flight had it".to_owned(), stored == hash));
         numbers.add(names, hash.clone(), gate);
     }
-}
-
-/// Pass or fail, and why.
-pub(super) fn sentence(
-    scenario: &str,
-    numbers: &[Number],
-    observed: &Observed,
-    latency: &trace::Report,
-) -> String {
-    let failed: Vec<_> = numbers.iter().filter(|number| number.holds == Some(false)).collect();
-    if !failed.is_empty() {
-        let told = failed.iter().map(|n| format!("{}: {} (gate: {})", n.name, n.value, n.gate));
-        return format!("FAIL: {scenario}: {}.", told.collect::<Vec<_>>().join("; "));
-    }
-    let metrics = &observed.metrics;
-    let samples = observed.samples();
-    let tracking = metrics.tracking();
-    let flown = match (tracking.samples, metrics.step_response()) {
-        (1.., _) => format!("stayed within {} of its path", mm(tracking.max_m)),
-        (_, Some(axes)) => {
-            let worst = axes.iter().map(|a| a.final_error_rad.abs()).fold(0.0, f64::max);
-            format!("ended {worst:.1e} rad from its set point")
-        }
-        _ => "was flown".to_owned(),
-    };
-    format!(
-        "PASS: {scenario} {flown}, kept every bound in {} controller steps, lost none of {samples} samples, \
-         and all {} commands trace to their sensor.",
-        metrics.effort().steps,
-        latency.commands
-    )
 }

@@ -2,16 +2,21 @@
 
 use super::AuditRow;
 use super::orders::Pursuits;
-use crate::record::read::{ReadError, RecordVisitor, RecordedFlight};
+use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use crate::record::{STATES, SequenceAudit, Stream, name_gaps};
-use crate::run::{FlightHash, LogHash, Metrics};
-use shared_types::{Header, Role, Sample, Topic, topics};
+use crate::run::{self, ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
+use ::verdict::{End, Outcome, Verdict};
+use shared_types::{Header, Role, Sample, Topic, Truth, topics};
+use std::any::Any;
 use std::collections::BTreeMap;
 
 /// What the samples say.
 #[derive(Debug)]
-pub(super) struct Observed {
+pub(crate) struct Observed {
     pub(super) metrics: Metrics,
+    /// What it is judged by.
+    pub(super) outcome: Outcome,
+    verdict: Verdict,
     pub(super) flight_hash: String,
     pub(super) log_hash: String,
     pub(super) pursuits: Pursuits,
@@ -26,10 +31,16 @@ struct Observer {
     streams: BTreeMap<&'static str, Stream>,
     states: BTreeMap<&'static str, Stream>,
     pursuits: Pursuits,
+    /// Last instant of the vehicle \[ns\].
+    until_ns: u64,
 }
 
 impl RecordVisitor for Observer {
     fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        if any.is::<Truth>() {
+            self.until_ns = sample.header().valid_ns;
+        }
         self.metrics.observe(topic, sample);
         self.pursuits.sample(topic, sample);
         self.hashes.0.add(&topic.info, sample);
@@ -47,7 +58,11 @@ impl RecordVisitor for Observer {
 }
 
 impl Observed {
-    pub(super) fn of(flight: &RecordedFlight) -> Result<Self, ReadError> {
+    /// Goes through a recording.
+    ///
+    /// # Errors
+    /// The file is damaged.
+    pub(crate) fn of(flight: &RecordedFlight) -> Result<Self, ReadError> {
         let mut audit = SequenceAudit::default();
         let names = topics::all().into_iter().map(|info| info.name);
         let streams = names.map(|name| (name, audit.register(name))).collect();
@@ -56,13 +71,33 @@ impl Observed {
         let metrics = Metrics::of(flight.scenario());
         let hashes = (FlightHash::default(), LogHash::default());
         let pursuits = Pursuits::default();
-        let mut observer = Observer { metrics, hashes, audit, streams, states, pursuits };
-        flight.visit(&mut observer)?;
-        let Observer { mut metrics, hashes: (flight_hash, log_hash), audit, pursuits, .. } =
-            observer;
+        let mut observer =
+            Observer { metrics, hashes, audit, streams, states, pursuits, until_ns: 0 };
+        let closing = flight.visit(&mut observer)?;
+        let Observer { mut metrics, hashes, audit, pursuits, until_ns, .. } = observer;
         metrics.finish();
-        let (flight_hash, log_hash) = (flight_hash.hex(), log_hash.hex());
-        Ok(Self { metrics, flight_hash, log_hash, pursuits, audit })
+        let (flight_hash, log_hash) = (hashes.0.hex(), hashes.1.hex());
+        let mut ending = ending(&closing, until_ns);
+        ending.altered = [("hash", &flight_hash), ("log_hash", &log_hash)]
+            .into_iter()
+            .map(|(key, hash)| closing.summary.get(key).is_some_and(|stored| stored != hash))
+            .map(u64::from)
+            .sum();
+        let gaps = audit.gaps();
+        let lost = gaps.iter().map(|(_, count)| count).sum();
+        ending.dropped = (lost, if lost > 0 { name_gaps(&gaps) } else { String::new() });
+        let (outcome, verdict) = (metrics.outcome(&ending), metrics.judge(&ending));
+        Ok(Self { metrics, outcome, verdict, flight_hash, log_hash, pursuits, audit })
+    }
+
+    /// What is to be said of the flight: the words that it had for itself, if it was recorded to its end.
+    pub(crate) fn verdict(&self) -> &Verdict {
+        &self.verdict
+    }
+
+    /// The line that every output about this flight begins with.
+    pub(crate) fn line(&self) -> String {
+        self.metrics.line(&self.verdict)
     }
 
     /// By topic and seat.
@@ -91,7 +126,7 @@ impl Observed {
     }
 
     /// What a summary would say of these samples, under the same names.
-    fn summary(&self) -> BTreeMap<String, String> {
+    pub(crate) fn summary(&self) -> BTreeMap<String, String> {
         let tracking = self.metrics.tracking();
         let loops = self.metrics.loops();
         let stats = || loops.iter();
@@ -112,10 +147,29 @@ impl Observed {
     }
 }
 
-/// Counts again what the summary of a recording would say that has none.
-///
-/// # Errors
-/// The file is damaged.
-pub(crate) fn recount(flight: &RecordedFlight) -> Result<BTreeMap<String, String>, ReadError> {
-    Ok(Observed::of(flight)?.summary())
+/// How a flight ended whose recording ends like this, with the vehicle at `until_ns`.
+fn ending(closing: &Closing, until_ns: u64) -> run::Closing {
+    let unrecorded = closing.has_holes().then(|| format!("the file has holes, {closing}"));
+    let (end, flown_ns) = if closing.summary.is_empty() {
+        let until_s = until_ns as f64 * 1e-9;
+        (End::Cut(format!("the file ends at {until_s:.3} s, {closing}")), until_ns)
+    } else {
+        let told = |key: &str| closing.summary.get(key);
+        let end =
+            told(ENDED).map_or_else(|| before_there_were_verdicts(closing), |text| read_end(text));
+        let flown_ns = told(FLOWN_NS).and_then(|text| text.parse().ok());
+        (end, flown_ns.unwrap_or(until_ns))
+    };
+    let is_cut = !closing.complete;
+    run::Closing { end, flown_ns, unrecorded, is_cut, ..run::Closing::default() }
+}
+
+/// The end of a flight whose summary has only the outcome in words.
+fn before_there_were_verdicts(closing: &Closing) -> End {
+    let outcome = closing.summary.get("outcome").map_or("", String::as_str);
+    match outcome.strip_prefix("lost: ") {
+        Some(why) => End::Crashed(why.to_owned()),
+        None if outcome == "interrupted" => End::Interrupted,
+        None => End::Planned,
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::{AuditRow, Number, Ordered, Report, Response, pictures};
 use crate::results::{Document, Table, capital};
+use ::verdict::Grade;
 use core::fmt;
 use serde_json::Value;
 
@@ -20,7 +21,7 @@ impl Report {
                 Some(false) => "FAILS",
                 None => "",
             };
-            table.push([*name, value.as_str(), *gate, verdict]);
+            table.push([*name, value.as_str(), gate.as_str(), verdict]);
             command = &number.command;
         }
         (table, command)
@@ -106,6 +107,9 @@ impl Report {
 
     fn part(&self, document: Document) -> Document {
         let mut document = document.verdict(self.passes(), &self.sentence);
+        for reason in self.verdict.reasons().iter().skip(1) {
+            document = document.paragraph(&format!("Also: {}.", reason.text));
+        }
         document =
             document.paragraph(&format!("From {}. Flown again by: {}", self.file, self.again));
         if !self.lacks.is_empty() {
@@ -168,18 +172,19 @@ impl Folder {
     pub fn sentence(&self) -> String {
         let Self { reports, unread, .. } = self;
         let passed = reports.iter().filter(|report| report.passes()).count();
-        let word = if passed == reports.len() && unread.is_empty() { "PASS" } else { "FAIL" };
+        let is_good = passed == reports.len() && unread.is_empty();
+        let word = if is_good { Grade::Passed } else { Grade::Failed };
         let failed = reports.iter().filter(|report| !report.passes());
         let failed: Vec<_> = failed.map(|report| report.file.as_str()).collect();
         let text = match &failed[..] {
-            [] => format!("{word}: {passed} of {} flights pass", reports.len()),
+            [] => format!("{word}  {passed} of {} flights pass", reports.len()),
             [first, rest @ ..] => {
                 let more = if rest.is_empty() {
                     String::new()
                 } else {
                     format!(" and {} more", rest.len())
                 };
-                format!("{word}: {passed} of {} flights pass, not {first}{more}", reports.len())
+                format!("{word}  {passed} of {} flights pass, not {first}{more}", reports.len())
             }
         };
         match unread.len() {
@@ -225,7 +230,7 @@ pub fn document(folder: &Folder) -> String {
     let mut document = Document::new(&title);
     if several {
         let sentence = folder.sentence();
-        document = document.verdict(sentence.starts_with("PASS"), &sentence);
+        document = document.verdict(sentence.starts_with(Grade::Passed.word()), &sentence);
         document = document.table(&folder.overview());
     }
     for report in reports {
@@ -240,6 +245,9 @@ pub fn document(folder: &Folder) -> String {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.sentence)?;
+        for reason in self.verdict.reasons().iter().skip(1) {
+            writeln!(f, "  also  {}", reason.text)?;
+        }
         if !self.lacks.is_empty() {
             writeln!(f, "{}", self.lacks)?;
         }

@@ -1,0 +1,220 @@
+//! What a flight is allowed, derived from what it is to do.
+
+use crate::CHECKS;
+use serde::ser::{Serialize, SerializeMap, Serializer};
+use std::collections::BTreeMap;
+
+/// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own size and
+/// more, far beyond what wind or a failing rotor does to one that is under control.
+pub const LOST_M: f64 = 1.0;
+/// Error of an angle at the end of a rig's flight from which the vehicle counts as lost \[rad\].
+pub const LOST_RAD: f64 = 1.0;
+
+/// Distance that a vehicle at rest in still air may be off: half of what spans its arms \[m\].
+const AT_REST_M: f64 = 0.15;
+/// Time by which it may be behind along its path \[s\].
+const BEHIND_S: f64 = 0.05;
+/// Distance that a push may take it off, for each m/s² of it \[s²\]: what a position loop of about 6 rad/s
+/// gives way to.
+const YIELD_S2: f64 = 0.03;
+/// Share of the largest error that may last for a second.
+const SUSTAINED_SHARE: f64 = 0.6;
+/// Tilt beyond twice the angle that is asked for \[rad\].
+const TILT_MARGIN_RAD: f64 = 0.2;
+/// A rig that ends sooner after its step has not had the time to answer it \[s\].
+const ANSWER_S: f64 = 0.5;
+/// Error of an angle that a rig may end with, as a share of its step.
+const STEP_SHARE: f64 = 0.25;
+/// The same of a rig without a step \[rad\].
+const STEP_LEAST_RAD: f64 = 0.02;
+/// Longest stretch with clipped rotors \[s\]: as long as a position loop may be without authority before the
+/// vehicle is off by what [`AT_REST_M`] allows.
+const CLIPPED_S: f64 = 0.5;
+/// Share of ticks with clipped rotors: beyond it the bounds are no exception any more.
+const CLIPPED_SHARE: f64 = 0.25;
+/// Share of its releases that a loop may miss by the wall clock: a command is valid for two periods, so that a
+/// loop that misses every other release still commands.
+const MISSED_SHARE: f64 = 0.5;
+/// By the wall clock the system may keep a controller from its processor now and then: one episode in so long
+/// \[s\].
+const EPISODE_EVERY_S: f64 = 5.0;
+
+/// What thresholds are derived from; the caller takes it from a scenario.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Basis {
+    /// True if time waits for nobody.
+    pub realtime: bool,
+    /// Length of the flight \[s\].
+    pub planned_s: f64,
+    /// Largest speed along the path, orders included \[m/s\].
+    pub speed_m_s: f64,
+    /// Largest acceleration that wind, forces, loads and an unknown mass give the vehicle \[m/s²\].
+    pub push_m_s2: f64,
+    /// Largest tilt that position loop or rig ask for \[rad\].
+    pub tilt_rad: f64,
+    /// Step of a rig's angles \[rad\]; none of a flight along a path.
+    pub step_rad: Option<f64>,
+    /// From that step to the end of the flight \[s\].
+    pub after_step_s: f64,
+    /// Samples of the fastest topic in a period of the slowest loop.
+    pub samples_per_step: f64,
+    /// Longest that the actuation gate flies on by itself before it cuts the rotors \[s\].
+    pub gate_s: f64,
+    /// True if the script kills or stops somebody.
+    pub faults: bool,
+}
+
+impl Default for Basis {
+    fn default() -> Self {
+        Self {
+            realtime: false,
+            planned_s: 0.0,
+            speed_m_s: 0.0,
+            push_m_s2: 0.0,
+            tilt_rad: 0.35,
+            step_rad: None,
+            after_step_s: f64::INFINITY,
+            samples_per_step: 1.0,
+            gate_s: 2.0,
+            faults: false,
+        }
+    }
+}
+
+/// One limit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Threshold {
+    /// In the unit of its key.
+    pub limit: f64,
+    /// Where it comes from.
+    pub why: String,
+}
+
+/// Every limit of a flight, by its key.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thresholds(BTreeMap<&'static str, Threshold>);
+
+impl Default for Thresholds {
+    fn default() -> Self {
+        Self::derive(&Basis::default())
+    }
+}
+
+impl Thresholds {
+    /// The limits that suit a flight.
+    #[must_use]
+    pub fn derive(basis: &Basis) -> Self {
+        let mut all = Self(BTreeMap::new());
+        all.put("cut_max_s", 0.0, "rotors that are cut stay off");
+        all.put("lost_m", LOST_M, "several times the vehicle's size");
+        all.put("lost_rad", LOST_RAD, "several times what a controller answers linearly");
+        all.put("contact_max_s", 0.0, "only where the path itself is on the ground");
+        all.put("clipped_max_s", CLIPPED_S, "as long as a position loop can do without authority");
+        all.put("clipped_max_share", CLIPPED_SHARE, "bounds are the exception");
+        for key in
+            ["violations_max", "wrong_owner_max", "duplicated_max", "dropped_max", "altered_max"]
+        {
+            all.put(key, 0.0, "a promise, not a measurement");
+        }
+        all.follow(basis);
+        all.turn(basis);
+        all.wait(basis);
+        all
+    }
+
+    /// Limits of the way along a path.
+    fn follow(&mut self, basis: &Basis) {
+        let Basis { speed_m_s, push_m_s2, .. } = *basis;
+        let most_m = AT_REST_M + BEHIND_S * speed_m_s + YIELD_S2 * push_m_s2;
+        let tracking_m = most_m.clamp(AT_REST_M, LOST_M);
+        let why = format!(
+            "{AT_REST_M} m at rest, {BEHIND_S} s behind at up to {speed_m_s:.2} m/s, {YIELD_S2} s2 of a push \
+             of up to {push_m_s2:.2} m/s2, at most {LOST_M} m"
+        );
+        self.put("tracking_max_m", tracking_m, why);
+        let why = format!("{SUSTAINED_SHARE} of tracking_max_m");
+        self.put("tracking_sustained_max_m", SUSTAINED_SHARE * tracking_m, why);
+        self.put("tracking_rms_max_m", tracking_m, "that of tracking_max_m");
+        self.put("recovery_max_m", LOST_M, "as far as a vehicle that is not lost");
+    }
+
+    /// Limits of the attitude.
+    fn turn(&mut self, basis: &Basis) {
+        let Basis { tilt_rad, step_rad, after_step_s, .. } = *basis;
+        let end_rad = if after_step_s < ANSWER_S {
+            LOST_RAD
+        } else {
+            STEP_LEAST_RAD.max(STEP_SHARE * step_rad.unwrap_or(0.0).abs())
+        };
+        let why = format!("{STEP_SHARE} of the step, at least {STEP_LEAST_RAD} rad");
+        self.put("attitude_end_max_rad", end_rad, why);
+        let tilt_max_rad = (2.0 * tilt_rad + TILT_MARGIN_RAD).clamp(0.0, core::f64::consts::PI);
+        let why =
+            format!("twice the {tilt_rad:.2} rad asked for at most, and {TILT_MARGIN_RAD} rad");
+        self.put("tilt_max_rad", tilt_max_rad, why);
+    }
+
+    /// Limits of what comes too late, or never.
+    fn wait(&mut self, basis: &Basis) {
+        let Basis { realtime, planned_s, samples_per_step, gate_s, faults, .. } = *basis;
+        if realtime {
+            let episodes = (planned_s / EPISODE_EVERY_S).max(0.0).ceil();
+            let why = format!("by the wall clock one in {EPISODE_EVERY_S} s");
+            self.put("safe_mode_max", episodes, why);
+        } else {
+            self.put("safe_mode_max", 0.0, "in lockstep nobody is late");
+        }
+        self.put("safe_mode_max_s", gate_s, "as long as the actuation gate levels the vehicle");
+        let (share, why) = if realtime || faults {
+            (MISSED_SHARE, "every other: a command is valid for two periods")
+        } else {
+            (0.0, "in lockstep nobody is late")
+        };
+        self.put("missed_max_share", share, why);
+        let why = format!("{why}; up to {samples_per_step} samples in a step");
+        self.put("late_max_share", share * samples_per_step, why);
+    }
+
+    fn put(&mut self, key: &'static str, limit: f64, why: impl Into<String>) {
+        self.0.insert(key, Threshold { limit, why: why.into() });
+    }
+
+    /// Sets a limit that the scenario gives; false if no check has this key.
+    pub fn set(&mut self, key: &str, limit: f64) -> bool {
+        let check = CHECKS.iter().find(|check| check.key == key);
+        if let Some(check) = check {
+            self.put(check.key, limit, "set in [verdict]");
+        }
+        check.is_some()
+    }
+
+    /// A limit, if there is one of this key.
+    #[must_use]
+    pub fn limit(&self, key: &str) -> Option<f64> {
+        self.0.get(key).map(|threshold| threshold.limit)
+    }
+
+    /// Every limit in the order of its key.
+    pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Threshold)> {
+        self.0.iter().map(|(key, threshold)| (*key, threshold))
+    }
+}
+
+impl Serialize for Thresholds {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for (key, threshold) in self.iter() {
+            map.serialize_entry(key, threshold)?;
+        }
+        map.end()
+    }
+}
+
+impl Serialize for Threshold {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(2))?;
+        map.serialize_entry("limit", &self.limit)?;
+        map.serialize_entry("why", &self.why)?;
+        map.end()
+    }
+}
