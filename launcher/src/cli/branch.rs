@@ -164,7 +164,9 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
                 ),
             };
             let since = report::in_a_line(&since);
-            format!("{origin}: {compared}\nsince the branch: {since}\nin all: {summary}")
+            let summary = summary.to_string();
+            let (line, rest) = summary.split_once('\n').unwrap_or((&summary, ""));
+            format!("{line}\n{origin}: {compared}\nsince the branch: {since}\nin all:\n{rest}")
         }
     };
     Ok((text, code))
@@ -238,13 +240,15 @@ fn fly_many(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let text = match replay.format {
         Format::Json => {
             let mut json = report::to_json(&axes, &flown, WORST, &command);
+            json["line"] = report::line(&format!("branches of run {run}"), &flown).into();
             json["branch"] = serde_json::json!({"of_run": run, "at_s": seconds(&branch)});
             json["files"] = files.into();
             json.to_string()
         }
         Format::Text => format!(
-            "{} branches of run {run} at {} s; all figures are of what was flown since then\n{}\n{}\n\
+            "{}\n{} branches of run {run} at {} s; all figures are of what was flown since then\n{}\n{}\n\
              (the commands tell the same figures as `since the branch`)\nwrote {}",
+            report::line(&format!("branches of run {run}"), &flown),
             flown.len(),
             seconds(&branch),
             report::figures(&flown),

@@ -46,7 +46,7 @@ impl Trouble {
     }
 }
 
-/// Flies a campaign; 0 with a table, 2 if no case can be flown, 4 if a component failed in one, 130
+/// Flies a campaign; 0 if every case passed, 1 if one did not, 2 if no case can be flown, 4 if a component failed in one, 130
 /// if interrupted.
 pub(super) fn run(arguments: &CampaignArguments, out: &mut dyn Write) -> Done {
     super::conclude(fly(arguments), Trouble::exit_code, out)
@@ -78,7 +78,8 @@ fn in_words(name: &str, campaign: &Campaign, worst: usize, folder: &ResultsFolde
     let command = |case: &campaign::Case| campaign.command(case);
     let files = folder.written().iter().map(|path| format!("wrote {}\n", path.display()));
     format!(
-        "campaign {name}  {}  {} cases, {resumed} of them flown before\n{}\n{}\n{}",
+        "{}\n  scenario      {}, {} cases, {resumed} of them flown before\n{}\n{}\n{}",
+        report::line(&format!("campaign {name}"), flown),
         base.name,
         flown.len(),
         report::figures(flown),
@@ -91,6 +92,7 @@ fn in_json(campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String 
     let command = |case: &campaign::Case| campaign.command(case);
     let mut json = report::to_json(&campaign.axes, &campaign.flown, worst, &command);
     let files: Vec<_> = folder.written().iter().map(|path| path.display().to_string()).collect();
+    json["line"] = report::line("campaign", &campaign.flown).into();
     json["resumed"] = campaign.resumed.into();
     json["files"] = files.into();
     json.to_string()

@@ -8,6 +8,8 @@ use crate::scenario::settings::{
 use crate::scenario::{self, Scenario};
 use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
+use monitor::Limits;
+use monitor::settings::Fallback;
 use runtime::{Graph, MissPolicy, Node};
 use std::io::{self, Write};
 
@@ -140,24 +142,62 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     if script.is_empty() {
         writeln!(out, "wind    none")?;
     }
+    watch(settings, out)?;
     script_of(settings, out)
+}
+
+/// Beyond what a new owner trips.
+fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+    if !settings.watch.enabled {
+        return writeln!(
+            out,
+            "watch   nobody: an owner that loses the vehicle is obeyed to the end"
+        );
+    }
+    let limits = settings.watch.limits();
+    let Limits { turn_away_rad, tilt_rad, heading_rad, astray_rad, astray_s, .. } = limits;
+    let Limits { swing_rate_rad_s, swing_tilt_rad, setpoint_tilt_rad, .. } = limits;
+    let Limits { thrust_speed_m_s, excursion_m, off_course_m, off_course_s, height_m, .. } = limits;
+    let standby = match settings.watch.fallback {
+        Fallback::Auto => "the owner before it",
+        Fallback::None => "nobody, so that only the gate levels the vehicle",
+    };
+    let gate = &settings.plant.gate;
+    writeln!(
+        out,
+        "watch   a new owner trips, and {standby} follows, when the vehicle can be stopped only beyond\n\
+         \x20       {turn_away_rad:.3} rad away from its set point, {tilt_rad:.3} rad of tilt, {heading_rad:.3} rad of heading,\n\
+         \x20       {excursion_m} m away from its reference, {height_m} m above the ground, or when it is\n\
+         \x20       {astray_rad:.3} rad off for {astray_s} s or {off_course_m} m for {off_course_s} s, swings by {swing_rate_rad_s} rad/s or is swung by {swing_tilt_rad:.3} rad,\n\
+         \x20       asks for {setpoint_tilt_rad:.3} rad of tilt, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
+         \x20       beyond {} rad or {} rad/s the gate levels first, to {} rad and {} rad/s",
+        gate.recover_tilt_rad,
+        gate.recover_rate_rad_s,
+        gate.recovered_tilt_rad,
+        gate.recovered_rate_rad_s
+    )
 }
 
 /// What is done to the flight on purpose.
 fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
     for swap in &settings.swap {
-        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force, config } = swap;
+        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, config, .. } = swap;
         let config =
             config.as_ref().map_or(String::new(), |c| format!(", as {} says", c.display()));
         let bump = max_bump.map_or(String::new(), |bump| format!(", bump at most {bump}"));
-        let force = if *force { ", whatever the gate says" } else { "" };
+        let rehearsal = match swap.rehearse {
+            Some(true) => ", rehearsed",
+            Some(false) => ", not rehearsed",
+            None => "",
+        };
+        let force = if swap.force { ", whatever gate and rehearsal say" } else { "" };
         let slot = slot.label();
         writeln!(
             out,
-            "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{force}{config}"
+            "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{rehearsal}{force}{config}"
         )?;
     }
-    for StandbySettings { slot, name, at_s, shadow_s } in &settings.standby {
+    for StandbySettings { slot, name, at_s, shadow_s, .. } in &settings.standby {
         let slot = slot.label();
         writeln!(out, "standby {slot} {name} from {at_s} s, shadow {shadow_s} s")?;
     }

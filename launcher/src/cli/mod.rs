@@ -24,6 +24,7 @@ mod paper;
 mod ps;
 mod recover;
 mod refusal;
+mod rehearse;
 mod replay;
 mod report;
 mod study;
@@ -107,6 +108,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
         Command::Ps(arguments) => return ps::run(&arguments, out),
         Command::Swap(arguments) => return orders::swap(&arguments, out),
+        Command::Rehearse(arguments) => return rehearse::run(&arguments, out),
         Command::Rollback(arguments) => return orders::roll_back(&arguments, out),
         Command::Retire(arguments) => return orders::retire(&arguments, out),
         Command::Standby(arguments) => return orders::stand_by(&arguments, out),

@@ -9,6 +9,7 @@ mod live;
 mod orders;
 mod pages;
 mod recover;
+mod rehearse;
 mod replay;
 pub(in crate::cli) mod report;
 mod run;
@@ -40,6 +41,7 @@ pub use bench::{
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, LayoutArguments, ManArguments};
 pub use recover::RecoverArguments;
+pub use rehearse::RehearseArguments;
 pub use top::TopArguments;
 pub use topic::{
     SampleFormat, TopicCommand, TopicEchoArguments, TopicExportArguments, TopicHzArguments,
@@ -97,6 +99,9 @@ pub(super) enum Command {
     /// Let another controller take over a slot of a run in the air
     #[command(after_help = air::SWAP_EXAMPLES)]
     Swap(SwapArguments),
+    /// Say whether a controller may take a slot over, by flying it ahead
+    #[command(after_help = rehearse::EXAMPLES)]
+    Rehearse(RehearseArguments),
     /// Give a slot back to its old owner while that is still warm
     #[command(after_help = "Example:\n  morphquad rollback attitude")]
     Rollback(RollbackArguments),

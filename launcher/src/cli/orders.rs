@@ -27,6 +27,7 @@ pub(super) fn swap(arguments: &SwapArguments, out: &mut dyn Write) -> Done {
         max_bump: arguments.max_bump,
         rollback_ns: nanoseconds(arguments.rollback),
         force: arguments.force,
+        rehearse: arguments.rehearsal.choice(),
         dry_run: arguments.dry_run,
     });
     order(&arguments.run, &request, arguments.format, out)
@@ -50,6 +51,7 @@ pub(super) fn stand_by(arguments: &StandbyArguments, out: &mut dyn Write) -> Don
         slot: arguments.slot.clone(),
         name: resolved(&arguments.slot, &arguments.name),
         shadow_ns: nanoseconds(arguments.shadow),
+        rehearse: arguments.rehearsal.choice(),
     };
     order(&arguments.run, &request, arguments.format, out)
 }

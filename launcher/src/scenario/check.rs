@@ -27,6 +27,7 @@ const TILT_SHARE: f64 = 0.8;
 pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Problem>, Vec<Problem>) {
     let mut checker = Checker { scenario, document, errors: Vec::new(), warnings: Vec::new() };
     checker.vehicle();
+    checker.start();
     checker.attitude();
     if !scenario.settings.pilot.is_rig() {
         checker.position();
@@ -84,6 +85,17 @@ impl<'s> Checker<'s> {
         }
     }
 
+    /// Rotors that turn faster than any can.
+    fn start(&mut self) {
+        let most_n = self.scenario.modelled_vehicle().rotor_thrust_max_n;
+        let given = self.settings().start.rotor_thrust_n.unwrap_or_default();
+        if let Some(index) = given.iter().position(|thrust_n| *thrust_n > most_n) {
+            let what = format!("{} N is more than a rotor can give", given[index]);
+            let remedy = format!("write at most vehicle.rotor_thrust_max_n, {most_n} N");
+            self.error(&format!("start.rotor_thrust_n[{index}]"), what, remedy);
+        }
+    }
+
     fn estimator(&mut self) {
         if let Err(error) = self.scenario.filter() {
             let key = "estimator.fix_latency_s";
@@ -131,6 +143,7 @@ impl<'s> Checker<'s> {
         };
         let start_deg = self.settings().start.morph_angle_deg;
         if let Some([_, first_deg]) = self.settings().pilot.common.morph.first().copied()
+            && self.settings().start.at_s <= 0.0
             && (first_deg - start_deg).abs() > 1e-9
         {
             let what = format!("the arms start at {start_deg} degrees and are told {first_deg}");
@@ -204,6 +217,7 @@ impl<'s> Checker<'s> {
             (Role::Estimator, u64::from(settings.estimator.state_every)),
             (Role::Position, 1),
             (Role::Attitude, 1),
+            (Role::Monitor, 1),
         ];
         for (role, state_every) in restarted {
             let rate_of = |topic: &TopicInfo| wiring::sensor_rate(settings, topic);

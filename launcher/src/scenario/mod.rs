@@ -10,17 +10,21 @@ mod deadlines;
 mod document;
 mod ordered;
 mod overrides;
+mod patience;
 pub mod pilot;
 mod problem;
+pub mod rehearsal;
 mod rights;
 pub mod script;
 pub mod settings;
 pub mod shipped;
+pub mod start;
 mod suggest;
 #[cfg(test)]
 mod tests;
 mod typed;
 mod vehicle;
+mod verdict;
 pub mod wiring;
 
 pub(crate) use check::TESTED_RATES_HZ;
@@ -33,7 +37,9 @@ pub use wiring::WiringError;
 pub(crate) use wiring::delayed_topics;
 
 use crate::components::Crew;
+use crate::pilot::TakenUp;
 use crate::record::is_recording;
+use ::monitor::MonitorConfig;
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
 use attitude_lqr::LqrConfig;
 use attitude_mpc::AttitudeLawConfig;
@@ -46,6 +52,7 @@ use host::Flight;
 use host::flight::{Clock, Facts};
 use host::realtime::Realtime;
 use pilot::Frame;
+use position_mpc::Landing;
 use position_mpc::PositionLawConfig;
 use position_pid::PositionPidConfig;
 use position_pid::settings::Shared;
@@ -222,6 +229,7 @@ impl Scenario {
             position_w_m: self.settings.start.position_w_m.into(),
             yaw_rad: self.start_yaw_rad(),
             morph_angle: self.start_morph_angle()?,
+            motion: self.settings.start.motion(),
             seed: self.settings.scenario.seed,
         })
     }
@@ -235,7 +243,10 @@ impl Scenario {
         let config = estimator.filter_config(vehicle.gravity_m_s2, plant.imu.rate_hz.into())?;
         let morph_angle_rad = start.morph_angle_deg.to_radians();
         let yaw_rad = self.start_yaw_rad();
-        Ok((config, estimator.initial_state(start.position_w_m, yaw_rad, morph_angle_rad)))
+        let (position_w_m, velocity_w, attitude) = start.belief();
+        let initial = estimator.initial_state(position_w_m, yaw_rad, morph_angle_rad);
+        let q_wb = attitude.unwrap_or(initial.q_wb);
+        Ok((config, InitialState { velocity_w, q_wb, ..initial }))
     }
 
     /// What the attitude controller is built from.
@@ -304,15 +315,28 @@ impl Scenario {
         }))
     }
 
+    /// What the monitor is built from; `landing` is what position controllers fly without a reference.
+    #[must_use]
+    pub fn monitor_config(&self, landing: Landing) -> MonitorConfig {
+        let Settings { watch, latency, .. } = &self.settings;
+        MonitorConfig {
+            limits: watch.limits(),
+            period_s: 1.0 / watch.rate_hz,
+            latency_s: latency.trip_s,
+            landing,
+        }
+    }
+
     /// What the pilot is built from.
     #[must_use]
     pub fn plan(&self) -> Plan {
         let Settings { pilot, start, scenario, .. } = &self.settings;
-        pilot.plan(Frame {
+        pilot.plan(&Frame {
             position_w_m: start.position_w_m,
             yaw_deg: start.yaw_deg,
             morph_angle_deg: start.morph_angle_deg,
-            duration_s: scenario.duration_s,
+            duration_s: start.plan_s.unwrap_or(scenario.duration_s),
+            taken_up: TakenUp { at_ns: start.at_ns(), order: start.guidance.order() },
         })
     }
 }

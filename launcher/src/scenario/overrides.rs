@@ -9,13 +9,14 @@ use miette::NamedSource;
 use shared_types::Role;
 
 /// Names under which a loop may be given to `--rate`, with the section that holds its rate.
-const LOOPS: [(&str, &str, Role); 9] = [
+const LOOPS: [(&str, &str, Role); 10] = [
     ("plant", "plant", Role::Plant),
     ("estimator", "estimator", Role::Estimator),
     ("position-mpc", "position_mpc", Role::Position),
     ("attitude-mpc", "attitude_mpc", Role::Attitude),
     ("disturbance-injector", "disturbance_injector", Role::Disturbance),
     ("pilot", "pilot", Role::Pilot),
+    ("monitor", "watch", Role::Monitor),
     ("position-pid", "position_pid", Role::Position),
     ("attitude-lqr", "attitude_lqr", Role::Attitude),
     ("attitude-pid", "attitude_pid", Role::Attitude),
@@ -70,7 +71,8 @@ impl Override {
         }))
     }
 
-    /// `--swap SLOT=NAME@TIME`, with `,shadow=TIME`, `,rollback=TIME`, `,max-bump=SHARE` and `,force`.
+    /// `--swap SLOT=NAME@TIME`, with `,shadow=TIME`, `,rollback=TIME`, `,max-bump=SHARE`, `,config=FILE`,
+    /// `,rehearse`, `,no-rehearsal` and `,force`.
     ///
     /// # Errors
     /// Not of this form.
@@ -91,7 +93,10 @@ impl Override {
                 "shadow" | "rollback" => seconds(value).map(|s| format!("{name}_s = {s:?}")),
                 "max-bump" => share(value).map(|share| format!("max_bump = {share:?}")),
                 "config" if !value.is_empty() => Some(format!("config = {value:?}")),
-                "force" if part == "force" => Some("force = true".to_owned()),
+                "force" if part == name => Some("force = true".to_owned()),
+                "rehearse" | "no-rehearsal" if part == name => {
+                    Some(format!("rehearse = {}", name == "rehearse"))
+                }
                 _ => None,
             };
             let Some(number) = number else { return refuse(&format!("`{part}` is unknown")) };
@@ -207,7 +212,7 @@ impl Override {
 }
 
 const SWAP_FORM: &str = "write --swap SLOT=NAME@TIME, for example --swap attitude=attitude-mpc@4.2s; behind it \
-    may stand ,shadow=2s ,rollback=500ms ,max-bump=1% ,config=FILE and ,force";
+    may stand ,shadow=2s ,rollback=500ms ,max-bump=1% ,config=FILE ,rehearse ,no-rehearsal and ,force";
 
 const STANDBY_FORM: &str = "write --standby SLOT=NAME, for example --standby attitude=attitude-pid; behind it may \
     stand @TIME and then ,shadow=TIME";

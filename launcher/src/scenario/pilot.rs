@@ -1,8 +1,8 @@
 //! The section `[pilot]`: where to fly and how wide to spread the arms.
 
 use crate::pilot::{
-    AttitudeStep, FigureEightConfig, Heading, MorphKnot, PilotConfig, RigPilotConfig, Trajectory,
-    TrajectoryConfig, Waypoint,
+    AttitudeStep, FigureEightConfig, Heading, MorphKnot, PilotConfig, RigPilotConfig, TakenUp,
+    Trajectory, TrajectoryConfig, Waypoint,
 };
 use garde::Validate;
 use serde::Deserialize;
@@ -212,7 +212,7 @@ pub enum Axis {
 }
 
 /// What the pilot is built from.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub enum Plan {
     /// A trajectory, for the position controller.
     Flight(PilotConfig),
@@ -227,6 +227,7 @@ pub(super) struct Frame {
     pub(super) yaw_deg: f64,
     pub(super) morph_angle_deg: f64,
     pub(super) duration_s: f64,
+    pub(super) taken_up: TakenUp,
 }
 
 impl PilotSettings {
@@ -236,12 +237,13 @@ impl PilotSettings {
         matches!(self.manoeuvre, Manoeuvre::AttitudeStep(_))
     }
 
-    pub(super) fn plan(&self, frame: Frame) -> Plan {
+    pub(super) fn plan(&self, frame: &Frame) -> Plan {
         let morph = self.knots(frame.morph_angle_deg);
         let spacing_ns = super::ns_from_s(self.common.preview_spacing_s);
         let trajectory = match &self.manoeuvre {
             Manoeuvre::AttitudeStep(step) => {
-                return Plan::Rig(RigPilotConfig { step: step.attitude(), morph, spacing_ns });
+                let (step, taken_up) = (step.attitude(), frame.taken_up);
+                return Plan::Rig(RigPilotConfig { step, morph, spacing_ns, taken_up });
             }
             Manoeuvre::Hover(hover) => TrajectoryConfig::Hover {
                 position_w_m: hover.position_w_m.unwrap_or(frame.position_w_m),
@@ -250,7 +252,7 @@ impl PilotSettings {
             Manoeuvre::Figure8(figure) => figure.trajectory(frame.duration_s),
             Manoeuvre::Waypoints(list) => TrajectoryConfig::Waypoints(list.waypoints()),
         };
-        Plan::Flight(PilotConfig { trajectory, morph, spacing_ns })
+        Plan::Flight(PilotConfig { trajectory, morph, spacing_ns, taken_up: frame.taken_up })
     }
 
     fn knots(&self, start_deg: f64) -> Vec<MorphKnot> {

@@ -40,10 +40,14 @@ pub struct SwapSettings {
     /// Largest step of the command, as a share of its bound; what suits the kind of swap if left out.
     #[garde(inner(range(min = 0.0, max = 2.0)))]
     pub max_bump: Option<f64>,
-    /// Take over whatever the gate says.
+    /// Take over whatever the gate and the rehearsal say.
     #[serde(default)]
     #[garde(skip)]
     pub force: bool,
+    /// Whether it is flown ahead before the flip; if left out, it is when it is of another kind or
+    /// build than the owner.
+    #[garde(skip)]
+    pub rehearse: Option<bool>,
     /// File that configures the controller, if not the flight's.
     #[garde(skip)]
     pub config: Option<PathBuf>,
@@ -75,6 +79,10 @@ pub struct StandbySettings {
     #[serde(default = "standby_shadow_s")]
     #[garde(range(min = 0.0, max = 3600.0))]
     pub shadow_s: f64,
+    /// Whether it is flown ahead before it may stand by; if left out, it is when it is of another kind
+    /// or build than the owner.
+    #[garde(skip)]
+    pub rehearse: Option<bool>,
 }
 
 /// As soon as all fly.

@@ -2,9 +2,13 @@
 
 pub use super::clock::{Clock, Speed};
 pub use super::ordered::OrderSettings;
+pub use super::patience::LauncherSettings;
 use super::pilot::PilotSettings;
+pub use super::rehearsal::RehearsalSettings;
 pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
+pub use super::start::StartSettings;
 pub use super::vehicle::{GeometrySettings, VehicleSettings};
+pub use super::verdict::VerdictSettings;
 use garde::Validate;
 pub use host::realtime::Policy;
 use runtime::MissPolicy;
@@ -41,12 +45,18 @@ pub struct Settings {
     pub crew: CrewSettings,
     /// `[disturbance_injector]`.
     pub disturbance_injector: disturbance_injector::settings::Settings,
+    /// `[watch]`.
+    pub watch: monitor::settings::Settings,
     /// `[latency]`.
     pub latency: LatencySettings,
     /// `[realtime]`.
     pub realtime: RealtimeSettings,
     /// `[launcher]`.
     pub launcher: LauncherSettings,
+    /// `[rehearsal]`.
+    pub rehearsal: RehearsalSettings,
+    /// `[verdict]`.
+    pub verdict: VerdictSettings,
     /// Each `[[swap]]`.
     pub swap: Vec<SwapSettings>,
     /// Each `[[standby]]`.
@@ -80,6 +90,7 @@ impl Settings {
             "attitude-lqr" => self.attitude_lqr.rate_hz.unwrap_or(self.attitude_mpc.rate_hz),
             "attitude-pid" => self.attitude_pid.rate_hz.unwrap_or(self.attitude_mpc.rate_hz),
             "disturbance-injector" => self.disturbance_injector.rate_hz,
+            "monitor" => self.watch.rate_hz,
             _ => self.pilot.common.rate_hz,
         }
     }
@@ -160,27 +171,6 @@ impl ScenarioSettings {
     }
 }
 
-/// Where the flight begins, in the air and at trim.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
-#[serde(deny_unknown_fields, default)]
-pub struct StartSettings {
-    /// Position \[m\].
-    #[garde(inner(range(min = -10000.0, max = 10000.0)))]
-    pub position_w_m: [f64; 3],
-    /// Heading \[°\].
-    #[garde(range(min = -360.0, max = 360.0))]
-    pub yaw_deg: f64,
-    /// β \[°\].
-    #[garde(range(min = 45.0, max = 160.0))]
-    pub morph_angle_deg: f64,
-}
-
-impl Default for StartSettings {
-    fn default() -> Self {
-        Self { position_w_m: [0.0, 0.0, 1.5], yaw_deg: 0.0, morph_angle_deg: 45.0 }
-    }
-}
-
 /// Declared latencies: from a step to its output taking effect.
 #[derive(Debug, Clone, Copy, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
@@ -194,11 +184,19 @@ pub struct LatencySettings {
     /// Attitude controller back to position controller \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub applied_setpoint_s: f64,
+    /// Monitor to whoever obeys a slot \[s\].
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub trip_s: f64,
 }
 
 impl Default for LatencySettings {
     fn default() -> Self {
-        Self { wrench_command_s: 0.001, attitude_setpoint_s: 0.001, applied_setpoint_s: 0.001 }
+        Self {
+            wrench_command_s: 0.001,
+            attitude_setpoint_s: 0.001,
+            applied_setpoint_s: 0.001,
+            trip_s: 0.001,
+        }
     }
 }
 
@@ -249,6 +247,9 @@ pub struct RealtimeSettings {
     /// Pilot.
     #[garde(dive)]
     pub pilot: LoopSettings,
+    /// Monitor.
+    #[garde(dive)]
+    pub watch: LoopSettings,
 }
 
 /// One loop against the wall clock.
@@ -315,6 +316,7 @@ impl Default for RealtimeSettings {
             attitude_mpc: usual(),
             disturbance_injector: usual(),
             pilot: usual(),
+            watch: usual(),
         }
     }
 }
@@ -330,6 +332,7 @@ impl RealtimeSettings {
             Role::Attitude => Some(&self.attitude_mpc),
             Role::Disturbance => Some(&self.disturbance_injector),
             Role::Pilot => Some(&self.pilot),
+            Role::Monitor => Some(&self.watch),
             _ => None,
         }
     }
@@ -345,47 +348,4 @@ impl RealtimeSettings {
 /// Topic that a key `TOPIC_s` names.
 pub(super) fn topic_of(key: &str) -> Option<&str> {
     key.strip_suffix("_s")
-}
-
-/// Patience of the launcher, in wall time.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
-#[serde(deny_unknown_fields, default)]
-pub struct LauncherSettings {
-    /// For all processes to be ready \[s\].
-    #[garde(range(min = 0.1, max = 600.0))]
-    pub startup_timeout_s: f64,
-    /// Lockstep: without progress for this long a process is killed \[s\].
-    #[garde(range(min = 0.1, max = 600.0))]
-    pub stall_timeout_s: f64,
-    /// Realtime: a process that lags behind the plant by more than this is killed \[s\]. Shorter than
-    /// the gate's patience, so that a successor still finds the vehicle in the air.
-    #[garde(range(min = 0.05, max = 600.0))]
-    pub lag_timeout_s: f64,
-    /// How long the processes go on after the launcher's death, for another one to take over: then they
-    /// land and leave; in lockstep, where nobody can, 2 s at most \[s\].
-    #[garde(range(min = 0.0, max = 3600.0))]
-    pub launcher_grace_s: f64,
-    /// Pause before the first restart of a process \[s\]; doubled by each further one.
-    #[garde(range(min = 0.0, max = 60.0))]
-    pub restart_backoff_s: f64,
-    /// Longest pause before a restart \[s\].
-    #[garde(range(min = 0.0, max = 600.0))]
-    pub restart_backoff_max_s: f64,
-    /// Restarts of one process before the run is given up.
-    #[garde(range(max = 1000))]
-    pub restart_limit: u32,
-}
-
-impl Default for LauncherSettings {
-    fn default() -> Self {
-        Self {
-            startup_timeout_s: 10.0,
-            stall_timeout_s: 2.0,
-            lag_timeout_s: 0.3,
-            launcher_grace_s: 30.0,
-            restart_backoff_s: 0.01,
-            restart_backoff_max_s: 5.0,
-            restart_limit: 10,
-        }
-    }
 }

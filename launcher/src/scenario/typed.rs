@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Every section of a scenario.
-const SECTIONS: [&str; 20] = [
+const SECTIONS: [&str; 23] = [
     "scenario",
     "vehicle",
     "start",
@@ -27,9 +27,12 @@ const SECTIONS: [&str; 20] = [
     "attitude_pid",
     "crew",
     "disturbance_injector",
+    "watch",
     "latency",
     "realtime",
     "launcher",
+    "rehearsal",
+    "verdict",
     "swap",
     "standby",
     "fault",
@@ -58,9 +61,12 @@ pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>
         attitude_pid: reader.section("attitude_pid"),
         crew: reader.section("crew"),
         disturbance_injector: reader.injector(),
+        watch: reader.section("watch"),
         latency: reader.section("latency"),
         realtime: reader.section("realtime"),
         launcher: reader.section("launcher"),
+        rehearsal: reader.section("rehearsal"),
+        verdict: reader.section("verdict"),
         swap: reader.list("swap"),
         standby: reader.list("standby"),
         fault: reader.list("fault"),

@@ -43,6 +43,7 @@ pub fn section(role: Role) -> &'static str {
         Role::Attitude => "attitude_mpc",
         Role::Disturbance => "disturbance_injector",
         Role::Pilot => "pilot",
+        Role::Monitor => "watch",
         _ => "launcher",
     }
 }
@@ -53,6 +54,7 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
     let nodes = Role::STEPPING
         .into_iter()
         .filter(|role| !(rig && *role == Role::Position))
+        .filter(|role| settings.watch.enabled || *role != Role::Monitor)
         .map(|role| node(settings, role))
         .collect::<Result<Vec<_>, _>>()?;
     let graph = Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?;
@@ -88,10 +90,11 @@ fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
     Ok(Node { role, rate, lead_ns, input_deadline_ns, miss_policy })
 }
 
-/// Physics, estimate and sources must not lose a step; a controller's old command is worth nothing.
+/// Physics, estimate and sources must not lose a step; a controller's old command is worth nothing, and
+/// neither is a judgement of what is over.
 fn default_policy(role: Role) -> MissPolicy {
     match role {
-        Role::Position | Role::Attitude => MissPolicy::Skip,
+        Role::Position | Role::Attitude | Role::Monitor => MissPolicy::Skip,
         _ => MissPolicy::CatchUp,
     }
 }
@@ -120,10 +123,11 @@ pub(crate) fn delayed_topics() -> impl Iterator<Item = &'static str> {
     declared(&LatencySettings::default()).into_iter().map(|(name, _)| name)
 }
 
-fn declared(latency: &LatencySettings) -> [(&'static str, f64); 3] {
+fn declared(latency: &LatencySettings) -> [(&'static str, f64); 4] {
     [
         (topics::WRENCH_COMMAND.info.name, latency.wrench_command_s),
         (topics::ATTITUDE_SETPOINT.info.name, latency.attitude_setpoint_s),
         (topics::APPLIED_SETPOINT.info.name, latency.applied_setpoint_s),
+        (topics::TRIP.info.name, latency.trip_s),
     ]
 }

@@ -37,15 +37,19 @@ pub(super) fn measure(arguments: &LoopsArguments) -> Result<(String, u8), BenchE
     let failures: Vec<String> =
         arguments.gate.iter().flat_map(|gate| gate.judge(report, before.as_ref())).collect();
     let code = match measured.summary.exit_code() {
-        code @ (exit::INTERRUPTED | exit::CRASHED | exit::UNFIT) => code,
-        _ if failures.is_empty() => exit::PASS,
-        _ => exit::GATE_FAILED,
+        exit::PASS if !failures.is_empty() => exit::GATE_FAILED,
+        // A flight that did not pass has measured something else.
+        code => code,
     };
     let text = match arguments.format {
-        TableFormat::Json => {
-            let told = json!({ "report": report, "comparison": comparison, "failed": failures });
-            told.to_string()
-        }
+        TableFormat::Json => json!({
+            "line": measured.summary.line(),
+            "verdict": measured.summary.verdict(),
+            "report": report,
+            "comparison": comparison,
+            "failed": failures,
+        })
+        .to_string(),
         TableFormat::Table => told(&measured, comparison.as_ref(), arguments, &failures),
     };
     Ok((text, code))
@@ -111,7 +115,7 @@ fn told(
     arguments: &LoopsArguments,
     failures: &[String],
 ) -> String {
-    let mut text = measured.report.to_text();
+    let mut text = format!("{}\n{}", measured.summary.line(), measured.report.to_text());
     // A string takes everything.
     if let Some(lost) = &measured.summary.lost {
         let _ = writeln!(text, "\nthe flight ended before its time: {lost}");

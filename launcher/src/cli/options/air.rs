@@ -22,8 +22,9 @@ Examples:
   morphquad swap attitude --to ./target/release/morphquad-mine --shadow 1s --dry-run
   morphquad swap attitude --to attitude-mpc@1     the instance on seat 1, such as the standby
 
-The candidate shadows the owner, is judged by the gate, and takes over at an instant agreed on before; the \
-old owner stays warm for the rollback window. Interrupting this command does not stop the swap. \
+The candidate shadows the owner, is judged by the gate, is flown ahead for 3 s in a simulation of its own \
+if it is of another kind or build, and takes over at an instant agreed on before; the old owner stays warm for the \
+rollback window, and after it if the new one is not built in. Interrupting this command does not stop the swap. \
 Ends with 0 when the window is over; 1 if the gate refused or something failed, and the owner commands as \
 before; 2 for an unknown slot or name, no run or several, or an instance that owns the slot already; 3 if \
 another swap is in progress.";
@@ -113,9 +114,12 @@ pub struct SwapArguments {
     /// How long the old owner stays warm
     #[arg(long, value_name = "DURATION", default_value = "500ms", allow_hyphen_values = true, value_parser = duration)]
     pub rollback: Duration,
-    /// Take over although the gate finds that it disagrees
+    /// Take over although the gate finds that it disagrees, or the rehearsal that it fails
     #[arg(long)]
     pub force: bool,
+    /// Rehearsal.
+    #[command(flatten)]
+    pub rehearsal: RehearsalChoice,
     /// Shadow and judge only
     #[arg(long)]
     pub dry_run: bool,
@@ -164,12 +168,34 @@ pub struct StandbyArguments {
     /// How long it shadows before it is judged
     #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
+    /// Rehearsal.
+    #[command(flatten)]
+    pub rehearsal: RehearsalChoice,
     /// The run.
     #[command(flatten)]
     pub run: RunChoice,
     /// Form of the lines
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,
+}
+
+/// Whether a candidate is flown ahead.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct RehearsalChoice {
+    /// Fly it ahead although it is of the owner's kind and build
+    #[arg(long, conflicts_with = "no_rehearsal")]
+    pub rehearse: bool,
+    /// Do not fly it ahead, whatever it is
+    #[arg(long)]
+    pub no_rehearsal: bool,
+}
+
+impl RehearsalChoice {
+    /// What was chosen; `None` leaves it to the launcher.
+    #[must_use]
+    pub fn choice(self) -> Option<bool> {
+        (self.rehearse || self.no_rehearsal).then_some(self.rehearse)
+    }
 }
 
 fn bump(text: &str) -> Result<f64, String> {

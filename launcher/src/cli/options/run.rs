@@ -98,7 +98,8 @@ pub struct RunArguments {
     /// Record nothing
     #[arg(long)]
     pub no_record: bool,
-    /// Fly in one thread, without processes and shared memory: the same flight, faster
+    /// Fly in one thread, without processes and shared memory but for executables that a script has take
+    /// over: the same flight, faster
     #[arg(long, conflicts_with = "disorder")]
     pub in_process: bool,
     /// Where the processes run: on one processor (auto in lockstep, where it is fastest), on any

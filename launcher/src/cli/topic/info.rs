@@ -112,10 +112,12 @@ fn head(flight: &RecordedFlight, closing: &Closing, bytes: u64) -> String {
     );
     let version = format!("morphquad {} ({})", fact("version"), fact("git"));
     let _ = writeln!(text, "recorded by {version}");
-    match (closing.complete, closing.summary.get("outcome")) {
-        (true, Some(outcome)) => {
-            let hash = closing.summary.get("hash").map_or("", String::as_str);
-            let _ = writeln!(text, "{outcome}; hash {hash}\n");
+    let summary = &closing.summary;
+    // The words that the flight had for itself; before it had any, how it ended.
+    match (closing.complete, summary.get("verdict").or_else(|| summary.get("outcome"))) {
+        (true, Some(verdict)) => {
+            let hash = summary.get("hash").map_or("", String::as_str);
+            let _ = writeln!(text, "{verdict}; hash {hash}\n");
         }
         _ => {
             let _ = writeln!(text, "INCOMPLETE: {closing}\n");

@@ -1,34 +1,40 @@
 //! Slots that are found in flight: as the last record has them, with whoever is still there.
 
 use super::facts::{command_latency_ns, millihertz};
-use super::{Around, Machines, Means, Slots};
+use super::rehearsal::Rehearsing;
+use super::{Around, Machines, Means, Slots, slot_config};
 use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Orders};
 use crate::run::child::{ChildSpec, Launch};
 use crate::run::notes::PostNote;
 use crate::run::supervisor::FlightError;
+use crate::scenario::Scenario;
 use shared_types::{ClockMode, OwnerRecord, Seat as Place};
 use slot::record::Record;
-use slot::supervisor::{Instance, SlotConfig};
+use slot::supervisor::Instance;
 use slot::{Program, SEATS, Seat};
 use std::collections::BTreeMap;
-use vehicle::VehicleParameters;
 
 impl Slots {
     /// No slots yet; services are started as those in `posts` have been.
     pub(in crate::run) fn none_yet(
         posts: &[PostNote],
-        vehicle: VehicleParameters,
+        scenario: &Scenario,
         startup_ns: u64,
     ) -> Self {
         let is_service = |spec: &&ChildSpec| matches!(spec.launch, Launch::Service { .. });
         let pattern = posts.iter().map(|post| &post.spec).find(is_service);
+        let rehearsing = Rehearsing::of(scenario);
+        let mut orders = Orders::default();
+        orders.set_rehearses(rehearsing.is_enabled);
         Self {
             machines: Machines::new(),
             around: BTreeMap::new(),
-            orders: Orders::default(),
+            orders,
             pattern: pattern.map(|spec| ChildSpec { pause_ns: 0, ..spec.clone() }),
-            vehicle,
+            vehicle: scenario.modelled_vehicle(),
+            rehearsing,
+            config: slot_config(ClockMode::Realtime, scenario),
             startup_ns,
             mode: ClockMode::Realtime,
             reports: Vec::new(),
@@ -71,7 +77,7 @@ impl Slots {
             };
             seated[seat.index()] = programs[seat.index()].map(|program| (program, instance));
         }
-        let config = SlotConfig::REALTIME;
+        let config = self.config;
         let (machine, actions) = slot::Slot::adopt(config, means.now, &record, owner, seated);
         self.machines.insert(slot, machine);
         self.around.insert(slot, Around::default());
@@ -85,5 +91,5 @@ fn executable(slot: Slot, spec: &ChildSpec) -> Option<Executable> {
         Launch::Service { config } => (Candidate::find(slot, &spec.name).ok()?, config),
         Launch::Foreign { config, .. } => (Candidate::Executable(spec.executable.clone()), config),
     };
-    Some(Executable { candidate, config: config.clone() })
+    Some(Executable::new(candidate, config.clone()))
 }

@@ -1,11 +1,12 @@
 //! What the slots hear: hellos and deaths of processes, what consumers say, and silence.
 
 use super::facts::{command_latency_ns, millihertz};
+use super::trip::TripReason;
 use super::watch::{Obeyed, Seen};
 use super::{Expected, Means, Slots};
 use crate::candidate::Slot;
 use crate::run::supervisor::{FlightError, PostEvent};
-use shared_types::Role;
+use shared_types::{Role, Seat as Place, Trip};
 use slot::Seat;
 use slot::gate::Refusal;
 use slot::supervisor::{Event, Fault, Instance};
@@ -37,6 +38,7 @@ impl Slots {
                 if let Some(obituary) = obituary {
                     self.lost(slot, seat, means);
                     self.say(obituary.clone(), true);
+                    self.orders.explain(slot, seat, obituary);
                 }
                 self.tell(slot, Event::Died(seat), means)
             }
@@ -46,6 +48,10 @@ impl Slots {
     pub(super) fn see(&mut self, seen: &Seen, means: &mut Means<'_>) -> Result<(), FlightError> {
         let role = match seen {
             Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, means),
+            Seen::Trip(trip) => {
+                self.say_trip(trip);
+                return Ok(());
+            }
             Seen::Command(command) => command.slot,
             Seen::Hears { .. } => Role::Attitude,
             Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } | Seen::Unguided { slot, .. } => {
@@ -55,7 +61,7 @@ impl Slots {
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
         match *seen {
-            Seen::Angle { .. } => Ok(()),
+            Seen::Angle { .. } | Seen::Trip(_) => Ok(()),
             Seen::Command(command) => {
                 let judged = around.gate.as_mut().map(|gate| gate.take(&command));
                 self.refuse(slot, judged, means)
@@ -81,6 +87,31 @@ impl Slots {
                 self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, means)
             }
         }
+    }
+
+    /// The monitor has tripped an owner: why, and what follows.
+    fn say_trip(&mut self, trip: &Trip) {
+        let (Some(slot), Some(seat)) = (self.slot_of(trip.slot), Seat::new(trip.instance)) else {
+            return;
+        };
+        let record = self.machines.get(&slot).and_then(slot::Slot::record);
+        let fallback = record.and_then(|record| record.fallback);
+        let then = match fallback {
+            Some(fallback) => format!("{} takes over", self.orders.name(slot, fallback)),
+            None => {
+                "there is no fallback: the vehicle is levelled, and the initial controller started"
+                    .to_owned()
+            }
+        };
+        let at_s = trip.header.valid_ns as f64 * 1e-9;
+        let name = self.orders.name(slot, seat);
+        let text = format!(
+            "{} slot: the monitor trips {name} at {at_s:.3} s: {}; {then}",
+            slot.label(),
+            TripReason(trip)
+        );
+        self.orders.explain(slot, seat, &TripReason(trip).to_string());
+        self.say(text, true);
     }
 
     fn see_angle(
@@ -119,7 +150,7 @@ impl Slots {
         obeyed: &Obeyed,
         means: &mut Means<'_>,
     ) -> Result<(), FlightError> {
-        let Obeyed { at_ns, epoch, seat, failed_over, refused_epoch } = *obeyed;
+        let Obeyed { at_ns, epoch, seat, failed_over, tripped, refused_epoch } = *obeyed;
         let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
         let mut events = Vec::new();
         if refused_epoch > around.refused_epoch {
@@ -129,6 +160,10 @@ impl Slots {
         if let Some(seat) = Seat::new(seat).filter(|_| epoch > around.acknowledged) {
             around.acknowledged = epoch;
             events.push(Event::Acknowledged { epoch, seat, at_ns });
+        }
+        if tripped && epoch > around.tripped {
+            around.tripped = epoch;
+            events.push(Event::Tripped { epoch, at_ns });
         }
         if failed_over && epoch > around.fell_over {
             around.fell_over = epoch;
@@ -150,6 +185,12 @@ impl Slots {
         {
             let (seat, what, _) = around.expected.swap_remove(at);
             let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
+            let place = Place { role: slot.role(), index: seat.into() };
+            let words = means.posts.words_so_far(place);
+            if !words.is_empty() {
+                let name = self.orders.name(slot, seat);
+                self.orders.explain(slot, seat, &format!("{name} is killed{words}"));
+            }
             self.tell(slot, Event::Misbehaved(seat, fault), means)?;
         }
         Ok(())

@@ -31,6 +31,8 @@ pub struct SwapReport {
     pub worst: [f64; 2],
     /// Root mean square of it running free, worst axis.
     pub rms: f64,
+    /// What came of flying the candidate ahead, in words; none if that was not called for.
+    pub rehearsal: Option<String>,
     /// Difference of the two commands for the instant of the change, as far as it is applied at once,
     /// worst axis over the largest command.
     pub bump: Option<f64>,

@@ -10,9 +10,11 @@ mod gatekeeper;
 mod given;
 mod ledger;
 mod posts;
+mod rehearsal;
 mod script;
 mod seating;
 mod telling;
+mod trip;
 mod watch;
 
 pub use ledger::SwapReport;
@@ -29,8 +31,11 @@ use crate::control::orders::{Executable, Machines, Ordered, Orders};
 use crate::control::server::Answer;
 use crate::control::{Reply, Request as Asked};
 use crate::orders::Planner;
+use crate::scenario::Scenario;
 use facts::Yardstick;
 use gatekeeper::{Gatekeeper, Tracks};
+use monitor::settings::Fallback;
+use rehearsal::{Rehearsing, Underway};
 use runtime::Graph;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
@@ -54,6 +59,8 @@ pub(crate) struct News {
 #[derive(Debug, Default)]
 struct Around {
     gate: Option<Gatekeeper>,
+    /// The candidate that is being flown ahead.
+    rehearsal: Option<Underway>,
     /// How much the candidate may differ, if not as the gate has it.
     max_bump: Option<f64>,
     /// Seats that somebody is to leave, or to take, by a wall-clock instant \[ns\].
@@ -64,6 +71,7 @@ struct Around {
     acknowledged: u64,
     refused_epoch: u64,
     fell_over: u64,
+    tripped: u64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,6 +100,8 @@ pub(crate) struct Slots {
     /// How a service of this executable is started.
     pattern: Option<ChildSpec>,
     vehicle: VehicleParameters,
+    rehearsing: Rehearsing,
+    config: SlotConfig,
     /// Wall time that a process may take to say hello \[ns\].
     startup_ns: u64,
     mode: ClockMode,
@@ -100,37 +110,48 @@ pub(crate) struct Slots {
 }
 
 impl Slots {
-    /// The slots of a flight whose first owners are `specs`, and where others have `startup_ns` of wall
-    /// time to say hello; whose controllers model `vehicle`.
+    /// The slots of a flight of `scenario` whose first owners are `specs`, and where others have
+    /// `startup_ns` of wall time to say hello.
     pub(crate) fn new(
         mode: ClockMode,
         specs: &[(Role, ChildSpec)],
-        vehicle: VehicleParameters,
+        scenario: &Scenario,
         startup_ns: u64,
     ) -> Self {
-        let config = match mode {
-            ClockMode::Lockstep => SlotConfig::LOCKSTEP,
-            _ => SlotConfig::REALTIME,
-        };
+        let config = slot_config(mode, scenario);
+        let (vehicle, rehearsing) = (scenario.modelled_vehicle(), Rehearsing::of(scenario));
         let pattern = specs.first().map(|(_, spec)| spec.clone());
         let mut orders = Orders::default();
+        orders.set_rehearses(rehearsing.is_enabled);
         let (mut machines, mut around) = (Machines::new(), BTreeMap::new());
         for slot in Slot::ALL {
             let spec = specs.iter().find(|(role, _)| *role == slot.role());
             let found = spec.and_then(|(_, spec)| Candidate::find(slot, &spec.name).ok());
             let Some(candidate) = found else { continue };
-            let program = orders.program(Executable { candidate, config: None });
+            let program = orders.program(Executable::new(candidate, None));
             orders.seat(slot, Seat::ALL[0], program);
             machines.insert(slot, slot::Slot::new(config, Seat::ALL[0], program));
             around.insert(slot, Around::default());
         }
         let (reports, news) = (Vec::new(), Vec::new());
-        Self { machines, around, orders, pattern, vehicle, startup_ns, mode, reports, news }
+        Self {
+            machines,
+            around,
+            orders,
+            pattern,
+            vehicle,
+            rehearsing,
+            config,
+            startup_ns,
+            mode,
+            reports,
+            news,
+        }
     }
 
     /// How a program is started.
     fn spec(&self, slot: Slot, program: Program) -> Option<ChildSpec> {
-        let Executable { candidate, config } = self.orders.executable(program)?;
+        let Executable { candidate, config, .. } = self.orders.executable(program)?;
         let pattern = self.pattern.clone()?;
         let name = candidate.name().to_owned();
         let config = config.clone();
@@ -147,6 +168,15 @@ impl Slots {
 
     fn slot_of(&self, role: Role) -> Option<Slot> {
         self.machines.keys().copied().find(|slot| slot.role() == role)
+    }
+
+    /// How far a slot is: its stage, the instance that is under way, and until when \[ns\].
+    pub(super) fn progress(&self, role: Role) -> (&'static str, Option<String>, Option<u64>) {
+        let slot = self.slot_of(role);
+        let machine = slot.and_then(|slot| self.machines.get(&slot));
+        let progress = machine.map_or(slot::Progress::Steady, slot::Slot::progress);
+        let named = slot.zip(progress.seat()).map(|(slot, seat)| self.orders.name(slot, seat));
+        (progress.label(), named, progress.until_ns())
     }
 
     /// True if a slot of this role has processes of its own.
@@ -170,8 +200,18 @@ impl Slots {
     pub(crate) fn cap_ns(&self, allowed_ns: u64) -> u64 {
         let held = self.machines.values().any(slot::Slot::holds_time);
         let deadlines = self.machines.values().filter_map(slot::Slot::deadline_ns);
-        let cap_ns = deadlines.min().unwrap_or(u64::MAX);
+        let cap_ns = deadlines.chain(self.departures_ns()).min().unwrap_or(u64::MAX);
         if held { allowed_ns } else { cap_ns }
+    }
+
+    /// Instants from which seats are no longer taken whose processes have not gone yet \[ns\]. Time
+    /// waits there: which seat is free for the next process must not depend on how long one takes to
+    /// end.
+    fn departures_ns(&self) -> impl Iterator<Item = u64> + '_ {
+        let awaits_exit =
+            |around: &Around| around.expected.iter().any(|(_, what, _)| *what == Expected::Exit);
+        let slots = self.around.iter().filter(move |(_, around)| awaits_exit(around));
+        slots.filter_map(|(slot, _)| Some(self.machines.get(slot)?.record()?.effective_ns))
     }
 
     /// Takes an order from outside, and answers it in the course of time.
@@ -246,6 +286,9 @@ impl Slots {
                 around.max_bump = ordered.max_bump;
             }
         }
+        if ordered.skips_rehearsal && !refused {
+            self.skip_rehearsal(slot);
+        }
         let (is_answered, told) = (answer.is_some(), self.news.len());
         if let Some(answer) = answer {
             self.orders.follow(ordered, &self.machines, &actions, answer);
@@ -273,6 +316,7 @@ impl Slots {
         for event in means.posts.take_events() {
             self.hear(&event, means)?;
         }
+        self.take_rehearsals(means)?;
         for slot in Slot::ALL {
             self.lose_patience(slot, means)?;
             let deadline_ns = self.machines.get(&slot).and_then(slot::Slot::deadline_ns);
@@ -355,6 +399,7 @@ impl Slots {
                     return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), means);
                 }
             }
+            Action::Rehearse(seat) => return self.rehearse(slot, seat, means),
             Action::AwaitExit(seat) => {
                 self.expect(slot, seat, Expected::Exit, means);
             }
@@ -429,4 +474,13 @@ impl Slots {
         self.lost(slot, seat, means);
         self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), means)
     }
+}
+
+/// How the slots of a flight are supervised.
+pub(super) fn slot_config(mode: ClockMode, scenario: &Scenario) -> SlotConfig {
+    let config = match mode {
+        ClockMode::Lockstep => SlotConfig::LOCKSTEP,
+        _ => SlotConfig::REALTIME,
+    };
+    SlotConfig { keeps_fallback: scenario.settings().watch.fallback == Fallback::Auto, ..config }
 }

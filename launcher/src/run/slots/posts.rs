@@ -2,7 +2,9 @@
 
 use super::watch::{Seen, SlotWatch};
 use crate::orders::Sent;
+use crate::rehearse::{RehearsalSpec, Snapshot, Verdict};
 use crate::run::child::ChildSpec;
+use crate::run::rehearser::Rehearser;
 use crate::run::supervisor::{FlightError, PostEvent, Supervisor};
 use crate::run::tap::Tap;
 use runtime::ipc::Bus;
@@ -28,12 +30,29 @@ pub(crate) trait Posts {
     fn kill_at_once(&mut self, place: Place);
     /// Stops somebody without ending it, and lets nobody wait for it any more.
     fn stop(&mut self, place: Place);
+    /// What a process has said on its standard error until now, for the end of a sentence.
+    fn words_so_far(&self, place: Place) -> String;
     /// Seat of a process of this name.
     fn seat_of(&self, name: &str) -> Option<Place>;
     /// How many have had a seat before the one that has it, or had it last.
     fn generation(&self, place: Place) -> Option<u32>;
     /// Who has come and gone since the last time.
     fn take_events(&mut self) -> Vec<PostEvent>;
+    /// What the vehicle knows of itself at an instant; `None` before it knows anything.
+    fn snapshot(&self, at_ns: u64) -> Option<Snapshot>;
+    /// Distance from the estimate to the reference at an instant \[m\]; `None` without either.
+    fn tracking_error_m(&self, at_ns: u64) -> Option<f64>;
+    /// Begins to fly a candidate ahead, for at most `wall_max_s`; why not, if it cannot be.
+    fn rehearse(
+        &mut self,
+        place: Place,
+        spec: RehearsalSpec,
+        wall_max_s: f64,
+    ) -> Result<(), String>;
+    /// Ends a rehearsal whose verdict is no longer wanted.
+    fn end_rehearsal(&mut self, place: Place);
+    /// Verdicts that have come since the last time.
+    fn take_rehearsed(&mut self) -> Vec<(Place, Verdict)>;
     /// What has been seen of the slots since the last time.
     fn take_seen(&mut self) -> Vec<Seen>;
     /// Has it recorded who takes a seat, and what configures it alone.
@@ -47,6 +66,7 @@ pub(in crate::run) struct Processes<'a> {
     pub(in crate::run) bus: &'a Bus,
     pub(in crate::run) supervisor: &'a mut Supervisor,
     pub(in crate::run) tap: &'a mut Tap,
+    pub(in crate::run) rehearser: &'a mut Rehearser,
     pub(in crate::run) now_mono_ns: u64,
 }
 
@@ -81,6 +101,9 @@ impl Posts for Processes<'_> {
     fn stop(&mut self, place: Place) {
         self.supervisor.stop(place, self.tap);
     }
+    fn words_so_far(&self, place: Place) -> String {
+        self.supervisor.words_so_far(place)
+    }
     fn seat_of(&self, name: &str) -> Option<Place> {
         self.supervisor.seat_of(name)
     }
@@ -92,6 +115,27 @@ impl Posts for Processes<'_> {
     }
     fn take_seen(&mut self) -> Vec<Seen> {
         self.tap.consumers.slot_watch.as_mut().map(SlotWatch::take).unwrap_or_default()
+    }
+    fn snapshot(&self, at_ns: u64) -> Option<Snapshot> {
+        self.tap.consumers.slot_watch.as_ref()?.snapshot(at_ns)
+    }
+    fn tracking_error_m(&self, at_ns: u64) -> Option<f64> {
+        self.tap.consumers.slot_watch.as_ref()?.tracking_error_m(at_ns)
+    }
+    fn rehearse(
+        &mut self,
+        place: Place,
+        spec: RehearsalSpec,
+        wall_max_s: f64,
+    ) -> Result<(), String> {
+        let begun = self.rehearser.begin(place, &spec, (self.now_mono_ns, wall_max_s));
+        begun.map_err(|error| format!("its process cannot be started: {error}"))
+    }
+    fn end_rehearsal(&mut self, place: Place) {
+        self.rehearser.end(place);
+    }
+    fn take_rehearsed(&mut self) -> Vec<(Place, Verdict)> {
+        self.rehearser.take(self.now_mono_ns)
     }
     fn send_order(&mut self, sent: &Sent) {
         self.supervisor.send_order(sent);

@@ -68,10 +68,10 @@ impl Script {
         {
             match deed {
                 Deed::Swap(swap) => slots.script(&order(&swap), means)?,
-                Deed::Standby(StandbySettings { slot, name, shadow_s, .. }) => {
+                Deed::Standby(StandbySettings { slot, name, shadow_s, rehearse, .. }) => {
                     let slot = slot.label().to_owned();
                     let shadow_ns = nanoseconds(shadow_s);
-                    slots.script(&Request::Standby { slot, name, shadow_ns }, means)?;
+                    slots.script(&Request::Standby { slot, name, shadow_ns, rehearse }, means)?;
                 }
                 Deed::Fault(fault) => afflict(&fault, slots, means)?,
                 Deed::Order(order, at_ns) => slots.give_scripted(&order, at_ns, means),
@@ -94,6 +94,7 @@ fn order(swap: &SwapSettings) -> Request {
         max_bump: swap.max_bump,
         rollback_ns: nanoseconds(swap.rollback_s),
         force: swap.force,
+        rehearse: swap.rehearse,
         dry_run: false,
     })
 }

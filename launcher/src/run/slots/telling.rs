@@ -3,7 +3,7 @@
 use super::ledger::seconds;
 use super::{News, Slots};
 use crate::candidate::Slot;
-use slot::{Action, Outcome, Report, Step};
+use slot::{Action, Outcome, Reason, Report, Step};
 
 impl Slots {
     pub(super) fn report(&mut self, slot: Slot, report: &Report) {
@@ -16,6 +16,9 @@ impl Slots {
         let warning = match report {
             Report::Refused(_) => true,
             Report::Aborted(_, reason) => {
+                if let Reason::Rehearsal(refusal) = reason {
+                    self.refuse_rehearsed(slot, &refusal.to_string());
+                }
                 self.end(slot, &reason.to_string(), false);
                 true
             }
@@ -30,6 +33,8 @@ impl Slots {
                 matches!(
                     step,
                     Step::Forced(..)
+                        | Step::RehearsalForced(..)
+                        | Step::WithoutFallback(_)
                         | Step::TriedAgain { .. }
                         | Step::TookOver { .. }
                         | Step::Ownerless(..)
@@ -54,11 +59,22 @@ impl Slots {
                 report.joined_s = Some(seconds(*at_ns));
                 report.same_kind = Some(*same_kind);
             }
+            Step::Rehearsed(_, words) => report.rehearsal = Some(words.clone()),
+            Step::RehearsalForced(_, refusal) => {
+                report.rehearsal = Some(format!("overruled: {refusal}"));
+            }
             Step::Flipped { epoch, at_ns, .. } => {
                 report.flipped_s = Some(seconds(*at_ns));
                 report.epoch = Some(*epoch);
             }
             _ => {}
+        }
+    }
+
+    fn refuse_rehearsed(&mut self, slot: Slot, words: &str) {
+        let current = self.around.get(&slot).and_then(|around| around.current);
+        if let Some(report) = current.and_then(|at| self.reports.get_mut(at)) {
+            report.rehearsal = Some(words.to_owned());
         }
     }
 

@@ -1,12 +1,18 @@
 //! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
 
+use rehearsal::{Snapshot, Watcher};
 use runtime::seat_of_loop;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, LoopStats, MorphAngle,
-    Role, Sample, WrenchCommand,
+    Reference, Role, Sample, Trip, WrenchCommand,
 };
 use slot::SlotConfig;
 use std::any::Any;
+use std::collections::VecDeque;
+use vehicle::VehicleParameters;
+
+/// References that are kept: the pilot runs ahead of the flight by its lead.
+const REFERENCES: usize = 256;
 
 /// A command that somebody on a seat has published.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,11 +32,12 @@ pub(crate) struct Obeyed {
     pub(super) epoch: u64,
     pub(super) seat: u32,
     pub(super) failed_over: bool,
+    pub(super) tripped: bool,
     pub(super) refused_epoch: u64,
 }
 
 /// One observation, in the order drained.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub(crate) enum Seen {
     /// A command.
     Command(Commanded),
@@ -40,6 +47,8 @@ pub(crate) enum Seen {
     Hears { seat: u32, at_ns: u64, something: bool },
     /// A consumer has been on its own since `since_ns`.
     Unguided { slot: Role, by_seat: u32, epoch: u64, since_ns: u64, at_ns: u64 },
+    /// The monitor's word.
+    Trip(Trip),
     /// The encoder's reading.
     Angle { at_ns: u64, angle_rad: f64 },
     /// A process on a seat has left out so many releases since its start. An input that was not there in
@@ -48,19 +57,44 @@ pub(crate) enum Seen {
 }
 
 /// Keeps what has been seen until it is asked for.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub(crate) struct SlotWatch {
     seen: Vec<Seen>,
     /// What each consumer said last: the plant, then the seats of the attitude slot.
     last: [Obeyed; 1 + shared_types::SEATS],
     /// When each of them last had something new to obey, and the sequence of that.
     guided: [(u64, u64); 1 + shared_types::SEATS],
+    /// Remembers what the vehicle knows, from which candidates are flown ahead.
+    known: Option<Watcher>,
+    /// Where the vehicle was to be at the last instants \[m\].
+    references: VecDeque<(u64, [f64; 3])>,
 }
 
 impl SlotWatch {
+    /// Of a flight whose controllers model this vehicle.
+    pub(crate) fn new(vehicle: &VehicleParameters) -> Self {
+        Self { known: Some(Watcher::new(vehicle)), ..Self::default() }
+    }
+
+    /// What the vehicle knows of itself at an instant; `None` before it knows anything.
+    pub(crate) fn snapshot(&self, at_ns: u64) -> Option<Snapshot> {
+        self.known.as_ref()?.snapshot(at_ns)
+    }
+
+    /// Distance from the estimate to the reference at an instant \[m\]; `None` without either.
+    pub(crate) fn tracking_error_m(&self, at_ns: u64) -> Option<f64> {
+        let (_, wanted) = *self.references.iter().rev().find(|(from_ns, _)| *from_ns <= at_ns)?;
+        let is = self.snapshot(at_ns)?.position_w_m;
+        let squares = is.iter().zip(wanted).map(|(is, wanted)| (is - wanted) * (is - wanted));
+        Some(squares.sum::<f64>().sqrt())
+    }
+
     /// Looks at one sample.
     pub(crate) fn observe<T: Sample>(&mut self, sample: &T) {
         let any: &dyn Any = sample;
+        if let Some(known) = &mut self.known {
+            known.observe_any(sample);
+        }
         if let Some(command) = any.downcast_ref::<WrenchCommand>() {
             let [x, y, z] = command.torque_b_nm;
             self.command(Role::Attitude, &command.header, [command.thrust_n, x, y, z]);
@@ -74,12 +108,14 @@ impl SlotWatch {
                 epoch: applied.epoch,
                 seat: applied.seat,
                 failed_over: applied.failed_over.is_set(),
+                tripped: applied.tripped.is_set(),
                 refused_epoch: applied.refused_epoch,
             };
             self.obeys(Role::Attitude, 0, 0, obeyed);
-            // A command in effect is always news; after a cut nothing can be.
+            // A command in effect is always news; after a cut nothing can be, and while the gate brings
+            // the vehicle back nothing needs to.
             let sequence = match applied.mode {
-                GateMode::Normal | GateMode::Cut => u64::MAX,
+                GateMode::Normal | GateMode::Cut | GateMode::Recover => u64::MAX,
                 _ => applied.command_sequence,
             };
             self.note_guidance(Role::Attitude, 0, 0, obeyed, sequence);
@@ -89,6 +125,7 @@ impl SlotWatch {
                 epoch: applied.epoch,
                 seat: applied.seat,
                 failed_over: applied.failed_over.is_set(),
+                tripped: applied.tripped.is_set(),
                 refused_epoch: applied.refused_epoch,
             };
             let by_seat = applied.header.seat;
@@ -97,6 +134,10 @@ impl SlotWatch {
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.obeys(Role::Position, by_seat, place, obeyed);
             self.note_guidance(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);
+        } else if let Some(trip) = any.downcast_ref::<Trip>() {
+            self.seen.push(Seen::Trip(*trip));
+        } else if let Some(reference) = any.downcast_ref::<Reference>() {
+            self.keep_reference(reference);
         } else if let Some(reading) = any.downcast_ref::<MorphAngle>() {
             let (at_ns, angle_rad) = (reading.header.release_ns, reading.angle_rad);
             self.seen.push(Seen::Angle { at_ns, angle_rad });
@@ -110,6 +151,13 @@ impl SlotWatch {
                 at_ns: stats.header.release_ns,
             });
         }
+    }
+
+    fn keep_reference(&mut self, reference: &Reference) {
+        if self.references.len() == REFERENCES {
+            self.references.pop_front();
+        }
+        self.references.push_back((reference.header.valid_ns, reference.points[0].position_w_m));
     }
 
     fn command(&mut self, slot: Role, header: &Header, value: [f64; 4]) {

@@ -50,23 +50,28 @@ fn flags_add_to_what_the_file_says() {
     let file = format!("{FLIGHT}{}", swap("at_s = 1.0\nshadow_s = 0.5\nrollback_s = 0.25"));
     let flags = [
         Override::swap("position=position-mpc@4.2s").unwrap(),
-        Override::swap("attitude=./a=b@c@3s,shadow=500ms,rollback=0s,max-bump=5%,force").unwrap(),
+        Override::swap(
+            "attitude=./a=b@c@3s,shadow=500ms,rollback=0s,max-bump=5%,no-rehearsal,force",
+        )
+        .unwrap(),
         Override::fault("kill:attitude-mpc@2500ms").unwrap(),
         Override::fault("stop:estimator@3s").unwrap(),
     ];
     let scenario = Scenario::from_text("x.toml", &file, &flags).unwrap();
     let text = |s: &SwapSettings| {
-        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, force, .. } = s;
+        let SwapSettings {
+            slot, to, at_s, shadow_s, rollback_s, max_bump, force, rehearse, ..
+        } = s;
         let slot = slot.label();
-        format!("{slot} {to} {at_s} {shadow_s} {rollback_s} {max_bump:?} {force}")
+        format!("{slot} {to} {at_s} {shadow_s} {rollback_s} {max_bump:?} {force} {rehearse:?}")
     };
     let swaps: Vec<String> = scenario.settings().swap.iter().map(text).collect();
     assert_eq!(
         swaps,
         [
-            "attitude attitude-mpc 1 0.5 0.25 None false",
-            "position position-mpc 4.2 2 0.5 None false",
-            "attitude ./a=b@c 3 0.5 0 Some(0.05) true",
+            "attitude attitude-mpc 1 0.5 0.25 None false None",
+            "position position-mpc 4.2 2 0.5 None false None",
+            "attitude ./a=b@c 3 0.5 0 Some(0.05) true Some(false)",
         ]
     );
     let faults = scenario.settings().fault.iter();

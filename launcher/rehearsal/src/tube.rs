@@ -1,0 +1,249 @@
+//! How far off a flight may be: an envelope from the vehicle's limits, tightened to the owner's error.
+
+use crate::judge::NOT_FINITE;
+use crate::{Axis, Challenge, Facts, Limits, Slot, Trial};
+use serde::{Deserialize, Serialize};
+
+/// What is measured in the window of a challenge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Measure {
+    /// Largest tilt \[rad\].
+    Tilt,
+    /// Largest angle to the set point \[rad\].
+    AttitudePeak,
+    /// Root mean square angle to the set point in the last part of the window \[rad\].
+    AttitudeRest,
+    /// Root mean square body rate in the last part of the window \[rad/s\].
+    RateRest,
+    /// Largest distance from the reference \[m\].
+    PositionPeak,
+    /// Root mean square distance from the reference in the last part of the window \[m\].
+    PositionRest,
+    /// Root mean square error of the velocity in the last part of the window \[m/s\].
+    VelocityRest,
+    /// Root mean square step from command to command in the last part of the window, worst axis, over
+    /// the largest command.
+    Effort,
+}
+
+impl Measure {
+    /// Those by which a candidate for a slot is judged.
+    #[must_use]
+    pub fn of(slot: Slot, is_rig: bool) -> &'static [Self] {
+        const ATTITUDE: &[Measure] = &[
+            Measure::Tilt,
+            Measure::AttitudePeak,
+            Measure::AttitudeRest,
+            Measure::RateRest,
+            Measure::Effort,
+            Measure::PositionPeak,
+            Measure::PositionRest,
+        ];
+        const POSITION: &[Measure] = &[
+            Measure::Tilt,
+            Measure::PositionPeak,
+            Measure::PositionRest,
+            Measure::VelocityRest,
+            Measure::Effort,
+        ];
+        match (slot, is_rig) {
+            (Slot::Attitude, true) => &ATTITUDE[..5],
+            (Slot::Attitude, false) => ATTITUDE,
+            (Slot::Position, _) => POSITION,
+        }
+    }
+
+    /// What it is, in words.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Tilt => "tilt",
+            Self::AttitudePeak => "attitude error",
+            Self::AttitudeRest => "attitude error at the end of the recovery",
+            Self::RateRest => "body rate at the end of the recovery",
+            Self::PositionPeak => "position error",
+            Self::PositionRest => "position error at the end of the recovery",
+            Self::VelocityRest => "velocity error at the end of the recovery",
+            Self::Effort => "step from command to command",
+        }
+    }
+
+    /// A value in the unit that people read.
+    #[must_use]
+    pub fn shown(self, value: f64) -> String {
+        if value >= NOT_FINITE {
+            return "not a number".to_owned();
+        }
+        match self {
+            Self::Tilt | Self::AttitudePeak | Self::AttitudeRest => {
+                format!("{:.1} deg", value.to_degrees())
+            }
+            Self::RateRest => format!("{value:.2} rad/s"),
+            Self::PositionPeak | Self::PositionRest => format!("{value:.3} m"),
+            Self::VelocityRest => format!("{value:.3} m/s"),
+            Self::Effort => format!("{:.1} %", 100.0 * value),
+        }
+    }
+}
+
+/// How wide the tube is; the section `[rehearsal]` of a scenario sets it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Tube {
+    /// The candidate's error may be this many times the owner's.
+    pub owner_scale: f64,
+    /// Distance from the reference at which a vehicle counts as lost \[m\].
+    pub excursion_max_m: f64,
+    /// Tilt at which a vehicle counts as lost \[rad\].
+    pub tilt_max_rad: f64,
+    /// Share of the envelope below which no error counts, however well the owner flies.
+    pub floor_share: f64,
+}
+
+impl Default for Tube {
+    fn default() -> Self {
+        Self {
+            owner_scale: 1.5,
+            excursion_max_m: 0.5,
+            tilt_max_rad: core::f64::consts::FRAC_PI_3,
+            floor_share: 0.4,
+        }
+    }
+}
+
+/// One number of a rehearsal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Figure {
+    /// 0 for the mean, then the draws.
+    pub draw: usize,
+    /// The challenge.
+    pub challenge: Challenge,
+    /// When it began, after the flip \[s\].
+    pub at_s: f64,
+    /// What is measured.
+    pub measure: Measure,
+    /// Of the candidate; not finite if it commanded no number.
+    pub candidate: f64,
+    /// Of the owner in the same flight.
+    pub owner: f64,
+    /// What the vehicle's limits allow.
+    pub envelope: f64,
+    /// What the candidate may have.
+    pub limit: f64,
+}
+
+impl Figure {
+    /// True if the candidate stays within its limit; a number that is none does not.
+    #[must_use]
+    pub fn is_within(&self) -> bool {
+        self.candidate <= self.limit
+    }
+}
+
+/// Share of what is allowed while the vehicle is shaken that is allowed while it is not.
+const CALM: f64 = 0.3;
+
+/// How much wider attitude, rate, effort and what is left of the position error may be while the arms sweep fast: their inertia changes by more
+/// than half within a few control periods, and with it the gain of each loop.
+const SWEEPING: f64 = 2.5;
+
+/// What a window asks of a controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// It has just begun, and so have all controllers of the rehearsed flight.
+    Begun,
+    /// The reference moves smoothly.
+    Calm,
+    /// A kick, a push or a gust shakes the vehicle.
+    Shaken,
+}
+
+impl Phase {
+    fn of(challenge: &Challenge) -> Self {
+        match challenge {
+            Challenge::Flip => Self::Begun,
+            Challenge::Step { .. } | Challenge::Sweep => Self::Calm,
+            Challenge::Kick { .. } | Challenge::Push { .. } | Challenge::Gust { .. } => {
+                Self::Shaken
+            }
+        }
+    }
+
+    /// Of begun, calm and shaken.
+    fn pick(self, [begun, calm, shaken]: [f64; 3]) -> f64 {
+        match self {
+            Self::Begun => begun,
+            Self::Calm => calm,
+            Self::Shaken => shaken,
+        }
+    }
+}
+
+/// Angle at which full torque stops a kick \[rad\].
+fn stopping_rad(challenge: &Challenge, limits: &Limits) -> f64 {
+    let [x, y, z] = limits.stopping_b_rad;
+    match challenge {
+        Challenge::Kick { axis: Axis::Roll, .. } => x,
+        Challenge::Kick { axis: Axis::Pitch, .. } => y,
+        Challenge::Kick { axis: Axis::Yaw, .. } => z,
+        Challenge::Kick { .. } => x.max(y).max(z),
+        _ => 0.0,
+    }
+}
+
+impl Tube {
+    /// The limit: the envelope, or where the owner stays inside it `owner_scale` times its error, but
+    /// never less than what noise alone makes; an owner beyond the envelope is the limit itself, so that
+    /// whoever is better does not fail.
+    #[must_use]
+    pub fn limit(&self, envelope: f64, owner: f64) -> f64 {
+        if owner <= envelope {
+            (self.owner_scale * owner).max(self.floor_share * envelope).min(envelope)
+        } else if owner < NOT_FINITE {
+            owner
+        } else {
+            envelope
+        }
+    }
+
+    /// What the vehicle's limits allow of a measure in the window of a challenge.
+    #[must_use]
+    pub fn envelope(
+        &self,
+        slot: Slot,
+        measure: Measure,
+        trial: &Trial,
+        (facts, limits): (&Facts, &Limits),
+    ) -> f64 {
+        let challenge = &trial.challenge;
+        let wider = if trial.sweeping { SWEEPING } else { 1.0 };
+        let phase = Phase::of(challenge);
+        let tilt_rad = facts.tilt_max_rad;
+        match measure {
+            Measure::Tilt => self.tilt_max_rad,
+            Measure::AttitudePeak => 2.0 * (tilt_rad + stopping_rad(challenge, limits)),
+            Measure::AttitudeRest => wider * phase.pick([0.7, 0.6, 1.0]) * tilt_rad,
+            // Passing the tilt bound within two and a half reaction times.
+            Measure::RateRest => {
+                wider * phase.pick([CALM, CALM, 1.0]) * tilt_rad / (2.5 * limits.reaction_s)
+            }
+            Measure::PositionPeak => match slot {
+                Slot::Attitude => 0.5 * self.excursion_max_m,
+                Slot::Position => self.excursion_max_m,
+            },
+            Measure::PositionRest => {
+                let shares = match slot {
+                    Slot::Attitude => [0.08, 0.08, 0.3],
+                    Slot::Position => [0.5, 0.5, 0.8],
+                };
+                wider * phase.pick(shares) * self.excursion_max_m
+            }
+            // As fast as a position loop takes such an error back, in 1/s.
+            Measure::VelocityRest => phase.pick([1.6, 0.44, 2.8]) * self.excursion_max_m,
+            Measure::Effort => match slot {
+                Slot::Attitude => wider * phase.pick([0.4, 0.4, 0.9]),
+                Slot::Position => wider * phase.pick([0.2, 0.07, 0.28]),
+            },
+        }
+    }
+}

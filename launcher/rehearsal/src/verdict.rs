@@ -1,0 +1,165 @@
+//! The verdict of a rehearsal, in numbers and in words.
+
+use crate::{Challenge, Figure, Lost, Slot};
+use core::fmt;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// All that was measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RehearsalFigures {
+    /// The slot that the candidate is to take.
+    pub slot: Slot,
+    /// Per draw, challenge and measure.
+    pub figures: Vec<Figure>,
+    /// Draw, challenge, time after it \[s\] and how, if the vehicle was lost.
+    pub lost: Option<(usize, Challenge, f64, Lost)>,
+}
+
+impl RehearsalFigures {
+    /// The figure that is nearest to its limit, or furthest beyond it.
+    #[must_use]
+    pub fn worst(&self) -> Option<&Figure> {
+        let share = |figure: &Figure| {
+            let share = figure.candidate / figure.limit;
+            if share.is_nan() { f64::INFINITY } else { share }
+        };
+        self.figures.iter().max_by(|a, b| share(a).total_cmp(&share(b)))
+    }
+}
+
+/// Why a candidate is not to fly.
+#[derive(Debug, Clone, PartialEq, Error, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "refusal")]
+pub enum RehearsalRefusal {
+    /// The rehearsed vehicle was lost.
+    #[error("would lose the vehicle {after_s:.2} s after {}: {lost}", .challenge.words())]
+    Lost {
+        /// 0 for the mean, then the draws.
+        draw: usize,
+        /// What came before.
+        challenge: Challenge,
+        /// How long before \[s\].
+        after_s: f64,
+        /// How it was lost.
+        lost: Lost,
+        /// All that was measured.
+        figures: RehearsalFigures,
+    },
+    /// An error is larger than the tube.
+    #[error("would leave its tube after {}: {figure}", .figure.challenge.words())]
+    Outside {
+        /// The worst figure.
+        figure: Figure,
+        /// All that was measured.
+        figures: RehearsalFigures,
+    },
+    /// It was not there to be rehearsed.
+    #[error("cannot be rehearsed: {why}")]
+    Failed {
+        /// What it did, or said, instead.
+        why: String,
+    },
+    /// Nothing was flown to the end.
+    #[error("not rehearsed: {why}")]
+    NotRehearsed {
+        /// What stood against it.
+        why: String,
+    },
+}
+
+impl RehearsalRefusal {
+    /// What was measured before the refusal.
+    #[must_use]
+    pub fn figures(&self) -> Option<&RehearsalFigures> {
+        match self {
+            Self::Lost { figures, .. } | Self::Outside { figures, .. } => Some(figures),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tilted { tilt_rad, limit_rad } => {
+                let (tilt_deg, limit_deg) = (tilt_rad.to_degrees(), limit_rad.to_degrees());
+                write!(f, "tilt {tilt_deg:.1} deg, limit {limit_deg:.1} deg")
+            }
+            Self::Away { distance_m, limit_m } => {
+                write!(f, "{distance_m:.2} m from the reference, limit {limit_m:.2} m")
+            }
+            Self::Grounded { height_m, limit_m } => {
+                write!(f, "height {height_m:.2} m, limit {limit_m:.2} m")
+            }
+            Self::Uncommanded => {
+                write!(f, "no valid command, so that the actuation guard took over")
+            }
+            Self::NotFinite => write!(f, "its motion is not a number, limit any number"),
+        }
+    }
+}
+
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (is, may) = (self.measure.shown(self.candidate), self.measure.shown(self.limit));
+        let owner = self.measure.shown(self.owner);
+        write!(f, "{} {is}, limit {may} (owner {owner})", self.measure.words())
+    }
+}
+
+/// What is told of a rehearsal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Verdict {
+    /// Name of the candidate.
+    pub candidate: String,
+    /// Name of the owner.
+    pub owner: String,
+    /// True if it may fly.
+    pub accepted: bool,
+    /// Verdict and reason.
+    pub words: String,
+    /// Why not.
+    pub refusal: Option<RehearsalRefusal>,
+    /// All that was measured, if it is accepted; a refusal carries its own.
+    pub figures: Option<RehearsalFigures>,
+}
+
+impl Verdict {
+    /// Of a rehearsal of `candidate` in place of `owner`.
+    #[must_use]
+    pub fn of(
+        candidate: &str,
+        owner: &str,
+        done: Result<RehearsalFigures, Box<RehearsalRefusal>>,
+    ) -> Self {
+        let (candidate, owner) = (candidate.to_owned(), owner.to_owned());
+        match done {
+            Ok(figures) => {
+                let closest = figures.worst().map_or(String::new(), |figure| {
+                    format!("; closest to its limit after {}: {figure}", figure.challenge.words())
+                });
+                let words = format!("{candidate} can fly in place of {owner}{closest}");
+                Self {
+                    candidate,
+                    owner,
+                    accepted: true,
+                    words,
+                    refusal: None,
+                    figures: Some(figures),
+                }
+            }
+            Err(refusal) => {
+                let words = format!("{candidate} {refusal}");
+                let refusal = Some(*refusal);
+                Self { candidate, owner, accepted: false, words, refusal, figures: None }
+            }
+        }
+    }
+
+    /// What was measured, accepted or not.
+    #[must_use]
+    pub fn measured(&self) -> Option<&RehearsalFigures> {
+        self.figures.as_ref().or_else(|| self.refusal.as_ref()?.figures())
+    }
+}

@@ -1,0 +1,50 @@
+//! Flies one derived scenario in this process.
+
+use super::look::Look;
+use super::{LOOK_EVERY_NS, not_rehearsed};
+use crate::in_process::{InProcess, InProcessError, Observer, StateSource};
+use crate::scenario::Scenario;
+use rehearsal::{RehearsalRefusal, Track};
+
+/// Flies to the end, or until nothing more can be learnt.
+pub(super) fn fly<E: Observer + Default>(
+    scenario: &Scenario,
+    look: Look,
+    extra: E,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<Track, Box<RehearsalRefusal>> {
+    let mut flight =
+        InProcess::new(scenario, StateSource::Estimator, (look, extra)).map_err(not_flown)?;
+    let end_ns = scenario.duration_ns();
+    let mut t_ns = 0;
+    while t_ns < end_ns {
+        t_ns += LOOK_EVERY_NS;
+        flight.fly_until(if t_ns >= end_ns { u64::MAX } else { t_ns }).map_err(not_flown)?;
+        if flight.seen(|(look, _)| look.is_over) {
+            break;
+        }
+        if !go_on() {
+            let flown_s = t_ns as f64 / 1e9;
+            return Err(not_rehearsed(format!(
+                "the time for it was over after {flown_s:.2} s of a flight of {:.2} s: raise rehearsal.wall_max_s, or swap when the machine has time",
+                end_ns as f64 / 1e9
+            )));
+        }
+    }
+    let (look, _) = flight.seen(core::mem::take);
+    if !look.flipped {
+        let why = look.warning.unwrap_or_else(|| "it did not take over in time".to_owned());
+        return Err(Box::new(RehearsalRefusal::Failed { why }));
+    }
+    Ok(look.track)
+}
+
+/// A component that refuses to fly is the candidate's failure; all others fly already.
+fn not_flown(error: InProcessError) -> Box<RehearsalRefusal> {
+    match error {
+        InProcessError::Component { .. } | InProcessError::Panicked { .. } => {
+            Box::new(RehearsalRefusal::Failed { why: error.to_string() })
+        }
+        error => not_rehearsed(error),
+    }
+}

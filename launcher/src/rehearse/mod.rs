@@ -1,0 +1,225 @@
+//! Flies a swap candidate ahead: `morphquad rehearse`, and what the launcher asks before a flip.
+//!
+//! [`RehearsalSpec`] says who is to take which slot from which [`Snapshot`]; [`rehearse`] derives a
+//! scenario per draw (`derive.rs`), flies it in this process with the candidate and with the owner alone
+//! (`fly.rs`), and has the pure crate `rehearsal` judge. [`watch`] takes the snapshot of a flight.
+
+mod derive;
+mod facts;
+mod fly;
+mod look;
+pub mod watch;
+
+pub use derive::Role;
+pub use rehearsal::{RehearsalFigures, RehearsalRefusal, Snapshot, Verdict};
+
+use crate::candidate::{Slot, name_of};
+use crate::in_process::Observer;
+use crate::scenario::{Override, Scenario};
+use rehearsal::{Draw, Facts, Flown, Schedule, Track};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Time flown between two looks at whether to go on \[ns\].
+const LOOK_EVERY_NS: u64 = 50_000_000;
+
+/// Who is to take over, and where the vehicle is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RehearsalSpec {
+    /// Text of the scenario that is flown.
+    pub scenario: String,
+    /// What the vehicle knows.
+    pub snapshot: Snapshot,
+    /// The slot that is to change hands.
+    pub slot: Slot,
+    /// Built-in controllers that fly now, of the attitude and of the position slot; those of the
+    /// scenario where left out.
+    #[serde(default)]
+    pub owners: Owners,
+    /// The controller that commands the slot now, if it is not built in or has a configuration of its
+    /// own: name or path, and the file that configures it.
+    #[serde(default)]
+    pub owner: Option<(String, Option<PathBuf>)>,
+    /// Name of a controller, or path of an executable.
+    pub candidate: String,
+    /// File that configures it, if not the flight's.
+    #[serde(default)]
+    pub config: Option<PathBuf>,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Number of the swap within the run.
+    pub swap: u64,
+}
+
+/// Built-in controllers of the slots.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Owners {
+    /// Of the attitude slot.
+    #[serde(default)]
+    pub attitude: Option<String>,
+    /// Of the position slot.
+    #[serde(default)]
+    pub position: Option<String>,
+}
+
+impl Owners {
+    fn of(&self, slot: Slot) -> Option<&str> {
+        match slot {
+            Slot::Attitude => self.attitude.as_deref(),
+            Slot::Position => self.position.as_deref(),
+        }
+    }
+}
+
+/// A rehearsal before its first flight: everything that follows from the specification.
+#[derive(Debug)]
+pub struct Rehearsal {
+    spec: RehearsalSpec,
+    scenario: Scenario,
+    facts: Facts,
+    draws: [Draw; rehearsal::DRAWS],
+    schedules: [Schedule; rehearsal::DRAWS],
+}
+
+/// Nothing was flown, for this reason.
+fn not_rehearsed(why: impl core::fmt::Display) -> Box<RehearsalRefusal> {
+    Box::new(RehearsalRefusal::NotRehearsed { why: why.to_string() })
+}
+
+impl Rehearsal {
+    /// Of a specification.
+    ///
+    /// # Errors
+    /// The scenario cannot be read or has no such slot, or the vehicle is not in a state that can be
+    /// rehearsed from.
+    pub fn prepare(spec: RehearsalSpec) -> Result<Self, Box<RehearsalRefusal>> {
+        let mut edits = vec![Override::clock("lockstep")];
+        for slot in Slot::ALL {
+            let owner = spec.owners.of(slot).map(|name| format!("{}={name}", slot.label()));
+            let edit = owner.map(|owner| Override::crew(&owner)).transpose();
+            edits.extend(edit.map_err(not_rehearsed)?);
+        }
+        let scenario = Scenario::from_text("the flight's scenario", &spec.scenario, &edits)
+            .map_err(not_rehearsed)?;
+        let snapshot = &spec.snapshot;
+        if !snapshot.is_usable() {
+            let why = "the estimate is not finite: swap when the estimator has recovered";
+            return Err(not_rehearsed(why));
+        }
+        if !snapshot.commanded {
+            let why =
+                "the actuation guard holds the vehicle: swap when a controller commands again";
+            return Err(not_rehearsed(why));
+        }
+        let facts = facts::of(&scenario, snapshot).map_err(not_rehearsed)?;
+        let sweeps = facts::sweeps_ahead(&scenario, snapshot);
+        let planned = facts::sweeps_planned(&scenario, snapshot);
+        let (flip_s, end_s) =
+            (derive::flip_s(&facts, spec.slot), scenario.settings().rehearsal.duration_s);
+        let draws = rehearsal::draws(snapshot, spec.seed, spec.swap);
+        let slot = pure(spec.slot);
+        let schedules =
+            rehearsal::schedule(slot, &facts, snapshot, (&sweeps, &planned), (flip_s, end_s));
+        Ok(Self { spec, scenario, facts, draws, schedules })
+    }
+
+    /// Text of a derived scenario, which `morphquad run` flies.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn scenario(&self, draw: usize, who: Role) -> Result<Scenario, Box<RehearsalRefusal>> {
+        let (draw, schedule) = (&self.draws[draw], &self.schedules[draw]);
+        derive::scenario(&self.spec, &self.scenario, &self.facts, (draw, schedule), who)
+            .map_err(not_rehearsed)
+    }
+
+    /// Name of the controller that commands the slot now.
+    #[must_use]
+    pub fn owner(&self) -> String {
+        let crew = crate::components::Crew::of(self.scenario.settings());
+        crew.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
+    }
+
+    /// Flies all of it, asking `go_on` now and then whether there is time left.
+    ///
+    /// # Errors
+    /// The candidate is refused, or nothing could be flown.
+    pub fn fly(
+        &self,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Result<RehearsalFigures, Box<RehearsalRefusal>> {
+        self.fly_with(go_on, || ())
+    }
+
+    /// As [`fly`](Self::fly), with one more observer on each flight.
+    ///
+    /// # Errors
+    /// As [`fly`](Self::fly).
+    pub fn fly_with<E: Observer + Default>(
+        &self,
+        go_on: &mut dyn FnMut() -> bool,
+        extra: impl Fn() -> E,
+    ) -> Result<RehearsalFigures, Box<RehearsalRefusal>> {
+        let slot = pure(self.spec.slot);
+        let tube = self.scenario.settings().rehearsal.tube();
+        let mut flown: Vec<(Track, Track)> = Vec::with_capacity(self.draws.len());
+        for draw in 0..self.draws.len() {
+            let mut one = |who: Role| {
+                let scenario = self.scenario(draw, who)?;
+                fly::fly(&scenario, self.look(who), extra(), go_on)
+            };
+            let candidate = one(Role::Candidate)?;
+            let owner = one(Role::Owner)?;
+            flown.push((candidate, owner));
+            let flights: Vec<Flown<'_>> = flown
+                .iter()
+                .enumerate()
+                .map(|(draw, (candidate, owner))| Flown {
+                    draw,
+                    schedule: &self.schedules[draw],
+                    candidate,
+                    owner,
+                })
+                .collect();
+            let judged = rehearsal::judge(slot, &self.facts, &tube, &flights);
+            if judged.is_err() || draw + 1 == self.draws.len() {
+                return judged;
+            }
+        }
+        Err(not_rehearsed("there is no start to fly from"))
+    }
+
+    fn look(&self, who: Role) -> look::Look {
+        look::Look::new(self.spec.slot, &self.facts, who)
+    }
+}
+
+/// The verdict about a candidate.
+#[must_use]
+pub fn verdict(spec: RehearsalSpec, go_on: &mut dyn FnMut() -> bool) -> Verdict {
+    let candidate = name_of(&spec.candidate).to_owned();
+    match Rehearsal::prepare(spec) {
+        Ok(rehearsal) => Verdict::of(&candidate, &rehearsal.owner(), rehearsal.fly(go_on)),
+        Err(refusal) => Verdict::of(&candidate, "the owner", Err(refusal)),
+    }
+}
+
+/// Rehearses a swap: the figures of a candidate that may fly.
+///
+/// # Errors
+/// Why it may not, in words and numbers, or why nothing was rehearsed.
+pub fn rehearse(
+    spec: RehearsalSpec,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<RehearsalFigures, Box<RehearsalRefusal>> {
+    Rehearsal::prepare(spec)?.fly(go_on)
+}
+
+fn pure(slot: Slot) -> rehearsal::Slot {
+    match slot {
+        Slot::Attitude => rehearsal::Slot::Attitude,
+        Slot::Position => rehearsal::Slot::Position,
+    }
+}

@@ -1,0 +1,61 @@
+//! A trip of the monitor in words: what was measured, and what its limit was.
+
+use core::fmt;
+use shared_types::{Trip, TripCause};
+
+/// Why an owner tripped.
+pub(super) struct TripReason<'a>(pub(super) &'a Trip);
+
+impl fmt::Display for TripReason<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let trip = self.0;
+        let (angle, limit) = (trip.angle_rad, trip.angle_limit_rad);
+        let (distance, distance_limit) = (trip.distance_m, trip.distance_limit_m);
+        match trip.cause {
+            TripCause::AttitudeDeparts => write!(
+                f,
+                "it turns away from its set point, by {angle:.2} rad before it could be stopped, limit {limit:.2} rad"
+            ),
+            TripCause::TiltBeyond => {
+                write!(f, "its tilt would reach {angle:.2} rad, limit {limit:.2} rad")
+            }
+            TripCause::HeadingDeparts => write!(
+                f,
+                "its heading turns away from its set point, by {angle:.2} rad before it could be stopped, limit {limit:.2} rad"
+            ),
+            TripCause::AttitudeAstray => write!(
+                f,
+                "its attitude is {angle:.2} rad off its set point for {:.2} s, limit {limit:.2} rad",
+                trip.lasted_s
+            ),
+            TripCause::RateOscillates => write!(
+                f,
+                "its body rate has changed sides {} times at {:.2} rad/s, limit {:.2} rad/s",
+                trip.reversals, trip.rate_rad_s, trip.rate_limit_rad_s
+            ),
+            TripCause::ThrustAstray => write!(
+                f,
+                "its thrust is not what is asked for: {:.2} m/s of vertical speed, limit {:.2} m/s",
+                trip.speed_m_s, trip.speed_limit_m_s
+            ),
+            TripCause::PositionDeparts => write!(
+                f,
+                "the vehicle would be {distance:.2} m from its reference before it could be stopped, limit {distance_limit:.2} m"
+            ),
+            TripCause::Sinks => write!(
+                f,
+                "the vehicle sinks: {distance:.2} m of height are needed to stop it, and {distance_limit:.2} m are left"
+            ),
+            TripCause::SetpointBeyond => {
+                write!(f, "its set point asks for {angle:.2} rad of tilt, limit {limit:.2} rad")
+            }
+            TripCause::SetpointOscillates => write!(
+                f,
+                "the tilt of its set point has changed sides {} times at {angle:.2} rad, limit {limit:.2} rad",
+                trip.reversals
+            ),
+            // A number that this build does not know, which no port of it lets through.
+            _ => f.write_str("it was losing the vehicle"),
+        }
+    }
+}
