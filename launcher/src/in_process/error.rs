@@ -7,14 +7,13 @@ use thiserror::Error;
 /// Why a flight cannot be flown to its end.
 #[derive(Debug, Error)]
 pub enum InProcessError {
-    /// A swap to an executable.
-    #[error(
-        "{name} is an executable of its own, which needs a process: leave this swap away, or fly with \
-         processes"
-    )]
-    Foreign {
+    /// A process that cannot be given a place in the flight.
+    #[error("{name} cannot fly as a process of its own: {error}")]
+    Outside {
         /// Who was to take over.
         name: String,
+        /// What the system or the transport said.
+        error: String,
     },
     /// A fault of a process that nobody can stand in for.
     #[error(

@@ -2,6 +2,7 @@
 
 use super::InProcessError;
 use super::observer::{Audience, Observer};
+use super::outside::{ExitReport, OutsideLoop};
 use super::resume::{Checkpoint, Feed};
 use super::wires::Wires;
 use crate::components::{Component, ComponentVisitor};
@@ -14,11 +15,50 @@ use runtime::{Executor, Graph, Node, Place, Service};
 use shared_types::{Handover, Header, Role, Seat};
 use std::rc::Rc;
 
-/// An executor with its type forgotten.
+/// What a loop is told of the flight when it is to step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StepContext<'a> {
+    /// Reads the host clock.
+    pub(super) now_mono_ns: fn() -> u64,
+    /// Steps from here on may not run yet, whatever the marks say \[ns\].
+    pub(super) allowed_ns: u64,
+    /// How far all others have got; empty unless [`Stepper::is_outside`].
+    pub(super) instances: &'a [InstanceMark],
+}
+
+/// How far one loop has got.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct InstanceMark {
+    pub(super) place: Seat,
+    pub(super) generation: u32,
+    pub(super) period_ns: u64,
+    pub(super) mark_ns: u64,
+}
+
+/// A loop with its type forgotten: an executor, or a process of its own.
 pub(super) trait Stepper: Repeats {
-    fn begin(&mut self, order: &Handover, state: &[u8]) -> Result<(), RestoreError>;
+    /// True if the loop is a process, which needs to be told of all others.
+    fn is_outside(&self) -> bool {
+        false
+    }
+    /// True if the process of the loop has failed.
+    fn has_failed(&self) -> bool {
+        false
+    }
+    /// What has become of it then; told once.
+    fn take_failure(&mut self) -> Option<ExitReport> {
+        None
+    }
+    /// Begins where a hand-over says, in a flight whose loops have got so far.
+    fn begin(
+        &mut self,
+        order: &Handover,
+        state: &[u8],
+        instances: &[InstanceMark],
+    ) -> Result<(), RestoreError>;
     fn layout(&self) -> u64;
-    fn step(&mut self, now_mono_ns: fn() -> u64);
+    /// Runs the next release; false if the loop has failed, and has not.
+    fn step(&mut self, context: &StepContext<'_>) -> bool;
     fn finish(&mut self);
     fn state(&mut self) -> Option<Vec<u8>>;
     fn ports(&self) -> u64;
@@ -27,15 +67,21 @@ pub(super) trait Stepper: Repeats {
 }
 
 impl<S: Service> Stepper for Executor<S> {
-    fn begin(&mut self, order: &Handover, state: &[u8]) -> Result<(), RestoreError> {
+    fn begin(
+        &mut self,
+        order: &Handover,
+        state: &[u8],
+        _instances: &[InstanceMark],
+    ) -> Result<(), RestoreError> {
         Self::begin(self, order, state)
     }
     fn layout(&self) -> u64 {
         state_layout::<S>()
     }
-    fn step(&mut self, now_mono_ns: fn() -> u64) {
+    fn step(&mut self, context: &StepContext<'_>) -> bool {
         self.inputs.receive();
-        self.run_step(StepStamps::at_once(now_mono_ns));
+        self.run_step(StepStamps::at_once(context.now_mono_ns));
+        true
     }
     fn finish(&mut self) {
         Self::finish(self);
@@ -119,6 +165,7 @@ impl<O: Observer> Connect<'_, O> {
             node,
             place: seat,
             generation,
+            period_ns: node.rate.period_ns(),
             waits: false,
             leave_ns: u64::MAX,
             stepper: Box::new(executor),
@@ -133,7 +180,8 @@ pub(super) struct Loop {
     /// Its seat, and how many have had that before.
     pub(super) place: Seat,
     pub(super) generation: u32,
-    /// It has been started in flight and not been told where to begin, or has been stopped.
+    pub(super) period_ns: u64,
+    /// It has been started in flight and not been told where to begin, has been stopped, or has failed.
     pub(super) waits: bool,
     /// From then on the seat is no longer its \[ns\].
     pub(super) leave_ns: u64,
@@ -143,13 +191,30 @@ pub(super) struct Loop {
 }
 
 impl Loop {
+    /// A process that has said hello and not been told where to begin.
+    pub(super) fn outside<O: Observer>(
+        (node, place, generation): (Node, Seat, u32),
+        process: OutsideLoop<O>,
+    ) -> Self {
+        let period_ns = process.period_ns();
+        let (stepper, course) = (Box::new(process), Course::default());
+        let (waits, leave_ns) = (true, u64::MAX);
+        Self { node, place, generation, period_ns, waits, leave_ns, stepper, course }
+    }
+
+    /// How far it has got.
+    pub(super) fn mark(&self) -> InstanceMark {
+        let Self { place, generation, period_ns, .. } = *self;
+        InstanceMark { place, generation, period_ns, mark_ns: self.stepper.next_ns() }
+    }
+
     pub(super) fn flies(&self) -> bool {
         !self.waits
     }
 
     /// It is there, and may be told to begin.
     pub(super) fn joined(&self) -> PostEvent {
-        let (layout, period_ns) = (self.stepper.layout(), self.node.rate.period_ns());
-        PostEvent::Joined { place: self.place, layout, period_ns }
+        let layout = self.stepper.layout();
+        PostEvent::Joined { place: self.place, layout, period_ns: self.period_ns }
     }
 }

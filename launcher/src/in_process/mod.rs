@@ -2,7 +2,8 @@
 //! memory, with the same executor, the same graph and the same bytes.
 //!
 //! [`InProcess`] is behind `run --in-process`, campaigns, branches and studies; nothing in it touches
-//! the machine, so flights may fly side by side on threads. Open `wires.rs` for the queues, `resume.rs`
+//! the machine but processes of [`Outside`], each in a run namespace of its own, so flights may fly side by
+//! side on threads. Open `wires.rs` for the queues, `resume.rs`
 //! for a flight taken up in the middle and `perfect_state.rs` for the only component that a real run
 //! does not have.
 
@@ -12,7 +13,9 @@ mod error;
 mod loops;
 mod marks;
 mod observer;
+mod outside;
 mod perfect_state;
+mod posts;
 mod resume;
 mod tape;
 mod wires;
@@ -21,6 +24,8 @@ pub use compare::{Compare, Difference, Likeness};
 pub use error::InProcessError;
 use observer::Audience;
 pub use observer::Observer;
+pub(crate) use outside::joins_executable;
+pub use outside::{ExitReport, Outside};
 pub use perfect_state::PerfectState;
 pub use resume::Checkpoint;
 pub use tape::Tape;
@@ -32,8 +37,9 @@ use crate::run::{SlotWatch, SwapReport};
 use crate::scenario::Scenario;
 use core::cell::RefCell;
 use director::Director;
-use loops::{Connect, Loop};
+use loops::{Connect, InstanceMark, Loop, StepContext};
 use marks::FlightMarks;
+use posts::Cabin;
 use runtime::Graph;
 use runtime::graph::{CREDIT_NS, ROLES};
 use shared_types::{Role, Seat};
@@ -67,6 +73,8 @@ pub struct Conclusion {
     pub notices: Vec<String>,
     /// Controllers that had to be started again.
     pub recovered: u64,
+    /// Processes of controllers that failed.
+    pub exits: Vec<ExitReport>,
 }
 
 /// A flight in progress.
@@ -81,6 +89,8 @@ pub struct InProcess<O> {
     now_mono_ns: fn() -> u64,
     /// The loop that is being stepped.
     stepping: usize,
+    /// How far everybody has got, told to processes; kept for its room.
+    instances: Vec<InstanceMark>,
 }
 
 impl<O> core::fmt::Debug for InProcess<O> {
@@ -99,20 +109,34 @@ impl<O: Observer> InProcess<O> {
         state: StateSource,
         observer: O,
     ) -> Result<Self, InProcessError> {
-        Self::build(scenario, state, observer, None)
+        Self::with_processes(scenario, state, observer, &Outside::of(scenario.settings()))
+    }
+
+    /// As [`new`](Self::new), where those who join in flight as processes are started as `outside` says.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_processes(
+        scenario: &Scenario,
+        state: StateSource,
+        observer: O,
+        outside: &Outside,
+    ) -> Result<Self, InProcessError> {
+        Self::build(scenario, state, observer, (None, outside))
     }
 
     fn build(
         scenario: &Scenario,
         state: StateSource,
         observer: O,
-        from: Option<&Checkpoint>,
+        (from, outside): (Option<&Checkpoint>, &Outside),
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
         let crew = Crew::of(scenario.settings());
         let observer = Rc::new(Audience::new(observer));
         let scripted = scenario.settings().is_scripted() && from.is_none();
-        let watch = scripted.then(Rc::<RefCell<SlotWatch>>::default);
+        let watch =
+            scripted.then(|| Rc::new(RefCell::new(SlotWatch::new(&scenario.modelled_vehicle()))));
         let mut wires = Wires::new(Rc::clone(&observer), watch.clone());
         let mut loops = Vec::new();
         for &node in graph.nodes() {
@@ -137,7 +161,8 @@ impl<O: Observer> InProcess<O> {
         let (mut marks, mut director) = (FlightMarks::Plain([0; ROLES]), None);
         if let Some(watch) = watch {
             marks = FlightMarks::Seats(Box::default());
-            director = Some(Box::new(Director::new(scenario, &graph, wires, watch, &loops)?));
+            let cabin = Cabin::new(scenario, wires, watch, outside);
+            director = Some(Box::new(Director::new(cabin, &graph, &loops)?));
         }
         Ok(Self {
             graph,
@@ -148,6 +173,7 @@ impl<O: Observer> InProcess<O> {
             end_ns: scenario.duration_ns(),
             now_mono_ns: no_clock,
             stepping: 0,
+            instances: Vec::new(),
         })
     }
 
@@ -205,8 +231,7 @@ impl<O: Observer> InProcess<O> {
             }
             let allowed_ns = allowed_ns.min(*leave_ns);
             let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
-            while self.mark_ns(index) < open_until_ns {
-                self.step(index);
+            while self.mark_ns(index) < open_until_ns && self.step_within(index, allowed_ns) {
                 moved = true;
             }
         }
@@ -217,13 +242,18 @@ impl<O: Observer> InProcess<O> {
     /// flown; false if nothing comes of it. What is due at `t_ns` itself is left to whoever flies on.
     fn direct(&mut self, t_ns: u64) -> Result<bool, InProcessError> {
         let Some(director) = &mut self.director else { return Ok(false) };
+        if director.reap(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)? {
+            return Ok(true);
+        }
         if director.retire(&mut self.loops, &mut self.marks) {
             return Ok(true);
         }
         if t_ns < self.end_ns && director.allowed_ns >= t_ns {
             return Ok(false);
         }
-        director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)
+        let more = director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)?;
+        // Time waits for whoever has just been told to leave.
+        Ok(more || director.retire(&mut self.loops, &mut self.marks))
     }
 
     fn allowed_ns(&self, t_ns: u64) -> u64 {
@@ -246,7 +276,8 @@ impl<O: Observer> InProcess<O> {
         let Some(director) = &mut self.director else { return Conclusion::default() };
         let (swaps, notices) = (director.reports(), core::mem::take(&mut director.notices));
         let orders = core::mem::take(&mut director.orders.reports);
-        Conclusion { swaps, orders, notices, recovered: director.recovered }
+        let (recovered, exits) = (director.recovered, core::mem::take(director.exits()));
+        Conclusion { swaps, orders, notices, recovered, exits }
     }
 
     /// Loops whose next step may run and lies before `t_ns` and the end of the flight. In whatever
@@ -262,11 +293,26 @@ impl<O: Observer> InProcess<O> {
 
     /// Runs the next release of a loop that [`runnable`](Self::runnable) named.
     pub fn step(&mut self, index: usize) {
+        let next_ns = self.mark_ns(index);
+        self.step_within(index, next_ns.saturating_add(1));
+    }
+
+    /// Runs the next release of a loop, and whatever else a process may run before `allowed_ns`; false if
+    /// the process has failed.
+    fn step_within(&mut self, index: usize, allowed_ns: u64) -> bool {
         self.stepping = index;
+        self.instances.clear();
+        if self.loops[index].stepper.is_outside() {
+            let flying = self.loops.iter().filter(|l| l.flies());
+            self.instances.extend(flying.map(Loop::mark));
+        }
+        let (now_mono_ns, instances) = (self.now_mono_ns, self.instances.as_slice());
         let one = &mut self.loops[index];
-        one.stepper.step(self.now_mono_ns);
+        let done = one.stepper.step(&StepContext { now_mono_ns, allowed_ns, instances });
+        one.waits |= !done;
         one.course.prepare(&mut *one.stepper);
         self.marks.advance(one.place, one.generation, one.stepper.next_ns());
+        done
     }
 
     /// Next release of a loop \[ns\].

@@ -14,6 +14,8 @@ pub trait Observer: 'static {
     }
     /// Called once per published state, after the samples of its step.
     fn observe_state(&mut self, _role: Role, _header: &Header, _state: &[u8]) {}
+    /// Called before a sample is published, and may change it: what a spoiled controller would have said.
+    fn alter<T: Sample>(&mut self, _topic: &'static Topic<T>, _sample: &mut T) {}
     /// Called for what is told of the flight in words.
     fn note(&mut self, _logical_ns: u64, _warning: bool, _text: &str) {}
 }
@@ -44,6 +46,10 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         self.0.observe(topic, sample);
         self.1.observe(topic, sample);
+    }
+    fn alter<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &mut T) {
+        self.0.alter(topic, sample);
+        self.1.alter(topic, sample);
     }
     fn wants_states(&self) -> bool {
         self.0.wants_states() || self.1.wants_states()
@@ -77,6 +83,10 @@ impl<O: Observer> Audience<O> {
 
     pub(super) fn with<R>(&self, look: impl FnOnce(&mut O) -> R) -> R {
         look(&mut self.observer.borrow_mut())
+    }
+
+    pub(super) fn alter<T: Sample>(&self, topic: &'static Topic<T>, sample: &mut T) {
+        self.observer.borrow_mut().alter(topic, sample);
     }
 
     pub(super) fn observe<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {

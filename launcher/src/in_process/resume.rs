@@ -2,7 +2,7 @@
 
 use super::marks::FlightMarks;
 use super::tape::Tape;
-use super::{InProcess, InProcessError, Observer, StateSource};
+use super::{InProcess, InProcessError, Observer, Outside, StateSource};
 use crate::replay::Course;
 use crate::scenario::Scenario;
 use core::convert::Infallible;
@@ -88,7 +88,8 @@ impl<O: Observer> InProcess<O> {
         observer: O,
         checkpoint: &Checkpoint,
     ) -> Result<Self, InProcessError> {
-        let mut flight = Self::build(scenario, StateSource::Estimator, observer, Some(checkpoint))?;
+        let from = (Some(checkpoint), &Outside::of(scenario.settings()));
+        let mut flight = Self::build(scenario, StateSource::Estimator, observer, from)?;
         for l in &flight.loops {
             flight.marks.advance(l.place, l.generation, l.stepper.next_ns());
         }

@@ -54,7 +54,7 @@ fn remember<T: Sample>(kept: &Kept<T>, topic: &Topic<T>, sample: T) {
     kept.push_back(sample);
 }
 
-struct QueueSource<T>(Rc<Queue<T>>);
+pub(super) struct QueueSource<T>(Rc<Queue<T>>);
 
 impl<T: Sample> Source<T> for QueueSource<T> {
     fn receive(&mut self) -> Option<T> {
@@ -69,7 +69,7 @@ impl<T> Drop for QueueSource<T> {
     }
 }
 
-struct QueueSink<T: Sample, O> {
+pub(super) struct QueueSink<T: Sample, O> {
     topic: &'static Topic<T>,
     line: Rc<Line<T>>,
     kept: Option<Rc<Kept<T>>>,
@@ -79,6 +79,9 @@ struct QueueSink<T: Sample, O> {
 
 impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
     fn send(&mut self, sample: &T) {
+        let mut altered = *sample;
+        self.observer.alter(self.topic, &mut altered);
+        let sample = &altered;
         self.observer.observe(self.topic, sample);
         self.line.send(*sample);
         if let Some(kept) = &self.kept {
@@ -116,6 +119,34 @@ impl<O: Observer> Wires<O> {
         let any = self.lines.entry(topic.info.name).or_insert_with(|| Box::new(Rc::new(none())));
         any.downcast_ref::<Rc<Line<T>>>()
             .map_or_else(|| unreachable!("a topic has one sample type"), Rc::clone)
+    }
+
+    /// What is published on a topic from now on, after what every writer that is there has kept for those
+    /// who join.
+    pub(super) fn subscribe<T: Sample>(&mut self, topic: &'static Topic<T>) -> QueueSource<T> {
+        let line = self.line(topic);
+        let mut samples = VecDeque::with_capacity(READER_CAPACITY);
+        line.kept.borrow_mut().retain(|kept| kept.strong_count() > 0);
+        for kept in line.kept.borrow().iter().filter_map(Weak::upgrade) {
+            samples.extend(kept.borrow().iter().copied());
+        }
+        let queue = Queue { samples: RefCell::new(samples), closed: Cell::new(false) };
+        let queue = Rc::new(queue);
+        line.readers.borrow_mut().retain(|reader| !reader.closed.get());
+        line.readers.borrow_mut().push(Rc::clone(&queue));
+        QueueSource(queue)
+    }
+
+    /// Where one writer's samples of a topic go.
+    pub(super) fn publish<T: Sample>(&mut self, topic: &'static Topic<T>) -> QueueSink<T, O> {
+        let line = self.line(topic);
+        QueueSink {
+            topic,
+            kept: self.watch.is_some().then(|| line.keep()),
+            line,
+            observer: Rc::clone(&self.observer),
+            watch: self.watch.clone(),
+        }
     }
 
     /// Connects every port of a component.
@@ -175,20 +206,10 @@ impl<O: Observer> InputVisitor for Connect<'_, O> {
         topic: &'static Topic<T>,
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
-        let line = self.wires.line(topic);
-        let mut samples = VecDeque::with_capacity(READER_CAPACITY);
-        // Whoever joins a flight gets what every writer that is there has kept.
-        line.kept.borrow_mut().retain(|kept| kept.strong_count() > 0);
-        for kept in line.kept.borrow().iter().filter_map(Weak::upgrade) {
-            samples.extend(kept.borrow().iter().copied());
-        }
-        let queue = Queue { samples: RefCell::new(samples), closed: Cell::new(false) };
-        let queue = Rc::new(queue);
-        line.readers.borrow_mut().retain(|reader| !reader.closed.get());
-        line.readers.borrow_mut().push(Rc::clone(&queue));
+        let source = self.wires.subscribe(topic);
         let edge = self.graph.edge(&topic.info, self.role).copied();
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
-        input.connect(Box::new(QueueSource(queue)), Some(edge));
+        input.connect(Box::new(source), Some(edge));
         Ok(())
     }
 }
@@ -200,14 +221,7 @@ impl<O: Observer> OutputVisitor for Connect<'_, O> {
         topic: &'static Topic<T>,
         output: &mut Output<T>,
     ) -> Result<(), Infallible> {
-        let line = self.wires.line(topic);
-        let sink = QueueSink {
-            topic,
-            kept: self.wires.watch.is_some().then(|| line.keep()),
-            line,
-            observer: Rc::clone(&self.wires.observer),
-            watch: self.wires.watch.clone(),
-        };
+        let sink = self.wires.publish(topic);
         output.connect(Box::new(sink), self.graph.latency_ns(&topic.info));
         Ok(())
     }
