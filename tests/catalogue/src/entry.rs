@@ -1,0 +1,129 @@
+//! What can be wrong with a controller.
+
+use launcher::candidate::Slot;
+use serde::Deserialize;
+
+/// What is wrong.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fault {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// One axis has the wrong sign; thrust about the weight.
+    WrongSign,
+    /// Roll and pitch are exchanged.
+    Exchanged,
+    /// All that is commanded is multiplied; thrust about the weight.
+    Gain,
+    /// The first command stays for ever.
+    Frozen,
+    /// Commands are late by this many seconds more.
+    Delay,
+    /// Commands are no numbers, this many seconds after the first.
+    NotANumber,
+    /// This share of the largest command is added about roll and pitch.
+    Bias,
+    /// Beyond this tilt in degrees roll and pitch have the wrong sign.
+    Diverges,
+    /// Once the arms move roll and pitch have the wrong sign.
+    UntilMorph,
+    /// A bias about roll and pitch grows by this share of the largest command per second.
+    Leak,
+    /// Each step takes this many of its periods; of realtime flights only.
+    Slow,
+    /// The first command comes this many seconds after the process is ready; of realtime flights only.
+    LateStart,
+}
+
+impl Fault {
+    /// As written in a configuration file.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Nothing => "nothing",
+            Self::WrongSign => "wrong-sign",
+            Self::Exchanged => "exchanged",
+            Self::Gain => "gain",
+            Self::Frozen => "frozen",
+            Self::Delay => "delay",
+            Self::NotANumber => "not-a-number",
+            Self::Bias => "bias",
+            Self::Diverges => "diverges",
+            Self::UntilMorph => "until-morph",
+            Self::Leak => "leak",
+            Self::Slow => "slow",
+            Self::LateStart => "late-start",
+        }
+    }
+}
+
+/// An entry of the catalogue; what a configuration file of the executable says.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Entry {
+    /// Name of the shipped controller whose commands are spoiled; the first of the slot if left out.
+    pub law: Option<String>,
+    /// What is wrong.
+    pub fault: Fault,
+    /// Axis of a wrong sign: 0 thrust, 1 roll, 2 pitch, 3 yaw.
+    pub axis: usize,
+    /// How much, in the unit that the fault names.
+    pub amount: f64,
+}
+
+impl Entry {
+    fn of(fault: Fault, axis: usize, amount: f64) -> Self {
+        Self { law: None, fault, axis, amount }
+    }
+
+    /// The same about another law.
+    #[must_use]
+    pub fn around(&self, law: &str) -> Self {
+        Self { law: Some(law.to_owned()), ..self.clone() }
+    }
+
+    /// In a few words.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let axis = ["thrust", "roll", "pitch", "yaw"].get(self.axis).copied().unwrap_or("?");
+        let amount = self.amount;
+        match self.fault {
+            Fault::Nothing => "good".to_owned(),
+            Fault::WrongSign => format!("wrong sign in {axis}"),
+            Fault::Exchanged => "roll and pitch exchanged".to_owned(),
+            Fault::Gain => format!("gain x{amount}"),
+            Fault::Frozen => "frozen output".to_owned(),
+            Fault::Delay => format!("{:.0} ms more delay", 1e3 * amount),
+            Fault::NotANumber => format!("no number after {amount} s"),
+            Fault::Bias => format!("bias {:.0} %", 1e2 * amount),
+            Fault::Diverges => format!("diverges beyond {amount} deg"),
+            Fault::UntilMorph => "works until the arms fold".to_owned(),
+            Fault::Leak => format!("leak {:.0} %/s", 1e2 * amount),
+            Fault::Slow => format!("steps of {:.0} % of the period", 1e2 * amount),
+            Fault::LateStart => format!("first command after {amount} s"),
+        }
+    }
+}
+
+/// Every entry that flies in lockstep too.
+#[must_use]
+pub fn entries(slot: Slot) -> Vec<Entry> {
+    // A position controller passes the heading on, which has no gain to be wrong.
+    let signs = match slot {
+        Slot::Attitude => [1, 2, 3],
+        Slot::Position => [0, 1, 2],
+    };
+    let mut all: Vec<Entry> =
+        signs.iter().map(|axis| Entry::of(Fault::WrongSign, *axis, 0.0)).collect();
+    all.push(Entry::of(Fault::Exchanged, 0, 0.0));
+    all.extend([0.2, 3.0, 10.0].map(|factor| Entry::of(Fault::Gain, 0, factor)));
+    all.push(Entry::of(Fault::Frozen, 0, 0.0));
+    all.extend([0.03, 0.06, 0.1].map(|delay_s| Entry::of(Fault::Delay, 0, delay_s)));
+    all.push(Entry::of(Fault::NotANumber, 0, 0.7));
+    all.extend([0.05, 0.2].map(|share| Entry::of(Fault::Bias, 0, share)));
+    all.push(Entry::of(Fault::Diverges, 0, 10.0));
+    all.push(Entry::of(Fault::UntilMorph, 0, 0.0));
+    all.push(Entry::of(Fault::Leak, 0, 0.05));
+    all
+}

@@ -1,0 +1,130 @@
+//! A shipped controller whose commands are spoiled, as a service of its own.
+
+use crate::altering::{spoil_setpoint, spoil_wrench};
+use crate::{Entry, Fault, Seen, Spoiler};
+use core::convert::Infallible;
+use host::{HostError, Joined};
+use launcher::components::{Component, ComponentVisitor};
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::{Ending, Output, OutputSet as _, OutputVisitor, Service};
+use shared_types::{AttitudeSetpoint, Sample, Topic, WrenchCommand};
+use std::any::Any;
+
+/// A service with a spoiler behind it.
+#[derive(Debug)]
+pub struct Spoiled<S> {
+    inner: S,
+    spoiler: Spoiler,
+    period_ns: u64,
+    /// First instant of the wall clock at which it speaks \[ns\].
+    speaks_mono_ns: Option<u64>,
+}
+
+impl<S: Service> Spoiled<S> {
+    /// Around a controller of this period \[ns\].
+    pub fn new(inner: S, spoiler: Spoiler, period_ns: u64) -> Self {
+        Self { inner, spoiler, period_ns, speaks_mono_ns: None }
+    }
+
+    /// Faults of the wall clock: being late is what they are for.
+    fn dawdle(&mut self) {
+        let Entry { fault, amount, .. } = *self.spoiler.entry();
+        let now_ns = mono_now_ns();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+        let ns = |value: f64| value as u64;
+        match fault {
+            Fault::Slow => {
+                sleep_until(now_ns + ns(amount * self.period_ns as f64));
+            }
+            Fault::LateStart => {
+                let speaks_ns = *self.speaks_mono_ns.get_or_insert(now_ns + ns(amount * 1e9));
+                sleep_until(speaks_ns);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Spoils what a step has written.
+struct Spoil<'a> {
+    spoiler: &'a mut Spoiler,
+    now_ns: u64,
+    seen: Seen,
+}
+
+impl OutputVisitor for Spoil<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(
+        &mut self,
+        _topic: &'static Topic<T>,
+        output: &mut Output<T>,
+    ) -> Result<(), Infallible> {
+        let Some(mut sample) = output.written().copied() else { return Ok(()) };
+        let any: &mut dyn Any = &mut sample;
+        if let Some(command) = any.downcast_mut::<WrenchCommand>() {
+            spoil_wrench(self.spoiler, self.now_ns, command, self.seen);
+        } else if let Some(command) = any.downcast_mut::<AttitudeSetpoint>() {
+            spoil_setpoint(self.spoiler, self.now_ns, command, self.seen);
+        } else {
+            return Ok(());
+        }
+        output.write(sample);
+        Ok(())
+    }
+}
+
+impl<S: Service + 'static> Service for Spoiled<S> {
+    type Inputs = S::Inputs;
+    type Outputs = S::Outputs;
+    type Memory = S::Memory;
+
+    fn step(&mut self, now_ns: u64, inputs: &S::Inputs, outputs: &mut S::Outputs) {
+        self.dawdle();
+        self.inner.step(now_ns, inputs, outputs);
+        let seen = seen(inputs);
+        let Ok(()) = outputs.visit(&mut Spoil { spoiler: &mut self.spoiler, now_ns, seen });
+    }
+
+    fn memory(&self) -> S::Memory {
+        self.inner.memory()
+    }
+
+    fn restore(&mut self, memory: &S::Memory) -> Result<(), String> {
+        self.inner.restore(memory)
+    }
+
+    fn track(&mut self, now_ns: u64, inputs: &S::Inputs) {
+        self.inner.track(now_ns, inputs);
+    }
+}
+
+/// What the latest estimate says.
+fn seen(inputs: &dyn Any) -> Seen {
+    let attitude = inputs.downcast_ref::<controller::attitude::Inputs>();
+    let attitude = attitude.and_then(|inputs| inputs.state_estimate.latest());
+    let position = inputs.downcast_ref::<controller::position::Inputs>();
+    let position = position.and_then(|inputs| inputs.state_estimate.latest());
+    attitude.or(position).map(Seen::from).unwrap_or_default()
+}
+
+/// Wraps the component that it is given and flies it.
+#[derive(Debug)]
+pub struct Builder {
+    /// A process that has joined its run.
+    pub joined: Joined,
+    /// What is wrong.
+    pub entry: Entry,
+    /// Largest command of the slot.
+    pub largest: [f64; 4],
+    /// Period of its loop \[ns\].
+    pub period_ns: u64,
+}
+
+impl ComponentVisitor for Builder {
+    type Output = Result<Ending, HostError>;
+    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
+        let spoiler = Spoiler::new(self.entry, self.largest);
+        let service = Spoiled::new(component.service, spoiler, self.period_ns);
+        self.joined.fly(service, component.state_every)
+    }
+}

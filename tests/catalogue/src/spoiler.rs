@@ -1,0 +1,155 @@
+//! From a good command to a bad one.
+
+use crate::{Entry, Fault};
+use shared_types::StateEstimate;
+use std::collections::VecDeque;
+
+/// Commands that are kept for a delay: more than any has on its way.
+const KEPT: usize = 1024;
+/// The arms move if they are faster than this \[rad/s\].
+const MOVES_RAD_S: f64 = 0.2;
+
+/// What a controller sees that decides about its faults.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Seen {
+    /// Tilt \[rad\].
+    pub tilt_rad: f64,
+    /// Rate of the deployable angle \[rad/s\].
+    pub morph_rate_rad_s: f64,
+}
+
+impl From<&StateEstimate> for Seen {
+    fn from(estimate: &StateEstimate) -> Self {
+        let q = &estimate.q_wb;
+        // 1 − 2 (x² + y²) is the cosine of the tilt.
+        let half = (q.x * q.x + q.y * q.y).sqrt().min(1.0);
+        Self { tilt_rad: 2.0 * libm::asin(half), morph_rate_rad_s: estimate.morph_rate_rad_s }
+    }
+}
+
+/// Spoils the commands of one controller; T first, then roll, pitch and yaw.
+#[derive(Debug, Clone)]
+pub struct Spoiler {
+    entry: Entry,
+    /// Largest command, which also says what trim is: T of the weight.
+    largest: [f64; 4],
+    first: Option<(u64, [f64; 4])>,
+    morphed: bool,
+    past: VecDeque<(u64, [f64; 4])>,
+}
+
+impl Spoiler {
+    /// Of an entry and the largest command of its slot: the weight \[N\], then torques \[N m\] or
+    /// angles \[rad\].
+    #[must_use]
+    pub fn new(entry: Entry, largest: [f64; 4]) -> Self {
+        Self { entry, largest, first: None, morphed: false, past: VecDeque::with_capacity(KEPT) }
+    }
+
+    /// The entry.
+    #[must_use]
+    pub fn entry(&self) -> &Entry {
+        &self.entry
+    }
+
+    /// What is commanded at `now_ns` in place of `command`.
+    #[expect(clippy::match_same_arms, reason = "one arm per fault")]
+    pub fn spoil(&mut self, now_ns: u64, command: [f64; 4], seen: Seen) -> [f64; 4] {
+        let (first_ns, first) = *self.first.get_or_insert((now_ns, command));
+        let flown_s = now_ns.saturating_sub(first_ns) as f64 * 1e-9;
+        self.morphed |= seen.morph_rate_rad_s.abs() > MOVES_RAD_S;
+        let weight = self.largest[0];
+        let [thrust, roll, pitch, yaw] = command;
+        let amount = self.entry.amount;
+        let turned = [thrust, -roll, -pitch, yaw];
+        let biased = |share: f64| {
+            [thrust, roll + share * self.largest[1], pitch + share * self.largest[2], yaw]
+        };
+        match self.entry.fault {
+            Fault::Nothing | Fault::Slow | Fault::LateStart => command,
+            Fault::WrongSign => {
+                let mut wrong = command;
+                let axis = self.entry.axis.min(3);
+                wrong[axis] = if axis == 0 { 2.0 * weight - thrust } else { -command[axis] };
+                wrong
+            }
+            Fault::Exchanged => [thrust, pitch, roll, yaw],
+            Fault::Gain => {
+                [weight + amount * (thrust - weight), amount * roll, amount * pitch, amount * yaw]
+            }
+            Fault::Frozen => first,
+            Fault::Delay => self.late(now_ns, command, amount),
+            Fault::NotANumber if flown_s >= amount => [thrust, f64::NAN, pitch, yaw],
+            Fault::Bias => biased(amount),
+            Fault::Diverges if seen.tilt_rad.to_degrees() > amount => turned,
+            Fault::UntilMorph if self.morphed => turned,
+            Fault::Leak => biased(amount * flown_s),
+            Fault::NotANumber | Fault::Diverges | Fault::UntilMorph => command,
+        }
+    }
+
+    fn late(&mut self, now_ns: u64, command: [f64; 4], delay_s: f64) -> [f64; 4] {
+        if self.past.len() == KEPT {
+            self.past.pop_front();
+        }
+        self.past.push_back((now_ns, command));
+        let due = |(at_ns, _): &&(u64, [f64; 4])| {
+            now_ns.saturating_sub(*at_ns) as f64 * 1e-9 >= delay_s - 1e-9
+        };
+        let found = self.past.iter().rev().find(due).or_else(|| self.past.front());
+        found.map_or(command, |(_, command)| *command)
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "numbers that are passed on as they are")]
+mod tests {
+    use super::*;
+
+    const LARGEST: [f64; 4] = [1.0, 0.1, 0.1, 0.02];
+    const COMMAND: [f64; 4] = [1.1, 0.01, -0.02, 0.003];
+
+    fn spoiled(fault: Fault, axis: usize, amount: f64, seen: Seen) -> [f64; 4] {
+        let entry = Entry { law: None, fault, axis, amount };
+        Spoiler::new(entry, LARGEST).spoil(0, COMMAND, seen)
+    }
+
+    #[test]
+    fn each_fault_changes_the_command_as_its_name_says() {
+        let still = Seen::default();
+        assert_eq!(spoiled(Fault::Nothing, 0, 0.0, still), COMMAND);
+        assert_eq!(spoiled(Fault::WrongSign, 1, 0.0, still), [1.1, -0.01, -0.02, 0.003]);
+        assert!((spoiled(Fault::WrongSign, 0, 0.0, still)[0] - 0.9).abs() < 1e-12);
+        assert_eq!(spoiled(Fault::Exchanged, 0, 0.0, still), [1.1, -0.02, 0.01, 0.003]);
+        assert!((spoiled(Fault::Gain, 0, 3.0, still)[0] - 1.3).abs() < 1e-12);
+        assert!((spoiled(Fault::Bias, 0, 0.2, still)[1] - 0.03).abs() < 1e-12);
+        let tilted = Seen { tilt_rad: 0.2, ..still };
+        assert_eq!(spoiled(Fault::Diverges, 0, 10.0, still), COMMAND);
+        assert_eq!(spoiled(Fault::Diverges, 0, 10.0, tilted), [1.1, -0.01, 0.02, 0.003]);
+    }
+
+    #[test]
+    fn faults_that_come_with_time_come_at_their_time() {
+        let of = |fault, amount| Spoiler::new(Entry { law: None, fault, axis: 0, amount }, LARGEST);
+        let still = Seen::default();
+        let mut late = of(Fault::Delay, 0.03);
+        for step in 0..10_u32 {
+            let command = [f64::from(step); 4];
+            let told = late.spoil(u64::from(step) * 10_000_000, command, still);
+            assert_eq!(told[0], f64::from(step.saturating_sub(3)));
+        }
+        let mut nan = of(Fault::NotANumber, 0.7);
+        assert_eq!(nan.spoil(0, COMMAND, still), COMMAND);
+        assert!(nan.spoil(700_000_000, COMMAND, still)[1].is_nan());
+        let mut frozen = of(Fault::Frozen, 0.0);
+        assert_eq!(frozen.spoil(0, COMMAND, still), frozen.spoil(5, [0.0; 4], still));
+        let mut leak = of(Fault::Leak, 0.05);
+        assert_eq!(leak.spoil(0, COMMAND, still), COMMAND);
+        assert!((leak.spoil(2_000_000_000, COMMAND, still)[1] - 0.02).abs() < 1e-12);
+        let mut folds = of(Fault::UntilMorph, 0.0);
+        assert_eq!(folds.spoil(0, COMMAND, still), COMMAND);
+        let moves = Seen { morph_rate_rad_s: -1.0, ..still };
+        assert_eq!(folds.spoil(1, COMMAND, moves), [1.1, -0.01, 0.02, 0.003]);
+        assert_eq!(folds.spoil(2, COMMAND, still), [1.1, -0.01, 0.02, 0.003]);
+    }
+}

@@ -1,0 +1,231 @@
+//! Flights in which a controller of the catalogue is swapped in, judged by the truth.
+
+use crate::Entry;
+use launcher::candidate::Slot;
+use launcher::in_process::{Conclusion, InProcess, InProcessError, Observer, Outside, StateSource};
+use launcher::scenario::{Override, Scenario, ScenarioError};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use shared_types::{GateMode, Sample, Topic, Trip, Truth};
+use std::any::Any;
+use std::path::Path;
+
+/// Tilt beyond which a vehicle counts as lost \[rad\].
+const LOST_TILT_RAD: f64 = core::f64::consts::FRAC_PI_2;
+/// Distance from the flight without a swap beyond which a vehicle counts as lost \[m\].
+const LOST_AWAY_M: f64 = 2.0;
+/// Height below which the vehicle stands on the ground: the radius of its rotors and landing gear \[m\].
+const GROUND_M: f64 = 0.05;
+/// When the candidate joins \[s\]: after the start, before the arms move.
+const JOIN_S: f64 = 1.5;
+/// How long it shadows \[s\].
+const SHADOW_S: f64 = 1.0;
+
+/// What a vehicle meets while a controller is swapped.
+#[derive(Debug, Clone, Copy)]
+pub struct Situation {
+    /// In a word.
+    pub name: &'static str,
+    scenario: &'static str,
+    set: &'static [&'static str],
+}
+
+/// Hover, figure eight with its sweeps, sweeps alone, and gusts; the arms move in all of them, or a fault
+/// that waits for it would never show.
+pub const SITUATIONS: [Situation; 4] = [
+    Situation {
+        name: "hover",
+        scenario: "hover",
+        set: &["pilot.morph=[[0.0,45.0],[6.0,45.0],[6.5,160.0],[7.5,160.0],[8.0,45.0]]"],
+    },
+    Situation { name: "figure8", scenario: "figure8-morph", set: &[] },
+    Situation {
+        name: "sweep",
+        scenario: "hover",
+        set: &[
+            "pilot.morph=[[0.0,45.0],[2.0,45.0],[2.5,160.0],[3.0,160.0],[3.4,45.0],[5.0,45.0],[5.3,160.0],[8.0,160.0],[8.3,45.0]]",
+        ],
+    },
+    Situation {
+        name: "gusts",
+        scenario: "hover",
+        set: &[
+            "disturbance_injector.script=[{kind=\"wind\",mean_w_m_s=[3.0,1.0,0.0],sigma_m_s=[1.5,1.5,0.5]}]",
+            "pilot.morph=[[0.0,45.0],[7.0,45.0],[7.5,160.0],[8.0,160.0],[8.4,45.0]]",
+        ],
+    },
+];
+
+/// What stands between a bad controller and the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Guard {
+    /// Everything: admission check, rehearsal and watch, as configured by default.
+    All,
+    /// The watch alone: forced into the slot without a rehearsal.
+    Watch,
+    /// Nothing: forced, and nobody watches.
+    None,
+}
+
+impl Guard {
+    /// In a word.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Watch => "watch alone",
+            Self::None => "none",
+        }
+    }
+}
+
+/// Where the vehicle really was.
+#[derive(Debug, Default)]
+struct Course {
+    truths: Vec<Truth>,
+    trips: Vec<Trip>,
+    cut: bool,
+}
+
+impl Observer for Course {
+    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        self.truths.extend(any.downcast_ref::<Truth>());
+        self.trips.extend(any.downcast_ref::<Trip>());
+        if let Some(applied) = any.downcast_ref::<shared_types::AppliedCommand>() {
+            self.cut |= applied.mode == GateMode::Cut;
+        }
+    }
+}
+
+/// What came of a flight with a swap, beside the same flight without.
+#[derive(Debug, Clone)]
+pub struct Swapped {
+    /// How the vehicle was lost, if it was.
+    pub lost: Option<String>,
+    /// Furthest from where it was without the swap \[m\].
+    pub excursion_m: f64,
+    /// Largest tilt beyond the one without the swap \[deg\].
+    pub tilt_deg: f64,
+    /// The candidate commanded.
+    pub flipped: bool,
+    /// When the monitor tripped it \[s\].
+    pub tripped_s: Option<f64>,
+    /// How the swap ended, in words.
+    pub outcome: String,
+}
+
+/// The scenario of a situation.
+fn scenario(
+    situation: &Situation,
+    seed: u64,
+    more: &[Override],
+) -> Result<Scenario, ScenarioError> {
+    let set = situation.set.iter().map(|set| Override::set(set));
+    let mut edits: Vec<Override> = set.collect::<Result<_, _>>()?;
+    edits.extend([Override::seed(seed), Override::clock("lockstep")]);
+    edits.push(Override::set("scenario.duration_s=11.0")?);
+    edits.extend(more.iter().cloned());
+    Scenario::load(situation.scenario, &edits)
+}
+
+fn fly(scenario: &Scenario) -> Result<(Course, Conclusion), InProcessError> {
+    let outside = Outside::of(scenario.settings());
+    let mut flight =
+        InProcess::with_processes(scenario, StateSource::Estimator, Course::default(), &outside)?;
+    flight.fly_until(u64::MAX)?;
+    let conclusion = flight.conclude();
+    Ok((flight.seen(core::mem::take), conclusion))
+}
+
+/// A flight without a swap, with which others are compared.
+#[derive(Debug)]
+pub struct Plain(Vec<Truth>);
+
+/// Flies a situation without a swap.
+///
+/// # Errors
+/// It cannot be flown.
+pub fn plain(situation: &Situation, seed: u64) -> Result<Plain, Box<dyn std::error::Error>> {
+    Ok(Plain(fly(&scenario(situation, seed, &[])?)?.0.truths))
+}
+
+/// Flies a situation in which `to`, a shipped controller or the path of an executable with the file that
+/// configures it, is swapped into a slot.
+///
+/// # Errors
+/// It cannot be flown.
+pub fn swapped(
+    (situation, seed): (&Situation, u64),
+    slot: Slot,
+    (to, config): (&str, Option<&Path>),
+    guard: Guard,
+    plain: &Plain,
+) -> Result<Swapped, Box<dyn std::error::Error>> {
+    let mut swap = format!("{}={to}@{JOIN_S}s,shadow={SHADOW_S}s,rollback=500ms", slot.label());
+    if let Some(config) = config {
+        swap = format!("{swap},config={}", config.display());
+    }
+    let mut more = Vec::new();
+    if guard != Guard::All {
+        swap.push_str(",no-rehearsal,force");
+    }
+    if guard == Guard::None {
+        more.push(Override::set("watch.enabled=false")?);
+        more.push(Override::set("watch.fallback=\"none\"")?);
+    }
+    more.push(Override::swap(&swap)?);
+    let (course, conclusion) = fly(&scenario(situation, seed, &more)?)?;
+    Ok(judge(&course, &conclusion, plain))
+}
+
+fn tilt_rad(truth: &Truth) -> f64 {
+    let q = truth.q_wb;
+    let q_wb = UnitQuaternion::new_normalize(Quaternion::new(q.w, q.x, q.y, q.z));
+    q_wb.transform_vector(&Vector3::z()).angle(&Vector3::z())
+}
+
+fn judge(course: &Course, conclusion: &Conclusion, plain: &Plain) -> Swapped {
+    let mut lost = course.cut.then(|| "its rotors were cut".to_owned());
+    let (mut excursion_m, mut more_tilt_rad) = (0.0_f64, 0.0_f64);
+    for (is, was) in course.truths.iter().zip(&plain.0) {
+        let at_s = is.header.release_ns as f64 * 1e-9;
+        let away = Vector3::from(is.position_w_m) - Vector3::from(was.position_w_m);
+        excursion_m = excursion_m.max(away.norm());
+        let tilt = tilt_rad(is);
+        more_tilt_rad = more_tilt_rad.max(tilt - tilt_rad(was));
+        let why = if tilt > LOST_TILT_RAD {
+            Some(format!("tilt {:.0} deg", tilt.to_degrees()))
+        } else if is.position_w_m[2] < GROUND_M {
+            Some("on the ground".to_owned())
+        } else if away.norm() > LOST_AWAY_M {
+            Some(format!("{:.1} m away", away.norm()))
+        } else if !away.norm().is_finite() {
+            Some("no number".to_owned())
+        } else {
+            None
+        };
+        if lost.is_none() {
+            lost = why.map(|why| format!("{why} at {at_s:.2} s"));
+        }
+    }
+    if course.truths.len() < plain.0.len() && lost.is_none() {
+        lost = Some("the flight ended early".to_owned());
+    }
+    let swap = conclusion.swaps.first();
+    Swapped {
+        lost,
+        excursion_m,
+        tilt_deg: more_tilt_rad.to_degrees(),
+        flipped: swap.is_some_and(|swap| swap.flipped_s.is_some()),
+        tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
+        outcome: swap.map_or_else(String::new, |swap| swap.outcome.clone()),
+    }
+}
+
+/// What a configuration file of the executable says of an entry.
+#[must_use]
+pub fn config_of(entry: &Entry) -> String {
+    let law = entry.law.as_ref().map_or(String::new(), |law| format!("law = {law:?}\n"));
+    let Entry { axis, amount, .. } = entry;
+    format!("{law}fault = \"{}\"\naxis = {axis}\namount = {amount:?}\n", entry.fault.label())
+}

@@ -1,0 +1,253 @@
+//! The rehearsal on shipped scenarios: what it begins from, whom it refuses and whom it accepts.
+#![expect(
+    clippy::unwrap_used,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::float_cmp,
+    reason = "what fails here fails the test; instants are small, and bits are what is compared"
+)]
+
+use catalogue::{Altering, Entry, Fault, Spoiler, entries};
+use launcher::candidate::Slot;
+use launcher::components::names_for;
+use launcher::in_process::{InProcess, Observer, StateSource};
+use launcher::rehearse::{
+    Owners, Rehearsal, RehearsalRefusal, RehearsalSpec, Role, Verdict, verdict, watch,
+};
+use launcher::scenario::{Override, Scenario};
+use shared_types::{MorphCommand, Reference, Sample, Topic, Truth};
+use std::any::Any;
+use vehicle::MorphAngle;
+
+fn load(name: &str, set: &[&str]) -> Scenario {
+    let edits: Vec<Override> = set.iter().map(|set| Override::set(set).unwrap()).collect();
+    Scenario::load(name, &edits).unwrap()
+}
+
+fn spec(scenario: &Scenario, at_s: f64, slot: Slot, candidate: &str) -> RehearsalSpec {
+    let at_ns = (at_s * 1e9) as u64;
+    RehearsalSpec {
+        scenario: scenario.to_toml().to_owned(),
+        snapshot: watch::snapshot_of(scenario, at_ns).unwrap().unwrap(),
+        slot,
+        owners: Owners::default(),
+        owner: None,
+        candidate: candidate.to_owned(),
+        config: None,
+        seed: 1,
+        swap: 1,
+    }
+}
+
+/// First and last of what a flight publishes.
+#[derive(Default)]
+struct Ends {
+    truths: Vec<Truth>,
+    references: Vec<Reference>,
+    morphs: Vec<MorphCommand>,
+}
+
+impl Observer for Ends {
+    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        self.truths.extend(any.downcast_ref::<Truth>());
+        self.references.extend(any.downcast_ref::<Reference>());
+        self.morphs.extend(any.downcast_ref::<MorphCommand>());
+    }
+}
+
+fn flown(scenario: &Scenario, until_s: f64) -> Ends {
+    let mut flight = InProcess::new(scenario, StateSource::Estimator, Ends::default()).unwrap();
+    flight.fly_until((until_s * 1e9) as u64).unwrap();
+    flight.seen(core::mem::take)
+}
+
+fn rehearsed(spec: RehearsalSpec, entry: &Entry) -> Verdict {
+    let (slot, law) = (spec.slot, spec.candidate.clone());
+    let scenario = Scenario::from_text("flown", &spec.scenario, &[]).unwrap();
+    let vehicle = scenario.modelled_vehicle();
+    let beta = MorphAngle::saturating_from_rad(spec.snapshot.morph_angle_rad).unwrap();
+    let tilt = scenario.position_law().unwrap().tilt_max_rad;
+    let largest = match slot {
+        Slot::Attitude => vehicle.largest_wrench(beta),
+        Slot::Position => [vehicle.weight_n(), tilt, tilt, tilt],
+    };
+    let rehearsal = Rehearsal::prepare(spec).unwrap();
+    let altering = || Altering::new(slot, Spoiler::new(entry.clone(), largest));
+    Verdict::of(&law, &rehearsal.owner(), rehearsal.fly_with(&mut || true, altering))
+}
+
+#[test]
+fn a_rehearsed_flight_begins_where_the_vehicle_is_and_goes_on_with_its_plan() {
+    let edits = [Override::goto("0.5,-0.5,1.2@5.2s").unwrap()];
+    let scenario = Scenario::load("figure8-morph", &edits).unwrap();
+    let spec = spec(&scenario, 6.0, Slot::Attitude, "attitude-lqr");
+    let snapshot = spec.snapshot;
+    assert!(snapshot.guidance.position.is_some(), "an order is in effect");
+    let rehearsal = Rehearsal::prepare(spec).unwrap();
+    let derived = rehearsal.scenario(0, Role::Owner).unwrap();
+    let again = Scenario::from_text("again", derived.to_toml(), &[]).unwrap();
+    let (there, here) = (flown(&scenario, 7.2), flown(&again, 0.5));
+    let at = |ends: &Ends, t_ns: u64| {
+        *ends.references.iter().find(|r| r.header.valid_ns == t_ns).expect("a reference")
+    };
+    let sweeps = |ends: &Ends, t_ns: u64| {
+        ends.morphs.iter().find(|m| m.header.valid_ns == t_ns).expect("a command").angle_rad
+    };
+    for ms in [0, 100, 400] {
+        let (planned, flown) = (at(&there, (6000 + ms) * 1_000_000), at(&here, ms * 1_000_000));
+        assert_eq!(planned.points[0].position_w_m, flown.points[0].position_w_m);
+        assert_eq!(planned.points[0].velocity_w_m_s, flown.points[0].velocity_w_m_s);
+        let (planned, flown) =
+            (sweeps(&there, (6000 + ms) * 1_000_000), sweeps(&here, ms * 1_000_000));
+        assert_eq!(planned.to_bits(), flown.to_bits());
+    }
+    let first = here.truths.first().expect("a truth");
+    for axis in 0..3 {
+        assert!((first.position_w_m[axis] - snapshot.position_w_m[axis]).abs() < 1e-9);
+        assert!((first.velocity_w_m_s[axis] - snapshot.velocity_w_m_s[axis]).abs() < 1e-6);
+        assert!((first.body_rate_b_rad_s[axis] - snapshot.body_rate_b_rad_s[axis]).abs() < 1e-6);
+    }
+    let q = &first.q_wb;
+    let product = q.w * snapshot.q_wb[0]
+        + q.x * snapshot.q_wb[1]
+        + q.y * snapshot.q_wb[2]
+        + q.z * snapshot.q_wb[3];
+    assert!(product.abs() > 1.0 - 1e-9, "{product}");
+    assert!((first.morph_angle_rad - snapshot.morph_angle_rad).abs() < 1e-6);
+}
+
+#[test]
+fn a_rehearsal_of_the_same_swap_says_the_same_to_the_last_bit() {
+    let scenario = load("figure8-morph", &[]);
+    let told = || {
+        let spec = spec(&scenario, 9.1, Slot::Attitude, "attitude-lqr");
+        serde_json::to_string(&verdict(spec, &mut || true)).unwrap()
+    };
+    let first = told();
+    assert_eq!(first, told());
+    let other = RehearsalSpec { swap: 2, ..spec(&scenario, 9.1, Slot::Attitude, "attitude-lqr") };
+    let other = serde_json::to_string(&verdict(other, &mut || true)).unwrap();
+    assert_ne!(first, other, "another swap draws other starts");
+}
+
+#[test]
+fn shipped_controllers_may_take_each_others_place() {
+    for (flight, at_s) in [("hover", 2.0), ("figure8-morph", 5.3)] {
+        for slot in Slot::ALL {
+            for owner in names_for(slot.role()) {
+                let crew = Override::crew(&format!("{}={owner}", slot.label())).unwrap();
+                let scenario = Scenario::load(flight, &[crew]).unwrap();
+                for candidate in names_for(slot.role()) {
+                    let told = verdict(spec(&scenario, at_s, slot, candidate), &mut || true);
+                    assert!(told.accepted, "{flight}, {owner}: {}", told.words);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_rehearsal_refuses_whoever_would_lose_the_vehicle() {
+    let scenario = load("hover", &["pilot.morph=[[0.0,45.0],[8.0,45.0],[8.5,160.0]]"]);
+    for slot in Slot::ALL {
+        let law = names_for(slot.role()).next().unwrap();
+        for entry in entries(slot) {
+            let fatal = match entry.fault {
+                Fault::WrongSign
+                | Fault::Exchanged
+                | Fault::Frozen
+                | Fault::NotANumber
+                | Fault::UntilMorph => true,
+                Fault::Gain => entry.amount > 5.0,
+                Fault::Delay => entry.amount > 0.05 && slot == Slot::Attitude,
+                _ => false,
+            };
+            if !fatal {
+                continue;
+            }
+            let told = rehearsed(spec(&scenario, 2.0, slot, law), &entry);
+            assert!(!told.accepted, "{} {}: {}", slot.label(), entry.name(), told.words);
+            assert!(told.words.contains("after "), "{}", told.words);
+        }
+    }
+}
+
+#[test]
+fn a_spoiler_that_spoils_nothing_changes_nothing() {
+    let scenario = load("hover", &[]);
+    let plain = verdict(spec(&scenario, 2.0, Slot::Attitude, "attitude-pid"), &mut || true);
+    let spoiled =
+        rehearsed(spec(&scenario, 2.0, Slot::Attitude, "attitude-pid"), &Entry::default());
+    assert_eq!(plain, spoiled);
+}
+
+#[test]
+fn without_time_the_answer_is_that_nothing_was_rehearsed() {
+    let scenario = load("hover", &[]);
+    let mut looks = 0;
+    let mut go_on = || {
+        looks += 1;
+        looks < 5
+    };
+    let told = verdict(spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr"), &mut go_on);
+    assert!(!told.accepted, "{}", told.words);
+    assert!(matches!(told.refusal, Some(RehearsalRefusal::NotRehearsed { .. })), "{}", told.words);
+    assert!(told.words.contains("not rehearsed") && told.words.contains("wall_max_s"));
+}
+
+#[test]
+fn a_vehicle_that_nobody_commands_is_not_rehearsed_with() {
+    let scenario = load("hover", &[]);
+    let mut held = spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr");
+    held.snapshot.commanded = false;
+    let told = verdict(held, &mut || true);
+    assert!(matches!(told.refusal, Some(RehearsalRefusal::NotRehearsed { .. })), "{}", told.words);
+}
+
+#[test]
+fn a_start_in_motion_is_checked_like_any_other_key() {
+    for (set, key) in [
+        ("start.rotor_thrust_n=[0.3,9.0,0.3,0.3]", "start.rotor_thrust_n[1]"),
+        ("start.velocity_w_m_s=[0.0,1e9,0.0]", "start.velocity_w_m_s[1]"),
+        ("start.pitch_deg=90", "start.pitch_deg"),
+        ("start.body_rate_b_rad_s=[0.0,nan,0.0]", "start.body_rate_b_rad_s[1]"),
+        ("rehearsal.owner_scale=0.5", "rehearsal.owner_scale"),
+        ("rehearsal.duration=3", "rehearsal.duration"),
+    ] {
+        let error = Scenario::load("hover", &[Override::set(set).unwrap()]).unwrap_err();
+        let problem = error.problems().next().expect("a problem");
+        assert!(problem.key().starts_with(key), "{set}: {problem}");
+        assert!(!problem.remedy().is_empty(), "{set}");
+    }
+}
+
+#[test]
+fn a_flight_that_begins_in_motion_flies_on_as_the_one_that_it_was_taken_from() {
+    let scenario = load("figure8-morph", &["disturbance_injector.script=[]"]);
+    let spec = spec(&scenario, 5.3, Slot::Attitude, "attitude-lqr");
+    let rehearsal = Rehearsal::prepare(spec).unwrap();
+    let mut text: String = rehearsal.scenario(0, Role::Owner).unwrap().to_toml().to_owned();
+    // Without challenges it is the flight itself, but for new noise and controllers that begin afresh.
+    text = Scenario::from_text(
+        "calm",
+        &text,
+        &[
+            Override::set("disturbance_injector.script=[]").unwrap(),
+            Override::set("order=[]").unwrap(),
+        ],
+    )
+    .unwrap()
+    .to_toml()
+    .to_owned();
+    let derived = Scenario::from_text("calm", &text, &[]).unwrap();
+    let (there, here) = (flown(&scenario, 7.3), flown(&derived, 2.0));
+    let at = |ends: &Ends, t_ns: u64| {
+        ends.truths.iter().find(|t| t.header.valid_ns == t_ns).expect("a truth").position_w_m
+    };
+    for ms in [200_u64, 1000, 1900] {
+        let (a, b) = (at(&there, (5300 + ms) * 1_000_000), at(&here, ms * 1_000_000));
+        let distance: f64 = (0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum::<f64>().sqrt();
+        assert!(distance < 0.06, "{distance} m apart after {ms} ms");
+    }
+}

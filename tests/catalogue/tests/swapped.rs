@@ -1,0 +1,61 @@
+//! Bad controllers swapped into flights, a seed of six of them: the whole table is the example `swap_table`.
+
+use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped};
+use catalogue::{Entry, Fault, entries};
+use launcher::candidate::Slot;
+use std::path::Path;
+
+fn entry(slot: Slot, name: &str) -> Entry {
+    let found = entries(slot).into_iter().find(|entry| entry.name() == name);
+    found.expect("an entry of the catalogue")
+}
+
+fn six() -> [(Slot, Entry); 6] {
+    [
+        (Slot::Attitude, entry(Slot::Attitude, "wrong sign in roll")),
+        (Slot::Attitude, entry(Slot::Attitude, "gain x10")),
+        (Slot::Attitude, entry(Slot::Attitude, "no number after 0.7 s")),
+        (Slot::Attitude, entry(Slot::Attitude, "works until the arms fold")),
+        (Slot::Position, entry(Slot::Position, "wrong sign in pitch")),
+        (Slot::Position, entry(Slot::Position, "frozen output")),
+    ]
+}
+
+#[test]
+fn bad_controllers_are_kept_out_and_taken_back_and_without_either_they_lose_the_vehicle() {
+    let executable = env!("CARGO_BIN_EXE_catalogue");
+    let folder = tempfile::TempDir::new().unwrap();
+    let mut lost_without = 0;
+    for (nth, (slot, entry)) in six().into_iter().enumerate() {
+        let situation = &SITUATIONS[nth % SITUATIONS.len()];
+        let config = folder.path().join(format!("{nth}.toml"));
+        std::fs::write(&config, config_of(&entry)).unwrap();
+        let unswapped = plain(situation, 7).unwrap();
+        let fly = |guard: Guard| {
+            let to = (executable, Some::<&Path>(&config));
+            let flown = swapped((situation, 7), slot, to, guard, &unswapped).unwrap();
+            println!("{} {} {}: {flown:?}", slot.label(), entry.name(), guard.name());
+            flown
+        };
+        let guarded = fly(Guard::All);
+        assert_eq!((guarded.lost.as_deref(), guarded.flipped), (None, false), "{}", entry.name());
+        assert!(guarded.excursion_m <= 0.5 && guarded.tilt_deg <= 60.0, "{guarded:?}");
+        let watched = fly(Guard::Watch);
+        assert!(watched.lost.is_none(), "{}: {watched:?}", entry.name());
+        // What is no number is refused by force or not.
+        assert!(watched.flipped || entry.fault == Fault::NotANumber, "{watched:?}");
+        lost_without += u32::from(fly(Guard::None).lost.is_some());
+    }
+    assert!(lost_without >= 4, "what hurts nobody shows nothing: {lost_without}");
+}
+
+#[test]
+fn an_entry_survives_its_configuration_file() {
+    for slot in Slot::ALL {
+        for entry in entries(slot) {
+            let read: Entry = toml::from_str(&config_of(&entry)).unwrap();
+            assert_eq!(read, entry);
+        }
+    }
+    assert_eq!(Entry::default().fault, Fault::Nothing);
+}
