@@ -100,7 +100,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
     pause_ms(200);
     strike(owner, Signal::KILL);
     pause_ms(300);
-    assert_eq!(processes_of(&run).len(), 5, "all but the dead fly on");
+    assert_eq!(processes_of(&run).len(), 6, "all but the dead fly on");
     let adopter = Adopter::start(&run);
     let mut now = None;
     wait_until("the standby commands under the new launcher", || {
@@ -122,7 +122,8 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
     let (code, summary, said) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {said}");
     assert!(said.contains("took run") && said.contains(&run), "{said}");
-    assert_eq!(summary["outcome"], "interrupted", "{summary} {said}");
+    assert_eq!(summary["ended"], "interrupted", "{summary} {said}");
+    assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {said}");
     assert!(summary["flown_s"].as_f64() < Some(60.0), "{summary}");
     assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary}");
     let first = Recording::read(&first);
@@ -146,7 +147,7 @@ fn without_anybody_to_take_over_the_vehicle_lands_and_nothing_is_left() {
     let run = running.id().to_owned();
     assert!(kill(running.launcher_pid(), Signal::KILL));
     pause_ms(2000);
-    assert_eq!(processes_of(&run).len(), 5, "they land first");
+    assert_eq!(processes_of(&run).len(), 6, "they land first");
     assert_nothing_left(&run);
     let flown = running.wait();
     assert!(flown.stderr.contains("morphquad adopt") && flown.stderr.contains("lands"));
@@ -179,7 +180,7 @@ fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_laun
         |(_, (code, ..)): &&(u32, (Option<i32>, Value, String))| matches!(code, Some(0 | 1));
     let found = ends.iter().find(flown).unwrap_or_else(|| panic!("{ends:?}"));
     let (winner, (_, summary, said)) = found;
-    assert_eq!(summary["outcome"], "flown", "{summary} {said}");
+    assert_eq!(summary["ended"], "as planned", "{summary} {said}");
     assert!(summary["flown_s"].as_f64() >= Some(7.0), "{summary}");
     let rest = summary["recording"].as_str().expect("a recording");
     assert!(Recording::read(Path::new(rest)).count_messages_of_a_complete_file() > 1000);
@@ -234,7 +235,7 @@ fn an_owner_that_dies_or_stops_is_followed_by_its_standby_and_the_gate_never_lea
         let (owner, seat) = in_attitude(&run, "owner").expect("an owner");
         strike(owner, signal);
         let flown = running.wait();
-        assert_eq!(flown.word("outcome"), "flown", "{}", flown.said());
+        assert_eq!(flown.word("ended"), "as planned", "{}", flown.said());
         let recording = flown.recording();
         let lost = seat as f64;
         let rows = applied(&recording);
@@ -256,7 +257,7 @@ fn an_owner_without_a_standby_is_started_again_while_the_gate_holds_and_levels()
         let mut running = realtime(&["--for", "3s"]);
         running.signal("attitude-mpc", signal);
         let flown = running.wait();
-        assert_eq!(flown.word("outcome"), "flown", "{}", flown.said());
+        assert_eq!(flown.word("ended"), "as planned", "{}", flown.said());
         assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
         let recording = flown.recording();
         let rows = applied(&recording);

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 20] = [
+const ALLOWED: [(&str, &[&str]); 24] = [
     ("shared-types", &[]),
     ("qp", &[]),
     ("mpc", &["qp"]),
@@ -23,9 +23,13 @@ const ALLOWED: [(&str, &[&str]); 20] = [
     ("attitude-lqr", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("attitude-pid", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("disturbance-injector", &["runtime", "shared-types"]),
+    ("monitor", &["runtime", "shared-types", "vehicle", "controller"]),
+    ("rehearsal", &["shared-types", "vehicle"]),
+    ("verdict", &[]),
     (
         "launcher",
         &[
+            "verdict",
             "host",
             "runtime",
             "shared-types",
@@ -40,12 +44,18 @@ const ALLOWED: [(&str, &[&str]); 20] = [
             "attitude-pid",
             "controller",
             "disturbance-injector",
+            "monitor",
+            "rehearsal",
             // Certifies the attitude law's programs.
             "qp",
         ],
     ),
     ("my-attitude-controller", &["host", "runtime", "shared-types", "vehicle"]),
     ("my-position-controller", &["host", "runtime", "shared-types", "vehicle"]),
+    (
+        "catalogue",
+        &["controller", "host", "launcher", "rehearsal", "runtime", "shared-types", "vehicle"],
+    ),
     ("morphquad", &["launcher"]),
 ];
 

@@ -168,5 +168,5 @@ fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
     let heavy = ["--sweep", "plant.mismatch.mass_scale=[1.0, 3.0]", "--out"];
     let flags = [&heavy[..], &[out.to_str().expect("a path")]].concat();
     let (code, json, said) = branch(&flown.recording_path(), "@0.5s", &flags);
-    assert_eq!((code, &json["outcomes"]["lost"]), (Some(1), &1.into()), "{json} {said}");
+    assert_eq!((code, &json["outcomes"]["LOST"]), (Some(1), &1.into()), "{json} {said}");
 }

@@ -72,8 +72,8 @@ fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
     assert_eq!(code, Some(LOST), "{said}");
     assert_eq!((&undisturbed["cases"], &undisturbed["resumed"]), (&CASES.into(), &0.into()));
     let outcomes = &undisturbed["outcomes"];
-    assert_eq!((&outcomes["refused"], &outcomes["failed"]), (&24.into(), &0.into()));
-    assert!(outcomes["lost"].as_u64() > Some(0) && outcomes["flown"].as_u64() > Some(0));
+    assert_eq!((&outcomes["REFUSED"], &outcomes["CRASHED"]), (&24.into(), &0.into()));
+    assert!(outcomes["LOST"].as_u64() > Some(0) && outcomes["PASSED"].as_u64() > Some(0));
 
     let journal = bench.out("killed").join("journal.jsonl");
     let mut before = 0;
@@ -150,7 +150,7 @@ fn the_shipped_campaign_flies() {
     let brief = shipped.replace("duration_s = 10.0", "duration_s = 0.5").replace("0..9", "0..0");
     let (code, json, said) = Bench::new(&brief).run("out", &[]);
     assert_eq!(code, Some(0), "{said}");
-    assert_eq!((&json["cases"], &json["outcomes"]["flown"]), (&36.into(), &36.into()));
+    assert_eq!((&json["cases"], &json["outcomes"]["PASSED"]), (&36.into(), &36.into()));
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn a_file_that_is_none_ends_with_2_and_an_unwritable_folder_with_3() {
     // A value that no case can have is an outcome: no case flies, and the table says why.
     let none = Bench::new("scenario = \"hover\"\n[grid]\nplant.rate_hz = [-1, -2]");
     let (code, json, said) = none.run("out", &[]);
-    assert_eq!((code, &json["outcomes"]["refused"]), (Some(2), &2.into()), "{said}");
+    assert_eq!((code, &json["outcomes"]["REFUSED"]), (Some(2), &2.into()), "{said}");
     let bench = Bench::new("scenario = \"hover\"");
     let mut command = morphquad(["campaign"]);
     command.arg(bench.scratch.path().join("test.toml")).args(["--out", "/dev/null/out"]);

@@ -70,6 +70,7 @@ fn ps_shows_every_process_as_the_system_does_and_who_owns_the_slots() {
             ("position-mpc", "position", "owner", 50.0),
             ("attitude-mpc", "attitude", "owner", 100.0),
             ("disturbance-injector", "disturbance", "running", 200.0),
+            ("monitor", "monitor", "running", 100.0),
         ] {
             let shown = process(&status, name);
             assert_eq!(shown["pid"], running.process(name).expect("alive").pid, "{shown}");

@@ -1,7 +1,7 @@
 //! The documents name what the code has, no more and no less.
 
 use launcher::components;
-use launcher::scenario::shipped;
+use launcher::scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
 
 const ARCHITECTURE: &str = include_str!("../ARCHITECTURE.md");
@@ -45,6 +45,20 @@ fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
         let role = components::role_of(name).map_or("none", Role::label);
         assert!(ARCHITECTURE.contains(&format!("| `{name}` | {role} |")), "{name} fills {role}");
     }
+}
+
+#[test]
+fn the_architecture_explains_every_limit_that_a_scenario_can_set() {
+    let thresholds = Scenario::load("hover", &[]).expect("it ships").thresholds();
+    let mut settable = 0;
+    for (key, _) in thresholds.iter() {
+        let edit = Override::set(&format!("verdict.{key}=1")).expect("a setting");
+        if Scenario::load("hover", &[edit]).is_ok() {
+            settable += 1;
+            assert!(ARCHITECTURE.contains(&format!("`{key}`")), "ARCHITECTURE.md lacks {key}");
+        }
+    }
+    assert!(settable > 10, "{settable}");
 }
 
 #[test]

@@ -57,7 +57,7 @@ fn in_realtime(duration: &str, more: &[&str]) -> Running {
 /// The flight went on after one crash that was told, and its recording is complete.
 fn assert_recovered(flown: &Flown, victim: &str, how: &str) {
     assert_eq!(flown.code, Some(0), "{}", flown.said());
-    assert_eq!(flown.word("outcome"), "flown", "{}", flown.said());
+    assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
     assert!(flown.stderr.contains(&format!("{victim} {how}")), "{}", flown.said());
     assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
     assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
@@ -179,7 +179,8 @@ fn the_death_of_the_plant_ends_the_flight_with_4_a_reason_and_a_complete_recordi
             running.signal("plant", Signal::KILL);
             let flown = running.wait();
             assert_eq!(flown.code, Some(CRASHED), "{}", flown.said());
-            assert!(flown.word("outcome").contains("plant killed by signal 9"), "{}", flown.said());
+            assert!(flown.reason().contains("plant killed by signal 9"), "{}", flown.said());
+            assert_eq!(flown.verdict(), "CRASHED", "{}", flown.said());
             assert!(flown.recording().count_messages_of_a_complete_file() > 100);
             assert_nothing_left(&flown);
             assert_the_next_run_works();
@@ -250,7 +251,8 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
             assert!(kill(running.launcher_pid(), signal));
             let flown = running.wait();
             assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
-            assert_eq!(flown.word("outcome"), "interrupted");
+            assert_eq!(flown.word("ended"), "interrupted");
+            assert_eq!(flown.verdict(), "INCOMPLETE", "{}", flown.said());
             assert!(flown.stderr.contains("interrupted"), "{}", flown.said());
             // In order: nobody had to be killed, nothing was lost, all loops end together.
             assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());

@@ -179,15 +179,17 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
     assert!(height > Some(0), "{height:?}");
     wait_until("the launcher is asked who flies", || {
         let status = &live.flight("?since_s=1e9")["status"];
-        status["processes"].as_array().is_some_and(|processes| processes.len() == 6)
+        status["processes"].as_array().is_some_and(|processes| processes.len() == 7)
     });
     let mut last = Value::Null;
     wait_until("the end is told", || {
         last = live.flight("?since_s=0");
         last["is_over"] == true
     });
-    assert_eq!(last["outcome"], json!({ "is_good": true, "text": "flown" }));
-    running.wait().assert_clean();
+    let flown = running.wait();
+    flown.assert_clean();
+    assert!(flown.word("line").starts_with("PASSED  hover: "), "{}", flown.said());
+    assert_eq!(last["outcome"], json!({ "is_good": true, "text": flown.word("line") }));
 }
 
 #[test]

@@ -207,7 +207,9 @@ fn a_vehicle_that_ends_off_its_path_fails_the_run_although_no_process_crashed() 
     let flown = fly(&["hover", "--rate", "estimator=7"]);
     assert_eq!(flown.code, Some(1), "{}", flown.said());
     let said = flown.said();
-    let how = said.split("vehicle lost: ").nth(1).expect("how it was lost");
+    assert_eq!(flown.verdict(), "LOST", "{said}");
+    let how = flown.reason().strip_prefix("mean distance off its path in the last second ");
+    let how = how.expect("how it was lost");
     let off_path_m: f64 = how.split(' ').next().and_then(|m| m.parse().ok()).expect("a distance");
-    assert!(off_path_m > 1.0 && how.contains("m off its path in the last second"), "{said}");
+    assert!(off_path_m > 1.0 && how.ends_with("m, limit 1 m"), "{said}");
 }

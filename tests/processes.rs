@@ -13,8 +13,8 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
-const SERVICES: [&str; 5] =
-    ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector"];
+const SERVICES: [&str; 6] =
+    ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "monitor"];
 
 fn fly_in_realtime() -> Running {
     Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "60s"])
@@ -32,13 +32,13 @@ fn parent_of(pid: u32) -> u32 {
 }
 
 #[test]
-fn the_launcher_and_five_services_are_separate_processes_under_their_own_names() {
+fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() {
     let _turn = turn();
     let running = fly_in_realtime();
     let processes = processes_of(running.id());
     let names: BTreeSet<&str> = processes.iter().map(|p| p.arguments[0].as_str()).collect();
     assert_eq!(names, BTreeSet::from(SERVICES));
-    assert_eq!(processes.len(), 5, "{processes:?}");
+    assert_eq!(processes.len(), 6, "{processes:?}");
     for Process { pid, comm, arguments } in &processes {
         // Names of threads hold 15 characters.
         let name = arguments[0].as_str();
@@ -86,9 +86,9 @@ fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
     let truth = bus.open_topic(&topics::TRUTH).expect("the topic is there");
     assert_eq!(truth.dynamic_config().number_of_subscribers(), 1);
     assert_eq!(truth.dynamic_config().number_of_publishers(), 1);
-    // Two controllers and the recorder: the counter does count.
+    // Two controllers, the monitor and the recorder: the counter does count.
     let estimate = bus.open_topic(&topics::STATE_ESTIMATE).expect("the topic is there");
-    assert_eq!(estimate.dynamic_config().number_of_subscribers(), 3);
+    assert_eq!(estimate.dynamic_config().number_of_subscribers(), 4);
     drop((truth, estimate, bus));
     end(running);
 }

@@ -33,9 +33,9 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
         &["--html", &page.display().to_string(), "--png", &pictures.display().to_string()],
     );
     assert_eq!(code, Some(0), "{err}");
-    assert!(out.starts_with("PASS: figure8-morph "), "{out:.200}");
+    assert!(out.starts_with("PASSED  figure8-morph: "), "{out:.200}");
     let page = fs::read_to_string(page).expect("the page");
-    assert!(page.contains("<strong>PASS: figure8-morph "), "the page has no verdict");
+    assert!(page.contains("<strong>PASSED  figure8-morph: "), "the page has no verdict");
     assert!(page.matches("<svg").count() >= 6 && !page.contains("http-equiv=\"refresh\""));
     for name in ["tracking", "constraints", "disturbance", "loops", "waterfall", "tails"] {
         let bytes = fs::read(pictures.join(format!("{name}.png"))).expect(name);
@@ -79,21 +79,25 @@ fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
     fs::write(folder.path().join("a.mcap"), &whole).expect("a disk with room");
     let (code, out, _) = report(folder.path(), &[]);
     assert_eq!(code, Some(0), "{out}");
-    assert!(out.starts_with("PASS: 1 of 1 flights pass."), "{out}");
+    assert!(out.starts_with("PASSED  1 of 1 flights pass."), "{out}");
     fs::write(folder.path().join("b.mcap"), &whole[..whole.len() * 2 / 3]).expect("room");
     let (code, out, _) = report(folder.path(), &[]);
     assert_eq!(code, Some(1), "{out}");
     let failed = folder.path().join("b.mcap");
-    let failed = format!("FAIL: 1 of 2 flights pass, not {}", failed.display());
+    let failed = format!("FAILED  1 of 2 flights pass, not {}", failed.display());
     assert!(out.starts_with(&format!("{failed}.")), "{out}");
-    assert!(out.contains("b.mcap: FAIL: hover: outcome: unknown: the file ends at"), "{out}");
+    assert!(
+        out.contains("b.mcap: INCOMPLETE  hover: flown 1.")
+            && out.contains(": the file ends at 1."),
+        "{out}"
+    );
     fs::write(folder.path().join("c.mcap"), b"something else").expect("room");
     // The others are told of all the same.
     let (code, out, _) = report(folder.path(), &[]);
     assert_eq!(code, Some(2), "{out}");
     assert!(out.starts_with(&format!("{failed}, and a file cannot be read.")), "{out}");
     assert!(
-        out.contains("a.mcap: PASS") && out.contains("c.mcap is no morphquad recording"),
+        out.contains("a.mcap: PASSED") && out.contains("c.mcap is no morphquad recording"),
         "{out}"
     );
     // A complete copy stands for the file that it was made of.
@@ -101,9 +105,9 @@ fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
     let recovered = morphquad(["recover"]).arg(cut).output().expect("the executable starts");
     assert!(recovered.status.success(), "{recovered:?}");
     let (_, out, _) = report(folder.path(), &[]);
-    assert!(out.starts_with("FAIL: 1 of 2 flights pass, not "), "{out}");
+    assert!(out.starts_with("FAILED  1 of 2 flights pass, not "), "{out}");
     assert!(
-        out.contains("b.mcap: recovered as ") && out.contains("b-recovered.mcap: FAIL"),
+        out.contains("b.mcap: recovered as ") && out.contains("b-recovered.mcap: INCOMPLETE"),
         "{out}"
     );
 }
@@ -134,7 +138,7 @@ fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
     let largest = number(&told, "position_max_m");
     assert_eq!((code, &largest["holds"]), (Some(1), &Value::from(false)), "{largest}");
     let sentence = told["sentence"].as_str().expect("a sentence");
-    assert!(sentence.starts_with("FAIL: shove: tracking error, largest: "), "{sentence}");
+    assert!(sentence.starts_with("FAILED  shove: tracking error "), "{sentence}");
     let what: Vec<_> = told["responses"].as_array().expect("responses").iter().collect();
     let began = "wind of (14.000, 0.000, 0.000) m/s on average begins";
     assert!(what[0]["what"] == began && what[0]["at_s"] == 2.0, "{what:?}");

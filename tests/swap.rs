@@ -151,6 +151,13 @@ fn storm(
     }
 }
 
+/// `MORPHQUAD_REHEARSE=1` has every candidate of another kind flown ahead, which takes a third of a second
+/// of each swap.
+fn rehearsal() -> [&'static str; 2] {
+    let rehearses = std::env::var_os("MORPHQUAD_REHEARSE").is_some();
+    ["--set", if rehearses { "rehearsal.enabled=true" } else { "rehearsal.enabled=false" }]
+}
+
 /// Both slots have a warm fallback throughout, whoever else comes, dies, stops or writes garbage.
 #[test]
 fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
@@ -165,8 +172,11 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
         storm(&mut random, "attitude", &ATTITUDE, [400, 200], Some(&folder), &mut plan);
         storm(&mut random, "position", &POSITION, [600, 200], None, &mut plan);
         let standbys = ["--standby", "attitude=attitude-mpc", "--standby", "position=position-mpc"];
-        let scenario: Vec<&str> =
-            ["figure8-morph", "--no-record"].into_iter().chain(standbys).collect();
+        let scenario: Vec<&str> = ["figure8-morph", "--no-record"]
+            .into_iter()
+            .chain(standbys)
+            .chain(rehearsal())
+            .collect();
         let flown = fly_scripted(&scenario, &plan.swaps, &plan.faults);
         let scripted = format!("{:?} {:?}", plan.swaps, plan.faults);
         assert_eq!(flown.code, Some(0), "{scripted}\n{}", flown.said());
@@ -246,18 +256,36 @@ fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back
 }
 
 #[test]
-fn a_newcomer_that_fails_when_nobody_stands_by_makes_room_for_whom_the_flight_began_with() {
+fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
-    for (what, unguided, furthest_m) in [("crash", 500.0, 0.5), ("not-a-number", 900.0, 1.0)] {
+    // What is no number leaves the vehicle to itself for so long that the flight has not passed.
+    let cases = [("crash", 500.0, 0.5, 0), ("not-a-number", 900.0, 1.0, 1)];
+    for (what, unguided, furthest_m, code) in cases {
         let config = config(&folder, what, 4.0, 0.0);
         let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
-        let flown = fly_scripted(&["figure8-morph", "--for", "10s"], &[swap], &[]);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        let scenario = ["figure8-morph", "--for", "10s", "--set", "watch.fallback=none"];
+        let flown = fly_scripted(&scenario, &[swap], &[]);
+        assert_eq!(flown.code, Some(code), "{}", flown.said());
         assert!(flown.stderr.contains("what the flight began with"), "{}", flown.said());
         assert!((1.0..=unguided).contains(&flown.number("unguided_ticks")), "{}", flown.said());
         assert!(flown.number("position_max_m") <= furthest_m, "{}", flown.said());
         assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed_by_the_last_proven_one()
+ {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    for what in ["crash", "not-a-number"] {
+        let config = config(&folder, what, 4.0, 0.0);
+        let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
+        let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &[swap], &[]);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.said());
+        assert!(flown.number("position_max_m") <= 0.1, "{}", flown.said());
     }
 }
 

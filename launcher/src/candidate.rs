@@ -5,8 +5,13 @@ use crate::scenario::suggestion;
 use serde::{Deserialize, Serialize};
 use shared_types::Role;
 use std::ffi::OsStr;
+use std::fs::File;
+use std::io::Read as _;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
+
+/// As much of a script's first line as the system reads \[bytes\].
+const LONGEST_FIRST_LINE: u64 = 255;
 
 /// How executables begin that are services by their name alone.
 const PREFIX: &str = "morphquad-";
@@ -129,8 +134,31 @@ fn executable(path: &Path) -> Result<PathBuf, NoCandidate> {
         Ok(facts) if facts.permissions().mode() & 0o111 == 0 => {
             refuse("is not executable", "build it, or `chmod +x` it")
         }
-        Ok(_) => Ok(path.canonicalize().unwrap_or_else(|_| path.to_path_buf())),
+        Ok(_) => match missing_interpreter(path) {
+            Some(name) => refuse(
+                &format!("needs {name}, which is not installed"),
+                "install it, or name another one in the first line of the script",
+            ),
+            None => Ok(path.canonicalize().unwrap_or_else(|_| path.to_path_buf())),
+        },
     }
+}
+
+/// The program that has to run a script and cannot be found; none for what runs by itself.
+fn missing_interpreter(path: &Path) -> Option<String> {
+    let mut head = Vec::new();
+    // What cannot be read is for the system to judge.
+    File::open(path).ok()?.take(LONGEST_FIRST_LINE).read_to_end(&mut head).ok()?;
+    let line = head.strip_prefix(b"#!")?.split(|byte| *byte == b'\n').next()?;
+    let mut words = str::from_utf8(line).ok()?.split_whitespace();
+    let interpreter = words.next()?;
+    if Path::new(interpreter).file_name() != Some(OsStr::new("env")) {
+        return (!Path::new(interpreter).exists()).then(|| interpreter.to_owned());
+    }
+    let name = words.find(|word| !word.starts_with('-') && !word.contains('='))?;
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let is_there = std::env::split_paths(&path).any(|folder| folder.join(name).is_file());
+    (!is_there).then(|| name.to_owned())
 }
 
 fn beside_or_on(own: Option<&Path>, path: &OsStr, name: &str) -> Option<PathBuf> {
@@ -205,6 +233,29 @@ mod tests {
         }
         let folder_itself = folder.path().display().to_string();
         assert!(refusal(Slot::Position, &folder_itself).contains("is no file"));
+    }
+
+    #[test]
+    fn a_script_without_its_interpreter_is_refused_with_a_remedy() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("controller.py");
+        let first_line = |line: &str| {
+            fs::write(&path, format!("{line}\nprint(1)\n")).unwrap();
+            fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
+            Candidate::find(Slot::Attitude, &path.display().to_string())
+        };
+        for (line, missing) in [
+            ("#!/nowhere/bin/python3 -u", "/nowhere/bin/python3"),
+            ("#!/usr/bin/env no-such-python", "no-such-python"),
+            ("#!/usr/bin/env -S A=1 no-such-python -u", "no-such-python"),
+        ] {
+            let NoCandidate { what, remedy } = first_line(line).unwrap_err();
+            assert!(what.ends_with(&format!("needs {missing}, which is not installed")), "{what}");
+            assert!(remedy.contains("install it"), "{remedy}");
+        }
+        for line in ["#!/bin/sh", "#!/usr/bin/env sh", "no script", "#!"] {
+            assert!(first_line(line).is_ok(), "{line}");
+        }
     }
 
     #[test]

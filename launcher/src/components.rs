@@ -7,6 +7,7 @@ use attitude_mpc::AttitudeMpc;
 use attitude_pid::{AttitudePid, PidLaw};
 use disturbance_injector::DisturbanceInjector;
 use estimator::Estimator;
+use monitor::Monitor;
 use plant::Plant;
 use position_mpc::{Landing, PositionMpc};
 use position_pid::PositionPid;
@@ -38,7 +39,7 @@ pub type BuildError = Box<dyn std::error::Error>;
 
 /// Services and the roles they fill, in data-flow order; the first of a role fills it unless another
 /// one is asked for.
-const PROCESSES: [(&str, Role); 8] = [
+const PROCESSES: [(&str, Role); 9] = [
     ("plant", Role::Plant),
     ("estimator", Role::Estimator),
     ("position-mpc", Role::Position),
@@ -47,11 +48,12 @@ const PROCESSES: [(&str, Role); 8] = [
     ("attitude-lqr", Role::Attitude),
     ("attitude-pid", Role::Attitude),
     ("disturbance-injector", Role::Disturbance),
+    ("monitor", Role::Monitor),
 ];
 
 /// Names of all built-in services.
 #[must_use]
-pub fn names() -> [&'static str; 8] {
+pub fn names() -> [&'static str; 9] {
     PROCESSES.map(|(name, _)| name)
 }
 
@@ -160,6 +162,7 @@ pub fn build<V: ComponentVisitor>(
 ///
 /// # Errors
 /// The component refuses its configuration.
+#[expect(clippy::too_many_lines, reason = "one arm per service")]
 pub fn build_service<V: ComponentVisitor>(
     name: Option<&str>,
     scenario: &Scenario,
@@ -213,6 +216,10 @@ pub fn build_service<V: ComponentVisitor>(
                 state_every: section.state_every.into(),
             })
         }
+        Some("monitor") => visitor.visit(Component {
+            service: Monitor::new(&scenario.monitor_config(landing), &vehicle),
+            state_every: 1,
+        }),
         _ => match scenario.plan() {
             Plan::Flight(config) => {
                 let service = Pilot::new(&config, &vehicle)?;

@@ -31,6 +31,7 @@ pub mod paper;
 pub mod pilot;
 pub mod process;
 pub mod record;
+pub mod rehearse;
 pub mod replay;
 pub mod report;
 pub mod results;

@@ -79,6 +79,18 @@ impl Flown {
         self.word("hash")
     }
 
+    /// The word of the verdict: PASSED, INCOMPLETE, FAILED, LOST or CRASHED.
+    pub(crate) fn verdict(&self) -> &str {
+        let word = self.summary["verdict"]["verdict"].as_str();
+        word.unwrap_or_else(|| panic!("no verdict in {}, {}", self.summary, self.stderr))
+    }
+
+    /// The first reason of the verdict.
+    pub(crate) fn reason(&self) -> &str {
+        let reason = self.summary["verdict"]["reasons"][0]["text"].as_str();
+        reason.unwrap_or_else(|| panic!("no reason in {}, {}", self.summary, self.stderr))
+    }
+
     /// What was missed, place by place.
     pub(crate) fn misses(&self) -> &[Value] {
         let misses = self.summary["misses"].as_array();

@@ -45,7 +45,7 @@ pub(crate) fn processes_of(id: &str) -> Vec<Process> {
     all_processes().filter(|p| p.arguments.contains(&folder)).collect()
 }
 
-fn all_processes() -> impl Iterator<Item = Process> {
+pub(crate) fn all_processes() -> impl Iterator<Item = Process> {
     let entries = fs::read_dir("/proc").expect("/proc").flatten();
     entries.filter_map(|entry| {
         let pid = entry.file_name().to_str()?.parse().ok()?;
@@ -95,7 +95,7 @@ impl Running {
     /// As [`Running::start`], and waits until samples are being recorded.
     pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
         let running = Self::start(arguments);
-        wait_until("five processes", || processes_of(&running.id).len() == 5);
+        wait_until("six processes", || processes_of(&running.id).len() == 6);
         let size = || running.recording_path().and_then(|p| fs::metadata(p).ok()).map(|m| m.len());
         let at_first = size();
         wait_until("the first samples", || size() > at_first);

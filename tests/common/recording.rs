@@ -69,6 +69,7 @@ impl Recording {
     pub(crate) fn contents(&self) -> BTreeMap<(String, u64, u64), Vec<u8>> {
         let mut contents = BTreeMap::new();
         let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();
+        let mut events = 0;
         for message in MessageStream::new(&self.0).expect("a readable start") {
             let message = message.expect("an unbroken message");
             if message.channel.metadata.contains_key("derived_from") {
@@ -78,6 +79,14 @@ impl Recording {
                 types.entry(message.channel.id).or_insert_with(|| descriptor(&message.channel));
             let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);
             let mut sample = sample.expect("a message of its schema");
+            if !sample.has_field_by_name("header") {
+                // An event: a sentence, in the order in which they were told.
+                let text = sample.get_field_by_name("message").expect("a sentence");
+                let text = text.as_str().expect("a text").as_bytes().to_vec();
+                events += 1;
+                contents.insert((message.channel.topic.clone(), 0, events), text);
+                continue;
+            }
             let mut number = |name: &str| {
                 let header = sample.get_field_by_name_mut("header").expect("a header");
                 let header = header.as_message_mut().expect("a nested header");

@@ -4,6 +4,8 @@ const LONGEST_S = 3600;
 const REACH_M = 100;
 /** A second click on Stop counts for this long. */
 const SURE_MS = 3000;
+/** What a swap goes through, by the launcher's names of its stages. */
+const COURSE = [["join", ["joining"]], ["shadow", ["tracking", "shadowing"]], ["rehearse", ["rehearsing"]], ["flip", ["flipping", "reverting"]], ["window", ["window"]]];
 /** How long the controller before stays warm after a swap: somebody has to see it and find the button. */
 const ROLLBACK_S = 10;
 const WITHOUT_TOKEN = "To use these buttons, open the address with the token that `morphquad run --live` printed where it was started, on the line that begins with “live”.";
@@ -125,9 +127,14 @@ class Control {
     const choice = made("select", { aria: `next controller of the ${slot} slot` }, ...controllers.map((name) => made("option", { value: name, textContent: name })));
     const back = made("button", { type: "button", textContent: "Roll back", title: `To the controller before, which stays warm for ${ROLLBACK_S} s after a swap` });
     back.addEventListener("click", () => this.send(back, `roll back ${slot}`, { request: "rollback", slot }));
-    const form = this.row(slot, [owner, choice, made("button", { textContent: "Swap" , type: "submit" }), back],
+    const swap = made("button", { textContent: "Swap", type: "submit" });
+    const course = made("span", { className: "course", hidden: true });
+    const stages = COURSE.map(([name, stages]) => ({ stages, part: made("span", { textContent: name }) }));
+    const when = made("span", { className: "when" });
+    course.append(...stages.map(({ part }) => part), when);
+    const form = this.row(slot, [owner, choice, swap, back, course],
       (button) => this.send(button, `swap ${slot} to ${choice.value}`, { request: "swap", slot, to: choice.value, rollback_ns: ROLLBACK_S * 1e9 }));
-    return { form, slot, owner, choice };
+    return { form, slot, owner, choice, swap, back, course, stages, when };
   }
 
   goTo() {
@@ -203,12 +210,23 @@ class Control {
 
   /** Who commands now. */
   status(status) {
-    for (const { slot, owner, choice } of this.slots) {
+    for (const { slot, owner, choice, swap, back, course, stages, when } of this.slots) {
       const now = status.slots.find((one) => one.slot === slot);
       if (!now?.owner) continue;
+      const busy = now.candidate !== null;
+      swap.disabled = busy;
+      swap.title = busy ? `${now.candidate} is under way: wait for its end` : `The chosen controller shadows ${now.owner}, is flown ahead if it is another one, and then commands`;
+      const undoes = now.stage === "flipping" || now.stage === "window";
+      back.disabled = !undoes;
+      back.title = undoes ? "To the controller before, which is still warm" : `There is no swap to roll back: the controller before stays warm for ${ROLLBACK_S} s after a swap`;
+      course.hidden = !busy;
+      course.title = busy ? `${now.candidate}: ${now.stage}` : "";
+      const at = stages.findIndex(({ stages }) => stages.includes(now.stage));
+      stages.forEach(({ part }, i) => { part.className = i < at ? "done" : i === at ? "now" : ""; });
+      when.textContent = busy ? ` ${now.candidate}${now.until_s === null ? "" : ` until ${now.until_s.toFixed(1)} s`}` : "";
       const isNew = owner.textContent !== now.owner;
       owner.textContent = now.owner;
-      owner.title = `commands the ${slot} slot, epoch ${now.epoch}${now.fallback ? `; ${now.fallback} stands by` : ""}`;
+      owner.title = `commands the ${slot} slot, epoch ${now.epoch}${now.fallback ? `; ${now.fallback} stands by` : ""}${now.watched ? "; watched by the monitor" : ""}`;
       // The next swap is to another one.
       if (isNew && now.owner.startsWith(choice.value)) {
         choice.value = [...choice.options].find((option) => !now.owner.startsWith(option.value))?.value ?? choice.value;

@@ -62,9 +62,10 @@ impl Sweep<'_> {
     fn begin(
         &self,
         case: &Case,
-        seen: (FlightHash, Metrics),
+        mut seen: (FlightHash, Metrics),
     ) -> Result<(crate::in_process::InProcess<(FlightHash, Metrics)>, u64), BranchError> {
         let changed = self.branch.change(&self.change(case))?;
+        seen.1.judge_by(&changed.scenario);
         let flight = self.branch.resume(&changed, seen)?;
         Ok((flight, changed.scenario.duration_ns()))
     }

@@ -9,6 +9,7 @@ use super::telling;
 use crate::candidate::{Candidate, NoCandidate, Slot};
 use slot::{Action, Outcome, Program, Report, Seat, Target};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::PathBuf;
 
 #[cfg(test)]
@@ -26,6 +27,34 @@ pub struct Executable {
     pub candidate: Candidate,
     /// Scenario that configures it, if not the flight's.
     pub config: Option<PathBuf>,
+    /// Hash of the files, as they are when it is asked for: after another build, or with other gains,
+    /// the same path is another controller. `None` for a service with the flight's own settings.
+    pub build: Option<blake3::Hash>,
+}
+
+impl Executable {
+    /// `candidate` as its files are now; one that cannot be read any more cannot be started either,
+    /// and that is told then.
+    #[must_use]
+    pub fn new(candidate: Candidate, config: Option<PathBuf>) -> Self {
+        let executable = match &candidate {
+            Candidate::Service(_) => None,
+            Candidate::Executable(path) => Some(path),
+        };
+        let mut hasher = blake3::Hasher::new();
+        let files = executable.into_iter().chain(&config);
+        let count = files
+            .map(|path| File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ())))
+            .count();
+        let build = (count > 0).then(|| hasher.finalize());
+        Self { candidate, config, build }
+    }
+
+    /// Compiled into this executable.
+    #[must_use]
+    pub fn is_built_in(&self) -> bool {
+        matches!(self.candidate, Candidate::Service(_))
+    }
 }
 
 /// A request that makes sense.
@@ -37,6 +66,8 @@ pub struct Ordered {
     pub request: slot::Request,
     /// Largest bump that the gate may allow, over the largest command; what suits the kind if `None`.
     pub max_bump: Option<f64>,
+    /// It was asked for without the rehearsal that it would have had.
+    pub skips_rehearsal: bool,
 }
 
 /// The slots of a flight.
@@ -66,10 +97,19 @@ struct Open {
 pub struct Orders {
     programs: Vec<Executable>,
     seats: BTreeMap<(Slot, Seat), Program>,
+    /// What is known of the end of the process that sat there last, for whoever asked for it.
+    ends: BTreeMap<(Slot, Seat), String>,
+    /// Who differs from the owner is flown ahead unless the request says otherwise.
+    rehearses: bool,
     open: Vec<Open>,
 }
 
 impl Orders {
+    /// Has candidates flown ahead that differ from the owner, or not, unless a request says otherwise.
+    pub fn set_rehearses(&mut self, rehearses: bool) {
+        self.rehearses = rehearses;
+    }
+
     /// The number under which state machines know an executable.
     pub fn program(&mut self, executable: Executable) -> Program {
         let known = self.programs.iter().position(|known| *known == executable);
@@ -89,6 +129,13 @@ impl Orders {
     /// Remembers what flies, or flew last, on a seat.
     pub fn seat(&mut self, slot: Slot, seat: Seat, program: Program) {
         self.seats.insert((slot, seat), program);
+        self.ends.remove(&(slot, seat));
+    }
+
+    /// Keeps how the process on a seat has ended, with what it said, for the answer to whoever asked
+    /// for it.
+    pub fn explain(&mut self, slot: Slot, seat: Seat, how: &str) {
+        self.ends.insert((slot, seat), how.trim_end().to_owned());
     }
 
     /// `NAME@SEAT`.
@@ -118,6 +165,7 @@ impl Orders {
         request: &Request,
         machines: &Machines,
     ) -> Result<Option<Ordered>, Refusal> {
+        let mut skips_rehearsal = false;
         let (slot, request, max_bump) = match request {
             Request::Ps | Request::Stop | Request::Order { .. } => return Ok(None),
             Request::Swap(order) => {
@@ -128,7 +176,16 @@ impl Orders {
                     None => Target::New(self.find(slot, &order.to, order.config.clone())?),
                 };
                 let Order { shadow_ns, rollback_ns, force, dry_run, .. } = *order;
-                let how = slot::Order { shadow_ns, rollback_ns, force, dry_run };
+                let program = match target {
+                    Target::New(program) => Some(program),
+                    Target::Seated(seat) => self.seats.get(&(slot, seat)).copied(),
+                };
+                let built_in = program.and_then(|program| self.executable(program));
+                let trusted = !force && built_in.is_some_and(Executable::is_built_in);
+                let must = || self.must_rehearse(slot, program, machines);
+                let rehearse = order.rehearse.unwrap_or_else(must);
+                skips_rehearsal = !rehearse && must();
+                let how = slot::Order { shadow_ns, rollback_ns, force, rehearse, trusted, dry_run };
                 (slot, slot::Request::Swap(target, how), order.max_bump)
             }
             Request::Rollback { slot } => {
@@ -138,14 +195,27 @@ impl Orders {
                 let (slot, seat) = self.leaver(name, machines)?;
                 (slot, slot::Request::Retire(seat), None)
             }
-            Request::Standby { slot, name, shadow_ns } => {
+            Request::Standby { slot, name, shadow_ns, rehearse } => {
                 let slot = known_slot(slot, machines)?;
                 check_window("shadow", *shadow_ns)?;
                 let program = self.find(slot, name, None)?;
-                (slot, slot::Request::Standby(program, *shadow_ns), None)
+                let must = || self.must_rehearse(slot, Some(program), machines);
+                let rehearse = rehearse.unwrap_or_else(must);
+                (slot, slot::Request::Standby(program, *shadow_ns, rehearse), None)
             }
         };
-        Ok(Some(Ordered { slot, request, max_bump }))
+        Ok(Some(Ordered { slot, request, max_bump, skips_rehearsal }))
+    }
+
+    /// True if a program has to be flown ahead: it is of another kind or build than the one that
+    /// commands, or that cannot be known. Programs that have the same files have the same number.
+    fn must_rehearse(&self, slot: Slot, program: Option<Program>, machines: &Machines) -> bool {
+        if !self.rehearses {
+            return false;
+        }
+        let owner = machines.get(&slot).and_then(|machine| machine.record()).map(|r| r.owner);
+        let owner = owner.and_then(|seat| self.seats.get(&(slot, seat)));
+        owner.is_none() || owner != program.as_ref()
     }
 
     fn find(&mut self, slot: Slot, to: &str, config: Option<PathBuf>) -> Result<Program, Refusal> {
@@ -156,7 +226,7 @@ impl Orders {
             let text = format!("{} is no file: give the path of a scenario", path.display());
             return Err(Refusal::new(Reason::BadRequest, text));
         }
-        Ok(self.program(Executable { candidate, config }))
+        Ok(self.program(Executable::new(candidate, config)))
     }
 
     /// The seat that `NAME@SEAT` names; `None` for a name without a seat.
@@ -268,6 +338,10 @@ impl Orders {
             Report::Aborted(seat, reason) => {
                 let mut refusal = self.refusal(slot, reason);
                 refusal.text = format!("{}: {}", name(*seat), refusal.text);
+                if let (slot::Reason::Fault(_), Some(how)) = (reason, self.ends.get(&(slot, *seat)))
+                {
+                    refusal.text = format!("{}: {how}", refusal.text);
+                }
                 let text = refusal.text.clone();
                 let asked_back = *reason == slot::Reason::RolledBack;
                 self.close(slot, &Reply::Refused(refusal), |until| match until {

@@ -34,6 +34,9 @@ pub enum Request {
         /// How long it shadows before it is judged \[ns\].
         #[serde(default = "shadow_ns")]
         shadow_ns: u64,
+        /// Whether it is flown ahead first; if left out, it is when it differs from the owner.
+        #[serde(default)]
+        rehearse: Option<bool>,
     },
     /// The flight is to end in order, as if it had been interrupted.
     Stop,
@@ -64,9 +67,13 @@ pub struct Order {
     /// How long the old owner stays warm \[ns\].
     #[serde(default = "rollback_ns")]
     pub rollback_ns: u64,
-    /// Overrule the gate where it is about disagreement.
+    /// Overrule the gate where it is about disagreement, and the rehearsal.
     #[serde(default)]
     pub force: bool,
+    /// Whether it is flown ahead before the flip; if left out, it is when it is of another kind or
+    /// build than the owner.
+    #[serde(default)]
+    pub rehearse: Option<bool>,
     /// Shadow and judge only.
     #[serde(default)]
     pub dry_run: bool,
@@ -81,6 +88,7 @@ fn rollback_ns() -> u64 {
 }
 
 /// One line from the launcher, for example `{"reply":"refused","reason":"bad_request",...}`.
+#[expect(clippy::large_enum_variant, reason = "a few per second, each written out and forgotten")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "reply", rename_all = "snake_case")]
 pub enum Reply {
@@ -128,6 +136,14 @@ pub struct Figures {
     pub slope: [Option<f64>; 4],
     /// Deadlines missed.
     pub missed: u64,
+    /// The most that `tracking_worst` may be.
+    pub tracking_worst_max: [f64; 4],
+    /// The most that `free_worst` may be.
+    pub free_worst_max: [f64; 4],
+    /// The most that `free_rms` may be.
+    pub free_rms_max: [f64; 4],
+    /// The most that `missed` may be.
+    pub missed_max: u64,
 }
 
 /// The good end of an order.
@@ -179,6 +195,8 @@ pub enum Reason {
     Busy,
     /// The gate let the candidate not through.
     Gate,
+    /// Flown ahead, the candidate failed, or it could not be flown ahead.
+    Rehearsal,
     /// Somebody failed on the way.
     Failed,
     /// Of another user.
@@ -193,6 +211,7 @@ impl Reason {
     pub fn of(reason: &slot::Reason) -> Self {
         match (reason, reason.exit_code()) {
             (slot::Reason::Gate(_), _) => Self::Gate,
+            (slot::Reason::Rehearsal(_), _) => Self::Rehearsal,
             (_, exit::USAGE) => Self::NoSense,
             (_, exit::UNFIT) => Self::Busy,
             _ => Self::Failed,
@@ -208,7 +227,7 @@ impl Reason {
             | Self::UnknownName
             | Self::NoSense
             | Self::OutOfRange => exit::USAGE,
-            Self::Gate | Self::Failed => exit::GATE_FAILED,
+            Self::Gate | Self::Rehearsal | Self::Failed => exit::GATE_FAILED,
             Self::Busy | Self::NotYours | Self::TooMany => exit::UNFIT,
         }
     }

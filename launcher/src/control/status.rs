@@ -96,6 +96,40 @@ pub struct SlotStatus {
     pub epoch: u64,
     /// Whose commands count.
     pub owner: Option<String>,
-    /// Who takes over when the owner falls silent.
+    /// Who takes over when the owner falls silent, or trips.
     pub fallback: Option<String>,
+    /// The owner came by a swap and is not proven: the monitor judges it.
+    pub watched: bool,
+    /// How far a swap is: `steady`, `joining`, `tracking`, `shadowing`, `rehearsing`, `flipping`,
+    /// `window`, `reverting` or `ownerless`.
+    pub stage: String,
+    /// The instance that is under way, `NAME@SEAT`.
+    pub candidate: Option<String>,
+    /// When the stage is over, if that is known \[s\].
+    pub until_s: Option<f64>,
+}
+
+impl SlotStatus {
+    /// The stages of a swap with the one that it is at in brackets, and until when; empty if none is
+    /// under way.
+    #[must_use]
+    pub fn course(&self) -> String {
+        const STAGES: [(&str, &[&str]); 5] = [
+            ("join", &["joining"]),
+            ("shadow", &["tracking", "shadowing"]),
+            ("rehearse", &["rehearsing"]),
+            ("flip", &["flipping", "reverting"]),
+            ("window", &["window"]),
+        ];
+        let Some(candidate) = &self.candidate else { return String::new() };
+        let stages = STAGES.map(|(name, stages)| {
+            if stages.contains(&self.stage.as_str()) {
+                format!("[{name}]")
+            } else {
+                name.to_owned()
+            }
+        });
+        let until = self.until_s.map_or(String::new(), |s| format!(" until {s:.2} s"));
+        format!("{candidate}: {}{until}", stages.join(" > "))
+    }
 }

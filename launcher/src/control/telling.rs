@@ -29,7 +29,11 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
                 ..said(slot, "gate", None, &text)
             };
         }
-        Step::Forced(..) => ("forced", None),
+        Step::Forced(..) | Step::RehearsalForced(..) => ("forced", None),
+        Step::Rehearses(..) => ("rehearses", None),
+        Step::Rehearsed(..) => ("rehearsed", None),
+        Step::FallbackStays { .. } => ("fallback stays", None),
+        Step::WithoutFallback(_) => ("without fallback", None),
         Step::FlipsAt { at_ns, .. } => ("flips", Some(*at_ns)),
         Step::Flipped { at_ns, .. } => ("flipped", Some(*at_ns)),
         Step::TriedAgain { .. } => ("tried again", None),
@@ -62,24 +66,31 @@ pub(super) fn done(slot: Slot, outcome: Outcome, name: &str) -> Done {
     Done { slot: slot.label().to_owned(), outcome: word.to_owned(), text }
 }
 
-fn worst(axes: impl Iterator<Item = f64>) -> f64 {
-    axes.fold(0.0, f64::max)
+/// The axis that comes closest to its limit: figure and limit.
+fn tightest(figures: [f64; 4], limits: [f64; 4]) -> (f64, f64) {
+    let share = |(figure, limit): &(f64, f64)| figure / limit.max(f64::MIN_POSITIVE);
+    let axes = figures.into_iter().zip(limits);
+    axes.max_by(|a, b| share(a).total_cmp(&share(b))).unwrap_or_default()
 }
 
 fn measured(of_gate: &GateFigures) -> String {
-    let GateFigures { tracked, free, tracking_worst, free_worst, free_rms, missed, .. } = of_gate;
-    let percent = |share: f64| format!("{:.3} %", 100.0 * share);
+    let GateFigures { tracked, free, free_rms, free_rms_max, missed, missed_max, .. } = of_gate;
+    let shown = |(figure, limit): (f64, f64)| {
+        format!("{:.3} % ({:.3} % allowed)", 100.0 * figure, 100.0 * limit)
+    };
     let tracking = match tracked {
         0 => String::new(),
         n => {
-            let worst = percent(worst(tracking_worst.iter().map(|axis| axis.value)));
+            let worst = of_gate.tracking_worst.map(|axis| axis.value);
+            let worst = shown(tightest(worst, of_gate.tracking_worst_max));
             format!("one step ahead at most {worst} of the largest command in {n} instants; ")
         }
     };
-    let rms = percent(worst(free_rms.iter().copied()));
-    let free_worst = percent(worst(free_worst.iter().map(|axis| axis.value)));
+    let rms = shown(tightest(*free_rms, *free_rms_max));
+    let worst = of_gate.free_worst.map(|axis| axis.value);
+    let worst = shown(tightest(worst, of_gate.free_worst_max));
     format!(
-        "{tracking}running free at most {free_worst}, {rms} rms in {free} instants; {missed} deadlines missed"
+        "{tracking}running free at most {worst}, {rms} rms in {free} instants; {missed} deadlines missed ({missed_max} allowed)"
     )
 }
 
@@ -92,5 +103,9 @@ fn figures_of(of_gate: &GateFigures) -> Figures {
         free_rms: of_gate.free_rms,
         slope: of_gate.slope.map(|slope| Some(slope?.value)),
         missed: of_gate.missed,
+        tracking_worst_max: of_gate.tracking_worst_max,
+        free_worst_max: of_gate.free_worst_max,
+        free_rms_max: of_gate.free_rms_max,
+        missed_max: of_gate.missed_max,
     }
 }

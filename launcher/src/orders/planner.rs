@@ -110,6 +110,8 @@ pub struct Planner {
     rate_limit_rad_s: f64,
     floor_m: f64,
     end_ns: u64,
+    /// Time of the plan when the flight begins \[ns\]; guidance has instants of the plan.
+    taken_up_ns: u64,
     guidance: GuidanceOrder,
     disturbance: DisturbanceOrder,
     /// Disturbances ordered so far.
@@ -125,9 +127,11 @@ impl Planner {
     /// None for a scenario that has been loaded.
     pub fn of(scenario: &Scenario) -> Result<Self, PilotError> {
         let rate_limit_rad_s = scenario.modelled_vehicle().servo_rate_limit_rad_s;
-        let (trajectory, morph) = match scenario.plan() {
-            Plan::Flight(config) => (Some(Trajectory::new(&config.trajectory)?), config.morph),
-            Plan::Rig(config) => (None, config.morph),
+        let (trajectory, morph, taken_up) = match scenario.plan() {
+            Plan::Flight(config) => {
+                (Some(Trajectory::new(&config.trajectory)?), config.morph, config.taken_up)
+            }
+            Plan::Rig(config) => (None, config.morph, config.taken_up),
         };
         Ok(Self {
             trajectory,
@@ -135,7 +139,8 @@ impl Planner {
             rate_limit_rad_s,
             floor_m: floor_m(scenario),
             end_ns: scenario.duration_ns(),
-            guidance: GuidanceOrder::default(),
+            taken_up_ns: taken_up.at_ns,
+            guidance: taken_up.order.unwrap_or_default(),
             disturbance: DisturbanceOrder::default(),
             numbered: 0,
             reports: Vec::new(),
@@ -230,20 +235,23 @@ impl Planner {
 
     fn go_to(&mut self, goto: &Goto, begin_ns: u64) -> Result<u64, RefusedOrder> {
         let Some(trajectory) = &self.trajectory else { return Err(RefusedOrder::Rig) };
+        let begin_ns = begin_ns + self.taken_up_ns;
         let before = Some(&self.guidance);
         let position = divert::position(trajectory, before, goto.position_w_m, begin_ns);
         let goal_rad = goto.yaw_deg.map(f64::to_radians);
         let yaw = divert::yaw(trajectory, before, goal_rad, begin_ns);
         (self.guidance.position, self.guidance.yaw) = (position, yaw);
         let there_ns = divert::rest_ns(begin_ns, position.brake_s, position.move_s);
-        Ok(there_ns.max(divert::rest_ns(yaw.begin_ns, yaw.brake_s, yaw.move_s)))
+        let turned_ns = divert::rest_ns(yaw.begin_ns, yaw.brake_s, yaw.move_s);
+        Ok(there_ns.max(turned_ns).saturating_sub(self.taken_up_ns))
     }
 
     fn morph(&mut self, morph: &Morph, begin_ns: u64) -> Result<u64, RefusedOrder> {
         let &Morph { angle_deg, over_s } = morph;
         let goal = (angle_deg.to_radians(), over_s);
         let limit = self.rate_limit_rad_s;
-        let way = divert::morph(&self.schedule, Some(&self.guidance), goal, limit, begin_ns);
+        let plan_ns = begin_ns + self.taken_up_ns;
+        let way = divert::morph(&self.schedule, Some(&self.guidance), goal, limit, plan_ns);
         let way = way.map_err(|shortest_s| RefusedOrder::TooFast {
             angle_deg,
             over_s,

@@ -36,8 +36,29 @@ shared_types::memory! {
     }
 }
 
+/// Where in its plan a flight takes it up.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TakenUp {
+    /// Time of the plan when the flight begins \[ns\].
+    pub at_ns: u64,
+    /// What had been ordered by then, with instants of the plan.
+    pub order: Option<GuidanceOrder>,
+}
+
+impl TakenUp {
+    /// What counts at an instant of the flight \[ns\]: the time of the plan, and what has been ordered in
+    /// the flight or before it.
+    pub(super) fn now<'a>(
+        &'a self,
+        order: Option<&'a GuidanceOrder>,
+        now_ns: u64,
+    ) -> (Option<&'a GuidanceOrder>, u64) {
+        (order.or(self.order.as_ref()), now_ns.saturating_add(self.at_ns))
+    }
+}
+
 /// A flight plan.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct PilotConfig {
     /// Where to fly.
     pub trajectory: TrajectoryConfig,
@@ -45,6 +66,8 @@ pub struct PilotConfig {
     pub morph: Vec<MorphKnot>,
     /// Time between two points of a preview \[ns\].
     pub spacing_ns: u64,
+    /// Where in the plan the flight begins.
+    pub taken_up: TakenUp,
 }
 
 impl PilotConfig {
@@ -52,7 +75,8 @@ impl PilotConfig {
     #[must_use]
     pub fn new(trajectory: TrajectoryConfig) -> Self {
         let smallest = MorphKnot { t_s: 0.0, angle_rad: MorphAngle::MIN.rad() };
-        Self { trajectory, morph: vec![smallest], spacing_ns: DEFAULT_SPACING_NS }
+        let taken_up = TakenUp::default();
+        Self { trajectory, morph: vec![smallest], spacing_ns: DEFAULT_SPACING_NS, taken_up }
     }
 }
 
@@ -62,6 +86,7 @@ pub struct Pilot {
     trajectory: Trajectory,
     morph: MorphSchedule,
     spacing_ns: u64,
+    taken_up: TakenUp,
     steps: u64,
 }
 
@@ -76,6 +101,7 @@ impl Pilot {
             trajectory: Trajectory::new(&config.trajectory)?,
             morph: MorphSchedule::new(&config.morph, vehicle.servo_rate_limit_rad_s)?,
             spacing_ns: config.spacing_ns,
+            taken_up: config.taken_up,
             steps: 0,
         })
     }
@@ -92,13 +118,13 @@ impl Pilot {
         &self.morph
     }
 
-    fn reference(&self, order: Option<&GuidanceOrder>, now_ns: u64) -> Reference {
+    fn reference(&self, order: Option<&GuidanceOrder>, plan_ns: u64) -> Reference {
         Reference {
             header: Header::default(),
             spacing_ns: self.spacing_ns,
             count: REFERENCE_POINTS as u64,
             points: core::array::from_fn(|i| {
-                let t_ns = due_ns(now_ns, self.spacing_ns, i);
+                let t_ns = due_ns(plan_ns, self.spacing_ns, i);
                 let point = diversion::point(&self.trajectory, order, t_ns);
                 ReferencePoint {
                     position_w_m: point.position_w_m,
@@ -117,9 +143,9 @@ impl Service for Pilot {
 
     fn step(&mut self, now_ns: u64, inputs: &PilotInputs, outputs: &mut PilotOutputs) {
         self.steps += 1;
-        let order = inputs.order.latest();
-        outputs.reference.write(self.reference(order, now_ns));
-        outputs.morph_command.write(morph_command(&self.morph, order, now_ns, self.spacing_ns));
+        let (order, plan_ns) = self.taken_up.now(inputs.order.latest(), now_ns);
+        outputs.reference.write(self.reference(order, plan_ns));
+        outputs.morph_command.write(morph_command(&self.morph, order, plan_ns, self.spacing_ns));
     }
 
     fn memory(&self) -> PilotMemory {
@@ -137,20 +163,20 @@ pub(super) fn check_spacing(spacing_ns: u64) -> Result<(), PilotError> {
     within("spacing_ns", spacing_ns as f64, (1e5, 1e9))
 }
 
-/// The morph command of one instant.
+/// The morph command of one instant of the plan.
 pub(super) fn morph_command(
     morph: &MorphSchedule,
     order: Option<&GuidanceOrder>,
-    now_ns: u64,
+    plan_ns: u64,
     spacing_ns: u64,
 ) -> MorphCommand {
     let angle_rad = |t_ns: u64| diversion::angle_rad(morph, order, t_ns);
     MorphCommand {
         header: Header::default(),
-        angle_rad: angle_rad(now_ns),
+        angle_rad: angle_rad(plan_ns),
         spacing_ns,
         count: MORPH_PATH_POINTS as u64,
-        path_rad: core::array::from_fn(|i| angle_rad(due_ns(now_ns, spacing_ns, i))),
+        path_rad: core::array::from_fn(|i| angle_rad(due_ns(plan_ns, spacing_ns, i))),
     }
 }
 

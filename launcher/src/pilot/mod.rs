@@ -20,7 +20,7 @@ pub mod waypoints;
 
 pub use error::PilotError;
 pub use figure_eight::{FigureEightConfig, Heading};
-pub use flight::{Pilot, PilotConfig, PilotInputs, PilotMemory, PilotOutputs};
+pub use flight::{Pilot, PilotConfig, PilotInputs, PilotMemory, PilotOutputs, TakenUp};
 pub use morph::{MorphKnot, MorphSchedule};
 pub use rig::{AttitudeStep, RigPilot, RigPilotConfig, RigPilotOutputs};
 pub use trajectory::{Trajectory, TrajectoryConfig, TrajectoryPoint};

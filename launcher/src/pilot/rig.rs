@@ -3,7 +3,8 @@
 use super::error::within;
 use super::flight::{check_spacing, morph_command};
 use super::{
-    DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, PilotInputs, PilotMemory, seconds,
+    DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, PilotInputs, PilotMemory, TakenUp,
+    seconds,
 };
 use core::f64::consts::PI;
 use runtime::{Service, outputs};
@@ -34,7 +35,7 @@ pub struct AttitudeStep {
 }
 
 /// The plan of a rig flight.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct RigPilotConfig {
     /// The attitude to step to.
     pub step: AttitudeStep,
@@ -42,6 +43,8 @@ pub struct RigPilotConfig {
     pub morph: Vec<MorphKnot>,
     /// Time between two points of the morph path \[ns\].
     pub spacing_ns: u64,
+    /// Where in the plan the flight begins.
+    pub taken_up: TakenUp,
 }
 
 impl Default for RigPilotConfig {
@@ -51,6 +54,7 @@ impl Default for RigPilotConfig {
             step: AttitudeStep { at_s: 0.0, roll_rad: 0.2, pitch_rad: 0.2, yaw_rad: 0.2 },
             morph: vec![MorphKnot { t_s: 0.0, angle_rad: MorphAngle::MIN.rad() }],
             spacing_ns: DEFAULT_SPACING_NS,
+            taken_up: TakenUp::default(),
         }
     }
 }
@@ -62,6 +66,7 @@ pub struct RigPilot {
     thrust_n: f64,
     morph: MorphSchedule,
     spacing_ns: u64,
+    taken_up: TakenUp,
     steps: u64,
 }
 
@@ -83,6 +88,7 @@ impl RigPilot {
             thrust_n: vehicle.weight_n(),
             morph: MorphSchedule::new(&config.morph, vehicle.servo_rate_limit_rad_s)?,
             spacing_ns: config.spacing_ns,
+            taken_up: config.taken_up,
             steps: 0,
         })
     }
@@ -93,10 +99,10 @@ impl RigPilot {
         &self.morph
     }
 
-    fn setpoint(&self, now_ns: u64) -> AttitudeSetpoint {
+    fn setpoint(&self, plan_ns: u64) -> AttitudeSetpoint {
         let AttitudeStep { at_s, roll_rad, pitch_rad, yaw_rad } = self.step;
         let level = AttitudeSetpoint { thrust_n: self.thrust_n, ..AttitudeSetpoint::default() };
-        if seconds(now_ns) < at_s {
+        if seconds(plan_ns) < at_s {
             return level;
         }
         AttitudeSetpoint { roll_rad, pitch_rad, yaw_rad, ..level }
@@ -110,9 +116,9 @@ impl Service for RigPilot {
 
     fn step(&mut self, now_ns: u64, inputs: &PilotInputs, outputs: &mut RigPilotOutputs) {
         self.steps += 1;
-        let order = inputs.order.latest();
-        outputs.attitude_setpoint.write(self.setpoint(now_ns));
-        outputs.morph_command.write(morph_command(&self.morph, order, now_ns, self.spacing_ns));
+        let (order, plan_ns) = self.taken_up.now(inputs.order.latest(), now_ns);
+        outputs.attitude_setpoint.write(self.setpoint(plan_ns));
+        outputs.morph_command.write(morph_command(&self.morph, order, plan_ns, self.spacing_ns));
     }
 
     fn memory(&self) -> PilotMemory {

@@ -96,4 +96,19 @@ impl Trajectory {
             .fold(0.0, f64::max)
             .sqrt()
     }
+
+    /// Largest speed \[m/s\] until `until_ns`, at up to 200,000 instants: every 5 ms of flights of up to a
+    /// quarter of an hour.
+    #[must_use]
+    pub fn peak_speed_m_s(&self, until_ns: u64) -> f64 {
+        let spacing_ns = usize::try_from(until_ns / 200_000).unwrap_or(usize::MAX).max(5_000_000);
+        (0..=until_ns)
+            .step_by(spacing_ns)
+            .map(|t_ns| {
+                let [x, y, z] = self.at(t_ns).velocity_w_m_s;
+                x * x + y * y + z * z
+            })
+            .fold(0.0, f64::max)
+            .sqrt()
+    }
 }

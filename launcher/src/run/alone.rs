@@ -6,13 +6,15 @@ use super::conductor::Speed;
 use super::consumers::Consumers;
 use super::metrics::Metrics;
 use super::setup::{
-    RunError, clock_of, facts, progress_bar, recording_path, require_processor, run_id, system,
+    RunError, clock_of, facts, pinned_cpu, progress_bar, recording_path, require_processor, run_id,
+    system,
 };
 use super::summary::Summary;
 use crate::branch::{Branch, Changed};
 use crate::campaign::Outcome;
 use crate::in_process::{
-    Compare, Conclusion, Difference, InProcess, InProcessError, Likeness, Observer, StateSource,
+    Compare, Conclusion, Difference, InProcess, InProcessError, Likeness, Observer, Outside,
+    StateSource, joins_executable,
 };
 use crate::record::{self, Facts, Recording};
 use crate::run::Pin;
@@ -38,15 +40,21 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
         return Err(RunError::RealtimeInProcess);
     }
     require_processor(options.pin)?;
-    if let Pin::Cpu(cpu) = options.pin {
-        stay_on(cpu);
+    let mut outside = Outside::of(scenario.settings());
+    if joins_executable(scenario.settings()) {
+        // To wake a process on the same processor is the cheapest.
+        outside.cpu = pinned_cpu(options.pin, ClockMode::Lockstep);
+    } else if let Pin::Cpu(cpu) = options.pin {
+        outside.cpu = Some(cpu);
     }
+    outside.cpu.into_iter().for_each(stay_on);
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
     let facts = facts(&id, options);
     let consumers = consumers(&facts, path.as_deref(), options)?;
     let mut flight =
-        InProcess::new(scenario, StateSource::Estimator, consumers).map_err(not_ready)?;
+        InProcess::with_processes(scenario, StateSource::Estimator, consumers, &outside)
+            .map_err(not_ready)?;
     flight.stamp_by(mono_now_ns);
     let start_ns = mono_now_ns();
     let end = fly(&mut flight, options, &stop, 0);
@@ -60,9 +68,7 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
 /// Why a flight in one process cannot begin.
 fn not_ready(error: InProcessError) -> RunError {
     match error {
-        InProcessError::Foreign { .. } | InProcessError::NoSlot { .. } => {
-            RunError::ScriptInProcess(error)
-        }
+        InProcessError::NoSlot { .. } => RunError::ScriptInProcess(error),
         error => RunError::NotReady(error.to_string()),
     }
 }

@@ -13,11 +13,14 @@ use std::os::fd::{AsFd as _, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread;
+use std::time::Duration;
 
 /// Lines of standard error kept for the obituary.
 const LAST_WORDS: usize = 12;
+/// How long the last lines of a process that has ended are waited for.
+const WORDS_LIMIT: Duration = Duration::from_millis(500);
 /// How long a killed process may take to be gone \[s\].
 const END_LIMIT_S: i64 = 1;
 
@@ -49,7 +52,7 @@ pub(crate) struct ChildSpec {
 
 /// How a process has ended.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Death {
+pub(crate) enum Death {
     /// As its parent is told.
     Status(ExitStatus),
     /// It was another launcher's child: that it is gone is all there is to know.
@@ -58,10 +61,11 @@ pub(super) enum Death {
 
 /// A running process.
 #[derive(Debug)]
-pub(super) struct RunningChild {
+pub(crate) struct RunningChild {
     hold: Hold,
     last_words: Arc<Mutex<VecDeque<String>>>,
-    listener: Option<thread::JoinHandle<()>>,
+    /// Hangs up once there is nothing left to hear.
+    listener: Option<mpsc::Receiver<()>>,
 }
 
 /// What a process is held by.
@@ -117,7 +121,12 @@ impl RunningChild {
         let last_words = Arc::new(Mutex::new(VecDeque::with_capacity(LAST_WORDS)));
         let listener = child.stderr.take().map(|pipe| {
             let words = Arc::clone(&last_words);
-            thread::spawn(move || listen(BufReader::new(pipe), &words))
+            let (hangs_up, listener) = mpsc::channel();
+            thread::spawn(move || {
+                listen(BufReader::new(pipe), &words);
+                drop(hangs_up);
+            });
+            listener
         });
         Ok(Self { hold: Hold::Child(child), last_words, listener })
     }
@@ -131,7 +140,7 @@ impl RunningChild {
         same.then(|| Self { hold, last_words: Arc::default(), listener: None })
     }
 
-    pub(super) fn pid(&self) -> u32 {
+    pub(crate) fn pid(&self) -> u32 {
         match &self.hold {
             Hold::Child(child) => child.id(),
             Hold::TakenOver { pid, .. } => *pid,
@@ -139,7 +148,7 @@ impl RunningChild {
     }
 
     /// How it has ended, once it has.
-    pub(super) fn exited(&mut self) -> Option<Death> {
+    pub(crate) fn exited(&mut self) -> Option<Death> {
         match &mut self.hold {
             Hold::Child(child) => child.try_wait().ok().flatten().map(Death::Status),
             Hold::TakenOver { pidfd, .. } => is_gone(pidfd, 0).then_some(Death::Unseen),
@@ -147,7 +156,7 @@ impl RunningChild {
     }
 
     /// Ends the process at once.
-    pub(super) fn kill(&mut self) {
+    pub(crate) fn kill(&mut self) {
         // It may have ended by itself in the meantime.
         let _ = match &mut self.hold {
             Hold::Child(child) => child.kill(),
@@ -175,10 +184,16 @@ impl RunningChild {
     }
 
     /// What a child said last; call after it has exited.
-    pub(super) fn last_words(&mut self) -> String {
+    pub(crate) fn last_words(&mut self) -> String {
         if let Some(listener) = self.listener.take() {
-            let _ = listener.join();
+            // A process that it started may still hold the other end.
+            let _ = listener.recv_timeout(WORDS_LIMIT);
         }
+        self.words_so_far()
+    }
+
+    /// What a child has said last until now.
+    pub(super) fn words_so_far(&self) -> String {
         let words = self.last_words.lock().unwrap_or_else(PoisonError::into_inner);
         words.iter().cloned().collect::<Vec<_>>().join("\n")
     }
@@ -221,7 +236,7 @@ fn listen(mut pipe: impl BufRead, words: &Mutex<VecDeque<String>>) {
 }
 
 /// `exit status 3` or `killed by signal 9`.
-pub(super) fn describe(death: Death) -> String {
+pub(crate) fn describe(death: Death) -> String {
     let Death::Status(status) = death else { return "died".to_owned() };
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exit status {code}"),

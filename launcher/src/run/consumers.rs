@@ -6,7 +6,6 @@ use super::misses::TIMING;
 use super::slots::SlotWatch;
 use super::summary::Summary;
 use crate::bench::stopwatch::Stopwatch;
-use crate::exit;
 use crate::in_process::Observer;
 use crate::record::read::seat_config;
 use crate::record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};
@@ -168,6 +167,8 @@ impl Consumers {
 
     /// Writes the summary into the recording and closes it, and tells whoever looks on how it ended.
     pub(super) fn finish(&mut self, summary: &mut Summary) {
+        let severity = if summary.verdict().passed() { Severity::Info } else { Severity::Error };
+        self.note(summary.flown_ns, severity, LAUNCHER, &summary.line());
         if let Some(recording) = self.recording.take()
             && let Err(error) = recording.finish(&summary.to_metadata())
         {
@@ -175,8 +176,7 @@ impl Consumers {
             summary.recording_error = Some(error.to_string());
         }
         if let Some(feed) = &self.feed {
-            let is_good = summary.exit_code() == exit::PASS;
-            feed.end(&Ending { is_good, text: summary.verdict() });
+            feed.end(&Ending { is_good: summary.verdict().passed(), text: summary.line() });
         }
     }
 }

@@ -16,6 +16,7 @@ use super::grants::Grants;
 use super::live::{Live, View};
 use super::notes::{Notebook, Of};
 use super::pilot_thread::PilotEnd;
+use super::rehearser::Rehearser;
 use super::services::{HeldServices, Wakers};
 use super::setup::{
     RunError, RunOptions, clock_of, facts, pinned_cpu, recording_path, require_processor,
@@ -159,6 +160,7 @@ struct Flight {
     lag_limit_ns: u64,
     progress_at: (u64, u64),
     drained_ns: u64,
+    rehearser: Rehearser,
     known_strays: usize,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
@@ -217,7 +219,8 @@ impl Flight {
     fn answer(&mut self, now_ns: u64) -> Result<(), FlightError> {
         let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
         let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
-        let view = View { graph, supervisor, conductor, marks, drained_ns };
+        let slots = &self.slots;
+        let view = View { graph, supervisor, slots, conductor, marks, drained_ns };
         let mut orders = self.live.serve(&view, now_ns);
         orders.retain(|(request, answer)| {
             let goes_on = *request != Request::Stop;
@@ -269,6 +272,7 @@ impl Flight {
             bus: &self.bus,
             supervisor: &mut self.supervisor,
             tap: &mut self.tap,
+            rehearser: &mut self.rehearser,
             now_mono_ns,
         };
         let mut means = Means {
@@ -287,7 +291,10 @@ impl Flight {
     /// Where the flight is, for whoever decides about instants.
     fn logical_now(&self, now_mono_ns: u64) -> Now {
         if self.conductor.mode() == ClockMode::Lockstep {
-            Now { logical_ns: self.drained_ns, allowed_ns: self.conductor.allowed_ns() }
+            // A flight held to a pace has drained up to the next release when its time ends between
+            // two: what is to be done there waits until time has come so far.
+            let allowed_ns = self.conductor.allowed_ns();
+            Now { logical_ns: self.drained_ns.min(allowed_ns), allowed_ns }
         } else {
             let started = self.conductor.has_started();
             let wall_ns = if started { self.conductor.wall_ns(now_mono_ns) } else { 0 };

@@ -17,7 +17,7 @@ pub struct FlightHash(Chains);
 pub struct LogHash(Chains);
 
 /// Fields of hashed samples that tell who commanded, not what happened.
-const IDENTITY_FIELDS: [&str; 10] = [
+const IDENTITY_FIELDS: [&str; 11] = [
     "command_seat",
     "command_sequence",
     "command_cause_sequence",
@@ -28,6 +28,7 @@ const IDENTITY_FIELDS: [&str; 10] = [
     "refused_records",
     "seat",
     "failed_over",
+    "tripped",
 ];
 
 /// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever

@@ -2,6 +2,7 @@
 
 use super::conductor::Conductor;
 use super::setup::{RunError, system};
+use super::slots::Slots;
 use super::supervisor::{Member, Supervisor};
 use crate::control::server::{Answer, ControlServer, Limits};
 use crate::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
@@ -16,6 +17,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct View<'a> {
     pub(super) graph: &'a Graph,
     pub(super) supervisor: &'a Supervisor,
+    pub(super) slots: &'a Slots,
     pub(super) conductor: &'a Conductor,
     pub(super) marks: &'a SeatMarks,
     /// Everything before it is final and recorded \[ns\].
@@ -164,13 +166,20 @@ fn state(view: &View<'_>, member: Member<'_>) -> ProcessState {
 }
 
 fn slots(view: &View<'_>) -> Vec<SlotStatus> {
-    let slot = |record: &OwnerRecord| SlotStatus {
-        slot: record.slot.label().to_owned(),
-        epoch: record.epoch,
-        owner: view.name_on(record.slot, record.owner),
-        fallback: Some(record.fallback)
-            .filter(|seat| *seat != NO_SEAT)
-            .and_then(|seat| view.name_on(record.slot, seat)),
+    let slot = |record: &OwnerRecord| {
+        let (stage, candidate, until_ns) = view.slots.progress(record.slot);
+        SlotStatus {
+            slot: record.slot.label().to_owned(),
+            epoch: record.epoch,
+            owner: view.name_on(record.slot, record.owner),
+            fallback: Some(record.fallback)
+                .filter(|seat| *seat != NO_SEAT)
+                .and_then(|seat| view.name_on(record.slot, seat)),
+            watched: record.watched.is_set(),
+            stage: stage.to_owned(),
+            candidate,
+            until_s: until_ns.map(seconds_of),
+        }
     };
     view.supervisor.owners().map(slot).collect()
 }

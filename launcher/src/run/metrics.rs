@@ -1,6 +1,7 @@
 //! What the flight achieved, from the samples alone.
 
 use super::command_audit::{CommandAudit, CommandTally};
+use super::evidence::{Evidence, Rules};
 use super::loops::LoopLedger;
 use super::misses::MissLog;
 use super::response::{AxisResponse, StepResponse};
@@ -9,20 +10,15 @@ use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
 use runtime::seat_of_loop;
 use shared_types::{
-    AppliedCommand, AttitudeReport, AttitudeSetpoint, ControllerReport, Deviation, GateMode,
-    Header, LoopStats, OwnerRecord, PositionReport, Reference, Role, Sample, Seating, SolveStatus,
-    StateEstimate, Topic, TopicInfo, Truth, WrenchCommand,
+    AppliedCommand, AttitudeReport, AttitudeSetpoint, ControllerReport, Deviation, Disturbance,
+    GateMode, Header, LoopStats, OwnerRecord, PositionReport, Reference, Role, Sample, Seating,
+    SolveStatus, StateEstimate, Topic, TopicInfo, Truth, WrenchCommand,
 };
 use std::any::Any;
 use std::collections::BTreeMap;
 
 /// Largest bound violation that rounding explains.
 pub const VIOLATION_TOLERANCE: f64 = 1e-9;
-/// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own
-/// size and more, far beyond what wind or a failing rotor does to one that is under control.
-pub(crate) const LOST_M: f64 = 1.0;
-/// Error of an angle at the end of a rig flight from which the vehicle counts as lost \[rad\].
-const LOST_RAD: f64 = 1.0;
 /// Effort and verdicts of one controller.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Effort {
@@ -53,11 +49,8 @@ pub struct Metrics {
     /// Slot, instant \[ns\] and seat of each owner.
     owners: Vec<(Role, u64, u32)>,
     gate: AppliedCommand,
-    clipped_ticks: u64,
-    ticks: u64,
     safe_ticks: u64,
-    /// Largest x² + y² of the attitude quaternion.
-    tilt_square: f64,
+    evidence: Evidence,
     response: Option<StepResponse>,
     misses: MissLog,
     commands: CommandAudit,
@@ -67,22 +60,23 @@ impl Metrics {
     /// Metrics that suit a scenario's kind of flight.
     #[must_use]
     pub fn of(scenario: &Scenario) -> Self {
-        if scenario.settings().pilot.is_rig() { Self::of_rig() } else { Self::default() }
-    }
-
-    /// Metrics of a flight whose pilot writes attitudes: tracking is of attitude, not position.
-    #[must_use]
-    pub fn of_rig() -> Self {
-        Self { response: Some(StepResponse::default()), ..Self::default() }
+        // The pilot of a rig writes attitudes: tracking is of attitude, not position.
+        let response = scenario.settings().pilot.is_rig().then(StepResponse::default);
+        Self { response, evidence: Evidence::of(scenario), ..Self::default() }
     }
 
     /// Forgets how the vehicle has flown so far, and not what it is to do: errors, efforts and
     /// clipping are judged from here on. An attitude step is still the whole one.
     pub fn judge_from_here(&mut self) {
         let before = core::mem::take(self);
-        let Self { tracker, loops, gate, response, commands, .. } = before;
-        let (tracker, commands) = (tracker.anew(), commands.anew());
-        *self = Self { tracker, loops, gate, response, commands, ..Self::default() };
+        let Self { tracker, loops, gate, response, commands, evidence, .. } = before;
+        let (tracker, commands, evidence) = (tracker.anew(), commands.anew(), evidence.anew());
+        *self = Self { tracker, loops, gate, evidence, response, commands, ..Self::default() };
+    }
+
+    /// Judges by what another scenario allows, of the same kind of flight.
+    pub(crate) fn judge_by(&mut self, scenario: &Scenario) {
+        self.evidence.judge_by(Rules::of(scenario));
     }
 
     /// Answer to the last attitude step of a rig flight.
@@ -98,8 +92,10 @@ impl Metrics {
             self.observe_truth(truth);
         } else if let Some(estimate) = any.downcast_ref::<StateEstimate>() {
             self.time("estimator", estimate);
+            self.evidence.estimate(estimate);
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
             self.tracker.observe_reference(reference);
+            self.tracker.compare(false, &mut self.evidence);
         } else if let Some(report) = any.downcast_ref::<AttitudeReport>() {
             self.observe_report(&topic.info, report);
         } else if let Some(report) = any.downcast_ref::<PositionReport>() {
@@ -113,8 +109,11 @@ impl Metrics {
             self.loops.observe(stats);
         } else if let Some(seating) = any.downcast_ref::<Seating>() {
             self.loops.seated(seating);
+            self.evidence.seated(seating);
         } else if let Some(deviation) = any.downcast_ref::<Deviation>() {
             self.misses.observe(deviation, self.response.is_some());
+        } else if let Some(disturbance) = any.downcast_ref::<Disturbance>() {
+            self.evidence.disturbance(disturbance);
         } else if let Some(command) = any.downcast_ref::<WrenchCommand>() {
             self.time("attitude", sample);
             self.commands.command(command);
@@ -139,13 +138,13 @@ impl Metrics {
 
     fn observe_truth(&mut self, truth: &Truth) {
         self.time("plant", truth);
-        let q = &truth.q_wb;
-        self.tilt_square = self.tilt_square.max(q.x * q.x + q.y * q.y);
+        self.evidence.truth(truth);
         if let Some(response) = &mut self.response {
             response.observe_truth(truth);
             return;
         }
         self.tracker.observe_position(truth.header.valid_ns, truth.position_w_m);
+        self.tracker.compare(false, &mut self.evidence);
     }
 
     /// True if whoever says this owned the slot then; a shadow's errors harm nobody.
@@ -171,8 +170,7 @@ impl Metrics {
     }
 
     fn observe_applied(&mut self, applied: &AppliedCommand) {
-        self.ticks += 1;
-        self.clipped_ticks += u64::from(applied.clipped.is_set());
+        self.evidence.applied(applied);
         self.safe_ticks += u64::from(applied.mode != GateMode::Normal);
         self.gate = *applied;
         self.commands.applied(applied);
@@ -192,7 +190,8 @@ impl Metrics {
 
     /// Closes the comparison with the reference at the end of the flight.
     pub fn finish(&mut self) {
-        self.tracker.finish();
+        self.tracker.finish(&mut self.evidence);
+        self.evidence.finish();
     }
 
     /// Position error against the reference; call [`Metrics::finish`] first.
@@ -236,27 +235,18 @@ impl Metrics {
         &self.gate
     }
 
-    /// The vehicle ended far from its path, tumbling or with its rotors off; call
-    /// [`Metrics::finish`] first.
-    #[must_use]
-    pub fn vehicle_lost(&self) -> bool {
-        self.how_lost().is_some()
+    /// True if the pilot writes attitudes and there is no path.
+    pub(super) fn is_rig(&self) -> bool {
+        self.response.is_some()
     }
 
-    /// In which of these ways it was lost, if it was.
-    #[must_use]
-    pub fn how_lost(&self) -> Option<String> {
-        let last_second_m = self.tracking().last_second_m;
-        let on_path = last_second_m <= LOST_M;
-        let off_path =
-            (!on_path).then(|| format!("{last_second_m:.1} m off its path in the last second"));
-        let axes = self.step_response().into_iter().flatten();
-        let turned_rad = axes.map(|axis| axis.final_error_rad.abs()).fold(0.0, f64::max);
-        let tumbled = (turned_rad > LOST_RAD)
-            .then(|| format!("turned {turned_rad:.1} rad away from its set point at the end"));
-        let cut = (self.gate.mode == GateMode::Cut).then(|| "rotors cut".to_owned());
-        let ways: Vec<String> = [off_path, tumbled, cut].into_iter().flatten().collect();
-        (!ways.is_empty()).then(|| ways.join(", "))
+    pub(super) fn evidence(&self) -> &Evidence {
+        &self.evidence
+    }
+
+    /// By what the flight is judged.
+    pub(super) fn rules(&self) -> &Rules {
+        self.evidence.rules()
     }
 
     /// Commands outside their bounds.
@@ -282,20 +272,20 @@ impl Metrics {
     /// Largest angle between the vehicle's axis and the vertical \[rad\].
     #[must_use]
     pub fn tilt_max_rad(&self) -> f64 {
-        // cos(tilt) = 1 − 2 (x² + y²)
-        libm::acos((1.0 - 2.0 * self.tilt_square).clamp(-1.0, 1.0))
+        self.evidence.tilt_rad()
     }
 
     /// Share of plant ticks in which rotors were clipped.
     #[must_use]
     pub fn clipped_share(&self) -> f64 {
-        self.clipped_ticks as f64 / self.ticks.max(1) as f64
+        self.evidence.clipping().share
     }
 
     /// Plant ticks in all, with clipped rotors, and outside the gate's normal mode.
     #[must_use]
     pub fn ticks(&self) -> (u64, u64, u64) {
-        (self.ticks, self.clipped_ticks, self.safe_ticks)
+        let (ticks, clipped) = self.evidence.ticks();
+        (ticks, clipped, self.safe_ticks)
     }
 }
 

@@ -8,13 +8,13 @@ use shared_types::{
 };
 
 /// Keeps the roll.
-pub(super) struct RollKeeper {
+pub(crate) struct RollKeeper {
     sink: IpcSink<Roll>,
     roll: Roll,
 }
 
 impl RollKeeper {
-    pub(super) fn open(bus: &Bus) -> Result<Self, PortError> {
+    pub(crate) fn open(bus: &Bus) -> Result<Self, PortError> {
         Ok(Self { sink: bus.open_writer(ServiceKind::Roll)?, roll: Roll::default() })
     }
 
@@ -36,12 +36,12 @@ impl RollKeeper {
     }
 
     /// Everybody who is on it.
-    pub(super) fn entries(&self) -> &[RollEntry] {
+    pub(crate) fn entries(&self) -> &[RollEntry] {
         &self.roll.entries[..self.count()]
     }
 
     /// Enters a process; whoever had the seat before has left it.
-    pub(super) fn enter(&mut self, node: NodeId, seat: Seat, generation: u32, period_ns: u64) {
+    pub(crate) fn enter(&mut self, node: NodeId, seat: Seat, generation: u32, period_ns: u64) {
         self.leave(seat);
         if self.count() == ROLL_LINES {
             // More seats than lines there are not, so somebody has left.
@@ -62,17 +62,17 @@ impl RollKeeper {
     }
 
     /// Nobody has the seat any more, and nobody waits for it.
-    pub(super) fn leave(&mut self, seat: Seat) {
+    pub(crate) fn leave(&mut self, seat: Seat) {
         let of_seat = |e: &&mut RollEntry| (e.role, e.seat) == (seat.role, seat.index);
         self.entries_mut().iter_mut().filter(of_seat).for_each(|e| e.present = Flag::No);
     }
 
     /// Tells everybody.
-    pub(super) fn publish(&mut self) {
+    pub(crate) fn publish(&mut self) {
         self.sink.send(&self.roll);
     }
 
-    pub(super) fn serve_late_joiners(&mut self) {
+    pub(crate) fn serve_late_joiners(&mut self) {
         self.sink.serve_late_joiners();
     }
 }

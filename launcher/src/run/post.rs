@@ -15,13 +15,13 @@ const HANDOVER_CAPACITY: usize = 64 * 1024;
 
 /// A process and the seat that it has.
 #[expect(clippy::struct_excessive_bools, reason = "facts of their own, in any combination")]
-pub(super) struct Post {
-    pub(super) seat: Seat,
-    pub(super) spec: ChildSpec,
-    pub(super) child: Option<RunningChild>,
+pub(crate) struct Post {
+    pub(crate) seat: Seat,
+    pub(crate) spec: ChildSpec,
+    pub(crate) child: Option<RunningChild>,
     /// When its process was started, in ticks since the system was.
     pub(super) started: u64,
-    pub(super) generation: u32,
+    pub(crate) generation: u32,
     /// Has said hello.
     pub(super) ready: bool,
     /// Has left in order.
@@ -48,7 +48,7 @@ pub(super) struct Post {
 
 impl Post {
     /// A post with nobody at it yet.
-    pub(super) fn open(bus: &Bus, seat: Seat, spec: ChildSpec) -> Result<Self, PortError> {
+    pub(crate) fn open(bus: &Bus, seat: Seat, spec: ChildSpec) -> Result<Self, PortError> {
         let kind = ServiceKind::Handover(seat);
         Ok(Self {
             seat,
@@ -72,7 +72,7 @@ impl Post {
     }
 
     /// Starts the process; it begins at the start of the flight, or waits for a hand-over.
-    pub(super) fn start(&mut self, folder: &Path, awaits_handover: bool) -> io::Result<()> {
+    pub(crate) fn start(&mut self, folder: &Path, awaits_handover: bool) -> io::Result<()> {
         let place = Place { seat: self.seat.index, generation: self.generation };
         let child = RunningChild::start(&self.spec, folder, place, awaits_handover)?;
         self.started = process_start(child.pid()).unwrap_or(0);
@@ -84,7 +84,7 @@ impl Post {
     }
 
     /// Lets a process that waits for it begin.
-    pub(super) fn hand_over(&mut self, order: Handover, state: &[u8]) {
+    pub(crate) fn hand_over(&mut self, order: Handover, state: &[u8]) {
         let header = Header { generation: self.generation, ..Header::default() };
         let mut bytes = vec![0; Handover::PACKED_SIZE];
         order.pack(&mut bytes);
@@ -93,7 +93,7 @@ impl Post {
     }
 
     /// Lets a process that has just joined see its hand-over.
-    pub(super) fn serve_late_joiners(&mut self) {
+    pub(crate) fn serve_late_joiners(&mut self) {
         self.handover.serve_late_joiners();
     }
 
@@ -108,9 +108,17 @@ impl Post {
         hung
     }
 
-    /// What the process said last, for the end of a sentence.
+    /// What the process said last, for the end of a sentence; call after it has exited.
     pub(super) fn words(&mut self) -> String {
-        let words = self.child.as_mut().map(RunningChild::last_words).unwrap_or_default();
+        Self::quoted(&self.child.as_mut().map(RunningChild::last_words).unwrap_or_default())
+    }
+
+    /// What the process has said until now, for the end of a sentence.
+    pub(super) fn words_so_far(&self) -> String {
+        Self::quoted(&self.child.as_ref().map(RunningChild::words_so_far).unwrap_or_default())
+    }
+
+    fn quoted(words: &str) -> String {
         if words.is_empty() { String::new() } else { format!(", its last words:\n{words}\n") }
     }
 }

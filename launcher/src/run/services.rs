@@ -1,15 +1,16 @@
 //! Every service of a run, held by its launcher for as long as that lives.
 
+use runtime::Graph;
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
 use shared_types::ZeroCopySend;
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicVisitor, topics,
+    ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicInfo, TopicVisitor, topics,
 };
 use std::any::Any;
 
 /// Keeps the services alive; children only open what is held here.
-pub(super) struct HeldServices {
+pub(crate) struct HeldServices {
     _factories: Vec<Box<dyn Any>>,
 }
 
@@ -23,12 +24,17 @@ enum Way {
 struct Holder<'a> {
     bus: &'a Bus,
     way: Way,
+    /// The loop whose topics are wanted; none for all topics.
+    only_for: Option<(&'a Graph, Role)>,
     factories: Vec<Box<dyn Any>>,
 }
 
 impl TopicVisitor for Holder<'_> {
     type Error = PortError;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
+        if self.only_for.is_some_and(|(graph, role)| !concerns(graph, role, &topic.info)) {
+            return Ok(());
+        }
         let factory = match self.way {
             Way::Create => self.bus.create_topic(topic)?,
             Way::Open => self.bus.open_topic(topic)?,
@@ -50,6 +56,20 @@ impl Holder<'_> {
         };
         self.factories.push(Box::new(factory));
         Ok(())
+    }
+
+    /// What the process of a seat has for itself.
+    fn seat(&mut self, seat: Seat) -> Result<(), PortError> {
+        self.service::<Progress>(ServiceKind::Progress(seat), 4)?;
+        self.states(ServiceKind::State(seat), STATE_DEPTH)?;
+        self.states(ServiceKind::Handover(seat), HANDOVER_DEPTH)
+    }
+
+    /// What is between the launcher and all processes.
+    fn launcher(&mut self) -> Result<(), PortError> {
+        self.service::<Roll>(ServiceKind::Roll, 2)?;
+        self.service::<ClockRecord>(ServiceKind::Clock, 4)?;
+        self.service::<Hello>(ServiceKind::Hello, 64)
     }
 
     fn states(&mut self, kind: ServiceKind, depth: usize) -> Result<(), PortError> {
@@ -77,19 +97,60 @@ impl HeldServices {
         Self::hold(bus, Way::Open)
     }
 
-    fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
-        let mut holder = Holder { bus, way, factories: Vec::new() };
+    /// Creates what the process of one seat opens, in a run that has no other process: the topics that
+    /// its role reads and writes, and the services beside them. Whatever wakes another loop wakes
+    /// the launcher, which waits at the pipe of [`stand_in`].
+    pub(crate) fn create_for(bus: &Bus, graph: &Graph, seat: Seat) -> Result<Self, PortError> {
+        let only_for = Some((graph, seat.role));
+        let mut holder = Holder { bus, way: Way::Create, only_for, factories: Vec::new() };
         topics::visit_all(&mut holder)?;
-        for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
-            holder.service::<Progress>(ServiceKind::Progress(seat), 4)?;
-            holder.states(ServiceKind::State(seat), STATE_DEPTH)?;
-            holder.states(ServiceKind::Handover(seat), HANDOVER_DEPTH)?;
+        let (pipe, mut neighbours) = (stand_in(graph, seat.role), Vec::new());
+        bus.create_wake(seat)?;
+        bus.create_wake(pipe)?;
+        for node in graph.nodes().iter().filter(|node| node.role != seat.role) {
+            let upstream = graph.waits_for(seat.role, node.role);
+            let downstream = graph.waits_for(node.role, seat.role);
+            neighbours.extend(Seat::all(node.role).filter(|_| upstream));
+            for woken in Seat::all(node.role).filter(|woken| downstream && *woken != pipe) {
+                bus.share_wake(woken, pipe)?;
+            }
         }
-        holder.service::<Roll>(ServiceKind::Roll, 2)?;
-        holder.service::<ClockRecord>(ServiceKind::Clock, 4)?;
-        holder.service::<Hello>(ServiceKind::Hello, 64)?;
+        for neighbour in neighbours {
+            holder.service::<Progress>(ServiceKind::Progress(neighbour), 4)?;
+        }
+        holder.seat(seat)?;
+        holder.launcher()?;
         Ok(Self { _factories: holder.factories })
     }
+
+    fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
+        let mut holder = Holder { bus, way, only_for: None, factories: Vec::new() };
+        topics::visit_all(&mut holder)?;
+        Role::STEPPING.into_iter().flat_map(Seat::all).try_for_each(|seat| holder.seat(seat))?;
+        holder.launcher()?;
+        Ok(Self { _factories: holder.factories })
+    }
+}
+
+/// True if a process of `role` reads or writes a topic.
+pub(crate) fn concerns(graph: &Graph, role: Role, topic: &TopicInfo) -> bool {
+    // Owner records tell each member of a slot when to leave; statistics are about every loop.
+    let of_all = [
+        &topics::ATTITUDE_OWNER.info,
+        &topics::POSITION_OWNER.info,
+        &topics::LOOP_STATS.info,
+        &topics::DEVIATION.info,
+    ];
+    topic.to.contains(&role)
+        || graph.producer(topic) == role
+        || of_all.iter().any(|one| one.name == topic.name)
+}
+
+/// The seat whose pipe stands for all that a process of `role` wakes, in a run that has no other process.
+pub(crate) fn stand_in(graph: &Graph, role: Role) -> Seat {
+    let woken = |other: &Role| *other != role && graph.waits_for(*other, role);
+    let roles = graph.nodes().iter().map(|node| node.role);
+    Seat::first(roles.into_iter().find(woken).unwrap_or(Role::Plant))
 }
 
 /// Wakes whoever sits anywhere.

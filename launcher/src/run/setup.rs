@@ -124,7 +124,7 @@ pub(super) fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -
 }
 
 /// A process that touches shared memory which is not there dies of SIGBUS, so look first.
-pub(super) fn require_shared_memory() -> Result<(), RunError> {
+pub(crate) fn require_shared_memory() -> Result<(), RunError> {
     let stat = rustix::fs::statvfs(BASE)
         .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
     let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
@@ -135,7 +135,7 @@ pub(super) fn require_shared_memory() -> Result<(), RunError> {
 }
 
 /// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.
-pub(super) fn run_id() -> String {
+pub(crate) fn run_id() -> String {
     format!("{:04x}{:06x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xff_ffff)
 }
 

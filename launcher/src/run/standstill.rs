@@ -7,7 +7,7 @@ const ENOUGH_TICKS: u64 = 50;
 
 /// How a process stood when it was first found without progress.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Standstill {
+pub(crate) struct Standstill {
     mark_ns: u64,
     ticks: u64,
 }
@@ -15,7 +15,7 @@ pub(super) struct Standstill {
 impl Standstill {
     /// True if a process that has not moved on from `mark_ns` hangs. One that waits for a processor,
     /// and has had little of it since it was first found there, is only starved.
-    pub(super) fn is_hang(found: &mut Option<Self>, pid: u32, mark_ns: u64) -> bool {
+    pub(crate) fn is_hang(found: &mut Option<Self>, pid: u32, mark_ns: u64) -> bool {
         let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         let Some(ticks) = ticks_of_runnable(&stat) else { return true };
         let same = found.filter(|first| first.mark_ns == mark_ns);

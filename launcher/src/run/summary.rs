@@ -1,13 +1,14 @@
 //! The last word about a flight: one screen for people, JSON for machines, metadata for the file.
 
 use super::command_audit::CommandTally;
+use super::judgement::{self, Closing, ENDED, FLOWN_NS};
 use super::loops::seat_name;
 use super::metrics::{Effort, Metrics};
 use super::slots::{SwapReport, write_table};
 use super::upkeep::Upkeep;
-use crate::exit;
 use crate::orders::OrderReport;
 use crate::record::{SequenceAudit, name_gaps};
+use ::verdict::{End, Verdict};
 use hdrhistogram::Histogram;
 use shared_types::{ClockMode, Role};
 use std::collections::BTreeMap;
@@ -80,38 +81,41 @@ pub struct Misses {
 }
 
 impl Summary {
-    /// Exit code: 0, or 1 for a violated bound, a lost vehicle, a tick of a wrong owner or of two
-    /// commands, or a sample that the recorder lost,
-    /// 3 for an incomplete recording, 4 for a crash, 130 for an interrupt.
+    /// Exit code: 0 if the flight passed, 1 if not, 3 for an incomplete recording, 4 for a crash, 130 for an
+    /// interrupt.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
-        if self.lost.is_some() {
-            exit::CRASHED
-        } else if self.interrupted {
-            exit::INTERRUPTED
-        } else if self.recording_error.is_some() {
-            exit::UNFIT
-        } else if self.violations() > 0
-            || self.vehicle_lost()
-            || self.misses().dropped > 0
-            || self.has_stolen_ticks()
-        {
-            exit::GATE_FAILED
-        } else {
-            exit::PASS
-        }
+        judgement::exit_code(&self.closing(), &self.verdict())
     }
 
-    /// The vehicle ended far from its path or with its rotors off, whatever the processes did.
+    /// What is to be said of the flight.
     #[must_use]
-    pub fn vehicle_lost(&self) -> bool {
-        self.metrics.vehicle_lost()
+    pub fn verdict(&self) -> Verdict {
+        self.metrics.judge(&self.closing())
     }
 
-    /// A command was applied that was not its writer's to give, or two in one tick.
-    fn has_stolen_ticks(&self) -> bool {
-        let commands = self.metrics.commands();
-        commands.wrong_owner + commands.duplicated > 0
+    /// The line that every output about this flight begins with.
+    #[must_use]
+    pub fn line(&self) -> String {
+        self.metrics.line(&self.verdict())
+    }
+
+    fn closing(&self) -> Closing {
+        let end = match &self.lost {
+            Some(reason) => End::Crashed(reason.lines().next().unwrap_or_default().to_owned()),
+            None if self.interrupted => End::Interrupted,
+            None => End::Planned,
+        };
+        let gaps = self.audit.gaps();
+        let dropped = gaps.iter().map(|(_, gaps)| gaps).sum();
+        let unrecorded = self.recording_error.as_ref();
+        Closing {
+            end,
+            flown_ns: self.flown_ns,
+            dropped: (dropped, if dropped > 0 { name_gaps(&gaps) } else { String::new() }),
+            unrecorded: unrecorded.map(|why| why.lines().next().unwrap_or_default().to_owned()),
+            ..Closing::default()
+        }
     }
 
     /// Commands outside their bounds.
@@ -156,7 +160,9 @@ impl Summary {
         };
         put("hash", self.hash.clone());
         put("log_hash", self.log_hash.clone());
-        put("outcome", self.verdict());
+        put("verdict", self.line());
+        put(ENDED, judgement::told_end(&self.closing().end));
+        put(FLOWN_NS, self.flown_ns.to_string());
         put("flown_s", format!("{:.3}", self.flown_ns as f64 * 1e-9));
         put("real_time_factor", format!("{:.2}", self.real_time_factor()));
         put("position_rms_m", format!("{:.6}", tracking.rms_m));
@@ -214,6 +220,8 @@ impl Summary {
                 (key, value)
             })
             .collect();
+        object.insert("line".to_owned(), self.line().into());
+        object.insert("verdict".to_owned(), serde_json::json!(self.verdict()));
         object.insert("misses".to_owned(), self.metrics.misses().to_json());
         if self.clock == ClockMode::Realtime {
             let upkeep = Upkeep::of(&self.metrics.loops());
@@ -229,24 +237,6 @@ impl Summary {
         object.insert("swaps".to_owned(), serde_json::json!(self.swaps));
         object.insert("orders".to_owned(), serde_json::json!(self.orders));
         serde_json::Value::from_iter(object)
-    }
-
-    pub(super) fn verdict(&self) -> String {
-        if let Some(reason) = &self.lost {
-            format!("lost: {}", reason.lines().next().unwrap_or_default())
-        } else if self.interrupted {
-            "interrupted".to_owned()
-        } else if let Some(how) = self.metrics.how_lost() {
-            format!("vehicle lost: {how}")
-        } else if self.violations() > 0 {
-            "flown, with violated bounds".to_owned()
-        } else if self.has_stolen_ticks() {
-            "flown, but with commands of a wrong owner".to_owned()
-        } else if self.misses().dropped > 0 {
-            format!("flown, but the recorder lost {}", name_gaps(&self.audit.gaps()))
-        } else {
-            "flown".to_owned()
-        }
     }
 
     fn write_loops(&self, out: &mut String) -> fmt::Result {
@@ -312,7 +302,7 @@ impl Summary {
             gate.refused_wrong_owner
         )?;
         let CommandTally { ticks, missed, duplicated, wrong_owner } = self.metrics.commands();
-        if !self.swaps.is_empty() || self.has_stolen_ticks() {
+        if !self.swaps.is_empty() || wrong_owner + duplicated > 0 {
             writeln!(
                 out,
                 "  command      {missed} of {ticks} ticks missed, {duplicated} duplicated, {wrong_owner} of a wrong owner"
@@ -324,14 +314,12 @@ impl Summary {
     fn write_all(&self, out: &mut String) -> fmt::Result {
         let clock = if self.clock == ClockMode::Realtime { "realtime" } else { "lockstep" };
         let misses = self.misses();
-        writeln!(
-            out,
-            "run {}  {}  {clock}  seed {}  {}",
-            self.run_id,
-            self.scenario,
-            self.seed,
-            self.verdict()
-        )?;
+        let verdict = self.verdict();
+        writeln!(out, "{}", self.metrics.line(&verdict))?;
+        for reason in verdict.reasons().iter().skip(1) {
+            writeln!(out, "  also         {}", reason.text)?;
+        }
+        writeln!(out, "  run          {}, {clock}, seed {}", self.run_id, self.seed)?;
         let from = match self.from_ns {
             0 => String::new(),
             from_ns => format!(", from {:.3} s on", from_ns as f64 * 1e-9),

@@ -1,5 +1,7 @@
 //! How far the vehicle was from its reference.
 
+use super::evidence::Evidence;
+use ::verdict::worst;
 use shared_types::Reference;
 use std::collections::VecDeque;
 
@@ -95,26 +97,26 @@ impl Tracker {
     /// Takes note of where the vehicle is to be.
     pub(super) fn observe_reference(&mut self, reference: &Reference) {
         self.course.observe_reference(reference);
-        self.compare(false);
     }
 
     /// Takes note of where it is.
     pub(super) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
         self.course.observe_position(t_ns, position_w_m);
-        self.compare(false);
     }
 
     /// Compares waiting truths with the reference in effect at their instant.
-    fn compare(&mut self, finished: bool) {
+    pub(super) fn compare(&mut self, finished: bool, evidence: &mut Evidence) {
         while let Some(Point { t_ns, was_w_m, wanted_w_m }) = self.course.next(finished) {
-            self.add_error(t_ns, distance(&wanted_w_m, &was_w_m));
+            let error_m = distance(&wanted_w_m, &was_w_m);
+            self.add_error(t_ns, error_m);
+            evidence.error(t_ns, error_m, wanted_w_m[2]);
         }
     }
 
     fn add_error(&mut self, t_ns: u64, error_m: f64) {
         self.tracking.samples += 1;
         self.squares += error_m * error_m;
-        self.tracking.max_m = self.tracking.max_m.max(error_m);
+        self.tracking.max_m = worst(self.tracking.max_m, error_m);
         self.recent.push_back((t_ns, error_m));
         while self.recent.front().is_some_and(|(t, _)| t + 1_000_000_000 <= t_ns) {
             self.recent.pop_front();
@@ -122,8 +124,8 @@ impl Tracker {
     }
 
     /// Closes the comparison at the end of the flight.
-    pub(super) fn finish(&mut self) {
-        self.compare(true);
+    pub(super) fn finish(&mut self, evidence: &mut Evidence) {
+        self.compare(true, evidence);
         let samples = self.tracking.samples.max(1) as f64;
         self.tracking.rms_m = (self.squares / samples).sqrt();
         let recent = self.recent.len().max(1) as f64;
@@ -167,6 +169,7 @@ mod tests {
 
     fn be(tracker: &mut Tracker, t_ms: u64, x_m: f64) {
         tracker.observe_position(t_ms * 1_000_000, [x_m, 0.0, 0.0]);
+        tracker.compare(false, &mut Evidence::default());
     }
 
     #[test]
@@ -184,7 +187,7 @@ mod tests {
             be(&mut second, t, 0.001 * t as f64 + 0.01);
         }
         for tracker in [&mut first, &mut second] {
-            tracker.finish();
+            tracker.finish(&mut Evidence::default());
             let tracking = tracker.tracking();
             assert_eq!(tracking.samples, 40);
             assert!((tracking.rms_m - 0.01).abs() < 1e-12);
@@ -204,7 +207,7 @@ mod tests {
         for t in 20..30 {
             be(&mut tracker, t, 0.001 * t as f64 + 0.01);
         }
-        tracker.finish();
+        tracker.finish(&mut Evidence::default());
         assert_eq!(tracker.tracking().samples, 10);
         assert!((tracker.tracking().max_m - 0.01).abs() < 1e-12);
     }

@@ -66,7 +66,8 @@ impl Palette {
 
 /// Draws everything.
 pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, talk: &Talk, palette: Palette) {
-    let slots = u16::try_from(snapshot.status.slots.len()).unwrap_or(0);
+    let slot_lines = slots_of(&snapshot.status);
+    let slots = u16::try_from(slot_lines.len()).unwrap_or(0);
     let loops = u16::try_from(snapshot.loops.len()).unwrap_or(0);
     let [head, table, slots, talked, keys] = Layout::vertical([
         Constraint::Length(3),
@@ -78,7 +79,7 @@ pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, talk: &Talk, palette: Pa
     .areas(frame.area());
     frame.render_widget(Paragraph::new(head_of(snapshot, talk, palette, head.width)), head);
     frame.render_widget(Paragraph::new(table_of(snapshot, palette)), table);
-    frame.render_widget(Paragraph::new(slots_of(&snapshot.status)), slots);
+    frame.render_widget(Paragraph::new(slot_lines), slots);
     let room = usize::from(talked.height);
     let kept = talk.lines.len().saturating_sub(room);
     let said: Vec<Line<'_>> =
@@ -232,15 +233,22 @@ fn count(count: u64) -> String {
 }
 
 fn slots_of(status: &RunStatus) -> Vec<Line<'static>> {
-    let line = |slot: &crate::control::status::SlotStatus| {
+    let mut lines = Vec::new();
+    for slot in &status.slots {
         let owner = slot.owner.as_deref().unwrap_or("nobody");
+        let watched = if slot.watched { " (watched)" } else { "" };
+        let owner = format!("{owner}{watched}");
         let fallback = slot.fallback.as_deref().unwrap_or("-");
-        Line::from(format!(
-            "{:<9} epoch {:<4} owner {owner:<22} fallback {fallback}",
+        lines.push(Line::from(format!(
+            "{:<9} epoch {:<4} owner {owner:<30} fallback {fallback}",
             slot.slot, slot.epoch
-        ))
-    };
-    status.slots.iter().map(line).collect()
+        )));
+        let course = slot.course();
+        if !course.is_empty() {
+            lines.push(Line::from(format!("  {course}")));
+        }
+    }
+    lines
 }
 
 /// The same for a pipe: lines without a trace of a terminal.

@@ -5,7 +5,8 @@ use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
 use crate::record::Clock;
 use crate::record::read::{RecordVisitor, RecordedEvent};
-use crate::run::{Course, LOST_M, LoopLedger};
+use crate::run::{Course, LoopLedger};
+use ::verdict::LOST_M;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::{
     ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, ControllerReport, Disturbance,

@@ -6,8 +6,9 @@ use super::json;
 use super::panel::{Panels, Uses};
 use crate::record::Clock;
 use crate::record::read::{Closing, ReadError, RecordedFlight};
-use crate::report::recount;
+use crate::report::Observed;
 use crate::run::LoopLedger;
+use ::verdict::Verdict;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -77,10 +78,8 @@ impl Scene {
     pub fn read(flight: &RecordedFlight) -> Result<Self, ViewError> {
         let gathered = gather(flight)?;
         let Gathered { panels, frames, happenings, loops, span_ns, closing, .. } = gathered;
-        let counted = match &closing.summary {
-            none if none.is_empty() => recount(flight)?,
-            told => told.clone(),
-        };
+        let observed = Observed::of(flight)?;
+        let counted = if closing.summary.is_empty() { observed.summary() } else { closing.summary };
         let (from_ns, to_ns) = span_ns;
         let vehicle = flight.scenario().modelled_vehicle();
         let (from_s, to_s) = (seconds(from_ns), seconds(to_ns));
@@ -92,7 +91,7 @@ impl Scene {
             "title": format!("{} · run {}", fact("scenario"), fact("run_id")),
             "from_s": from_s,
             "to_s": to_s,
-            "outcome": outcome(&closing, to_s),
+            "outcome": outcome(&observed.line(), observed.verdict()),
             "facts": facts(flight, &counted),
             "vehicle": json::vehicle(&vehicle),
             "frames": json::frames(&frames, 0, false),
@@ -110,21 +109,9 @@ impl Scene {
     }
 }
 
-/// How the flight ended: a word for the colour, and a sentence.
-fn outcome(closing: &Closing, to_s: f64) -> Value {
-    let told = closing.summary.get("outcome").cloned();
-    match told {
-        Some(text) if closing.has_holes() => json!({
-            "is_good": false,
-            "text": format!("{text}; lines cross holes in the file: {closing}"),
-        }),
-        Some(text) if text == "flown" => json!({ "is_good": true, "text": text }),
-        Some(text) => json!({ "is_good": false, "text": text }),
-        None => json!({
-            "is_good": false,
-            "text": format!("the file ends at {to_s:.3} s, {closing}: what came later is not in it"),
-        }),
-    }
+/// The verdict: a word for the colour, a sentence, and everything for machines.
+fn outcome(line: &str, verdict: &Verdict) -> Value {
+    json!({ "is_good": verdict.passed(), "text": line, "verdict": verdict })
 }
 
 /// Names and values for people.
@@ -162,26 +149,4 @@ fn facts(flight: &RecordedFlight, counted: &BTreeMap<String, String>) -> Value {
 
 fn seconds(ns: u64) -> f64 {
     ns as f64 * 1e-9
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::record::read::Rescue;
-
-    #[test]
-    fn what_is_drawn_across_holes_is_not_shown_as_flown() {
-        let summary = BTreeMap::from([("outcome".to_owned(), "flown".to_owned())]);
-        let whole = Closing { complete: true, summary, ..Closing::default() };
-        assert_eq!(outcome(&whole, 6.0), json!({ "is_good": true, "text": "flown" }));
-        let rescue = Rescue { from: "bad.mcap".to_owned(), damage: None, left_out: 1 };
-        let holed = Closing { complete: false, recovered: Some(rescue), ..whole };
-        let told = outcome(&holed, 6.0);
-        assert_eq!(told["is_good"], false);
-        let text = told["text"].as_str().unwrap_or_default();
-        assert!(
-            text.starts_with("flown; lines cross holes") && text.contains("bad.mcap"),
-            "{text}"
-        );
-    }
 }

@@ -157,6 +157,10 @@ impl Service for Rogue {
         self.inner.track(now_ns, inputs);
     }
 
+    fn is_displaced(&self, inputs: &Inputs) -> bool {
+        self.inner.is_displaced(inputs)
+    }
+
     fn memory(&self) -> Memory {
         self.inner.memory()
     }

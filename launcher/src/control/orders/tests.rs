@@ -15,7 +15,7 @@ impl Flight {
     fn new() -> Self {
         let mut orders = Orders::default();
         let candidate = Candidate::Service("attitude-mpc");
-        let program = orders.program(Executable { candidate, config: None });
+        let program = orders.program(Executable::new(candidate, None));
         let seat = Seat::ALL[0];
         orders.seat(Slot::Attitude, seat, program);
         assert_eq!(SlotConfig::LOCKSTEP.clock, Clock::Lockstep);
@@ -107,6 +107,7 @@ fn swap(to: &str) -> Order {
         max_bump: None,
         rollback_ns,
         force: false,
+        rehearse: Some(false),
         dry_run: false,
     }
 }
@@ -244,6 +245,7 @@ fn a_standby_is_named_by_its_program_as_long_as_only_one_can_be_meant() {
         slot: "attitude".to_owned(),
         name: "attitude-mpc".to_owned(),
         shadow_ns: 1_000_000_000,
+        rehearse: Some(false),
     };
     let mut standing_by = flight.ask(&standby);
     flight.ready(Seat::ALL[1]);
@@ -268,7 +270,8 @@ fn a_standby_is_named_by_its_program_as_long_as_only_one_can_be_meant() {
 fn requests_are_plain_json_with_the_defaults_of_the_command() {
     let text = r#"{"request":"swap","slot":"attitude","to":"attitude-mpc"}"#;
     let request: Request = serde_json::from_str(text).unwrap();
-    assert_eq!(request, Request::Swap(swap("attitude-mpc")));
+    let order = Order { rehearse: None, ..swap("attitude-mpc") };
+    assert_eq!(request, Request::Swap(order));
     let text = r#"{"request":"retire","name":"attitude-mpc@1"}"#;
     let request: Request = serde_json::from_str(text).unwrap();
     assert_eq!(request, Request::Retire { name: "attitude-mpc@1".to_owned() });

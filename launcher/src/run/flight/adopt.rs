@@ -220,7 +220,7 @@ impl Flight {
             }
         };
         let startup_ns = crate::run::setup::seconds(scenario.settings().launcher.startup_timeout_s);
-        let slots = Slots::none_yet(&notes.posts, scenario.modelled_vehicle(), startup_ns);
+        let slots = Slots::none_yet(&notes.posts, scenario, startup_ns);
         let end_ns = scenario.duration_ns();
         let conductor = Conductor::take_over(&bus, notes.clock.0, end_ns, &graph)?;
         // The dead launcher's socket; nobody listens there.

@@ -14,6 +14,7 @@ use crate::run::live::Live;
 use crate::run::metrics::Metrics;
 use crate::run::notes::Notebook;
 use crate::run::pilot_thread::{self, Entry};
+use crate::run::rehearser::Rehearser;
 use crate::run::services::{HeldServices, Wakers};
 use crate::run::setup::{
     RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, seconds, system,
@@ -87,7 +88,7 @@ impl Flight {
             disorder::shuffle(&mut specs, seed, &allowed_processors()?);
         }
         let startup_ns = seconds(scenario.settings().launcher.startup_timeout_s);
-        let slots = Slots::new(clock_of(scenario), &specs, scenario.modelled_vehicle(), startup_ns);
+        let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
         let folder = membership.folder().to_path_buf();
         let policy = restart_policy(scenario);
         let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, notebook)?;
@@ -114,7 +115,7 @@ impl Flight {
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let mut consumers = Consumers::new(&roles, Metrics::of(&options.scenario), recording);
-        consumers.slot_watch = Some(SlotWatch::default());
+        consumers.slot_watch = Some(SlotWatch::new(&options.scenario.modelled_vehicle()));
         consumers.feed = live.take_feed();
         Ok(Self {
             tap: Tap::open(&bus, &graph, consumers)?,
@@ -136,6 +137,7 @@ impl Flight {
             stall_limit_ns: seconds(settings.launcher.stall_timeout_s),
             lag_limit_ns: seconds(settings.launcher.lag_timeout_s),
             progress_at: (0, 0),
+            rehearser: Rehearser::new(clock_of(&options.scenario) == ClockMode::Realtime),
             drained_ns: 0,
             known_strays: 0,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),

@@ -35,7 +35,9 @@ impl Flight {
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let allowed_ns = if realtime { 0 } else { self.conductor.allowed_ns() };
         let marks = present.iter().map(|entry| self.mark_of(entry));
-        let total = marks.fold(allowed_ns, u64::wrapping_add);
+        // So does arriving: a process may take long to start while time is held for it.
+        let known = allowed_ns.wrapping_add(present.len() as u64);
+        let total = marks.fold(known, u64::wrapping_add);
         if !realtime && total != self.progress_at.1 {
             self.progress_at = (now_ns, total);
         }

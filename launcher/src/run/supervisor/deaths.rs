@@ -23,6 +23,7 @@ pub(super) const PLANT_GONE: &str =
     "the plant is the world and cannot be restarted: the flight ends";
 
 impl Supervisor {
+    #[expect(clippy::too_many_lines, reason = "one way of dying after another")]
     pub(super) fn bury_the_dead(
         &mut self,
         bus: &Bus,
@@ -40,12 +41,18 @@ impl Supervisor {
             Death::Unseen => has_left(post, tap, now_ns),
         };
         if in_order {
+            let words = if post.ready { String::new() } else { post.words() };
             post.finished = true;
             post.child = None;
             let place = post.seat;
             if place.role.seats() > 1 {
+                let unheard = !post.ready && !post.scripted;
+                let obituary = unheard.then(|| {
+                    let (name, words) = (post.spec.name.clone(), words);
+                    format!("{name} exited with status 0 before it said hello{words}")
+                });
                 self.leave_roll(place, tap);
-                self.events.push(PostEvent::Gone { place, obituary: None });
+                self.events.push(PostEvent::Gone { place, obituary });
             }
             return Ok(());
         }
@@ -115,6 +122,12 @@ impl Supervisor {
                 child.kill();
             }
         }
+    }
+
+    /// What a process has said on its standard error until now, for the end of a sentence.
+    pub(in crate::run) fn words_so_far(&self, seat: Seat) -> String {
+        let post = self.posts.iter().find(|post| post.seat == seat);
+        post.map(Post::words_so_far).unwrap_or_default()
     }
 
     /// Stops a process without ending it, and lets nobody wait for it any more.

@@ -2,8 +2,9 @@
 
 use super::{Case, ControllersError, Kind, PULSE_AT_S, PUSH_S};
 use crate::in_process::{InProcess, Observer, StateSource};
-use crate::run::Metrics;
+use crate::run::{Closing, Metrics};
 use crate::scenario::Scenario;
+use ::verdict::Grade;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use runtime::clock::mono_now_ns;
 use shared_types::{Role, Sample, Topic, Truth};
@@ -94,7 +95,7 @@ pub(super) fn fly_one(scenario: &Scenario, case: &Case) -> Result<Flown, Control
     let mut flown = Flown {
         violations: metrics.violations(),
         clipped_share: metrics.clipped_share(),
-        lost: metrics.vehicle_lost(),
+        lost: metrics.judge(&Closing::default()).grade() >= Grade::Lost,
         step_ns: [median(Role::Attitude), median(Role::Position)],
         ..Flown::default()
     };

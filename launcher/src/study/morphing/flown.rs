@@ -4,12 +4,11 @@ use super::{Flight, MorphingError, Verdict};
 use crate::in_process::{Observer, fly};
 use crate::pilot::Trajectory;
 use crate::scenario::{Plan, Scenario};
+use ::verdict::LOST_M;
 use serde::Serialize;
 use shared_types::{AppliedCommand, GateMode, Sample, Topic, Truth};
 use std::any::Any;
 
-/// A vehicle further off than this is lost \[m\].
-const LOST_M: f64 = 1.0;
 /// Stretch over which oscillation is judged \[ns\].
 const STRETCH_NS: u64 = 500_000_000;
 /// Root mean square of roll and pitch rate over a stretch that counts as oscillation \[rad/s\]:

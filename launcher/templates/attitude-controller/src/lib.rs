@@ -9,8 +9,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use runtime::{Link, Service, SetpointMemory, SetpointSlot, inputs, outputs};
 use serde::Deserialize;
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, OwnerRecord, Role,
-    StateEstimate, WrenchCommand, topics,
+    AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, OwnerRecord, Role,
+    StateEstimate, Trip, WrenchCommand, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters};
 
@@ -47,6 +47,8 @@ inputs! {
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Whose set points count.
         position_owner: OwnerRecord = topics::POSITION_OWNER,
+        /// Owners that are not to be obeyed any more.
+        trip: Trip = topics::TRIP,
     }
 }
 
@@ -131,7 +133,8 @@ impl Controller {
 
     /// Takes the set point that counts; the last one stays if nobody's does.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
-        let taken = self.slot.take(now_ns, &inputs.position_owner, &inputs.attitude_setpoint);
+        let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
+        let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);
         if let Some(command) = taken {
             let [thrust_n, roll_rad, pitch_rad, yaw_rad] = command.value;
             self.memory.setpoint = [roll_rad, pitch_rad, yaw_rad, thrust_n];
@@ -245,6 +248,11 @@ impl Service for Controller {
 
     fn track(&mut self, _now_ns: u64, _inputs: &Inputs) {
         self.tracking = true;
+    }
+
+    /// While the plant brings the vehicle back by itself, the torque follows what it applies.
+    fn is_displaced(&self, inputs: &Inputs) -> bool {
+        inputs.applied_command.latest().is_some_and(|applied| applied.mode == GateMode::Recover)
     }
 
     fn memory(&self) -> Memory {
