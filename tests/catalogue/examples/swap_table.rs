@@ -1,27 +1,56 @@
 //! The catalogue swapped into flights: with everything that guards a swap, with the watch alone, and with
 //! nothing, judged by the truth beside the same flight without a swap.
 //!
-//! `swap_table [attitude|position] [all|watch|none] [good] [SEEDS] [ENTRY]`; `good` flies the shipped
-//! controllers in place of each other. Run it after `cargo build --release -p catalogue`.
+//! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [ENTRY...]`; `good` flies the
+//! shipped controllers, each in place of each, and `python` the controllers in Python, good or bad. Run it
+//! after `cargo build --release -p catalogue`; Python needs the environment of
+//! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
-use catalogue::swapped::{Guard, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped};
-use catalogue::{Entry, entries};
+use catalogue::limits::{lower_limit, upper_limit};
+use catalogue::swapped::{
+    Guard, Holder, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
+};
+use catalogue::{Entry, Fault, entries};
 use launcher::candidate::Slot;
 use launcher::components::names_for;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
-use std::sync::Mutex;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// Who is swapped in.
+#[derive(Clone)]
+enum Candidate {
+    /// A shipped law, spoiled.
+    Bad(Entry),
+    /// The law in Python, spoiled.
+    BadPython(Entry),
+    /// A shipped controller.
+    Shipped(&'static str),
+    /// The controller in Python.
+    Python,
+}
 
 /// One flight to be flown.
 struct Case {
     situation: &'static Situation,
     seed: u64,
     slot: Slot,
-    /// Entry of the catalogue, or name of a shipped controller.
-    what: Result<Entry, &'static str>,
+    /// Who holds the slot before, if not the scenario's own.
+    holder: Option<Holder>,
+    candidate: Candidate,
     guard: Guard,
+}
+
+/// What is asked for on the command line.
+struct Selection {
+    slots: Vec<Slot>,
+    guards: Vec<Guard>,
+    seeds: u64,
+    good: bool,
+    python: bool,
+    named: Vec<String>,
 }
 
 #[derive(Default)]
@@ -34,74 +63,126 @@ struct Row {
     tilt_deg: f64,
 }
 
-/// By slot and entry, then by guard.
+/// By slot and controller, then by guard.
 type Rows = BTreeMap<(&'static str, String), BTreeMap<&'static str, Row>>;
 
-fn executable() -> PathBuf {
-    let own = std::env::current_exe().expect("the own executable");
-    own.parent().and_then(|examples| examples.parent()).expect("a target folder").join("catalogue")
+impl Candidate {
+    fn is_good(&self) -> bool {
+        matches!(self, Self::Shipped(_) | Self::Python)
+    }
+
+    fn name(&self) -> String {
+        match self {
+            Self::Bad(entry) => entry.name(),
+            Self::BadPython(entry) => format!("Python, {}", entry.name()),
+            Self::Shipped(name) => format!("good {name}"),
+            Self::Python => "good in Python".to_owned(),
+        }
+    }
 }
 
-#[expect(clippy::too_many_lines, reason = "what is flown, in one piece")]
-fn main() {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let has = |word: &str| words.iter().any(|given| given == word);
-    let only = words.iter().find_map(|word| Slot::named(word));
-    let seeds: u64 = words.iter().find_map(|word| word.parse().ok()).unwrap_or(1);
-    let named: Vec<&String> = words
-        .iter()
-        .filter(|w| {
-            w.parse::<u64>().is_err()
-                && Slot::named(w).is_none()
-                && !["all", "watch", "none", "good"].contains(&w.as_str())
-        })
-        .collect();
-    let chosen = ["all", "watch", "none"].iter().any(|word| has(word));
-    let guards = [(Guard::All, "all"), (Guard::Watch, "watch"), (Guard::None, "none")];
-    let guards = guards.into_iter().filter(|(_, word)| !chosen || has(word));
-    let guards: Vec<Guard> = guards.map(|(guard, _)| guard).collect();
-    let mut cases = Vec::new();
-    for slot in Slot::ALL.into_iter().filter(|slot| only.is_none_or(|only| only == *slot)) {
-        for situation in &SITUATIONS {
-            for seed in 1..=seeds {
-                let whats: Vec<Result<Entry, &'static str>> = if has("good") {
-                    names_for(slot.role()).map(Err).collect()
-                } else {
-                    entries(slot).into_iter().map(Ok).collect()
-                };
-                for what in whats {
-                    let name = what.as_ref().map_or_else(|name| (*name).to_owned(), Entry::name);
-                    if !named.is_empty() && !named.iter().any(|word| name.contains(word.as_str())) {
-                        continue;
-                    }
-                    for &guard in &guards {
-                        if what.is_err() && guard != Guard::All {
-                            continue;
+impl Selection {
+    fn read(words: &[String]) -> Self {
+        let has = |word: &str| words.iter().any(|given| given == word);
+        let known = ["all", "watch", "none", "good", "python"];
+        let only = words.iter().find_map(|word| Slot::named(word));
+        let guards = [(Guard::All, "all"), (Guard::Watch, "watch"), (Guard::None, "none")];
+        let chosen = guards.iter().any(|(_, word)| has(word));
+        let guards = guards.into_iter().filter(|(_, word)| !chosen || has(word));
+        let named = words.iter().filter(|word| {
+            word.parse::<u64>().is_err()
+                && Slot::named(word).is_none()
+                && !known.contains(&word.as_str())
+        });
+        Self {
+            slots: Slot::ALL.into_iter().filter(|slot| only.is_none_or(|o| o == *slot)).collect(),
+            guards: guards.map(|(guard, _)| guard).collect(),
+            seeds: words.iter().find_map(|word| word.parse().ok()).unwrap_or(1),
+            good: has("good"),
+            python: has("python"),
+            named: named.cloned().collect(),
+        }
+    }
+
+    fn candidates(&self, slot: Slot) -> Vec<Candidate> {
+        let in_python = |entry: &Entry| {
+            let first_sign = entry.fault == Fault::WrongSign && entry.axis == 1;
+            let kinds = matches!(entry.fault, Fault::Frozen | Fault::NotANumber);
+            first_sign || kinds || entry.fault == Fault::Gain && entry.amount > 5.0
+        };
+        match (self.good, self.python) {
+            (true, true) => vec![Candidate::Python],
+            (true, false) => names_for(slot.role()).map(Candidate::Shipped).collect(),
+            (false, true) => {
+                let chosen = entries(slot).into_iter().filter(in_python);
+                chosen.map(Candidate::BadPython).collect()
+            }
+            (false, false) => entries(slot).into_iter().map(Candidate::Bad).collect(),
+        }
+    }
+
+    fn holders(&self, slot: Slot) -> Vec<Option<Holder>> {
+        if self.good {
+            names_for(slot.role()).map(|name| Some((slot, name))).collect()
+        } else {
+            vec![None]
+        }
+    }
+
+    fn cases(&self) -> Vec<Case> {
+        let mut cases = Vec::new();
+        for &slot in &self.slots {
+            for candidate in self.candidates(slot) {
+                let name = candidate.name();
+                if !self.named.is_empty() && !self.named.iter().any(|word| name.contains(word)) {
+                    continue;
+                }
+                for holder in self.holders(slot) {
+                    for situation in &SITUATIONS {
+                        for seed in 1..=self.seeds {
+                            for &guard in &self.guards {
+                                if !candidate.is_good() || guard == Guard::All {
+                                    let candidate = candidate.clone();
+                                    cases.push(Case {
+                                        situation,
+                                        seed,
+                                        slot,
+                                        holder,
+                                        candidate,
+                                        guard,
+                                    });
+                                }
+                            }
                         }
-                        cases.push(Case { situation, seed, slot, what: what.clone(), guard });
                     }
                 }
             }
         }
+        cases
     }
+}
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let cases = Selection::read(&words).cases();
     let next = AtomicUsize::new(0);
     let rows: Mutex<Rows> = Mutex::default();
-    let plains: Mutex<BTreeMap<(&str, u64), std::sync::Arc<Plain>>> = Mutex::default();
+    let plains: Mutex<BTreeMap<(&str, u64, Option<&str>), Arc<Plain>>> = Mutex::default();
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
                 while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let key = (case.situation.name, case.seed);
+                    let holder = case.holder.map(|(_, name)| name);
+                    let key = (case.situation.name, case.seed, holder);
                     let known = plains.lock().expect("no panic").get(&key).cloned();
                     let unswapped = known.unwrap_or_else(|| {
-                        let made = plain(case.situation, case.seed).expect("a flight");
-                        let made = std::sync::Arc::new(made);
+                        let made = plain(case.situation, case.seed, case.holder);
+                        let made = Arc::new(made.expect("a flight"));
                         plains.lock().expect("no panic").insert(key, made.clone());
                         made
                     });
                     let flown = fly(case, &unswapped);
-                    let mut rows = rows.lock().expect("no panic");
-                    note(case, &flown, &mut rows);
+                    note(case, &flown, &mut rows.lock().expect("no panic"));
                 }
             });
         }
@@ -109,18 +190,34 @@ fn main() {
     print(&rows.into_inner().expect("no panic"));
 }
 
+/// The executable of the catalogue, of the same build.
+fn executable() -> PathBuf {
+    let own = std::env::current_exe().expect("the own executable");
+    own.parent().and_then(|examples| examples.parent()).expect("a target folder").join("catalogue")
+}
+
 fn fly(case: &Case, unswapped: &Plain) -> Swapped {
-    let Case { situation, seed, slot, what, guard } = case;
+    let Case { situation, seed, slot, candidate, guard, .. } = case;
     let folder = tempfile::TempDir::new().expect("a folder");
-    let flown = match what {
-        Ok(entry) => {
-            let config = folder.path().join("entry.toml");
-            std::fs::write(&config, config_of(entry)).expect("a file");
-            let to = executable().display().to_string();
-            swapped((situation, *seed), *slot, (&to, Some(&config)), *guard, unswapped)
+    let config = folder.path().join("entry.toml");
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (to, entry) = match candidate {
+        Candidate::Bad(entry) => (executable().display().to_string(), Some(entry)),
+        Candidate::BadPython(entry) => {
+            let file = format!("python/bad_{}.py", slot.label());
+            (here.join(file).display().to_string(), Some(entry))
         }
-        Err(name) => swapped((situation, *seed), *slot, (name, None), *guard, unswapped),
+        Candidate::Shipped(name) => ((*name).to_owned(), None),
+        Candidate::Python => {
+            let file = format!("../../services/attitude-python/{}_pd.py", slot.label());
+            (here.join(file).display().to_string(), None)
+        }
     };
+    let config = entry.map(|entry| {
+        std::fs::write(&config, config_of(entry)).expect("a file");
+        config.as_path()
+    });
+    let flown = swapped((situation, *seed), *slot, (&to, config), *guard, unswapped);
     flown.unwrap_or_else(|error| Swapped {
         lost: Some(format!("not flown: {error}")),
         excursion_m: f64::INFINITY,
@@ -132,7 +229,8 @@ fn fly(case: &Case, unswapped: &Plain) -> Swapped {
 }
 
 fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
-    let name = case.what.as_ref().map_or_else(|name| format!("good {name}"), Entry::name);
+    let holder = case.holder.map_or(String::new(), |(_, name)| format!(" for {name}"));
+    let name = case.candidate.name() + &holder;
     let row = rows.entry((case.slot.label(), name.clone())).or_default();
     let row = row.entry(case.guard.name()).or_default();
     row.flights += 1;
@@ -141,11 +239,10 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     row.tripped += u32::from(flown.tripped_s.is_some());
     row.excursion_m = row.excursion_m.max(flown.excursion_m);
     row.tilt_deg = row.tilt_deg.max(flown.tilt_deg);
-    let told = case.guard != Guard::None
-        && (flown.lost.is_some()
-            || flown.excursion_m > 0.5
-            || case.what.is_err() && !flown.flipped);
-    if told {
+    let is_refused = case.candidate.is_good() && !flown.flipped;
+    let hurts = flown.lost.is_some()
+        || case.guard == Guard::All && (flown.excursion_m > 0.5 || flown.tilt_deg > 60.0);
+    if is_refused || case.guard != Guard::None && hurts {
         println!(
             "{} {name} {} seed {} {}: {}, {:.2} m, {:.0} deg, trip {:?}; {}",
             case.slot.label(),
@@ -163,24 +260,52 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
 
 fn print(rows: &Rows) {
     println!(
-        "{:<9} {:<32} {:<12} {:>7} {:>5} {:>7} {:>7} {:>8} {:>6}",
+        "{:<9} {:<40} {:<12} {:>7} {:>5} {:>7} {:>7} {:>8} {:>6}",
         "slot", "controller", "guard", "flights", "lost", "flipped", "tripped", "at most", "tilt"
     );
-    let mut sums: BTreeMap<&str, (u32, u32)> = BTreeMap::new();
+    // All, those of controllers that lose a vehicle where nothing guards it, and those that flipped.
+    let mut sums: BTreeMap<&str, [Sum; 3]> = BTreeMap::new();
     for ((slot, name), guards) in rows {
+        let hurts = guards.get(Guard::None.name()).is_none_or(|row| row.lost > 0);
         for (guard, row) in guards {
             println!(
-                "{slot:<9} {name:<32} {guard:<12} {:>7} {:>5} {:>7} {:>7} {:>6.2} m {:>4.0} d",
+                "{slot:<9} {name:<40} {guard:<12} {:>7} {:>5} {:>7} {:>7} {:>6.2} m {:>4.0} d",
                 row.flights, row.lost, row.flipped, row.tripped, row.excursion_m, row.tilt_deg
             );
-            let sum = sums.entry(guard).or_default();
-            *sum = (sum.0 + row.flights, sum.1 + row.lost);
+            let [all, hurting, flipped] = sums.entry(guard).or_default();
+            all.add(row.lost, row);
+            flipped.add(row.flipped, row);
+            if hurts {
+                hurting.add(row.lost, row);
+            }
         }
     }
-    for (guard, (flights, lost)) in sums {
-        // Clopper and Pearson's upper limit where none is lost, the normal one else.
-        let (n, p) = (f64::from(flights), f64::from(lost) / f64::from(flights));
-        let upper = if lost == 0 { 3.0 / n } else { p + 1.645 * (p * (1.0 - p) / n).sqrt() };
-        println!("{guard}: {lost} of {flights} lost, at most {:.2} % at 95 %", 100.0 * upper);
+    for (guard, [all, hurting, flipped]) in sums {
+        println!("{guard}: {} lost; of entries that hurt {}", all.at_most(), hurting.at_most());
+        println!("{guard}: {} flipped", flipped.at_least());
+    }
+}
+
+/// So many of so many flights.
+#[derive(Default)]
+struct Sum {
+    of: u32,
+    flights: u32,
+}
+
+impl Sum {
+    fn add(&mut self, of: u32, row: &Row) {
+        self.of += of;
+        self.flights += row.flights;
+    }
+
+    fn at_most(&self) -> String {
+        let limit = 100.0 * upper_limit(self.of, self.flights);
+        format!("{} of {} ({limit:.2} % at most at 95 %)", self.of, self.flights)
+    }
+
+    fn at_least(&self) -> String {
+        let limit = 100.0 * lower_limit(self.of, self.flights);
+        format!("{} of {} ({limit:.2} % at least at 95 %)", self.of, self.flights)
     }
 }

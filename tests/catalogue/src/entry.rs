@@ -106,6 +106,12 @@ impl Entry {
     }
 }
 
+/// Entries that are bad by the wall clock alone.
+#[must_use]
+pub fn late_entries() -> [Entry; 2] {
+    [Entry::of(Fault::Slow, 0, 1.2), Entry::of(Fault::LateStart, 0, 10.0)]
+}
+
 /// Every entry that flies in lockstep too.
 #[must_use]
 pub fn entries(slot: Slot) -> Vec<Entry> {

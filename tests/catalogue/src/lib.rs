@@ -6,11 +6,12 @@
 
 mod altering;
 mod entry;
+pub mod limits;
 mod spoiled;
 mod spoiler;
 pub mod swapped;
 
 pub use altering::Altering;
-pub use entry::{Entry, Fault, entries};
+pub use entry::{Entry, Fault, entries, late_entries};
 pub use spoiled::{Builder, Spoiled};
 pub use spoiler::{Seen, Spoiler};

@@ -3,9 +3,10 @@
 use crate::Entry;
 use launcher::candidate::Slot;
 use launcher::in_process::{Conclusion, InProcess, InProcessError, Observer, Outside, StateSource};
+use launcher::record::read::RecordedFlight;
 use launcher::scenario::{Override, Scenario, ScenarioError};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use shared_types::{GateMode, Sample, Topic, Trip, Truth};
+use shared_types::{GateMode, Sample, Topic, Trip, Truth, topics};
 use std::any::Any;
 use std::path::Path;
 
@@ -139,14 +140,31 @@ fn fly(scenario: &Scenario) -> Result<(Course, Conclusion), InProcessError> {
 
 /// A flight without a swap, with which others are compared.
 #[derive(Debug)]
-pub struct Plain(Vec<Truth>);
+pub struct Plain {
+    truths: Vec<Truth>,
+    holder: Option<Holder>,
+}
 
-/// Flies a situation without a swap.
+/// A slot with the shipped controller that holds it from the start.
+pub type Holder = (Slot, &'static str);
+
+/// Flies a situation without a swap, with the scenario's own controllers or with `holder`.
 ///
 /// # Errors
 /// It cannot be flown.
-pub fn plain(situation: &Situation, seed: u64) -> Result<Plain, Box<dyn std::error::Error>> {
-    Ok(Plain(fly(&scenario(situation, seed, &[])?)?.0.truths))
+pub fn plain(
+    situation: &Situation,
+    seed: u64,
+    holder: Option<Holder>,
+) -> Result<Plain, Box<dyn std::error::Error>> {
+    let truths = fly(&scenario(situation, seed, &held(holder)?)?)?.0.truths;
+    Ok(Plain { truths, holder })
+}
+
+/// What a scenario has to say for a slot to be held by `holder`.
+fn held(holder: Option<Holder>) -> Result<Vec<Override>, ScenarioError> {
+    let edit = holder.map(|(slot, name)| Override::crew(&format!("{}={name}", slot.label())));
+    Ok(edit.transpose()?.into_iter().collect())
 }
 
 /// Flies a situation in which `to`, a shipped controller or the path of an executable with the file that
@@ -161,21 +179,79 @@ pub fn swapped(
     guard: Guard,
     plain: &Plain,
 ) -> Result<Swapped, Box<dyn std::error::Error>> {
+    let mut more = held(plain.holder)?;
+    more.extend(swap(slot, (to, config), guard)?);
+    let (course, conclusion) = fly(&scenario(situation, seed, &more)?)?;
+    let swap = conclusion.swaps.first();
+    let flipped = swap.is_some_and(|swap| swap.flipped_s.is_some());
+    let outcome = swap.map_or_else(String::new, |swap| swap.outcome.clone());
+    Ok(judge(&course, plain, flipped, outcome))
+}
+
+/// What a scenario has to say for this swap.
+fn swap(
+    slot: Slot,
+    (to, config): (&str, Option<&Path>),
+    guard: Guard,
+) -> Result<Vec<Override>, ScenarioError> {
     let mut swap = format!("{}={to}@{JOIN_S}s,shadow={SHADOW_S}s,rollback=500ms", slot.label());
     if let Some(config) = config {
         swap = format!("{swap},config={}", config.display());
     }
-    let mut more = Vec::new();
+    let mut edits = Vec::new();
     if guard != Guard::All {
         swap.push_str(",no-rehearsal,force");
     }
     if guard == Guard::None {
-        more.push(Override::set("watch.enabled=false")?);
-        more.push(Override::set("watch.fallback=\"none\"")?);
+        edits.push(Override::set("watch.enabled=false")?);
+        edits.push(Override::set("watch.fallback=\"none\"")?);
     }
-    more.push(Override::swap(&swap)?);
-    let (course, conclusion) = fly(&scenario(situation, seed, &more)?)?;
-    Ok(judge(&course, &conclusion, plain))
+    edits.push(Override::swap(&swap)?);
+    Ok(edits)
+}
+
+/// The same by the wall clock: the executable `morphquad` flies it in processes, and its recording is judged.
+/// With the releases that its loops missed.
+///
+/// # Errors
+/// It cannot be flown, or has left no recording.
+pub fn swapped_in_realtime(
+    morphquad: &Path,
+    (situation, seed): (&Situation, u64),
+    slot: Slot,
+    (to, config): (&str, Option<&Path>),
+    guard: Guard,
+    plain: &Plain,
+) -> Result<(Swapped, u64), Box<dyn std::error::Error>> {
+    let folder = tempfile::TempDir::new()?;
+    let mut more = held(plain.holder)?;
+    more.extend(swap(slot, (to, config), guard)?);
+    more.push(Override::clock("realtime"));
+    let file = folder.path().join("flight.toml");
+    std::fs::write(&file, scenario(situation, seed, &more)?.to_toml())?;
+    let output = std::process::Command::new(morphquad)
+        .arg("run")
+        .arg(&file)
+        .args(["--format", "json", "--record"])
+        .arg(folder.path())
+        .stdin(std::process::Stdio::null())
+        .output()?;
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout)
+        .map_err(|error| format!("no summary ({error}): {said}"))?;
+    let recording = summary["recording"].as_str().ok_or("no recording")?;
+    let recorded = RecordedFlight::open(recording.as_ref())?;
+    let applied = recorded.samples(&topics::APPLIED_COMMAND)?;
+    let course = Course {
+        truths: recorded.samples(&topics::TRUTH)?,
+        trips: recorded.samples(&topics::TRIP)?,
+        cut: applied.iter().any(|applied| applied.mode == GateMode::Cut),
+    };
+    let swap = &summary["swaps"][0];
+    let flipped = swap["flipped_s"].is_number();
+    let outcome = swap["outcome"].as_str().unwrap_or_default().to_owned();
+    let missed = summary["missed_ticks"].as_u64().unwrap_or_default();
+    Ok((judge(&course, plain, flipped, outcome), missed))
 }
 
 fn tilt_rad(truth: &Truth) -> f64 {
@@ -184,10 +260,13 @@ fn tilt_rad(truth: &Truth) -> f64 {
     q_wb.transform_vector(&Vector3::z()).angle(&Vector3::z())
 }
 
-fn judge(course: &Course, conclusion: &Conclusion, plain: &Plain) -> Swapped {
+fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swapped {
     let mut lost = course.cut.then(|| "its rotors were cut".to_owned());
     let (mut excursion_m, mut more_tilt_rad) = (0.0_f64, 0.0_f64);
-    for (is, was) in course.truths.iter().zip(&plain.0) {
+    for is in &course.truths {
+        // A realtime flight leaves releases out that it has missed.
+        let at = plain.truths.binary_search_by_key(&is.header.release_ns, |t| t.header.release_ns);
+        let Some(was) = at.ok().and_then(|at| plain.truths.get(at)) else { continue };
         let at_s = is.header.release_ns as f64 * 1e-9;
         let away = Vector3::from(is.position_w_m) - Vector3::from(was.position_w_m);
         excursion_m = excursion_m.max(away.norm());
@@ -208,17 +287,17 @@ fn judge(course: &Course, conclusion: &Conclusion, plain: &Plain) -> Swapped {
             lost = why.map(|why| format!("{why} at {at_s:.2} s"));
         }
     }
-    if course.truths.len() < plain.0.len() && lost.is_none() {
+    let last_ns = |truths: &[Truth]| truths.last().map(|truth| truth.header.release_ns);
+    if last_ns(&course.truths) < last_ns(&plain.truths) && lost.is_none() {
         lost = Some("the flight ended early".to_owned());
     }
-    let swap = conclusion.swaps.first();
     Swapped {
         lost,
         excursion_m,
         tilt_deg: more_tilt_rad.to_degrees(),
-        flipped: swap.is_some_and(|swap| swap.flipped_s.is_some()),
+        flipped,
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
-        outcome: swap.map_or_else(String::new, |swap| swap.outcome.clone()),
+        outcome,
     }
 }
 

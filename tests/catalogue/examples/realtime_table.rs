@@ -1,0 +1,74 @@
+//! The catalogue swapped into flights by the wall clock, one after the other, judged by the truth of their
+//! recordings beside the lockstep flight without a swap.
+//!
+//! `realtime_table [watch] [FLIGHTS]`; 60 flights unless told otherwise, and `watch` forces each candidate in,
+//! with the watch alone. Run it after `cargo build --release -p morphquad -p catalogue`.
+#![expect(clippy::print_stdout, reason = "its table is for people")]
+
+use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped_in_realtime};
+use catalogue::{Entry, entries, late_entries};
+use launcher::candidate::Slot;
+use std::path::{Path, PathBuf};
+
+const SEED: u64 = 1;
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let flights: usize = words.iter().find_map(|word| word.parse().ok()).unwrap_or(60);
+    let guard = if words.iter().any(|word| word == "watch") { Guard::Watch } else { Guard::All };
+    let built = built();
+    let plains = SITUATIONS.map(|situation| plain(&situation, SEED, None).expect("a flight"));
+    let all: Vec<(Slot, Entry)> = Slot::ALL
+        .into_iter()
+        .flat_map(|slot| {
+            let every = late_entries().into_iter().chain(entries(slot));
+            every.map(move |entry| (slot, entry))
+        })
+        .collect();
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let config = folder.path().join("entry.toml");
+    let (mut lost, mut far, mut flipped) = (0, 0, 0);
+    for nth in 0..flights {
+        let (slot, entry) = &all[nth % all.len()];
+        // Another situation each time round.
+        let at = (nth + nth / all.len()) % SITUATIONS.len();
+        let situation = &SITUATIONS[at];
+        std::fs::write(&config, config_of(entry)).expect("a file");
+        let to = built.join("catalogue").display().to_string();
+        let to = (to.as_str(), Some::<&Path>(&config));
+        let morphquad = built.join("morphquad");
+        let flown =
+            swapped_in_realtime(&morphquad, (situation, SEED), *slot, to, guard, &plains[at]);
+        let head = format!("{} {} {}", slot.label(), entry.name(), situation.name);
+        match flown {
+            Ok((flown, missed)) => {
+                println!(
+                    "{head}: {}, flipped {}, {:.2} m, {:.0} deg, trip {:?}, {missed} releases missed; {}",
+                    flown.lost.as_deref().unwrap_or("kept"),
+                    flown.flipped,
+                    flown.excursion_m,
+                    flown.tilt_deg,
+                    flown.tripped_s,
+                    flown.outcome
+                );
+                lost += u32::from(flown.lost.is_some());
+                far += u32::from(flown.excursion_m > 0.5 || flown.tilt_deg > 60.0);
+                flipped += u32::from(flown.flipped);
+            }
+            Err(error) => {
+                println!("{head}: not flown: {error}");
+                lost += 1;
+            }
+        }
+    }
+    println!(
+        "{flights} flights, {}: {lost} lost, {far} beyond 0.5 m or 60 deg, {flipped} flipped",
+        guard.name()
+    );
+}
+
+/// The folder with the executables of the same build.
+fn built() -> PathBuf {
+    let own = std::env::current_exe().expect("the own executable");
+    own.parent().and_then(Path::parent).expect("a target folder").to_owned()
+}

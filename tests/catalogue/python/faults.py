@@ -1,0 +1,36 @@
+"""What is wrong with the bad controllers in Python, and where the good ones that they spoil are."""
+
+import math
+import pathlib
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "services" / "attitude-python"))
+
+# What a configuration file may say; the words are those of the catalogue in Rust. Axis 0 is thrust there, so that
+# 1 is the first of a vector.
+FAULT = {"fault": "nothing", "axis": 0, "amount": 0.0}
+
+
+class Spoiler:
+    """Turns the vector that a law commands into a bad one."""
+
+    def __init__(self, period_s, options):
+        self._fault, self._axis = options["fault"], options["axis"]
+        self._amount, self._period_s = options["amount"], period_s
+        self._first, self._steps = None, 0
+
+    def spoil(self, command):
+        """The command of a step in place of the good one."""
+        self._first = self._first or list(command)
+        flown_s = self._steps * self._period_s
+        self._steps += 1
+        if self._fault == "wrong-sign":
+            return [-x if axis == self._axis else x for axis, x in enumerate(command, start=1)]
+        if self._fault == "gain":
+            return [self._amount * value for value in command]
+        if self._fault == "frozen":
+            return list(self._first)
+        if self._fault == "not-a-number" and flown_s >= self._amount:
+            return [math.nan] * 3
+        return list(command)
