@@ -95,7 +95,11 @@ fn measure(options: &Options) -> Result<()> {
     for deviation in recorded.samples(&topics::DEVIATION)? {
         let at_s = deviation.header.release_ns as f64 * 1e-9 - LEAD_IN_S;
         let nth = (at_s / options.every_s()).floor();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is checked")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "it is checked"
+        )]
         let block = if nth < 0.0 { None } else { blocks.get_mut(nth as usize) };
         let Some(block) = block else { continue };
         let share = at_s / options.every_s() - nth;
@@ -209,7 +213,10 @@ fn print(options: &Options, summary: &Value, blocks: &[Block], releases_hz: f64)
         begun_s.rem_euclid(options.every_s())
     });
     let last_flip_s = last_flip.fold(0.0, f64::max);
-    writeln!(out, "the latest flip came {last_flip_s:.2} s into its block's {half_s} s with a swap")?;
+    writeln!(
+        out,
+        "the latest flip came {last_flip_s:.2} s into its block's {half_s} s with a swap"
+    )?;
     if !options.rehearse {
         let periods = done.iter().map(|report| {
             let window_s = number(report, "flipped_s") - number(report, "joined_s") - SHADOW_S;

@@ -4,11 +4,11 @@
 //! [`Director`] gives `run/slots` its events and does what it wants done, at the instants at which the
 //! launcher does it in lockstep: when everything that is allowed has been flown.
 
+use super::InProcessError;
 use super::loops::Loop;
 use super::marks::FlightMarks;
 use super::outside::ExitReport;
 use super::posts::{Cabin, Revived, Seats, flying};
-use super::{InProcessError, Observer};
 use crate::candidate::{Candidate, Slot};
 use crate::components::{self, Crew};
 use crate::orders::Planner;
@@ -20,12 +20,12 @@ use shared_types::{ClockMode, Role};
 use slot::supervisor::Now;
 
 /// Runs the script of a flight and the slots' state machines.
-pub(super) struct Director<O> {
+pub(super) struct Director {
     slots: Slots,
     script: Script,
     /// What orders make of the flight's plan.
     pub(super) orders: Planner,
-    cabin: Cabin<O>,
+    cabin: Cabin,
     /// Steps from here on have not been allowed \[ns\].
     pub(super) allowed_ns: u64,
     /// Everything before has been flown \[ns\].
@@ -53,10 +53,10 @@ fn refuse_impossible(scenario: &Scenario) -> Result<(), InProcessError> {
     Ok(())
 }
 
-impl<O: Observer> Director<O> {
+impl Director {
     /// Takes over the slots of a flight whose `loops` are ready and have not stepped.
     pub(super) fn new(
-        mut cabin: Cabin<O>,
+        mut cabin: Cabin,
         graph: &Graph,
         loops: &[Loop],
     ) -> Result<Self, InProcessError> {

@@ -1,7 +1,7 @@
 //! The loops of a flight in one process: components behind executors, with their types forgotten.
 
 use super::InProcessError;
-use super::observer::{Audience, Observer};
+use super::observer::Overhear;
 use super::outside::{ExitReport, OutsideLoop};
 use super::resume::{Checkpoint, Feed};
 use super::wires::Wires;
@@ -101,12 +101,12 @@ impl<S: Service> Stepper for Executor<S> {
 }
 
 /// Shows states to the observer.
-struct StateTap<O> {
+struct StateTap {
     role: Role,
-    observer: Rc<Audience<O>>,
+    observer: Rc<dyn Overhear>,
 }
 
-impl<O: Observer> StateSink for StateTap<O> {
+impl StateSink for StateTap {
     fn send(&mut self, header: &Header, state: &[u8]) {
         self.observer.observe_state(self.role, header, state);
     }
@@ -114,16 +114,16 @@ impl<O: Observer> StateSink for StateTap<O> {
 }
 
 /// Connects whatever component it is given.
-pub(super) struct Connect<'a, O> {
+pub(super) struct Connect<'a> {
     pub(super) graph: &'a Graph,
     pub(super) node: Node,
     pub(super) place: Seat,
     pub(super) generation: u32,
-    pub(super) wires: &'a mut Wires<O>,
+    pub(super) wires: &'a mut Wires,
     pub(super) from: Option<&'a Checkpoint>,
 }
 
-impl<O: Observer> ComponentVisitor for Connect<'_, O> {
+impl ComponentVisitor for Connect<'_> {
     type Output = Result<Loop, InProcessError>;
     fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
         let taken_over =
@@ -133,7 +133,7 @@ impl<O: Observer> ComponentVisitor for Connect<'_, O> {
     }
 }
 
-impl<O: Observer> Connect<'_, O> {
+impl Connect<'_> {
     /// From `state`, which `tracks` if it is a predecessor's of another kind.
     fn connect<S: Service + 'static>(
         self,
@@ -146,7 +146,7 @@ impl<O: Observer> Connect<'_, O> {
         let mut executor = Executor::new(component.service, node, place, component.state_every);
         self.wires.connect(self.graph, &mut executor);
         let observer = self.wires.observer();
-        if observer.with(|observer| observer.wants_states()) {
+        if observer.wants_states() {
             executor.connect_state(Box::new(StateTap { role: self.node.role, observer }));
         }
         if let Some(checkpoint) = self.from {
@@ -192,9 +192,9 @@ pub(super) struct Loop {
 
 impl Loop {
     /// A process that has said hello and not been told where to begin.
-    pub(super) fn outside<O: Observer>(
+    pub(super) fn outside(
         (node, place, generation): (Node, Seat, u32),
-        process: OutsideLoop<O>,
+        process: OutsideLoop,
     ) -> Self {
         let period_ns = process.period_ns();
         let (stepper, course) = (Box::new(process), Course::default());

@@ -1,10 +1,10 @@
 //! Who sits in the slots of a flight in one process: loops of its thread, and processes.
 
+use super::InProcessError;
 use super::loops::{Connect, InstanceMark, Loop};
 use super::marks::FlightMarks;
 use super::outside::{ExitReport, Outside, OutsideLoop, Start};
 use super::wires::Wires;
-use super::{InProcessError, Observer};
 use crate::components;
 use crate::orders::Sent;
 use crate::rehearse::{self, RehearsalSpec, Snapshot, Verdict};
@@ -33,9 +33,9 @@ pub(super) struct Post {
 }
 
 /// What is needed to start loops in flight.
-pub(super) struct Cabin<O> {
+pub(super) struct Cabin {
     pub(super) scenario: Scenario,
-    pub(super) wires: Wires<O>,
+    pub(super) wires: Wires,
     outside: Outside,
     watch: Rc<RefCell<SlotWatch>>,
     posts: BTreeMap<Place, Post>,
@@ -51,11 +51,11 @@ pub(super) struct Cabin<O> {
     pub(super) exits: Vec<ExitReport>,
 }
 
-impl<O: Observer> Cabin<O> {
+impl Cabin {
     /// Before anybody sits anywhere.
     pub(super) fn new(
         scenario: &Scenario,
-        wires: Wires<O>,
+        wires: Wires,
         watch: Rc<RefCell<SlotWatch>>,
         outside: &Outside,
     ) -> Self {
@@ -157,7 +157,7 @@ impl<O: Observer> Cabin<O> {
         graph: &Graph,
         (place, generation): (Place, u32),
         spec: &ChildSpec,
-    ) -> Result<OutsideLoop<O>, InProcessError> {
+    ) -> Result<OutsideLoop, InProcessError> {
         let Self { scenario, outside, wires, .. } = self;
         let start = Start { scenario, graph, outside, spec, place, generation };
         OutsideLoop::start(start, wires)
@@ -244,14 +244,14 @@ pub(super) enum Revived {
 }
 
 /// Loops on seats.
-pub(super) struct Seats<'a, O> {
+pub(super) struct Seats<'a> {
     pub(super) loops: &'a mut Vec<Loop>,
     pub(super) marks: &'a mut FlightMarks,
-    pub(super) cabin: &'a mut Cabin<O>,
+    pub(super) cabin: &'a mut Cabin,
     pub(super) recovered: &'a mut u64,
 }
 
-impl<O: Observer> Seats<'_, O> {
+impl Seats<'_> {
     fn start(&mut self, place: Place, spec: ChildSpec) {
         let cabin = &mut *self.cabin;
         let generation = cabin.posts.get(&place).map_or(0, |post| post.generation + 1);
@@ -265,7 +265,7 @@ impl<O: Observer> Seats<'_, O> {
     }
 }
 
-impl<O: Observer> Posts for Seats<'_, O> {
+impl Posts for Seats<'_> {
     fn spawn(&mut self, place: Place, spec: ChildSpec) -> Result<(), FlightError> {
         self.start(place, spec);
         Ok(())
@@ -407,7 +407,7 @@ impl<O: Observer> Posts for Seats<'_, O> {
     }
 
     fn tell_seating(&mut self, seating: &Seating, _config: Option<&Path>) {
-        self.cabin.wires.observer().observe(&topics::SEATING, seating);
+        self.cabin.wires.show(&topics::SEATING, seating);
     }
 }
 

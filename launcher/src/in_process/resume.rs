@@ -1,8 +1,9 @@
 //! A flight taken up in the middle: states of every component, and what was on its way between them.
 
 use super::marks::FlightMarks;
+use super::observer::Ears;
 use super::tape::Tape;
-use super::{InProcess, InProcessError, Observer, Outside, StateSource};
+use super::{InProcessError, Kernel, Outside, StateSource};
 use crate::replay::Course;
 use crate::scenario::Scenario;
 use core::convert::Infallible;
@@ -77,19 +78,15 @@ impl Checkpoint {
     }
 }
 
-impl<O: Observer> InProcess<O> {
-    /// A flight of `scenario` that goes on from a checkpoint. The observer sees what is published
-    /// from there on.
-    ///
-    /// # Errors
-    /// As [`InProcess::new`], and a component that refuses its state.
-    pub fn resume(
+impl Kernel {
+    /// Goes on from a checkpoint.
+    pub(super) fn resume(
         scenario: &Scenario,
-        observer: O,
+        ears: Ears,
         checkpoint: &Checkpoint,
     ) -> Result<Self, InProcessError> {
         let from = (Some(checkpoint), &Outside::of(scenario.settings()));
-        let mut flight = Self::build(scenario, StateSource::Estimator, observer, from)?;
+        let mut flight = Self::build(scenario, StateSource::Estimator, ears, from)?;
         for l in &flight.loops {
             flight.marks.advance(l.place, l.generation, l.stepper.next_ns());
         }

@@ -1,7 +1,6 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
-use super::Observer;
-use super::observer::Audience;
+use super::observer::{Ears, Listen, Overhear};
 use crate::run::SlotWatch;
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
@@ -69,15 +68,15 @@ impl<T> Drop for QueueSource<T> {
     }
 }
 
-pub(super) struct QueueSink<T: Sample, O> {
+pub(super) struct QueueSink<T: Sample> {
     topic: &'static Topic<T>,
     line: Rc<Line<T>>,
     kept: Option<Rc<Kept<T>>>,
-    observer: Rc<Audience<O>>,
+    observer: Rc<dyn Listen<T>>,
     watch: Option<Rc<RefCell<SlotWatch>>>,
 }
 
-impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
+impl<T: Sample> Sink<T> for QueueSink<T> {
     fn send(&mut self, sample: &T) {
         let mut altered = *sample;
         self.observer.alter(self.topic, &mut altered);
@@ -95,23 +94,29 @@ impl<T: Sample, O: Observer> Sink<T> for QueueSink<T, O> {
 }
 
 /// All queues of a flight.
-pub(super) struct Wires<O> {
+pub(super) struct Wires {
     /// [`Line`] by topic name.
     lines: BTreeMap<&'static str, Box<dyn Any>>,
-    observer: Rc<Audience<O>>,
+    ears: Ears,
     /// Who looks at the slots, if they change hands.
     watch: Option<Rc<RefCell<SlotWatch>>>,
     /// The owner records, by topic name.
     records: BTreeMap<&'static str, Rc<Kept<OwnerRecord>>>,
 }
 
-impl<O: Observer> Wires<O> {
-    pub(super) fn new(observer: Rc<Audience<O>>, watch: Option<Rc<RefCell<SlotWatch>>>) -> Self {
-        Self { lines: BTreeMap::new(), observer, watch, records: BTreeMap::new() }
+impl Wires {
+    pub(super) fn new(ears: Ears, watch: Option<Rc<RefCell<SlotWatch>>>) -> Self {
+        Self { lines: BTreeMap::new(), ears, watch, records: BTreeMap::new() }
     }
 
-    pub(super) fn observer(&self) -> Rc<Audience<O>> {
-        Rc::clone(&self.observer)
+    /// Who is shown what is not published on a topic.
+    pub(super) fn observer(&self) -> Rc<dyn Overhear> {
+        self.ears.others()
+    }
+
+    /// Shows the observer a sample.
+    pub(super) fn show<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {
+        self.ears.on(topic).observe(topic, sample);
     }
 
     fn line<T: Sample>(&mut self, topic: &'static Topic<T>) -> Rc<Line<T>> {
@@ -138,13 +143,13 @@ impl<O: Observer> Wires<O> {
     }
 
     /// Where one writer's samples of a topic go.
-    pub(super) fn publish<T: Sample>(&mut self, topic: &'static Topic<T>) -> QueueSink<T, O> {
+    pub(super) fn publish<T: Sample>(&mut self, topic: &'static Topic<T>) -> QueueSink<T> {
         let line = self.line(topic);
         QueueSink {
             topic,
             kept: self.watch.is_some().then(|| line.keep()),
             line,
-            observer: Rc::clone(&self.observer),
+            observer: self.ears.on(topic),
             watch: self.watch.clone(),
         }
     }
@@ -162,7 +167,7 @@ impl<O: Observer> Wires<O> {
 
     /// Tells the readers of a topic that no component writes.
     pub(super) fn say<T: Sample>(&mut self, topic: &'static Topic<T>, sample: T) {
-        self.observer.observe(topic, &sample);
+        self.show(topic, &sample);
         self.line(topic).send(sample);
     }
 
@@ -193,13 +198,13 @@ impl<O: Observer> Wires<O> {
     }
 }
 
-struct Connect<'a, O> {
-    wires: &'a mut Wires<O>,
+struct Connect<'a> {
+    wires: &'a mut Wires,
     graph: &'a Graph,
     role: Role,
 }
 
-impl<O: Observer> InputVisitor for Connect<'_, O> {
+impl InputVisitor for Connect<'_> {
     type Error = Infallible;
     fn visit<T: Sample>(
         &mut self,
@@ -214,7 +219,7 @@ impl<O: Observer> InputVisitor for Connect<'_, O> {
     }
 }
 
-impl<O: Observer> OutputVisitor for Connect<'_, O> {
+impl OutputVisitor for Connect<'_> {
     type Error = Infallible;
     fn visit<T: Sample>(
         &mut self,

@@ -1,6 +1,5 @@
 //! What a process reads: the queues of its topics, emptied onto its bus under the names of the writers.
 
-use super::super::observer::Observer;
 use super::super::wires::{QueueSource, Wires};
 use super::namespace::Namespace;
 use crate::run::concerns;
@@ -87,14 +86,14 @@ fn become_fallback<T: Sample>(sample: &mut T, seat: u32) {
     }
 }
 
-struct Opener<'a, O> {
-    wires: &'a mut Wires<O>,
+struct Opener<'a> {
+    wires: &'a mut Wires,
     graph: &'a Graph,
     place: Seat,
     feeds: Vec<Box<dyn Feed>>,
 }
 
-impl<O: Observer> TopicVisitor for Opener<'_, O> {
+impl TopicVisitor for Opener<'_> {
     type Error = Infallible;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
         let role = self.place.role;
@@ -119,11 +118,7 @@ impl<O: Observer> TopicVisitor for Opener<'_, O> {
 }
 
 /// Every topic that the process on a place may read.
-pub(super) fn open<O: Observer>(
-    wires: &mut Wires<O>,
-    graph: &Graph,
-    place: Seat,
-) -> Vec<Box<dyn Feed>> {
+pub(super) fn open(wires: &mut Wires, graph: &Graph, place: Seat) -> Vec<Box<dyn Feed>> {
     let mut opener = Opener { wires, graph, place, feeds: Vec::new() };
     let Ok(()) = topics::visit_all(&mut opener);
     opener.feeds

@@ -1,6 +1,6 @@
 //! What a process says: its topics and its state, put on the queues of the flight.
 
-use super::super::observer::{Audience, Observer};
+use super::super::observer::Overhear;
 use super::super::wires::{QueueSink, Wires};
 use runtime::graph::READER_CAPACITY;
 use runtime::ipc::{Bus, IpcSource, PortError, ServiceKind, StateSubscriber};
@@ -14,12 +14,12 @@ trait Gather {
     fn gather(&mut self);
 }
 
-struct TopicOutput<T: Sample, O> {
+struct TopicOutput<T: Sample> {
     reader: IpcSource<T>,
-    sink: QueueSink<T, O>,
+    sink: QueueSink<T>,
 }
 
-impl<T: Sample, O: Observer> Gather for TopicOutput<T, O> {
+impl<T: Sample> Gather for TopicOutput<T> {
     fn gather(&mut self) {
         while let Some(sample) = self.reader.receive() {
             self.sink.send(&sample);
@@ -27,15 +27,15 @@ impl<T: Sample, O: Observer> Gather for TopicOutput<T, O> {
     }
 }
 
-struct Opener<'a, O> {
-    wires: &'a mut Wires<O>,
+struct Opener<'a> {
+    wires: &'a mut Wires,
     bus: &'a Bus,
     graph: &'a Graph,
     role: Role,
     topics: Vec<Box<dyn Gather>>,
 }
 
-impl<O: Observer> TopicVisitor for Opener<'_, O> {
+impl TopicVisitor for Opener<'_> {
     type Error = PortError;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
         let from = self.graph.producer(&topic.info);
@@ -51,19 +51,19 @@ impl<O: Observer> TopicVisitor for Opener<'_, O> {
 }
 
 /// Everything that the process on a place publishes.
-pub(super) struct Outputs<O> {
+pub(super) struct Outputs {
     place: Seat,
     topics: Vec<Box<dyn Gather>>,
     states: StateSubscriber,
     /// The last published state; empty before the first.
     state: Vec<u8>,
-    observer: Rc<Audience<O>>,
+    observer: Rc<dyn Overhear>,
     observes_states: bool,
 }
 
-impl<O: Observer> Outputs<O> {
+impl Outputs {
     pub(super) fn open(
-        wires: &mut Wires<O>,
+        wires: &mut Wires,
         bus: &Bus,
         graph: &Graph,
         place: Seat,
@@ -72,7 +72,7 @@ impl<O: Observer> Outputs<O> {
         topics::visit_all(&mut opener)?;
         let topics = opener.topics;
         let observer = wires.observer();
-        let observes_states = observer.with(|observer| observer.wants_states());
+        let observes_states = observer.wants_states();
         let states = StateSubscriber::open(bus, ServiceKind::State(place))?;
         Ok(Self { place, topics, states, state: Vec::new(), observer, observes_states })
     }

@@ -1,7 +1,6 @@
 //! A process as a loop of the flight: started, told where to begin, stepped, and ended.
 
 use super::super::loops::{InstanceMark, StepContext, Stepper};
-use super::super::observer::Observer;
 use super::super::resume::Feed as Resumed;
 use super::super::wires::Wires;
 use super::feeds::{self, Feed};
@@ -38,11 +37,11 @@ pub(in crate::in_process) struct Start<'a> {
 }
 
 /// A process in a namespace of its own.
-pub(in crate::in_process) struct OutsideLoop<O> {
+pub(in crate::in_process) struct OutsideLoop {
     /// Dropped first, which ends the process.
     post: Post,
     feeds: Vec<Box<dyn Feed>>,
-    outputs: Outputs<O>,
+    outputs: Outputs,
     hello: IpcSource<Hello>,
     progress: LatestPort<Progress>,
     wakes: WakeNotifier,
@@ -56,16 +55,16 @@ pub(in crate::in_process) struct OutsideLoop<O> {
     namespace: Namespace,
 }
 
-impl<O: Observer> OutsideLoop<O> {
+impl OutsideLoop {
     /// Starts a process, which will say hello.
     pub(in crate::in_process) fn start(
         start: Start<'_>,
-        wires: &mut Wires<O>,
+        wires: &mut Wires,
     ) -> Result<Self, String> {
         Self::try_start(start, wires).map_err(|error| error.to_string())
     }
 
-    fn try_start(start: Start<'_>, wires: &mut Wires<O>) -> Result<Self, OutsideError> {
+    fn try_start(start: Start<'_>, wires: &mut Wires) -> Result<Self, OutsideError> {
         let Start { scenario, graph, outside, spec, place, generation } = start;
         let namespace = Namespace::found(scenario, graph, place)?;
         let bus = namespace.bus();
@@ -236,7 +235,7 @@ impl<O: Observer> OutsideLoop<O> {
     }
 }
 
-impl<O: Observer> Repeats for OutsideLoop<O> {
+impl Repeats for OutsideLoop {
     fn next_ns(&self) -> u64 {
         self.next_ns
     }
@@ -244,7 +243,7 @@ impl<O: Observer> Repeats for OutsideLoop<O> {
     fn repeat(&mut self, _deviation: &Deviation) {}
 }
 
-impl<O: Observer> Stepper for OutsideLoop<O> {
+impl Stepper for OutsideLoop {
     fn is_outside(&self) -> bool {
         true
     }

@@ -83,9 +83,13 @@ fn ten_deaths_in_one_flight_change_nothing() {
 
 #[test]
 fn a_command_latency_far_above_every_period_is_part_of_the_bound() {
-    // The plant may run 150 ms ahead of the attitude loop, so that its sensors pile up at the
-    // estimator although no period is longer than 10 ms.
-    let wiring = Wiring { wrench_latency_ns: 150_000_000, ..Wiring::default() };
+    // The plant may run 150 ms ahead of the attitude loop and of the monitor, so that its sensors pile up at
+    // the estimator although no period is longer than 10 ms.
+    let wiring = Wiring {
+        wrench_latency_ns: 150_000_000,
+        trip_latency_ns: 150_000_000,
+        ..Wiring::default()
+    };
     let plan = wiring.plan(1).unwrap();
     let expected = fly_in_textbook_order(&plan);
     let imu = plan.graph.edge(&topics::IMU.info, Role::Estimator).unwrap();
