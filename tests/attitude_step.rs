@@ -45,7 +45,7 @@ impl Response {
 }
 
 fn step(more: &[&str]) -> Response {
-    let flown = fly(&[&["attitude-step"], more].concat());
+    let flown = fly(&[&["attitude-step", "--in-process"], more].concat());
     flown.assert_clean();
     Response::read(&flown.recording())
 }
@@ -138,7 +138,7 @@ fn another_rotor_lag_or_inertia_than_modelled_still_settles_within_400_ms() {
 /// Truth of a hover over (0, 0, 1.5) m.
 fn hover(settings: &[&str]) -> Vec<Row> {
     let flags = settings.iter().flat_map(|setting| ["--set", setting]);
-    let flown = fly(&["hover"].into_iter().chain(flags).collect::<Vec<_>>());
+    let flown = fly(&["hover", "--in-process"].into_iter().chain(flags).collect::<Vec<_>>());
     flown.assert_clean();
     flown.recording().series("truth", &["position_w_m"])
 }

@@ -155,8 +155,10 @@ fn assert_tracks(flown: &Flown, rms_m: f64, max_m: f64) {
 #[test]
 fn figure8_morph_follows_its_reference_in_wind() {
     let _turn = turn();
-    for seed in ["1", "2", "3"] {
-        let flown = fly(&["figure8-morph", "--seed", seed]);
+    // One in processes, and two more with the same bits that no process takes part in.
+    for (seed, how) in [("1", None), ("2", Some("--in-process")), ("3", Some("--in-process"))] {
+        let flags: Vec<&str> = ["figure8-morph", "--seed", seed].into_iter().chain(how).collect();
+        let flown = fly(&flags);
         assert_tracks(&flown, 0.05, 0.15);
         assert!(flown.number("flown_s") >= 20.0);
         // Every tick of the plant alone gives imu, truth, applied command and actuator state.
@@ -169,7 +171,7 @@ fn figure8_morph_follows_its_reference_in_wind() {
 #[test]
 fn figure8_morph_ends_where_it_should_in_calm_air() {
     let _turn = turn();
-    let flown = fly(&["figure8-morph", "--set", "disturbance_injector.script=[]"]);
+    let flown = fly(&["figure8-morph", "--in-process", "--set", "disturbance_injector.script=[]"]);
     assert_tracks(&flown, 0.05, 0.15);
     assert!(flown.number("position_last_second_m") <= 0.05, "{}", flown.said());
 }
@@ -178,7 +180,7 @@ fn figure8_morph_ends_where_it_should_in_calm_air() {
 fn no_shipped_scenario_violates_a_bound() {
     let _turn = turn();
     for name in launcher::scenario::shipped::names() {
-        fly(&[name]).assert_clean();
+        fly(&[name, "--in-process"]).assert_clean();
     }
 }
 
@@ -186,7 +188,7 @@ fn no_shipped_scenario_violates_a_bound() {
 fn the_attitude_loop_flies_at_any_rate_and_the_position_loop_at_100_hz_too() {
     let _turn = turn();
     for rate in ["attitude-mpc=50", "attitude-mpc=150", "attitude-mpc=500", "position-mpc=100"] {
-        let flown = fly(&["figure8-morph", "--rate", rate]);
+        let flown = fly(&["figure8-morph", "--in-process", "--rate", rate]);
         assert_tracks(&flown, 0.05, 0.15);
     }
 }
