@@ -164,6 +164,11 @@ impl Selection {
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
+    if words.first().is_some_and(|word| word == "types") {
+        // The controllers in Python ask whoever started them for the layout of samples.
+        print!("{}", launcher::types::python());
+        return;
+    }
     let cases = Selection::read(&words).cases();
     let next = AtomicUsize::new(0);
     let rows: Mutex<Rows> = Mutex::default();
@@ -187,7 +192,7 @@ fn main() {
             });
         }
     });
-    print(&rows.into_inner().expect("no panic"));
+    print_table(&rows.into_inner().expect("no panic"));
 }
 
 /// The executable of the catalogue, of the same build.
@@ -258,7 +263,7 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     }
 }
 
-fn print(rows: &Rows) {
+fn print_table(rows: &Rows) {
     println!(
         "{:<9} {:<40} {:<12} {:>7} {:>5} {:>7} {:>7} {:>8} {:>6}",
         "slot", "controller", "guard", "flights", "lost", "flipped", "tripped", "at most", "tilt"

@@ -20,6 +20,8 @@ const GROUND_M: f64 = 0.05;
 const JOIN_S: f64 = 1.5;
 /// How long it shadows \[s\].
 const SHADOW_S: f64 = 1.0;
+/// The same where the candidate is forced in: what is no number comes after the flip \[s\].
+const FORCED_SHADOW_S: f64 = 0.4;
 
 /// What a vehicle meets while a controller is swapped.
 #[derive(Debug, Clone, Copy)]
@@ -194,7 +196,8 @@ fn swap(
     (to, config): (&str, Option<&Path>),
     guard: Guard,
 ) -> Result<Vec<Override>, ScenarioError> {
-    let mut swap = format!("{}={to}@{JOIN_S}s,shadow={SHADOW_S}s,rollback=500ms", slot.label());
+    let shadow_s = if guard == Guard::All { SHADOW_S } else { FORCED_SHADOW_S };
+    let mut swap = format!("{}={to}@{JOIN_S}s,shadow={shadow_s}s,rollback=500ms", slot.label());
     if let Some(config) = config {
         swap = format!("{swap},config={}", config.display());
     }
