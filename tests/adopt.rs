@@ -239,8 +239,10 @@ fn an_owner_that_dies_or_stops_is_followed_by_its_standby_and_the_gate_never_lea
         let recording = flown.recording();
         let lost = seat as f64;
         let rows = applied(&recording);
-        let last = rows.iter().rposition(|row| is(row, lost)).expect("it commanded");
-        let taken = rows.get(last + 1);
+        // It may have the slot again later, started anew, if the machine stands still.
+        let first = rows.iter().position(|row| is(row, lost)).expect("it commanded");
+        let is_another = |row: &&Row| row.values[0] >= 0.0 && row.values[0] < 4.0 && !is(row, lost);
+        let taken = rows[first..].iter().find(is_another);
         let taken = taken.unwrap_or_else(|| panic!("nobody took over: {}", flown.said()));
         let periods = silence_periods(&recording, lost, taken.t_s);
         println!(

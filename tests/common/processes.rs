@@ -1,6 +1,6 @@
 //! A run in the air and its processes, seen from outside through /proc and /dev/shm.
 
-use super::{Flown, host_s, morphquad};
+use super::{Flown, host_s, judged, morphquad};
 use runtime::clock::{mono_now_ns, sleep_until};
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs;
@@ -81,7 +81,8 @@ impl Running {
     pub(crate) fn start(arguments: &[&str]) -> Self {
         let folder = TempDir::new().expect("a folder for the recording");
         let mut command = morphquad(["run"]);
-        command.args(arguments).args(["--format", "json", "--record"]).arg(folder.path());
+        command.args(arguments).args(judged(arguments));
+        command.args(["--format", "json", "--record"]).arg(folder.path());
         let launcher = command.spawn().expect("the executable starts");
         let pid = launcher.id();
         let mut running =

@@ -12,7 +12,8 @@
 //! below zero, and never more than the error there is. A set point that steps makes an error and no d,
 //! and a vehicle that turns towards it has none either, however large the step. So one number tells a
 //! wrong sign, a frozen output, a gain or a delay that diverges from a controller that is just busy, long
-//! before the error itself is large. Slower ailments show in errors that last, in swings from side to
+//! before the error itself is large. The same number tells of a vehicle that turns towards its set point so
+//! fast that it will stand still only beyond it. Slower ailments show in errors that last, in swings from side to
 //! side, and in a thrust that is not the one asked for.
 
 use crate::limits::{Braking, Limits, stopping};
@@ -229,7 +230,11 @@ impl Judge {
         let turn = moment.rate_b_rad_s.z * heading.signum();
         memory.heading_rad = moved(memory.heading_rad, turn, elapsed_s, heading.abs());
 
-        let turned = memory.turned_rad + stopping(away, self.delay_s, braking.turn_rad_s2);
+        // Too fast towards the set point to stand still there is as bad as away from it: what a late
+        // controller that swings ever wider does, and half of a swing earlier.
+        let overshoot = stopping(-away, self.delay_s, braking.turn_rad_s2) - error;
+        let departure = memory.turned_rad + stopping(away, self.delay_s, braking.turn_rad_s2);
+        let turned = departure.max(overshoot);
         let heading = memory.heading_rad + stopping(turn, self.delay_s, braking.yaw_rad_s2);
         let lasted_s = memory.astray_s;
         beyond(TripCause::AttitudeDeparts, turned, self.limits.turn_away_rad)

@@ -38,8 +38,9 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// * `turn_away_rad`: the tilt bound. Whoever turns away by as much as may be asked for in all has
-    ///   turned the wrong way.
+    /// * `turn_away_rad`: 0.6 of the tilt bound. Whoever turns away by more than half of what may be asked for
+    ///   in all has turned the wrong way, and one that diverges with each swing is found a swing earlier than
+    ///   at the whole bound.
     /// * `tilt_rad`: 60°, where twice the weight just carries the vehicle: T cos φ = m g.
     /// * `heading_rad`: twice the tilt bound; yaw has a tenth of the torque of roll and pitch, and nothing
     ///   falls while it is off.
@@ -55,7 +56,7 @@ impl Default for Limits {
     /// * `height_m`: an arm's length with the arms spread.
     fn default() -> Self {
         Self {
-            turn_away_rad: TILT_BOUND_RAD,
+            turn_away_rad: 0.6 * TILT_BOUND_RAD,
             tilt_rad: core::f64::consts::FRAC_PI_3,
             heading_rad: 2.0 * TILT_BOUND_RAD,
             astray_rad: 0.5 * TILT_BOUND_RAD,

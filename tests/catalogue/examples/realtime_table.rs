@@ -17,7 +17,7 @@ fn main() {
     let flights: usize = words.iter().find_map(|word| word.parse().ok()).unwrap_or(60);
     let guard = if words.iter().any(|word| word == "watch") { Guard::Watch } else { Guard::All };
     let built = built();
-    let plains = SITUATIONS.map(|situation| plain(&situation, SEED, None).expect("a flight"));
+    let plains = SITUATIONS.map(|situation| plain(&situation, SEED, None, &[]).expect("a flight"));
     let all: Vec<(Slot, Entry)> = Slot::ALL
         .into_iter()
         .flat_map(|slot| {

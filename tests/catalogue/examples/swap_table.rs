@@ -1,8 +1,9 @@
 //! The catalogue swapped into flights: with everything that guards a swap, with the watch alone, and with
 //! nothing, judged by the truth beside the same flight without a swap.
 //!
-//! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [ENTRY...]`; `good` flies the
-//! shipped controllers, each in place of each, and `python` the controllers in Python, good or bad. Run it
+//! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`; `good`
+//! flies the shipped controllers, each in place of each, `python` the controllers in Python, good or bad, and
+//! `KEY=VALUE` sets something in the scenario, for example `watch.rate_hz=200.0`. Run it
 //! after `cargo build --release -p catalogue`; Python needs the environment of
 //! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
@@ -14,6 +15,7 @@ use catalogue::swapped::{
 use catalogue::{Entry, Fault, entries};
 use launcher::candidate::Slot;
 use launcher::components::names_for;
+use launcher::scenario::Override;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -50,6 +52,7 @@ struct Selection {
     seeds: u64,
     good: bool,
     python: bool,
+    settings: Vec<Override>,
     named: Vec<String>,
 }
 
@@ -91,6 +94,7 @@ impl Selection {
         let guards = guards.into_iter().filter(|(_, word)| !chosen || has(word));
         let named = words.iter().filter(|word| {
             word.parse::<u64>().is_err()
+                && !word.contains('=')
                 && Slot::named(word).is_none()
                 && !known.contains(&word.as_str())
         });
@@ -100,6 +104,11 @@ impl Selection {
             seeds: words.iter().find_map(|word| word.parse().ok()).unwrap_or(1),
             good: has("good"),
             python: has("python"),
+            settings: words
+                .iter()
+                .filter(|word| word.contains('='))
+                .map(|word| Override::set(word).expect("a setting"))
+                .collect(),
             named: named.cloned().collect(),
         }
     }
@@ -169,7 +178,8 @@ fn main() {
         print!("{}", launcher::types::python());
         return;
     }
-    let cases = Selection::read(&words).cases();
+    let selection = Selection::read(&words);
+    let cases = selection.cases();
     let next = AtomicUsize::new(0);
     let rows: Mutex<Rows> = Mutex::default();
     let plains: Mutex<BTreeMap<(&str, u64, Option<&str>), Arc<Plain>>> = Mutex::default();
@@ -181,7 +191,8 @@ fn main() {
                     let key = (case.situation.name, case.seed, holder);
                     let known = plains.lock().expect("no panic").get(&key).cloned();
                     let unswapped = known.unwrap_or_else(|| {
-                        let made = plain(case.situation, case.seed, case.holder);
+                        let made =
+                            plain(case.situation, case.seed, case.holder, &selection.settings);
                         let made = Arc::new(made.expect("a flight"));
                         plains.lock().expect("no panic").insert(key, made.clone());
                         made

@@ -144,13 +144,15 @@ fn fly(scenario: &Scenario) -> Result<(Course, Conclusion), InProcessError> {
 #[derive(Debug)]
 pub struct Plain {
     truths: Vec<Truth>,
-    holder: Option<Holder>,
+    /// What the scenario was told.
+    edits: Vec<Override>,
 }
 
 /// A slot with the shipped controller that holds it from the start.
 pub type Holder = (Slot, &'static str);
 
-/// Flies a situation without a swap, with the scenario's own controllers or with `holder`.
+/// Flies a situation without a swap, with the scenario's own controllers or with `holder`, and with these
+/// settings.
 ///
 /// # Errors
 /// It cannot be flown.
@@ -158,9 +160,12 @@ pub fn plain(
     situation: &Situation,
     seed: u64,
     holder: Option<Holder>,
+    settings: &[Override],
 ) -> Result<Plain, Box<dyn std::error::Error>> {
-    let truths = fly(&scenario(situation, seed, &held(holder)?)?)?.0.truths;
-    Ok(Plain { truths, holder })
+    let mut edits = held(holder)?;
+    edits.extend(settings.iter().cloned());
+    let truths = fly(&scenario(situation, seed, &edits)?)?.0.truths;
+    Ok(Plain { truths, edits })
 }
 
 /// What a scenario has to say for a slot to be held by `holder`.
@@ -181,7 +186,7 @@ pub fn swapped(
     guard: Guard,
     plain: &Plain,
 ) -> Result<Swapped, Box<dyn std::error::Error>> {
-    let mut more = held(plain.holder)?;
+    let mut more = plain.edits.clone();
     more.extend(swap(slot, (to, config), guard)?);
     let (course, conclusion) = fly(&scenario(situation, seed, &more)?)?;
     let swap = conclusion.swaps.first();
@@ -227,7 +232,7 @@ pub fn swapped_in_realtime(
     plain: &Plain,
 ) -> Result<(Swapped, u64), Box<dyn std::error::Error>> {
     let folder = tempfile::TempDir::new()?;
-    let mut more = held(plain.holder)?;
+    let mut more = plain.edits.clone();
     more.extend(swap(slot, (to, config), guard)?);
     more.push(Override::clock("realtime"));
     let file = folder.path().join("flight.toml");

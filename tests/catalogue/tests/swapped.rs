@@ -30,7 +30,7 @@ fn bad_controllers_are_kept_out_and_taken_back_and_without_either_they_lose_the_
         let situation = &SITUATIONS[nth % SITUATIONS.len()];
         let config = folder.path().join(format!("{nth}.toml"));
         std::fs::write(&config, config_of(&entry)).unwrap();
-        let unswapped = plain(situation, 7, None).unwrap();
+        let unswapped = plain(situation, 7, None, &[]).unwrap();
         let fly = |guard: Guard| {
             let to = (executable, Some::<&Path>(&config));
             let flown = swapped((situation, 7), slot, to, guard, &unswapped).unwrap();

@@ -79,6 +79,15 @@ fn a_step_of_the_set_point_is_no_departure_while_the_vehicle_follows_it() {
 }
 
 #[test]
+fn turning_towards_the_set_point_too_fast_to_stop_there_is_found_before_it_is_passed() {
+    // From 0.3 rad, the delay and a braking of 559 rad/s² lead far beyond.
+    let finding = judge().see(&rolled(0, -0.3, 20.0)).attitude.unwrap();
+    assert_eq!(finding.cause, TripCause::AttitudeDeparts);
+    // As fast as a well damped loop comes back from there, it stands still before.
+    assert_eq!(judge().see(&rolled(0, -0.3, 5.0)), Findings::default());
+}
+
+#[test]
 fn an_attitude_that_stays_off_is_found_after_its_time() {
     let (step, found) = first(200, |step| rolled(step, -0.2, 0.0)).unwrap();
     let finding = found.attitude.unwrap();
