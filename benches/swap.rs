@@ -15,7 +15,7 @@ use launcher::record::read::RecordedFlight;
 use runtime::clock::mono_now_ns;
 use serde_json::Value;
 use shared_types::{AppliedCommand, Deviation, DeviationKind, Role, topics};
-use std::io::Write as _;
+use std::io::Write;
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 
@@ -198,7 +198,8 @@ fn print(options: &Options, summary: &Value, blocks: &[Block], releases_hz: f64)
         )?;
     }
     let extra = |[with, without]: [u64; 2]| (with as f64 - without as f64) / (half_s * releases_hz);
-    let (mean, limit) = upper_limit(blocks.iter().map(|block| extra(block[0])).collect());
+    let extras: Vec<f64> = blocks.iter().map(|block| extra(block[0])).collect();
+    let (mean, limit) = upper_limit(&extras);
     writeln!(
         out,
         "of the {releases_hz:.0} releases per second of all loops that fly, missed more with a swap: \
@@ -207,6 +208,13 @@ fn print(options: &Options, summary: &Value, blocks: &[Block], releases_hz: f64)
         100.0 * limit,
         blocks.len()
     )?;
+    print_flips(out, options, &done)
+}
+
+/// When the slot changed hands in its block, and how smoothly.
+fn print_flips(out: &mut impl Write, options: &Options, done: &[&Value]) -> Result<()> {
+    let rate = options.rate;
+    let half_s = 0.5 * options.every_s();
     let number = |report: &Value, key: &str| report[key].as_f64().unwrap_or(f64::NAN);
     let last_flip = done.iter().map(|report| {
         let begun_s = number(report, "flipped_s") - LEAD_IN_S;
@@ -241,9 +249,10 @@ fn print(options: &Options, summary: &Value, blocks: &[Block], releases_hz: f64)
 
 /// Mean of what the blocks say, and its one-sided limit at 95 %: by the central limit theorem, which tens of
 /// blocks are enough for.
-fn upper_limit(values: Vec<f64>) -> (f64, f64) {
+fn upper_limit(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let variance =
+        values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / (n - 1.0);
     (mean, mean + 1.685 * (variance / n).sqrt())
 }

@@ -139,7 +139,7 @@ impl<O: Observer> InProcess<O> {
 /// Flies a scenario to its end and gives what `observer` made of it.
 ///
 /// # Errors
-/// See [`InProcess::new`] and [`InProcess::fly_until`].
+/// See [`InProcess::new`] and [`Kernel::fly_until`].
 pub fn fly<O: Observer + Default>(
     scenario: &Scenario,
     state: StateSource,

@@ -69,6 +69,9 @@ struct Row {
 /// By slot and controller, then by guard.
 type Rows = BTreeMap<(&'static str, String), BTreeMap<&'static str, Row>>;
 
+/// Flights without a swap, by situation, seed and the controller that holds the slot.
+type Plains<'a> = BTreeMap<(&'a str, u64, Option<&'a str>), Arc<Plain>>;
+
 impl Candidate {
     fn is_good(&self) -> bool {
         matches!(self, Self::Shipped(_) | Self::Python)
@@ -182,7 +185,7 @@ fn main() {
     let cases = selection.cases();
     let next = AtomicUsize::new(0);
     let rows: Mutex<Rows> = Mutex::default();
-    let plains: Mutex<BTreeMap<(&str, u64, Option<&str>), Arc<Plain>>> = Mutex::default();
+    let plains: Mutex<Plains> = Mutex::default();
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
