@@ -22,7 +22,8 @@ fn result(output: &Output) -> Value {
 fn flown(arguments: &[&str], code: i32) -> Value {
     let mut notices = Vec::new();
     for _ in 0..5 {
-        let output = bench(&[arguments, judged(&["realtime"]), &["--format", "json"]].concat());
+        let output =
+            bench(&[arguments, &judged(&["realtime"])[..], &["--format", "json"]].concat());
         let said = String::from_utf8_lossy(&output.stderr);
         let told = result(&output);
         let report = &told["report"];

@@ -132,12 +132,25 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
     fly_with(&[], arguments)
 }
 
-/// By the wall clock a machine that is busy elsewhere makes the guard hold and level; only tests of the
-/// verdict, which set something of it, judge a flight by how often.
-pub(crate) fn judged(arguments: &[&str]) -> &'static [&'static str] {
+/// What the verdict asks of flying well, for flights by the wall clock that a busy machine may disturb. That
+/// a vehicle was lost, or that a promise was broken, fails them all the same.
+const UNDISTURBED: [&str; 7] = [
+    "verdict.clipped_max_s=60.0",
+    "verdict.safe_mode_max=1000",
+    "verdict.safe_mode_max_s=60.0",
+    "verdict.tilt_max_rad=3.0",
+    "verdict.tracking_max_m=100.0",
+    "verdict.tracking_rms_max_m=100.0",
+    "verdict.tracking_sustained_max_m=100.0",
+];
+
+/// Settings that go with the arguments of a flight: by the wall clock only tests of the verdict, which set
+/// something of it, judge a flight by how well it was flown.
+pub(crate) fn judged(arguments: &[&str]) -> Vec<&'static str> {
     let by_wall_clock = arguments.contains(&"realtime");
     let is_about_it = arguments.iter().any(|word| word.starts_with("verdict."));
-    if by_wall_clock && !is_about_it { &["--set", "verdict.safe_mode_max=1000"] } else { &[] }
+    let settings = UNDISTURBED.iter().filter(|_| by_wall_clock && !is_about_it);
+    settings.flat_map(|setting| ["--set", setting]).collect()
 }
 
 /// As [`fly`], through another command such as `nice`.
