@@ -3,7 +3,7 @@
 mod common;
 
 use common::processes::{Process, Running, kill, processes_of, wait_until};
-use common::turn;
+use common::{Flown, turn};
 use iceoryx2::service::port_factory::PortFactory as _;
 use runtime::ipc::Bus;
 use rustix::process::Signal;
@@ -12,6 +12,8 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
+use std::process::{Command, Stdio};
+use tempfile::TempDir;
 
 const SERVICES: [&str; 6] =
     ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "monitor"];
@@ -48,6 +50,28 @@ fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() 
     let comm = fs::read_to_string(format!("/proc/{}/comm", running.launcher_pid()));
     assert_eq!(comm.expect("the launcher lives").trim_end(), "morphquad");
     end(running);
+}
+
+#[test]
+fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder for the executable");
+    let executable = folder.path().join("morphquad");
+    fs::copy(env!("CARGO_BIN_EXE_morphquad"), &executable).expect("a copy of the executable");
+    let flight = Command::new(&executable)
+        .args(["run", "hover", "--for", "3s", "--no-record", "--format", "json"])
+        .args(["--swap", "attitude=attitude-lqr@500ms,shadow=500ms,rollback=500ms"])
+        .args(["--fault", "kill:estimator@2500ms"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let flight = flight.expect("the executable starts");
+    // As the linker does when it builds anew; nothing but the launcher runs yet.
+    fs::remove_file(&executable).expect("it can be removed");
+    let flown = Flown::new(&flight.wait_with_output().expect("it ends"), folder);
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
+    assert_eq!(flown.number("recovered_crashes"), 1.0, "{}", flown.said());
 }
 
 #[test]

@@ -27,6 +27,7 @@ pub mod in_process;
 pub mod live;
 pub mod new_controller;
 pub mod orders;
+mod own_executable;
 pub mod paper;
 pub mod pilot;
 pub mod process;

@@ -2,6 +2,7 @@
 
 use super::BenchError;
 use super::report::LoopsReport;
+use crate::own_executable::OWN_EXECUTABLE;
 use serde_json::Value;
 use std::io::Read as _;
 use std::process::{Child, Command, Stdio};
@@ -28,8 +29,7 @@ impl Flight {
     /// It cannot be started.
     pub fn start(words: &[String]) -> Result<Self, BenchError> {
         let failed = |source| BenchError::System { action: "start a flight".to_owned(), source };
-        let executable = std::env::current_exe().map_err(failed)?;
-        let child = Command::new(executable)
+        let child = Command::new(OWN_EXECUTABLE)
             .args(["bench", "loops"])
             .args(words)
             .args(["--no-floor", "--format", "json"])

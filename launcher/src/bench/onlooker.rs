@@ -1,5 +1,6 @@
 //! Somebody who has a flight's live page open, and a viewer that shows every topic, for a measurement.
 
+use crate::own_executable::OWN_EXECUTABLE;
 use core::sync::atomic::{AtomicU64, Ordering};
 use serde_json::{Value, json};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -30,7 +31,7 @@ pub(super) struct Onlooker {
 impl Onlooker {
     /// Of a run by its name; none if it cannot be shown.
     pub(super) fn of(run: &str) -> Option<Self> {
-        let mut child = Command::new(std::env::current_exe().ok()?)
+        let mut child = Command::new(OWN_EXECUTABLE)
             .args(["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

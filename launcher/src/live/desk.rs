@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const LOOK_EVERY_NS: u64 = 20_000_000;
 /// A page that asked within this time is still looking: a hidden one asks every two seconds, and one on a
 /// busy machine when it can \[ns\].
-const LOOKING_NS: u64 = 8_000_000_000;
+const LOOKING_NS: u64 = 20_000_000_000;
 /// More pages than that are not waited for.
 const PAGES_MAX: usize = 64;
 /// Nor is one that gives itself a longer name.
@@ -219,7 +219,7 @@ mod tests {
         pages.asked("slow", SECOND_NS, false);
         pages.asked("quick", 2 * SECOND_NS, true);
         assert!(pages.await_the_end(7 * SECOND_NS), "one does not know the end");
-        assert!(!pages.await_the_end(9 * SECOND_NS), "it asks no more");
+        assert!(!pages.await_the_end(SECOND_NS + LOOKING_NS), "it asks no more");
         pages.asked("slow", 7 * SECOND_NS, true);
         assert!(!pages.await_the_end(7 * SECOND_NS), "both know it");
         pages.asked("third", 8 * SECOND_NS, false);

@@ -42,7 +42,7 @@ const SUCCESSOR_LIMIT_NS: u64 = 120_000_000_000;
 /// How often to look for it \[ns\].
 const LOOK_EVERY_NS: u64 = 200_000_000;
 /// How long a page may take to fetch the end \[ns\].
-const LAST_LOOK_NS: u64 = 8_000_000_000;
+const LAST_LOOK_NS: u64 = 20_000_000_000;
 
 /// Why a run cannot be shown.
 #[derive(Debug, Error)]

@@ -4,6 +4,7 @@
 //! the flight.
 
 use super::setup::{LiveOptions, RunError, system};
+use crate::own_executable::OWN_EXECUTABLE;
 use runtime::clock::{mono_now_ns, sleep_until};
 use std::io::{BufRead as _, BufReader, Read};
 use std::os::unix::process::CommandExt as _;
@@ -17,7 +18,7 @@ use std::time::Duration;
 /// How long it may take to be there.
 const READY_LIMIT: Duration = Duration::from_secs(10);
 /// How long it may take to leave once the flight is over \[ns\].
-const LEAVE_LIMIT_NS: u64 = 10_000_000_000;
+const LEAVE_LIMIT_NS: u64 = 22_000_000_000;
 /// How often to look whether it has left \[ns\].
 const LOOK_EVERY_NS: u64 = 5_000_000;
 /// What it says of each address, and how many there are.
@@ -38,8 +39,7 @@ impl Audience {
         run: &str,
         cpu: Option<usize>,
     ) -> Result<Self, RunError> {
-        let executable = std::env::current_exe().map_err(system("find the own executable"))?;
-        let mut command = Command::new(executable);
+        let mut command = Command::new(OWN_EXECUTABLE);
         command.arg0("morphquad-live").args(["live", "--run", run]);
         command.args(["--listen", &options.listen.to_string()]);
         if !options.open {

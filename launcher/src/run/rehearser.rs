@@ -1,9 +1,9 @@
 //! Rehearsals of swap candidates: each flies in a child of the launcher, off every loop.
 
+use crate::own_executable::OWN_EXECUTABLE;
 use crate::rehearse::{RehearsalRefusal, RehearsalSpec, Verdict};
 use shared_types::Seat as Place;
 use std::io::{self, Read as _, Write as _};
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 
@@ -48,8 +48,7 @@ impl Rehearser {
         (now_mono_ns, wall_max_s): (u64, f64),
     ) -> io::Result<()> {
         self.end(place);
-        let executable = std::env::current_exe()?;
-        let child = start(&executable, spec, if self.stands_back { NICE } else { 0 })?;
+        let child = start(spec, if self.stands_back { NICE } else { 0 })?;
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -79,12 +78,11 @@ impl Rehearser {
 
 /// A child that has been told what to fly, and who listens to it.
 fn start(
-    executable: &Path,
     spec: &RehearsalSpec,
     nice: i32,
 ) -> io::Result<(Child, [Option<JoinHandle<String>>; 2])> {
     let told = serde_json::to_vec(spec).map_err(io::Error::other)?;
-    let mut child = Command::new(executable)
+    let mut child = Command::new(OWN_EXECUTABLE)
         .args(["rehearse", "--spec", "-", "--nice", &nice.to_string()])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -8,6 +8,7 @@ pub mod hop;
 
 use super::BenchError;
 use super::load::{LoadOrder, be_load};
+use crate::own_executable::OWN_EXECUTABLE;
 use host::realtime::Setup;
 use host::{exit, name_thread};
 use runtime::priority::Schedule;
@@ -77,8 +78,7 @@ impl Peer {
     /// It cannot be started, or ends before.
     pub fn start(order: &Order) -> Result<Self, BenchError> {
         let failed = |source| BenchError::System { action: "start a peer".to_owned(), source };
-        let executable = std::env::current_exe().map_err(failed)?;
-        let mut child = Command::new(executable)
+        let mut child = Command::new(OWN_EXECUTABLE)
             .arg("bench-peer")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())

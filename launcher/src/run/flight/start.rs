@@ -3,6 +3,7 @@
 use super::{Flight, LOOK_EVERY_NS};
 use crate::components::Crew;
 use crate::orders::Planner;
+use crate::own_executable::OWN_EXECUTABLE;
 use crate::process::has_process;
 use crate::record::Recording;
 use crate::run::child::{ChildSpec, Launch};
@@ -74,11 +75,10 @@ impl Flight {
         let services = HeldServices::create(&bus)?;
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
-        let executable = std::env::current_exe().map_err(system("find the own executable"))?;
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
         let crew = Crew::of(scenario.settings());
         let spec = |role: Role| {
-            let (name, executable) = (crew.name(role)?.to_owned(), executable.clone());
+            let (name, executable) = (crew.name(role)?.to_owned(), OWN_EXECUTABLE.into());
             let launch = Launch::Service { config: None };
             Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
         };
