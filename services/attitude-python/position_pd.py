@@ -10,9 +10,9 @@ what is constantly missing and makes the change of hands smooth. `host/` turns t
 from host import position
 
 GAINS = {
-    "position_per_s2": [12.0, 12.0, 24.0],  # Acceleration per position error [1/s^2].
+    "position_per_s2": [20.0, 20.0, 40.0],  # Acceleration per position error [1/s^2].
     "velocity_per_s": [5.5, 5.5, 8.0],  # Acceleration per velocity error [1/s].
-    "integral_s": 1.5,  # Integral time of the position error [s].
+    "integral_s": 1.2,  # Integral time of the position error [s].
 }
 
 

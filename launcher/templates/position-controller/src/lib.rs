@@ -1,8 +1,8 @@
 //! my-position-controller: reference and state estimate in, thrust and attitude set point out.
 //!
-//! Position and velocity errors ask for an acceleration, an integral holds what is constantly missing,
-//! and the thrust is turned into that direction. Change `Controller::acceleration`; the rest is what
-//! any position controller needs.
+//! Position and velocity errors ask for an acceleration beside that of the reference, an integral holds
+//! what is constantly missing, and the thrust is turned into that direction. Change
+//! `Controller::acceleration`; the rest is what any position controller needs.
 
 use host::{Config, Flight, HostError};
 use nalgebra::Vector3;
@@ -34,9 +34,14 @@ pub struct Gains {
 }
 
 impl Default for Gains {
-    /// Damped, and slow beside the attitude loop; the thrust answers at once.
+    /// As stiff against gusts as the attitude loop, which answers after some 55 ms, lets it be; the thrust
+    /// answers at once.
     fn default() -> Self {
-        Self { position_per_s2: [6.0, 6.0, 16.0], velocity_per_s: [4.5, 4.5, 9.0], integral_s: 4.0 }
+        Self {
+            position_per_s2: [20.0, 20.0, 40.0],
+            velocity_per_s: [5.5, 5.5, 8.0],
+            integral_s: 1.2,
+        }
     }
 }
 
@@ -94,6 +99,8 @@ pub struct Controller {
 struct Sample {
     position_error_m: Vector3<f64>,
     velocity_error_m_s: Vector3<f64>,
+    /// Of the reference.
+    acceleration_m_s2: Vector3<f64>,
     /// Heading of the vehicle \[rad\].
     heading_rad: f64,
     /// Heading to take \[rad\].
@@ -125,17 +132,23 @@ impl Controller {
         let count = usize::try_from(reference.count).ok()?.min(reference.points.len());
         let index = usize::try_from(age_ns / reference.spacing_ns.max(1)).ok()?;
         let is_over = index >= count;
-        let point = reference.points.get(index.min(count.checked_sub(1)?))?;
+        let last = count.checked_sub(1)?;
+        let point = reference.points.get(index.min(last))?;
         let mut position = Vector3::from(point.position_w_m);
         let mut velocity = Vector3::from(point.velocity_w_m_s);
+        let mut acceleration_m_s2 = Vector3::zeros();
         if is_over {
             // Nobody says any more where to go: hover, and land after a while.
             let landing_s = (age_ns as f64 * 1e-9 - self.grace_s).max(0.0);
             position.z = (position.z - LANDING_M_S * landing_s).max(0.0);
             velocity = Vector3::zeros();
         } else {
-            let since_s = (age_ns % reference.spacing_ns.max(1)) as f64 * 1e-9;
-            position += velocity * since_s;
+            let spacing_ns = reference.spacing_ns.max(1);
+            let since_s = (age_ns % spacing_ns) as f64 * 1e-9;
+            let next = Vector3::from(reference.points[(index + 1).min(last)].velocity_w_m_s);
+            acceleration_m_s2 = (next - velocity) / (spacing_ns as f64 * 1e-9);
+            position += (velocity + 0.5 * since_s * acceleration_m_s2) * since_s;
+            velocity += since_s * acceleration_m_s2;
         }
         let q = &estimate.q_wb;
         let heading_rad =
@@ -143,6 +156,7 @@ impl Controller {
         Some(Sample {
             position_error_m: position - Vector3::from(estimate.position_w_m),
             velocity_error_m_s: velocity - Vector3::from(estimate.velocity_w_m_s),
+            acceleration_m_s2,
             heading_rad,
             yaw_rad: point.yaw_rad,
         })
@@ -152,6 +166,7 @@ impl Controller {
     fn acceleration(&self, sample: &Sample) -> Vector3<f64> {
         sample.position_error_m.component_mul(&Vector3::from(self.gains.position_per_s2))
             + sample.velocity_error_m_s.component_mul(&Vector3::from(self.gains.velocity_per_s))
+            + sample.acceleration_m_s2
     }
 
     /// θ₀ and φ₀ \[rad\], the tilt at heading zero, and T \[N\] for an acceleration, within bounds.
