@@ -5,6 +5,7 @@
 
 mod common;
 
+use common::misdeeds::{config, rogue};
 use common::processes::{Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until};
 use common::recording::{Recording, Row};
 use common::{distance, euler_rad, morphquad, turn};
@@ -13,6 +14,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
+use tempfile::TempDir;
 
 /// A launcher that takes over.
 struct Adopter(Child);
@@ -138,6 +140,42 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains(&format!("a continuation of {run}.mcap")), "{said}");
     assert_nothing_left(&run);
+}
+
+/// The watch needs no launcher: it is a process of the flight, and each consumer follows its trips by itself.
+#[test]
+fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies_on() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let running = realtime(&["--for", "60s"]);
+    let run = running.id().to_owned();
+    let proven = in_attitude(&run, "owner").expect("an owner");
+    // Well after the swap, however long a busy machine takes for it.
+    let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("in the air");
+    let turns_s = flown_s() + 12.0;
+    let config = config(&folder, "gain", turns_s, -1.0);
+    let swap = ["swap", "attitude", "--to", rogue(), "--config", &config, "--shadow", "400ms"];
+    let swap = [&swap[..], &["--rollback", "100ms", "--no-rehearsal", "--run", &run]].concat();
+    let mut said = (None, String::new());
+    wait_until("a swap", || {
+        said = say(&swap);
+        said.0 == Some(0)
+    });
+    let bad = in_attitude(&run, "owner").expect("an owner");
+    assert_ne!(bad, proven, "{said:?}");
+    let left_s = turns_s - flown_s();
+    assert!(left_s > 0.5, "{said:?}");
+    assert!(kill(running.launcher_pid(), Signal::KILL));
+    pause_ms(((left_s + 1.5) * 1e3) as u64);
+    let adopter = Adopter::start(&run);
+    wait_until("the new launcher", || {
+        ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
+    });
+    wait_until("the proven owner commands", || in_attitude(&run, "owner") == Some(proven));
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {said}");
+    assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary} {said}");
 }
 
 #[test]

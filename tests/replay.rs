@@ -4,6 +4,7 @@
 
 mod common;
 
+use common::misdeeds::{config, rogue};
 use common::processes::{Running, pause_ms};
 use common::recording::Recording;
 use common::{Flown, fly, morphquad, rounds, turn};
@@ -177,6 +178,20 @@ fn every_life_of_a_restarted_process_is_verified() {
         assert_identical(&flown.recording_path());
         assert_hashes_agree(&flown);
     }
+}
+
+#[test]
+fn a_trip_and_the_way_back_to_the_fallback_are_verified() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let config = config(&folder, "gain", 2.5, -1.0);
+    let swap = format!("attitude={}@1s,shadow=400ms,no-rehearsal,config={config}", rogue());
+    let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap]);
+    let trips = flown.recording().series("trip", &["epoch"]).len();
+    assert_eq!(trips, 1, "{}", flown.said());
+    assert!(flown.number("position_max_m") < 0.5, "{}", flown.said());
+    assert_identical(&flown.recording_path());
+    assert_hashes_agree(&flown);
 }
 
 #[test]
