@@ -12,8 +12,8 @@ import math
 from host import attitude
 
 GAINS = {
-    "angle_per_s": [14.0, 14.0, 14.0],  # Body rate per angle error [1/s].
-    "rate_per_s": [45.0, 45.0, 55.0],  # Angular acceleration per rate error [1/s].
+    "angle_per_s": [16.0, 16.0, 16.0],  # Body rate per angle error [1/s].
+    "rate_per_s": [50.0, 50.0, 55.0],  # Angular acceleration per rate error [1/s].
     "integral_s": 0.5,  # Integral time of the rate error [s].
 }
 

@@ -32,7 +32,7 @@ pub struct Gains {
 impl Default for Gains {
     /// For 15 ms of rotor lag and 100 Hz.
     fn default() -> Self {
-        Self { angle_per_s: [14.0; 3], rate_per_s: [45.0, 45.0, 55.0], integral_s: 0.5 }
+        Self { angle_per_s: [16.0; 3], rate_per_s: [50.0, 50.0, 55.0], integral_s: 0.5 }
     }
 }
 
