@@ -175,7 +175,7 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     assert!(kill(adopter.0.id(), Signal::INT));
     let (code, summary, said) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {said}");
-    assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary} {said}");
+    assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {said}");
 }
 
 #[test]

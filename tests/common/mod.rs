@@ -134,8 +134,12 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
 
 /// What the verdict asks of flying well, for flights by the wall clock that a busy machine may disturb. That
 /// a vehicle was lost, or that a promise was broken, fails them all the same.
-const UNDISTURBED: [&str; 7] = [
+const UNDISTURBED: [&str; 11] = [
     "verdict.clipped_max_s=60.0",
+    "verdict.contact_max_s=60.0",
+    "verdict.late_max_share=1000.0",
+    "verdict.missed_max_share=1.0",
+    "verdict.recovery_max_m=100.0",
     "verdict.safe_mode_max=1000",
     "verdict.safe_mode_max_s=60.0",
     "verdict.tilt_max_rad=3.0",
