@@ -87,6 +87,8 @@ struct Course {
     truths: Vec<Truth>,
     trips: Vec<Trip>,
     cut: bool,
+    /// How much later than the monitor says its trips take effect \[ns\].
+    trips_later_ns: u64,
 }
 
 impl Observer for Course {
@@ -96,6 +98,13 @@ impl Observer for Course {
         self.trips.extend(any.downcast_ref::<Trip>());
         if let Some(applied) = any.downcast_ref::<shared_types::AppliedCommand>() {
             self.cut |= applied.mode == GateMode::Cut;
+        }
+    }
+
+    fn alter<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &mut T) {
+        let any: &mut dyn Any = sample;
+        if let Some(trip) = any.downcast_mut::<Trip>() {
+            trip.header.valid_ns += self.trips_later_ns;
         }
     }
 }
@@ -131,10 +140,14 @@ fn scenario(
     Scenario::load(situation.scenario, &edits)
 }
 
-fn fly(scenario: &Scenario) -> Result<(Course, Conclusion), InProcessError> {
+fn fly(
+    scenario: &Scenario,
+    trips_later_ns: u64,
+) -> Result<(Course, Conclusion), InProcessError> {
     let outside = Outside::of(scenario.settings());
+    let course = Course { trips_later_ns, ..Course::default() };
     let mut flight =
-        InProcess::with_processes(scenario, StateSource::Estimator, Course::default(), &outside)?;
+        InProcess::with_processes(scenario, StateSource::Estimator, course, &outside)?;
     flight.fly_until(u64::MAX)?;
     let conclusion = flight.conclude();
     Ok((flight.seen(core::mem::take), conclusion))
@@ -164,7 +177,7 @@ pub fn plain(
 ) -> Result<Plain, Box<dyn std::error::Error>> {
     let mut edits = held(holder)?;
     edits.extend(settings.iter().cloned());
-    let truths = fly(&scenario(situation, seed, &edits)?)?.0.truths;
+    let truths = fly(&scenario(situation, seed, &edits)?, 0)?.0.truths;
     Ok(Plain { truths, edits })
 }
 
@@ -186,9 +199,24 @@ pub fn swapped(
     guard: Guard,
     plain: &Plain,
 ) -> Result<Swapped, Box<dyn std::error::Error>> {
+    swapped_with_late_trips((situation, seed), slot, (to, config), (guard, 0), plain)
+}
+
+/// The same with trips that take effect `trips_later_ns` later than the monitor says. The largest such delay
+/// that the vehicle survives is how far its trip comes before the point of no return.
+///
+/// # Errors
+/// It cannot be flown.
+pub fn swapped_with_late_trips(
+    (situation, seed): (&Situation, u64),
+    slot: Slot,
+    (to, config): (&str, Option<&Path>),
+    (guard, trips_later_ns): (Guard, u64),
+    plain: &Plain,
+) -> Result<Swapped, Box<dyn std::error::Error>> {
     let mut more = plain.edits.clone();
     more.extend(swap(slot, (to, config), guard)?);
-    let (course, conclusion) = fly(&scenario(situation, seed, &more)?)?;
+    let (course, conclusion) = fly(&scenario(situation, seed, &more)?, trips_later_ns)?;
     let swap = conclusion.swaps.first();
     let flipped = swap.is_some_and(|swap| swap.flipped_s.is_some());
     let outcome = swap.map_or_else(String::new, |swap| swap.outcome.clone());
@@ -254,6 +282,7 @@ pub fn swapped_in_realtime(
         truths: recorded.samples(&topics::TRUTH)?,
         trips: recorded.samples(&topics::TRIP)?,
         cut: applied.iter().any(|applied| applied.mode == GateMode::Cut),
+        trips_later_ns: 0,
     };
     let swap = &summary["swaps"][0];
     let flipped = swap["flipped_s"].is_number();

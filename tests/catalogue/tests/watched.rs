@@ -1,0 +1,105 @@
+//! The watch alone, without admission check and rehearsal: whom it takes back and when, and whom it leaves alone.
+
+use catalogue::swapped::{
+    Guard, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped, swapped_with_late_trips,
+};
+use catalogue::{Entry, Fault, entries};
+use launcher::candidate::Slot;
+use launcher::components::names_for;
+use std::path::PathBuf;
+use tempfile::TempDir;
+
+const SEED: u64 = 3;
+/// Steps of the search for the point of no return \[ns\].
+const STEP_NS: u64 = 10_000_000;
+
+/// Flies entries of the catalogue with its executable.
+struct Flights {
+    folder: TempDir,
+    plains: [Plain; 4],
+}
+
+impl Flights {
+    fn new() -> Self {
+        let plains = SITUATIONS.map(|situation| plain(&situation, SEED, None, &[]).unwrap());
+        Self { folder: TempDir::new().unwrap(), plains }
+    }
+
+    fn configure(&self, entry: &Entry) -> PathBuf {
+        let path = self.folder.path().join("entry.toml");
+        std::fs::write(&path, config_of(entry)).unwrap();
+        path
+    }
+
+    fn fly(&self, at: usize, slot: Slot, entry: &Entry, guard: (Guard, u64)) -> Swapped {
+        let config = self.configure(entry);
+        let to = (env!("CARGO_BIN_EXE_catalogue"), Some(config.as_path()));
+        let situation: &Situation = &SITUATIONS[at];
+        swapped_with_late_trips((situation, SEED), slot, to, guard, &self.plains[at]).unwrap()
+    }
+}
+
+#[test]
+fn every_bad_controller_that_is_forced_in_is_survived() {
+    let flights = Flights::new();
+    let all = Slot::ALL.into_iter().flat_map(|slot| entries(slot).into_iter().map(move |e| (slot, e)));
+    for (nth, (slot, entry)) in all.enumerate() {
+        let at = nth % SITUATIONS.len();
+        let flown = flights.fly(at, slot, &entry, (Guard::Watch, 0));
+        let name = entry.name();
+        println!("{} {name} {}: {flown:?}", slot.label(), SITUATIONS[at].name);
+        assert!(flown.flipped && flown.lost.is_none(), "{name}: {flown:?}");
+    }
+}
+
+#[test]
+fn no_shipped_controller_trips() {
+    for slot in Slot::ALL {
+        for owner in names_for(slot.role()) {
+            for situation in &SITUATIONS {
+                let unswapped = plain(situation, SEED, Some((slot, owner)), &[]).unwrap();
+                for to in names_for(slot.role()).filter(|to| *to != owner) {
+                    let flight = (situation, SEED);
+                    let flown = swapped(flight, slot, (to, None), Guard::Watch, &unswapped).unwrap();
+                    let facts = (flown.flipped, flown.tripped_s, flown.lost.as_deref());
+                    let name = situation.name;
+                    assert_eq!(facts, (true, None, None), "{to} for {owner}, {name}: {flown:?}");
+                }
+            }
+        }
+    }
+}
+
+/// The point of no return is the last instant at which a trip still saves the vehicle: the search delays trips.
+#[test]
+fn trips_come_well_before_the_point_of_no_return() {
+    let flights = Flights::new();
+    let mut margins_ms = Vec::new();
+    let wanted = |entry: &Entry| match entry.fault {
+        Fault::WrongSign => entry.axis != 3,
+        fault => matches!(fault, Fault::Exchanged | Fault::Frozen),
+    };
+    for entry in entries(Slot::Attitude).into_iter().filter(wanted) {
+        for at in [0, 1, 3] {
+            let fly = |guard, later_ns| flights.fly(at, Slot::Attitude, &entry, (guard, later_ns));
+            // Only what is lost without a watch has a point of no return.
+            if fly(Guard::None, 0).lost.is_none() {
+                continue;
+            }
+            assert!(fly(Guard::Watch, 0).lost.is_none(), "{}", entry.name());
+            let [mut survived, mut lost] = [0, 64];
+            while lost - survived > 1 {
+                let middle = u64::midpoint(survived, lost);
+                let is_lost = fly(Guard::Watch, middle * STEP_NS).lost.is_some();
+                *(if is_lost { &mut lost } else { &mut survived }) = middle;
+            }
+            let margin_ms = survived * STEP_NS / 1_000_000;
+            println!("{} {}: margin {margin_ms} ms", entry.name(), SITUATIONS[at].name);
+            margins_ms.push(margin_ms);
+        }
+    }
+    margins_ms.sort_unstable();
+    let median_ms = margins_ms[margins_ms.len() / 2];
+    println!("median {median_ms} ms of {margins_ms:?}");
+    assert!(margins_ms.len() >= 6 && median_ms >= 50, "{margins_ms:?}");
+}
