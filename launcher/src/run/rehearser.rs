@@ -77,10 +77,7 @@ impl Rehearser {
 }
 
 /// A child that has been told what to fly, and who listens to it.
-fn start(
-    spec: &RehearsalSpec,
-    nice: i32,
-) -> io::Result<(Child, [Option<JoinHandle<String>>; 2])> {
+fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHandle<String>>; 2])> {
     let told = serde_json::to_vec(spec).map_err(io::Error::other)?;
     let mut child = Command::new(OWN_EXECUTABLE)
         .args(["rehearse", "--spec", "-", "--nice", &nice.to_string()])

@@ -16,6 +16,10 @@ const LOST_TILT_RAD: f64 = core::f64::consts::FRAC_PI_2;
 const LOST_AWAY_M: f64 = 2.0;
 /// Height below which the vehicle stands on the ground: the radius of its rotors and landing gear \[m\].
 const GROUND_M: f64 = 0.05;
+/// Distance from the flight without a swap at which a vehicle is back in its place \[m\], for so long at the
+/// end \[ns\].
+const BACK_M: f64 = 0.35;
+const BACK_NS: u64 = 300_000_000;
 /// When the candidate joins \[s\]: after the start, before the arms move.
 const JOIN_S: f64 = 1.5;
 /// How long it shadows \[s\].
@@ -114,6 +118,9 @@ impl Observer for Course {
 pub struct Swapped {
     /// How the vehicle was lost, if it was.
     pub lost: Option<String>,
+    /// It stayed off the ground with its rotors turning, and was back in its place at the end, however far it
+    /// had tilted meanwhile.
+    pub recovered: bool,
     /// Furthest from where it was without the swap \[m\].
     pub excursion_m: f64,
     /// Largest tilt beyond the one without the swap \[deg\].
@@ -140,14 +147,10 @@ fn scenario(
     Scenario::load(situation.scenario, &edits)
 }
 
-fn fly(
-    scenario: &Scenario,
-    trips_later_ns: u64,
-) -> Result<(Course, Conclusion), InProcessError> {
+fn fly(scenario: &Scenario, trips_later_ns: u64) -> Result<(Course, Conclusion), InProcessError> {
     let outside = Outside::of(scenario.settings());
     let course = Course { trips_later_ns, ..Course::default() };
-    let mut flight =
-        InProcess::with_processes(scenario, StateSource::Estimator, course, &outside)?;
+    let mut flight = InProcess::with_processes(scenario, StateSource::Estimator, course, &outside)?;
     flight.fly_until(u64::MAX)?;
     let conclusion = flight.conclude();
     Ok((flight.seen(core::mem::take), conclusion))
@@ -300,6 +303,9 @@ fn tilt_rad(truth: &Truth) -> f64 {
 fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swapped {
     let mut lost = course.cut.then(|| "its rotors were cut".to_owned());
     let (mut excursion_m, mut more_tilt_rad) = (0.0_f64, 0.0_f64);
+    let last_ns = |truths: &[Truth]| truths.last().map(|truth| truth.header.release_ns);
+    let back_ns = last_ns(&plain.truths).unwrap_or_default().saturating_sub(BACK_NS);
+    let mut recovered = !course.cut && last_ns(&course.truths) >= last_ns(&plain.truths);
     for is in &course.truths {
         // A realtime flight leaves releases out that it has missed.
         let at = plain.truths.binary_search_by_key(&is.header.release_ns, |t| t.header.release_ns);
@@ -307,6 +313,8 @@ fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swap
         let at_s = is.header.release_ns as f64 * 1e-9;
         let away = Vector3::from(is.position_w_m) - Vector3::from(was.position_w_m);
         excursion_m = excursion_m.max(away.norm());
+        let is_back = away.norm() < BACK_M || is.header.release_ns < back_ns;
+        recovered &= is_back && is.position_w_m[2] >= GROUND_M;
         let tilt = tilt_rad(is);
         more_tilt_rad = more_tilt_rad.max(tilt - tilt_rad(was));
         let why = if tilt > LOST_TILT_RAD {
@@ -324,12 +332,12 @@ fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swap
             lost = why.map(|why| format!("{why} at {at_s:.2} s"));
         }
     }
-    let last_ns = |truths: &[Truth]| truths.last().map(|truth| truth.header.release_ns);
     if last_ns(&course.truths) < last_ns(&plain.truths) && lost.is_none() {
         lost = Some("the flight ended early".to_owned());
     }
     Swapped {
         lost,
+        recovered,
         excursion_m,
         tilt_deg: more_tilt_rad.to_degrees(),
         flipped,
