@@ -146,7 +146,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
 #[test]
 fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies_on() {
     let _turn = turn();
-    let folder = TempDir::new().expect("a folder");
+    let (rogue, folder) = (rogue(), TempDir::new().expect("a folder"));
     let running = realtime(&["--for", "60s"]);
     let run = running.id().to_owned();
     let proven = in_attitude(&run, "owner").expect("an owner");
@@ -154,7 +154,7 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("in the air");
     let turns_s = flown_s() + 12.0;
     let config = config(&folder, "gain", turns_s, -1.0);
-    let swap = ["swap", "attitude", "--to", rogue(), "--config", &config, "--shadow", "400ms"];
+    let swap = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "400ms"];
     let swap = [&swap[..], &["--rollback", "100ms", "--no-rehearsal", "--run", &run]].concat();
     let mut said = (None, String::new());
     wait_until("a swap", || {

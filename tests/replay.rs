@@ -42,7 +42,9 @@ fn assert_identical(file: &Path) -> Value {
     let verify = said.json["verify"].clone();
     assert_eq!(verify["identical"], true, "{} {}", said.json, said.stderr);
     assert_eq!(said.code, Some(0), "{}", said.stderr);
-    for service in verify["services"].as_array().expect("services") {
+    let services = verify["services"].as_array().expect("services").iter();
+    // Executables of users are not flown again: what they said is taken as it was.
+    for service in services.filter(|service| service["left_out"].is_null()) {
         for key in ["steps", "samples", "states"] {
             assert!(service[key].as_u64() > Some(0), "{key}: {service}");
         }

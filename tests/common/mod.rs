@@ -137,7 +137,7 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
 const UNDISTURBED: [&str; 11] = [
     "verdict.clipped_max_s=60.0",
     "verdict.contact_max_s=60.0",
-    "verdict.late_max_share=1000.0",
+    "verdict.late_max_share=100.0",
     "verdict.missed_max_share=1.0",
     "verdict.recovery_max_m=100.0",
     "verdict.safe_mode_max=1000",

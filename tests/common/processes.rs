@@ -87,7 +87,12 @@ impl Running {
         let pid = launcher.id();
         let mut running =
             Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new() };
-        wait_until("the recording exists", || running.recording_path().is_some());
+        wait_until("the recording exists", || {
+            if running.recording_path().is_none() && running.has_ended() {
+                panic!("it has ended: {}", running.wait().said());
+            }
+            running.recording_path().is_some()
+        });
         let path = running.recording_path().expect("just seen");
         running.id = path.file_stem().expect("a name").to_string_lossy().into_owned();
         running
@@ -126,6 +131,10 @@ impl Running {
         let process = self.process(name).unwrap_or_else(|| panic!("no {name}"));
         assert!(kill(process.pid, signal), "{name} had gone");
         process.pid
+    }
+
+    fn has_ended(&mut self) -> bool {
+        self.launcher.as_mut().is_some_and(|launcher| !matches!(launcher.try_wait(), Ok(None)))
     }
 
     /// Waits for the end of the launcher.
