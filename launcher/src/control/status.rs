@@ -122,14 +122,14 @@ impl SlotStatus {
             ("window", &["window"]),
         ];
         let Some(candidate) = &self.candidate else { return String::new() };
+        let until = self.until_s.map_or(String::new(), |s| format!(" until {s:.2} s"));
         let stages = STAGES.map(|(name, stages)| {
             if stages.contains(&self.stage.as_str()) {
-                format!("[{name}]")
+                format!("[{name}{until}]")
             } else {
                 name.to_owned()
             }
         });
-        let until = self.until_s.map_or(String::new(), |s| format!(" until {s:.2} s"));
-        format!("{candidate}: {}{until}", stages.join(" > "))
+        format!("{candidate}: {}", stages.join(" > "))
     }
 }
