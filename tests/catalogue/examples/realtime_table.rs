@@ -2,7 +2,7 @@
 //! recordings beside the lockstep flight without a swap.
 //!
 //! `realtime_table [watch] [FLIGHTS]`; 60 flights unless told otherwise, and `watch` forces each candidate in,
-//! with the watch alone. Run it after `cargo build --release -p morphquad -p catalogue`.
+//! with the watch alone. A vehicle that is lost although the candidate never commanded was lost by the machine. Run it after `cargo build --release --workspace --examples --bins`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped_in_realtime};
@@ -27,7 +27,7 @@ fn main() {
         .collect();
     let folder = tempfile::TempDir::new().expect("a folder");
     let config = folder.path().join("entry.toml");
-    let (mut lost, mut far, mut flipped) = (0, 0, 0);
+    let (mut lost, mut by_machine, mut far, mut flipped) = (0, 0, 0, 0);
     for nth in 0..flights {
         let (slot, entry) = &all[nth % all.len()];
         // Another situation each time round.
@@ -51,7 +51,8 @@ fn main() {
                     flown.tripped_s,
                     flown.outcome
                 );
-                lost += u32::from(flown.lost.is_some());
+                lost += u32::from(flown.lost.is_some() && flown.flipped);
+                by_machine += u32::from(flown.lost.is_some() && !flown.flipped);
                 far += u32::from(flown.excursion_m > 0.5 || flown.tilt_deg > 60.0);
                 flipped += u32::from(flown.flipped);
             }
@@ -62,7 +63,8 @@ fn main() {
         }
     }
     println!(
-        "{flights} flights, {}: {lost} lost, {far} beyond 0.5 m or 60 deg, {flipped} flipped",
+        "{flights} flights, {}: {lost} lost, {by_machine} lost by the machine, {far} beyond 0.5 m or 60 deg, \
+         {flipped} flipped",
         guard.name()
     );
 }
