@@ -2,7 +2,8 @@
 //! recordings beside the lockstep flight without a swap.
 //!
 //! `realtime_table [watch] [FLIGHTS]`; 60 flights unless told otherwise, and `watch` forces each candidate in,
-//! with the watch alone. A vehicle that is lost although the candidate never commanded was lost by the machine. Run it after `cargo build --release --workspace --examples --bins`.
+//! with the watch alone. A vehicle that is lost although the candidate never commanded was lost by the machine.
+//! Run it after `cargo build --release --workspace --examples --bins`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped_in_realtime};

@@ -3,8 +3,8 @@
 //!
 //! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`; `good`
 //! flies the shipped controllers, each in place of each, `python` the controllers in Python, good or bad, and
-//! `KEY=VALUE` sets something in the scenario, for example `watch.rate_hz=200.0`. Run it
-//! after `cargo build --release -p catalogue`; Python needs the environment of
+//! `KEY=VALUE` sets something in the scenario, for example `watch.rate_hz=200.0`. Run it after
+//! `cargo build --release --workspace --examples --bins`; Python needs the environment of
 //! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
