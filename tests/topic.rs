@@ -2,12 +2,16 @@
 
 mod common;
 
-use common::processes::{Running, kill, left_in_shared_memory, processes_of, wait_until};
+use common::processes::{
+    Running, all_processes, kill, left_in_shared_memory, processes_of, wait_until,
+};
 use common::{fly, morphquad, turn};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use rustix::process::Signal;
 use serde_json::Value;
 use shared_types::topics;
+use std::io::Read as _;
+use std::process::{Command, Stdio};
 
 fn topic(arguments: &[&str]) -> (Option<i32>, String, String) {
     let output = morphquad([&["topic"], arguments].concat()).output();
@@ -209,6 +213,34 @@ fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
     assert_eq!(running.wait().code, Some(130));
     let gone = morphquad(["top", "--once", "--run", "no-such-run"]).output().expect("starts");
     assert_eq!(gone.status.code(), Some(2));
+}
+
+/// A read from a terminal that has gone returns at once, with nothing, for ever.
+#[test]
+fn top_ends_with_its_terminal() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&["hover", "--for", "10m", "--speed", "1"]);
+    let top = format!("{} top --run {}", env!("CARGO_BIN_EXE_morphquad"), running.id());
+    let is_up = || all_processes().any(|process| process.arguments.join(" ") == top);
+    let command = format!("stty rows 30 columns 100; exec {top}");
+    let mut terminal = Command::new("script")
+        .args(["-qfc", &command, "/dev/null"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("a terminal");
+    let mut shown = terminal.stdout.take().expect("its picture");
+    let mut picture = Vec::new();
+    while !String::from_utf8_lossy(&picture).contains("attitude-mpc") {
+        let mut part = [0; 4096];
+        let count = shown.read(&mut part).expect("a picture");
+        assert!(count > 0, "{}", String::from_utf8_lossy(&picture));
+        picture.extend_from_slice(&part[..count]);
+    }
+    assert!(is_up());
+    terminal.kill().expect("it is there");
+    terminal.wait().expect("it ends");
+    wait_until("top ends", || !is_up());
 }
 
 #[test]

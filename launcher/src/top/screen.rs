@@ -11,7 +11,10 @@ use crate::topic::live::{ListenError, Listening, Word};
 use core::time::Duration;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use runtime::clock::mono_now_ns;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::fs::File;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -105,6 +108,21 @@ pub fn show(run: &Run, ear: &Ear, first: RunStatus, execute: Execute) -> io::Res
     shown
 }
 
+/// Waits for a key, a signal or the limit; false once the terminal has gone. Then crossterm, which is asked for
+/// what there is and not to wait, would try to read from it for ever.
+fn await_key(keyboard: &File, limit: Duration) -> io::Result<bool> {
+    let mut keyboard = [PollFd::new(keyboard, PollFlags::IN)];
+    let limit = Timespec::try_from(limit).map_err(io::Error::other)?;
+    match poll(&mut keyboard, Some(&limit)) {
+        Ok(_) => {
+            let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+            Ok(!keyboard[0].revents().intersects(gone))
+        }
+        Err(Errno::INTR) => Ok(true),
+        Err(error) => Err(error.into()),
+    }
+}
+
 struct Screen<'a> {
     run: &'a Run,
     ear: &'a Ear,
@@ -135,6 +153,7 @@ impl<'a> Screen<'a> {
     fn run(&mut self, terminal: &mut ratatui::DefaultTerminal, end: &AtomicBool) -> io::Result<()> {
         let mut snapshot = self.look();
         let mut looked_ns = mono_now_ns();
+        let keyboard = File::open("/dev/tty")?;
         while !end.load(Ordering::Relaxed) {
             for lines in self.answers.1.try_iter() {
                 self.talk.lines.extend(lines);
@@ -143,13 +162,16 @@ impl<'a> Screen<'a> {
             self.talk.lines.drain(..old);
             terminal.draw(|frame| draw(frame, &snapshot, &self.talk, self.palette))?;
             let elapsed = || Duration::from_nanos(mono_now_ns().saturating_sub(looked_ns));
-            let left = FRAME.saturating_sub(elapsed());
-            if event::poll(left)?
-                && let Event::Key(key) = event::read()?
-                && key.kind != KeyEventKind::Release
-                && !self.press(key)
-            {
+            if !await_key(&keyboard, FRAME.saturating_sub(elapsed()))? {
                 return Ok(());
+            }
+            while event::poll(Duration::ZERO)? {
+                if let Event::Key(key) = event::read()?
+                    && key.kind != KeyEventKind::Release
+                    && !self.press(key)
+                {
+                    return Ok(());
+                }
             }
             if elapsed() >= FRAME {
                 snapshot = self.look();
