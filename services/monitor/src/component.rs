@@ -1,4 +1,4 @@
-//! The monitor as a process: what a vehicle knows in, trips out.
+//! The monitor as a process: it reads what a real vehicle can measure or estimate, and publishes trips.
 
 use crate::judge::{Applied, Finding, Findings, Judge, JudgeMemory, Moment, Setpoint};
 use crate::limits::Limits;
@@ -11,17 +11,19 @@ use shared_types::{
 };
 use vehicle::{MorphAngle, VehicleParameters};
 
-/// An estimate older than this tells nothing about its owner \[ns\].
+/// Age above which an estimate is ignored, because it no longer shows what the owner does \[ns\]; twice the
+/// period of the monitor where that is longer.
 const STALE_NS: u64 = 20_000_000;
-/// A moment after a longer pause than this is a beginning \[s\].
+/// Longest step over which motion is integrated \[s\]. After a longer pause the step counts as zero, so that
+/// a gap in the estimates is not mistaken for a motion.
 const LONGEST_STEP_S: f64 = 0.1;
 
 inputs! {
-    /// What an owner is judged by; trips descend from the state estimate.
+    /// What an owner is judged by. A trip is traced back to the state estimate, the primary input.
     pub struct Inputs {
-        /// Believed state.
+        /// Estimated state of the vehicle.
         state_estimate: StateEstimate = topics::STATE_ESTIMATE,
-        /// What the rotors were told.
+        /// Command that the plant applied to the rotors.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Set point that the attitude loop tracks.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
@@ -35,39 +37,40 @@ inputs! {
 }
 
 outputs! {
-    /// What the monitor writes.
+    /// What the monitor publishes.
     pub struct Outputs {
-        /// An owner that is not to be obeyed any more.
+        /// Takes command from an owner for the rest of its epoch.
         trip: Trip = topics::TRIP,
     }
 }
 
-/// What the monitor is told before it flies.
+/// Configuration of the monitor, fixed for a flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MonitorConfig {
     /// Thresholds.
     pub limits: Limits,
     /// Period of the loop \[s\].
     pub period_s: f64,
-    /// From a step to its trip taking effect \[s\].
+    /// Latency of the trip topic: from a step of the monitor to the instant at which its trip takes effect
+    /// \[s\].
     pub latency_s: f64,
-    /// What position controllers fly when the reference has ended.
+    /// Landing that position controllers fly when the reference has ended; it replaces the reference then.
     pub landing: Landing,
 }
 
 shared_types::memory! {
-    /// Everything that evolves.
+    /// State of the monitor between two steps.
     #[derive(PartialEq)]
     pub struct Memory {
-        /// What the vehicle has done so far.
+        /// State of the criteria.
         pub judge: JudgeMemory,
         /// Set point that the attitude slot's owner tracks: φ, θ, ψ \[rad\] and T \[N\].
         pub setpoint: [f64; 4],
-        /// Whether there is one.
+        /// Whether a set point has been received.
         pub has_setpoint: bool,
         /// Owners of attitude and position slot at the last step, [`NO_SEAT`] for none.
         pub owners: [u32; 2],
-        /// Epochs in which a trip was said; 0 for none.
+        /// Epochs of the last trips published for the attitude and the position slot; 0 for none.
         pub tripped: [u64; 2],
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
@@ -91,7 +94,7 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// A monitor that has seen nothing yet.
+    /// A monitor at the beginning of a flight, for a vehicle with these parameters.
     #[must_use]
     pub fn new(config: &MonitorConfig, vehicle: &VehicleParameters) -> Self {
         let command_s = config.period_s + config.latency_s;
@@ -113,8 +116,8 @@ impl Monitor {
         }
     }
 
-    /// Who is judged at `now_ns`, of attitude and position. What was seen under another owner is
-    /// forgotten.
+    /// The owners to judge at `now_ns`, of the attitude and the position slot; `None` where the owner is not
+    /// watched. A change of owner resets the criteria, since the new owner is not to blame for the old one.
     fn watched(&mut self, now_ns: u64, inputs: &Inputs) -> [Option<Watched>; 2] {
         let records = [&inputs.attitude_owner, &inputs.position_owner];
         let records = records.map(|records| records.in_effect_at(now_ns));
@@ -161,8 +164,8 @@ impl Monitor {
     }
 }
 
-/// What each watched owner is to blame for: its own part, and all of it if the other is not watched, for
-/// that one has proven itself.
+/// Assigns the findings to the watched owners. If only one slot is watched, its owner is blamed for all of
+/// them: the owner of the other slot is not watched any more because it has proven itself.
 fn blame(findings: Findings, watched: [bool; 2]) -> [Option<Finding>; 2] {
     let Findings { attitude, position } = findings;
     match watched {
@@ -173,7 +176,7 @@ fn blame(findings: Findings, watched: [bool; 2]) -> [Option<Finding>; 2] {
     }
 }
 
-/// The sample that says so.
+/// Builds the trip for a finding; the cause decides which of the sample's fields carry number and limit.
 fn trip(slot: Role, owner: Watched, finding: &Finding) -> Trip {
     let Finding { cause, value, limit, lasted_s } = *finding;
     let common = Trip {
@@ -221,7 +224,7 @@ impl Service for Monitor {
         let found = blame(findings, watched.map(|owner| owner.is_some()));
         for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
             let (Some(owner), Some(finding)) = (watched[index], &found[index]) else { continue };
-            // Once per epoch; of two at once the second follows at the next step.
+            // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
             if self.memory.tripped[index] < owner.epoch {
                 self.memory.tripped[index] = owner.epoch;
                 outputs.trip.write(trip(slot, owner, finding));

@@ -1,20 +1,23 @@
-//! The criteria: what the vehicle does, against what it should do and what it can still be brought to.
+//! The criteria of the monitor: the motion of the vehicle against its set point and its reference, and
+//! against what can still be recovered from.
 //!
-//! A vehicle that turns or moves away is judged by where it can be stopped. At a speed v away from
-//! where it should be, with the delay `t_d` until another command acts and the braking a, it stands
-//! still after
+//! A vehicle that turns or moves away from its target is judged by its predicted stopping point. At a speed
+//! v away from the target, with the delay `t_d` until another command acts and the deceleration a, it comes
+//! to rest at
 //!
 //! ```text
-//!   s = d + v t_d + v² / 2a          d: by how much it has moved away so far
+//!   s = d + v t_d + v² / 2a          d: distance or angle by which it has moved away so far
 //! ```
 //!
-//! *Away* counts only what the vehicle does itself: d grows and shrinks with its own motion, is never
-//! below zero, and never more than the error there is. A set point that steps makes an error and no d,
-//! and a vehicle that turns towards it has none either, however large the step. So one number tells a
-//! wrong sign, a frozen output, a gain or a delay that diverges from a controller that is just busy, long
-//! before the error itself is large. The same number tells of a vehicle that turns towards its set point so
-//! fast that it will stand still only beyond it. Slower ailments show in errors that last, in swings from side to
-//! side, and in a thrust that is not the one asked for.
+//! d is the integral of the vehicle's own speed away from the target, limited to the range from zero to the
+//! present error. A step of the set point therefore changes the error but not d, and a vehicle that turns
+//! towards its set point has d = 0, however large the step. So one number separates a wrong sign, a frozen
+//! output or an unstable gain or delay from a controller that answers a large step, long before the error
+//! itself is large. The same number finds a vehicle that turns towards its set point so fast that it will
+//! overshoot. Slower faults show as persistent errors, as oscillations, and as a thrust that differs from
+//! the commanded one.
+//!
+//! Frames are world ENU and body FLU; quaternions are Hamilton, scalar first, from body to world.
 
 use crate::limits::{Braking, Limits, stopping};
 use crate::swings::{REVERSALS, SwingMemory, Swings};
@@ -24,18 +27,21 @@ use vehicle::{
     MorphAngle, VehicleParameters, euler_from_quaternion, quaternion_from_euler, wrap_pi,
 };
 
-/// Window in which a body that swings is caught \[ns\]: with six reversals, from 3 Hz on.
+/// Window in which an oscillation of the body is detected \[ns\]: with six reversals, from 3 Hz on.
 const BODY_WINDOW_NS: u64 = 1_000_000_000;
-/// Window in which a set point that swings is caught \[ns\], from 0.75 Hz on: position loops are slower.
+/// Window in which an oscillation of the set point is detected \[ns\], from 0.75 Hz on: position loops are
+/// slower than attitude loops.
 const SETPOINT_WINDOW_NS: u64 = 4_000_000_000;
-/// Time constant with which a difference in thrust is forgotten \[s\].
+/// Time constant of the leaky integrator of the thrust error \[s\].
 const THRUST_MEMORY_S: f64 = 0.5;
-/// Depth below the reference from which height counts \[m\]: a vehicle that is to land sinks with it.
+/// Depth below the reference from which the height above ground is checked \[m\]. A vehicle that lands stays
+/// close to its descending reference and is not checked.
 const SUNK_M: f64 = 0.3;
-/// Time constant with which a past attitude error is forgotten \[s\], when one of two is to blame.
+/// Time constant with which the peak of the attitude error decays \[s\]; that peak decides which of the two
+/// loops is to blame.
 const BLAME_MEMORY_S: f64 = 0.3;
 
-/// What the attitude loop is asked for, as its consumer tells.
+/// Set point of the attitude loop, as its consumer reports it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
     /// Roll, pitch and yaw \[rad\], intrinsic z-y-x.
@@ -44,79 +50,80 @@ pub struct Setpoint {
     pub thrust_n: f64,
 }
 
-/// What the rotors were told.
+/// Command that the plant applied to the rotors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Applied {
     /// Collective thrust \[N\].
     pub thrust_n: f64,
-    /// Somebody's command, and not what the gate makes up.
+    /// True if a controller gave the command, false if the actuation guard replaced it.
     pub is_commanded: bool,
 }
 
-/// What is known at one instant.
+/// Inputs of the criteria at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// The instant \[ns\].
     pub now_ns: u64,
-    /// Time since the moment before \[s\].
+    /// Time since the previous moment \[s\].
     pub elapsed_s: f64,
-    /// β.
+    /// Morph angle β.
     pub morph_angle: MorphAngle,
-    /// Attitude, body to world.
+    /// Attitude: rotates vectors from body FLU to world ENU.
     pub q_wb: UnitQuaternion<f64>,
-    /// Body rate \[rad/s\].
+    /// Angular velocity of the body against the world, in body axes \[rad/s\].
     pub rate_b_rad_s: Vector3<f64>,
-    /// Position \[m\].
+    /// Position in the world frame \[m\].
     pub position_w_m: Vector3<f64>,
-    /// Velocity \[m/s\].
+    /// Velocity in the world frame \[m/s\].
     pub velocity_w_m_s: Vector3<f64>,
-    /// Set point of the attitude loop, once there is one.
+    /// Set point of the attitude loop; `None` before the first one.
     pub setpoint: Option<Setpoint>,
-    /// What the rotors were told, once they were.
+    /// Command that the plant applied; `None` before the first one.
     pub applied: Option<Applied>,
-    /// Position \[m\] and velocity \[m/s\] of the reference, if there is one.
+    /// Position \[m\] and velocity \[m/s\] of the reference in the world frame; `None` on a rig.
     pub reference: Option<[Vector3<f64>; 2]>,
 }
 
-/// A number beyond its limit, in the unit that the cause's fields of `Trip` name.
+/// A number beyond its limit. Its unit is that of the fields of `Trip` that belong to the cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Finding {
     /// What went wrong.
     pub cause: TripCause,
-    /// The number.
+    /// The measured or predicted number.
     pub value: f64,
-    /// Its limit.
+    /// The limit that it exceeds.
     pub limit: f64,
-    /// How long it has been so \[s\].
+    /// How long the fault has lasted \[s\]; 0 for criteria without a duration.
     pub lasted_s: f64,
 }
 
 shared_types::memory! {
-    /// A [`Judge`] as plain numbers.
+    /// State of a [`Judge`] as plain numbers, for the hand-over to a new process.
     #[derive(PartialEq)]
     pub struct JudgeMemory {
-        /// By how much the vehicle has turned away about roll and pitch \[rad\].
+        /// Angle about roll and pitch by which the vehicle has turned away from its set point \[rad\].
         pub turned_rad: f64,
-        /// The same of the heading \[rad\].
+        /// Angle by which the heading has turned away from its set point \[rad\].
         pub heading_rad: f64,
-        /// By how much it has moved away from its reference \[m\].
+        /// Distance by which the vehicle has moved away from its reference \[m\].
         pub moved_m: f64,
-        /// How long the vehicle has been off its course of late \[s\].
+        /// Time that the vehicle has lately been far from its reference \[s\]; it decreases at half speed
+        /// while the vehicle is close.
         pub off_course_s: f64,
         /// How long the attitude error has been too large \[s\].
         pub astray_s: f64,
-        /// Vertical speed of a thrust that was not the one asked for \[m/s\].
+        /// Vertical speed gained by applying another thrust than the set point asks for \[m/s\].
         pub thrust_speed_m_s: f64,
-        /// Largest attitude error of late \[rad\].
+        /// Recent peak of the attitude error, decaying exponentially \[rad\].
         pub error_of_late_rad: f64,
-        /// Body rate about roll and pitch.
+        /// Oscillation counters of the body rate about roll and pitch.
         pub body: [SwingMemory; 2],
-        /// Roll and pitch of the set point.
+        /// Oscillation counters of roll and pitch of the set point.
         pub asked: [SwingMemory; 2],
     }
 }
 
-/// What is found about each of the two loops.
+/// What is found about each of the two loops; `None` where nothing exceeds its limit.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Findings {
     /// What an attitude controller is to blame for.
@@ -125,25 +132,27 @@ pub struct Findings {
     pub position: Option<Finding>,
 }
 
-/// The judgement of one flight. Of fixed size; nothing here allocates or panics.
+/// Applies the criteria to one flight. It has a fixed size, and none of its functions allocates or panics,
+/// because the monitor runs in realtime.
 #[derive(Debug, Clone)]
 pub struct Judge {
     limits: Limits,
     vehicle: VehicleParameters,
-    /// Until another command acts: period of the judgement, latency of its trip, lag of the rotors \[s\].
+    /// Delay until another command acts \[s\]: period of the monitor, latency of its trip, rotor lag.
     delay_s: f64,
     memory: JudgeMemory,
     body: [Swings; 2],
     asked: [Swings; 2],
 }
 
-/// Angle between body z and where `towards_w` points, and its rate \[rad, rad/s\].
+/// Angle between body z and the unit vector `towards_w`, which is given in the world frame, and the rate of
+/// that angle \[rad, rad/s\].
 fn angle_from(moment: &Moment, towards_w: &Vector3<f64>) -> [f64; 2] {
     let up = moment.q_wb.inverse_transform_vector(towards_w);
     let across = libm::hypot(up.x, up.y);
     let angle = libm::atan2(across, up.z);
     let rate = &moment.rate_b_rad_s;
-    // Turning about ẑ × up = (−up_y, up_x, 0) brings body z there.
+    // A rotation about ẑ × up = (−up_y, up_x, 0) brings body z to that direction.
     let away = if across > 1e-9 {
         (rate.x * up.y - rate.y * up.x) / across
     } else {
@@ -152,8 +161,8 @@ fn angle_from(moment: &Moment, towards_w: &Vector3<f64>) -> [f64; 2] {
     [angle, away]
 }
 
-/// How far a quantity has moved away by itself, with `speed` away over `elapsed_s`, at an error as large
-/// as `error`.
+/// Integrates the motion away from the target: `before` is the last value, `speed` the speed away over
+/// `elapsed_s`, and the present `error` limits the result, so that a step of the target does not count.
 fn moved(before: f64, speed: f64, elapsed_s: f64, error: f64) -> f64 {
     (before + speed * elapsed_s).clamp(0.0, error)
 }
@@ -163,8 +172,8 @@ fn beyond(cause: TripCause, value: f64, limit: f64) -> Option<Finding> {
 }
 
 impl Judge {
-    /// Judges a vehicle; `command_s` is the time from a judgement to its trip's effect, the period in
-    /// which it is made included.
+    /// A judge of this vehicle; `command_s` is the time from a change in the estimate to the effect of its
+    /// trip \[s\]: period of the monitor and latency of the trip.
     #[must_use]
     pub fn new(limits: Limits, vehicle: &VehicleParameters, command_s: f64) -> Self {
         Self {
@@ -177,13 +186,14 @@ impl Judge {
         }
     }
 
-    /// Forgets what has been: it was another owner's doing.
+    /// Resets the state after a change of owner, since the new owner did not cause what came before.
     pub fn forget(&mut self) {
         self.memory = JudgeMemory::default();
         (self.body, self.asked) = ([Swings::default(); 2], [Swings::default(); 2]);
     }
 
-    /// Judges the next moment. One with a number that is not finite is passed over.
+    /// Judges the next moment. A moment with a number that is not finite is skipped: a failed estimate is
+    /// not the controller's fault.
     pub fn see(&mut self, moment: &Moment) -> Findings {
         let numbers = moment.rate_b_rad_s.iter().chain(&moment.position_w_m);
         let attitude = moment.q_wb.coords.iter();
@@ -197,7 +207,8 @@ impl Judge {
         let thrust = self.thrust(moment);
         let asked = self.asked(moment);
         let moved = self.moved(moment, &braking);
-        // With the attitude where it was asked to be, who asked is to blame for where that led.
+        // If the attitude followed its set point, the set point led the vehicle there, and the position
+        // controller, which gave it, is to blame.
         let followed = self.memory.error_of_late_rad < self.limits.astray_rad;
         let of_attitude = turned.or(swings).or(thrust);
         Findings {
@@ -212,11 +223,11 @@ impl Judge {
         beyond(TripCause::TiltBeyond, reached, self.limits.tilt_rad)
     }
 
-    /// Roll, pitch and heading against their set points.
+    /// Compares roll, pitch and heading with their set points.
     fn turned(&mut self, moment: &Moment, braking: &Braking) -> Option<Finding> {
         let asked = moment.setpoint?.gamma_rad;
         let yaw = euler_from_quaternion(&moment.q_wb).z;
-        // Roll and pitch are asked for at the heading that there is.
+        // Roll and pitch are compared at the present heading, so that a heading error does not count as tilt.
         let towards = quaternion_from_euler(&Vector3::new(asked.x, asked.y, yaw)) * Vector3::z();
         let [error, away] = angle_from(moment, &towards);
         let (memory, elapsed_s) = (&mut self.memory, moment.elapsed_s);
@@ -230,8 +241,8 @@ impl Judge {
         let turn = moment.rate_b_rad_s.z * heading.signum();
         memory.heading_rad = moved(memory.heading_rad, turn, elapsed_s, heading.abs());
 
-        // Too fast towards the set point to stand still there is as bad as away from it: what a late
-        // controller that swings ever wider does, and half of a swing earlier.
+        // Predicted overshoot counts like a departure. A growing oscillation, such as a delay causes, is
+        // found half a period earlier by it.
         let overshoot = stopping(-away, self.delay_s, braking.turn_rad_s2) - error;
         let departure = memory.turned_rad + stopping(away, self.delay_s, braking.turn_rad_s2);
         let turned = departure.max(overshoot);
@@ -265,7 +276,7 @@ impl Judge {
         found
     }
 
-    /// The vertical speed that comes of a thrust other than the one asked for.
+    /// Integrates the difference between the commanded and the applied thrust to a vertical speed.
     fn thrust(&mut self, moment: &Moment) -> Option<Finding> {
         let (Some(setpoint), Some(applied)) = (moment.setpoint, moment.applied) else {
             return None;
@@ -283,9 +294,9 @@ impl Judge {
         beyond(TripCause::ThrustAstray, speed, self.limits.thrust_speed_m_s)
     }
 
-    /// What the set point asks for.
+    /// Checks the tilt of the set point and its oscillations.
     fn asked(&mut self, moment: &Moment) -> Option<Finding> {
-        // Only a flight with a reference has a position loop; on a rig any set point may be asked for.
+        // Only a flight with a reference has a position loop; on a rig any set point is permitted.
         let _reference = moment.reference?;
         let asked = moment.setpoint?.gamma_rad;
         let tilt = libm::acos(libm::cos(asked.x) * libm::cos(asked.y));
@@ -304,7 +315,7 @@ impl Judge {
         found
     }
 
-    /// Where the vehicle is against where it should be, and against the ground.
+    /// Compares the position with the reference and with the ground.
     fn moved(&mut self, moment: &Moment, braking: &Braking) -> Option<Finding> {
         let [place, speed] = moment.reference?;
         let error = moment.position_w_m - place;
@@ -321,7 +332,8 @@ impl Judge {
         let has_sunk = error.z < -SUNK_M && moment.velocity_w_m_s.z < 0.0;
         let sinks = beyond(TripCause::Sinks, sinking, height).filter(|_| has_sunk);
 
-        // One that swings about its reference is off its course only part of the time.
+        // A vehicle that oscillates about its reference exceeds the limit only part of the time, so that the
+        // time within the limit may take back only half of what has accumulated.
         let limit = self.limits.off_course_m;
         let spent_s = if distance > limit { moment.elapsed_s } else { -0.5 * moment.elapsed_s };
         memory.off_course_s = (memory.off_course_s + spent_s).max(0.0);
@@ -336,13 +348,13 @@ impl Judge {
         sinks.or(departs).or(is_off)
     }
 
-    /// Changes of side that make an oscillation.
+    /// Number of reversals that count as an oscillation.
     #[must_use]
     pub fn reversals() -> u64 {
         REVERSALS as u64
     }
 
-    /// Everything that evolves.
+    /// State between two steps.
     #[must_use]
     pub fn memory(&self) -> JudgeMemory {
         JudgeMemory {
@@ -352,12 +364,12 @@ impl Judge {
         }
     }
 
-    /// Continues from a memory, bit for bit.
+    /// Continues from a state as the original would, bit for bit.
     pub fn restore(&mut self, memory: &JudgeMemory) {
         self.memory = *memory;
         self.body = memory.body.each_ref().map(Swings::restored);
         self.asked = memory.asked.each_ref().map(Swings::restored);
-        // What the arrays hold is kept there alone.
+        // The counters live in `body` and `asked` alone; a second copy here would go stale.
         self.memory.body = Default::default();
         self.memory.asked = Default::default();
     }

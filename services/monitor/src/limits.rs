@@ -1,59 +1,60 @@
-//! What may be flown, derived from what the vehicle can do.
+//! Thresholds of the criteria, derived from the capabilities of the vehicle.
 
 use vehicle::{MorphAngle, VehicleParameters};
 
 /// Bound on the tilt that a position controller may ask for \[rad\].
 pub use runtime::obey::setpoints::TILT_BOUND_RAD;
 
-/// Thresholds of the criteria. Angles about roll and pitch are those between body z and where it should
-/// point; predicted ones say where the vehicle stands still if it is braked from now on.
+/// Thresholds of the criteria. Angles about roll and pitch are those between body z and its desired
+/// direction; *predicted* values are those at which the vehicle comes to rest if it is braked from now on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// How far the vehicle may turn away from its set point about roll and pitch, predicted \[rad\].
     pub turn_away_rad: f64,
-    /// Tilt that may be reached, predicted \[rad\].
+    /// Largest tilt, predicted \[rad\].
     pub tilt_rad: f64,
     /// How far the heading may turn away from its set point, predicted \[rad\].
     pub heading_rad: f64,
-    /// Attitude error that may last for `astray_s` \[rad\].
+    /// Attitude error that may be exceeded for at most `astray_s` \[rad\].
     pub astray_rad: f64,
-    /// How long it may last \[s\].
+    /// How long `astray_rad` may be exceeded \[s\].
     pub astray_s: f64,
-    /// Body rate about roll or pitch that counts as a swing to its side \[rad/s\].
+    /// Amplitude of the body rate about roll or pitch that counts as a swing of an oscillation \[rad/s\].
     pub swing_rate_rad_s: f64,
-    /// Tilt of the set point that counts as one \[rad\].
+    /// Amplitude of roll or pitch of the set point that counts as a swing of an oscillation \[rad\].
     pub swing_tilt_rad: f64,
-    /// Tilt that a set point may ask for \[rad\].
+    /// Largest tilt of a set point \[rad\].
     pub setpoint_tilt_rad: f64,
-    /// Vertical speed that may come of a thrust other than the one asked for \[m/s\].
+    /// Largest vertical speed gained by applying another thrust than the set point asks for \[m/s\].
     pub thrust_speed_m_s: f64,
     /// How far the vehicle may move away from its reference, predicted \[m\].
     pub excursion_m: f64,
-    /// Distance from the reference that may last for `off_course_s` \[m\].
+    /// Distance from the reference that may be exceeded for at most `off_course_s` \[m\].
     pub off_course_m: f64,
-    /// How long it may last \[s\].
+    /// How long `off_course_m` may be exceeded \[s\].
     pub off_course_s: f64,
-    /// Height above the ground that is kept when the vehicle sinks below its reference \[m\].
+    /// Height above the ground at which a vehicle that sinks below its reference must come to rest \[m\].
     pub height_m: f64,
 }
 
 impl Default for Limits {
-    /// * `turn_away_rad`: 0.6 of the tilt bound. Whoever turns away by more than half of what may be asked for
-    ///   in all has turned the wrong way, and one that diverges with each swing is found a swing earlier than
-    ///   at the whole bound.
-    /// * `tilt_rad`: 60°, where twice the weight just carries the vehicle: T cos φ = m g.
-    /// * `heading_rad`: twice the tilt bound; yaw has a tenth of the torque of roll and pitch, and nothing
-    ///   falls while it is off.
+    /// * `turn_away_rad`: 0.6 of the tilt bound. A vehicle that turns away by more than half of the largest
+    ///   set point has turned the wrong way, and a growing oscillation is found one swing earlier than at
+    ///   the whole bound.
+    /// * `tilt_rad`: 60°, where a thrust of twice the weight just holds the height: T cos φ = m g.
+    /// * `heading_rad`: twice the tilt bound; yaw has a tenth of the torque of roll and pitch, and the
+    ///   vehicle does not fall because of a wrong heading.
     /// * `astray_rad`, `astray_s`: half of the tilt bound, for as long as three time constants of an
     ///   attitude loop that is far slower than any shipped one (6 rad/s).
-    /// * `swing_rate_rad_s`: half of the rate from which the gate levels by itself.
+    /// * `swing_rate_rad_s`: half of the rate from which the actuation guard levels the vehicle by itself.
     /// * `swing_tilt_rad`: half of the tilt bound.
     /// * `setpoint_tilt_rad`: 1.5 times the tilt bound.
-    /// * `thrust_speed_m_s`: what falling for a twentieth of a second with no thrust at all gives.
-    /// * `excursion_m`: what a vehicle at the tilt bound covers in two thirds of a second,
+    /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
+    /// * `excursion_m`: the distance that a vehicle at the tilt bound covers in two thirds of a second,
     ///   g tan(0.35) t² / 2.
-    /// * `off_course_m`, `off_course_s`: a bit less than half of it, for longer than that takes.
-    /// * `height_m`: an arm's length with the arms spread.
+    /// * `off_course_m`, `off_course_s`: a little less than half of `excursion_m`, for longer than the
+    ///   vehicle needs to cover that distance.
+    /// * `height_m`: the length of an arm, with the arms spread.
     fn default() -> Self {
         Self {
             turn_away_rad: 0.6 * TILT_BOUND_RAD,
@@ -73,27 +74,27 @@ impl Default for Limits {
     }
 }
 
-/// How well a motion can be braked at a size of the vehicle.
+/// How fast a motion can be braked at one morph angle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Braking {
     /// Angular acceleration about roll and pitch at hover thrust \[rad/s²\].
     pub turn_rad_s2: f64,
-    /// The same about yaw \[rad/s²\].
+    /// Angular acceleration about yaw at hover thrust \[rad/s²\].
     pub yaw_rad_s2: f64,
     /// Horizontal acceleration at the tilt bound \[m/s²\].
     pub across_m_s2: f64,
     /// Vertical acceleration at twice the weight \[m/s²\].
     pub up_m_s2: f64,
-    /// Time that the tilt takes from one bound to the other \[s\].
+    /// Time that the tilt needs from one bound to the opposite one \[s\].
     pub tilting_s: f64,
 }
 
 impl Braking {
-    /// At the arms' angle β.
+    /// Of a vehicle at the morph angle `beta`.
     ///
     /// At hover thrust each pair of rotors carries half of the weight: τ = m g L(β) / 2 about roll and
-    /// pitch, k m g about yaw (`VehicleParameters::largest_wrench`), so α = τ / I(β). A tilt is
-    /// turned by Δ in 2 √(Δ/α), half the time with and half against the torque.
+    /// pitch, k m g about yaw (`VehicleParameters::largest_wrench`), so α = τ / I(β). Changing the tilt by
+    /// Δ takes 2 √(Δ/α): full torque accelerates for half of the time and brakes for the other half.
     #[must_use]
     pub fn at(vehicle: &VehicleParameters, beta: MorphAngle) -> Self {
         let inertia = vehicle.inertia_kg_m2(beta);
@@ -109,7 +110,8 @@ impl Braking {
     }
 }
 
-/// Way that a motion away still covers: at `speed` for `delay_s`, and then against `braking`.
+/// Stopping distance of a motion away from the target: at `speed` for `delay_s`, then decelerated by
+/// `braking`. Distance is in the unit of `speed` times seconds; 0 for a motion towards the target.
 #[must_use]
 pub fn stopping(speed: f64, delay_s: f64, braking: f64) -> f64 {
     let away = speed.max(0.0);
@@ -121,13 +123,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_motion_towards_the_goal_needs_no_way_to_stop() {
+    fn a_motion_towards_the_target_has_no_stopping_distance() {
         assert!(stopping(-3.0, 0.1, 10.0).abs() < 1e-15);
         assert!((stopping(2.0, 0.1, 10.0) - 0.4).abs() < 1e-12);
     }
 
     #[test]
-    fn the_braking_ability_is_that_of_the_published_vehicle() {
+    fn the_braking_acceleration_is_that_of_the_published_vehicle() {
         let vehicle = VehicleParameters::default();
         let small = Braking::at(&vehicle, MorphAngle::MIN);
         // m g L / 2 I = 0.12 · 9.81 · 0.095 / (2 · 1e-4).

@@ -4,25 +4,26 @@ use crate::limits::Limits;
 use garde::Validate;
 use serde::Deserialize;
 
-/// Who stands by while an owner is watched.
+/// Which controller is the fallback while an owner is watched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fallback {
-    /// The owner before it, for as long as it is watched.
+    /// The previous owner, for as long as the new one is watched.
     Auto,
-    /// Nobody: a trip leaves the slot to the watched owner, and the gate levels the vehicle for it.
+    /// None: after a trip the actuation guard levels the vehicle if it has to, and the watched owner keeps
+    /// the slot.
     None,
 }
 
-/// How owners that have not proven themselves are watched. Thresholds that are left out follow from the
-/// vehicle, see [`Limits`].
+/// How owners that have not proven themselves are watched. A threshold that is left out has the default of
+/// [`Limits`], which explains where each comes from.
 #[derive(Debug, Clone, Copy, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Fly the monitor. Without it no owner ever trips.
+    /// Whether the monitor runs; without it no owner is ever tripped.
     #[garde(skip)]
     pub enabled: bool,
-    /// Who stands by.
+    /// Which controller takes over after a trip.
     #[garde(skip)]
     pub fallback: Fallback,
     /// Loop rate \[Hz\]: how often an owner is judged.
@@ -31,40 +32,40 @@ pub struct Settings {
     /// How far the vehicle may turn away from its set point about roll and pitch, predicted \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub turn_away_rad: Option<f64>,
-    /// Tilt that may be reached, predicted \[rad\].
+    /// Largest tilt, predicted \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub tilt_rad: Option<f64>,
     /// How far the heading may turn away from its set point, predicted \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub heading_rad: Option<f64>,
-    /// Attitude error that may last for `astray_s` \[rad\].
+    /// Attitude error that may be exceeded for at most `astray_s` \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub astray_rad: Option<f64>,
-    /// How long it may last \[s\].
+    /// How long `astray_rad` may be exceeded \[s\].
     #[garde(range(min = 0.01, max = 60.0))]
     pub astray_s: Option<f64>,
-    /// Body rate about roll or pitch that counts as a swing to its side \[rad/s\].
+    /// Amplitude of the body rate about roll or pitch that counts as a swing of an oscillation \[rad/s\].
     #[garde(range(min = 0.01, max = 100.0))]
     pub swing_rate_rad_s: Option<f64>,
-    /// Tilt of the set point that counts as one \[rad\].
+    /// Amplitude of roll or pitch of the set point that counts as a swing of an oscillation \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub swing_tilt_rad: Option<f64>,
-    /// Tilt that a set point may ask for \[rad\].
+    /// Largest tilt of a set point \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub setpoint_tilt_rad: Option<f64>,
-    /// Vertical speed that may come of a thrust other than the one asked for \[m/s\].
+    /// Largest vertical speed gained by applying another thrust than the set point asks for \[m/s\].
     #[garde(range(min = 0.01, max = 100.0))]
     pub thrust_speed_m_s: Option<f64>,
     /// How far the vehicle may move away from its reference, predicted \[m\].
     #[garde(range(min = 0.01, max = 1000.0))]
     pub excursion_m: Option<f64>,
-    /// Distance from the reference that may last for `off_course_s` \[m\].
+    /// Distance from the reference that may be exceeded for at most `off_course_s` \[m\].
     #[garde(range(min = 0.01, max = 1000.0))]
     pub off_course_m: Option<f64>,
-    /// How long it may last \[s\].
+    /// How long `off_course_m` may be exceeded \[s\].
     #[garde(range(min = 0.01, max = 60.0))]
     pub off_course_s: Option<f64>,
-    /// Height above the ground that is kept when the vehicle sinks below its reference \[m\].
+    /// Height above the ground at which a vehicle that sinks below its reference must come to rest \[m\].
     #[garde(range(min = 0.0, max = 1000.0))]
     pub height_m: Option<f64>,
 }
@@ -93,7 +94,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The thresholds, those of the scenario before those of the vehicle.
+    /// The thresholds: those that the scenario sets, and the defaults for all others.
     #[must_use]
     pub fn limits(&self) -> Limits {
         let usual = Limits::default();
@@ -120,14 +121,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_empty_section_watches_with_the_limits_of_the_vehicle() {
+    fn an_empty_section_enables_the_monitor_with_default_limits() {
         let settings: Settings = toml::from_str("").unwrap();
         assert!(settings.validate().is_ok() && settings.enabled);
         assert_eq!(settings.limits(), Limits::default());
     }
 
     #[test]
-    fn a_threshold_in_the_scenario_replaces_one_and_leaves_the_others() {
+    fn a_threshold_in_the_scenario_replaces_its_default_and_keeps_the_others() {
         let settings: Settings = toml::from_str("tilt_rad = 0.8\nfallback = \"none\"").unwrap();
         assert_eq!(settings.fallback, Fallback::None);
         assert_eq!(settings.limits(), Limits { tilt_rad: 0.8, ..Limits::default() });

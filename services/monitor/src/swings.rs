@@ -1,27 +1,27 @@
-//! Counts how often a quantity changes sides at large amplitude.
+//! Detects oscillations by counting sign reversals at large amplitude.
 
-/// Changes of side within the window that make an oscillation: three whole periods. The answer to a step
+/// Reversals within the window that count as an oscillation: three whole periods. The response to a step
 /// or to a kick has one or two.
 pub(crate) const REVERSALS: usize = 6;
 
 shared_types::memory! {
-    /// One axis of a [`Swings`].
+    /// State of the oscillation detector of one axis.
     #[derive(PartialEq)]
     pub struct SwingMemory {
-        /// Instants of the last changes of side, oldest first; 0 for none \[ns\].
+        /// Instants of the last reversals, oldest first; 0 for none \[ns\].
         pub at_ns: [u64; 6],
-        /// Side of the last large amplitude: -1, 1, or 0 for none yet.
+        /// Sign of the last large amplitude: -1, 1, or 0 for none yet.
         pub side: f64,
     }
 }
 
-/// One quantity that may swing from side to side.
+/// Oscillation detector of one quantity.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Swings(SwingMemory);
 
 impl Swings {
-    /// Takes the quantity at `now_ns`; it is on a side beyond ±`amplitude`. True once there have been
-    /// [`REVERSALS`] changes of side within `window_ns`.
+    /// Takes the quantity at `now_ns`; only values beyond ±`amplitude`, in the same unit, count. True while
+    /// the last [`REVERSALS`] reversals lie within `window_ns`.
     pub(crate) fn see(&mut self, now_ns: u64, value: f64, amplitude: f64, window_ns: u64) -> bool {
         if value.abs() > amplitude {
             let side = 1.0_f64.copysign(value);
@@ -50,7 +50,7 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Instant at which a sine of this frequency is called an oscillation \[ms\], within two seconds.
+    /// Instant at which a sine of this frequency is detected as an oscillation \[ms\], within two seconds.
     fn called(frequency_hz: f64, amplitude: f64) -> Option<u64> {
         let mut swings = Swings::default();
         (0..200).map(|k| 10 * k).find(|ms| {
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn six_large_changes_of_side_in_a_second_are_an_oscillation() {
+    fn six_large_reversals_within_a_second_are_an_oscillation() {
         assert!(called(5.0, 3.0).is_some_and(|ms| (500..800).contains(&ms)));
         assert_eq!(called(5.0, 1.9), None, "it never gets to a side");
         assert_eq!(called(2.0, 9.0), None, "it is too slow");

@@ -1,4 +1,4 @@
-//! Each criterion by itself, on motions that are known.
+//! Each criterion on its own, on motions that are known in closed form.
 
 use super::*;
 
@@ -9,7 +9,7 @@ fn judge() -> Judge {
     Judge::new(Limits::default(), &VehicleParameters::default(), 0.011)
 }
 
-/// At rest at 1.5 m, level, with everything as asked.
+/// Level hover at rest at 1.5 m, with attitude, thrust and position at their set points.
 fn rest(step: u64) -> Moment {
     let weight_n = VehicleParameters::default().weight_n();
     let place = Vector3::new(0.0, 0.0, 1.5);
@@ -27,7 +27,7 @@ fn rest(step: u64) -> Moment {
     }
 }
 
-/// The first finding of a motion, with its step.
+/// The first finding about a motion, with the step at which it is made.
 fn first(steps: u64, motion: impl Fn(u64) -> Moment) -> Option<(u64, Findings)> {
     let mut judge = judge();
     let found = (0..steps).map(|step| (step, judge.see(&motion(step))));
@@ -40,13 +40,13 @@ fn rolled(step: u64, roll: f64, rate: f64) -> Moment {
 }
 
 #[test]
-fn a_vehicle_at_rest_is_not_found_anything_about() {
+fn a_vehicle_at_rest_causes_no_finding() {
     assert_eq!(first(1000, rest), None);
 }
 
 #[test]
-fn turning_away_is_found_before_the_angle_is_large_and_whichever_way_it_is() {
-    // From rest with a quarter of the braking ability.
+fn turning_away_to_either_side_is_found_before_the_angle_is_large() {
+    // From rest with a quarter of the braking acceleration.
     let (alpha, limit) = (140.0, Limits::default().turn_away_rad);
     for side in [-1.0, 1.0] {
         let motion = |step: u64| {
@@ -63,7 +63,7 @@ fn turning_away_is_found_before_the_angle_is_large_and_whichever_way_it_is() {
 }
 
 #[test]
-fn a_step_of_the_set_point_is_no_departure_while_the_vehicle_follows_it() {
+fn a_vehicle_that_follows_a_step_of_its_set_point_does_not_depart() {
     let motion = |step: u64| {
         let t = step as f64 * STEP_S;
         // Critically damped at 25 rad/s, to 0.5 rad.
@@ -72,27 +72,27 @@ fn a_step_of_the_set_point_is_no_departure_while_the_vehicle_follows_it() {
         let moment = rolled(step, 0.5 - left, rate);
         let setpoint = moment.setpoint.unwrap();
         let gamma_rad = Vector3::new(0.5, 0.0, 0.0);
-        // On a rig nobody bounds what is asked for.
+        // A rig, which has no reference, does not bound its set points.
         Moment { setpoint: Some(Setpoint { gamma_rad, ..setpoint }), reference: None, ..moment }
     };
     assert_eq!(first(200, motion), None);
 }
 
 #[test]
-fn turning_towards_the_set_point_too_fast_to_stop_there_is_found_before_it_is_passed() {
-    // From 0.3 rad, the delay and a braking of 559 rad/s² lead far beyond.
+fn an_overshoot_is_found_before_the_set_point_is_passed() {
+    // From 0.3 rad at 20 rad/s, the delay and a braking of 559 rad/s² lead far beyond the set point.
     let finding = judge().see(&rolled(0, -0.3, 20.0)).attitude.unwrap();
     assert_eq!(finding.cause, TripCause::AttitudeDeparts);
-    // As fast as a well damped loop comes back from there, it stands still before.
+    // At the rate of a well damped loop, the vehicle comes to rest before the set point.
     assert_eq!(judge().see(&rolled(0, -0.3, 5.0)), Findings::default());
 }
 
 #[test]
-fn an_attitude_that_stays_off_is_found_after_its_time() {
+fn a_persistent_attitude_error_is_found_after_its_time_limit() {
     let (step, found) = first(200, |step| rolled(step, -0.2, 0.0)).unwrap();
     let finding = found.attitude.unwrap();
     assert_eq!(finding.cause, TripCause::AttitudeAstray);
-    // At the first step by which half a second is over, rounded or not.
+    // At the first step after half a second; rounding decides between two steps.
     assert!((49..=50).contains(&step), "{step} {finding:?}");
     assert!((0.5..0.511).contains(&finding.lasted_s), "{step} {finding:?}");
 }
@@ -109,7 +109,7 @@ fn a_heading_that_turns_away_is_found() {
 }
 
 #[test]
-fn a_body_that_swings_is_found_and_one_kick_is_not() {
+fn an_oscillation_of_the_body_is_found_and_the_response_to_a_kick_is_not() {
     let swing = |step: u64| {
         let phase = core::f64::consts::TAU * 6.0 * step as f64 * STEP_S;
         rolled(step, 0.08 * libm::sin(phase), 3.0 * libm::cos(phase))
@@ -124,7 +124,7 @@ fn a_body_that_swings_is_found_and_one_kick_is_not() {
 }
 
 #[test]
-fn a_thrust_that_is_not_the_one_asked_for_is_found_by_the_speed_that_comes_of_it() {
+fn a_thrust_error_is_found_by_the_vertical_speed_that_it_causes() {
     let motion = |step: u64| {
         let moment = rest(step);
         let applied =
@@ -133,7 +133,7 @@ fn a_thrust_that_is_not_the_one_asked_for_is_found_by_the_speed_that_comes_of_it
     };
     let (step, found) = first(200, motion).unwrap();
     assert_eq!(found.attitude.unwrap().cause, TripCause::ThrustAstray);
-    // 0.8 g for 65 ms are half a metre per second.
+    // 0.8 g for 65 ms makes half a metre per second.
     assert!((5..=8).contains(&step), "{step}");
     let guarded = |step: u64| {
         let moment = motion(step);
@@ -144,7 +144,7 @@ fn a_thrust_that_is_not_the_one_asked_for_is_found_by_the_speed_that_comes_of_it
 }
 
 #[test]
-fn a_vehicle_that_leaves_its_reference_is_the_position_loops_if_the_attitude_was_followed() {
+fn the_position_loop_is_blamed_for_a_departure_only_if_the_attitude_followed_its_set_point() {
     let leaves = |step: u64| {
         let (t, moment) = (step as f64 * STEP_S, rest(step));
         let away = Vector3::new(1.75 * t * t, 0.0, 0.0);
@@ -155,7 +155,7 @@ fn a_vehicle_that_leaves_its_reference_is_the_position_loops_if_the_attitude_was
     assert_eq!((found.position.unwrap().cause, found.attitude), (TripCause::PositionDeparts, None));
     let astray = |step: u64| {
         let q_wb = quaternion_from_euler(&Vector3::new(0.0, 0.2, 0.0));
-        // For too short a time to be called astray by itself.
+        // For too short a time to be found as a persistent attitude error.
         if step > 40 { Moment { q_wb, ..leaves(step) } } else { rest(step) }
     };
     let (_, found) = first(200, astray).unwrap();
@@ -174,12 +174,12 @@ fn a_vehicle_that_sinks_is_found_while_it_can_still_be_stopped() {
     let found = (0..75).find_map(|step| judge.see(&motion(step)).position.map(|f| (step, f)));
     let (step, finding) = found.unwrap();
     assert_eq!(finding.cause, TripCause::Sinks);
-    // v² / 2 g = 0.2 m, and what is left of the height is more than that.
+    // The stopping distance v² / 2 g is 0.2 m, and the remaining height is larger.
     assert!(motion(step).position_w_m.z > 0.2, "{finding:?}");
 }
 
 #[test]
-fn a_set_point_beyond_the_bound_is_the_position_loops_and_a_rig_may_ask_for_anything() {
+fn the_position_loop_is_blamed_for_a_set_point_beyond_its_bound_except_on_a_rig() {
     let motion = |step: u64| {
         let moment = rolled(step, 0.6, 0.0);
         let gamma_rad = Vector3::new(0.6, 0.0, 0.0);
@@ -191,13 +191,13 @@ fn a_set_point_beyond_the_bound_is_the_position_loops_and_a_rig_may_ask_for_anyt
 }
 
 #[test]
-fn a_number_that_is_not_finite_is_passed_over() {
+fn a_moment_with_a_number_that_is_not_finite_is_skipped() {
     let motion = |step: u64| Moment { rate_b_rad_s: Vector3::repeat(f64::NAN), ..rest(step) };
     assert_eq!(first(100, motion), None);
 }
 
 #[test]
-fn a_restored_judge_goes_on_as_the_first_would_have() {
+fn a_restored_judge_continues_bit_for_bit_as_the_original() {
     let swing = |step: u64| {
         let phase = core::f64::consts::TAU * 6.0 * step as f64 * STEP_S;
         rolled(step, 0.08 * libm::sin(phase), 3.0 * libm::cos(phase))
