@@ -1,8 +1,9 @@
-//! What a rehearsed flight has to go through, and when.
+//! The disturbances and set-point changes of a rehearsed flight, and their schedule.
 //!
-//! Each challenge has a window of its own, so that wrong sign, gain or delay about one axis shows there
-//! and can be named. The three flights share the work: kicks one by one and a step of the set point in
-//! the first, a gust and the kicks the other way in the second, the sweep of the arms in the third.
+//! Each challenge has its own time window, so that a wrong sign, gain or delay about one axis shows there
+//! and can be named. The three flights share the work: single kicks and a step of the set point in the
+//! first, a gust and kicks in the opposite direction in the second, the sweep of the arms in the third.
+//! Forces are in the world frame (ENU), body rates in the body frame (FLU).
 
 use crate::limits::PUSH_S;
 use crate::{Facts, Limits, Slot, Snapshot};
@@ -34,73 +35,73 @@ pub enum Axis {
 pub enum Challenge {
     /// The candidate takes over.
     Flip,
-    /// A jump of the body rate \[rad/s\].
+    /// An instantaneous change of the body rate.
     Kick {
-        /// About which axis.
+        /// Body axis of the kick.
         axis: Axis,
-        /// By how much.
+        /// Change of the body rate in the body frame \[rad/s\].
         body_rate_b_rad_s: [f64; 3],
     },
-    /// A short force \[N\].
+    /// A short pulse of force.
     Push {
-        /// Along which axis.
+        /// World axis of the push.
         axis: Axis,
-        /// How strong.
+        /// Force in the world frame \[N\].
         force_w_n: [f64; 3],
-        /// For how long \[s\].
+        /// Duration of the pulse \[s\].
         for_s: f64,
     },
-    /// A force that stays for a while \[N\].
+    /// A force that is constant for part of the flight.
     Gust {
-        /// How strong.
+        /// Force in the world frame \[N\].
         force_w_n: [f64; 3],
-        /// For how long \[s\].
+        /// Duration of the gust \[s\].
         for_s: f64,
     },
-    /// An order to rest elsewhere, by this much from where the reference is \[m\].
+    /// A guidance order to hover elsewhere.
     Step {
-        /// How far.
+        /// New position relative to the reference at that instant, in the world frame \[m\].
         offset_w_m: [f64; 3],
     },
-    /// The sweeps of the arms that the plan has ahead.
+    /// The next sweeps of the arms in the plan, brought forward.
     Sweep,
 }
 
-/// A sweep of the arms.
+/// A motion of the arms to another morph angle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sweep {
-    /// When it begins \[s\].
+    /// Start, counted from the beginning of the rehearsed flight \[s\].
     pub at_s: f64,
-    /// β in the end \[°\].
+    /// Morph angle β at the end \[°\].
     pub angle_deg: f64,
-    /// How long it takes \[s\].
+    /// Duration \[s\].
     pub over_s: f64,
 }
 
-/// A challenge and the time that belongs to it, after the beginning of the rehearsed flight.
+/// A challenge and its time window. Times count from the beginning of the rehearsed flight.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// What.
+    /// The challenge at the beginning of the window.
     pub challenge: Challenge,
-    /// From when on \[s\].
+    /// Beginning of the window \[s\].
     pub at_s: f64,
-    /// Until the next one \[s\].
+    /// End of the window, where the next one begins \[s\].
     pub until_s: f64,
-    /// The arms sweep fast in it, because the plan wants it then.
+    /// True if the plan has the arms sweep fast during the window, which widens its limits.
     pub sweeping: bool,
 }
 
-/// What one flight of a rehearsal goes through.
+/// The challenges of one flight of a rehearsal.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Schedule {
     /// In order of time, without gaps.
     pub trials: Vec<Trial>,
-    /// Sweeps that are ordered, in order of time.
+    /// Sweeps of the plan that are brought forward into this flight, in order of time.
     pub sweeps: Vec<Sweep>,
 }
 
 impl Challenge {
-    /// In words, after "after".
+    /// Name of the challenge with its article, to follow the word "after" in a sentence.
     #[must_use]
     pub fn words(&self) -> &'static str {
         match self {
@@ -124,13 +125,15 @@ impl Challenge {
     }
 }
 
-/// Where the step leads: what the reference covers in half a second at its fastest, within what shows
-/// beside noise and what the tilt bound can follow in the time left.
+/// Bounds on the length of the step \[m\], which is the distance that the reference covers in half a second
+/// at its highest speed. A shorter step would be hidden by noise; a longer one could not be finished at the
+/// tilt bound in the remaining time.
 const STEP_M: core::ops::RangeInclusive<f64> = 0.3..=0.6;
-/// Share of the lateral force at the tilt bound that load, reference and gust take together.
+/// Share of the lateral force at the tilt bound that load, reference and gust may need together.
 const GUST_SHARE: f64 = 0.8;
 
-/// The gust: along the load that is there already, as much as the tilt bound leaves.
+/// Force of the gust in the world frame \[N\]: in the direction of the estimated load, and as large as the
+/// tilt bound permits beside load and reference.
 fn gust(facts: &Facts, limits: &Limits, snapshot: &Snapshot) -> [f64; 3] {
     let mass_kg = facts.vehicle.mass_kg;
     let [x, y, _] = snapshot.force_w_n;
@@ -138,7 +141,7 @@ fn gust(facts: &Facts, limits: &Limits, snapshot: &Snapshot) -> [f64; 3] {
     let least_n = 0.1 * mass_kg * limits.lateral_m_s2;
     let most_n = GUST_SHARE * mass_kg * limits.lateral_m_s2;
     let spare_n = (most_n - load_n - mass_kg * facts.acceleration_m_s2).max(least_n);
-    // Without a load any direction is as good: one that tilts about both axes.
+    // Without a load every direction is equivalent; the diagonal makes the vehicle tilt about both axes.
     let [along_x, along_y] = if load_n > 1e-3 {
         [x / load_n, y / load_n]
     } else {
@@ -170,7 +173,8 @@ fn push(facts: &Facts, limits: &Limits, axis: Axis, sign: f64) -> Challenge {
     Challenge::Push { axis, force_w_n, for_s: PUSH_S }
 }
 
-/// What comes at which share of the time of `span_s` from the flip to the end.
+/// The challenges of each flight with their beginning, as a share of the time `span_s` from the flip to the
+/// end of the flight.
 fn plans(
     slot: Slot,
     facts: &Facts,
@@ -221,9 +225,10 @@ fn plans(
     }
 }
 
-/// What the flights of a rehearsal go through. `flip_s` is when the candidate takes over, `sweeps` are
-/// those of the plan that are to be brought forward, `planned` when the arms sweep fast by themselves, from
-/// and until \[s\]; `end_s` is the end of the flight.
+/// The schedule of each flight of a rehearsal. `sweeps` are the sweeps of the plan to bring forward;
+/// `planned` are the times in which the plan itself has the arms sweep fast (from, until) \[s\]; `flip_s` is
+/// the instant at which the candidate takes over and `end_s` the end of the flight \[s\]. All times count
+/// from the beginning of the rehearsed flight.
 #[must_use]
 pub fn schedule(
     slot: Slot,
@@ -243,7 +248,8 @@ pub fn schedule(
         let trial = |challenge, at_s| Trial { challenge, at_s, until_s: end_s, sweeping: false };
         let mut trials = vec![trial(Challenge::Flip, flip_s)];
         for (share, challenge) in plan.into_iter().filter(|(_, challenge)| shakes(challenge)) {
-            // On whole samples of every loop, so that figures do not hang on rounding.
+            // Multiples of 20 ms are release instants of every loop, so that the figures do not depend on
+            // rounding.
             let at_s = ((flip_s + share * (end_s - flip_s)) * 50.0).round() / 50.0;
             if let Some(last) = trials.last_mut() {
                 last.until_s = at_s;
@@ -265,7 +271,7 @@ pub fn schedule(
     })
 }
 
-/// The sweeps one right after the other.
+/// The sweeps in immediate succession from `at_s` on.
 fn brought_forward(sweeps: &[Sweep], at_s: f64) -> Vec<Sweep> {
     let mut begin_s = at_s;
     let mut forward = Vec::new();

@@ -1,4 +1,4 @@
-//! The starts that a rehearsal flies from: what is believed, and two more within its one-sigma.
+//! The initial states of a rehearsal: the estimated state, and two more drawn within one sigma of it.
 
 use crate::Snapshot;
 use rand::{Rng, SeedableRng};
@@ -8,23 +8,25 @@ use serde::{Deserialize, Serialize};
 /// Flights of a rehearsal: the mean and two draws.
 pub const DRAWS: usize = 3;
 
-/// One start: by how much the vehicle is elsewhere than believed, and the seed of its sensors.
+/// One initial state, as the difference between the simulated vehicle and the estimate, and the seed of its
+/// sensor noise.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Draw {
-    /// 0 for the mean.
+    /// Number of the flight; 0 starts from the estimate itself.
     pub index: usize,
-    /// Real less believed position \[m\].
+    /// True minus estimated position, in the world frame \[m\].
     pub position_w_m: [f64; 3],
-    /// Real less believed velocity \[m/s\].
+    /// True minus estimated velocity, in the world frame \[m/s\].
     pub velocity_w_m_s: [f64; 3],
-    /// Rotation vector from the believed to the real attitude, about the body axes \[rad\].
+    /// Rotation vector from the estimated to the true attitude, in body axes \[rad\].
     pub attitude_b_rad: [f64; 3],
-    /// Of the sensors; at most 2⁶³ − 1, which TOML can write.
+    /// Seed of the sensor noise; at most 2⁶³ − 1, the largest integer that TOML can represent.
     pub seed: u64,
 }
 
-/// The starts of swap number `swap` of a run. The stream's key holds both numbers, so that no two
-/// rehearsals of a run, and none of another run, draw the same.
+/// The initial states for swap number `swap` of the run with the seed `run_seed`, uniform within one sigma
+/// per axis. The key of the random stream holds both numbers, so that no two rehearsals of a run, and no two
+/// runs, share their random numbers.
 #[must_use]
 pub fn draws(snapshot: &Snapshot, run_seed: u64, swap: u64) -> [Draw; DRAWS] {
     let mut key = [0; 32];
@@ -36,7 +38,7 @@ pub fn draws(snapshot: &Snapshot, run_seed: u64, swap: u64) -> [Draw; DRAWS] {
         let seed = generator.next_u64() >> 1;
         let mut within = |sigma: [f64; 3]| {
             sigma.map(|sigma| {
-                // Uniform in [-1, 1), 53 bits.
+                // Uniform in [-1, 1), with 53 random bits.
                 let unit = (generator.next_u64() >> 11) as f64 * f64::EPSILON - 1.0;
                 if index == 0 { 0.0 } else { sigma * unit }
             })

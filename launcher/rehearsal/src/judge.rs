@@ -1,4 +1,4 @@
-//! Sets what the candidate did in each window beside what the owner did.
+//! Compares the errors of the candidate in each window with those of the owner in the same flight.
 
 use crate::{
     Challenge, Facts, Figure, Limits, Measure, Moment, RehearsalFigures, RehearsalRefusal,
@@ -6,23 +6,23 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 
-/// The last part of a window, in which a good controller has recovered.
+/// Last part of a window, as a share of it, in which a good controller has recovered.
 const REST_SHARE: f64 = 0.4;
-/// Lower than this the vehicle touches the ground, legs and noise included \[m\].
+/// Height below which the vehicle touches the ground, with a margin for legs and noise \[m\].
 const GROUND_M: f64 = 0.05;
-/// Stands for an error that is no number, and can be written as JSON.
+/// Replaces an error that is not a number, because JSON cannot represent NaN.
 pub(crate) const NOT_FINITE: f64 = f64::MAX;
 
-/// One start flown by both.
+/// One initial state, flown with the candidate and with the owner.
 #[derive(Debug, Clone, Copy)]
 pub struct Flown<'a> {
-    /// 0 for the mean, then the draws.
+    /// Number of the initial state: 0 for the mean, then the draws.
     pub draw: usize,
-    /// What it went through.
+    /// Challenges of both flights.
     pub schedule: &'a Schedule,
-    /// With the candidate.
+    /// The flight with the candidate.
     pub candidate: &'a Track,
-    /// With the owner alone.
+    /// The flight with the owner alone.
     pub owner: &'a Track,
 }
 
@@ -30,34 +30,35 @@ pub struct Flown<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "how")]
 pub enum Lost {
-    /// The tilt is beyond what can be recovered from.
+    /// The tilt is larger than can be recovered from.
     Tilted {
-        /// \[rad\].
+        /// Angle between body z and the vertical \[rad\].
         tilt_rad: f64,
-        /// \[rad\].
+        /// Its limit \[rad\].
         limit_rad: f64,
     },
-    /// It is too far from its reference.
+    /// The vehicle is too far from its reference.
     Away {
-        /// \[m\].
+        /// Distance from the reference \[m\].
         distance_m: f64,
-        /// \[m\].
+        /// Its limit \[m\].
         limit_m: f64,
     },
-    /// It touches the ground.
+    /// The vehicle touches the ground.
     Grounded {
-        /// \[m\].
+        /// Height above the ground \[m\].
         height_m: f64,
-        /// \[m\].
+        /// Its limit \[m\].
         limit_m: f64,
     },
-    /// The actuation guard had to level it or cut its rotors, because no valid command came.
+    /// The actuation guard had to level the vehicle or cut its rotors, because no valid command came.
     Uncommanded,
-    /// Something is not a number.
+    /// Tilt, position or height is not a finite number.
     NotFinite,
 }
 
-/// First loss of a vehicle from `from_s` on, and when \[s\].
+/// The first loss of the vehicle from `from_s` \[s\] on, with its instant \[s\]; `None` if it was not lost.
+/// `moments` are those of `track`.
 #[must_use]
 pub fn lost(
     track: &Track,
@@ -92,7 +93,7 @@ pub fn lost(
 }
 
 fn largest(moments: &[Moment], of: impl Fn(&Moment) -> f64) -> f64 {
-    // A NaN is the largest of all.
+    // NaN must count as the largest error, but `f64::max` would ignore it.
     let worse = |worst: f64, value: f64| if value.is_nan() { NOT_FINITE } else { worst.max(value) };
     moments.iter().map(of).fold(0.0, worse)
 }
@@ -107,7 +108,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     if mean.is_nan() { NOT_FINITE } else { mean.sqrt() }
 }
 
-/// Root mean square step of the worst axis.
+/// Root mean square of the difference between successive commands, of the worst axis.
 fn effort(commands: impl Iterator<Item = [f64; 4]>) -> f64 {
     let (mut sums, mut count, mut before) = ([0.0; 4], 0.0, None::<[f64; 4]>);
     for command in commands {
@@ -151,10 +152,10 @@ fn measured(
     }
 }
 
-/// Every figure, and the verdict they make.
+/// Measures every figure of the flights and compares it with its limit.
 ///
 /// # Errors
-/// The vehicle would be lost, or an error leaves the tube.
+/// If the vehicle would be lost with the candidate, or if one of its errors leaves the tube.
 pub fn judge(
     slot: Slot,
     facts: &Facts,

@@ -1,9 +1,12 @@
-//! The rehearsal of a swap: a candidate is flown ahead on a nominal plant before it flies the vehicle.
+//! The rehearsal of a swap: a candidate is tested on a simulated nominal plant before it may command the
+//! vehicle.
 //!
 //! Everything here is a function of plain numbers: no IPC, no clock, no file. [`Watcher`] makes a
-//! [`Snapshot`] of the samples that a vehicle knows, [`draws`] moves it within its one-sigma,
-//! [`schedule`] says which challenge comes when, [`Track`] is what a rehearsed flight left, and
-//! [`judge`] sets the candidate beside the owner. The launcher derives the scenarios and flies them.
+//! [`Snapshot`] from the samples that a real vehicle has, [`draws`] varies it within one sigma,
+//! [`schedule`] defines the challenges and their times, [`Track`] records a rehearsed flight, and
+//! [`judge`] compares the candidate with the owner. The launcher derives the scenarios and flies them.
+//!
+//! Frames are world ENU (`_w_`) and body FLU (`_b_`); quaternions are Hamilton, scalar first.
 
 mod challenge;
 mod draw;

@@ -1,4 +1,4 @@
-//! What the vehicle can do, which sizes challenges and tube alike.
+//! Capabilities of the vehicle, from which the size of the challenges and of the tube follow.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -8,18 +8,18 @@ use vehicle::{MorphAngle, VehicleParameters};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Slot {
-    /// Torques for the attitude set point.
+    /// The slot of the attitude controller, which computes torques.
     Attitude,
-    /// Thrust and tilt for the trajectory.
+    /// The slot of the position controller, which computes thrust and attitude set points.
     Position,
 }
 
-/// What is known of the vehicle, its loops and its plan.
+/// Parameters of the vehicle, its loops and its plan that a rehearsal depends on.
 #[derive(Debug, Clone, Copy)]
 pub struct Facts {
-    /// As everybody models it.
+    /// Nominal parameters, which the controllers use as their model.
     pub vehicle: VehicleParameters,
-    /// β at the beginning \[rad\].
+    /// Morph angle β at the beginning \[rad\].
     pub morph_angle_rad: f64,
     /// Bound of the position controller on roll and pitch \[rad\].
     pub tilt_max_rad: f64,
@@ -27,15 +27,15 @@ pub struct Facts {
     pub attitude_period_s: f64,
     /// Period of the position loop \[s\].
     pub position_period_s: f64,
-    /// From a set point and from a command to their effect, together \[s\].
+    /// Sum of the latencies of the attitude set point and of the wrench command \[s\].
     pub latency_s: f64,
-    /// Largest speed of the reference in the time rehearsed \[m/s\].
+    /// Largest speed of the reference during the rehearsal \[m/s\].
     pub speed_m_s: f64,
-    /// Largest acceleration of the reference in the time rehearsed \[m/s²\].
+    /// Largest acceleration of the reference during the rehearsal \[m/s²\].
     pub acceleration_m_s2: f64,
-    /// There is no position loop: the pilot sets attitudes.
+    /// True on a rig, which has no position loop: the pilot publishes attitude set points.
     pub is_rig: bool,
-    /// There is ground at z = 0.
+    /// True if there is ground at z = 0.
     pub ground: bool,
 }
 
@@ -44,33 +44,32 @@ pub struct Facts {
 pub struct Limits {
     /// Largest angular acceleration about each body axis within the torque bounds of hover \[rad/s²\].
     pub acceleration_b_rad_s2: [f64; 3],
-    /// From a kick to full torque: a sample is waited for, the command takes effect, the rotors
-    /// follow \[s\].
+    /// Reaction time from a kick to full torque \[s\]: control period, latencies and rotor lag.
     pub reaction_s: f64,
-    /// Jump of the body rate about each axis by which a kick shakes the vehicle \[rad/s\].
+    /// Change of the body rate about each body axis by a kick \[rad/s\].
     pub kick_b_rad_s: [f64; 3],
-    /// Angle that such a kick leads to before full torque has stopped it \[rad\].
+    /// Angle that such a kick causes until full torque has stopped it, per body axis \[rad\].
     pub stopping_b_rad: [f64; 3],
-    /// Acceleration at the tilt bound \[m/s²\].
+    /// Horizontal acceleration at the tilt bound \[m/s²\].
     pub lateral_m_s2: f64,
-    /// Time in which a tilt is reached that was asked for \[s\].
+    /// Time from a deviation in position until the vehicle has reached the commanded tilt \[s\].
     pub tilting_s: f64,
-    /// Jump of the velocity along each axis by which a push shakes the vehicle \[m/s\].
+    /// Change of the velocity along each world axis by a push \[m/s\].
     pub push_m_s: [f64; 3],
-    /// Way that such a push leads to before the tilt bound has stopped it \[m\].
+    /// Distance that such a push causes until a tilt at the bound has stopped it \[m\].
     pub stopping_m: f64,
 }
 
-/// A push is over within this time \[s\].
+/// Duration of a push \[s\].
 pub(crate) const PUSH_S: f64 = 0.05;
 
 impl Limits {
-    /// Of a vehicle.
+    /// Derives the bounds for a vehicle and its loops.
     ///
-    /// A kick is half of what full torque does within the reaction time of the loop: Δω = α t/2. Full torque
-    /// stops it in half of that time again, so that the angle reached is Δω t + Δω²/2α = 5/8 α t². A push
-    /// is one level up: Δv = a t with a = g tan θmax and the time t in which a tilt is there, and the way
-    /// Δv t + Δv²/2a = 3/2 a t².
+    /// A kick is half of what full torque does within the reaction time t of the loop: Δω = α t/2. Full
+    /// torque stops it in another t/2, so that the angle reached is Δω t + Δω²/2α = 5/8 α t². A push is its
+    /// counterpart for the position loop: Δv = a t with a = g tan θmax and the time t until the commanded
+    /// tilt is reached, which leads to the distance Δv t + Δv²/2a = 3/2 a t².
     #[must_use]
     pub fn of(facts: &Facts) -> Self {
         let vehicle = &facts.vehicle;
@@ -83,7 +82,7 @@ impl Limits {
         let kick = alpha * (0.5 * reaction_s);
         let stopping = kick * (1.25 * reaction_s);
         let lateral_m_s2 = vehicle.gravity_m_s2 * libm::tan(facts.tilt_max_rad);
-        // Half of the way to the bound at full torque, and as much to stop there.
+        // Full torque accelerates for half of the angle to the tilt bound and brakes for the other half.
         let turning_s = 2.0 * (facts.tilt_max_rad / alpha.x.min(alpha.y)).sqrt();
         let tilting_s = facts.position_period_s + reaction_s + turning_s;
         let push = lateral_m_s2 * tilting_s;

@@ -1,24 +1,25 @@
-//! What a vehicle knows of itself at one instant, as plain numbers.
+//! The state of a vehicle at one instant as far as it is known on board, as plain numbers.
 
 use serde::{Deserialize, Serialize};
 
-/// What a rehearsal begins from. No field comes from the simulated world behind the sensors.
+/// The initial condition of a rehearsal. No field comes from the ground truth of a simulation, so that the
+/// same is available on a real vehicle. Frames are world ENU (`_w_`) and body FLU (`_b_`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Snapshot {
     /// The instant \[ns\].
     pub at_ns: u64,
-    /// Believed position \[m\].
+    /// Estimated position \[m\].
     pub position_w_m: [f64; 3],
-    /// Believed velocity \[m/s\].
+    /// Estimated velocity \[m/s\].
     pub velocity_w_m_s: [f64; 3],
-    /// Believed attitude, body to world: w, x, y, z.
+    /// Estimated attitude, body to world, Hamilton quaternion: w, x, y, z.
     pub q_wb: [f64; 4],
-    /// Believed body rate \[rad/s\].
+    /// Estimated angular velocity, in body axes \[rad/s\].
     pub body_rate_b_rad_s: [f64; 3],
-    /// Believed deployable angle \[rad\].
+    /// Estimated morph angle β \[rad\].
     pub morph_angle_rad: f64,
-    /// Its believed rate \[rad/s\].
+    /// Estimated rate of the morph angle \[rad/s\].
     pub morph_rate_rad_s: f64,
     /// One-sigma error of the position \[m\].
     pub position_sigma_w_m: [f64; 3],
@@ -30,88 +31,88 @@ pub struct Snapshot {
     pub gyro_bias_sigma_rad_s: f64,
     /// One-sigma error of the accelerometer bias, worst axis \[m/s²\].
     pub accelerometer_bias_sigma_m_s2: f64,
-    /// Thrust last commanded of rotors 1 to 4 \[N\].
+    /// Last commanded thrust of rotors 1 to 4 \[N\].
     pub rotor_thrust_n: [f64; 4],
-    /// The actuation guard lets commands through; in any other mode nothing can be rehearsed.
+    /// True if the actuation guard lets commands through; in any other mode nothing can be rehearsed.
     pub commanded: bool,
-    /// Mean force beside thrust, weight and the drag of still air \[N\].
+    /// Mean external force, without thrust, weight and drag in still air \[N\].
     pub force_w_n: [f64; 3],
-    /// Mean torque beside that of the rotors \[N m\].
+    /// Mean external torque, without that of the rotors \[N m\].
     pub torque_b_nm: [f64; 3],
-    /// Who commands the attitude slot.
+    /// The instance that commands the attitude slot.
     pub attitude: Instance,
-    /// Who commands the position slot.
+    /// The instance that commands the position slot.
     pub position: Instance,
-    /// What had been ordered of the pilot, with instants of its plan.
+    /// Guidance orders in effect; their instants are in the time of the plan.
     pub guidance: Guidance,
 }
 
-/// Who commands a slot, by its consumer's own word.
+/// The instance that commands a slot, as the slot's consumer reports it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Instance {
     /// Epoch of the owner record in effect.
     pub epoch: u64,
-    /// Process slot whose commands count.
+    /// Process slot whose commands are in effect.
     pub seat: u32,
-    /// The fallback commands until the next epoch.
+    /// True if the fallback has taken over until the next epoch.
     pub failed_over: bool,
 }
 
-/// An order to the pilot that is in effect.
+/// The guidance orders to the pilot that are in effect; `None` where the plan applies.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Guidance {
-    /// Of the position reference.
+    /// Order for the position reference.
     pub position: Option<Way>,
-    /// Of the heading reference.
+    /// Order for the heading reference.
     pub yaw: Option<Turn>,
-    /// Of the deployable angle.
+    /// Order for the morph angle.
     pub morph: Option<Turn>,
 }
 
-/// A way that the position reference is on.
+/// A motion of the position reference to a new goal, in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Way {
-    /// When it began \[s\].
+    /// Beginning, in the time of the plan \[s\].
     pub begin_s: f64,
-    /// Where \[m\].
+    /// Position at the beginning \[m\].
     pub from_w_m: [f64; 3],
-    /// How fast \[m/s\].
+    /// Velocity at the beginning \[m/s\].
     pub velocity_w_m_s: [f64; 3],
-    /// With which acceleration \[m/s²\].
+    /// Acceleration at the beginning \[m/s²\].
     pub acceleration_w_m_s2: [f64; 3],
-    /// Where it rests in the end \[m\].
+    /// Position at rest at the end \[m\].
     pub goal_w_m: [f64; 3],
-    /// Time in which the motion that it began with dies out \[s\].
+    /// Duration over which the initial velocity and acceleration decay to rest \[s\].
     pub brake_s: f64,
-    /// Time of the way from where that alone would lead to the goal \[s\].
+    /// Duration of the motion from the point to which braking alone would lead, to the goal \[s\].
     pub move_s: f64,
 }
 
-/// A turn that an angle is on.
+/// A motion of an angle to a new goal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Turn {
-    /// When it began \[s\].
+    /// Beginning, in the time of the plan \[s\].
     pub begin_s: f64,
-    /// Angle there \[rad\].
+    /// Angle at the beginning \[rad\].
     pub from_rad: f64,
-    /// Rate there \[rad/s\].
+    /// Rate at the beginning \[rad/s\].
     pub rate_rad_s: f64,
-    /// Acceleration there \[rad/s²\].
+    /// Angular acceleration at the beginning \[rad/s²\].
     pub acceleration_rad_s2: f64,
-    /// Angle at which it rests in the end \[rad\].
+    /// Angle at rest at the end \[rad\].
     pub goal_rad: f64,
-    /// Time in which the motion that it began with dies out \[s\].
+    /// Duration over which the initial rate and acceleration decay to rest \[s\].
     pub brake_s: f64,
-    /// Time of the way from where that alone would lead to the goal \[s\].
+    /// Duration of the motion from the angle to which braking alone would lead, to the goal \[s\].
     pub move_s: f64,
 }
 
 impl Snapshot {
-    /// True if every number is finite and the attitude a rotation.
+    /// True if every number is finite and the attitude is a unit quaternion.
     #[must_use]
     pub fn is_usable(&self) -> bool {
         let vectors = [

@@ -1,9 +1,9 @@
-//! What a rehearsed flight left: where the vehicle was, what was asked of it, what was commanded.
+//! The record of a rehearsed flight: motion, references and commands.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use vehicle::quaternion_from_euler;
 
-/// The vehicle of the rehearsal at one instant.
+/// True state of the simulated vehicle at one instant. Frames are world ENU (`_w_`) and body FLU (`_b_`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     /// The instant \[s\].
@@ -12,13 +12,13 @@ pub struct Motion {
     pub position_w_m: [f64; 3],
     /// Velocity \[m/s\].
     pub velocity_w_m_s: [f64; 3],
-    /// Attitude, body to world: w, x, y, z.
+    /// Attitude, body to world, Hamilton quaternion: w, x, y, z.
     pub q_wb: [f64; 4],
-    /// Body rate \[rad/s\].
+    /// Angular velocity, in body axes \[rad/s\].
     pub body_rate_b_rad_s: [f64; 3],
 }
 
-/// What the position reference asks for from an instant on.
+/// A sample of the position reference, in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
     /// The instant \[s\].
@@ -29,16 +29,16 @@ pub struct Wanted {
     pub velocity_w_m_s: [f64; 3],
 }
 
-/// Everything that is kept of a flight.
+/// The record of one rehearsed flight.
 #[derive(Debug, Clone, Default)]
 pub struct Track {
     motions: Vec<Motion>,
     wanted: Vec<Wanted>,
     /// Instant \[s\], φ, θ, ψ \[rad\].
     setpoints: Vec<(f64, [f64; 3])>,
-    /// Instant \[s\] and command over the largest one, of whoever commands the slot.
+    /// Instant \[s\] and command of the judged controller, relative to the largest command.
     commands: Vec<(f64, [f64; 4])>,
-    /// First instant at which the actuation guard commanded instead \[s\].
+    /// First instant at which the actuation guard replaced the controller \[s\].
     unguided_s: Option<f64>,
 }
 
@@ -47,59 +47,60 @@ pub struct Track {
 pub struct Moment {
     /// The instant \[s\].
     pub t_s: f64,
-    /// Angle between body z and up \[rad\].
+    /// Angle between body z and the vertical \[rad\].
     pub tilt_rad: f64,
     /// Angle of the rotation from the set point to the attitude \[rad\].
     pub attitude_rad: f64,
-    /// Length of the body rate \[rad/s\].
+    /// Norm of the body rate \[rad/s\].
     pub rate_rad_s: f64,
     /// Distance from the reference \[m\].
     pub position_m: f64,
-    /// Length of the velocity's error \[m/s\].
+    /// Norm of the velocity error \[m/s\].
     pub velocity_m_s: f64,
-    /// Height \[m\].
+    /// Height above z = 0 \[m\].
     pub height_m: f64,
 }
 
 impl Track {
-    /// The vehicle has moved.
+    /// Records the state of the vehicle. Instants must not decrease, here and in the other lists.
     pub fn moved(&mut self, motion: Motion) {
         self.motions.push(motion);
     }
 
-    /// The reference asks for this from its instant on.
+    /// Records a position reference, which applies from its instant on.
     pub fn wants(&mut self, wanted: Wanted) {
         self.wanted.push(wanted);
     }
 
-    /// The attitude loop tracks φ, θ, ψ \[rad\] from `t_s` on.
+    /// Records the attitude set point φ, θ, ψ \[rad\], which applies from `t_s` \[s\] on.
     pub fn tracks(&mut self, t_s: f64, gamma_rad: [f64; 3]) {
         self.setpoints.push((t_s, gamma_rad));
     }
 
-    /// A command of the owner, each component over the largest one.
+    /// Records a command of the judged controller; each component is relative to the largest command.
     pub fn commanded(&mut self, t_s: f64, share: [f64; 4]) {
         self.commands.push((t_s, share));
     }
 
-    /// The actuation guard levels the vehicle or has cut the rotors.
+    /// Records that the actuation guard levels the vehicle or has cut the rotors; the first instant counts.
     pub fn unguided(&mut self, t_s: f64) {
         self.unguided_s.get_or_insert(t_s);
     }
 
-    /// First instant at which the actuation guard commanded instead \[s\].
+    /// First instant at which the actuation guard replaced the controller \[s\], if there is one.
     #[must_use]
     pub fn unguided_s(&self) -> Option<f64> {
         self.unguided_s
     }
 
-    /// Commands within a stretch of time.
+    /// Commands from `from_s` on and before `until_s` \[s\].
     pub(crate) fn commands(&self, from_s: f64, until_s: f64) -> impl Iterator<Item = [f64; 4]> {
         let within = move |(t_s, _): &&(f64, [f64; 4])| (from_s..until_s).contains(t_s);
         self.commands.iter().filter(within).map(|(_, share)| *share)
     }
 
-    /// Errors at every instant at which the vehicle was seen, in order of time.
+    /// Errors at every recorded state of the vehicle, in order of time. An error is 0 while there is no set
+    /// point or reference yet.
     #[must_use]
     pub fn moments(&self) -> Vec<Moment> {
         let mut setpoints = self.setpoints.iter().peekable();
@@ -128,7 +129,7 @@ fn moment(
     let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
     let up_b = q.inverse_transform_vector(&Vector3::z());
     let (position_m, velocity_m_s) = reference.map_or((0.0, 0.0), |wanted| {
-        // Between two samples the reference moves on.
+        // Between two samples the reference is extrapolated at constant velocity.
         let age_s = motion.t_s - wanted.t_s;
         let velocity = Vector3::from(wanted.velocity_w_m_s);
         let position = Vector3::from(wanted.position_w_m) + velocity * age_s;
@@ -146,7 +147,8 @@ fn moment(
     }
 }
 
-/// 2 atan(|v| / |w|), by functions whose bits are the same on every machine.
+/// Rotation angle 2 atan(|v| / |w|) \[rad\]. Only functions of `libm` and correctly rounded operations are
+/// used, so that the result has the same bits on every machine.
 fn angle(q: &UnitQuaternion<f64>) -> f64 {
     let vector = (q.i * q.i + q.j * q.j + q.k * q.k).sqrt();
     2.0 * libm::atan2(vector, q.w.abs())

@@ -1,4 +1,4 @@
-//! How far off a flight may be: an envelope from the vehicle's limits, tightened to the owner's error.
+//! The tube of permitted errors: an envelope from the vehicle's limits, tightened to the owner's error.
 
 use crate::judge::NOT_FINITE;
 use crate::{Axis, Challenge, Facts, Limits, Slot, Trial};
@@ -22,13 +22,13 @@ pub enum Measure {
     PositionRest,
     /// Root mean square error of the velocity in the last part of the window \[m/s\].
     VelocityRest,
-    /// Root mean square step from command to command in the last part of the window, worst axis, over
-    /// the largest command.
+    /// Root mean square difference between successive commands in the last part of the window, of the worst
+    /// axis, relative to the largest command.
     Effort,
 }
 
 impl Measure {
-    /// Those by which a candidate for a slot is judged.
+    /// The measures by which a candidate for a slot is judged.
     #[must_use]
     pub fn of(slot: Slot, is_rig: bool) -> &'static [Self] {
         const ATTITUDE: &[Measure] = &[
@@ -54,7 +54,7 @@ impl Measure {
         }
     }
 
-    /// What it is, in words.
+    /// Name of the measure in messages.
     #[must_use]
     pub fn words(self) -> &'static str {
         match self {
@@ -69,7 +69,7 @@ impl Measure {
         }
     }
 
-    /// A value in the unit that people read.
+    /// A value with its unit as text; angles are converted to degrees and shares to per cent.
     #[must_use]
     pub fn shown(self, value: f64) -> String {
         if value >= NOT_FINITE {
@@ -87,7 +87,7 @@ impl Measure {
     }
 }
 
-/// How wide the tube is; the section `[rehearsal]` of a scenario sets it.
+/// Width of the tube, from the section `[rehearsal]` of a scenario.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tube {
     /// The candidate's error may be this many times the owner's.
@@ -96,7 +96,8 @@ pub struct Tube {
     pub excursion_max_m: f64,
     /// Tilt at which a vehicle counts as lost \[rad\].
     pub tilt_max_rad: f64,
-    /// Share of the envelope below which no error counts, however well the owner flies.
+    /// Share of the envelope below which no error is refused, however small the owner's error is; noise alone
+    /// causes such errors.
     pub floor_share: f64,
 }
 
@@ -114,47 +115,47 @@ impl Default for Tube {
 /// One number of a rehearsal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Figure {
-    /// 0 for the mean, then the draws.
+    /// Number of the initial state: 0 for the mean, then the draws.
     pub draw: usize,
-    /// The challenge.
+    /// Challenge of the window.
     pub challenge: Challenge,
-    /// When it began, after the flip \[s\].
+    /// Beginning of the window, counted from the flip \[s\].
     pub at_s: f64,
-    /// What is measured.
+    /// What is measured; its documentation has the unit of the four values below.
     pub measure: Measure,
-    /// Of the candidate; not finite if it commanded no number.
+    /// Value of the candidate; `f64::MAX` replaces one that is not a number.
     pub candidate: f64,
-    /// Of the owner in the same flight.
+    /// Value of the owner in the same flight.
     pub owner: f64,
-    /// What the vehicle's limits allow.
+    /// Largest value that the vehicle's limits allow.
     pub envelope: f64,
-    /// What the candidate may have.
+    /// Largest value that the candidate may have.
     pub limit: f64,
 }
 
 impl Figure {
-    /// True if the candidate stays within its limit; a number that is none does not.
+    /// True if the candidate stays within its limit, which a value that is not a number does not.
     #[must_use]
     pub fn is_within(&self) -> bool {
         self.candidate <= self.limit
     }
 }
 
-/// Share of what is allowed while the vehicle is shaken that is allowed while it is not.
+/// Body rate that is allowed without a disturbance, as a share of what is allowed with one.
 const CALM: f64 = 0.3;
 
-/// How much wider attitude, rate, effort and what is left of the position error may be while the arms sweep fast: their inertia changes by more
-/// than half within a few control periods, and with it the gain of each loop.
+/// Factor on the limits of attitude, body rate, effort and remaining position error while the arms sweep
+/// fast: the inertia changes by more than half within a few control periods, and with it the loop gains.
 const SWEEPING: f64 = 2.5;
 
-/// What a window asks of a controller.
+/// Kind of a window, by what it demands of a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    /// It has just begun, and so have all controllers of the rehearsed flight.
+    /// The flip: all controllers of the rehearsed flight have just started and still settle.
     Begun,
     /// The reference moves smoothly.
     Calm,
-    /// A kick, a push or a gust shakes the vehicle.
+    /// A kick, a push or a gust disturbs the vehicle.
     Shaken,
 }
 
@@ -169,7 +170,7 @@ impl Phase {
         }
     }
 
-    /// Of begun, calm and shaken.
+    /// The value for this phase, of those for begun, calm and shaken.
     fn pick(self, [begun, calm, shaken]: [f64; 3]) -> f64 {
         match self {
             Self::Begun => begun,
@@ -179,7 +180,7 @@ impl Phase {
     }
 }
 
-/// Angle at which full torque stops a kick \[rad\].
+/// Angle that a kick causes until full torque has stopped it \[rad\]; 0 for other challenges.
 fn stopping_rad(challenge: &Challenge, limits: &Limits) -> f64 {
     let [x, y, z] = limits.stopping_b_rad;
     match challenge {
@@ -192,9 +193,10 @@ fn stopping_rad(challenge: &Challenge, limits: &Limits) -> f64 {
 }
 
 impl Tube {
-    /// The limit: the envelope, or where the owner stays inside it `owner_scale` times its error, but
-    /// never less than what noise alone makes; an owner beyond the envelope is the limit itself, so that
-    /// whoever is better does not fail.
+    /// Limit on an error of the candidate. Where the owner's error is inside the envelope, it is
+    /// `owner_scale` times that error, at least `floor_share` of the envelope and at most the envelope.
+    /// Where the owner's error is beyond the envelope, it is that error, so that a candidate better than the
+    /// owner never fails.
     #[must_use]
     pub fn limit(&self, envelope: f64, owner: f64) -> f64 {
         if owner <= envelope {
@@ -206,7 +208,8 @@ impl Tube {
         }
     }
 
-    /// What the vehicle's limits allow of a measure in the window of a challenge.
+    /// Largest value of a measure that the vehicle's limits allow in the window of a challenge, in the unit
+    /// of the measure. The equations are in `launcher/docs/rehearsal.md`.
     #[must_use]
     pub fn envelope(
         &self,
@@ -223,7 +226,7 @@ impl Tube {
             Measure::Tilt => self.tilt_max_rad,
             Measure::AttitudePeak => 2.0 * (tilt_rad + stopping_rad(challenge, limits)),
             Measure::AttitudeRest => wider * phase.pick([0.7, 0.6, 1.0]) * tilt_rad,
-            // Passing the tilt bound within two and a half reaction times.
+            // The rate that covers the tilt bound within two and a half reaction times.
             Measure::RateRest => {
                 wider * phase.pick([CALM, CALM, 1.0]) * tilt_rad / (2.5 * limits.reaction_s)
             }
@@ -238,7 +241,7 @@ impl Tube {
                 };
                 wider * phase.pick(shares) * self.excursion_max_m
             }
-            // As fast as a position loop takes such an error back, in 1/s.
+            // The rate at which a position loop reduces such an error, in 1/s.
             Measure::VelocityRest => phase.pick([1.6, 0.44, 2.8]) * self.excursion_max_m,
             Measure::Effort => match slot {
                 Slot::Attitude => wider * phase.pick([0.4, 0.4, 0.9]),

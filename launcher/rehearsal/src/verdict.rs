@@ -1,23 +1,23 @@
-//! The verdict of a rehearsal, in numbers and in words.
+//! The verdict of a rehearsal, as numbers and as a sentence.
 
 use crate::{Challenge, Figure, Lost, Slot};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// All that was measured.
+/// Everything that was measured in a rehearsal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RehearsalFigures {
     /// The slot that the candidate is to take.
     pub slot: Slot,
-    /// Per draw, challenge and measure.
+    /// One figure per initial state, challenge and measure.
     pub figures: Vec<Figure>,
-    /// Draw, challenge, time after it \[s\] and how, if the vehicle was lost.
+    /// If the vehicle was lost: initial state, last challenge, time since that challenge \[s\] and how.
     pub lost: Option<(usize, Challenge, f64, Lost)>,
 }
 
 impl RehearsalFigures {
-    /// The figure that is nearest to its limit, or furthest beyond it.
+    /// The figure that is nearest to its limit, or furthest beyond it; `None` if there are no figures.
     #[must_use]
     pub fn worst(&self) -> Option<&Figure> {
         let share = |figure: &Figure| {
@@ -28,48 +28,48 @@ impl RehearsalFigures {
     }
 }
 
-/// Why a candidate is not to fly.
+/// Why a candidate may not fly.
 #[derive(Debug, Clone, PartialEq, Error, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "refusal")]
 pub enum RehearsalRefusal {
     /// The rehearsed vehicle was lost.
     #[error("would lose the vehicle {after_s:.2} s after {}: {lost}", .challenge.words())]
     Lost {
-        /// 0 for the mean, then the draws.
+        /// Number of the initial state: 0 for the mean, then the draws.
         draw: usize,
-        /// What came before.
+        /// The last challenge before the loss.
         challenge: Challenge,
-        /// How long before \[s\].
+        /// Time from that challenge to the loss \[s\].
         after_s: f64,
-        /// How it was lost.
+        /// How the vehicle was lost.
         lost: Lost,
-        /// All that was measured.
+        /// Everything that was measured before.
         figures: RehearsalFigures,
     },
-    /// An error is larger than the tube.
+    /// An error leaves the tube.
     #[error("would leave its tube after {}: {figure}", .figure.challenge.words())]
     Outside {
-        /// The worst figure.
+        /// The figure that is furthest beyond its limit.
         figure: Figure,
-        /// All that was measured.
+        /// Everything that was measured.
         figures: RehearsalFigures,
     },
-    /// It was not there to be rehearsed.
+    /// The candidate failed to start or to take over.
     #[error("cannot be rehearsed: {why}")]
     Failed {
-        /// What it did, or said, instead.
+        /// What happened instead.
         why: String,
     },
-    /// Nothing was flown to the end.
+    /// The rehearsal could not be flown to its end, for a reason that is not the candidate's.
     #[error("not rehearsed: {why}")]
     NotRehearsed {
-        /// What stood against it.
+        /// The reason.
         why: String,
     },
 }
 
 impl RehearsalRefusal {
-    /// What was measured before the refusal.
+    /// What was measured before the refusal; `None` if nothing was.
     #[must_use]
     pub fn figures(&self) -> Option<&RehearsalFigures> {
         match self {
@@ -108,25 +108,25 @@ impl fmt::Display for Figure {
     }
 }
 
-/// What is told of a rehearsal.
+/// Result of a rehearsal; the launcher receives it as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
     /// Name of the candidate.
     pub candidate: String,
     /// Name of the owner.
     pub owner: String,
-    /// True if it may fly.
+    /// True if the candidate may fly.
     pub accepted: bool,
-    /// Verdict and reason.
+    /// Verdict and reason as a sentence without its full stop.
     pub words: String,
-    /// Why not.
+    /// Why the candidate may not fly; `None` if it is accepted.
     pub refusal: Option<RehearsalRefusal>,
-    /// All that was measured, if it is accepted; a refusal carries its own.
+    /// Everything that was measured, if the candidate is accepted; a refusal carries its own figures.
     pub figures: Option<RehearsalFigures>,
 }
 
 impl Verdict {
-    /// Of a rehearsal of `candidate` in place of `owner`.
+    /// The verdict for the result of a rehearsal of `candidate` in place of `owner`.
     #[must_use]
     pub fn of(
         candidate: &str,
@@ -157,7 +157,7 @@ impl Verdict {
         }
     }
 
-    /// What was measured, accepted or not.
+    /// What was measured, whether the candidate is accepted or not; `None` if nothing was.
     #[must_use]
     pub fn measured(&self) -> Option<&RehearsalFigures> {
         self.figures.as_ref().or_else(|| self.refusal.as_ref()?.figures())

@@ -1,4 +1,4 @@
-//! Makes a [`Snapshot`] of samples, and only of those that a vehicle has.
+//! Makes a [`Snapshot`] from samples, and only from those that a real vehicle has.
 
 use crate::snapshot::{Guidance, Instance, Snapshot, Turn, Way};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -10,12 +10,13 @@ use std::any::Any;
 use std::collections::VecDeque;
 use vehicle::{MorphAngle, VehicleParameters};
 
-/// Time over which force and torque are averaged \[ns\]: long beside the accelerometer's noise and one
-/// oscillation of an attitude loop, short beside a gust.
+/// Time over which force and torque are averaged \[ns\]: long enough to suppress the noise of the
+/// accelerometer and the oscillation of an attitude loop, and short compared with a gust.
 const MEAN_NS: u64 = 300_000_000;
-/// Samples of a topic that are kept: the mean's at 10 kHz.
+/// Samples that are kept of each topic: enough for the averaging time at 10 kHz.
 const KEPT: usize = 4096;
-/// Share of the torque bound that a constant torque may take; more is a manoeuvre and no load.
+/// Largest constant torque, as a share of the torque bound; a larger one comes from a manoeuvre and not from
+/// a load.
 const TORQUE_SHARE: f64 = 0.25;
 
 mod sealed {
@@ -26,7 +27,8 @@ mod sealed {
     impl Sealed for shared_types::GuidanceOrder {}
 }
 
-/// A sample that a vehicle has: nobody else can add one.
+/// A sample that a real vehicle has. The trait is sealed, so that no other crate can implement it for the
+/// ground truth of a simulation:
 ///
 /// ```compile_fail
 /// fn of_a_vehicle<T: rehearsal::Known>() {}
@@ -39,18 +41,18 @@ mod sealed {
 pub trait Known: Sample + sealed::Sealed {
     /// Topic that carries it.
     const TOPIC: &'static str;
-    /// Gives it to a watcher.
+    /// Passes the sample to a watcher.
     fn tell(&self, watcher: &mut Watcher);
 }
 
-/// What is kept of an estimate.
+/// A state estimate with its effective instant.
 #[derive(Debug, Clone, Copy)]
 struct Believed {
     valid_ns: u64,
     estimate: StateEstimate,
 }
 
-/// What is kept of an applied command.
+/// The part of an applied command that a snapshot needs.
 #[derive(Debug, Clone, Copy)]
 struct Applied {
     valid_ns: u64,
@@ -61,8 +63,8 @@ struct Applied {
     instance: Instance,
 }
 
-/// Remembers the last moments of a flight, so that what it tells of an instant does not depend on the
-/// order in which topics were read.
+/// Keeps the most recent samples of a flight, so that the snapshot of an instant does not depend on the order
+/// in which topics are read.
 #[derive(Debug)]
 pub struct Watcher {
     vehicle: VehicleParameters,
@@ -72,12 +74,12 @@ pub struct Watcher {
     orders: VecDeque<GuidanceOrder>,
 }
 
-/// Gives a sample to a watcher if it is of this type.
+/// Passes a sample to a watcher if it is of the type `T`; false if not.
 fn tell<T: Known>(watcher: &mut Watcher, any: &dyn Any) -> bool {
     any.downcast_ref::<T>().map(|sample| sample.tell(watcher)).is_some()
 }
 
-/// Keeps the newest of an unbroken sequence.
+/// Appends a sample and drops the oldest one when [`KEPT`] are stored.
 fn keep<T>(queue: &mut VecDeque<T>, value: T) {
     if queue.len() == KEPT {
         queue.pop_front();
@@ -86,7 +88,7 @@ fn keep<T>(queue: &mut VecDeque<T>, value: T) {
 }
 
 impl Watcher {
-    /// Of a flight whose controllers model this vehicle.
+    /// A watcher of a flight whose controllers use these vehicle parameters as their model.
     #[must_use]
     pub fn new(vehicle: &VehicleParameters) -> Self {
         Self {
@@ -103,7 +105,7 @@ impl Watcher {
         sample.tell(self);
     }
 
-    /// Takes a sample of whatever topic if it is one that a vehicle has; false if not.
+    /// Takes a sample of any topic if a real vehicle has it; false if not.
     pub fn observe_any<T: Sample>(&mut self, sample: &T) -> bool {
         let any: &dyn Any = sample;
         tell::<StateEstimate>(self, any)
@@ -118,7 +120,7 @@ impl Watcher {
         [StateEstimate::TOPIC, AppliedCommand::TOPIC, AppliedSetpoint::TOPIC, GuidanceOrder::TOPIC]
     }
 
-    /// What the vehicle knew at `at_ns`; `None` before its first estimate and command.
+    /// The snapshot of the instant `at_ns` \[ns\]; `None` before the first estimate and command.
     #[must_use]
     pub fn snapshot(&self, at_ns: u64) -> Option<Snapshot> {
         let believed = self.estimates.iter().rev().find(|e| e.valid_ns <= at_ns)?;
@@ -150,15 +152,16 @@ impl Watcher {
         })
     }
 
-    /// Estimates of the time before `at_ns` over which is averaged.
+    /// Estimates of the averaging time that ends at `at_ns`.
     fn lately(&self, at_ns: u64) -> impl Iterator<Item = &StateEstimate> {
         let from_ns = at_ns.saturating_sub(MEAN_NS);
         let within = move |e: &&Believed| e.valid_ns <= at_ns && e.valid_ns > from_ns;
         self.estimates.iter().filter(within).map(|e| &e.estimate)
     }
 
-    /// m R f = T R e₃ + d (w − v) + F: what of the specific force neither thrust nor the drag of still air
-    /// explains. Thrust is that commanded one rotor lag before.
+    /// Mean external force in the world frame \[N\]: the part of the specific force f that neither thrust T
+    /// nor drag in still air (w = 0) explains, from m R f = T R e₃ + d (w − v) + F. T is the thrust commanded
+    /// one rotor lag earlier.
     fn force_w_n(&self, at_ns: u64) -> [f64; 3] {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a short time")]
         let lag_ns = (self.vehicle.rotor_lag_s * 1e9).round() as u64;
@@ -180,7 +183,8 @@ impl Watcher {
         if count > 0.0 { (sum / count).into() } else { [0.0; 3] }
     }
 
-    /// `I Δω / Δt + ω × I ω = τ + τ_d`, averaged.
+    /// Mean external torque in the body frame \[N m\], `τ_d` of `I Δω / Δt + ω × I ω = τ + τ_d`; 0 while the
+    /// samples cover less than half of the averaging time.
     fn torque_b_nm(&self, at_ns: u64) -> [f64; 3] {
         let (mut first, mut last) = (None, None);
         let (mut turning, mut count) = (Vector3::zeros(), 0.0);

@@ -44,7 +44,7 @@ fn schedules(slot: Slot, sweeps: &[Sweep]) -> [Schedule; DRAWS] {
     schedule(slot, &facts(), &snapshot(), (sweeps, &[]), (FLIP_S, END_S))
 }
 
-/// A flight that rolls by `roll_rad` at each instant and is off by `off_m`.
+/// A flight with the roll angle `roll_rad(t_s)` and a constant position error of `off_m` along world x.
 fn track(roll_rad: impl Fn(f64) -> f64, off_m: f64) -> Track {
     let mut track = Track::default();
     track.tracks(0.0, [0.0; 3]);
@@ -74,7 +74,7 @@ fn judged(candidate: &Track, owner: &Track) -> Verdict {
 }
 
 #[test]
-fn each_axis_is_shaken_on_its_own_in_both_directions() {
+fn each_axis_is_disturbed_separately_in_both_directions() {
     for slot in [Slot::Attitude, Slot::Position] {
         let trials: Vec<Challenge> = schedules(slot, &[])
             .iter()
@@ -99,7 +99,7 @@ fn each_axis_is_shaken_on_its_own_in_both_directions() {
 }
 
 #[test]
-fn windows_follow_one_another_from_the_flip_to_the_end() {
+fn windows_cover_the_time_from_the_flip_to_the_end_without_gaps() {
     let sweeps = [Sweep { at_s: 0.0, angle_deg: 160.0, over_s: 0.5 }];
     for slot in [Slot::Attitude, Slot::Position] {
         for schedule in schedules(slot, &sweeps) {
@@ -116,7 +116,7 @@ fn windows_follow_one_another_from_the_flip_to_the_end() {
 }
 
 #[test]
-fn sweeps_of_the_plan_are_brought_forward_into_the_last_flight_alone() {
+fn sweeps_of_the_plan_are_brought_forward_into_the_last_flight_only() {
     let sweeps = [160.0, 45.0].map(|angle_deg| Sweep { at_s: 9.0, angle_deg, over_s: 0.5 });
     let [mean, one, last] = schedules(Slot::Attitude, &sweeps);
     assert!(mean.sweeps.is_empty() && one.sweeps.is_empty());
@@ -127,7 +127,7 @@ fn sweeps_of_the_plan_are_brought_forward_into_the_last_flight_alone() {
 }
 
 #[test]
-fn the_gust_and_what_is_there_already_stay_within_what_the_tilt_bound_gives() {
+fn gust_load_and_reference_together_stay_within_the_lateral_force_at_the_tilt_bound() {
     let limits = Limits::of(&facts());
     let found = schedules(Slot::Attitude, &[]).into_iter().flat_map(|s| s.trials);
     let gust = found.map(|trial| trial.challenge).find_map(|challenge| match challenge {
@@ -140,7 +140,7 @@ fn the_gust_and_what_is_there_already_stay_within_what_the_tilt_bound_gives() {
 }
 
 #[test]
-fn a_vehicle_that_tumbles_is_lost_with_challenge_time_number_and_limit() {
+fn the_refusal_of_a_tumbling_vehicle_names_challenge_time_number_and_limit() {
     let [schedule, ..] = schedules(Slot::Attitude, &[]);
     let kick = schedule
         .trials
@@ -151,7 +151,8 @@ fn a_vehicle_that_tumbles_is_lost_with_challenge_time_number_and_limit() {
     let verdict = judged(&tumbles, &track(|_| 0.0, 0.0));
     assert!(!verdict.accepted);
     let words = "my-controller would lose the vehicle 0.52 s after a kick in roll: tilt 60.0 deg, limit 60.0 deg";
-    // π/3 at 2 rad/s: 0.5236 s after the kick, seen at the next millisecond; the next kick comes then.
+    // π/3 at 2 rad/s is reached 0.5236 s after the kick and seen at the next millisecond, when the next kick
+    // has begun, so that the time in the message is not compared.
     assert!(verdict.words.contains("would lose the vehicle"), "{}", verdict.words);
     assert!(
         verdict.words.contains("tilt 60.") && verdict.words.contains("limit 60.0 deg"),
@@ -174,19 +175,19 @@ fn an_error_beyond_the_owners_share_is_refused_with_number_and_limit() {
 }
 
 #[test]
-fn a_guard_that_has_to_take_over_loses_the_vehicle() {
+fn a_vehicle_for_which_the_actuation_guard_takes_over_counts_as_lost() {
     let mut silent = track(|_| 0.0, 0.0);
     silent.unguided(0.9);
     let verdict = judged(&silent, &track(|_| 0.0, 0.0));
     assert!(verdict.words.contains("actuation guard took over"), "{}", verdict.words);
-    // What happened before the flip is the owner's business.
+    // Before the flip the owner commands, so that it is not the candidate's fault.
     let mut early = track(|_| 0.0, 0.0);
     early.unguided(0.05);
     assert!(judged(&early, &track(|_| 0.0, 0.0)).accepted);
 }
 
 #[test]
-fn a_command_that_is_no_number_leaves_every_tube_and_can_be_written_as_json() {
+fn a_command_that_is_not_a_number_is_refused_and_its_verdict_survives_json() {
     let mut nan = track(|_| 0.0, 0.0);
     nan.commanded(2.95, [1.0, f64::NAN, 0.0, 0.0]);
     let verdict = judged(&nan, &track(|_| 0.0, 0.0));
@@ -197,14 +198,14 @@ fn a_command_that_is_no_number_leaves_every_tube_and_can_be_written_as_json() {
 
 proptest! {
     #[test]
-    fn whoever_is_as_good_as_the_owner_never_fails(
+    fn a_candidate_as_good_as_the_owner_never_fails(
         envelope in 1e-3..1e3_f64, owner in 0.0..1e4_f64, share in 0.0..=1.0_f64,
     ) {
         prop_assert!(owner * share <= Tube::default().limit(envelope, owner));
     }
 
     #[test]
-    fn a_worse_error_never_turns_a_refusal_into_an_acceptance(
+    fn a_larger_error_never_turns_a_refusal_into_an_acceptance(
         roll in 0.0..0.5_f64, more in 0.0..0.5_f64, of_owner in 0.0..0.1_f64,
     ) {
         let owner = track(|_| of_owner, 0.0);

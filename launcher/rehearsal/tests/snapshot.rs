@@ -1,4 +1,4 @@
-//! What a snapshot is made of, and what it must not be made of.
+//! Which samples a snapshot is made from, and which it must not be made from.
 
 use core::convert::Infallible;
 use rehearsal::{DRAWS, Snapshot, Watcher, draws};
@@ -16,7 +16,7 @@ fn header(valid_ns: u64) -> Header {
     Header { valid_ns, ..Header::default() }
 }
 
-/// One second of hover in which every sample of both topics is seen, `force_n` pushing along world x.
+/// One second of level flight with a force of `force_n` along world x, observed without missing samples.
 fn hovering(force_n: f64) -> Watcher {
     let vehicle = VehicleParameters::default();
     let (mass_kg, weight_n) = (vehicle.mass_kg, vehicle.weight_n());
@@ -33,7 +33,7 @@ fn hovering(force_n: f64) -> Watcher {
             position_w_m: [ms as f64, 2.0, 3.0],
             q_wb: Quaternion::IDENTITY,
             velocity_w_m_s: [0.5, 0.0, 0.0],
-            // Level, so that thrust along z and the push less drag along x are all it feels.
+            // Level, so that the specific force is thrust along z, and force minus drag along x.
             specific_force_b_m_s2: [
                 (force_n - vehicle.drag_n_s_m * 0.5) / mass_kg,
                 0.0,
@@ -54,7 +54,7 @@ fn snapshot() -> Snapshot {
 }
 
 #[test]
-fn a_snapshot_is_made_of_topics_that_a_vehicle_has_and_of_no_other() {
+fn a_snapshot_is_made_only_from_topics_that_a_real_vehicle_has() {
     struct Ask<'a>(&'a mut Watcher, Vec<&'static str>);
     impl TopicVisitor for Ask<'_> {
         type Error = Infallible;
@@ -79,7 +79,7 @@ fn a_snapshot_is_made_of_topics_that_a_vehicle_has_and_of_no_other() {
 }
 
 #[test]
-fn what_really_happens_does_not_show_in_a_snapshot() {
+fn ground_truth_does_not_change_a_snapshot() {
     let mut watcher = hovering(0.1);
     let before = watcher.snapshot(AT_NS);
     assert!(!watcher.observe_any(&Truth { position_w_m: [9.0; 3], ..Truth::default() }));
@@ -89,7 +89,7 @@ fn what_really_happens_does_not_show_in_a_snapshot() {
 }
 
 #[test]
-fn a_snapshot_is_of_its_instant_whatever_has_been_heard_since() {
+fn later_samples_do_not_change_the_snapshot_of_an_instant() {
     let mut watcher = hovering(0.1);
     let before = watcher.snapshot(AT_NS).unwrap();
     assert!((before.position_w_m[0] - 999.0).abs() < 1e-12);
@@ -101,19 +101,19 @@ fn a_snapshot_is_of_its_instant_whatever_has_been_heard_since() {
 }
 
 #[test]
-fn the_force_is_what_thrust_and_drag_leave_of_the_specific_force() {
+fn the_external_force_is_the_specific_force_without_thrust_and_drag() {
     let [x, y, z] = snapshot().force_w_n;
     assert!((x - 0.1).abs() < 1e-9 && y.abs() < 1e-9 && z.abs() < 1e-9, "{x} {y} {z}");
 }
 
 #[test]
-fn before_its_first_estimate_and_command_a_vehicle_knows_nothing() {
+fn there_is_no_snapshot_before_the_first_estimate_and_command() {
     let watcher = Watcher::new(&VehicleParameters::default());
     assert_eq!(watcher.snapshot(AT_NS), None);
 }
 
 #[test]
-fn a_snapshot_with_a_number_that_is_none_is_not_usable() {
+fn a_snapshot_with_nan_or_without_a_unit_quaternion_is_not_usable() {
     assert!(snapshot().is_usable());
     assert!(!Snapshot { morph_angle_rad: f64::NAN, ..snapshot() }.is_usable());
     assert!(!Snapshot { q_wb: [0.0; 4], ..snapshot() }.is_usable());
@@ -122,7 +122,7 @@ fn a_snapshot_with_a_number_that_is_none_is_not_usable() {
 }
 
 #[test]
-fn the_first_start_is_the_mean_and_the_others_lie_within_one_sigma() {
+fn the_first_initial_state_is_the_mean_and_the_others_lie_within_one_sigma() {
     let snapshot = snapshot();
     let [mean, one, other] = draws(&snapshot, 7, 3);
     assert!(
@@ -139,7 +139,7 @@ fn the_first_start_is_the_mean_and_the_others_lie_within_one_sigma() {
 }
 
 #[test]
-fn the_draws_follow_from_the_seed_of_the_run_and_the_number_of_the_swap() {
+fn the_draws_depend_only_on_the_seed_of_the_run_and_the_number_of_the_swap() {
     let snapshot = snapshot();
     let of = |seed, swap| draws(&snapshot, seed, swap);
     assert_eq!(of(7, 3), of(7, 3));

@@ -1,9 +1,9 @@
-//! The list of everything that has a limit.
+//! The list of all measurements that have a limit.
 
 use crate::{Grade, Outcome};
 use core::fmt::Write as _;
 
-/// In what a limit is counted.
+/// Unit of a measurement and its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {
     /// Metres.
@@ -12,30 +12,30 @@ pub enum Unit {
     Second,
     /// Radians.
     Radian,
-    /// Parts of one, told in per cent.
+    /// A share from 0 to 1, displayed in per cent.
     Share,
-    /// Whole numbers.
+    /// A whole number without a unit.
     Count,
 }
 
-/// One number with a limit.
+/// One measurement with a limit.
 #[derive(Debug, Clone, Copy)]
 pub struct Check {
     /// Name of the limit, as in a scenario's `[verdict]`.
     pub key: &'static str,
-    /// Name of what is measured, for people.
+    /// Name of the measurement in messages.
     pub name: &'static str,
-    /// In what both are counted.
+    /// Unit of measurement and limit.
     pub unit: Unit,
-    /// What a flight is that does not keep it.
+    /// Grade of a flight that exceeds the limit.
     pub grade: Grade,
-    /// Takes the number from an outcome; none if that has no such number.
+    /// Takes the measurement from an outcome; `None` if the outcome has no such measurement.
     pub measure: fn(&Outcome) -> Option<f64>,
-    /// Where or when it was so.
+    /// Text that says when or where the measurement was taken.
     pub(crate) detail: fn(&Outcome) -> String,
 }
 
-/// A limit without a place or an instant.
+/// The detail of a measurement without place or instant.
 fn nowhere(_: &Outcome) -> String {
     String::new()
 }
@@ -52,7 +52,7 @@ fn of(name: &str) -> String {
     if name.is_empty() { String::new() } else { format!(" of {name}") }
 }
 
-/// Every check, in the order in which reasons of the same grade are given.
+/// Every check, in the order in which reasons of the same grade are listed.
 pub const CHECKS: [Check; 21] = [
     Check {
         key: "cut_max_s",
@@ -227,7 +227,7 @@ pub const CHECKS: [Check; 21] = [
 ];
 
 impl Unit {
-    /// Its symbol; that of a share is the one it is told in.
+    /// Symbol of the unit as displayed: % for a share, empty for a count.
     #[must_use]
     pub const fn symbol(self) -> &'static str {
         match self {
@@ -239,16 +239,16 @@ impl Unit {
         }
     }
 
-    /// A number with its symbol.
+    /// A value in this unit as text with its symbol; a share is converted to per cent.
     #[must_use]
     pub fn tell(self, value: f64) -> String {
         self.with_digits(value, self.digits())
     }
 
-    /// A measurement and the limit that it does not keep, with so many digits that they differ.
+    /// A measurement and the limit that it exceeds as text, with enough digits to show the difference.
     #[must_use]
     pub fn tell_both(self, measured: f64, limit: f64) -> (String, String) {
-        // Seventeen digits tell any two numbers apart.
+        // Seventeen digits distinguish any two numbers of this size.
         let both = |digits| (self.with_digits(measured, digits), self.with_digits(limit, digits));
         (self.digits()..17).map(both).find(|(m, l)| m != l).unwrap_or_else(|| both(17))
     }
@@ -267,7 +267,7 @@ impl Unit {
         }
         let shown = if self == Self::Share { 100.0 * value } else { value };
         let mut text = String::new();
-        // A string takes everything.
+        // Writing to a string cannot fail.
         let _ = write!(text, "{shown:.digits$}");
         if digits > 0 && value.is_finite() {
             text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());

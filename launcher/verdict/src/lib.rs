@@ -1,8 +1,8 @@
-//! One verdict about a flight, the same wherever it is asked for.
+//! The verdict about a flight, the same in every output.
 //!
-//! [`Outcome`] is what was measured, [`Thresholds`] what was allowed, [`judge`] compares them and gives a
-//! [`Verdict`] with its reasons, the worst first. Everything here is a plain number or a word: nothing reads a
-//! clock, a file or a topic. Whoever measures (a flight, a recording, a campaign) fills an outcome from samples,
+//! [`Outcome`] holds what was measured, [`Thresholds`] the limits; [`judge`] compares them and returns a
+//! [`Verdict`] with its reasons, the worst first. Everything here is a plain number or a text: nothing reads
+//! a clock, a file or a topic. Each source (a flight, a recording, a campaign) fills an outcome from samples,
 //! so that the same samples have the same verdict, word for word.
 
 mod check;
@@ -19,23 +19,23 @@ use core::fmt;
 use serde::Serialize;
 use serde::ser::{SerializeStruct, Serializer};
 
-/// How good a flight was, the best first.
+/// Grade of a flight, the best first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Grade {
-    /// It was flown to its end, and every number kept its limit.
+    /// It was flown to its end, and every measurement is within its limit.
     Passed,
-    /// It was not flown, or not recorded, to its end: nobody knows the rest.
+    /// It was not flown, or not recorded, to its end, so that the rest is unknown.
     Incomplete,
-    /// A number did not keep its limit.
+    /// A measurement exceeds its limit.
     Failed,
     /// The vehicle was lost: its rotors were cut, or it ended far from its path or its set point.
     Lost,
-    /// A process failed for good and ended the flight.
+    /// A process failed permanently and ended the flight.
     Crashed,
 }
 
 impl Grade {
-    /// Every grade, the best first.
+    /// All grades, the best first.
     pub const ALL: [Self; 5] =
         [Self::Passed, Self::Incomplete, Self::Failed, Self::Lost, Self::Crashed];
 
@@ -64,7 +64,7 @@ impl Serialize for Grade {
     }
 }
 
-/// What is to be said of a flight.
+/// Grade of a flight, with the reasons for it and the limits by which it was judged.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verdict {
     grade: Grade,
@@ -72,7 +72,8 @@ pub struct Verdict {
     thresholds: Thresholds,
 }
 
-/// Judges what was measured by what was allowed. A measurement that is no number keeps no limit.
+/// Compares the measurements of a flight with its limits. A measurement that is not a number exceeds every
+/// limit.
 #[must_use]
 pub fn judge(outcome: &Outcome, thresholds: &Thresholds) -> Verdict {
     let mut reasons = reason::of_the_end(outcome);
@@ -82,7 +83,7 @@ pub fn judge(outcome: &Outcome, thresholds: &Thresholds) -> Verdict {
         (!kept).then(|| reason::of_a_check(check, outcome, measured, limit))
     });
     reasons.extend(measured);
-    // The order of the checks stays within a grade.
+    // The sort is stable, so that reasons of the same grade stay in the order of the checks.
     reasons.sort_by_key(|reason| core::cmp::Reverse(reason.grade));
     let grade = reasons.first().map_or(Grade::Passed, |reason| reason.grade);
     if reasons.is_empty() {

@@ -1,6 +1,6 @@
-//! What was measured in a flight, as plain numbers.
+//! The measurements of a flight, as plain numbers.
 
-/// Everything that a flight is judged by.
+/// All measurements by which a flight is judged. Instants are logical time from the start of the flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// How the flight ended.
@@ -9,125 +9,126 @@ pub struct Outcome {
     pub flown_s: f64,
     /// Logical time planned \[s\].
     pub planned_s: f64,
-    /// Distance from the path, of a flight along one.
+    /// Distance from the path; `None` for a rig, which has no path.
     pub tracking: Option<Tracking>,
-    /// Largest error of an angle at the end of a rig's flight, which has no path \[rad\].
+    /// Largest error of roll, pitch and yaw at the end of a flight on a rig \[rad\]; `None` for a flight
+    /// along a path.
     pub turned_rad: Option<f64>,
-    /// Time on the ground where the path has none.
+    /// Ground contact where the path is above the ground.
     pub contact: Contact,
     /// Largest angle between the vehicle's axis and the vertical \[rad\].
     pub tilt_rad: f64,
-    /// Time without a valid command.
+    /// Episodes without a valid command.
     pub safe_mode: SafeMode,
-    /// Rotors at their limits.
+    /// Time with rotors at their limits.
     pub clipping: Clipping,
     /// Time with the rotors cut \[s\].
     pub cut_s: f64,
-    /// When they were cut \[s\].
+    /// Instant at which the rotors were cut \[s\].
     pub cut_at_s: f64,
-    /// Commands outside their bounds.
+    /// Number of commands outside their bounds.
     pub violations: u64,
-    /// Deadlines and releases of the loop that missed most.
+    /// Missed releases and deadlines of the loop that missed most.
     pub missed: Misses,
-    /// Samples after their step, of the loop that got most.
+    /// Samples that arrived after the step that needed them, of the loop that received most of them.
     pub late: Misses,
-    /// Ticks with a command that was not its writer's to give.
+    /// Ticks with a command from a process that did not own the slot at that instant.
     pub wrong_owner: u64,
     /// Ticks with two commands.
     pub duplicated: u64,
     /// Samples and states that the recorder lost.
     pub dropped: u64,
-    /// Whose samples these are; empty if there are none.
+    /// Names of the topics that lost samples; empty if there are none.
     pub dropped_of: String,
-    /// Hashes of a recording that are not those of its flight.
+    /// Hashes of a recording that differ from those of its flight.
     pub altered: u64,
-    /// Why the recording is incomplete, if it is.
+    /// Why the recording is incomplete; `None` if it is complete.
     pub unrecorded: Option<String>,
 }
 
 /// How a flight ended.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum End {
-    /// At the instant planned.
+    /// At its planned end.
     #[default]
     Planned,
-    /// The user ended it.
+    /// The user interrupted it.
     Interrupted,
-    /// What is known of it ends earlier: why.
+    /// The data end before the flight did, for this reason.
     Cut(String),
-    /// A process failed for good: which, and how.
+    /// A process failed permanently; the text names it and its failure.
     Crashed(String),
 }
 
 /// Distance of the vehicle from its path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tracking {
-    /// Root mean square, apart from recoveries \[m\].
+    /// Root mean square outside recoveries \[m\].
     pub rms_m: f64,
-    /// Largest, apart from recoveries \[m\].
+    /// Maximum outside recoveries \[m\].
     pub max_m: f64,
-    /// When \[s\].
+    /// Instant of that maximum \[s\].
     pub max_at_s: f64,
-    /// Largest while the flight recovered from a fault or a restart \[m\].
+    /// Maximum during recoveries from a fault or a restart \[m\].
     pub recovering_m: f64,
-    /// When \[s\].
+    /// Instant of that maximum \[s\].
     pub recovering_at_s: f64,
-    /// Largest mean over a second without a recovery in it \[m\].
+    /// Maximum of the mean over one second without a recovery \[m\].
     pub sustained_m: f64,
-    /// When that second ended \[s\].
+    /// End of that second \[s\].
     pub sustained_at_s: f64,
-    /// Mean over the last second \[m\].
+    /// Mean over the last second of the flight \[m\].
     pub end_m: f64,
 }
 
 /// Time during which a foot of the vehicle touched the ground while its path was above it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Contact {
-    /// In all \[s\].
+    /// Total time \[s\].
     pub total_s: f64,
-    /// Since when \[s\].
+    /// Instant of the first contact \[s\].
     pub from_s: f64,
 }
 
-/// Episodes in which the actuation gate had no valid command.
+/// Episodes in which the actuation guard had no valid command.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SafeMode {
-    /// Those that neither a scripted fault, a restart nor the replacement of a controller explains.
+    /// Number of episodes that no scripted fault, restart or replacement of a controller explains.
     pub unexplained: u64,
-    /// When the first of these began \[s\].
+    /// Beginning of the first unexplained episode \[s\].
     pub unexplained_from_s: f64,
-    /// Those that one of these explains.
+    /// Number of episodes that one of these explains.
     pub explained: u64,
-    /// The longest of all \[s\].
+    /// Duration of the longest episode \[s\].
     pub longest_s: f64,
-    /// When that one began \[s\].
+    /// Beginning of the longest episode \[s\].
     pub longest_from_s: f64,
 }
 
-/// Ticks in which the rotors could not give what was asked for.
+/// Ticks in which the rotors could not produce the commanded wrench.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Clipping {
-    /// Of all ticks.
+    /// Share of all ticks, from 0 to 1.
     pub share: f64,
-    /// Longest without a break \[s\].
+    /// Longest uninterrupted time \[s\].
     pub longest_s: f64,
-    /// When that began \[s\].
+    /// Beginning of that time \[s\].
     pub longest_from_s: f64,
 }
 
-/// What the worst loop missed.
+/// Missed or late items of the loop that has most of them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Misses {
-    /// Missed, or late.
+    /// Number of missed or late items.
     pub count: u64,
-    /// Of the releases of that loop.
+    /// The same relative to the number of releases of the loop.
     pub share: f64,
-    /// Name of the loop; empty if none missed any.
+    /// Name of the loop; empty if nothing was missed or late.
     pub of: String,
 }
 
 impl Default for Outcome {
-    /// A flight of no time in which nothing happened.
+    /// A flight of zero duration without any event.
     fn default() -> Self {
         Self {
             end: End::Planned,
@@ -154,7 +155,7 @@ impl Default for Outcome {
     }
 }
 
-/// The larger of two measurements. One that is no number is larger than every number.
+/// The larger of two measurements; NaN if either is NaN, which `f64::max` would ignore.
 #[must_use]
 pub fn worst(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }

@@ -1,22 +1,22 @@
-//! Why a verdict is what it is, in sentences that name a number and its limit.
+//! The reasons of a verdict, as sentences that name a measurement and its limit.
 
 use crate::{Check, End, Grade, Outcome, Thresholds, Unit};
 use serde::Serialize;
 
-/// One reason.
+/// One reason of a verdict.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Reason {
-    /// What it makes of the flight.
+    /// Grade that follows from this reason.
     pub grade: Grade,
-    /// The limit that was not kept, or that was; as in `[verdict]`, or `flown_s` and `recording`.
+    /// Key of the limit: one of `[verdict]`, `flown_s` or `recording`.
     pub key: &'static str,
-    /// What was measured; not there if it is no number.
+    /// The measurement, in the unit of the key; null in JSON if it is not finite.
     #[serde(serialize_with = "finite")]
     pub measured: f64,
-    /// What it was compared with.
+    /// The limit, in the same unit; null in JSON if it is not finite.
     #[serde(serialize_with = "finite")]
     pub limit: f64,
-    /// Both of it as a sentence without its full stop.
+    /// Measurement and limit as a sentence without its full stop.
     pub text: String,
 }
 
@@ -31,14 +31,14 @@ pub(crate) fn of_a_check(check: &Check, outcome: &Outcome, measured: f64, limit:
     Reason { grade: check.grade, key: check.key, measured, limit, text }
 }
 
-/// What the end of the flight and of its recording say against it.
+/// Reasons against a flight that ended early or whose recording is incomplete.
 pub(crate) fn of_the_end(outcome: &Outcome) -> Vec<Reason> {
     let Outcome { end, flown_s, planned_s, unrecorded, .. } = outcome;
     let ended = |grade, why: &str| {
         let text = format!("flown {flown_s:.3} s of {planned_s:.3} s planned: {why}");
         Reason { grade, key: "flown_s", measured: *flown_s, limit: *planned_s, text }
     };
-    // Rounding of an instant is no time that is missing.
+    // An end that differs by the rounding of an instant still counts as the planned end.
     let is_whole = *flown_s >= *planned_s - 1e-6;
     let end = match end {
         End::Planned if is_whole => None,
@@ -57,7 +57,7 @@ pub(crate) fn of_the_end(outcome: &Outcome) -> Vec<Reason> {
     end.into_iter().chain(unrecorded).collect()
 }
 
-/// What speaks for a flight that kept every limit.
+/// The reason for a flight that kept every limit: its error with the limit.
 pub(crate) fn of_success(outcome: &Outcome, thresholds: &Thresholds) -> Reason {
     let limit = |key| thresholds.limit(key).unwrap_or(f64::INFINITY);
     let (key, name, unit, measured) = match (&outcome.tracking, outcome.turned_rad) {

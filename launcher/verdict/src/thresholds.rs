@@ -1,66 +1,68 @@
-//! What a flight is allowed, derived from what it is to do.
+//! The limits of a flight, derived from its plan and its environment.
 
 use crate::CHECKS;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::collections::BTreeMap;
 
-/// Mean distance from the path in the last second from which a vehicle counts as lost \[m\]: its own size and
-/// more, far beyond what wind or a failing rotor does to one that is under control.
+/// Mean distance from the path in the last second above which a vehicle counts as lost \[m\]. It is several
+/// times the size of the vehicle, and far more than wind or a failing rotor causes while the vehicle is under
+/// control.
 pub const LOST_M: f64 = 1.0;
-/// Error of an angle at the end of a rig's flight from which the vehicle counts as lost \[rad\].
+/// Error of an angle at the end of a flight on a rig above which the vehicle counts as lost \[rad\].
 pub const LOST_RAD: f64 = 1.0;
 
-/// Distance that a vehicle at rest in still air may be off: half of what spans its arms \[m\].
+/// Permitted position error at rest in still air \[m\]: half of the span of the arms.
 const AT_REST_M: f64 = 0.15;
-/// Time by which it may be behind along its path \[s\].
+/// Permitted lag along the path \[s\].
 const BEHIND_S: f64 = 0.05;
-/// Distance that a push may take it off, for each m/s² of it \[s²\]: what a position loop of about 6 rad/s
-/// gives way to.
+/// Permitted position error per m/s² of a push \[s²\]: the compliance 1/ω² of a position loop of about
+/// ω = 6 rad/s.
 const YIELD_S2: f64 = 0.03;
-/// Share of the largest error that may last for a second.
+/// Limit on the mean error over a second, as a share of the limit on the largest error.
 const SUSTAINED_SHARE: f64 = 0.6;
-/// Tilt beyond twice the angle that is asked for \[rad\].
+/// Permitted tilt in excess of twice the largest commanded angle \[rad\].
 const TILT_MARGIN_RAD: f64 = 0.2;
-/// A rig that ends sooner after its step has not had the time to answer it \[s\].
+/// Time that a vehicle on a rig needs to answer its step \[s\]; after a shorter flight the error at the end
+/// has only the limit [`LOST_RAD`].
 const ANSWER_S: f64 = 0.5;
-/// Error of an angle that a rig may end with, as a share of its step.
+/// Permitted error of an angle at the end of a flight on a rig, as a share of its step.
 const STEP_SHARE: f64 = 0.25;
-/// The same of a rig without a step \[rad\].
+/// Smallest limit on that error, for small steps and for a rig without a step \[rad\].
 const STEP_LEAST_RAD: f64 = 0.02;
-/// Longest stretch with clipped rotors \[s\]: as long as a position loop may be without authority before the
-/// vehicle is off by what [`AT_REST_M`] allows.
+/// Longest permitted time with clipped rotors \[s\]: the time that a position loop may be without authority
+/// before the error exceeds [`AT_REST_M`].
 const CLIPPED_S: f64 = 0.5;
-/// Share of ticks with clipped rotors: beyond it the bounds are no exception any more.
+/// Permitted share of ticks with clipped rotors; a vehicle above it flies at its bounds as a rule.
 const CLIPPED_SHARE: f64 = 0.25;
-/// Share of its releases that a loop may miss by the wall clock: a command is valid for two periods, so that a
+/// Permitted share of missed releases of a loop in realtime: a command is valid for two periods, so that a
 /// loop that misses every other release still commands.
 const MISSED_SHARE: f64 = 0.5;
-/// By the wall clock the system may keep a controller from its processor now and then: one episode in so long
-/// \[s\].
+/// Time per permitted safe-mode episode in realtime \[s\]: the operating system may occasionally delay a
+/// controller.
 const EPISODE_EVERY_S: f64 = 5.0;
 
-/// What thresholds are derived from; the caller takes it from a scenario.
+/// The properties of a flight from which its limits are derived; the caller takes them from a scenario.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis {
-    /// True if time waits for nobody.
+    /// True in realtime, false in lockstep.
     pub realtime: bool,
-    /// Length of the flight \[s\].
+    /// Planned duration of the flight \[s\].
     pub planned_s: f64,
-    /// Largest speed along the path, orders included \[m/s\].
+    /// Largest speed along the path, including guidance orders \[m/s\].
     pub speed_m_s: f64,
-    /// Largest acceleration that wind, forces, loads and an unknown mass give the vehicle \[m/s²\].
+    /// Largest acceleration by wind, forces, loads and an unknown mass \[m/s²\].
     pub push_m_s2: f64,
-    /// Largest tilt that position loop or rig ask for \[rad\].
+    /// Largest tilt that the position loop or the rig commands \[rad\].
     pub tilt_rad: f64,
-    /// Step of a rig's angles \[rad\]; none of a flight along a path.
+    /// Step of the angles on a rig \[rad\]; `None` for a flight along a path.
     pub step_rad: Option<f64>,
-    /// From that step to the end of the flight \[s\].
+    /// Time from that step to the end of the flight \[s\].
     pub after_step_s: f64,
-    /// Samples of the fastest topic in a period of the slowest loop.
+    /// Number of samples of the fastest topic in a period of the slowest loop.
     pub samples_per_step: f64,
-    /// Longest that the actuation gate flies on by itself before it cuts the rotors \[s\].
+    /// Longest time that the actuation guard levels the vehicle by itself before it cuts the rotors \[s\].
     pub gate_s: f64,
-    /// True if the script kills or stops somebody.
+    /// True if the script kills or stops a process.
     pub faults: bool,
 }
 
@@ -81,12 +83,12 @@ impl Default for Basis {
     }
 }
 
-/// One limit.
+/// One limit with its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Threshold {
-    /// In the unit of its key.
+    /// The limit, in the unit that the suffix of its key names.
     pub limit: f64,
-    /// Where it comes from.
+    /// Where the limit comes from.
     pub why: String,
 }
 
@@ -101,7 +103,7 @@ impl Default for Thresholds {
 }
 
 impl Thresholds {
-    /// The limits that suit a flight.
+    /// Derives the limits of a flight.
     #[must_use]
     pub fn derive(basis: &Basis) -> Self {
         let mut all = Self(BTreeMap::new());
@@ -122,7 +124,7 @@ impl Thresholds {
         all
     }
 
-    /// Limits of the way along a path.
+    /// Adds the limits on the tracking error.
     fn follow(&mut self, basis: &Basis) {
         let Basis { speed_m_s, push_m_s2, .. } = *basis;
         let most_m = AT_REST_M + BEHIND_S * speed_m_s + YIELD_S2 * push_m_s2;
@@ -138,7 +140,7 @@ impl Thresholds {
         self.put("recovery_max_m", LOST_M, "as far as a vehicle that is not lost");
     }
 
-    /// Limits of the attitude.
+    /// Adds the limits on the attitude.
     fn turn(&mut self, basis: &Basis) {
         let Basis { tilt_rad, step_rad, after_step_s, .. } = *basis;
         let end_rad = if after_step_s < ANSWER_S {
@@ -154,7 +156,7 @@ impl Thresholds {
         self.put("tilt_max_rad", tilt_max_rad, why);
     }
 
-    /// Limits of what comes too late, or never.
+    /// Adds the limits on missing and late commands and samples.
     fn wait(&mut self, basis: &Basis) {
         let Basis { realtime, planned_s, samples_per_step, gate_s, faults, .. } = *basis;
         if realtime {
@@ -179,7 +181,7 @@ impl Thresholds {
         self.0.insert(key, Threshold { limit, why: why.into() });
     }
 
-    /// Sets a limit that the scenario gives; false if no check has this key.
+    /// Sets a limit from the scenario; false if no check has this key.
     pub fn set(&mut self, key: &str, limit: f64) -> bool {
         let check = CHECKS.iter().find(|check| check.key == key);
         if let Some(check) = check {
@@ -188,13 +190,13 @@ impl Thresholds {
         check.is_some()
     }
 
-    /// A limit, if there is one of this key.
+    /// The limit with this key, in the unit that the suffix of the key names; `None` if there is none.
     #[must_use]
     pub fn limit(&self, key: &str) -> Option<f64> {
         self.0.get(key).map(|threshold| threshold.limit)
     }
 
-    /// Every limit in the order of its key.
+    /// All limits in alphabetical order of their keys.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Threshold)> {
         self.0.iter().map(|(key, threshold)| (*key, threshold))
     }

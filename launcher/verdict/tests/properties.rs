@@ -1,4 +1,5 @@
-//! Whatever was measured: worse is never better, no number is no pass, and every reason names what it rests on.
+//! Properties for arbitrary measurements: a worse one never improves the verdict, one that is not a number
+//! never passes, and every reason names its measurement and limit.
 
 use proptest::prelude::*;
 use verdict::{
@@ -6,7 +7,7 @@ use verdict::{
     judge,
 };
 
-/// A measurement: often within its limit, often at it, now and then none at all.
+/// A measurement: often within its limit, often exactly at it, sometimes infinite or NaN.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => Just(0.0),
@@ -93,7 +94,7 @@ prop_compose! {
     }
 }
 
-/// Something of an outcome that can be worse.
+/// Makes one measurement of an outcome worse by an amount.
 type Worsen = fn(&mut Outcome, f64);
 
 fn more(value: &mut f64, by: f64) {
@@ -137,7 +138,7 @@ const WORSE: [Worsen; 23] = [
     |o, _| o.unrecorded = Some("disk full".to_owned()),
 ];
 
-/// Every measurement in turn made into no number.
+/// Replaces one measurement each by NaN; the last entry ends the flight early.
 const NO_NUMBER: [fn(&mut Outcome); 17] = [
     |o| o.flown_s = f64::NAN,
     |o| o.planned_s = f64::NAN,
@@ -194,7 +195,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_no_number_never_passes(thresholds in thresholds(), which in 0..NO_NUMBER.len()) {
+    fn a_flight_with_nan_never_passes(thresholds in thresholds(), which in 0..NO_NUMBER.len()) {
         let mut outcome = Outcome {
             flown_s: 20.0,
             planned_s: 20.0,
@@ -224,7 +225,7 @@ proptest! {
             prop_assert!(numbered, "{}", reason.text);
             if reason.measured.is_finite() && !verdict.passed() && reason.key != "flown_s" {
                 prop_assert!(reason.measured > reason.limit, "{reason:?}");
-                // They are told with so many digits that they differ.
+                // They are printed with enough digits to differ.
                 let limit = limit.split([';', ':']).next().unwrap_or(limit);
                 prop_assert!(!told.contains(&format!(" {limit},")), "{}", reason.text);
             }
@@ -232,7 +233,7 @@ proptest! {
     }
 
     #[test]
-    fn the_same_outcome_has_the_same_sentence_whoever_asks(
+    fn the_same_outcome_always_has_the_same_sentence(
         outcome in outcome(),
         thresholds in thresholds(),
     ) {
@@ -245,7 +246,7 @@ proptest! {
 }
 
 #[test]
-fn every_check_has_a_limit_of_its_own_and_every_limit_a_check() {
+fn every_check_has_exactly_one_limit_and_every_limit_a_check() {
     let thresholds = Thresholds::default();
     for check in &CHECKS {
         let limit = thresholds.limit(check.key);
@@ -272,7 +273,7 @@ fn limits_follow_from_speed_wind_and_clock() {
 }
 
 #[test]
-fn a_sentence_says_what_was_measured_when_and_against_what() {
+fn a_reason_names_measurement_instant_and_limit() {
     let outcome = Outcome {
         flown_s: 20.0,
         planned_s: 20.0,
