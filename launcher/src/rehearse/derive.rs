@@ -1,4 +1,5 @@
-//! The scenario of a rehearsed flight: that of the flight, begun where the vehicle is, on a nominal plant.
+//! Derives the scenario of a rehearsed flight: the scenario of the real flight, with the vehicle's present
+//! state as initial condition and a nominal plant.
 
 use super::{RehearsalSpec, facts};
 use crate::candidate::Slot;
@@ -13,15 +14,15 @@ use std::path::PathBuf;
 use toml::{Table, Value};
 use vehicle::{MorphAngle, euler_from_quaternion, wrap_pi};
 
-/// Control periods that the candidate shadows: half of them it tracks. With fewer there would not be the ten
-/// commands of either half without which no flip is made, forced or not.
+/// Control periods that the candidate shadows the owner; it tracks the applied command during the first half.
+/// A flip, even a forced one, requires ten commands in each half.
 const SHADOW_PERIODS: f64 = 24.0;
 /// Control periods that the flip may take after that.
 const FLIP_PERIODS: f64 = 3.0;
-/// When the candidate joins \[s\].
+/// Instant at which the candidate joins \[s\].
 const JOIN_S: f64 = 0.001;
 
-/// Who flies.
+/// The controller that a rehearsed flight measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// The candidate, which takes the slot over from the owner.
@@ -38,7 +39,8 @@ fn shadow_s(facts: &Facts, slot: Slot) -> f64 {
     SHADOW_PERIODS * period_s
 }
 
-/// When the candidate commands at the latest \[s\].
+/// Latest instant at which the candidate takes over \[s\], rounded up to a multiple of 20 ms, which is a
+/// release instant of every loop.
 pub(super) fn flip_s(facts: &Facts, slot: Slot) -> f64 {
     let shadow_s = shadow_s(facts, slot);
     let flip_s = JOIN_S + shadow_s * (1.0 + FLIP_PERIODS / SHADOW_PERIODS);
@@ -68,7 +70,7 @@ fn set<const N: usize>(target: &mut Table, entries: [(&str, Value); N]) {
     target.extend(table(entries));
 }
 
-/// The scenario of a draw, for the candidate or for the owner alone.
+/// Derives the scenario of one draw, for the candidate or for the owner alone.
 pub(super) fn scenario(
     spec: &RehearsalSpec,
     flown: &Scenario,
@@ -101,7 +103,7 @@ pub(super) fn scenario(
     believe(&mut root, snapshot);
     challenges(&mut root, snapshot, schedule);
     orders(&mut root, flown, snapshot, schedule)?;
-    // Nobody but the test flight itself shall judge, and nobody shall save the candidate.
+    // The monitor and a fallback would take command from a bad candidate and hide its errors.
     set(
         section(&mut root, "watch"),
         [("enabled", Value::Boolean(false)), ("fallback", Value::String("none".to_owned()))],
@@ -120,7 +122,8 @@ pub(super) fn scenario(
     })
 }
 
-/// The vehicle as everybody models it, with sensors whose biases the estimator knows.
+/// Removes the model mismatch of the plant and the initial biases of its sensors, which the snapshot cannot
+/// know.
 fn nominal(root: &mut Table) {
     let plant = section(root, "plant");
     plant.remove("mismatch");
@@ -215,7 +218,7 @@ fn guidance(guidance: &Guidance) -> Table {
     all
 }
 
-/// What the plan takes from the start of the flight is written out, because the start is another one.
+/// Writes out the defaults that the plan takes from the section `[start]`, because that section is replaced.
 fn plan(root: &mut Table, flown: &Scenario) {
     let start = &flown.settings().start;
     let (position, yaw, morph) = (start.position_w_m, start.yaw_deg, start.morph_angle_deg);
@@ -233,7 +236,7 @@ fn plan(root: &mut Table, flown: &Scenario) {
     }
 }
 
-/// The estimator begins with the one-sigma that it has.
+/// Initializes the estimator with the one-sigma errors of the snapshot.
 fn believe(root: &mut Table, snapshot: &Snapshot) {
     let worst = |values: [f64; 3]| values.into_iter().fold(1e-6, f64::max);
     let sigma = |value: f64, most: f64| Value::Float(value.clamp(1e-6, most));
@@ -256,7 +259,7 @@ fn load(force_w_n: &[f64; 3], torque_b_nm: &[f64; 3]) -> Value {
     Value::Table(table([("force_w_n", numbers(force_w_n)), ("torque_b_nm", numbers(torque_b_nm))]))
 }
 
-/// The injector's script: the load that is there, and the challenges.
+/// Writes the script of the disturbance injector: the estimated load, and the challenges.
 fn challenges(root: &mut Table, snapshot: &Snapshot, schedule: &Schedule) {
     let kind = |kind: &str| ("kind", Value::String(kind.to_owned()));
     let constant =
@@ -288,7 +291,7 @@ fn challenges(root: &mut Table, snapshot: &Snapshot, schedule: &Schedule) {
     injector.insert("script".to_owned(), Value::Array(script));
 }
 
-/// What is ordered of the pilot: the step of the set point, and sweeps.
+/// Writes the orders to the pilot: the step of the set point, and the sweeps.
 fn orders(
     root: &mut Table,
     flown: &Scenario,
@@ -327,13 +330,14 @@ fn orders(
     Ok(())
 }
 
-/// The order that a snapshot tells of.
+/// The guidance order in a snapshot, if one is in effect.
 fn guidance_order(told: &Guidance) -> Option<shared_types::GuidanceOrder> {
     let settings = toml::Value::Table(guidance(told)).try_into::<GuidanceSettings>().ok()?;
     settings.order()
 }
 
-/// A controller joins at once and takes the slot over, whatever the admission check says.
+/// Writes a swap in which a controller joins at once and takes over the slot, even if the admission check
+/// rejects it.
 fn swap(root: &mut Table, slot: Slot, by: (&String, Option<&PathBuf>), facts: &Facts) {
     let (to, config) = by;
     let mut entry = table([

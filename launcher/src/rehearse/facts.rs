@@ -1,21 +1,21 @@
-//! What is known of vehicle, loops and plan, from the scenario that is flown.
+//! The parameters of vehicle, loops and plan on which a rehearsal depends, from the scenario of the flight.
 
 use crate::pilot::{MorphKnot, Trajectory};
 use crate::scenario::{Plan, Scenario};
 use rehearsal::{Facts, Snapshot, Sweep};
 use shared_types::Role;
 
-/// Instants at which the plan's speed and acceleration are looked at.
+/// Number of intervals at whose ends the plan's speed and acceleration are sampled.
 const LOOKS: u32 = 60;
-/// A sweep that is brought forward takes this long at least and at most \[s\]: what the servo needs for
-/// all of its range with time to spare, and what leaves time for what follows.
+/// Bounds on the duration of a sweep that is brought forward \[s\]: more than the servo needs for its whole
+/// range, and short enough to leave time for the challenges that follow.
 const SWEEP_S: core::ops::RangeInclusive<f64> = 0.45..=0.6;
-/// Sweeps that are brought forward: there and back.
+/// Largest number of sweeps that are brought forward: one, and the one back.
 const SWEEPS: usize = 2;
 
-/// A sweep of this mean rate changes the inertia within a few control periods \[rad/s\].
+/// Mean rate above which a sweep changes the inertia within a few control periods \[rad/s\].
 const FAST_RAD_S: f64 = 1.0;
-/// The servo's lag and the estimate of the angle make a sweep last longer \[s\].
+/// Time by which servo lag and the estimate of the angle prolong a sweep \[s\].
 const SETTLING_S: f64 = 0.1;
 
 /// Time of the plan at a snapshot \[ns\].
@@ -23,7 +23,7 @@ pub(super) fn plan_ns(scenario: &Scenario, snapshot: &Snapshot) -> u64 {
     snapshot.at_ns.saturating_add(scenario.settings().start.at_ns())
 }
 
-/// Of a scenario at a snapshot.
+/// The facts of a scenario at a snapshot.
 pub(super) fn of(scenario: &Scenario, snapshot: &Snapshot) -> Result<Facts, String> {
     let settings = scenario.settings();
     let law = scenario.position_law().map_err(|error| error.to_string())?;
@@ -55,15 +55,15 @@ pub(super) fn of(scenario: &Scenario, snapshot: &Snapshot) -> Result<Facts, Stri
     })
 }
 
-/// Sweeps that the plan has ahead and the rehearsed time does not reach, to be brought forward.
+/// Sweeps of the plan that begin too late to be seen within the rehearsed time, to be brought forward.
 pub(super) fn sweeps_ahead(scenario: &Scenario, snapshot: &Snapshot) -> Vec<Sweep> {
     if snapshot.guidance.morph.is_some() {
-        // What was ordered has taken the schedule's place for good.
+        // A guidance order has replaced the morph schedule for the rest of the flight.
         return Vec::new();
     }
     let knots = knots(scenario);
     let now_s = plan_ns(scenario, snapshot) as f64 * 1e-9;
-    // What begins later would not be over in time for its recovery to be seen.
+    // A sweep that begins later would leave no time for its recovery to be measured.
     let reach_s = now_s + 0.5 * scenario.settings().rehearsal.duration_s;
     let end_s = now_s - snapshot.at_ns as f64 * 1e-9 + scenario.settings().scenario.duration_s;
     let sweep = |pair: &[MorphKnot]| {
@@ -86,7 +86,8 @@ fn knots(scenario: &Scenario) -> Vec<MorphKnot> {
     }
 }
 
-/// When the arms sweep fast by plan, after the beginning of a rehearsed flight \[s\].
+/// Times in which the plan has the arms sweep fast (from, until), counted from the beginning of a rehearsed
+/// flight \[s\].
 pub(super) fn sweeps_planned(scenario: &Scenario, snapshot: &Snapshot) -> Vec<(f64, f64)> {
     if snapshot.guidance.morph.is_some() {
         return Vec::new();

@@ -6,7 +6,7 @@ use crate::in_process::{InProcess, InProcessError, Observer, StateSource};
 use crate::scenario::Scenario;
 use rehearsal::{RehearsalRefusal, Track};
 
-/// Flies to the end, or until nothing more can be learnt.
+/// Flies to the end, or until the vehicle is lost and the rest of the flight shows nothing more.
 pub(super) fn fly<E: Observer + Default>(
     scenario: &Scenario,
     look: Look,
@@ -39,7 +39,8 @@ pub(super) fn fly<E: Observer + Default>(
     Ok(look.track)
 }
 
-/// A component that refuses to fly is the candidate's failure; all others fly already.
+/// Classifies an error. A component that fails must be the candidate, because all others already run in the
+/// real flight.
 fn not_flown(error: InProcessError) -> Box<RehearsalRefusal> {
     match error {
         InProcessError::Component { .. } | InProcessError::Panicked { .. } => {

@@ -1,4 +1,4 @@
-//! Looks at a rehearsed flight and keeps what its judge needs.
+//! Observes a rehearsed flight and records what the comparison needs.
 
 use super::derive::Role;
 use crate::candidate::Slot;
@@ -11,20 +11,21 @@ use shared_types::{
 use std::any::Any;
 use vehicle::{MorphAngle, VehicleParameters};
 
-/// Process slot that a candidate gets: the first is the owner's.
+/// Process slot of the candidate; the owner has slot 0.
 const CANDIDATE_SEAT: u32 = 1;
-/// Beyond this no flight is worth going on with: 1 − cos 100°, as x² + y² of the quaternion's half.
+/// A tilt of 100°, beyond which a flight is not continued, as x² + y² of the attitude quaternion, which is
+/// (1 − cos 100°) / 2.
 const TUMBLED: f64 = 0.586_824;
 
-/// What is kept of a flight.
+/// Observer of one rehearsed flight.
 #[derive(Debug, Default)]
 pub(super) struct Look {
     pub(super) track: Track,
-    /// Whoever is judged commands the slot.
+    /// True once the judged controller commands the slot.
     pub(super) flipped: bool,
-    /// The vehicle is beyond all help, and what follows tells nothing more.
+    /// True once the vehicle cannot be recovered, so that the rest of the flight need not be flown.
     pub(super) is_over: bool,
-    /// Last words about what did not go as asked for.
+    /// Last warning of the flight.
     pub(super) warning: Option<String>,
     seat: u32,
     slot: Option<Slot>,
@@ -51,7 +52,7 @@ impl Look {
         Self { seat, slot: Some(slot), vehicle, largest, flipped, ..Self::default() }
     }
 
-    /// The largest torque is that of the arms as they are spread now.
+    /// Updates the largest command, since the largest torque depends on the morph angle.
     fn measure_by(&mut self, morph_angle_rad: f64) {
         let beta = MorphAngle::saturating_from_rad(morph_angle_rad);
         if let (Some(Slot::Attitude), Some(vehicle), Some(beta)) = (self.slot, &self.vehicle, beta)
@@ -93,7 +94,8 @@ impl Observer for Look {
                 velocity_w_m_s: reference.points[0].velocity_w_m_s,
             });
         } else if let Some(setpoint) = any.downcast_ref::<AppliedSetpoint>() {
-            // A shadow tells of a set point too.
+            // A shadowing attitude controller reports its set point too; after the flip only that of the
+            // judged controller counts.
             if self.slot != Some(Slot::Attitude)
                 || !self.flipped
                 || setpoint.header.seat == self.seat

@@ -1,8 +1,8 @@
-//! Flies a swap candidate ahead: `morphquad rehearse`, and what the launcher asks before a flip.
+//! Rehearses a swap candidate: `morphquad rehearse`, which the launcher also runs before a flip.
 //!
-//! [`RehearsalSpec`] says who is to take which slot from which [`Snapshot`]; [`rehearse`] derives a
-//! scenario per draw (`derive.rs`), flies it in this process with the candidate and with the owner alone
-//! (`fly.rs`), and has the pure crate `rehearsal` judge. [`watch`] takes the snapshot of a flight.
+//! [`RehearsalSpec`] names candidate, slot and initial [`Snapshot`]; [`rehearse`] derives a scenario per draw
+//! (`derive.rs`), flies it in this process with the candidate and with the owner alone (`fly.rs`), and lets
+//! the pure crate `rehearsal` judge the flights. [`watch`] takes the snapshot of a flight.
 
 mod derive;
 mod facts;
@@ -20,30 +20,29 @@ use rehearsal::{Draw, Facts, Flown, Schedule, Track};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Time flown between two looks at whether to go on \[ns\].
+/// Logical time between two checks of whether to continue \[ns\].
 const LOOK_EVERY_NS: u64 = 50_000_000;
 
-/// Who is to take over, and where the vehicle is.
+/// What to rehearse: candidate, slot, scenario and state of the vehicle. The launcher passes it as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RehearsalSpec {
     /// Text of the scenario that is flown.
     pub scenario: String,
-    /// What the vehicle knows.
+    /// State of the vehicle from which the flights begin.
     pub snapshot: Snapshot,
-    /// The slot that is to change hands.
+    /// The slot that the candidate is to take over.
     pub slot: Slot,
-    /// Built-in controllers that fly now, of the attitude and of the position slot; those of the
-    /// scenario where left out.
+    /// Built-in controllers that own the two slots now; where left out, those of the scenario.
     #[serde(default)]
     pub owners: Owners,
-    /// The controller that commands the slot now, if it is not built in or has a configuration of its
-    /// own: name or path, and the file that configures it.
+    /// The controller that commands the slot now, if it is not built in or has its own configuration:
+    /// name or path, and the file that configures it.
     #[serde(default)]
     pub owner: Option<(String, Option<PathBuf>)>,
     /// Name of a controller, or path of an executable.
     pub candidate: String,
-    /// File that configures it, if not the flight's.
+    /// File that configures the candidate; without one the configuration of the flight applies.
     #[serde(default)]
     pub config: Option<PathBuf>,
     /// Seed of the run.
@@ -83,17 +82,17 @@ pub struct Rehearsal {
     schedules: [Schedule; rehearsal::DRAWS],
 }
 
-/// Nothing was flown, for this reason.
+/// The refusal of a rehearsal that was not flown, with its reason.
 fn not_rehearsed(why: impl core::fmt::Display) -> Box<RehearsalRefusal> {
     Box::new(RehearsalRefusal::NotRehearsed { why: why.to_string() })
 }
 
 impl Rehearsal {
-    /// Of a specification.
+    /// Prepares the flights of a specification.
     ///
     /// # Errors
-    /// The scenario cannot be read or has no such slot, or the vehicle is not in a state that can be
-    /// rehearsed from.
+    /// [`RehearsalRefusal::NotRehearsed`] if the scenario cannot be read or has no such slot, or if the
+    /// vehicle is not in a state from which a rehearsal can begin.
     pub fn prepare(spec: RehearsalSpec) -> Result<Self, Box<RehearsalRefusal>> {
         let mut edits = vec![Override::clock("lockstep")];
         for slot in Slot::ALL {
@@ -125,10 +124,13 @@ impl Rehearsal {
         Ok(Self { spec, scenario, facts, draws, schedules })
     }
 
-    /// Text of a derived scenario, which `morphquad run` flies.
+    /// The derived scenario of flight number `draw`, which `morphquad run` can fly too.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// [`RehearsalRefusal::NotRehearsed`] if the derived scenario is not valid.
+    ///
+    /// # Panics
+    /// If `draw` is not less than [`rehearsal::DRAWS`].
     pub fn scenario(&self, draw: usize, who: Role) -> Result<Scenario, Box<RehearsalRefusal>> {
         let (draw, schedule) = (&self.draws[draw], &self.schedules[draw]);
         derive::scenario(&self.spec, &self.scenario, &self.facts, (draw, schedule), who)
@@ -142,10 +144,11 @@ impl Rehearsal {
         crew.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
     }
 
-    /// Flies all of it, asking `go_on` now and then whether there is time left.
+    /// Flies all flights and compares candidate and owner. `go_on` is called every 50 ms of logical time and
+    /// returns false when the time for the rehearsal is over.
     ///
     /// # Errors
-    /// The candidate is refused, or nothing could be flown.
+    /// If the candidate is refused, or the flights could not be flown to their end.
     pub fn fly(
         &self,
         go_on: &mut dyn FnMut() -> bool,
@@ -196,7 +199,7 @@ impl Rehearsal {
     }
 }
 
-/// The verdict about a candidate.
+/// Rehearses a swap and returns the verdict about the candidate, which holds the refusal if there is one.
 #[must_use]
 pub fn verdict(spec: RehearsalSpec, go_on: &mut dyn FnMut() -> bool) -> Verdict {
     let candidate = name_of(&spec.candidate).to_owned();
@@ -206,10 +209,10 @@ pub fn verdict(spec: RehearsalSpec, go_on: &mut dyn FnMut() -> bool) -> Verdict 
     }
 }
 
-/// Rehearses a swap: the figures of a candidate that may fly.
+/// Rehearses a swap and returns the figures of a candidate that may fly.
 ///
 /// # Errors
-/// Why it may not, in words and numbers, or why nothing was rehearsed.
+/// If the candidate may not fly, with the figures, or if it was not rehearsed.
 pub fn rehearse(
     spec: RehearsalSpec,
     go_on: &mut dyn FnMut() -> bool,

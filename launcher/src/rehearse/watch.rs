@@ -5,7 +5,7 @@ use crate::scenario::Scenario;
 use rehearsal::{Snapshot, Watcher};
 use shared_types::{Sample, Topic};
 
-/// Hands a watcher what is published.
+/// Passes every published sample to a watcher.
 #[derive(Debug, Default)]
 struct Watching(Option<Watcher>);
 
@@ -17,10 +17,11 @@ impl Observer for Watching {
     }
 }
 
-/// Flies `scenario` to an instant and gives what its vehicle knows there; `None` if it knows nothing yet.
+/// Flies `scenario` to the instant `at_ns` \[ns\] and returns the snapshot there; `None` if there is no
+/// estimate or command yet.
 ///
 /// # Errors
-/// It cannot be flown that far.
+/// If the scenario cannot be flown that far.
 pub fn snapshot_of(scenario: &Scenario, at_ns: u64) -> Result<Option<Snapshot>, InProcessError> {
     let watching = Watching(Some(Watcher::new(&scenario.modelled_vehicle())));
     let mut flight = InProcess::new(scenario, StateSource::Estimator, watching)?;

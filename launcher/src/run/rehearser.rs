@@ -1,4 +1,4 @@
-//! Rehearsals of swap candidates: each flies in a child of the launcher, off every loop.
+//! Runs the rehearsals of swap candidates, each in a child process of the launcher, so that no loop waits.
 
 use crate::own_executable::OWN_EXECUTABLE;
 use crate::rehearse::{RehearsalRefusal, RehearsalSpec, Verdict};
@@ -7,17 +7,17 @@ use std::io::{self, Read as _, Write as _};
 use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 
-/// How much a rehearsal beside a realtime flight stands back for loops without a priority of their own.
-/// On a machine whose processors are all busy this still leaves it a twentieth of one.
+/// Nice value of a rehearsal during a realtime flight, so that it yields to loops without a realtime priority.
+/// On a machine whose processors are all busy it still gets a twentieth of one.
 const NICE: i32 = 10;
-/// From the wall time after which the child answers by itself to the time when it is ended \[ns\].
+/// Wall time that the child has beyond its own time limit before it is killed \[ns\].
 const SLACK_NS: u64 = 2_000_000_000;
 
-/// The rehearsals that are going on, at most one per instance.
+/// The running rehearsals, at most one per instance.
 #[derive(Debug, Default)]
 pub(crate) struct Rehearser {
     running: Vec<Running>,
-    /// In realtime, so that no loop waits for it.
+    /// True in realtime, where rehearsals run with the nice value [`NICE`].
     stands_back: bool,
 }
 
@@ -25,22 +25,22 @@ pub(crate) struct Rehearser {
 struct Running {
     place: Place,
     child: Child,
-    /// Reads what it says on standard output and on standard error.
+    /// Threads that read its standard output and standard error.
     listeners: [Option<JoinHandle<String>>; 2],
     give_up_ns: u64,
 }
 
 impl Rehearser {
-    /// None yet; in realtime they stand back for the flight.
+    /// No rehearsals yet. With `stands_back`, for realtime flights, they run with a nice value.
     pub(crate) fn new(stands_back: bool) -> Self {
         Self { running: Vec::new(), stands_back }
     }
 
-    /// Begins to fly a candidate ahead, which may take `wall_max_s`; whatever is flown for that instance
-    /// ends.
+    /// Starts to rehearse a candidate, which may take `wall_max_s` of wall time; a running rehearsal for the
+    /// same instance is ended.
     ///
     /// # Errors
-    /// The child cannot be started.
+    /// If the child process cannot be started.
     pub(crate) fn begin(
         &mut self,
         place: Place,
@@ -61,7 +61,7 @@ impl Rehearser {
         Ok(())
     }
 
-    /// Verdicts that have come since the last time.
+    /// Verdicts of the rehearsals that have ended since the last call.
     pub(crate) fn take(&mut self, now_mono_ns: u64) -> Vec<(Place, Verdict)> {
         let over = |running: &mut Running| {
             let late = now_mono_ns > running.give_up_ns;
@@ -70,13 +70,13 @@ impl Rehearser {
         self.running.extract_if(.., over).map(Running::verdict).collect()
     }
 
-    /// Ends the rehearsal for an instance, whose verdict is no longer wanted.
+    /// Ends the rehearsal for an instance whose verdict is no longer needed.
     pub(crate) fn end(&mut self, place: Place) {
         self.running.retain(|running| running.place != place);
     }
 }
 
-/// A child that has been told what to fly, and who listens to it.
+/// Starts a child process with a specification, and the threads that read its output.
 fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHandle<String>>; 2])> {
     let told = serde_json::to_vec(spec).map_err(io::Error::other)?;
     let mut child = Command::new(OWN_EXECUTABLE)
@@ -86,7 +86,8 @@ fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHand
         .stderr(Stdio::piped())
         .spawn()?;
     let stdin = child.stdin.take();
-    // A specification may be longer than a pipe holds, and the flight waits for nobody who reads slowly.
+    // A specification may be longer than the buffer of a pipe; writing it here would block the flight until
+    // the child has read it.
     std::thread::spawn(move || stdin.map(|mut stdin| stdin.write_all(&told)));
     let listeners = [
         child.stdout.take().map(|pipe| listen(Box::new(pipe))),
@@ -98,16 +99,16 @@ fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHand
 fn listen(mut pipe: Box<dyn io::Read + Send>) -> JoinHandle<String> {
     std::thread::spawn(move || {
         let mut text = Vec::new();
-        // What has been said until a pipe breaks is all that there is.
+        // After an error on the pipe, the text read so far is still useful.
         let _ = pipe.read_to_end(&mut text);
         String::from_utf8_lossy(&text).into_owned()
     })
 }
 
 impl Running {
-    /// What it said, once it has ended or its time is over.
+    /// The verdict of a child that has ended or has exceeded its time.
     fn verdict(mut self) -> (Place, Verdict) {
-        // It has ended, or has to.
+        // A child that has exceeded its time must end now; one that has ended is not affected.
         let _ = self.child.kill();
         let status = self.child.wait();
         let [said, words] = self.listeners.each_mut().map(|listener| {
@@ -129,7 +130,7 @@ impl Running {
     }
 }
 
-/// Nobody wants the verdict any more.
+/// The verdict is no longer needed, so that the child is killed and reaped.
 impl Drop for Running {
     fn drop(&mut self) {
         let _ = self.child.kill();

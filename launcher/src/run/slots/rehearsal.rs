@@ -1,4 +1,4 @@
-//! Has candidates flown ahead, and tells the protocol what came of it.
+//! Has candidates rehearsed, and reports the verdicts to the swap protocol.
 
 use super::{Means, Slots};
 use crate::candidate::{Candidate, Slot};
@@ -11,7 +11,7 @@ use shared_types::Seat as Place;
 use slot::Seat;
 use slot::supervisor::{Event, RehearsalRefusal, Rehearsed};
 
-/// What of the flight a rehearsal is made from.
+/// The properties of the flight that every rehearsal needs.
 #[derive(Debug, Clone)]
 pub(super) struct Rehearsing {
     /// Text of the scenario.
@@ -19,15 +19,15 @@ pub(super) struct Rehearsing {
     seed: u64,
     pub(super) is_enabled: bool,
     wall_max_s: f64,
-    /// How many have been asked for; each draws from streams of its own.
+    /// Number of rehearsals requested so far; each uses its own random streams.
     asked: u64,
 }
 
-/// A rehearsal that is going on.
+/// A running rehearsal.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Underway {
     pub(super) seat: Seat,
-    /// The vehicle's knowledge is of this instant \[ns\].
+    /// Instant of the snapshot \[ns\].
     from_ns: u64,
 }
 
@@ -45,7 +45,7 @@ impl Rehearsing {
 }
 
 impl Slots {
-    /// Begins to fly a candidate ahead from where the vehicle is now.
+    /// Starts to rehearse a candidate from the present state of the vehicle.
     pub(super) fn rehearse(
         &mut self,
         slot: Slot,
@@ -74,7 +74,7 @@ impl Slots {
         }
     }
 
-    /// Records that a candidate is not flown ahead although it differs from the owner.
+    /// Reports that a candidate is not rehearsed, at the user's request, although it differs from the owner.
     pub(super) fn skip_rehearsal(&mut self, slot: Slot) {
         let Some(report) = self.reports.last_mut() else { return };
         report.rehearsal = Some("skipped as asked for".to_owned());
@@ -117,7 +117,7 @@ impl Slots {
         })
     }
 
-    /// Takes the verdicts that have come, and ends rehearsals that nobody waits for any more.
+    /// Takes the verdicts that have arrived, and ends rehearsals whose candidate has been withdrawn.
     pub(super) fn take_rehearsals(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
         for (place, verdict) in means.posts.take_rehearsed() {
             let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index))
@@ -157,8 +157,8 @@ impl Slots {
     }
 }
 
-/// True if the vehicle is further from its reference than the rehearsed ones were allowed at the
-/// flip, so that what they did says little about it.
+/// True if the vehicle is now further from its reference than the tube allows, so that the rehearsal, which
+/// began closer to the reference, no longer applies to it.
 fn has_left_tube(verdict: &Verdict, means: &Means<'_>) -> bool {
     let Some(figures) = &verdict.figures else { return false };
     let limits = figures.figures.iter().filter(|f| f.measure == Measure::PositionPeak);
@@ -168,7 +168,7 @@ fn has_left_tube(verdict: &Verdict, means: &Means<'_>) -> bool {
     means.posts.tracking_error_m(means.now.logical_ns).is_some_and(|error_m| error_m > limit_m)
 }
 
-/// As a swap would ask for it.
+/// Name or path of a controller, in the form that a request for a swap uses.
 fn name_of(executable: &Executable) -> String {
     match &executable.candidate {
         Candidate::Service(name) => (*name).to_owned(),
