@@ -1,5 +1,5 @@
-//! One verdict: whoever is asked about a flight, in words, as JSON, by exit code, from its recording, on its page,
-//! as a case of a campaign or by its last event, says the same, and for the same reason.
+//! All outputs agree on the verdict of a flight and its reason: text, JSON, exit code, the report on its
+//! recording, its page, its case in a campaign and the last event of the recording.
 
 mod common;
 
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use tempfile::TempDir;
 
-/// What a flight is called, its scenario, and what it comes to: exit code, word, and what begins its reason.
+/// A flight and its expected verdict: name, scenario, exit code, grade, and the beginning of its reason.
 type Flight = (&'static str, &'static str, i32, &'static str, &'static str);
 
-/// In still air and at rest unless its script says otherwise.
+/// The vehicle hovers in still air unless the scenario says otherwise.
 const FLIGHTS: [Flight; 8] = [
     (
         "good",
@@ -103,7 +103,7 @@ impl Bench {
         path
     }
 
-    /// A flight of five seconds.
+    /// Writes the scenario of a flight of five seconds and returns its path.
     fn scenario(&self, (name, text, ..): &Flight) -> PathBuf {
         let head = format!("[scenario]\nname = \"{name}\"\nduration_s = 5.0\n");
         self.write(&format!("{name}.toml"), &(head + text))
@@ -127,7 +127,7 @@ fn first_line(output: &Output) -> String {
     text(output).lines().next().unwrap_or_default().to_owned()
 }
 
-/// Everybody who can be asked about a recording; all of them in the words of `expected`.
+/// Asserts that every command that reads a recording gives the verdict of `expected`, word for word.
 fn assert_all_readers_say(recording: &Path, expected: &Value, bench: &Bench) {
     let line = expected["line"].as_str().expect("a line");
     let verdict = &expected["verdict"];
@@ -150,7 +150,7 @@ fn assert_all_readers_say(recording: &Path, expected: &Value, bench: &Bench) {
     assert_eq!(&outcome["verdict"], verdict);
 }
 
-/// The last event of a recording is the verdict that its flight had for itself.
+/// Asserts that the last event of a recording is the verdict line of its flight.
 fn assert_last_event_says(recording: &Path, line: &str) {
     let echo = morphquad(["topic", "echo", "events", "--format", "jsonl"]).arg(recording).output();
     let echo = text(&echo.expect("the executable starts"));
@@ -158,7 +158,7 @@ fn assert_last_event_says(recording: &Path, line: &str) {
     assert_eq!(last["events"]["text"], line);
 }
 
-/// What a flight and all who are asked about it say, in words and as JSON.
+/// Flies a flight and asserts that all outputs give the expected verdict, as text and as JSON.
 fn assert_one_verdict(flight: &Flight, bench: &Bench) {
     let (name, _, code, word, reason) = *flight;
     let scenario = bench.scenario(flight);
@@ -191,7 +191,7 @@ fn assert_one_verdict(flight: &Flight, bench: &Bench) {
 }
 
 #[test]
-fn eight_flights_have_one_verdict_each_whoever_is_asked() {
+fn all_outputs_agree_on_the_verdicts_of_eight_flights() {
     let _turn = turn();
     let bench = Bench::new();
     for flight in &FLIGHTS {
@@ -199,7 +199,7 @@ fn eight_flights_have_one_verdict_each_whoever_is_asked() {
     }
 }
 
-/// A flight of processes, with the flags that make it what it is.
+/// Flies a scenario in processes with these flags; returns the summary, the exit code and the recording.
 fn fly(name: &str, flags: &[&str], bench: &Bench) -> (Value, Option<i32>, PathBuf) {
     let record = ["run", "--format", "json", "--record"];
     let flown = morphquad(record).arg(bench.path(name)).args(flags).output();
@@ -210,7 +210,7 @@ fn fly(name: &str, flags: &[&str], bench: &Bench) -> (Value, Option<i32>, PathBu
 }
 
 #[test]
-fn a_flight_that_a_dead_plant_ended_is_crashed_for_everybody() {
+fn all_outputs_report_a_flight_as_crashed_after_the_plant_died() {
     let _turn = turn();
     let bench = Bench::new();
     let flags = ["hover", "--for", "3s", "--fault", "kill:plant@1s"];
@@ -223,7 +223,7 @@ fn a_flight_that_a_dead_plant_ended_is_crashed_for_everybody() {
 }
 
 #[test]
-fn a_flight_that_was_interrupted_is_incomplete_for_everybody() {
+fn all_outputs_report_an_interrupted_flight_as_incomplete() {
     let _turn = turn();
     let bench = Bench::new();
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
@@ -236,10 +236,10 @@ fn a_flight_that_was_interrupted_is_incomplete_for_everybody() {
 }
 
 #[test]
-fn a_flight_whose_loops_miss_their_deadlines_fails_for_everybody() {
+fn all_outputs_report_a_flight_with_missed_deadlines_as_failed() {
     let _turn = turn();
     let bench = Bench::new();
-    // Nobody flies a thousand times faster than the wall clock runs.
+    // No machine can fly a thousand times faster than realtime.
     let flags = ["hover", "--clock", "realtime", "--speed", "1000", "--for", "30s"];
     let patient = ["--set", "launcher.lag_timeout_s=600"];
     let (said, code, recording) = fly("missed", &[&flags[..], &patient].concat(), &bench);
@@ -249,11 +249,11 @@ fn a_flight_whose_loops_miss_their_deadlines_fails_for_everybody() {
     assert_all_readers_say(&recording, &said, &bench);
 }
 
-/// Nobody is lost, so that nothing explains why the gate had to step in.
-/// A flight by the wall clock whose attitude controller stands still for 80 ms, fourteen times.
+/// A realtime flight whose attitude controller is stopped for 80 ms, fourteen times. No process dies, so that
+/// nothing explains why the actuation guard had to take over.
 fn stopped_fourteen_times() -> Flown {
     let flags = ["hover", "--clock", "realtime", "--for", "6s"];
-    // Something of the verdict is set, so that it is not relaxed, to what it is anyway.
+    // Setting any limit, even to its default, keeps the test harness from relaxing the verdict.
     let patient = ["--set", "launcher.lag_timeout_s=600", "--set", "verdict.lost_m=1.0"];
     let mut running = Running::start_and_fly(&[&flags[..], &patient].concat());
     for _ in 0..14 {
@@ -266,7 +266,7 @@ fn stopped_fourteen_times() -> Flown {
     running.wait()
 }
 
-/// The reason of a verdict that counts safe-mode episodes; null if there is none.
+/// The reason about safe-mode episodes in the verdict of a flight; null if there is none.
 fn episodes(flown: &Flown) -> Value {
     let reasons = flown.summary()["verdict"]["reasons"].as_array().expect("reasons");
     let found = reasons.iter().find(|reason| reason["key"] == "safe_mode_max");
@@ -274,10 +274,10 @@ fn episodes(flown: &Flown) -> Value {
 }
 
 #[test]
-fn fourteen_episodes_of_safe_mode_that_nothing_explains_fail_for_everybody() {
+fn all_outputs_report_fourteen_unexplained_safe_mode_episodes_as_failed() {
     let _turn = turn();
     let bench = Bench::new();
-    // A machine that stands still meanwhile has controllers started again, which explains episodes.
+    // If the machine stalls meanwhile, controllers are restarted, which explains episodes; then try again.
     let mut flights = (0..5).map(|_| stopped_fourteen_times());
     let flown = flights.find(|flown| episodes(flown)["measured"].as_f64() >= Some(10.0));
     let flown = flown.expect("a flight in which the machine did not stand still");
@@ -287,9 +287,9 @@ fn fourteen_episodes_of_safe_mode_that_nothing_explains_fail_for_everybody() {
     assert_last_event_says(&flown.recording_path(), flown.word("line"));
 }
 
-/// Readers alone: the flight itself was good.
+/// The flight itself passed, so that only the commands that read the file are compared.
 #[test]
-fn a_file_that_was_cut_or_changed_has_one_verdict_of_its_own() {
+fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
     let _turn = turn();
     let bench = Bench::new();
     let flags = ["hover", "--in-process", "--for", "3s"];
@@ -307,7 +307,7 @@ fn a_file_that_was_cut_or_changed_has_one_verdict_of_its_own() {
     assert_eq!(of_cut["verdict"]["verdict"], "INCOMPLETE", "{of_cut}");
     assert_all_readers_say(&cut, &of_cut, &bench);
 
-    // Commands that nobody gave move rotors; and the hash is another one.
+    // Without their messages, three applied commands have no writer, and the hash of the file changes.
     let stolen = bench.path("stolen.mcap");
     Recording::read(&recording).copy_to(
         &stolen,
@@ -327,7 +327,7 @@ fn a_file_that_was_cut_or_changed_has_one_verdict_of_its_own() {
 }
 
 #[test]
-fn a_limit_is_set_by_key_and_a_recording_is_judged_by_what_was_set() {
+fn a_recording_is_judged_by_the_limits_that_its_flight_was_given() {
     let _turn = turn();
     let bench = Bench::new();
     let strict = ["hover", "--in-process", "--for", "2s", "--set", "verdict.tracking_max_m=0.001"];

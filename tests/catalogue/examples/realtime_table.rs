@@ -1,8 +1,9 @@
-//! The catalogue swapped into flights by the wall clock, one after the other, judged by the truth of their
-//! recordings beside the lockstep flight without a swap.
+//! Swaps the entries of the catalogue into realtime flights, one after the other, and compares the ground
+//! truth of their recordings with the lockstep flight without a swap.
 //!
-//! `realtime_table [watch] [FLIGHTS]`; 60 flights unless told otherwise, and `watch` forces each candidate in,
-//! with the watch alone. A vehicle that is lost although the candidate never commanded was lost by the machine.
+//! `realtime_table [watch] [FLIGHTS]`: 60 flights by default; `watch` forces each candidate into the slot,
+//! where only the monitor guards the flight. If a vehicle is lost although its candidate never commanded,
+//! the cause is the machine.
 //! Run it after `cargo build --release --workspace --examples --bins`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
@@ -31,7 +32,7 @@ fn main() {
     let (mut lost, mut by_machine, mut far, mut flipped) = (0, 0, 0, 0);
     for nth in 0..flights {
         let (slot, entry) = &all[nth % all.len()];
-        // Another situation each time round.
+        // Each pass through the catalogue begins with another situation.
         let at = (nth + nth / all.len()) % SITUATIONS.len();
         let situation = &SITUATIONS[at];
         std::fs::write(&config, config_of(entry)).expect("a file");
@@ -70,7 +71,7 @@ fn main() {
     );
 }
 
-/// The folder with the executables of the same build.
+/// The folder with the executables of this build.
 fn built() -> PathBuf {
     let own = std::env::current_exe().expect("the own executable");
     own.parent().and_then(Path::parent).expect("a target folder").to_owned()

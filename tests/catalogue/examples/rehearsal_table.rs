@@ -1,7 +1,7 @@
-//! The catalogue through the rehearsal: who is refused and who is accepted, flight by flight.
+//! Rehearses every entry of the catalogue and prints how often each is refused and accepted per flight.
 //!
-//! `rehearsal_table [raw] [good] [FLIGHT] [attitude|position] [SEEDS]`; `raw` prints every figure, `good`
-//! leaves the bad entries out.
+//! `rehearsal_table [raw] [good] [FLIGHT] [attitude|position] [SEEDS]`: `raw` prints every figure, `good`
+//! leaves out the bad entries.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
@@ -13,12 +13,12 @@ use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use vehicle::MorphAngle;
 
-/// A flight in which swaps are asked for.
+/// A flight in which swaps are rehearsed.
 struct Flight {
     name: &'static str,
     scenario: &'static str,
     set: &'static [&'static str],
-    /// Instants \[s\].
+    /// Instants of the snapshots \[s\].
     at_s: &'static [f64],
 }
 
@@ -74,14 +74,14 @@ fn largest(slot: Slot, scenario: &Scenario, snapshot: &Snapshot) -> [f64; 4] {
 
 #[derive(Default)]
 struct Table {
-    /// Refused and accepted, by slot, entry and flight.
+    /// Numbers of refused and accepted rehearsals, by slot, entry and flight.
     cells: BTreeMap<(Slot, String), BTreeMap<&'static str, [u32; 2]>>,
     cpu_s: f64,
     count: u32,
     raw: bool,
 }
 
-/// Where in which flight who is to be replaced.
+/// Initial condition of rehearsals: a snapshot of a flight, and the owner that is to be replaced.
 struct Moment<'a> {
     flight: &'static str,
     scenario: &'a Scenario,
@@ -190,7 +190,7 @@ fn main() {
                         for law in &laws {
                             table.rehearse(&moment, &Entry::default().around(law));
                         }
-                        // The law next to the owner's is as good a one to spoil as any.
+                        // Any law would do for the faults; the one after the owner's varies with the owner.
                         let spoiled = laws[(nth + 1) % laws.len()];
                         let bad = entries(slot).into_iter().filter(|_| !has("good"));
                         bad.for_each(|entry| table.rehearse(&moment, &entry.around(spoiled)));

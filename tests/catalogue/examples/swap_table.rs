@@ -1,9 +1,9 @@
-//! The catalogue swapped into flights: with everything that guards a swap, with the watch alone, and with
-//! nothing, judged by the truth beside the same flight without a swap.
+//! Swaps the entries of the catalogue into flights with all safeguards, with the monitor alone and without
+//! any, and compares the ground truth with the same flight without a swap.
 //!
-//! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`; `good`
-//! flies the shipped controllers, each in place of each, `python` the controllers in Python, good or bad, and
-//! `KEY=VALUE` sets something in the scenario, for example `watch.rate_hz=200.0`. Run it after
+//! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`: `good`
+//! flies every shipped controller in place of every other, `python` the controllers in Python, good or bad,
+//! and `KEY=VALUE` sets a key of the scenario, for example `watch.rate_hz=200.0`. Run it after
 //! `cargo build --release --workspace --examples --bins`; Python needs the environment of
 //! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
@@ -21,12 +21,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// Who is swapped in.
+/// The controller that is swapped in.
 #[derive(Clone)]
 enum Candidate {
-    /// A shipped law, spoiled.
+    /// A shipped law with a fault.
     Bad(Entry),
-    /// The law in Python, spoiled.
+    /// The law in Python with a fault.
     BadPython(Entry),
     /// A shipped controller.
     Shipped(&'static str),
@@ -34,18 +34,18 @@ enum Candidate {
     Python,
 }
 
-/// One flight to be flown.
+/// One flight of the table.
 struct Case {
     situation: &'static Situation,
     seed: u64,
     slot: Slot,
-    /// Who holds the slot before, if not the scenario's own.
+    /// The first owner of the slot; `None` for that of the scenario.
     holder: Option<Holder>,
     candidate: Candidate,
     guard: Guard,
 }
 
-/// What is asked for on the command line.
+/// The flights that the command line selects.
 struct Selection {
     slots: Vec<Slot>,
     guards: Vec<Guard>,
@@ -66,10 +66,10 @@ struct Row {
     tilt_deg: f64,
 }
 
-/// By slot and controller, then by guard.
+/// Rows of the table, by slot and controller, then by guard.
 type Rows = BTreeMap<(&'static str, String), BTreeMap<&'static str, Row>>;
 
-/// Flights without a swap, by situation, seed and the controller that holds the slot.
+/// Flights without a swap, by situation, seed and the controller that owns the slot.
 type Plains<'a> = BTreeMap<(&'a str, u64, Option<&'a str>), Arc<Plain>>;
 
 impl Candidate {
@@ -177,7 +177,7 @@ impl Selection {
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
     if words.first().is_some_and(|word| word == "types") {
-        // The controllers in Python ask whoever started them for the layout of samples.
+        // Controllers in Python ask the executable that started them for the layout of samples.
         print!("{}", launcher::types::python());
         return;
     }
@@ -209,7 +209,7 @@ fn main() {
     print_table(&rows.into_inner().expect("no panic"));
 }
 
-/// The executable of the catalogue, of the same build.
+/// The executable `catalogue` of this build.
 fn executable() -> PathBuf {
     let own = std::env::current_exe().expect("the own executable");
     own.parent().and_then(|examples| examples.parent()).expect("a target folder").join("catalogue")
@@ -282,7 +282,7 @@ fn print_table(rows: &Rows) {
         "{:<9} {:<40} {:<12} {:>7} {:>5} {:>7} {:>7} {:>8} {:>6}",
         "slot", "controller", "guard", "flights", "lost", "flipped", "tripped", "at most", "tilt"
     );
-    // All, those of controllers that lose a vehicle where nothing guards it, and those that flipped.
+    // All losses; losses by controllers that also lose the vehicle without any guard; and flips.
     let mut sums: BTreeMap<&str, [Sum; 3]> = BTreeMap::new();
     for ((slot, name), guards) in rows {
         let hurts = guards.get(Guard::None.name()).is_none_or(|row| row.lost > 0);
@@ -305,7 +305,7 @@ fn print_table(rows: &Rows) {
     }
 }
 
-/// So many of so many flights.
+/// A number of flights out of a total, with its confidence limits.
 #[derive(Default)]
 struct Sum {
     of: u32,

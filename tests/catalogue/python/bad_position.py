@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A bad position controller: the law of position_pd.py, spoiled as `--config FILE` says."""
+"""A bad position controller: the law of position_pd.py with the fault that `--config FILE` defines."""
 
 from faults import FAULT, Spoiler
 
@@ -8,14 +8,14 @@ from host import position
 
 
 class Bad(PositionPd):
-    """The good law; what it asks for is spoiled, and its integral does not know."""
+    """The good law; the fault is applied to its output, so that its integral does not see it."""
 
     def __init__(self, vehicle, period_s, gains):
         super().__init__(vehicle, period_s, gains)
         self._spoiler = Spoiler(period_s, gains)
 
     def acceleration(self, sample):
-        """Spoiled acceleration in W [m/s^2]."""
+        """Acceleration in the world frame with the fault [m/s^2]."""
         return self._spoiler.spoil(super().acceleration(sample))
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with the bad controllers in Python, and where the good ones that they spoil are."""
+"""The faults of the bad controllers in Python, and the import path of the good ones that they build on."""
 
 import math
 import pathlib
@@ -7,13 +7,13 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT / "services" / "attitude-python"))
 
-# What a configuration file may say; the words are those of the catalogue in Rust. Axis 0 is thrust there, so that
-# 1 is the first of a vector.
+# Keys and defaults of a configuration file, as in the catalogue in Rust. Axis 0 is thrust there, so that axis 1 is
+# the first component of a vector here.
 FAULT = {"fault": "nothing", "axis": 0, "amount": 0.0}
 
 
 class Spoiler:
-    """Turns the vector that a law commands into a bad one."""
+    """Applies a fault to the vector that a law commands."""
 
     def __init__(self, period_s, options):
         self._fault, self._axis = options["fault"], options["axis"]
@@ -21,7 +21,7 @@ class Spoiler:
         self._first, self._steps = None, 0
 
     def spoil(self, command):
-        """The command of a step in place of the good one."""
+        """The command of a step, with the fault."""
         self._first = self._first or list(command)
         flown_s = self._steps * self._period_s
         self._steps += 1

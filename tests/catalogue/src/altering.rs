@@ -1,4 +1,4 @@
-//! Spoils the candidate's commands in a flight within one process.
+//! Applies a fault to the candidate's commands in a flight within one process.
 
 use crate::{Seen, Spoiler};
 use launcher::candidate::Slot;
@@ -9,7 +9,7 @@ use std::any::Any;
 /// Process slot of a swap candidate in a flight of two.
 const CANDIDATE_SEAT: u32 = 1;
 
-/// An observer that changes what one process slot publishes.
+/// An observer that alters what the candidate's process slot publishes.
 #[derive(Debug, Default)]
 pub struct Altering {
     spoiler: Option<(Slot, Spoiler)>,
@@ -17,7 +17,7 @@ pub struct Altering {
 }
 
 impl Altering {
-    /// Spoils whoever is the candidate for `slot`.
+    /// Applies `spoiler` to the commands of the candidate for `slot`.
     #[must_use]
     pub fn new(slot: Slot, spoiler: Spoiler) -> Self {
         Self { spoiler: Some((slot, spoiler)), seen: Seen::default() }

@@ -1,43 +1,43 @@
-//! What can be wrong with a controller.
+//! The faults that a controller can have, and the list of those that are tested.
 
 use launcher::candidate::Slot;
 use serde::Deserialize;
 
-/// What is wrong.
+/// Kind of fault. Where thrust is affected, its deviation from the weight is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fault {
-    /// Nothing.
+    /// No fault.
     #[default]
     Nothing,
-    /// One axis has the wrong sign; thrust about the weight.
+    /// One axis has the wrong sign.
     WrongSign,
     /// Roll and pitch are exchanged.
     Exchanged,
-    /// All that is commanded is multiplied; thrust about the weight.
+    /// All axes are multiplied by this factor.
     Gain,
-    /// The first command stays for ever.
+    /// The first command is repeated for ever.
     Frozen,
-    /// Commands are late by this many seconds more.
+    /// Commands have an additional delay of this many seconds.
     Delay,
-    /// Commands are no numbers, this many seconds after the first.
+    /// Commands contain NaN from this many seconds after the first one.
     NotANumber,
-    /// This share of the largest command is added about roll and pitch.
+    /// This share of the largest command is added to roll and pitch.
     Bias,
-    /// Beyond this tilt in degrees roll and pitch have the wrong sign.
+    /// Roll and pitch have the wrong sign beyond this tilt in degrees.
     Diverges,
-    /// Once the arms move roll and pitch have the wrong sign.
+    /// Roll and pitch have the wrong sign once the arms have moved.
     UntilMorph,
-    /// A bias about roll and pitch grows by this share of the largest command per second.
+    /// A bias on roll and pitch grows by this share of the largest command per second.
     Leak,
-    /// Each step takes this many of its periods; of realtime flights only.
+    /// Each step sleeps for this many periods; for realtime flights only.
     Slow,
-    /// The first command comes this many seconds after the process is ready; of realtime flights only.
+    /// The first command comes this many seconds after the first step; for realtime flights only.
     LateStart,
 }
 
 impl Fault {
-    /// As written in a configuration file.
+    /// Name of the fault in a configuration file.
     #[must_use]
     pub fn label(self) -> &'static str {
         match self {
@@ -58,17 +58,17 @@ impl Fault {
     }
 }
 
-/// An entry of the catalogue; what a configuration file of the executable says.
+/// An entry of the catalogue, which is also the content of a configuration file of the executable.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Entry {
-    /// Name of the shipped controller whose commands are spoiled; the first of the slot if left out.
+    /// Name of the shipped controller that gets the fault; the first of the slot if left out.
     pub law: Option<String>,
-    /// What is wrong.
+    /// Kind of fault.
     pub fault: Fault,
     /// Axis of a wrong sign: 0 thrust, 1 roll, 2 pitch, 3 yaw.
     pub axis: usize,
-    /// How much, in the unit that the fault names.
+    /// Size of the fault, in the unit that the kind of fault names.
     pub amount: f64,
 }
 
@@ -77,13 +77,13 @@ impl Entry {
         Self { law: None, fault, axis, amount }
     }
 
-    /// The same about another law.
+    /// The same fault in another law.
     #[must_use]
     pub fn around(&self, law: &str) -> Self {
         Self { law: Some(law.to_owned()), ..self.clone() }
     }
 
-    /// In a few words.
+    /// Name of the entry in tables and messages.
     #[must_use]
     pub fn name(&self) -> String {
         let axis = ["thrust", "roll", "pitch", "yaw"].get(self.axis).copied().unwrap_or("?");
@@ -106,16 +106,16 @@ impl Entry {
     }
 }
 
-/// Entries that are bad by the wall clock alone.
+/// Entries whose fault shows only in realtime.
 #[must_use]
 pub fn late_entries() -> [Entry; 2] {
     [Entry::of(Fault::Slow, 0, 1.2), Entry::of(Fault::LateStart, 0, 10.0)]
 }
 
-/// Every entry that flies in lockstep too.
+/// Every entry whose fault shows in lockstep too.
 #[must_use]
 pub fn entries(slot: Slot) -> Vec<Entry> {
-    // A position controller passes the heading on, which has no gain to be wrong.
+    // A position controller passes the heading of the reference through, so that its sign cannot be wrong.
     let signs = match slot {
         Slot::Attitude => [1, 2, 3],
         Slot::Position => [0, 1, 2],

@@ -1,8 +1,8 @@
-//! Bad controllers: what a shipped law commands, spoiled in one way each.
+//! Bad controllers for tests: shipped laws, each with one fault in its commands.
 //!
-//! [`Spoiler`] is the pure part. It serves two ways: the executable `catalogue` wraps any shipped law
-//! ([`Spoiled`]) and is a swap candidate like any other, and [`Altering`] spoils the candidate's commands
-//! in a flight within one process.
+//! [`Spoiler`] is the pure part, which is used in two ways: the executable `catalogue` wraps any shipped law
+//! ([`Spoiled`]) and is a swap candidate like any other, and [`Altering`] alters the candidate's commands in
+//! a flight within one process.
 
 mod altering;
 mod entry;

@@ -1,15 +1,17 @@
-//! One-sided 95 % limits on a share of which so many of so many were seen (Clopper and Pearson, 1934).
+//! One-sided 95 % confidence limits on a probability, from the number of successes in independent trials
+//! (Clopper and Pearson, 1934).
 
-/// Share of chance that a limit leaves out.
+/// Probability that a limit does not hold: one minus the confidence level.
 const LEFT_OUT: f64 = 0.05;
 
-/// The share is at most this, at 95 %.
+/// Upper confidence limit on the probability of an event seen `seen` times in `of` trials; 1 if there are no
+/// trials.
 #[must_use]
 pub fn upper_limit(seen: u32, of: u32) -> f64 {
     if seen >= of {
         return 1.0;
     }
-    // The share at which as few as were seen have just a chance of 5 %.
+    // Bisection for the probability at which so few events or fewer are seen in 5 % of all experiments.
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -18,13 +20,15 @@ pub fn upper_limit(seen: u32, of: u32) -> f64 {
     high
 }
 
-/// The share is at least this, at 95 %.
+/// Lower confidence limit on the probability of an event seen `seen` times in `of` trials; 0 if there are no
+/// trials.
 #[must_use]
 pub fn lower_limit(seen: u32, of: u32) -> f64 {
     1.0 - upper_limit(of - seen.min(of), of)
 }
 
-/// Chance that at most `seen` of `of` come, each with the chance `p`: sum of binomial terms.
+/// Binomial distribution function: the probability of at most `seen` events in `of` trials with the
+/// probability `p` each.
 fn at_most(seen: u32, of: u32, p: f64) -> f64 {
     let (log_p, log_q) = (libm::log(p), libm::log1p(-p));
     let n = f64::from(of);
@@ -45,10 +49,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_are_those_of_the_closed_forms_and_of_the_tables() {
-        // Of none seen: 1 − 0.05^(1/n).
+    fn limits_agree_with_closed_forms_and_quantiles_of_the_beta_distribution() {
+        // For no event in n trials the upper limit is 1 − 0.05^(1/n).
         assert!((upper_limit(0, 80) - (1.0 - libm::pow(0.05, 1.0 / 80.0))).abs() < 1e-9);
-        // Quantile 0.95 of the beta distribution with 2 and 9 degrees.
+        // The 0.95 quantile of the beta distribution with the parameters 2 and 9.
         assert!((upper_limit(1, 10) - 0.394_163).abs() < 1e-5);
         assert!((lower_limit(10, 10) - libm::pow(0.05, 0.1)).abs() < 1e-9);
         assert!((upper_limit(5, 5) - 1.0).abs() < 1e-12);

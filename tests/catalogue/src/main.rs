@@ -1,4 +1,4 @@
-//! The catalogue as a swap candidate: `morphquad swap attitude --to PATH --config ENTRY.toml`.
+//! An entry of the catalogue as a swap candidate: `morphquad swap attitude --to PATH --config ENTRY.toml`.
 
 use catalogue::{Builder, Entry};
 use clap::Parser;
@@ -13,8 +13,7 @@ use std::io::Write as _;
 use std::process::ExitCode;
 use vehicle::MorphAngle;
 
-/// Bound on roll and pitch by which a position controller's commands are measured, if its law has none
-/// \[rad\].
+/// Largest command of roll and pitch of a position controller whose law has no bound \[rad\].
 const TILT_RAD: f64 = 0.35;
 
 /// A bad controller for a run of morphquad, which starts it.
@@ -56,7 +55,7 @@ fn fly(arguments: Arguments) -> Result<Ending, HostError> {
 
 fn main() -> ExitCode {
     if std::env::args_os().nth(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
-        // Whoever asked may have gone.
+        // The reader of the pipe may have exited, which is no error here.
         let _ = writeln!(std::io::stdout(), "{:016x}", layout_hash());
         return ExitCode::from(exit::PASS);
     }

@@ -1,4 +1,4 @@
-//! A shipped controller whose commands are spoiled, as a service of its own.
+//! A service that wraps a shipped controller and applies a fault to its commands.
 
 use crate::altering::{spoil_setpoint, spoil_wrench};
 use crate::{Entry, Fault, Seen, Spoiler};
@@ -10,23 +10,23 @@ use runtime::{Ending, Output, OutputSet as _, OutputVisitor, Service};
 use shared_types::{AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 
-/// A service with a spoiler behind it.
+/// A service whose outputs pass through a [`Spoiler`].
 #[derive(Debug)]
 pub struct Spoiled<S> {
     inner: S,
     spoiler: Spoiler,
     period_ns: u64,
-    /// First instant of the wall clock at which it speaks \[ns\].
+    /// Monotonic wall-clock instant of the first command, for [`Fault::LateStart`] \[ns\].
     speaks_mono_ns: Option<u64>,
 }
 
 impl<S: Service> Spoiled<S> {
-    /// Around a controller of this period \[ns\].
+    /// Wraps a controller with the period `period_ns` \[ns\].
     pub fn new(inner: S, spoiler: Spoiler, period_ns: u64) -> Self {
         Self { inner, spoiler, period_ns, speaks_mono_ns: None }
     }
 
-    /// Faults of the wall clock: being late is what they are for.
+    /// Sleeps as the timing faults require.
     fn dawdle(&mut self) {
         let Entry { fault, amount, .. } = *self.spoiler.entry();
         let now_ns = mono_now_ns();
@@ -45,7 +45,7 @@ impl<S: Service> Spoiled<S> {
     }
 }
 
-/// Spoils what a step has written.
+/// Applies the fault to the outputs of a step.
 struct Spoil<'a> {
     spoiler: &'a mut Spoiler,
     now_ns: u64,
@@ -98,7 +98,7 @@ impl<S: Service + 'static> Service for Spoiled<S> {
     }
 }
 
-/// What the latest estimate says.
+/// Tilt and morph rate of the latest estimate; zero before the first one.
 fn seen(inputs: &dyn Any) -> Seen {
     let attitude = inputs.downcast_ref::<controller::attitude::Inputs>();
     let attitude = attitude.and_then(|inputs| inputs.state_estimate.latest());
@@ -107,16 +107,16 @@ fn seen(inputs: &dyn Any) -> Seen {
     attitude.or(position).map(Seen::from).unwrap_or_default()
 }
 
-/// Wraps the component that it is given and flies it.
+/// Wraps the component of a shipped controller in a [`Spoiled`] service and runs it.
 #[derive(Debug)]
 pub struct Builder {
     /// A process that has joined its run.
     pub joined: Joined,
-    /// What is wrong.
+    /// Fault to apply.
     pub entry: Entry,
-    /// Largest command of the slot.
+    /// Largest command of the slot: the weight \[N\], then torques \[N m\] or angles \[rad\].
     pub largest: [f64; 4],
-    /// Period of its loop \[ns\].
+    /// Period of the slot's loop \[ns\].
     pub period_ns: u64,
 }
 

@@ -1,20 +1,20 @@
-//! From a good command to a bad one.
+//! Applies a fault to a command.
 
 use crate::{Entry, Fault};
 use shared_types::StateEstimate;
 use std::collections::VecDeque;
 
-/// Commands that are kept for a delay: more than any has on its way.
+/// Number of past commands that are kept for a delay, more than any entry needs.
 const KEPT: usize = 1024;
-/// The arms move if they are faster than this \[rad/s\].
+/// Rate above which the arms count as moving \[rad/s\].
 const MOVES_RAD_S: f64 = 0.2;
 
-/// What a controller sees that decides about its faults.
+/// The part of the estimate on which faults depend.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Seen {
-    /// Tilt \[rad\].
+    /// Angle between body z and the vertical \[rad\].
     pub tilt_rad: f64,
-    /// Rate of the deployable angle \[rad/s\].
+    /// Rate of the morph angle \[rad/s\].
     pub morph_rate_rad_s: f64,
 }
 
@@ -27,11 +27,12 @@ impl From<&StateEstimate> for Seen {
     }
 }
 
-/// Spoils the commands of one controller; T first, then roll, pitch and yaw.
+/// Applies a fault to the commands of one controller. The components of a command are thrust, roll, pitch and
+/// yaw.
 #[derive(Debug, Clone)]
 pub struct Spoiler {
     entry: Entry,
-    /// Largest command, which also says what trim is: T of the weight.
+    /// Largest command. Its thrust is the weight, which is also the trim.
     largest: [f64; 4],
     first: Option<(u64, [f64; 4])>,
     morphed: bool,
@@ -39,20 +40,21 @@ pub struct Spoiler {
 }
 
 impl Spoiler {
-    /// Of an entry and the largest command of its slot: the weight \[N\], then torques \[N m\] or
-    /// angles \[rad\].
+    /// Applies the fault of `entry`; `largest` is the largest command of its slot: the weight \[N\], then
+    /// torques \[N m\] or angles \[rad\].
     #[must_use]
     pub fn new(entry: Entry, largest: [f64; 4]) -> Self {
         Self { entry, largest, first: None, morphed: false, past: VecDeque::with_capacity(KEPT) }
     }
 
-    /// The entry.
+    /// The entry whose fault is applied.
     #[must_use]
     pub fn entry(&self) -> &Entry {
         &self.entry
     }
 
-    /// What is commanded at `now_ns` in place of `command`.
+    /// The command with the fault, in place of the good `command` of the step at `now_ns` \[ns\]. Both have
+    /// the units of the largest command.
     #[expect(clippy::match_same_arms, reason = "one arm per fault")]
     pub fn spoil(&mut self, now_ns: u64, command: [f64; 4], seen: Seen) -> [f64; 4] {
         let (first_ns, first) = *self.first.get_or_insert((now_ns, command));
@@ -129,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_that_come_with_time_come_at_their_time() {
+    fn faults_that_depend_on_time_or_motion_appear_when_they_should() {
         let of = |fault, amount| Spoiler::new(Entry { law: None, fault, axis: 0, amount }, LARGEST);
         let still = Seen::default();
         let mut late = of(Fault::Delay, 0.03);

@@ -1,4 +1,4 @@
-//! Flights in which a controller of the catalogue is swapped in, judged by the truth.
+//! Flights in which a controller of the catalogue is swapped in, judged by the ground truth.
 
 use crate::Entry;
 use launcher::candidate::Slot;
@@ -14,30 +14,31 @@ use std::path::Path;
 const LOST_TILT_RAD: f64 = core::f64::consts::FRAC_PI_2;
 /// Distance from the flight without a swap beyond which a vehicle counts as lost \[m\].
 const LOST_AWAY_M: f64 = 2.0;
-/// Height below which the vehicle stands on the ground: the radius of its rotors and landing gear \[m\].
+/// Height below which the vehicle stands on the ground, with the radius of rotors and landing gear \[m\].
 const GROUND_M: f64 = 0.05;
-/// Distance from the flight without a swap at which a vehicle is back in its place \[m\], for so long at the
-/// end \[ns\].
+/// Distance from the flight without a swap within which a vehicle counts as recovered \[m\].
 const BACK_M: f64 = 0.35;
+/// Time at the end of a flight for which it must stay within that distance \[ns\].
 const BACK_NS: u64 = 300_000_000;
-/// When the candidate joins \[s\]: after the start, before the arms move.
+/// Instant at which the candidate joins \[s\]: after the start, before the arms move.
 const JOIN_S: f64 = 1.5;
-/// How long it shadows \[s\].
+/// Duration of the shadow phase \[s\].
 const SHADOW_S: f64 = 1.0;
-/// The same where the candidate is forced in: what is no number comes after the flip \[s\].
+/// Duration of the shadow phase of a forced swap \[s\]; it is shorter than 0.7 s, so that the NaN of that
+/// entry comes after the flip.
 const FORCED_SHADOW_S: f64 = 0.4;
 
-/// What a vehicle meets while a controller is swapped.
+/// The scenario in which a controller is swapped.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation {
-    /// In a word.
+    /// Name in tables and messages.
     pub name: &'static str,
     scenario: &'static str,
     set: &'static [&'static str],
 }
 
-/// Hover, figure eight with its sweeps, sweeps alone, and gusts; the arms move in all of them, or a fault
-/// that waits for it would never show.
+/// Hover, figure eight with its sweeps, sweeps alone, and gusts. The arms move in all of them, because some
+/// faults show only then.
 pub const SITUATIONS: [Situation; 4] = [
     Situation {
         name: "hover",
@@ -62,19 +63,19 @@ pub const SITUATIONS: [Situation; 4] = [
     },
 ];
 
-/// What stands between a bad controller and the vehicle.
+/// The safeguards against a bad controller in a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Guard {
-    /// Everything: admission check, rehearsal and watch, as configured by default.
+    /// Admission check, rehearsal and monitor, as configured by default.
     All,
-    /// The watch alone: forced into the slot without a rehearsal.
+    /// The monitor alone: the swap is forced and not rehearsed.
     Watch,
-    /// Nothing: forced, and nobody watches.
+    /// None: the swap is forced and not rehearsed, and the monitor is disabled.
     None,
 }
 
 impl Guard {
-    /// In a word.
+    /// Name in tables and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -85,13 +86,13 @@ impl Guard {
     }
 }
 
-/// Where the vehicle really was.
+/// Ground truth, trips and rotor cuts of a flight.
 #[derive(Debug, Default)]
 struct Course {
     truths: Vec<Truth>,
     trips: Vec<Trip>,
     cut: bool,
-    /// How much later than the monitor says its trips take effect \[ns\].
+    /// Additional delay of the trips of the monitor \[ns\].
     trips_later_ns: u64,
 }
 
@@ -113,27 +114,27 @@ impl Observer for Course {
     }
 }
 
-/// What came of a flight with a swap, beside the same flight without.
+/// Result of a flight with a swap, compared with the same flight without one.
 #[derive(Debug, Clone)]
 pub struct Swapped {
-    /// How the vehicle was lost, if it was.
+    /// How the vehicle was lost; `None` if it was not.
     pub lost: Option<String>,
-    /// It stayed off the ground with its rotors turning, and was back in its place at the end, however far it
-    /// had tilted meanwhile.
+    /// True if the vehicle stayed off the ground with its rotors turning, and was close to the flight without
+    /// a swap at the end, however far it had tilted meanwhile.
     pub recovered: bool,
-    /// Furthest from where it was without the swap \[m\].
+    /// Largest distance from the flight without a swap at the same instant \[m\].
     pub excursion_m: f64,
-    /// Largest tilt beyond the one without the swap \[deg\].
+    /// Largest tilt in excess of that without the swap at the same instant \[deg\].
     pub tilt_deg: f64,
-    /// The candidate commanded.
+    /// True if the candidate ever commanded.
     pub flipped: bool,
-    /// When the monitor tripped it \[s\].
+    /// Effective instant of the first trip \[s\]; `None` if there was no trip.
     pub tripped_s: Option<f64>,
-    /// How the swap ended, in words.
+    /// How the swap ended, as a sentence of the launcher.
     pub outcome: String,
 }
 
-/// The scenario of a situation.
+/// The scenario of a situation in lockstep, with a seed and further settings.
 fn scenario(
     situation: &Situation,
     seed: u64,
@@ -156,22 +157,22 @@ fn fly(scenario: &Scenario, trips_later_ns: u64) -> Result<(Course, Conclusion),
     Ok((flight.seen(core::mem::take), conclusion))
 }
 
-/// A flight without a swap, with which others are compared.
+/// A flight without a swap, with which flights with a swap are compared.
 #[derive(Debug)]
 pub struct Plain {
     truths: Vec<Truth>,
-    /// What the scenario was told.
+    /// Settings of the scenario beyond those of the situation.
     edits: Vec<Override>,
 }
 
-/// A slot with the shipped controller that holds it from the start.
+/// A slot with the shipped controller that owns it from the start.
 pub type Holder = (Slot, &'static str);
 
-/// Flies a situation without a swap, with the scenario's own controllers or with `holder`, and with these
+/// Flies a situation without a swap, with `holder` in place of the scenario's own controller and with further
 /// settings.
 ///
 /// # Errors
-/// It cannot be flown.
+/// If it cannot be flown.
 pub fn plain(
     situation: &Situation,
     seed: u64,
@@ -184,7 +185,7 @@ pub fn plain(
     Ok(Plain { truths, edits })
 }
 
-/// What a scenario has to say for a slot to be held by `holder`.
+/// The settings that make `holder` the first owner of its slot.
 fn held(holder: Option<Holder>) -> Result<Vec<Override>, ScenarioError> {
     let edit = holder.map(|(slot, name)| Override::crew(&format!("{}={name}", slot.label())));
     Ok(edit.transpose()?.into_iter().collect())
@@ -194,7 +195,7 @@ fn held(holder: Option<Holder>) -> Result<Vec<Override>, ScenarioError> {
 /// configures it, is swapped into a slot.
 ///
 /// # Errors
-/// It cannot be flown.
+/// If it cannot be flown.
 pub fn swapped(
     (situation, seed): (&Situation, u64),
     slot: Slot,
@@ -205,11 +206,12 @@ pub fn swapped(
     swapped_with_late_trips((situation, seed), slot, (to, config), (guard, 0), plain)
 }
 
-/// The same with trips that take effect `trips_later_ns` later than the monitor says. The largest such delay
-/// that the vehicle survives is how far its trip comes before the point of no return.
+/// The same as [`swapped`], with trips that take effect `trips_later_ns` \[ns\] later than the monitor
+/// publishes. The largest delay that the vehicle survives is the margin of its trip before the point of no
+/// return.
 ///
 /// # Errors
-/// It cannot be flown.
+/// If it cannot be flown.
 pub fn swapped_with_late_trips(
     (situation, seed): (&Situation, u64),
     slot: Slot,
@@ -226,7 +228,7 @@ pub fn swapped_with_late_trips(
     Ok(judge(&course, plain, flipped, outcome))
 }
 
-/// What a scenario has to say for this swap.
+/// The settings that script this swap.
 fn swap(
     slot: Slot,
     (to, config): (&str, Option<&Path>),
@@ -249,11 +251,11 @@ fn swap(
     Ok(edits)
 }
 
-/// The same by the wall clock: the executable `morphquad` flies it in processes, and its recording is judged.
-/// With the releases that its loops missed.
+/// The same as [`swapped`] in realtime: the executable `morphquad` flies it in processes, and its recording is
+/// judged. Also returns the number of releases that the loops missed.
 ///
 /// # Errors
-/// It cannot be flown, or has left no recording.
+/// If it cannot be flown, or has left no recording.
 pub fn swapped_in_realtime(
     morphquad: &Path,
     (situation, seed): (&Situation, u64),
@@ -307,7 +309,7 @@ fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swap
     let back_ns = last_ns(&plain.truths).unwrap_or_default().saturating_sub(BACK_NS);
     let mut recovered = !course.cut && last_ns(&course.truths) >= last_ns(&plain.truths);
     for is in &course.truths {
-        // A realtime flight leaves releases out that it has missed.
+        // A realtime flight has no sample for a release that it missed.
         let at = plain.truths.binary_search_by_key(&is.header.release_ns, |t| t.header.release_ns);
         let Some(was) = at.ok().and_then(|at| plain.truths.get(at)) else { continue };
         let at_s = is.header.release_ns as f64 * 1e-9;
@@ -346,7 +348,7 @@ fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swap
     }
 }
 
-/// What a configuration file of the executable says of an entry.
+/// Content of the configuration file with which the executable `catalogue` flies an entry.
 #[must_use]
 pub fn config_of(entry: &Entry) -> String {
     let law = entry.law.as_ref().map_or(String::new(), |law| format!("law = {law:?}\n"));

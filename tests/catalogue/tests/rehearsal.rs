@@ -1,4 +1,4 @@
-//! The rehearsal on shipped scenarios: what it begins from, whom it refuses and whom it accepts.
+//! The rehearsal on shipped scenarios: its initial condition, and which controllers it refuses and accepts.
 #![expect(
     clippy::unwrap_used,
     clippy::cast_possible_truncation,
@@ -39,7 +39,7 @@ fn spec(scenario: &Scenario, at_s: f64, slot: Slot, candidate: &str) -> Rehearsa
     }
 }
 
-/// First and last of what a flight publishes.
+/// Samples of a flight that are compared.
 #[derive(Default)]
 struct Ends {
     truths: Vec<Truth>,
@@ -78,7 +78,7 @@ fn rehearsed(spec: RehearsalSpec, entry: &Entry) -> Verdict {
 }
 
 #[test]
-fn a_rehearsed_flight_begins_where_the_vehicle_is_and_goes_on_with_its_plan() {
+fn a_rehearsed_flight_begins_at_the_state_of_the_vehicle_and_follows_its_plan() {
     let edits = [Override::goto("0.5,-0.5,1.2@5.2s").unwrap()];
     let scenario = Scenario::load("figure8-morph", &edits).unwrap();
     let spec = spec(&scenario, 6.0, Slot::Attitude, "attitude-lqr");
@@ -132,7 +132,7 @@ fn a_rehearsal_of_the_same_swap_says_the_same_to_the_last_bit() {
 }
 
 #[test]
-fn shipped_controllers_may_take_each_others_place() {
+fn every_shipped_controller_may_replace_every_other() {
     for (flight, at_s) in [("hover", 2.0), ("figure8-morph", 5.3)] {
         for slot in Slot::ALL {
             for owner in names_for(slot.role()) {
@@ -148,7 +148,7 @@ fn shipped_controllers_may_take_each_others_place() {
 }
 
 #[test]
-fn a_rehearsal_refuses_whoever_would_lose_the_vehicle() {
+fn a_rehearsal_refuses_controllers_that_would_lose_the_vehicle() {
     let scenario = load("hover", &["pilot.morph=[[0.0,45.0],[8.0,45.0],[8.5,160.0]]"]);
     for slot in Slot::ALL {
         let law = names_for(slot.role()).next().unwrap();
@@ -174,7 +174,7 @@ fn a_rehearsal_refuses_whoever_would_lose_the_vehicle() {
 }
 
 #[test]
-fn a_spoiler_that_spoils_nothing_changes_nothing() {
+fn a_spoiler_without_a_fault_does_not_change_the_verdict() {
     let scenario = load("hover", &[]);
     let plain = verdict(spec(&scenario, 2.0, Slot::Attitude, "attitude-pid"), &mut || true);
     let spoiled =
@@ -183,7 +183,7 @@ fn a_spoiler_that_spoils_nothing_changes_nothing() {
 }
 
 #[test]
-fn without_time_the_answer_is_that_nothing_was_rehearsed() {
+fn a_rehearsal_that_runs_out_of_time_is_reported_as_not_rehearsed() {
     let scenario = load("hover", &[]);
     let mut looks = 0;
     let mut go_on = || {
@@ -197,7 +197,7 @@ fn without_time_the_answer_is_that_nothing_was_rehearsed() {
 }
 
 #[test]
-fn a_vehicle_that_nobody_commands_is_not_rehearsed_with() {
+fn a_vehicle_under_the_actuation_guard_is_not_rehearsed() {
     let scenario = load("hover", &[]);
     let mut held = spec(&scenario, 2.0, Slot::Attitude, "attitude-lqr");
     held.snapshot.commanded = false;
@@ -206,7 +206,7 @@ fn a_vehicle_that_nobody_commands_is_not_rehearsed_with() {
 }
 
 #[test]
-fn a_start_in_motion_is_checked_like_any_other_key() {
+fn invalid_settings_of_start_and_rehearsal_are_rejected_with_key_and_remedy() {
     for (set, key) in [
         ("start.rotor_thrust_n=[0.3,9.0,0.3,0.3]", "start.rotor_thrust_n[1]"),
         ("start.velocity_w_m_s=[0.0,1e9,0.0]", "start.velocity_w_m_s[1]"),
@@ -223,12 +223,12 @@ fn a_start_in_motion_is_checked_like_any_other_key() {
 }
 
 #[test]
-fn a_flight_that_begins_in_motion_flies_on_as_the_one_that_it_was_taken_from() {
+fn a_derived_flight_without_challenges_follows_the_original_one() {
     let scenario = load("figure8-morph", &["disturbance_injector.script=[]"]);
     let spec = spec(&scenario, 5.3, Slot::Attitude, "attitude-lqr");
     let rehearsal = Rehearsal::prepare(spec).unwrap();
     let mut text: String = rehearsal.scenario(0, Role::Owner).unwrap().to_toml().to_owned();
-    // Without challenges it is the flight itself, but for new noise and controllers that begin afresh.
+    // Without challenges it differs from the original only by its noise and by controllers that start anew.
     text = Scenario::from_text(
         "calm",
         &text,

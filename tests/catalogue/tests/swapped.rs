@@ -1,4 +1,4 @@
-//! Bad controllers swapped into flights, a seed of six of them: the whole table is the example `swap_table`.
+//! Swaps six bad controllers into flights with one seed each; the example `swap_table` flies the whole table.
 
 use catalogue::swapped::{Guard, SITUATIONS, config_of, plain, swapped};
 use catalogue::{Entry, Fault, entries};
@@ -22,7 +22,7 @@ fn six() -> [(Slot, Entry); 6] {
 }
 
 #[test]
-fn bad_controllers_are_kept_out_and_taken_back_and_without_either_they_lose_the_vehicle() {
+fn bad_controllers_are_refused_or_tripped_and_lose_the_vehicle_without_safeguards() {
     let executable = env!("CARGO_BIN_EXE_catalogue");
     let folder = tempfile::TempDir::new().unwrap();
     let mut lost_without = 0;
@@ -49,7 +49,7 @@ fn bad_controllers_are_kept_out_and_taken_back_and_without_either_they_lose_the_
 }
 
 #[test]
-fn an_entry_survives_its_configuration_file() {
+fn an_entry_survives_a_round_trip_through_its_configuration_file() {
     for slot in Slot::ALL {
         for entry in entries(slot) {
             let read: Entry = toml::from_str(&config_of(&entry)).unwrap();

@@ -1,4 +1,5 @@
-//! The watch alone, without admission check and rehearsal: whom it takes back and when, and whom it leaves alone.
+//! The monitor alone, without admission check and rehearsal: it must trip bad controllers in time, and never a
+//! shipped one.
 
 use catalogue::swapped::{
     Guard, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
@@ -41,7 +42,7 @@ impl Flights {
 }
 
 #[test]
-fn every_bad_controller_that_is_forced_in_is_survived() {
+fn the_vehicle_survives_every_bad_controller_that_is_forced_in() {
     let flights = Flights::new();
     let (mut flown, mut flipped) = (0, 0);
     let all =
@@ -54,7 +55,7 @@ fn every_bad_controller_that_is_forced_in_is_survived() {
         assert!(swapped.lost.is_none(), "{name}: {swapped:?}");
         (flown, flipped) = (flown + 1, flipped + u32::from(swapped.flipped));
     }
-    // A command that no vehicle could follow is refused even if it is forced.
+    // A forced swap is still refused if the candidate commands what no vehicle could follow.
     assert!(flipped + 2 >= flown, "{flipped} of {flown}");
 }
 
@@ -77,7 +78,8 @@ fn no_shipped_controller_trips() {
     }
 }
 
-/// The point of no return is the last instant at which a trip still saves the vehicle: the search delays trips.
+/// The point of no return is the last instant at which a trip still saves the vehicle. The test finds it by
+/// delaying trips in a bisection.
 #[test]
 fn trips_come_well_before_the_point_of_no_return() {
     let flights = Flights::new();
@@ -89,7 +91,7 @@ fn trips_come_well_before_the_point_of_no_return() {
     for entry in entries(Slot::Attitude).into_iter().filter(wanted) {
         for at in [0, 1, 3] {
             let fly = |guard, later_ns| flights.fly(at, Slot::Attitude, &entry, (guard, later_ns));
-            // Only what is lost without a watch has a point of no return.
+            // Only a vehicle that is lost without the monitor has a point of no return.
             if fly(Guard::None, 0).recovered {
                 continue;
             }
