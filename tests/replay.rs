@@ -188,7 +188,10 @@ fn a_trip_and_the_way_back_to_the_fallback_are_verified() {
     let folder = TempDir::new().expect("a folder");
     let config = config(&folder, "gain", 2.5, -1.0);
     let swap = format!("attitude={}@1s,shadow=400ms,no-rehearsal,config={config}", rogue());
-    let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap]);
+    // In its window a new owner has the one before it as fallback even so.
+    let without = ["--set", "watch.fallback=\"none\""];
+    let flown = fly(&[&["figure8-morph", "--for", "5s", "--swap", &swap], &without[..]].concat());
+    assert!(flown.said().contains("limit 0.21 rad; attitude-mpc@0 takes over"), "{}", flown.said());
     let trips = flown.recording().series("trip", &["epoch"]).len();
     assert_eq!(trips, 1, "{}", flown.said());
     assert!(flown.number("position_max_m") < 0.5, "{}", flown.said());

@@ -65,7 +65,7 @@ impl Measure {
             Self::PositionPeak => "position error",
             Self::PositionRest => "position error at the end of the recovery",
             Self::VelocityRest => "velocity error at the end of the recovery",
-            Self::Effort => "step from command to command",
+            Self::Effort => "difference between successive commands",
         }
     }
 

@@ -149,10 +149,7 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 /// Beyond what a new owner trips.
 fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
     if !settings.watch.enabled {
-        return writeln!(
-            out,
-            "watch   nobody: an owner that loses the vehicle is obeyed to the end"
-        );
+        return writeln!(out, "watch   off: an owner that loses the vehicle keeps the slot");
     }
     let limits = settings.watch.limits();
     let Limits { turn_away_rad, tilt_rad, heading_rad, astray_rad, astray_s, .. } = limits;
@@ -160,7 +157,7 @@ fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
     let Limits { thrust_speed_m_s, excursion_m, off_course_m, off_course_s, height_m, .. } = limits;
     let standby = match settings.watch.fallback {
         Fallback::Auto => "the owner before it",
-        Fallback::None => "nobody, so that only the gate levels the vehicle",
+        Fallback::None => "nothing, so that the actuation guard levels the vehicle,",
     };
     let gate = &settings.plant.gate;
     writeln!(

@@ -164,13 +164,13 @@ impl Thresholds {
             let why = format!("by the wall clock one in {EPISODE_EVERY_S} s");
             self.put("safe_mode_max", episodes, why);
         } else {
-            self.put("safe_mode_max", 0.0, "in lockstep nobody is late");
+            self.put("safe_mode_max", 0.0, "in lockstep nothing is late");
         }
-        self.put("safe_mode_max_s", gate_s, "as long as the actuation gate levels the vehicle");
+        self.put("safe_mode_max_s", gate_s, "as long as the actuation guard levels the vehicle");
         let (share, why) = if realtime || faults {
             (MISSED_SHARE, "every other: a command is valid for two periods")
         } else {
-            (0.0, "in lockstep nobody is late")
+            (0.0, "in lockstep nothing is late")
         };
         self.put("missed_max_share", share, why);
         let why = format!("{why}; up to {samples_per_step} samples in a step");

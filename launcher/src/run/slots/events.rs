@@ -6,6 +6,7 @@ use super::watch::{Obeyed, Seen};
 use super::{Expected, Means, Slots};
 use crate::candidate::Slot;
 use crate::run::supervisor::{FlightError, PostEvent};
+use core::cmp::Ordering;
 use shared_types::{Role, Seat as Place, Trip};
 use slot::Seat;
 use slot::gate::Refusal;
@@ -95,9 +96,13 @@ impl Slots {
             return;
         };
         let record = self.machines.get(&slot).and_then(slot::Slot::record);
-        let fallback = record.and_then(|record| record.fallback);
-        let then = match fallback {
-            Some(fallback) => format!("{} takes over", self.orders.name(slot, fallback)),
+        // The consumer may have told of the change first, so that the next epoch has begun.
+        let successor = record.and_then(|record| match record.epoch.cmp(&trip.epoch) {
+            Ordering::Greater => Some(record.owner),
+            _ => record.fallback,
+        });
+        let then = match successor {
+            Some(successor) => format!("{} takes over", self.orders.name(slot, successor)),
             None => {
                 "there is no fallback: the vehicle is levelled, and the initial controller started"
                     .to_owned()

@@ -77,8 +77,8 @@ impl Slots {
     /// Reports that a candidate is not rehearsed, at the user's request, although it differs from the owner.
     pub(super) fn skip_rehearsal(&mut self, slot: Slot) {
         let Some(report) = self.reports.last_mut() else { return };
-        report.rehearsal = Some("skipped as asked for".to_owned());
-        let text = format!("{} slot: {} is not flown ahead, as asked for", slot.label(), report.to);
+        report.rehearsal = Some("skipped, as requested".to_owned());
+        let text = format!("{} slot: {} is not rehearsed, as requested", slot.label(), report.to);
         self.say(text, true);
     }
 
