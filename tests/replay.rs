@@ -187,7 +187,8 @@ fn a_trip_and_the_way_back_to_the_fallback_are_verified() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let config = config(&folder, "gain", 2.5, -1.0);
-    let swap = format!("attitude={}@1s,shadow=400ms,no-rehearsal,config={config}", rogue());
+    let swap =
+        format!("attitude={}@1s,shadow=400ms,rollback=3s,no-rehearsal,config={config}", rogue());
     // In its window a new owner has the one before it as fallback even so.
     let without = ["--set", "watch.fallback=\"none\""];
     let flown = fly(&[&["figure8-morph", "--for", "5s", "--swap", &swap], &without[..]].concat());
