@@ -238,6 +238,7 @@ fn fly(case: &Case, unswapped: &Plain) -> Swapped {
     });
     let flown = swapped((situation, *seed), *slot, (&to, config), *guard, unswapped);
     flown.unwrap_or_else(|error| Swapped {
+        recovered: false,
         lost: Some(format!("not flown: {error}")),
         excursion_m: f64::INFINITY,
         tilt_deg: f64::INFINITY,
