@@ -131,6 +131,8 @@ fn nan_is_refused_wherever_a_number_is_wanted() {
 #[test]
 fn a_missing_file_and_an_unknown_scenario_are_refused_with_the_known_names() {
     assert_refused(&["nowhere/mine.toml"], &["nowhere/mine.toml", "No such file", "hover"]);
+    let swap = "attitude=attitude-lqr@1s,config=nowhere/gains.toml";
+    assert_refused(&["hover", "--swap", swap], &["nowhere/gains.toml", "No such file", "config"]);
     assert_refused(&["hoover"], &["hoover", "did you mean", "`hover`", "`disturbance`"]);
 }
 

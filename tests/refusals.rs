@@ -19,7 +19,7 @@ fn swaps_of(flown: &Flown) -> &[Value] {
 
 /// Each in turn in one flight: what it does, from when in its shadow of one second on, how much of it,
 /// and what is said of it.
-const MISDEEDS: [(&str, f64, f64, &str); 11] = [
+const MISDEEDS: [(&str, f64, f64, &str); 12] = [
     ("crash-at-once", 0.0, 0.0, "signal 6"),
     ("crash", 0.3, 0.0, "signal 6"),
     ("never-ready", 0.0, 0.0, "ready in time"),
@@ -31,6 +31,8 @@ const MISDEEDS: [(&str, f64, f64, &str); 11] = [
     ("offset", 0.0, 0.2, "one step ahead"),
     ("offset", 0.5, 0.2, "running free"),
     ("frozen", 0.5, 0.0, "running free"),
+    // After its shadow, in the rehearsal.
+    ("crash", 2.0, 0.0, "cannot be rehearsed: rogue"),
 ];
 
 #[test]
@@ -38,7 +40,7 @@ fn no_misdeed_gets_a_candidate_into_the_air_and_no_bit_of_the_flight_changes() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let scenario =
-        ["figure8-morph", "--for", "20s", "--no-record", "--set", "launcher.startup_timeout_s=4"];
+        ["figure8-morph", "--for", "22s", "--no-record", "--set", "launcher.startup_timeout_s=4"];
     let expected = fly(&scenario);
     let plan: Vec<String> = MISDEEDS
         .iter()

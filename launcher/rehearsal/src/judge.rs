@@ -148,6 +148,7 @@ fn measured(
         Measure::PositionPeak => largest(all, |m| m.position_m),
         Measure::PositionRest => rms(rest.iter().map(|m| m.position_m)),
         Measure::VelocityRest => rms(rest.iter().map(|m| m.velocity_m_s)),
+        Measure::HeadingPeak => largest(all, |m| m.heading_rad),
         Measure::Effort => effort(track.commands(rest_s, until_s)),
     }
 }

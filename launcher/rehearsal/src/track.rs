@@ -27,6 +27,8 @@ pub struct Wanted {
     pub position_w_m: [f64; 3],
     /// Velocity \[m/s\].
     pub velocity_w_m_s: [f64; 3],
+    /// Heading, counter-clockwise from east \[rad\].
+    pub yaw_rad: f64,
 }
 
 /// The record of one rehearsed flight.
@@ -59,6 +61,8 @@ pub struct Moment {
     pub velocity_m_s: f64,
     /// Height above z = 0 \[m\].
     pub height_m: f64,
+    /// Absolute difference between the heading and that of the reference, at most π \[rad\].
+    pub heading_rad: f64,
 }
 
 impl Track {
@@ -128,6 +132,11 @@ fn moment(
     let [w, x, y, z] = motion.q_wb;
     let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
     let up_b = q.inverse_transform_vector(&Vector3::z());
+    let yaw_rad = libm::atan2(2.0 * (q.w * q.k + q.i * q.j), 1.0 - 2.0 * (q.j * q.j + q.k * q.k));
+    let heading_rad = reference.map_or(0.0, |wanted| {
+        let error_rad = yaw_rad - wanted.yaw_rad;
+        libm::atan2(libm::sin(error_rad), libm::cos(error_rad)).abs()
+    });
     let (position_m, velocity_m_s) = reference.map_or((0.0, 0.0), |wanted| {
         // Between two samples the reference is extrapolated at constant velocity.
         let age_s = motion.t_s - wanted.t_s;
@@ -144,6 +153,7 @@ fn moment(
         position_m,
         velocity_m_s,
         height_m: motion.position_w_m[2],
+        heading_rad,
     }
 }
 

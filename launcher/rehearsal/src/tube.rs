@@ -22,6 +22,8 @@ pub enum Measure {
     PositionRest,
     /// Root mean square error of the velocity in the last part of the window \[m/s\].
     VelocityRest,
+    /// Largest difference between the heading and that of the reference \[rad\].
+    HeadingPeak,
     /// Root mean square difference between successive commands in the last part of the window, of the worst
     /// axis, relative to the largest command.
     Effort,
@@ -45,6 +47,7 @@ impl Measure {
             Measure::PositionPeak,
             Measure::PositionRest,
             Measure::VelocityRest,
+            Measure::HeadingPeak,
             Measure::Effort,
         ];
         match (slot, is_rig) {
@@ -65,6 +68,7 @@ impl Measure {
             Self::PositionPeak => "position error",
             Self::PositionRest => "position error at the end of the recovery",
             Self::VelocityRest => "velocity error at the end of the recovery",
+            Self::HeadingPeak => "heading error",
             Self::Effort => "difference between successive commands",
         }
     }
@@ -76,7 +80,7 @@ impl Measure {
             return "not a number".to_owned();
         }
         match self {
-            Self::Tilt | Self::AttitudePeak | Self::AttitudeRest => {
+            Self::Tilt | Self::AttitudePeak | Self::AttitudeRest | Self::HeadingPeak => {
                 format!("{:.1} deg", value.to_degrees())
             }
             Self::RateRest => format!("{value:.2} rad/s"),
@@ -141,6 +145,10 @@ impl Figure {
     }
 }
 
+/// A candidate is as good as an owner beyond the envelope if its error is at most this many times the owner's:
+/// both see the same noise and respond to it differently.
+const AS_GOOD: f64 = 1.1;
+
 /// Body rate that is allowed without a disturbance, as a share of what is allowed with one.
 const CALM: f64 = 0.3;
 
@@ -195,14 +203,14 @@ fn stopping_rad(challenge: &Challenge, limits: &Limits) -> f64 {
 impl Tube {
     /// Limit on an error of the candidate. Where the owner's error is inside the envelope, it is
     /// `owner_scale` times that error, at least `floor_share` of the envelope and at most the envelope.
-    /// Where the owner's error is beyond the envelope, it is that error, so that a candidate better than the
-    /// owner never fails.
+    /// Where the owner's error is beyond the envelope, it is that error and a tenth of it, so that a candidate as
+    /// good as the owner never fails.
     #[must_use]
     pub fn limit(&self, envelope: f64, owner: f64) -> f64 {
         if owner <= envelope {
             (self.owner_scale * owner).max(self.floor_share * envelope).min(envelope)
         } else if owner < NOT_FINITE {
-            owner
+            AS_GOOD * owner
         } else {
             envelope
         }
@@ -243,6 +251,8 @@ impl Tube {
             }
             // The rate at which a position loop reduces such an error, in 1/s.
             Measure::VelocityRest => phase.pick([1.6, 0.44, 2.8]) * self.excursion_max_m,
+            // Position controllers pass the heading of the reference on.
+            Measure::HeadingPeak => tilt_rad,
             Measure::Effort => match slot {
                 Slot::Attitude => wider * phase.pick([0.4, 0.4, 0.9]),
                 Slot::Position => wider * phase.pick([0.2, 0.07, 0.28]),

@@ -46,12 +46,22 @@ fn schedules(slot: Slot, sweeps: &[Sweep]) -> [Schedule; DRAWS] {
 
 /// A flight with the roll angle `roll_rad(t_s)` and a constant position error of `off_m` along world x.
 fn track(roll_rad: impl Fn(f64) -> f64, off_m: f64) -> Track {
+    turned(roll_rad, off_m, 0.0)
+}
+
+/// The same with a constant heading \[rad\].
+fn turned(roll_rad: impl Fn(f64) -> f64, off_m: f64, yaw_rad: f64) -> Track {
     let mut track = Track::default();
     track.tracks(0.0, [0.0; 3]);
-    track.wants(Wanted { t_s: 0.0, position_w_m: [0.0, 0.0, 1.5], velocity_w_m_s: [0.0; 3] });
+    track.wants(Wanted {
+        t_s: 0.0,
+        position_w_m: [0.0, 0.0, 1.5],
+        velocity_w_m_s: [0.0; 3],
+        yaw_rad: 0.0,
+    });
     for ms in 0..3000 {
         let t_s = f64::from(ms) * 1e-3;
-        let q = quaternion_from_euler(&nalgebra::Vector3::new(roll_rad(t_s), 0.0, 0.0));
+        let q = quaternion_from_euler(&nalgebra::Vector3::new(roll_rad(t_s), 0.0, yaw_rad));
         track.moved(Motion {
             t_s,
             position_w_m: [off_m, 0.0, 1.5],
@@ -67,7 +77,11 @@ fn track(roll_rad: impl Fn(f64) -> f64, off_m: f64) -> Track {
 }
 
 fn judged(candidate: &Track, owner: &Track) -> Verdict {
-    let [schedule, ..] = schedules(Slot::Attitude, &[]);
+    judged_in(Slot::Attitude, candidate, owner)
+}
+
+fn judged_in(slot: Slot, candidate: &Track, owner: &Track) -> Verdict {
+    let [schedule, ..] = schedules(slot, &[]);
     let flown = Flown { draw: 0, schedule: &schedule, candidate, owner };
     let done = judge(Slot::Attitude, &facts(), &Tube::default(), &[flown]);
     Verdict::of("my-controller", "attitude-mpc", done)
@@ -172,6 +186,20 @@ fn an_error_beyond_the_owners_share_is_refused_with_number_and_limit() {
         assert!(verdict.words.contains(word), "{word}: {}", verdict.words);
     }
     assert!(judged(&track(|_| 0.031, 0.02), &owner).accepted);
+}
+
+#[test]
+fn a_position_controller_that_turns_the_vehicle_from_the_heading_of_the_reference_is_refused() {
+    let owner = track(|_| 0.0, 0.02);
+    let verdict = judged_in(Slot::Position, &turned(|_| 0.0, 0.02, 0.5), &owner);
+    assert!(verdict.words.contains("heading error 28.6 deg, limit 8.0 deg"), "{}", verdict.words);
+    assert!(judged_in(Slot::Position, &turned(|_| 0.0, 0.02, -0.1), &owner).accepted);
+}
+
+#[test]
+fn a_candidate_as_good_as_an_owner_beyond_the_envelope_passes_and_a_worse_one_does_not() {
+    let tube = Tube::default();
+    assert!(0.0605 <= tube.limit(0.04, 0.06) && tube.limit(0.04, 0.06) < 0.07);
 }
 
 #[test]

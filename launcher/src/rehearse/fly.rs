@@ -31,7 +31,13 @@ pub(super) fn fly<E: Observer + Default>(
             )));
         }
     }
+    let exits = flight.conclude().exits;
     let (look, _) = flight.seen(core::mem::take);
+    if let Some(exit) = exits.first().filter(|_| look.has_candidate()) {
+        // A candidate that was started again may have flown on, but it would fail in the real flight too.
+        let why = exit.to_string();
+        return Err(Box::new(RehearsalRefusal::Failed { why: why.trim_end().to_owned() }));
+    }
     if !look.flipped {
         let why = look.warning.unwrap_or_else(|| "it did not take over in time".to_owned());
         return Err(Box::new(RehearsalRefusal::Failed { why }));

@@ -52,6 +52,11 @@ impl Look {
         Self { seat, slot: Some(slot), vehicle, largest, flipped, ..Self::default() }
     }
 
+    /// True in a flight in which a candidate takes over.
+    pub(super) fn has_candidate(&self) -> bool {
+        self.seat == CANDIDATE_SEAT
+    }
+
     /// Updates the largest command, since the largest torque depends on the morph angle.
     fn measure_by(&mut self, morph_angle_rad: f64) {
         let beta = MorphAngle::saturating_from_rad(morph_angle_rad);
@@ -92,6 +97,7 @@ impl Observer for Look {
                 t_s: seconds(reference.header.valid_ns),
                 position_w_m: reference.points[0].position_w_m,
                 velocity_w_m_s: reference.points[0].velocity_w_m_s,
+                yaw_rad: reference.points[0].yaw_rad,
             });
         } else if let Some(setpoint) = any.downcast_ref::<AppliedSetpoint>() {
             // A shadowing attitude controller reports its set point too; after the flip only that of the

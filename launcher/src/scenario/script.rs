@@ -228,7 +228,7 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     complaints
 }
 
-/// Candidates that nobody on this machine answers to.
+/// Candidates that this machine does not have, and configurations of theirs that cannot be read.
 pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
     let swaps = settings.swap.iter().enumerate();
     let swaps = swaps.map(|(index, swap)| (format!("swap[{index}].to"), swap.slot, &swap.to));
@@ -238,5 +238,12 @@ pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
         let NoCandidate { what, remedy } = Candidate::find(slot, name).err()?;
         Some((key, what, remedy))
     });
-    absent.collect()
+    let configs = settings.swap.iter().enumerate().filter_map(|(index, swap)| {
+        let path = swap.config.as_ref()?;
+        let error = std::fs::File::open(path).err()?;
+        let what = format!("{} cannot be read: {error}", path.display());
+        let remedy = "give the path of the candidate's configuration".to_owned();
+        Some((format!("swap[{index}].config"), what, remedy))
+    });
+    absent.chain(configs).collect()
 }

@@ -2,7 +2,6 @@
 
 import math
 import sys
-import tomllib
 import typing
 
 from . import process
@@ -111,9 +110,7 @@ def main(name, law, gains):
     """Flies `law(vehicle, period_s, gains)` in the attitude slot; `--config FILE` changes gains."""
 
     def begin(host):
-        own = dict(gains)
-        if host.options.config:
-            own.update(tomllib.loads(host.options.config.read_text()))
+        own = process.configured(host.options.config, gains)
         vehicle = Vehicle(host.flight["vehicle"])
         period_s = 1.0 / host.graph.rates["attitude"].hz
         made = law(vehicle, period_s, own)

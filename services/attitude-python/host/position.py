@@ -2,7 +2,6 @@
 
 import math
 import sys
-import tomllib
 import typing
 
 from . import process
@@ -164,9 +163,7 @@ def main(name, law, gains):
     """Flies `law(vehicle, period_s, gains)` in the position slot; `--config FILE` changes gains."""
 
     def begin(host):
-        own = dict(gains)
-        if host.options.config:
-            own.update(tomllib.loads(host.options.config.read_text()))
+        own = process.configured(host.options.config, gains)
         vehicle = Vehicle(host.flight["vehicle"])
         made = law(vehicle, 1.0 / host.graph.rates["position"].hz, own)
         return Position(made, vehicle, host.flight), (INPUTS, OUTPUTS)

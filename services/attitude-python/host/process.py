@@ -45,6 +45,20 @@ def arguments(description):
     return parser.parse_args()
 
 
+def configured(path, gains):
+    """Gains, with those that the file at `path` replaces; all of them if there is no file."""
+    if path is None:
+        return dict(gains)
+    try:
+        own = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise Unfit(f"{path} cannot be read: {error}") from error
+    unknown = sorted(own.keys() - gains.keys())
+    if unknown:
+        raise Unfit(f"{path}: there is no gain {', '.join(unknown)}: it has {', '.join(sorted(gains))}")
+    return {**gains, **own}
+
+
 class Process:
     """A seat of a slot, from joining the run to leaving it."""
 

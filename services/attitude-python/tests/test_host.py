@@ -6,6 +6,7 @@
 import ctypes
 import pathlib
 import sys
+import tempfile
 import types
 import unittest
 
@@ -15,6 +16,8 @@ from host.graph import Edge, Graph, Rate  # noqa: E402
 from host.inputs import Input, Sample  # noqa: E402
 from host.obedience import Command, Limiter, Obedience, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
+from host.ports import Unfit  # noqa: E402
+from host.process import configured  # noqa: E402
 from host.vehicle import Vehicle  # noqa: E402
 
 MS = 1_000_000
@@ -359,6 +362,26 @@ class VehicleRules(unittest.TestCase):
         self.assertAlmostEqual(vehicle.bound_nm(0.0, 20.0)[0], 4.5)
         self.assertAlmostEqual(vehicle.bound_nm(9.0, 2.0)[0], 1.6)
         self.assertAlmostEqual(vehicle.bound_nm(9.0, 20.0)[2], 2.0)
+
+
+class Configuration(unittest.TestCase):
+    GAINS = {"angle_per_s": [1.0], "integral_s": 0.5}
+
+    def configured(self, text):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "gains.toml"
+            path.write_text(text)
+            return configured(path, self.GAINS)
+
+    def test_a_file_replaces_the_gains_that_it_names(self):
+        self.assertEqual(self.configured("integral_s = 2.0"), {"angle_per_s": [1.0], "integral_s": 2.0})
+        self.assertEqual(configured(None, self.GAINS), self.GAINS)
+
+    def test_a_gain_that_the_law_does_not_have_is_refused_and_named(self):
+        with self.assertRaisesRegex(Unfit, "there is no gain anglepers: it has angle_per_s, integral_s"):
+            self.configured("anglepers = 3.0")
+        with self.assertRaisesRegex(Unfit, "cannot be read"):
+            self.configured("anglepers = ")
 
 
 if __name__ == "__main__":
