@@ -47,4 +47,4 @@ pub mod types;
 pub mod view;
 mod web;
 
-pub use host::exit;
+pub use host::{exit, name_thread};

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // Started as `/proc/self/exe`, a process would be called `exe` in `ps` and `top`.
-    host::name_thread("morphquad");
+    launcher::name_thread("morphquad");
     build::declare(Build {
         git: env!("MORPHQUAD_GIT"),
         rustc: env!("MORPHQUAD_RUSTC"),
