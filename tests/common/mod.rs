@@ -134,8 +134,10 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
 
 /// What the verdict asks of flying well, for flights by the wall clock that a busy machine may disturb. That
 /// a vehicle was lost, or that a promise was broken, fails them all the same.
-const UNDISTURBED: [&str; 11] = [
+const UNDISTURBED: [&str; 13] = [
+    "verdict.attitude_end_max_rad=3.0",
     "verdict.clipped_max_s=60.0",
+    "verdict.clipped_max_share=1.0",
     "verdict.contact_max_s=60.0",
     "verdict.late_max_share=100.0",
     "verdict.missed_max_share=1.0",

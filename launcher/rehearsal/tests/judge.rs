@@ -83,7 +83,7 @@ fn judged(candidate: &Track, owner: &Track) -> Verdict {
 fn judged_in(slot: Slot, candidate: &Track, owner: &Track) -> Verdict {
     let [schedule, ..] = schedules(slot, &[]);
     let flown = Flown { draw: 0, schedule: &schedule, candidate, owner };
-    let done = judge(Slot::Attitude, &facts(), &Tube::default(), &[flown]);
+    let done = judge(slot, &facts(), &Tube::default(), &[flown]);
     Verdict::of("my-controller", "attitude-mpc", done)
 }
 
