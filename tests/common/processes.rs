@@ -88,10 +88,9 @@ impl Running {
         let mut running =
             Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new() };
         wait_until("the recording exists", || {
-            if running.recording_path().is_none() && running.has_ended() {
-                panic!("it has ended: {}", running.wait().said());
-            }
-            running.recording_path().is_some()
+            let exists = running.recording_path().is_some();
+            assert!(exists || !running.has_ended(), "it has ended: {}", running.wait().said());
+            exists
         });
         let path = running.recording_path().expect("just seen");
         running.id = path.file_stem().expect("a name").to_string_lossy().into_owned();
