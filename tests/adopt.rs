@@ -8,7 +8,7 @@ mod common;
 use common::misdeeds::{config, rogue};
 use common::processes::{Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until};
 use common::recording::{Recording, Row};
-use common::{distance, euler_rad, morphquad, turn};
+use common::{distance, euler_rad, host_s, morphquad, turn};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
@@ -166,7 +166,10 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     let left_s = turns_s - flown_s();
     assert!(left_s > 0.5, "{said:?}");
     assert!(kill(running.launcher_pid(), Signal::KILL));
-    pause_ms(((left_s + 1.5) * 1e3) as u64);
+    let tripped_s = host_s() + left_s + 1.5;
+    while host_s() < tripped_s {
+        pause_ms(50);
+    }
     let adopter = Adopter::start(&run);
     wait_until("the new launcher", || {
         ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())

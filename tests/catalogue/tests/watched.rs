@@ -23,13 +23,14 @@ struct Flights {
 
 impl Flights {
     fn new() -> Self {
-        let plains = SITUATIONS.map(|situation| plain(&situation, SEED, None, &[]).unwrap());
-        Self { folder: TempDir::new().unwrap(), plains }
+        let plains =
+            SITUATIONS.map(|situation| plain(&situation, SEED, None, &[]).expect("a flight"));
+        Self { folder: TempDir::new().expect("a folder"), plains }
     }
 
     fn configure(&self, entry: &Entry) -> PathBuf {
         let path = self.folder.path().join("entry.toml");
-        std::fs::write(&path, config_of(entry)).unwrap();
+        std::fs::write(&path, config_of(entry)).expect("a file");
         path
     }
 
@@ -37,7 +38,8 @@ impl Flights {
         let config = self.configure(entry);
         let to = (env!("CARGO_BIN_EXE_catalogue"), Some(config.as_path()));
         let situation: &Situation = &SITUATIONS[at];
-        swapped_with_late_trips((situation, SEED), slot, to, guard, &self.plains[at]).unwrap()
+        swapped_with_late_trips((situation, SEED), slot, to, guard, &self.plains[at])
+            .expect("a flight")
     }
 }
 
@@ -64,11 +66,11 @@ fn no_shipped_controller_trips() {
     for slot in Slot::ALL {
         for owner in names_for(slot.role()) {
             for situation in &SITUATIONS {
-                let unswapped = plain(situation, SEED, Some((slot, owner)), &[]).unwrap();
+                let unswapped = plain(situation, SEED, Some((slot, owner)), &[]).expect("a flight");
                 for to in names_for(slot.role()).filter(|to| *to != owner) {
                     let flight = (situation, SEED);
-                    let flown =
-                        swapped(flight, slot, (to, None), Guard::Watch, &unswapped).unwrap();
+                    let flown = swapped(flight, slot, (to, None), Guard::Watch, &unswapped)
+                        .expect("a flight");
                     let facts = (flown.flipped, flown.tripped_s, flown.lost.as_deref());
                     let name = situation.name;
                     assert_eq!(facts, (true, None, None), "{to} for {owner}, {name}: {flown:?}");
