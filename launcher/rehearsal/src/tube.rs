@@ -203,7 +203,7 @@ fn stopping_rad(challenge: &Challenge, limits: &Limits) -> f64 {
 impl Tube {
     /// Limit on an error of the candidate. Where the owner's error is inside the envelope, it is
     /// `owner_scale` times that error, at least `floor_share` of the envelope and at most the envelope.
-    /// Where the owner's error is beyond the envelope, it is that error and a tenth of it, so that a candidate as
+    /// Where the owner's error is beyond the envelope, it is `AS_GOOD` times that error, so that a candidate as
     /// good as the owner never fails.
     #[must_use]
     pub fn limit(&self, envelope: f64, owner: f64) -> f64 {

@@ -140,6 +140,6 @@ fn hash<'t>(texts: impl IntoIterator<Item = &'t str>) -> String {
 
 /// Hash of the running executable, also if its file has been replaced meanwhile.
 fn build_hash() -> std::io::Result<String> {
-    let bytes = std::fs::read("/proc/self/exe")?;
+    let bytes = std::fs::read(crate::own_executable::OWN_EXECUTABLE)?;
     Ok(blake3::hash(&bytes).to_hex().as_str()[..32].to_owned())
 }
