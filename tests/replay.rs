@@ -183,21 +183,28 @@ fn every_life_of_a_restarted_process_is_verified() {
 }
 
 #[test]
-fn a_trip_and_the_way_back_to_the_fallback_are_verified() {
+fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verified() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
-    let config = config(&folder, "gain", 2.5, -1.0);
-    let swap =
-        format!("attitude={}@1s,shadow=400ms,rollback=3s,no-rehearsal,config={config}", rogue());
-    // In its window a new owner has the one before it as fallback even so.
-    let without = ["--set", "watch.fallback=\"none\""];
-    let flown = fly(&[&["figure8-morph", "--for", "5s", "--swap", &swap], &without[..]].concat());
-    assert!(flown.said().contains("limit 0.21 rad; attitude-mpc@0 takes over"), "{}", flown.said());
-    let trips = flown.recording().series("trip", &["epoch"]).len();
-    assert_eq!(trips, 1, "{}", flown.said());
-    assert!(flown.number("position_max_m") < 0.5, "{}", flown.said());
-    assert_identical(&flown.recording_path());
-    assert_hashes_agree(&flown);
+    for (turns_at_s, rollback, fallback) in [
+        // In its window a new owner has the one before it as fallback even so.
+        (2.5, "3s", "none"),
+        // The record that closes the window is written before the trip and comes into effect after it.
+        (1.42, "10ms", "auto"),
+    ] {
+        let config = config(&folder, "gain", turns_at_s, -1.0);
+        let how = format!("shadow=400ms,rollback={rollback},no-rehearsal,config={config}");
+        let swap = format!("attitude={}@1s,{how}", rogue());
+        let fallback = format!("watch.fallback=\"{fallback}\"");
+        let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap, "--set", &fallback]);
+        let said = flown.said();
+        assert!(said.contains("limit 0.21 rad; attitude-mpc@0 takes over"), "{said}");
+        let trips = flown.recording().series("trip", &["epoch"]).len();
+        assert_eq!(trips, 1, "{said}");
+        assert!(flown.number("position_max_m") < 0.5, "{said}");
+        assert_identical(&flown.recording_path());
+        assert_hashes_agree(&flown);
+    }
 }
 
 #[test]

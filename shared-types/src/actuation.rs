@@ -31,7 +31,7 @@ sample! {
         pub command_cause_sequence: u64,
         /// Seat of the writer of the command in effect; [`NO_SEAT`](crate::NO_SEAT) while none is.
         pub command_seat: u32,
-        /// The owner of this epoch has tripped.
+        /// The owner has tripped: true until a record names another owner or fallback.
         pub tripped: Flag,
         /// Epoch of the owner record in effect; 0 before the first.
         pub epoch: u64,
@@ -62,7 +62,7 @@ sample! {
         /// Seat whose commands count: the owner's, or after a fail-over the fallback's;
         /// [`NO_SEAT`](crate::NO_SEAT) before the first record.
         pub seat: u32,
-        /// The fallback commands, until the next epoch.
+        /// The fallback commands: until the next epoch, after a trip for as long as `tripped`.
         pub failed_over: Flag,
     }
 }

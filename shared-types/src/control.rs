@@ -41,9 +41,9 @@ sample! {
         /// Seat whose set points count: the owner's, or after a fail-over the fallback's;
         /// [`NO_SEAT`](crate::NO_SEAT) before the first record.
         pub seat: u32,
-        /// The fallback gives the set points, until the next epoch.
+        /// The fallback gives the set points: until the next epoch, after a trip for as long as `tripped`.
         pub failed_over: Flag,
-        /// The owner of this epoch has tripped.
+        /// The owner has tripped: true until a record names another owner or fallback.
         pub tripped: Flag,
         /// Keeps the size a multiple of eight bytes.
         pub reserved: u32,

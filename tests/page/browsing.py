@@ -41,7 +41,7 @@ def opened(browser, address, may_ask=(), **options):
 
 def wait_for_time(page, holds):
     """Until the time shown is as wanted; the page's own policy forbids what Playwright waits with."""
-    for _ in range(200):
+    for _ in range(1200):
         if holds(time_of(page)):
             return
         page.wait_for_timeout(50)

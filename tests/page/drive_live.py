@@ -67,7 +67,7 @@ def wait_until(page, holds, what):
         if holds():
             return
         page.wait_for_timeout(50)
-    check(False, f"{what}; the page says: {answer(page)}")
+    check(False, f"{what}; the page says: {answer(page)} {page.inner_text('#notice')}")
 
 
 def answer(page):

@@ -6,8 +6,13 @@ const HIDDEN_MS = 2000;
 const RETRY_MS = 1000;
 /** An answer that takes longer does not come. */
 const PATIENCE_MS = 10_000;
-/** The server stays until every page that is open knows the end, so it has to know one from another. */
+/** The server stays until every open page has shown the end, so it has to tell one from another. */
 const PAGE = `page=${Math.random().toString(36).slice(2)}`;
+
+/** Tells the server not to wait for this page any longer. */
+function notifyClosed() {
+  navigator.sendBeacon(`/close?${PAGE}`);
+}
 
 /** The first `keep` numbers, then others. */
 function joined(held, keep, more) {
@@ -58,7 +63,7 @@ class Live {
     flight.known = flight.events;
     edge.arrived(flight.to_s, performance.now() / 1000);
     document.addEventListener("visibilitychange", () => { if (!document.hidden) this.plan(0); });
-    addEventListener("pagehide", () => navigator.sendBeacon(`/close?${PAGE}`));
+    addEventListener("pagehide", () => { if (!this.edge.isOver) notifyClosed(); });
     this.plan(POLL_MS);
   }
 
@@ -89,6 +94,7 @@ class Live {
     this.edge.isOver = news.is_over;
     this.edge.arrived(flight.to_s, performance.now() / 1000);
     this.told({ status: news.status, dropped: news.dropped, isOver: news.is_over, hasEvents });
+    if (news.is_over) notifyClosed();
   }
 
   async ask(address) {

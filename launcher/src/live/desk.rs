@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// How often to look whether the end has been fetched \[ns\].
+/// How often to look whether every page has shown the end \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;
 /// A page that asked within this time is still looking: a hidden one asks every two seconds, and one on a
 /// busy machine when it can \[ns\].
@@ -40,24 +40,16 @@ struct Counter {
     pages: Mutex<Pages>,
 }
 
-/// Who looks.
+/// Open pages by name, and when each asked last on `CLOCK_MONOTONIC` \[ns\].
 #[derive(Debug, Default)]
-struct Pages(BTreeMap<String, Page>);
-
-/// An open page.
-#[derive(Debug)]
-struct Page {
-    /// On `CLOCK_MONOTONIC` \[ns\].
-    asked_ns: u64,
-    knows_the_end: bool,
-}
+struct Pages(BTreeMap<String, u64>);
 
 impl Pages {
-    fn asked(&mut self, name: &str, asked_ns: u64, knows_the_end: bool) {
-        self.0.retain(|_, page| asked_ns.saturating_sub(page.asked_ns) < LOOKING_NS);
+    fn asked(&mut self, name: &str, now_ns: u64) {
+        self.0.retain(|_, asked_ns| now_ns.saturating_sub(*asked_ns) < LOOKING_NS);
         let has_room = self.0.len() < PAGES_MAX || self.0.contains_key(name);
         if has_room && name.len() <= NAME_MAX {
-            self.0.insert(name.to_owned(), Page { asked_ns, knows_the_end });
+            self.0.insert(name.to_owned(), now_ns);
         }
     }
 
@@ -65,10 +57,10 @@ impl Pages {
         self.0.remove(name);
     }
 
-    /// True if one that is still open has not been told the end.
-    fn await_the_end(&self, now_ns: u64) -> bool {
-        let is_open = |page: &Page| now_ns.saturating_sub(page.asked_ns) < LOOKING_NS;
-        self.0.values().any(|page| is_open(page) && !page.knows_the_end)
+    /// True while a page is open. One that has shown the end closes: only the page itself knows that an
+    /// answer has arrived and could be used.
+    fn are_open(&self, now_ns: u64) -> bool {
+        self.0.values().any(|asked_ns| now_ns.saturating_sub(*asked_ns) < LOOKING_NS)
     }
 }
 
@@ -92,10 +84,10 @@ impl Desk {
         self.server.address()
     }
 
-    /// Waits until every page that is open has been told the end, at most so long.
+    /// Waits until every page that is open has shown the end, at most so long.
     pub(super) fn await_last_look(&self, limit_ns: u64) {
         let give_up_ns = mono_now_ns() + limit_ns;
-        while mono_now_ns() < give_up_ns && self.counter.pages().await_the_end(mono_now_ns()) {
+        while mono_now_ns() < give_up_ns && self.counter.pages().are_open(mono_now_ns()) {
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
     }
@@ -149,7 +141,7 @@ impl Counter {
             }
         };
         let page = value(query, "page").unwrap_or_default();
-        self.pages().asked(page, mono_now_ns(), flight["is_over"] == true);
+        self.pages().asked(page, mono_now_ns());
         Answer::json(flight.to_string())
     }
 
@@ -212,30 +204,28 @@ mod tests {
     const SECOND_NS: u64 = 1_000_000_000;
 
     #[test]
-    fn whoever_looks_is_waited_for_until_it_knows_the_end_closes_or_asks_no_more() {
+    fn an_open_page_is_waited_for_until_it_closes_or_asks_no_more() {
         let mut pages = Pages::default();
-        assert!(!pages.await_the_end(SECOND_NS), "nobody looks");
-        pages.asked("quick", SECOND_NS, false);
-        pages.asked("slow", SECOND_NS, false);
-        pages.asked("quick", 2 * SECOND_NS, true);
-        assert!(pages.await_the_end(7 * SECOND_NS), "one does not know the end");
-        assert!(!pages.await_the_end(SECOND_NS + LOOKING_NS), "it asks no more");
-        pages.asked("slow", 7 * SECOND_NS, true);
-        assert!(!pages.await_the_end(7 * SECOND_NS), "both know it");
-        pages.asked("third", 8 * SECOND_NS, false);
-        pages.closed("third");
-        assert!(!pages.await_the_end(8 * SECOND_NS), "it has been closed");
+        assert!(!pages.are_open(SECOND_NS), "none has asked");
+        pages.asked("quick", SECOND_NS);
+        pages.asked("slow", SECOND_NS);
+        pages.closed("quick");
+        assert!(pages.are_open(7 * SECOND_NS), "one has not shown the end");
+        assert!(!pages.are_open(SECOND_NS + LOOKING_NS), "it asks no more");
+        pages.asked("slow", 7 * SECOND_NS);
+        pages.closed("slow");
+        assert!(!pages.are_open(7 * SECOND_NS), "both have shown it");
     }
 
     #[test]
     fn strangers_cannot_fill_the_memory_with_pages() {
         let mut pages = Pages::default();
         for i in 0..1000 {
-            pages.asked(&i.to_string(), SECOND_NS, false);
+            pages.asked(&i.to_string(), SECOND_NS);
         }
-        pages.asked(&"x".repeat(1000), SECOND_NS, false);
+        pages.asked(&"x".repeat(1000), SECOND_NS);
         assert_eq!(pages.0.len(), PAGES_MAX);
-        pages.asked("0", 2 * SECOND_NS, true);
-        assert!(pages.0["0"].knows_the_end, "who is known is known on");
+        pages.asked("0", 2 * SECOND_NS);
+        assert_eq!(pages.0["0"], 2 * SECOND_NS, "a page that is known stays known");
     }
 }

@@ -247,7 +247,8 @@ fn of_timing(observed: &Observed, numbers: &mut Numbers<'_>) {
     let safe_mode = outcome.safe_mode;
     let names = ("safe_mode_episodes", "safe-mode episodes that nothing explains");
     numbers.judged(names, safe_mode.unexplained.to_string(), "safe_mode_max");
-    let names = ("safe_mode_explained", "those that a fault or the loss of a process explains");
+    let names =
+        ("safe_mode_explained", "those that a fault, a trip or the loss of a process explains");
     numbers.tell(names, safe_mode.explained.to_string());
     let longest = format!("{:.3} s", safe_mode.longest_s);
     numbers.judged(("safe_mode_s", "longest safe-mode episode"), longest, "safe_mode_max_s");

@@ -167,7 +167,10 @@ impl Evidence {
         // A part of a flight begins with what was counted before it.
         let count =
             applied.safe_mode_episodes.saturating_sub(before.unwrap_or(applied.safe_mode_episodes));
-        if count > 0 {
+        if applied.mode == GateMode::Recover {
+            // The trip that it follows is its explanation.
+            self.safe_mode.explained += count;
+        } else if count > 0 {
             self.episodes.push_back(Episode { from_ns: t_ns, count });
         }
         match (applied.mode != GateMode::Normal, self.safe_from_ns) {
@@ -320,4 +323,28 @@ fn touches(truth: &Truth, geometry: Option<&Geometry>) -> bool {
 
 fn seconds(ns: u64) -> f64 {
     ns as f64 * 1e-9
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_safe_mode_episode_is_explained_by_the_trip_that_it_follows() {
+        let mut evidence = Evidence::default();
+        let modes = [
+            (GateMode::Normal, 0),
+            (GateMode::Recover, 1),
+            (GateMode::Normal, 1),
+            (GateMode::Level, 2),
+        ];
+        for (t_ns, (mode, safe_mode_episodes)) in (0..).zip(modes) {
+            let header = Header { valid_ns: t_ns, ..Header::default() };
+            let applied = AppliedCommand { header, mode, safe_mode_episodes, ..Default::default() };
+            evidence.applied(&applied);
+        }
+        evidence.finish();
+        let SafeMode { explained, unexplained, .. } = evidence.safe_mode();
+        assert_eq!((explained, unexplained), (1, 1));
+    }
 }

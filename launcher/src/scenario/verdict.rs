@@ -49,7 +49,7 @@ pub struct VerdictSettings {
     /// Largest angle between the vehicle's axis and the vertical \[rad\].
     #[garde(inner(range(min = 0.0, max = 3.2)))]
     pub tilt_max_rad: Option<f64>,
-    /// Most safe-mode episodes that neither a scripted fault nor the loss of a process explains.
+    /// Most safe-mode episodes that no scripted fault, trip or loss of a process explains.
     #[garde(skip)]
     pub safe_mode_max: Option<u32>,
     /// Longest safe-mode episode of all \[s\].

@@ -2,7 +2,8 @@
 
 A set point is judged once, by the owner record in effect at its own effective instant. An instant once
 decided stays decided: a record for it is refused, and its writer tries again further ahead. Once only
-the fallback has a valid set point, it counts until the next epoch.
+the fallback has a valid set point, it counts until the next epoch; after a trip until a record names
+another owner or fallback.
 """
 
 import math
@@ -85,6 +86,8 @@ class Obedience:
         self._announced = []
         self.refused_epoch = 0
         self.failed_over = self.tripped = False
+        # Epoch of the first of the records in a row that name the owner and the fallback of now.
+        self._hands_epoch = 0
         self.open_ns = 0
         # By seat the newest set point of owner and fallback; those in effect at the last turn and at the
         # last decision.
@@ -114,18 +117,26 @@ class Obedience:
         turned = False
         while self._announced and self._announced[0].effective_ns <= t_ns:
             self._previous, self.record = self.record, self._announced.pop(0)
-            self.failed_over = self.tripped = False
+            hands = self.record.hands()
+            if self._previous is None or self._previous.hands() != hands:
+                self._hands_epoch = self.record.epoch
+                self.tripped = False
+            # Without a fallback the owner that tripped may have been started again since.
+            self.tripped = self.tripped and hands[1] is not None
+            self.failed_over = self.failed_over and self.tripped
             turned = True
         if turned:
-            self._kind_changes = self.record.kind_changed and self.record.owner != obeyed
+            self._kind_changes = self.record.kind_changed and self.seat != obeyed
             self._carried = self._last
             self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
 
     def trip(self, epoch, instance):
         """Takes the monitor's word that the owner of an epoch is not to be followed any more: from now on
-        the fallback counts as soon as it has a valid set point."""
+        the fallback counts as soon as it has a valid set point. A record that has left owner and fallback in
+        place since does not outdate it."""
         record = self.record
-        if record and record.watched and (record.epoch, record.owner) == (epoch, instance):
+        is_current = record and self._hands_epoch <= epoch <= record.epoch
+        if is_current and record.watched and record.owner == instance:
             self.tripped = self.tripped or not self.failed_over
 
     @property

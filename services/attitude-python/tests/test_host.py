@@ -312,7 +312,13 @@ class ObedienceRules(unittest.TestCase):
         obedience.trip(1, 0)
         self.assertEqual(self.at(obedience, 10, 0), (0, 10), "whom nobody can follow goes on")
         obedience.hear(self.record(2, 20, 0, 1, watched=True))
-        self.assertEqual(self.at(obedience, 20, 0, 1), (0, 20), "the next epoch begins anew")
+        self.assertEqual(self.at(obedience, 20, 0, 1), (1, 20), "the same two: the trip still counts")
+        obedience.hear(self.record(3, 30, 0, 2, watched=True))
+        self.assertEqual(self.at(obedience, 30, 0, 1), (0, 30), "another fallback: it begins anew")
+        obedience.hear(self.record(4, 40, 0, 2, watched=True))
+        obedience.advance(40 * MS)
+        obedience.trip(3, 0)
+        self.assertEqual(self.at(obedience, 40, 0, 2), (2, 40), "a trip of before names the same two")
 
 
 class Setpoint(ctypes.Structure):

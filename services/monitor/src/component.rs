@@ -39,7 +39,7 @@ inputs! {
 outputs! {
     /// What the monitor publishes.
     pub struct Outputs {
-        /// Takes command from an owner for the rest of its epoch.
+        /// Takes command from an owner.
         trip: Trip = topics::TRIP,
     }
 }
@@ -117,7 +117,8 @@ impl Monitor {
     }
 
     /// The owners to judge at `now_ns`, of the attitude and the position slot; `None` where the owner is not
-    /// watched. A change of owner resets the criteria, since the new owner is not to blame for the old one.
+    /// watched, or the fallback commands in its place. A change of owner resets the criteria, since the new
+    /// owner is not to blame for the old one.
     fn watched(&mut self, now_ns: u64, inputs: &Inputs) -> [Option<Watched>; 2] {
         let records = [&inputs.attitude_owner, &inputs.position_owner];
         let records = records.map(|records| records.in_effect_at(now_ns));
@@ -126,10 +127,17 @@ impl Monitor {
             self.memory.owners = owners;
             self.judge.forget();
         }
-        records.map(|record| {
+        let command = inputs.applied_command.latest();
+        let setpoint = inputs.applied_setpoint.latest();
+        let attitude_failed_over = command.is_some_and(|applied| applied.failed_over.is_set());
+        let position_failed_over = setpoint.is_some_and(|applied| applied.failed_over.is_set());
+        let mut watched = records.map(|record| {
             let record = record.filter(|record| record.watched.is_set())?;
             Some(Watched { epoch: record.epoch, instance: record.owner })
-        })
+        });
+        watched[0].take_if(|_| attitude_failed_over);
+        watched[1].take_if(|_| position_failed_over);
+        watched
     }
 
     fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {

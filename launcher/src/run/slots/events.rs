@@ -6,7 +6,6 @@ use super::watch::{Obeyed, Seen};
 use super::{Expected, Means, Slots};
 use crate::candidate::Slot;
 use crate::run::supervisor::{FlightError, PostEvent};
-use core::cmp::Ordering;
 use shared_types::{Role, Seat as Place, Trip};
 use slot::Seat;
 use slot::gate::Refusal;
@@ -96,10 +95,10 @@ impl Slots {
             return;
         };
         let record = self.machines.get(&slot).and_then(slot::Slot::record);
-        // The consumer may have told of the change first, so that the next epoch has begun.
-        let successor = record.and_then(|record| match record.epoch.cmp(&trip.epoch) {
-            Ordering::Greater => Some(record.owner),
-            _ => record.fallback,
+        // The consumer may have told of the change first, so that the newest record names the successor.
+        let successor = record.and_then(|record| match record.owner == seat {
+            true => record.fallback,
+            false => Some(record.owner),
         });
         let then = match successor {
             Some(successor) => format!("{} takes over", self.orders.name(slot, successor)),

@@ -207,13 +207,14 @@ impl Obedience {
         self.consumer.seat_in_effect().map_or(NO_SEAT, u32::from)
     }
 
-    /// True once the fallback commands, until the next epoch.
+    /// True once the fallback commands, until the next epoch; after a trip for as long as
+    /// [`tripped`](Self::tripped).
     #[must_use]
     pub fn failed_over(&self) -> bool {
         self.consumer.failed_over()
     }
 
-    /// True once the owner has tripped, until the next epoch.
+    /// True once the owner has tripped, until a record names another owner or fallback.
     #[must_use]
     pub fn tripped(&self) -> bool {
         self.consumer.tripped()

@@ -7,6 +7,10 @@
 //!      └───────────────── a record of a new epoch ──────────────┘
 //! ```
 //!
+//! A trip outlasts an epoch whose record leaves owner and fallback in place, for example because a
+//! rollback window is over: that record may have been written before the trip and come into effect after
+//! it.
+//!
 //! At each instant, in this order: [`Consumer::take_record`] for records that have arrived,
 //! [`Consumer::advance`], [`Consumer::trip`] for each trip effective now, [`Consumer::standing_at`] for
 //! each command effective now, [`Consumer::decide`]. [`crate::desk::Desk`] does the last two.
@@ -34,7 +38,7 @@ pub enum Taken {
 pub enum Source {
     /// The owner's.
     Owner,
-    /// The fallback's, until the next epoch.
+    /// The fallback's, until the next epoch; after a trip until a record names another owner or fallback.
     Fallback,
     /// Nobody's: the consumer is on its own.
     Nobody,
@@ -98,9 +102,11 @@ shared_types::memory! {
         pub counters: Counters,
         /// One more than the last instant decided; 0 before the first \[ns\].
         pub open_ns: u64,
-        /// Whether the fallback commands, in this epoch.
+        /// Epoch of the first of the records in a row that name the owner and the fallback of now.
+        pub hands_epoch: u64,
+        /// Whether the fallback commands.
         pub failed_over: bool,
-        /// Whether the owner has tripped, in this epoch.
+        /// Whether the owner has tripped, under these records.
         pub tripped: bool,
     }
 }
@@ -113,6 +119,7 @@ pub struct Consumer {
     pending: [Option<Record>; PENDING],
     counters: Counters,
     open_ns: u64,
+    hands_epoch: u64,
     failed_over: bool,
     tripped: bool,
 }
@@ -167,25 +174,32 @@ impl Consumer {
         let mut turned = false;
         while let Some(due) = self.pending[0].filter(|next| next.effective_ns <= now_ns) {
             self.previous = self.current.replace(due);
-            self.failed_over = false;
-            self.tripped = false;
+            let same_hands = self.previous.is_some_and(|before| before.same_hands(&due));
+            if !same_hands {
+                self.hands_epoch = due.epoch;
+            }
+            // Without a fallback the owner that tripped may have been started again since.
+            self.tripped &= same_hands && Self::has_fallback(&due);
+            self.failed_over &= self.tripped;
             self.pending.rotate_left(1);
             self.pending[PENDING - 1] = None;
             turned = true;
         }
         let record = self.current.filter(|_| turned)?;
-        let kind_changed = record.kind_changed && Some(record.owner) != from;
+        let kind_changed = record.kind_changed && self.seat_in_effect() != from;
         Some(Turn { record, from, kind_changed })
     }
 
     /// Takes the monitor's word, in effect at `at_ns`, that the owner on `seat` by the record of `epoch`
-    /// is not to be obeyed any more.
+    /// is not to be obeyed any more. A record that has left owner and fallback in place since does not
+    /// outdate it.
     ///
     /// One that came late counts from the next decision on, like a late command: what has been decided
     /// stays decided, and an owner that has to go had better go late than not at all.
     pub fn trip(&mut self, epoch: u64, seat: Seat, at_ns: u64) -> Tripped {
         let judged = |record: &Record| {
-            record.watched && record.epoch == epoch && record.owner == seat && !self.failed_over
+            let epochs = self.hands_epoch..=record.epoch;
+            record.watched && epochs.contains(&epoch) && record.owner == seat && !self.failed_over
         };
         let Some(record) = self.current.filter(|record| judged(record) && !self.tripped) else {
             return Tripped::Ignored;
@@ -193,11 +207,11 @@ impl Consumer {
         self.tripped = true;
         self.counters.trips += 1;
         self.counters.trip_ns = at_ns.max(self.open_ns);
-        if record.fallback.is_some_and(|fallback| record.is_taken(fallback)) {
-            Tripped::ToFallback
-        } else {
-            Tripped::NoFallback
-        }
+        if Self::has_fallback(&record) { Tripped::ToFallback } else { Tripped::NoFallback }
+    }
+
+    fn has_fallback(record: &Record) -> bool {
+        record.fallback.is_some_and(|fallback| record.is_taken(fallback))
     }
 
     /// Standing of `seat`'s writer at the effective instant of a command of its.
@@ -217,8 +231,9 @@ impl Consumer {
         }
     }
 
-    /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, for the
-    /// rest of the epoch, if only it has one, or if it has one and the owner has tripped.
+    /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, until the
+    /// next epoch, if only it has one; and until a record names another owner or fallback, if it has one
+    /// and the owner has tripped.
     pub fn decide(&mut self, now_ns: u64, owner_valid: bool, fallback_valid: bool) -> Source {
         self.open_ns = self.open_ns.max(now_ns.saturating_add(1));
         let fallback_valid = fallback_valid && self.current.is_some_and(|r| r.fallback.is_some());
@@ -262,13 +277,14 @@ impl Consumer {
         self.current.map_or(0, |record| record.epoch)
     }
 
-    /// True once the fallback commands, until the next epoch.
+    /// True once the fallback commands, until the next epoch; after a trip for as long as
+    /// [`tripped`](Self::tripped).
     #[must_use]
     pub fn failed_over(&self) -> bool {
         self.failed_over
     }
 
-    /// True once the owner has tripped, until the next epoch.
+    /// True once the owner has tripped, until a record names another owner or fallback.
     #[must_use]
     pub fn tripped(&self) -> bool {
         self.tripped
@@ -302,6 +318,7 @@ impl Consumer {
             pending: self.pending.map(RecordMemory::from),
             counters: self.counters,
             open_ns: self.open_ns,
+            hands_epoch: self.hands_epoch,
             failed_over: self.failed_over,
             tripped: self.tripped,
         }
@@ -315,6 +332,7 @@ impl Consumer {
             pending: memory.pending.map(Option::<Record>::from),
             counters: memory.counters,
             open_ns: memory.open_ns,
+            hands_epoch: memory.hands_epoch,
             failed_over: memory.failed_over,
             tripped: memory.tripped,
         };

@@ -194,7 +194,7 @@ fn a_restored_consumer_goes_on_as_the_first_would_have() {
 }
 
 #[test]
-fn a_trip_moves_to_the_fallback_for_the_rest_of_the_epoch_although_the_owner_speaks() {
+fn a_trip_moves_to_the_fallback_until_another_owner_is_named_although_the_first_one_speaks() {
     let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 50, 1, Some(0))]);
     consumer.advance(10);
     assert_eq!(consumer.decide(10, true, true), Source::Owner);
@@ -205,8 +205,40 @@ fn a_trip_moves_to_the_fallback_for_the_rest_of_the_epoch_although_the_owner_spe
     assert_eq!((fail_overs, fail_over_ns, trips, trip_ns), (1, 11, 1, 11));
     assert!(consumer.tripped() && consumer.failed_over());
     consumer.advance(50);
-    assert!(!consumer.tripped() && !consumer.failed_over(), "a new epoch");
+    assert!(!consumer.tripped() && !consumer.failed_over(), "another owner");
     assert_eq!(consumer.decide(50, true, true), Source::Owner);
+}
+
+#[test]
+fn a_record_that_names_the_same_owner_and_fallback_does_not_undo_a_trip() {
+    // The window closes by a record that was written before the trip and comes into effect after it.
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 20, 0, Some(1))]);
+    consumer.advance(10);
+    assert_eq!(consumer.trip(1, A, 10), Tripped::ToFallback);
+    assert_eq!(consumer.decide(10, true, true), Source::Fallback);
+    let turn = consumer.advance(20).unwrap();
+    assert_eq!((turn.from, turn.record.epoch), (Some(B), 2));
+    assert_eq!(consumer.decide(20, true, true), Source::Fallback, "no way back");
+    assert!(consumer.tripped() && consumer.failed_over());
+}
+
+#[test]
+fn a_trip_survives_a_record_that_names_the_same_owner_and_fallback_before_it_takes_effect() {
+    let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 10, 0, Some(1))]);
+    consumer.advance(10);
+    assert_eq!(consumer.trip(1, A, 11), Tripped::ToFallback);
+    assert_eq!(consumer.decide(11, true, true), Source::Fallback);
+}
+
+#[test]
+fn an_owner_that_is_named_again_without_a_fallback_can_trip_again() {
+    let mut consumer = consumer(&[record(1, 0, 0, None), record(2, 20, 0, None)]);
+    consumer.advance(10);
+    assert_eq!(consumer.trip(1, A, 10), Tripped::NoFallback);
+    consumer.advance(20);
+    assert!(!consumer.tripped(), "it may be another process");
+    assert_eq!(consumer.trip(2, A, 21), Tripped::NoFallback);
+    assert_eq!(consumer.counters().trips, 2);
 }
 
 #[test]

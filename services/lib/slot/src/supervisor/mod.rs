@@ -100,10 +100,6 @@ pub enum Clock {
     Realtime,
 }
 
-/// How long the next standby of a slot that was found in flight shadows: nobody knows any more how long
-/// the first was asked to \[ns\].
-const ADOPTED_SHADOW_NS: u64 = 2_000_000_000;
-
 /// Times of one slot's supervision. All are logical time \[ns\].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SlotConfig {
@@ -129,6 +125,9 @@ pub struct SlotConfig {
     pub keeps_fallback: bool,
     /// From a rehearsal's instant until its answer is about a flight that is past.
     pub rehearsal_ns: u64,
+    /// How long the next standby of a slot that was found in flight shadows: how long the first was asked
+    /// to is not known any more.
+    pub adopted_shadow_ns: u64,
 }
 
 impl SlotConfig {
@@ -144,6 +143,7 @@ impl SlotConfig {
         standby_losses_max: 3,
         keeps_fallback: true,
         rehearsal_ns: 2_000_000_000,
+        adopted_shadow_ns: 2_000_000_000,
     };
     /// For flights by the wall clock.
     pub const REALTIME: Self = Self {
@@ -320,7 +320,7 @@ impl Slot {
             let program = chairs.get(seat).program()?;
             Some(Standby {
                 program,
-                shadow_ns: ADOPTED_SHADOW_NS,
+                shadow_ns: config.adopted_shadow_ns,
                 rehearse: false,
                 automatic: record.watched,
                 seat: Some(seat),

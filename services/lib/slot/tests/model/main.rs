@@ -55,7 +55,7 @@ impl Model for Search {
                 |_, world: &World| world.broken != Some(Broken::Missed),
             ),
             Property::always(
-                "who has failed over does not go back within the epoch",
+                "what has failed over does not go back within the epoch, nor after a trip to the same owner",
                 |_, world: &World| world.broken != Some(Broken::Unlatched),
             ),
             Property::always(

@@ -155,6 +155,7 @@ pub(crate) fn config(clock: Clock) -> SlotConfig {
         acknowledge_ns: 5,
         unguided_ns: 0,
         rehearsal_ns: REHEARSAL,
+        adopted_shadow_ns: 2,
         ..SlotConfig::REALTIME
     };
     match clock {
@@ -399,7 +400,11 @@ impl World {
     fn judge(&mut self, choice: Option<(Seat, Source, Command)>) {
         let at = |t: u64| self.accepted.iter().find(|record| record.effective_ns <= t).copied();
         let Some(record) = at(self.t) else { return };
-        if self.latched != record.epoch && self.latched > 0 && record.epoch > self.latched {
+        self.tripped = self.carried(self.tripped, &record);
+        // What silence has done lasts for an epoch, what a trip has done for as long as the trip.
+        if self.latched > 0 && (self.latched == record.epoch || self.tripped == record.epoch) {
+            self.latched = record.epoch;
+        } else {
             self.latched = 0;
         }
         match choice {
@@ -434,6 +439,12 @@ impl World {
                 }
             }
         }
+    }
+
+    /// What was so in `epoch` is so under `record` if no record since has named another owner or fallback.
+    fn carried(&self, epoch: u64, record: &Record) -> u64 {
+        let mut since = self.accepted.iter().filter(|r| (epoch..=record.epoch).contains(&r.epoch));
+        if epoch > 0 && since.all(|between| between.same_hands(record)) { record.epoch } else { 0 }
     }
 
     /// True if the process that `record` seats there has a valid command under it.
