@@ -3,7 +3,7 @@
 use super::consumers::Consumers;
 use crate::record::Stream;
 use runtime::ipc::{
-    Bus, IpcSource, LatestPort, PortError, RECORDER_CAPACITY, ServiceKind, StateSubscriber,
+    Bus, IpcSource, LatestPort, PortError, ServiceKind, StateSubscriber, recorder_capacity,
 };
 use runtime::{Graph, SeatMarks, Source as _};
 use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
@@ -43,7 +43,7 @@ impl TopicVisitor for Opener<'_> {
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
         if let Some(stream) = self.consumers.stream(&topic.info) {
             let from = self.graph.producer(&topic.info);
-            let source = self.bus.reader_of(topic, from, RECORDER_CAPACITY)?;
+            let source = self.bus.reader_of(topic, from, recorder_capacity(&topic.info))?;
             self.ports.push(Box::new(TypedTap { topic, stream, source }));
         }
         Ok(())

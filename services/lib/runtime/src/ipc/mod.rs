@@ -25,7 +25,7 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::Wire;
-use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo};
+use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -36,8 +36,16 @@ pub type Ipc = ipc::Service;
 /// Factory of the ports of one topic.
 pub type TopicFactory<T> = PortFactory<Ipc, T, ()>;
 
-/// Samples a recorder's reader keeps.
+/// Samples a recorder's reader keeps of a topic that has one sample per step.
 pub const RECORDER_CAPACITY: usize = 2048;
+/// The same of deviations: a loop of 1 kHz that catches up with half a second tells of up to six in each step.
+const DEVIATION_CAPACITY: usize = 2 * RECORDER_CAPACITY;
+/// Samples of `topic` that a recorder's reader keeps.
+#[must_use]
+pub fn recorder_capacity(topic: &TopicInfo) -> usize {
+    if topic.name == topics::DEVIATION.info.name { DEVIATION_CAPACITY } else { RECORDER_CAPACITY }
+}
+
 /// Published states that a recorder's reader keeps.
 pub const STATE_DEPTH: usize = 512;
 /// States offered to a successor that wait for it.
@@ -172,7 +180,8 @@ impl Bus {
         topic: &'static Topic<T>,
     ) -> Result<TopicFactory<T>, PortError> {
         let TopicInfo { name, history, .. } = topic.info;
-        self.create::<T>(name, RECORDER_CAPACITY, history, Crowd::of(&topic.info))
+        let capacity = recorder_capacity(&topic.info);
+        self.create::<T>(name, capacity, history, Crowd::of(&topic.info))
     }
 
     /// Opens a topic's service after comparing layouts.
