@@ -96,9 +96,8 @@ impl Slots {
         };
         let record = self.machines.get(&slot).and_then(slot::Slot::record);
         // The consumer may have told of the change first, so that the newest record names the successor.
-        let successor = record.and_then(|record| match record.owner == seat {
-            true => record.fallback,
-            false => Some(record.owner),
+        let successor = record.and_then(|record| {
+            if record.owner == seat { record.fallback } else { Some(record.owner) }
         });
         let then = match successor {
             Some(successor) => format!("{} takes over", self.orders.name(slot, successor)),
