@@ -36,10 +36,11 @@ BACK_AT_ONCE = """(slot, name) => {
 
 
 @contextmanager
-def flying(morphquad, folder):
-    """A flight, and the address that it prints for a browser."""
+def flying(morphquad, folder, summary):
+    """A flight, and the address that it prints for a browser. What it says of itself at its end goes to a file:
+    this flight is interrupted and disturbed, and what is wrong with the page must not drown in that."""
     command = [morphquad, "run", "figure8-morph", "--live=127.0.0.1:0", "--no-open", "--for", "900s", "--record", folder]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=summary, stderr=subprocess.PIPE, text=True)
     told, found, address = [], threading.Event(), []
 
     def listen():
@@ -201,7 +202,12 @@ def main():
     browser_path, morphquad, pictures = sys.argv[1:]
     pictures = Path(pictures)
     pictures.mkdir(parents=True, exist_ok=True)
-    with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder, flying(morphquad, folder) as (process, address):
+    with (
+        sync_playwright() as playwright,
+        tempfile.TemporaryDirectory() as folder,
+        open(pictures / "flight.txt", "w") as summary,
+        flying(morphquad, folder, summary) as (process, address),
+    ):
         refuses_strangers(address)
         with_gl, without_gl = (launched(playwright, browser_path, flags) for flags in [WITH_GL, WITHOUT_GL])
         page, complaints = opened(with_gl, address, may_ask=ASKS, color_scheme="dark")

@@ -5,6 +5,7 @@
 
 use super::{SOCKET, known, place, schema};
 use crate::record::{Clock, Event, encode_log};
+use runtime::clock::mono_now_ns;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use serde::{Deserialize, Serialize};
 use shared_types::{Sample, Topic};
@@ -27,6 +28,8 @@ const UNREAD_BYTES: usize = 4 << 20;
 const REQUEST_BYTES: usize = 16 << 10;
 /// Listeners at a time.
 const CLIENTS: usize = 8;
+/// How long clients may take at the end to read what is still on its way to them \[ns\].
+const FLUSH_LIMIT_NS: u64 = 5_000_000_000;
 /// How often the queue is looked at while somebody listens \[ns\].
 const LOOK_EVERY_NS: i64 = 10_000_000;
 /// In place of a topic: so many samples have been dropped.
@@ -177,10 +180,12 @@ impl Feed {
         }
     }
 
-    /// Tells how the flight has ended; nothing comes after it.
+    /// Tells how the flight has ended; nothing comes after it. Waits for a place in the queue, which the
+    /// thread empties all the time: without its last word a listener would wait for another launcher.
     pub fn end(&self, ending: &Ending) {
         // It holds a string and a flag, which JSON can say.
-        self.put(ENDED, serde_json::to_vec(ending).unwrap_or_default());
+        let packed = serde_json::to_vec(ending).unwrap_or_default();
+        let _ = self.frames.send(Frame { topic: ENDED, packed });
     }
 
     fn put(&self, topic: u16, packed: Vec<u8>) {
@@ -239,9 +244,36 @@ impl Desk {
             self.clients.retain(|client| !client.over);
             self.tell_wanted();
             if leaves {
+                self.flush();
                 return;
             }
             self.let_in();
+        }
+    }
+
+    /// Waits until every client has read what is on its way to it, but for no client that has stopped
+    /// reading longer than the limit.
+    fn flush(&mut self) {
+        let give_up_ns = mono_now_ns() + FLUSH_LIMIT_NS;
+        loop {
+            self.clients.retain(|client| !client.over && !client.outbox.is_empty());
+            let left_ns = give_up_ns.saturating_sub(mono_now_ns());
+            if self.clients.is_empty() || left_ns == 0 {
+                return;
+            }
+            let mut fds: Vec<_> = self
+                .clients
+                .iter()
+                .map(|client| PollFd::new(&client.stream, PollFlags::OUT))
+                .collect();
+            let limit = Timespec {
+                tv_sec: 0,
+                tv_nsec: LOOK_EVERY_NS.min(i64::try_from(left_ns).unwrap_or(LOOK_EVERY_NS)),
+            };
+            let _ = poll(&mut fds, Some(&limit));
+            for client in &mut self.clients {
+                client.speak();
+            }
         }
     }
 
@@ -301,7 +333,8 @@ impl Desk {
 
 impl Client {
     fn put(&mut self, topic: u16, packed: &[u8]) {
-        if self.outbox.len() + packed.len() > UNREAD_BYTES {
+        let has_room = self.outbox.len() + packed.len() <= UNREAD_BYTES;
+        if !has_room && topic != ENDED {
             self.dropped += 1;
             return;
         }

@@ -91,6 +91,27 @@ fn who_reads_too_slowly_loses_samples_is_told_how_many_and_holds_up_nobody() {
 }
 
 #[test]
+fn the_end_reaches_a_listener_that_is_far_behind_when_the_flight_is_over() {
+    let flight = Flight::new();
+    let mut slow = Listening::to_everything(&flight.run()).unwrap();
+    // More than socket and buffer hold.
+    for _ in 0..20_000 {
+        flight.feed.offer(&topics::REFERENCE, &shared_types::Reference::default());
+    }
+    let ending = Ending { is_good: true, text: "flown".to_owned() };
+    flight.feed.end(&ending);
+    let closing = std::thread::spawn(move || drop(flight));
+    let told = loop {
+        match slow.next(Duration::from_secs(5)).unwrap() {
+            Word::Sample(..) | Word::Dropped(_) => {}
+            word => break word,
+        }
+    };
+    assert!(matches!(&told, Word::Ended(told) if *told == ending), "{told:?}");
+    closing.join().unwrap();
+}
+
+#[test]
 fn strangers_are_refused_in_words_and_cost_nothing() {
     let flight = Flight::new();
     let say = |text: &[u8]| {
