@@ -258,7 +258,7 @@ sample! {
         pub role: Role,
         /// Seat of the input's writer.
         pub writer_seat: u32,
-        /// How many processes had that seat before it.
+        /// How many processes had that seat before it; 0 where a restarted writer goes on with the numbers.
         pub writer_generation: u32,
     }
 }

@@ -53,15 +53,15 @@ impl<'a> Report<'a> {
         self.output.flush(&self.header);
     }
 
-    fn lost(&mut self, input: &str, writer: &Header, first: u64, last: u64) {
-        let Header { seat: writer_seat, generation: writer_generation, .. } = *writer;
+    fn lost(&mut self, input: &str, (writer_seat, writer_generation): (u32, u32), range: [u64; 2]) {
+        let [first, last] = range;
         let lost = Deviation { first, last, writer_seat, writer_generation, ..Default::default() };
         self.write(DeviationKind::LostSamples, input, lost);
     }
 
     /// The last that the loop had of a writer.
-    fn ended(&mut self, input: &str, writer_seat: u32, last: &Newest) {
-        let Newest { sequence, generation: writer_generation, .. } = *last;
+    fn ended(&mut self, input: &str, (writer_seat, writer_generation): (u32, u32), last: &Newest) {
+        let sequence = last.sequence;
         let ended = Deviation {
             first: sequence,
             last: sequence,
@@ -169,6 +169,7 @@ impl InputVisitor for ReportInputs<'_> {
         let name = topic.info.name;
         let mut newest = input.newest_before();
         let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
+        let counts_anew = input.counts_anew();
         for sample in input.fresh() {
             let header = sample.header();
             let seat = usize::try_from(header.seat).unwrap_or(SEATS);
@@ -177,10 +178,10 @@ impl InputVisitor for ReportInputs<'_> {
             };
             let missing = match newest.replace(Newest::of(header)) {
                 Some(before) => {
-                    if topic.info.from.seats() > 1 && before.is_followed_by(header) {
-                        self.report.ended(name, header.seat, &before);
+                    if counts_anew && before.is_followed_by(header) {
+                        self.report.ended(name, (header.seat, before.generation), &before);
                     }
-                    before.missing_before(header)
+                    before.missing_before(header, counts_anew)
                 }
                 // The first writer of all counts from 1, whoever comes in flight from anywhere.
                 None if header.seat == 0 && header.generation == 0 && !input.joined() => {
@@ -188,20 +189,21 @@ impl InputVisitor for ReportInputs<'_> {
                 }
                 None => 0,
             };
+            let generation = input.generation_of(header);
             if missing > 0 {
-                let last = header.sequence - 1;
-                self.report.lost(name, header, header.sequence - missing, last);
+                let range = [header.sequence - missing, header.sequence - 1];
+                self.report.lost(name, (header.seat, generation), range);
             }
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
                 // Numbers are each writer's own: a range never spans two of them.
-                if let Some(before) = late.take_if(|l| l.writer_generation != header.generation) {
+                if let Some(before) = late.take_if(|l| l.writer_generation != generation) {
                     self.report.write(DeviationKind::LateSamples, name, before);
                 }
                 let first = Deviation {
                     first: header.sequence,
                     due_ns: header.valid_ns,
                     writer_seat: header.seat,
-                    writer_generation: header.generation,
+                    writer_generation: generation,
                     ..Deviation::default()
                 };
                 late.get_or_insert(first).last = header.sequence;
@@ -228,7 +230,8 @@ impl InputVisitor for ReportEnd<'_> {
         let newest = input.newest();
         for (seat, last) in (0..).zip(&newest) {
             if let Some(last) = last {
-                self.0.ended(name, seat, last);
+                let generation = if input.counts_anew() { last.generation } else { 0 };
+                self.0.ended(name, (seat, generation), last);
             }
         }
         if newest.iter().all(Option::is_none) {

@@ -100,10 +100,11 @@ impl Newest {
         self.generation != header.generation && header.sequence != self.sequence + 1
     }
 
-    /// Samples of the same writer that are missing before this one.
-    pub(crate) fn missing_before(&self, header: &Header) -> u64 {
-        let same = self.generation == header.generation;
-        if same { header.sequence.saturating_sub(self.sequence + 1) } else { 0 }
+    /// Samples that are missing before this one. In a slot, `counts_anew`, each process has numbers of its
+    /// own; elsewhere a restarted one goes on with those of its predecessor, whose last words may be lost.
+    pub(crate) fn missing_before(&self, header: &Header, counts_anew: bool) -> u64 {
+        let comparable = self.generation == header.generation || !counts_anew;
+        if comparable { header.sequence.saturating_sub(self.sequence + 1) } else { 0 }
     }
 }
 
@@ -246,7 +247,9 @@ impl<T: Sample> Input<T> {
             }
             let newest = usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i));
             let before = newest.and_then(|newest| newest.replace(Newest::of(&header)));
-            self.counts.lost += before.map_or(0, |before| before.missing_before(&header));
+            let counts_anew = self.counts_anew();
+            self.counts.lost +=
+                before.map_or(0, |before| before.missing_before(&header, counts_anew));
             self.receive_mono_ns = *receive_mono_ns;
             // Samples are large: what was in effect moves only where something is new.
             if self.fresh_from > 1 {
@@ -297,6 +300,17 @@ impl<T: Sample> Input<T> {
 
     pub(crate) fn in_effect(&self, valid_ns: u64, t_ns: u64) -> bool {
         self.edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
+    }
+
+    /// True if whoever takes the producer's place begins to count anew.
+    pub(crate) fn counts_anew(&self) -> bool {
+        self.edge.is_some_and(|edge| edge.topic.from.seats() > 1)
+    }
+
+    /// Generation of a writer among those that have numbers of their own. Where numbers go on, a restarted
+    /// producer repeats its predecessor's last words, and it is for chance to say whose copy arrives.
+    pub(crate) fn generation_of(&self, header: &Header) -> u32 {
+        if self.counts_anew() { header.generation } else { 0 }
     }
 
     /// Number of samples that have been taken in and are not in effect yet.

@@ -116,6 +116,12 @@ impl Bench {
         self.imu.borrow_mut().push_back(Imu { header, ..Imu::default() });
     }
 
+    /// Lets the samples come along an arrow whose producers have numbers of their own.
+    fn comes_from_a_slot(&mut self) {
+        let edge = Edge::unwaited(&topics::WRENCH_COMMAND.info, Role::Estimator);
+        self.executor.inputs.imu.connect(Box::new(Queue(Rc::clone(&self.imu))), Some(edge));
+    }
+
     fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
         self.executor.inputs.receive();
         self.executor.run_step(StepStamps::UNTIMED);
@@ -174,6 +180,7 @@ fn a_late_sample_tells_since_when_it_was_due() {
 #[test]
 fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.comes_from_a_slot();
     bench.says((0, 0), 79, 0);
     bench.says((1, 0), 9, 0);
     (0..4).for_each(|_| drop(bench.step()));
@@ -194,6 +201,31 @@ fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers
     late.sort_unstable();
     assert_eq!(late, [((0, 0), 80, 81, 1), ((1, 0), 10, 11, 1), ((1, 1), 500, 500, 3)]);
     assert_eq!(bench.executor.inputs.counts().late, 5);
+}
+
+#[test]
+fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range_whoever_repeated_them() {
+    let ranges = |repeated_by: u32| {
+        let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+        bench.says((0, 0), 1, 0);
+        (0..5).for_each(|_| drop(bench.step()));
+        bench.says((0, repeated_by), 4, 3);
+        bench.says((0, 1), 5, 4);
+        bench.executor.inputs.receive();
+        bench.executor.run_step(StepStamps::UNTIMED);
+        bench.executor.finish();
+        let told = bench.told();
+        told.iter().map(|d| (d.kind, d.first, d.last, d.writer_generation)).collect::<Vec<_>>()
+    };
+    let expected = [
+        (DeviationKind::LostSamples, 2, 3, 0),
+        (DeviationKind::LateSamples, 4, 5, 0),
+        (DeviationKind::Ended, 5, 5, 0),
+        // Of its other input it never heard.
+        (DeviationKind::Ended, 0, 0, 0),
+    ];
+    assert_eq!(ranges(0), expected);
+    assert_eq!(ranges(1), expected);
 }
 
 #[test]

@@ -222,6 +222,21 @@ fn whoever_takes_a_seat_in_flight_counts_from_anywhere_and_a_forged_seat_is_igno
 }
 
 #[test]
+fn what_a_restarted_producer_without_a_slot_said_and_did_not_arrive_is_lost() {
+    let (mut input, queue) = input(false);
+    let says = |valid_ns, sequence, generation| {
+        let header = Header { valid_ns, sequence, generation, ..Header::default() };
+        queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });
+    };
+    says(1, 7, 0);
+    // Its predecessor's 8 and 9 went with it; the restarted one goes on with the numbers.
+    says(4, 10, 1);
+    input.receive();
+    input.accept(4, None);
+    assert_eq!(input.counts(), InputCounts { late: 0, lost: 2 });
+}
+
+#[test]
 fn a_loop_that_joins_knows_what_is_in_effect_without_its_being_new() {
     let (mut input, queue) = input(false);
     for valid in 1..=6 {
