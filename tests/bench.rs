@@ -17,26 +17,18 @@ fn result(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"))
 }
 
-/// A flight without the restarts that follow when a machine stands still for long; every loop is told in
-/// any case.
+/// A flight in which every loop has run. A busy machine may keep one of them so long that it is started
+/// again, which changes what is measured and not what is told.
 fn flown(arguments: &[&str], code: i32) -> Value {
-    let mut notices = Vec::new();
-    for _ in 0..5 {
-        let output =
-            bench(&[arguments, &judged(&["realtime"])[..], &["--format", "json"]].concat());
-        let said = String::from_utf8_lossy(&output.stderr);
-        let told = result(&output);
-        let report = &told["report"];
-        let loops = report["loops"].as_array().expect("loops");
-        assert_eq!(loops.len(), 6, "{report}");
-        let ran = |one: &Value| one["counts"]["steps"].as_u64() > Some(0);
-        if report["notices"].as_array().is_some_and(Vec::is_empty) && loops.iter().all(ran) {
-            assert_eq!(output.status.code(), Some(code), "{said}");
-            return told;
-        }
-        notices.push(report["notices"].clone());
-    }
-    panic!("no flight went as planned: {notices:?}");
+    let output = bench(&[arguments, &judged(&["realtime"])[..], &["--format", "json"]].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    let told = result(&output);
+    let report = &told["report"];
+    let loops = report["loops"].as_array().expect("loops");
+    assert_eq!(loops.len(), 6, "{report}");
+    assert!(loops.iter().all(|one| one["counts"]["steps"].as_u64() > Some(0)), "{report}");
+    assert_eq!(output.status.code(), Some(code), "{said}");
+    told
 }
 
 /// Something was measured, and its quantiles are in order.

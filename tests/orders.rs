@@ -144,54 +144,72 @@ fn an_injector_that_dies_goes_on_with_what_was_ordered() {
     verify(&died);
 }
 
+/// Waits until a run has flown for longer than this, as its launcher says.
+fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64) {
+    wait_until("it has flown for long enough", || {
+        let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
+        let output = output.expect("the executable starts");
+        let status: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        status["launcher_pid"] == launcher_pid && status["flown_s"].as_f64() > Some(flown_s)
+    });
+}
+
+fn assert_led_live(pace: &[&str]) {
+    let _turn = turn();
+    let mut running = Running::start_and_fly(&[&["hover", "--for", "600s"][..], pace].concat());
+    let done = |arguments: &[&str]| -> Value {
+        let words = [arguments, &["--format", "json"]].concat();
+        let (code, out, diagnostics) = say(&words, &running);
+        assert_eq!(code, Some(0), "{arguments:?}: {out} {diagnostics}");
+        serde_json::from_str(&out).expect("one JSON object")
+    };
+    let until = |flown_s| wait_until_flown(running.id(), running.launcher_pid(), flown_s);
+    let seconds = |told: &Value, key: &str| told[key].as_f64().unwrap_or_else(|| panic!("{told}"));
+    let went = done(&["goto", "0.6", "-0.4", "1.8", "45"]);
+    assert_eq!(went["reply"], "ordered", "{went}");
+    assert!(seconds(&went, "begins_s") > seconds(&went, "at_s"), "{went}");
+    let morphed = done(&["morph", "120", "--over", "1500ms"]);
+    done(&["disturb", "force", "0", "0", "-0.1", "--for", "500ms", "--in", "100ms"]);
+    let blows = done(&["disturb", "wind", "1", "0", "0", "--gust", "0.3"]);
+    let refused = |arguments: &[&str], words: &str| {
+        let (code, out, told) = say(arguments, &running);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {told}");
+        assert!(told.contains(words), "{told}");
+    };
+    refused(&["goto", "0", "0", "-1"], "from 0.2 to 100");
+    refused(&["goto", "1000", "0", "1"], "from -100 to 100");
+    refused(&["morph", "161"], "from 45 to 160");
+    refused(&["morph", "160", "--over", "10ms"], "at least");
+    refused(&["disturb", "payload", "-1"], "from 0 to 10");
+    until(seconds(&blows, "begins_s"));
+    let calm = done(&["disturb", "off"]);
+    let last_s = seconds(&went, "done_s").max(seconds(&morphed, "done_s"));
+    until(last_s.max(seconds(&calm, "begins_s")) + 0.1);
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    let orders = flown.summary()["orders"].as_array().expect("orders");
+    assert_eq!(orders.len(), 5, "{orders:?}");
+    assert!(orders.iter().all(|order| order["scripted"] == false), "{orders:?}");
+    let last = references(&flown).pop().expect("some").values;
+    assert!(distance(&last[..3], &[0.6, -0.4, 1.8]) < 1e-9, "{last:?}");
+    let arms = flown.recording().series("morph_command", &["angle_rad"]);
+    let angle_deg = arms.last().expect("some").values[0].to_degrees();
+    assert!((angle_deg - 120.0).abs() < 1e-9, "{angle_deg}");
+    let air = flown.recording().series("disturbance", &["wind_w_m_s", "force_w_n"]);
+    assert!(air.iter().any(|row| row.values[0] != 0.0));
+    assert!(air.last().expect("some").values.iter().all(|value| *value == 0.0));
+    verify(&flown);
+}
+
 #[test]
 fn a_run_in_the_air_is_led_live_and_its_recording_verifies() {
-    let _turn = turn();
-    for clock in [&["--clock", "realtime"][..], &["--speed", "2"]] {
-        let mut running = Running::start_and_fly(&[&["hover", "--for", "9s"][..], clock].concat());
-        let done = |arguments: &[&str]| -> Value {
-            let words = [arguments, &["--format", "json"]].concat();
-            let (code, out, diagnostics) = say(&words, &running);
-            assert_eq!(code, Some(0), "{arguments:?}: {out} {diagnostics}");
-            serde_json::from_str(&out).expect("one JSON object")
-        };
-        let went = done(&["goto", "0.6", "-0.4", "1.8", "45"]);
-        assert_eq!(went["reply"], "ordered", "{went}");
-        assert!(went["begins_s"].as_f64() > went["at_s"].as_f64(), "{went}");
-        done(&["morph", "120", "--over", "1500ms"]);
-        done(&["disturb", "force", "0", "0", "-0.1", "--for", "500ms", "--in", "100ms"]);
-        let blows = done(&["disturb", "wind", "1", "0", "0", "--gust", "0.3"]);
-        let refused = |arguments: &[&str], words: &str| {
-            let (code, out, told) = say(arguments, &running);
-            assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {told}");
-            assert!(told.contains(words), "{told}");
-        };
-        refused(&["goto", "0", "0", "-1"], "from 0.2 to 100");
-        refused(&["goto", "1000", "0", "1"], "from -100 to 100");
-        refused(&["morph", "161"], "from 45 to 160");
-        refused(&["morph", "160", "--over", "10ms"], "at least");
-        refused(&["disturb", "payload", "-1"], "from 0 to 10");
-        wait_until("the wind", || {
-            let (_, out, _) = say(&["ps", "--format", "json"], &running);
-            let status: Value = serde_json::from_str(&out).unwrap_or(Value::Null);
-            status["flown_s"].as_f64() > blows["begins_s"].as_f64()
-        });
-        done(&["disturb", "off"]);
-        let flown = running.wait();
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
-        let orders = flown.summary()["orders"].as_array().expect("orders");
-        assert_eq!(orders.len(), 5, "{orders:?}");
-        assert!(orders.iter().all(|order| order["scripted"] == false), "{orders:?}");
-        let last = references(&flown).pop().expect("some").values;
-        assert!(distance(&last[..3], &[0.6, -0.4, 1.8]) < 1e-9, "{last:?}");
-        let arms = flown.recording().series("morph_command", &["angle_rad"]);
-        let angle_deg = arms.last().expect("some").values[0].to_degrees();
-        assert!((angle_deg - 120.0).abs() < 1e-9, "{angle_deg}");
-        let air = flown.recording().series("disturbance", &["wind_w_m_s", "force_w_n"]);
-        assert!(air.iter().any(|row| row.values[0] != 0.0));
-        assert!(air.last().expect("some").values.iter().all(|value| *value == 0.0));
-        verify(&flown);
-    }
+    assert_led_live(&["--speed", "4"]);
+}
+
+#[test]
+fn a_realtime_run_is_led_live_and_its_recording_verifies() {
+    assert_led_live(&["--clock", "realtime"]);
 }
 
 #[test]
@@ -207,20 +225,21 @@ fn orders_to_nobody_end_with_2() {
 #[test]
 fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
     let _turn = turn();
-    let running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "12s"]);
+    let running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "600s"]);
     let (code, out, said) = say(&["goto", "0.5", "0", "1.7", "--format", "json"], &running);
     assert_eq!(code, Some(0), "{said}");
     let went: Value = serde_json::from_str(&out).expect("JSON");
     assert!(kill(running.launcher_pid(), Signal::KILL));
     let run = running.id().to_owned();
     let folder = tempfile::TempDir::new().expect("a folder");
-    let output = morphquad(["adopt", &run, "--format", "json", "--record"])
+    let adopter = morphquad(["adopt", &run, "--format", "json", "--record"])
         .arg(folder.path())
-        .output()
+        .spawn()
         .expect("the executable starts");
-    let adopted = Flown::new(&output, folder);
-    assert!(went["done_s"].as_f64() < Some(11.0), "{went}");
-    assert_eq!(adopted.code, Some(0), "{}", adopted.said());
+    wait_until_flown(&run, adopter.id(), went["done_s"].as_f64().expect("an instant") + 0.1);
+    assert!(kill(adopter.id(), Signal::INT));
+    let adopted = Flown::new(&adopter.wait_with_output().expect("an end"), folder);
+    assert_eq!(adopted.code, Some(130), "{}", adopted.said());
     let last = references(&adopted).pop().expect("some").values;
     assert!(distance(&last[..3], &[0.5, 0.0, 1.7]) < 1e-9, "{last:?}");
 }

@@ -3,7 +3,7 @@
 mod common;
 
 use common::processes::{Process, Running, kill, processes_of, wait_until};
-use common::{Flown, turn};
+use common::{Flown, judged, turn};
 use iceoryx2::service::port_factory::PortFactory as _;
 use runtime::ipc::Bus;
 use rustix::process::Signal;
@@ -18,8 +18,9 @@ use tempfile::TempDir;
 const SERVICES: [&str; 6] =
     ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "monitor"];
 
-fn fly_in_realtime() -> Running {
-    Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "60s"])
+/// A flight that lasts, and in which nobody is started again because a machine is busy.
+fn fly_on() -> Running {
+    Running::start_and_fly(&["hover", "--for", "600s", "--speed", "1"])
 }
 
 fn end(mut running: Running) {
@@ -36,7 +37,7 @@ fn parent_of(pid: u32) -> u32 {
 #[test]
 fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() {
     let _turn = turn();
-    let running = fly_in_realtime();
+    let running = fly_on();
     let processes = processes_of(running.id());
     let names: BTreeSet<&str> = processes.iter().map(|p| p.arguments[0].as_str()).collect();
     assert_eq!(names, BTreeSet::from(SERVICES));
@@ -62,6 +63,7 @@ fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
         .args(["run", "hover", "--for", "3s", "--no-record", "--format", "json"])
         .args(["--swap", "attitude=attitude-lqr@500ms,shadow=500ms,rollback=500ms"])
         .args(["--fault", "kill:estimator@2500ms"])
+        .args(judged(&[]))
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn();
@@ -77,7 +79,7 @@ fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
 #[test]
 fn a_runs_folder_and_memory_are_closed_to_other_users() {
     let _turn = turn();
-    let running = fly_in_realtime();
+    let running = fly_on();
     let folder = Path::new("/dev/shm").join(format!("mq-{}", running.id()));
     let mode = |path: &Path| fs::metadata(path).map(|m| m.permissions().mode());
     assert_eq!(mode(&folder).expect("the run's folder") & 0o777, 0o700);
@@ -104,7 +106,7 @@ fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
     for info in [topics::TRUTH.info, topics::ACTUATOR_STATE.info] {
         assert!(info.to.is_empty(), "{} is read by {:?}", info.name, info.to);
     }
-    let running = fly_in_realtime();
+    let running = fly_on();
     let config = format!("/dev/shm/mq-{}/iceoryx2.toml", running.id());
     let bus = Bus::join(Path::new(&config), "observer").expect("the run is there");
     let truth = bus.open_topic(&topics::TRUTH).expect("the topic is there");
@@ -120,7 +122,7 @@ fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
 #[test]
 fn a_restarted_process_keeps_its_name_and_changes_its_number() {
     let _turn = turn();
-    let running = fly_in_realtime();
+    let running = fly_on();
     let first = running.signal("attitude-mpc", Signal::KILL);
     wait_until("the successor", || running.process("attitude-mpc").is_some_and(|p| p.pid != first));
     let of_successor = |p: &Process| p.arguments.windows(2).any(|w| w == ["--generation", "1"]);

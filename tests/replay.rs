@@ -109,6 +109,7 @@ fn deviations(flown: &Flown, field: &str) -> Vec<f64> {
 }
 
 #[test]
+#[ignore = "soak: which deviations there are depends on when the signals arrive"]
 fn a_realtime_flight_with_late_samples_and_missed_deadlines_is_verified() {
     let _turn = turn();
     let mut running =

@@ -5,7 +5,7 @@ mod common;
 
 use common::processes::{Running, kill, pause_ms};
 use common::recording::Recording;
-use common::{Flown, morphquad, turn};
+use common::{Flown, judged, morphquad, turn};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
@@ -202,7 +202,7 @@ fn all_outputs_agree_on_the_verdicts_of_eight_flights() {
 /// Flies a scenario in processes with these flags; returns the summary, the exit code and the recording.
 fn fly(name: &str, flags: &[&str], bench: &Bench) -> (Value, Option<i32>, PathBuf) {
     let record = ["run", "--format", "json", "--record"];
-    let flown = morphquad(record).arg(bench.path(name)).args(flags).output();
+    let flown = morphquad(record).arg(bench.path(name)).args(flags).args(judged(flags)).output();
     let flown = flown.expect("the executable starts");
     let said = json(&flown);
     let recording = PathBuf::from(said["recording"].as_str().expect("a recording"));
@@ -241,8 +241,9 @@ fn all_outputs_report_a_flight_with_missed_deadlines_as_failed() {
     let bench = Bench::new();
     // No machine can fly a thousand times faster than realtime.
     let flags = ["hover", "--clock", "realtime", "--speed", "1000", "--for", "30s"];
-    let patient = ["--set", "launcher.lag_timeout_s=600"];
-    let (said, code, recording) = fly("missed", &[&flags[..], &patient].concat(), &bench);
+    // Setting any limit, even to its default, keeps the test harness from relaxing the verdict.
+    let strict = ["--set", "verdict.lost_m=1.0"];
+    let (said, code, recording) = fly("missed", &[&flags[..], &strict].concat(), &bench);
     let reasons = said["verdict"]["reasons"].as_array().expect("reasons");
     let missed = reasons.iter().find(|reason| reason["key"] == "missed_max_share");
     assert!(missed.is_some() && code == Some(1), "{code:?} {said}");
@@ -253,9 +254,9 @@ fn all_outputs_report_a_flight_with_missed_deadlines_as_failed() {
 /// nothing explains why the actuation guard had to take over.
 fn stopped_fourteen_times() -> Flown {
     let flags = ["hover", "--clock", "realtime", "--for", "6s"];
-    // Setting any limit, even to its default, keeps the test harness from relaxing the verdict.
-    let patient = ["--set", "launcher.lag_timeout_s=600", "--set", "verdict.lost_m=1.0"];
-    let mut running = Running::start_and_fly(&[&flags[..], &patient].concat());
+    // As above.
+    let strict = ["--set", "verdict.lost_m=1.0"];
+    let mut running = Running::start_and_fly(&[&flags[..], &strict].concat());
     for _ in 0..14 {
         let Some(process) = running.process("attitude-mpc") else { continue };
         for (signal, for_ms) in [(Signal::STOP, 80), (Signal::CONT, 120)] {
@@ -274,14 +275,13 @@ fn episodes(flown: &Flown) -> Value {
 }
 
 #[test]
+#[ignore = "soak: a machine that stands still meanwhile has a controller restarted, which explains episodes"]
 fn all_outputs_report_fourteen_unexplained_safe_mode_episodes_as_failed() {
     let _turn = turn();
     let bench = Bench::new();
-    // If the machine stalls meanwhile, controllers are restarted, which explains episodes; then try again.
-    let mut flights = (0..5).map(|_| stopped_fourteen_times());
-    let flown = flights.find(|flown| episodes(flown)["measured"].as_f64() >= Some(10.0));
-    let flown = flown.expect("a flight in which the machine did not stand still");
+    let flown = stopped_fourteen_times();
     let episodes = episodes(&flown);
+    assert!(episodes["measured"].as_f64() >= Some(10.0), "{}", flown.said());
     assert_eq!((&episodes["limit"], flown.code), (&2.0.into(), Some(1)), "{}", flown.said());
     assert_all_readers_say(&flown.recording_path(), flown.summary(), &bench);
     assert_last_event_says(&flown.recording_path(), flown.word("line"));

@@ -133,13 +133,15 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
 }
 
 /// What the verdict asks of flying well, for flights by the wall clock that a busy machine may disturb. That
-/// a vehicle was lost, or that a promise was broken, fails them all the same.
-const UNDISTURBED: [&str; 13] = [
+/// a promise was broken fails them all the same.
+const UNDISTURBED: [&str; 15] = [
     "verdict.attitude_end_max_rad=3.0",
     "verdict.clipped_max_s=60.0",
     "verdict.clipped_max_share=1.0",
     "verdict.contact_max_s=60.0",
     "verdict.late_max_share=100.0",
+    "verdict.lost_m=1000.0",
+    "verdict.lost_rad=10.0",
     "verdict.missed_max_share=1.0",
     "verdict.recovery_max_m=100.0",
     "verdict.safe_mode_max=1000",
@@ -150,12 +152,28 @@ const UNDISTURBED: [&str; 13] = [
     "verdict.tracking_sustained_max_m=100.0",
 ];
 
-/// Settings that go with the arguments of a flight: by the wall clock only tests of the verdict, which set
-/// something of it, judge a flight by how well it was flown.
+/// The limits of wall time within which the launcher expects processes to start, to step and to be
+/// rehearsed, as long as they can be set. On a busy machine a healthy process exceeds the shipped limits,
+/// so only a flight with a process that really hangs sets one of them.
+const UNHURRIED: [&str; 4] = [
+    "launcher.lag_timeout_s=600",
+    "launcher.stall_timeout_s=600",
+    "launcher.startup_timeout_s=600",
+    "rehearsal.wall_max_s=600",
+];
+
+/// Settings that go with the arguments of a flight. No limit of wall time that the flight does not set
+/// itself ends a process. By the wall clock only tests of the verdict, which set something of it, judge a
+/// flight by how well it was flown.
 pub(crate) fn judged(arguments: &[&str]) -> Vec<&'static str> {
     let by_wall_clock = arguments.contains(&"realtime");
     let is_about_it = arguments.iter().any(|word| word.starts_with("verdict."));
-    let settings = UNDISTURBED.iter().filter(|_| by_wall_clock && !is_about_it);
+    let undisturbed = UNDISTURBED.iter().filter(|_| by_wall_clock && !is_about_it);
+    let is_unset = |setting: &&&str| {
+        let key = setting.split_inclusive('=').next().expect("a key");
+        !arguments.iter().any(|word| word.starts_with(key))
+    };
+    let settings = undisturbed.chain(UNHURRIED.iter().filter(is_unset));
     settings.flat_map(|setting| ["--set", setting]).collect()
 }
 

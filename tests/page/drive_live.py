@@ -40,6 +40,9 @@ def flying(morphquad, folder, summary):
     """A flight, and the address that it prints for a browser. What it says of itself at its end goes to a file:
     this flight is interrupted and disturbed, and what is wrong with the page must not drown in that."""
     command = [morphquad, "run", "figure8-morph", "--live=127.0.0.1:0", "--no-open", "--for", "900s", "--record", folder]
+    # Beside a browser a healthy process exceeds the limits of wall time that are shipped.
+    for limit in ("launcher.startup_timeout_s", "launcher.stall_timeout_s", "rehearsal.wall_max_s"):
+        command += ["--set", f"{limit}=600"]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=summary, stderr=subprocess.PIPE, text=True)
     told, found, address = [], threading.Event(), []
 

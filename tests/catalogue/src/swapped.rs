@@ -148,6 +148,22 @@ fn scenario(
     Scenario::load(situation.scenario, &edits)
 }
 
+/// The same, with the limits of wall time as long as they can be set: a busy machine must not decide about a
+/// flight in lockstep.
+fn unhurried(
+    situation: &Situation,
+    seed: u64,
+    more: &[Override],
+) -> Result<Scenario, ScenarioError> {
+    let limits = [
+        "launcher.stall_timeout_s=600",
+        "launcher.startup_timeout_s=600",
+        "rehearsal.wall_max_s=600",
+    ];
+    let limits = limits.into_iter().map(Override::set).collect::<Result<Vec<_>, _>>()?;
+    scenario(situation, seed, &[more, &limits].concat())
+}
+
 fn fly(scenario: &Scenario, trips_later_ns: u64) -> Result<(Course, Conclusion), InProcessError> {
     let outside = Outside::of(scenario.settings());
     let course = Course { trips_later_ns, ..Course::default() };
@@ -181,7 +197,7 @@ pub fn plain(
 ) -> Result<Plain, Box<dyn std::error::Error>> {
     let mut edits = held(holder)?;
     edits.extend(settings.iter().cloned());
-    let truths = fly(&scenario(situation, seed, &edits)?, 0)?.0.truths;
+    let truths = fly(&unhurried(situation, seed, &edits)?, 0)?.0.truths;
     Ok(Plain { truths, edits })
 }
 
@@ -221,7 +237,7 @@ pub fn swapped_with_late_trips(
 ) -> Result<Swapped, Box<dyn std::error::Error>> {
     let mut more = plain.edits.clone();
     more.extend(swap(slot, (to, config), guard)?);
-    let (course, conclusion) = fly(&scenario(situation, seed, &more)?, trips_later_ns)?;
+    let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, trips_later_ns)?;
     let swap = conclusion.swaps.first();
     let flipped = swap.is_some_and(|swap| swap.flipped_s.is_some());
     let outcome = swap.map_or_else(String::new, |swap| swap.outcome.clone());
