@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 24] = [
+const ALLOWED: [(&str, &[&str]); 25] = [
+    (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
     ("mpc", &["qp"]),
@@ -59,6 +60,9 @@ const ALLOWED: [(&str, &[&str]); 24] = [
     ("morphquad", &["launcher"]),
 ];
 
+/// Has no code, and every crate depends on it: see there.
+const FEATURES: &str = "workspace-hack";
+
 /// What pure mathematics may know of the rest of the world.
 const MATHEMATICS: [&str; 3] = ["nalgebra", "libm", "thiserror"];
 
@@ -109,6 +113,7 @@ fn every_crate_depends_only_on_crates_further_up_the_stream() {
     for (name, dependencies) in &workspace {
         for dependency in dependencies.iter().filter(|d| d.shipped) {
             let inside = ours.contains(dependency.name.as_str());
+            let inside = inside && dependency.name != FEATURES;
             let fine = !inside || allowed[name.as_str()].contains(&dependency.name.as_str());
             assert!(fine, "{name} depends on {}", dependency.name);
         }
@@ -127,7 +132,7 @@ fn nobody_but_the_launcher_knows_the_plant_not_even_in_tests() {
 fn solver_controller_and_vehicle_mathematics_know_nothing_but_mathematics() {
     let workspace = workspace();
     for name in ["qp", "mpc", "vehicle"] {
-        for dependency in workspace[name].iter().filter(|d| d.shipped) {
+        for dependency in workspace[name].iter().filter(|d| d.shipped && d.name != FEATURES) {
             let known = dependency.name.as_str();
             // A design is also what a scenario says, so its choices can be read.
             let of_mpc = name == "mpc" && ["qp", "serde"].contains(&known);
@@ -142,6 +147,46 @@ fn only_shared_types_runtime_and_tests_know_the_transport() {
     for (name, dependencies) in workspace() {
         let knows = dependencies.iter().any(|d| d.name == "iceoryx2" && d.shipped);
         assert!(!knows || ["shared-types", "runtime"].contains(&name.as_str()), "{name}");
+    }
+}
+
+/// Each dependency that a command builds, with every choice of its features that is built.
+fn features(selection: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--prefix", "none", "--format", "{p}|{f}"])
+        .args(selection)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut chosen: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for line in String::from_utf8(output.stdout).expect("text").lines() {
+        let Some((package, features)) = line.trim_end_matches(" (*)").split_once('|') else {
+            continue;
+        };
+        chosen.entry(package.to_owned()).or_default().insert(features.to_owned());
+    }
+    chosen
+}
+
+#[test]
+fn every_selection_of_packages_shares_what_the_workspace_has_built() {
+    let whole = features(&["--workspace"]);
+    assert!(whole.len() > 100, "{whole:?}");
+    let names: Vec<String> = workspace().into_keys().collect();
+    // The first is `cargo run`.
+    let mut selections = vec![vec!["-e", "no-dev"]];
+    selections.extend(names.iter().map(|name| vec!["-p", name.as_str()]));
+    for selection in selections {
+        for (package, features) in features(&selection) {
+            let built = &whole[&package];
+            assert!(
+                features.is_subset(built),
+                "`cargo tree {}` has {package} with {features:?} and the workspace with {built:?}: name all \
+                 features in services/lib/workspace-hack/Cargo.toml",
+                selection.join(" ")
+            );
+        }
     }
 }
 
