@@ -1,26 +1,16 @@
 //! An executable that misbehaves as a controller when told to: `tests/common/rogue`.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
-/// The executable, built by whoever asks first.
+/// The executable. `cargo test` builds it with the tests, unless it is told to build single ones.
 pub(crate) fn rogue() -> &'static str {
-    static BUILT: OnceLock<String> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        let ours = Path::new(env!("CARGO_BIN_EXE_morphquad"));
-        let target: PathBuf = ours.ancestors().nth(2).expect("target/PROFILE/morphquad").into();
-        let built = Command::new(env!("CARGO"))
-            // The whole workspace, as the tests are: another choice of features would build it anew.
-            .args(["build", "--release", "--offline", "--workspace", "--example", "rogue"])
-            .arg("--target-dir")
-            .arg(&target)
-            .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .output()
-            .expect("cargo runs");
-        assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
-        target.join("release/examples/rogue").display().to_string()
+    static PATH: OnceLock<String> = OnceLock::new();
+    PATH.get_or_init(|| {
+        let path = Path::new(env!("CARGO_BIN_EXE_morphquad")).with_file_name("examples/rogue");
+        assert!(path.is_file(), "not there: `cargo build --release --example rogue` builds it");
+        path.display().to_string()
     })
 }
 

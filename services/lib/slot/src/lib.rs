@@ -11,7 +11,7 @@
 //! * [`gate`]: whether a shadow may fly.
 //! * [`supervisor`]: the state machine of a slot: events in, actions out.
 //!
-//! `tests/model/` searches every interleaving of plant, controllers and launcher through this code.
+//! `tests/integration/model/` searches every interleaving of plant, controllers and launcher through this code.
 
 pub mod consumer;
 pub mod desk;

@@ -69,7 +69,7 @@ impl GateLimits {
     /// gain is small in quiet flight, so there slopes are asked: of commands averaged over 50 ms, for
     /// one controller passes on noise that another smooths; and of changes since the owner's last
     /// command, of which the sign must be the same. The shipped controllers have slopes of 0.25 to 2.5
-    /// against one another, and `tests/shadow.rs` flies good and bad ones against these numbers.
+    /// against one another, and `tests/integration/shadow.rs` flies good and bad ones against these numbers.
     pub const OTHER_KIND: Self = Self {
         rms: 0.10,
         rms_of_activity: 1.5,

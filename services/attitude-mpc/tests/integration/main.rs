@@ -1,0 +1,13 @@
+//! The attitude MPC: its law against the paper, in flight, and as a component.
+
+#[path = "../rig/mod.rs"]
+mod rig;
+
+mod attitude_step;
+mod effort;
+mod laguerre;
+mod obey;
+mod paper;
+mod robustness;
+mod state;
+mod track;

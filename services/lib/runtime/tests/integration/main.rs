@@ -1,0 +1,5 @@
+//! The runtime: its rules, a network of it in one process, and its transport.
+
+mod contract;
+mod ipc;
+mod network;

@@ -1,0 +1,67 @@
+//! A fresh law beside one that flies, told only what the attitude loop applied.
+#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use crate::cascade::{Cascade, Flight};
+use nalgebra::Vector3;
+use position_mpc::{Input, LawStatus, Output, PositionLaw, PositionLawConfig, Setpoint};
+use vehicle::{MorphAngle, VehicleParameters};
+
+/// Shares of the bounds: what is left of a thrust that the shadow did not know, and rounding.
+const TOLERANCE: f64 = 1e-6;
+
+fn circle(t: f64) -> (Vector3<f64>, f64) {
+    (
+        Vector3::new(0.4 * libm::sin(t), 0.4 * (1.0 - libm::cos(t)), 0.1 * libm::sin(2.0 * t)),
+        0.5 * t,
+    )
+}
+
+/// Flies a circle with a shadow that joins after a second; the attitude loop's report is `late` by
+/// one sample of this law or not. Worst difference in the last two seconds.
+fn shadowed(rates: (f64, f64), late: bool) -> f64 {
+    let (position_hz, attitude_hz) = rates;
+    let vehicle = VehicleParameters::default();
+    let config = PositionLawConfig::flight(position_hz);
+    let mut flight = Flight::hover(vehicle, MorphAngle::MIN);
+    flight.disturbance.force_w_n = Vector3::new(0.1, -0.05, -0.1);
+    let mut cascade = Cascade::new(flight, &config, attitude_hz);
+    let mut shadow = PositionLaw::new(config, &vehicle).unwrap();
+    let worst = Rc::new(Cell::new(0.0_f64));
+    let seen = Rc::clone(&worst);
+    let mut steps: u32 = 0;
+    let mut before: Option<Setpoint> = None;
+    cascade.watch = Box::new(move |input: &Input<'_>, output: &Output| {
+        let now = input.applied.unwrap();
+        let reported = if late { before.replace(now).unwrap_or(now) } else { now };
+        steps += 1;
+        let t_s = f64::from(steps) / position_hz;
+        if t_s < 1.0 {
+            return;
+        }
+        shadow.track(&reported, late);
+        let tracked = shadow.step(&Input { applied: Some(reported), ..*input });
+        assert_eq!(tracked.status, LawStatus::Solved);
+        if t_s > 2.0 {
+            let room = (output.command_max - output.command_min) * 0.5;
+            let apart = (tracked.command - output.command).component_div(&room).amax();
+            seen.set(seen.get().max(apart));
+            let turned = tracked.setpoint.gamma_rad - output.setpoint.gamma_rad;
+            assert!(turned.amax() < 1e-6, "the set point is the command, rotated: {turned}");
+        }
+    });
+    cascade.fly(4.0, &circle, |_, _| {});
+    worst.get()
+}
+
+#[test]
+fn a_fresh_law_that_tracks_a_flying_one_commands_the_same_one_step_ahead() {
+    for rates in [(50.0, 100.0), (50.0, 500.0), (100.0, 100.0), (200.0, 200.0)] {
+        for late in [false, true] {
+            let worst = shadowed(rates, late);
+            assert!(worst <= TOLERANCE, "{rates:?}, late {late}: {worst}");
+        }
+    }
+}

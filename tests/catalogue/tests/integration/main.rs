@@ -1,0 +1,5 @@
+//! Faulty controllers: rehearsed, swapped in, and watched.
+
+mod rehearsal;
+mod swapped;
+mod watched;

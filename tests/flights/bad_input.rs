@@ -1,0 +1,289 @@
+//! Whatever is wrong with the input, the answer names place, key and remedy, and nothing flies.
+
+use crate::common::{fly, morphquad, turn};
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// Exit code for wrong usage or configuration.
+const USAGE: i32 = 2;
+/// Exit code for an environment that cannot be flown in.
+const UNFIT: i32 = 3;
+
+/// Runs and returns exit code and standard error; nothing may be on standard output.
+fn complaint(arguments: &[&str]) -> (Option<i32>, String) {
+    let output = morphquad(["run"]).args(arguments).arg("--no-record").output();
+    let output = output.expect("the executable starts");
+    assert!(output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stdout));
+    // The report is wrapped to the width of the terminal; words are what counts.
+    let words = String::from_utf8_lossy(&output.stderr).replace(['│', '\n'], " ");
+    (output.status.code(), words.split_whitespace().collect::<Vec<_>>().join(" "))
+}
+
+/// The command is refused and every one of `words` is in the answer.
+fn assert_refused(arguments: &[&str], words: &[&str]) {
+    let (code, said) = complaint(arguments);
+    assert_eq!(code, Some(USAGE), "{arguments:?}: {said}");
+    for word in words {
+        assert!(said.contains(word), "{arguments:?}: no `{word}` in: {said}");
+    }
+}
+
+/// As [`assert_refused`], with the text as a scenario file.
+fn assert_file_refused(text: &str, words: &[&str]) {
+    let folder = TempDir::new().expect("a folder");
+    let path = folder.path().join("mine.toml");
+    fs::write(&path, text).expect("a file");
+    assert_refused(&[&path.display().to_string()], words);
+}
+
+#[test]
+fn an_unknown_key_is_named_with_its_line_and_the_key_that_was_meant() {
+    let text = "[scenario]\nname = \"mine\"\n\n[plant]\nrate_hertz = 1000\n";
+    assert_file_refused(text, &["plant.rate_hertz", "mine.toml:5:1", "help:", "`rate_hz`"]);
+    assert_refused(
+        &["hover", "--set", "plant.rate_hertz=5"],
+        &["--set", "plant.rate_hertz", "`rate_hz`"],
+    );
+    assert_file_refused("[plannt]\n", &["plannt", "mine.toml:1:", "`plant`"]);
+}
+
+#[test]
+fn a_value_in_another_unit_or_of_another_type_is_refused_with_the_unit_in_the_key() {
+    let text = "[start]\nmorph_angle_deg = \"90 deg\"\n";
+    assert_file_refused(text, &["start.morph_angle_deg", "mine.toml:2:", "without quotes", "unit"]);
+    let text = "[latency]\nwrench_command_ms = 1\n";
+    assert_file_refused(text, &["latency.wrench_command_ms", "mine.toml:2:", "wrench_command_s"]);
+    assert_refused(&["hover", "--seed", "-4"], &["--seed"]);
+    assert_refused(
+        &["hover", "--seed", "18446744073709551615"],
+        &["--seed", "9223372036854775807"],
+    );
+    assert_refused(&["hover", "--for", "20 parsecs"], &["--for", "20 parsecs"]);
+    assert_refused(&["hover", "--for", "-3s"], &["--for", "-3s", "must not be negative", "20s"]);
+}
+
+#[test]
+fn what_says_nothing_or_is_a_recording_is_no_scenario_and_the_remedy_is_named() {
+    for nothing in ["", "# all usual\n", "[scenario]\n[plant]\n"] {
+        assert_file_refused(nothing, &["mine.toml", "no key", "help:", "`morphquad run hover`"]);
+    }
+    let folder = TempDir::new().expect("a folder");
+    let renamed = folder.path().join("flight");
+    fs::write(&renamed, b"\x89MCAP0\r\n and so on").expect("a file");
+    let renamed = renamed.display().to_string();
+    assert_refused(&[&renamed], &["is a recording", "morphquad view", "--verify"]);
+    assert_refused(&["nowhere.mcap"], &["named like a recording", "`morphquad view nowhere.mcap`"]);
+}
+
+#[test]
+fn flags_that_name_a_place_are_named_where_it_cannot_be_used() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "200ms"]);
+    let (recording, folder) = (flown.recording_path(), TempDir::new().expect("a folder"));
+    let cut = folder.path().join("cut.mcap");
+    let whole = fs::read(&recording).expect("a recording");
+    fs::write(&cut, &whole[..whole.len() * 9 / 10]).expect("room");
+    for (command, file, flag, told) in [
+        ("report", &recording, "--png", "is no folder"),
+        ("recover", &cut, "--out", "is there already"),
+    ] {
+        let output = morphquad([command]).args([file, Path::new(flag), &cut]).output();
+        let output = output.expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{command}: {said}");
+        assert!(said.contains(flag) && said.contains(told), "{command}: {said}");
+    }
+    assert!(fs::read(&cut).expect("as it was") == whole[..whole.len() * 9 / 10]);
+}
+
+#[test]
+fn text_that_is_no_toml_is_refused_at_its_line() {
+    assert_file_refused("[plant]\nrate_hz = = 3\n", &["mine.toml:2:"]);
+}
+
+#[test]
+fn a_rate_that_is_negative_or_zero_or_no_number_is_refused_by_flag_and_by_key() {
+    for rate in ["-100", "0", "nan", "inf", "1e9"] {
+        let flag = format!("attitude-mpc={rate}");
+        assert_refused(&["hover", "--rate", &flag], &["attitude_mpc.rate_hz", "--rate", "help:"]);
+        let text = format!("[attitude_mpc]\nrate_hz = {rate}\n");
+        assert_file_refused(&text, &["attitude_mpc.rate_hz", "mine.toml:2:", "help:"]);
+    }
+}
+
+#[test]
+fn nan_is_refused_wherever_a_number_is_wanted() {
+    for key in
+        ["vehicle.mass_kg", "pilot.lead_s", "launcher.stall_timeout_s", "latency.wrench_command_s"]
+    {
+        assert_refused(&["hover", "--set", &format!("{key}=nan")], &[key, "NaN", "finite"]);
+    }
+    let script = "disturbance_injector.script=[{kind=\"constant\",load={force_w_n=[0.0,nan,0.0]}}]";
+    assert_refused(&["hover", "--set", script], &["disturbance_injector.script", "NaN", "finite"]);
+    let text =
+        "[[disturbance_injector.script]]\nkind = \"constant\"\nload.force_w_n = [1.0, -inf, 0.0]\n";
+    assert_file_refused(text, &["disturbance_injector.script[0]", "mine.toml:3:", "finite"]);
+}
+
+#[test]
+fn a_missing_file_and_an_unknown_scenario_are_refused_with_the_known_names() {
+    assert_refused(&["nowhere/mine.toml"], &["nowhere/mine.toml", "No such file", "hover"]);
+    let swap = "attitude=attitude-lqr@1s,config=nowhere/gains.toml";
+    assert_refused(&["hover", "--swap", swap], &["nowhere/gains.toml", "No such file", "config"]);
+    assert_refused(&["hoover"], &["hoover", "did you mean", "`hover`", "`disturbance`"]);
+}
+
+#[test]
+fn bounds_that_leave_nothing_between_them_are_refused() {
+    let text = "[position_mpc]\nthrust_min_weights = 1.4\nthrust_max_weights = 1.2\n";
+    assert_file_refused(
+        text,
+        &["position_mpc.thrust_min_weights", "mine.toml:2:", "1.4", "1.2", "help:"],
+    );
+    assert_refused(
+        &[
+            "hover",
+            "--set",
+            "position_mpc.thrust_max_weights=0.5",
+            "--set",
+            "position_mpc.thrust_min_weights=0.8",
+        ],
+        &["position_mpc.thrust_min_weights", "--set", "help:"],
+    );
+    let step =
+        "[[disturbance_injector.script]]\nkind = \"step\"\nat_s = 2.0\nuntil_s = 1.0\nload = {}\n";
+    assert_file_refused(step, &["until_s", "mine.toml:4:", "help:"]);
+}
+
+#[test]
+fn arms_outside_45_to_160_degrees_are_refused_at_the_start_and_on_the_way() {
+    for angle in ["44.9", "160.1", "-90"] {
+        assert_refused(
+            &["hover", "--set", &format!("start.morph_angle_deg={angle}")],
+            &["start.morph_angle_deg", "help:", if angle == "160.1" { "160" } else { "45" }],
+        );
+        let text = format!("[pilot]\nkind = \"hover\"\nmorph = [[0.0, 90.0], [5.0, {angle}]]\n");
+        assert_file_refused(&text, &["pilot.morph", angle, "mine.toml:3:", "from 45 to 160"]);
+    }
+}
+
+#[test]
+fn an_unknown_loop_is_refused_with_the_known_ones() {
+    assert_refused(&["hover", "--rate", "attitude=fast"], &["--rate", "fast", "help:"]);
+    assert_refused(&["hover", "--rate", "motor=50"], &["motor", "plant", "attitude-mpc", "pilot"]);
+    assert_refused(&["hover", "--rate", "plant"], &["--rate plant", "--rate NAME=HZ"]);
+}
+
+#[test]
+fn an_unknown_service_does_not_start_and_names_the_known_ones() {
+    let output = morphquad(["proc", "attitude-lqg", "--run", "/dev/shm/mq-none"])
+        .args(["--generation", "0", "--launcher-pid", "1"])
+        .output()
+        .expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{said}");
+    assert!(said.contains("attitude-lqg") && said.contains("attitude-mpc"), "{said}");
+}
+
+#[test]
+fn a_service_without_its_run_says_which_folder_is_missing() {
+    let output = morphquad(["proc", "estimator", "--run", "/dev/shm/mq-none"])
+        .args(["--generation", "0", "--launcher-pid", &std::process::id().to_string()])
+        .output()
+        .expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+    assert!(said.contains("estimator") && said.contains("/dev/shm/mq-none"), "{said}");
+}
+
+#[test]
+fn a_recording_folder_that_cannot_be_written_is_named_before_anything_flies() {
+    // Below a regular file nobody can make a folder, not even root.
+    let folder = TempDir::new().expect("a folder");
+    let file = folder.path().join("file");
+    fs::write(&file, "").expect("a file");
+    for refused in [file.join("flights"), file] {
+        let output = morphquad(["run", "hover", "--record"]).arg(&refused).output();
+        let output = output.expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+        assert!(said.contains(&refused.display().to_string()), "{said}");
+        assert!(said.contains("--record"), "no remedy: {said}");
+    }
+}
+
+#[test]
+fn two_runs_at_the_same_time_both_fly_and_know_nothing_of_each_other() {
+    let _turn = turn();
+    let fly = || fly(&["figure8-morph", "--for", "5s"]);
+    let (one, other) = std::thread::scope(|scope| {
+        let one = scope.spawn(fly);
+        let other = fly();
+        (one.join().expect("no panic"), other)
+    });
+    one.assert_clean();
+    other.assert_clean();
+    assert_eq!(one.hash(), other.hash());
+    assert_ne!(one.word("run"), other.word("run"));
+    for flown in [&one, &other] {
+        let left = crate::common::processes::left_in_shared_memory(flown.word("run"));
+        assert!(left.is_empty(), "{left:?}");
+        assert!(Path::new(flown.word("recording")).exists());
+    }
+}
+
+#[test]
+fn realtime_as_fast_as_possible_is_a_contradiction() {
+    assert_refused(
+        &["hover", "--clock", "realtime", "--speed", "max"],
+        &["scenario.speed", "help:"],
+    );
+    assert_refused(&["hover", "--clock", "sundial"], &["clock", "sundial", "lockstep", "realtime"]);
+    assert_refused(&["hover", "--pin", "left"], &["--pin", "left", "auto"]);
+}
+
+#[test]
+fn a_processor_that_is_not_there_is_refused_with_those_that_are() {
+    let output = morphquad(["run", "hover", "--pin", "1023"]).output().expect("it starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{said}");
+    assert!(said.contains("--pin 1023") && said.contains('0'), "{said}");
+}
+
+#[test]
+fn a_result_that_cannot_be_written_is_an_error() {
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").expect("Linux has it");
+    for command in [&["list"][..], &["run", "hover", "--for", "100ms", "--no-record"]] {
+        let output = morphquad(command)
+            .stdout(full.try_clone().expect("a descriptor"))
+            .output()
+            .expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+        assert!(said.contains("cannot write the result"), "{said}");
+    }
+}
+
+#[test]
+fn horizons_that_do_not_see_the_lag_or_do_not_fit_are_refused_as_written() {
+    assert_refused(
+        &["hover", "--set", "attitude_mpc.horizon_s=0.03"],
+        &["horizon_s", "rotor lags"],
+    );
+    assert_refused(&["hover", "--set", "attitude_mpc.horizon_s=10"], &["horizon_s", "10"]);
+}
+
+#[test]
+fn a_pipe_is_refused_by_name_and_not_waited_for() {
+    let folder = TempDir::new().expect("a folder");
+    let pipe = folder.path().join("pipe.mcap");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("mkfifo").success());
+    for command in [&["replay", "--verify"][..], &["replay", "--branch", "@1s"], &["campaign"]] {
+        let output = morphquad(command).arg(&pipe).output().expect("the executable starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(USAGE), "{command:?}: {said}");
+        assert!(said.contains("pipe.mcap"), "{command:?}: {said}");
+    }
+}

@@ -1,0 +1,227 @@
+//! A run in the air is asked from outside: through the command, and through its socket.
+
+use crate::common::processes::{Running, kill, processes_of, wait_until};
+use crate::common::{morphquad, turn};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+
+/// A command that has ended.
+struct Said {
+    code: Option<i32>,
+    out: String,
+    diagnostics: String,
+}
+
+fn say(arguments: &[&str]) -> Said {
+    let output = morphquad(arguments).output().expect("the executable starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Said {
+        code: output.status.code(),
+        out: text(&output.stdout),
+        diagnostics: text(&output.stderr),
+    }
+}
+
+fn ps(run: &Running) -> Option<Value> {
+    let said = say(&["ps", "--run", run.id(), "--format", "json"]);
+    (said.code == Some(0)).then(|| serde_json::from_str(&said.out).expect("JSON"))
+}
+
+fn process<'v>(status: &'v Value, name: &str) -> &'v Value {
+    let mut processes = status["processes"].as_array().expect("processes").iter();
+    processes.find(|p| p["name"] == name).unwrap_or_else(|| panic!("no {name} in {status}"))
+}
+
+fn socket(run: &Running) -> PathBuf {
+    PathBuf::from(format!("/dev/shm/mq-{}/control.sock", run.id()))
+}
+
+fn end(mut running: Running) {
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    assert_eq!(running.wait().code, Some(130));
+}
+
+const REALTIME: [&str; 5] = ["hover", "--clock", "realtime", "--for", "60s"];
+/// A lockstep flight that lasts.
+const LOCKSTEP: [&str; 5] = ["hover", "--for", "60s", "--speed", "1"];
+
+/// A flight half a second in, what `ps` says of it, and what the system says: its processes by name.
+fn half_a_second_in(arguments: &[&str]) -> (Running, Value, BTreeMap<String, u64>) {
+    let running = Running::start_and_fly(arguments);
+    let mut seen = None;
+    wait_until("half a second flown", || {
+        seen = ps(&running);
+        seen.as_ref().is_some_and(|status| status["flown_s"].as_f64() > Some(0.5))
+    });
+    let processes = processes_of(running.id()).into_iter();
+    let pids = processes.map(|p| (p.arguments[0].clone(), u64::from(p.pid))).collect();
+    (running, seen.expect("just seen"), pids)
+}
+
+fn assert_every_process_is_shown(arguments: &[&str]) {
+    let (running, status, pids) = half_a_second_in(arguments);
+    assert_eq!(status["scenario"], "hover");
+    assert_eq!(status["launcher_pid"], running.launcher_pid());
+    for (name, role, state, rate_hz) in [
+        ("plant", "plant", "running", 1000.0),
+        ("estimator", "estimator", "running", 1000.0),
+        ("position-mpc", "position", "owner", 50.0),
+        ("attitude-mpc", "attitude", "owner", 100.0),
+        ("disturbance-injector", "disturbance", "running", 200.0),
+        ("monitor", "monitor", "running", 100.0),
+    ] {
+        let shown = process(&status, name);
+        assert_eq!(shown["pid"].as_u64(), pids.get(name).copied(), "{shown}");
+        assert_eq!((&shown["role"], &shown["state"]), (&role.into(), &state.into()));
+        assert_eq!(shown["rate_hz"].as_f64(), Some(rate_hz), "{shown}");
+        assert_eq!(shown["generation"], 0);
+        assert!(shown["mark_s"].as_f64() > Some(0.4), "{shown}");
+        assert!(shown["mark_age_s"].as_f64() < Some(60.0), "{shown}");
+        assert!(shown["rss_bytes"].as_u64() > Some(1 << 20), "{shown}");
+        assert!(shown["cpu_percent"].as_f64() >= Some(0.0), "{shown}");
+    }
+    assert_eq!(process(&status, "pilot")["pid"], running.launcher_pid());
+    let slots = status["slots"].as_array().expect("slots");
+    let slots: Vec<_> = slots.iter().map(|s| (&s["slot"], &s["epoch"], &s["owner"])).collect();
+    assert!(slots.contains(&(&"attitude".into(), &1.into(), &"attitude-mpc".into())));
+    assert!(slots.contains(&(&"position".into(), &1.into(), &"position-mpc".into())));
+    let table = say(&["ps", "--run", &running.id()[..8]]);
+    assert_eq!(table.code, Some(0), "{}", table.diagnostics);
+    for word in ["PROCESS", "disturbance-injector", "attitude-mpc", "owner", running.id()] {
+        assert!(table.out.contains(word), "{word}: {}", table.out);
+    }
+    end(running);
+}
+
+#[test]
+fn ps_shows_every_process_as_the_system_does_and_who_owns_the_slots() {
+    let _turn = turn();
+    assert_every_process_is_shown(&LOCKSTEP);
+}
+
+#[test]
+#[ignore = "soak: an owner that waits too long for a processor is started again"]
+fn ps_shows_every_process_of_a_realtime_flight_as_the_system_does() {
+    let _turn = turn();
+    assert_every_process_is_shown(&REALTIME);
+}
+
+#[test]
+fn a_restarted_process_is_shown_with_its_new_number_and_generation() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&LOCKSTEP);
+    let first = running.signal("attitude-mpc", Signal::KILL);
+    wait_until("the successor", || {
+        let Some(status) = ps(&running) else { return false };
+        let shown = process(&status, "attitude-mpc");
+        let back = shown["generation"] == 1 && shown["state"] == "owner";
+        assert!(!back || (shown["pid"].is_u64() && shown["pid"] != first), "{shown}");
+        back
+    });
+    let status = ps(&running).expect("still there");
+    let slots = status["slots"].as_array().expect("slots");
+    let owned = |s: &Value| s["slot"] == "attitude" && s["owner"] == "attitude-mpc";
+    assert!(slots.iter().any(owned), "{status}");
+    end(running);
+}
+
+#[test]
+fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
+    let _turn = turn();
+    let unknown = say(&["ps", "--run", "no-such-run"]);
+    assert_eq!((unknown.code, unknown.out.as_str()), (Some(2), ""));
+    assert!(
+        unknown.diagnostics.contains("no run is called no-such-run"),
+        "{}",
+        unknown.diagnostics
+    );
+    let runs = [Running::start_and_fly(&REALTIME), Running::start_and_fly(&REALTIME)];
+    let several = say(&["ps"]);
+    assert_eq!((several.code, several.out.as_str()), (Some(2), ""));
+    for run in &runs {
+        assert!(several.diagnostics.contains(run.id()), "{}", several.diagnostics);
+        assert!(ps(run).is_some());
+    }
+    assert!(several.diagnostics.contains("--run"), "{}", several.diagnostics);
+    let [first, second] = runs;
+    let id = first.id().to_owned();
+    end(first);
+    assert_eq!(say(&["ps", "--run", &id]).code, Some(2));
+    end(second);
+}
+
+#[test]
+fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&LOCKSTEP);
+    let id = running.id();
+    for (order, words) in [
+        (&["swap", "altitude", "--to", "attitude-mpc"][..], "slot"),
+        (&["swap", "attitude", "--to", "./nowhere/controller"], "×"),
+        (&["swap", "attitude", "--to", "attitude-mpc", "--max-bump", "lots"], "write 1% or 0.01"),
+        (&["swap", "attitude", "--to", "attitude-mpc", "--shadow", "soon"], "--shadow"),
+        (&["swap", "attitude"], "--to"),
+        (&["rollback", "altitude"], "slot"),
+        (&["retire", "nobody"], "×"),
+        (&["standby", "altitude", "attitude-mpc"], "slot"),
+    ] {
+        let said = say(&[order, &["--run", id]].concat());
+        assert_eq!((said.code, said.out.as_str()), (Some(2), ""), "{}", said.diagnostics);
+        assert!(said.diagnostics.contains(words), "{order:?}: {}", said.diagnostics);
+        let said = say(&[order, &["--run", "no-such-run"]].concat());
+        assert_eq!(said.code, Some(2), "{}", said.diagnostics);
+    }
+    assert!(ps(&running).is_some());
+    end(running);
+}
+
+#[test]
+fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_gone() {
+    let _turn = turn();
+    let short = ["--set", "launcher.launcher_grace_s=1"];
+    let running = Running::start_and_fly(&[&REALTIME[..], &short].concat());
+    assert!(kill(running.launcher_pid(), Signal::KILL));
+    let mut said = say(&["ps", "--run", running.id()]);
+    wait_until("nobody answers", || {
+        said = say(&["ps", "--run", running.id()]);
+        said.code != Some(0)
+    });
+    assert_eq!(said.code, Some(3), "{}", said.diagnostics);
+    let line = said.diagnostics.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(line.contains("has died") && line.contains("morphquad adopt"), "{line}");
+    wait_until("the last process has left", || say(&["ps", "--run", running.id()]).code == Some(2));
+}
+
+#[test]
+fn the_socket_is_private_and_what_strangers_do_to_it_disturbs_nobody() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&LOCKSTEP);
+    let mode = std::fs::metadata(socket(&running)).expect("the socket").permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
+    let connect = || UnixStream::connect(socket(&running)).expect("somebody listens");
+    let mut silent = connect();
+    silent.write_all(b"{\"requ").expect("room for seven bytes");
+    let mut garbage = connect();
+    garbage.write_all(b"\x00\xffGET / HTTP/1.1\r\n\r\n").expect("room for a line");
+    let mut answer = String::new();
+    let _ = garbage.read_to_string(&mut answer);
+    let refusal: Value = serde_json::from_str(&answer).expect("a refusal");
+    assert_eq!((&refusal["reply"], &refusal["exit_code"]), (&"refused".into(), &2.into()));
+    let mut flood = connect();
+    let _ = flood.write_all(&vec![b'x'; 1 << 20]);
+    drop(connect());
+    // Any language can ask.
+    let mut plain = connect();
+    plain.write_all(b"{\"request\":\"ps\"}\n").expect("room for a line");
+    let mut line = String::new();
+    BufReader::new(plain).read_line(&mut line).expect("an answer");
+    let status: Value = serde_json::from_str(&line).expect("JSON");
+    assert_eq!((&status["reply"], &status["run"]), (&"status".into(), &running.id().into()));
+    assert!(ps(&running).is_some());
+    end(running);
+}

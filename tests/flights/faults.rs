@@ -1,0 +1,341 @@
+//! Processes die, stop and are interrupted at any moment; the flight goes on or ends in order, and
+//! nothing is left behind.
+//!
+//! `MORPHQUAD_ROUNDS=20 cargo test --release --test flights faults` strikes 20 times per victim; every
+//! round has a moment of its own, drawn from its number.
+
+use crate::common::processes::{
+    Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until,
+};
+use crate::common::recording::Recording;
+use crate::common::{Flown, fly, morphquad, rounds, turn};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rustix::process::Signal;
+use serde_json::Value;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+/// Services that are restarted from their last state.
+const MORTALS: [&str; 4] = ["estimator", "position-mpc", "attitude-mpc", "disturbance-injector"];
+/// Exit code when a crash ended the flight.
+const CRASHED: i32 = 4;
+/// Exit code when the user ended the flight.
+const INTERRUPTED: i32 = 130;
+/// A flight with wind and morphing, slow enough to be hit in the air: three seconds at least.
+const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "45s"];
+const PACE: [&str; 2] = ["--speed", "15"];
+
+/// Hash of [`FLIGHT`] when nothing happens.
+fn undisturbed_hash() -> &'static str {
+    static HASH: OnceLock<String> = OnceLock::new();
+    HASH.get_or_init(|| {
+        let flown = fly(&FLIGHT);
+        flown.assert_clean();
+        flown.hash().to_owned()
+    })
+}
+
+/// Waits for a moment that only `seed` decides about.
+fn random_moment(seed: usize) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed as u64);
+    pause_ms(rng.random_range(0..1000));
+}
+
+fn lockstep(more: &[&str]) -> Running {
+    Running::start_and_fly(&[&FLIGHT[..], &PACE, more].concat())
+}
+
+fn in_realtime(duration: &str, more: &[&str]) -> Running {
+    let base = ["hover", "--clock", "realtime", "--for", duration];
+    Running::start_and_fly(&[&base[..], more].concat())
+}
+
+/// The flight went on after one crash that was told, and its recording is complete.
+fn assert_recovered(flown: &Flown, victim: &str, how: &str) {
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
+    assert!(flown.stderr.contains(&format!("{victim} {how}")), "{}", flown.said());
+    assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
+    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
+    assert_nothing_left(flown);
+    assert!(flown.recording().count_messages_of_a_complete_file() > 1000);
+}
+
+fn assert_nothing_left(flown: &Flown) {
+    let run = flown.word("run");
+    assert!(processes_of(run).is_empty(), "{:?}", processes_of(run));
+    assert!(left_in_shared_memory(run).is_empty(), "{:?}", left_in_shared_memory(run));
+}
+
+fn assert_the_next_run_works() {
+    let flown = fly(&["hover", "--for", "1s"]);
+    flown.assert_clean();
+    assert_nothing_left(&flown);
+}
+
+fn strike_in_lockstep(victim: &str) {
+    let _turn = turn();
+    for round in 0..rounds(1) {
+        let mut running = lockstep(&[]);
+        random_moment(round * 7 + victim.len());
+        running.signal(victim, Signal::KILL);
+        let flown = running.wait();
+        assert_recovered(&flown, victim, "killed by signal 9");
+        assert_eq!(flown.hash(), undisturbed_hash(), "round {round}: {}", flown.said());
+    }
+}
+
+#[test]
+fn a_killed_estimator_leaves_no_trace_in_a_lockstep_flight() {
+    strike_in_lockstep("estimator");
+}
+
+#[test]
+fn a_killed_position_controller_leaves_no_trace_in_a_lockstep_flight() {
+    strike_in_lockstep("position-mpc");
+}
+
+#[test]
+fn a_killed_attitude_controller_leaves_no_trace_in_a_lockstep_flight() {
+    strike_in_lockstep("attitude-mpc");
+}
+
+#[test]
+fn a_killed_injector_leaves_no_trace_in_a_lockstep_flight() {
+    strike_in_lockstep("disturbance-injector");
+}
+
+/// What two neighbours had between them dies with both, so the hash may be another one.
+#[test]
+fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
+    let _turn = turn();
+    for round in 0..rounds(1) {
+        let mut running = lockstep(&[]);
+        random_moment(round);
+        for victim in MORTALS {
+            running.signal(victim, Signal::KILL);
+        }
+        let flown = running.wait();
+        for victim in MORTALS {
+            assert_recovered(&flown, victim, "killed by signal 9");
+        }
+        assert!(flown.number("position_max_m") <= 0.15, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
+    let _turn = turn();
+    let mut running = lockstep(&[]);
+    random_moment(11);
+    running.signal("attitude-mpc", Signal::TERM);
+    let flown = running.wait();
+    assert_recovered(&flown, "attitude-mpc", "exit status 130");
+    assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
+}
+
+#[test]
+fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
+    let _turn = turn();
+    for (round, victim) in ["attitude-mpc", "position-mpc", "estimator"].into_iter().enumerate() {
+        let mut running = lockstep(&["--set", "launcher.stall_timeout_s=2"]);
+        random_moment(round);
+        running.signal(victim, Signal::STOP);
+        let flown = running.wait();
+        assert_recovered(&flown, victim, "made no progress");
+        assert_eq!(flown.hash(), undisturbed_hash(), "{victim}: {}", flown.said());
+    }
+}
+
+/// Kills each process but the plant in a realtime flight of its own and has `judge` look at the flight.
+fn strike_in_realtime(judge: impl Fn(&Flown)) {
+    let _turn = turn();
+    for (index, victim) in MORTALS.into_iter().enumerate() {
+        for round in 0..rounds(1) {
+            let mut running = in_realtime("3s", &[]);
+            random_moment(round * 5 + index);
+            running.signal(victim, Signal::KILL);
+            let flown = running.wait();
+            assert_recovered(&flown, victim, "killed by signal 9");
+            assert!(flown.number("flown_s") >= 3.0, "{}", flown.said());
+            judge(&flown);
+        }
+    }
+}
+
+#[test]
+fn a_realtime_flight_goes_on_after_the_death_of_any_process_but_the_plant() {
+    strike_in_realtime(|_| {});
+}
+
+#[test]
+#[ignore = "soak: the vehicle leaves its place if the successor has to wait for a processor"]
+fn a_realtime_flight_stays_in_its_place_after_a_death() {
+    strike_in_realtime(|flown| {
+        println!("at most {} m away", flown.number("position_max_m"));
+        assert!(flown.number("position_max_m") < 1.0, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.3, "{}", flown.said());
+    });
+}
+
+#[test]
+fn the_death_of_the_plant_ends_the_flight_with_4_a_reason_and_a_complete_recording() {
+    let _turn = turn();
+    for round in 0..rounds(1) {
+        for realtime in [false, true] {
+            let mut running = if realtime { in_realtime("20s", &[]) } else { lockstep(&[]) };
+            random_moment(round);
+            running.signal("plant", Signal::KILL);
+            let flown = running.wait();
+            assert_eq!(flown.code, Some(CRASHED), "{}", flown.said());
+            assert!(flown.reason().contains("plant killed by signal 9"), "{}", flown.said());
+            assert_eq!(flown.verdict(), "CRASHED", "{}", flown.said());
+            assert!(flown.recording().count_messages_of_a_complete_file() > 100);
+            assert_nothing_left(&flown);
+            assert_the_next_run_works();
+        }
+    }
+}
+
+/// Kills the launcher and waits until the rest has gone by itself.
+fn assert_all_leave_after_the_launcher(mut running: Running) {
+    let id = running.id().to_owned();
+    let recording = running.recording_path().expect("it flies");
+    assert!(kill(running.launcher_pid(), Signal::KILL));
+    wait_until("everybody leaves", || processes_of(&id).is_empty());
+    assert!(left_in_shared_memory(&id).is_empty(), "{:?}", left_in_shared_memory(&id));
+    assert!(Recording::read(&recording).count_messages_of_a_cut_file() > 100);
+    let flown = running.wait();
+    assert_eq!(flown.code, None, "{}", flown.stderr);
+    assert!(flown.stderr.contains("launcher") && flown.stderr.contains("died"), "{}", flown.stderr);
+    assert_the_next_run_works();
+}
+
+#[test]
+fn when_the_launcher_dies_everybody_leaves_after_the_grace_and_nothing_is_left() {
+    let _turn = turn();
+    let no_grace = ["--set", "launcher.launcher_grace_s=0"];
+    for round in 0..rounds(1) {
+        let running = lockstep(&no_grace);
+        random_moment(round);
+        assert_all_leave_after_the_launcher(running);
+        let running = in_realtime("20s", &no_grace);
+        random_moment(round + 1);
+        assert_all_leave_after_the_launcher(running);
+    }
+}
+
+#[test]
+fn a_run_killed_as_a_whole_is_cleaned_up_by_the_next_one() {
+    let _turn = turn();
+    let mut running = lockstep(&[]);
+    let id = running.id().to_owned();
+    // The launcher first, or it would restart the others.
+    assert!(kill(running.launcher_pid(), Signal::KILL));
+    for process in processes_of(&id) {
+        kill(process.pid, Signal::KILL);
+    }
+    running.wait();
+    wait_until("all are dead", || processes_of(&id).is_empty());
+    assert!(!left_in_shared_memory(&id).is_empty(), "the dead do not tidy up");
+    assert_the_next_run_works();
+    assert!(left_in_shared_memory(&id).is_empty(), "{:?}", left_in_shared_memory(&id));
+}
+
+/// Owners of a slot that were started again before the interrupt: in realtime a machine that has other
+/// things to do may keep their commands from coming, which is no fault of the end.
+fn restarts_before_interrupt(flown: &Flown) -> usize {
+    let notices = flown.summary()["notices"].as_array().into_iter().flatten();
+    let notices = notices.map(|notice| notice.as_str().unwrap_or_default());
+    let before = notices.take_while(|notice| !notice.starts_with("interrupted"));
+    before.filter(|notice| notice.contains("is started again")).count()
+}
+
+#[test]
+fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
+    let _turn = turn();
+    let endless = ["figure8-morph", "--for", "600s", "--speed", "15"];
+    let realtime = ["hover", "--clock", "realtime", "--for", "60s"];
+    for (signal, flights) in [
+        (Signal::INT, vec![&endless[..], &realtime]),
+        (Signal::TERM, vec![&endless[..], &realtime]),
+        // A terminal that is closed, and Ctrl-\\.
+        (Signal::HUP, vec![&endless[..]]),
+        (Signal::QUIT, vec![&realtime[..]]),
+    ] {
+        for flight in flights {
+            let mut running = Running::start_and_fly(flight);
+            random_moment(1);
+            assert!(kill(running.launcher_pid(), signal));
+            let flown = running.wait();
+            assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
+            assert_eq!(flown.word("ended"), "interrupted");
+            assert_eq!(flown.verdict(), "INCOMPLETE", "{}", flown.said());
+            assert!(flown.stderr.contains("interrupted"), "{}", flown.said());
+            // In order: nobody had to be killed, nothing was lost, all loops end together.
+            assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
+            let restarts = restarts_before_interrupt(&flown);
+            assert_eq!(flown.summary()["recovered_crashes"], restarts, "{}", flown.said());
+            assert!(
+                flown.number("flown_s") > 0.0 && flown.number("flown_s") < 60.0,
+                "{}",
+                flown.said()
+            );
+            assert!(flown.recording().count_messages_of_a_complete_file() > 100);
+            assert_nothing_left(&flown);
+        }
+    }
+}
+
+#[test]
+fn a_second_interrupt_does_not_wait_for_anybody() {
+    let _turn = turn();
+    let mut running = lockstep(&["--set", "launcher.stall_timeout_s=600"]);
+    // With this one stopped, there is no orderly end to wait for.
+    running.signal("estimator", Signal::STOP);
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    pause_ms(300);
+    assert!(kill(running.launcher_pid(), Signal::INT), "one interrupt alone has ended it");
+    let flown = running.wait();
+    assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
+    assert!(flown.recording().count_messages_of_a_complete_file() > 100);
+    assert_nothing_left(&flown);
+}
+
+#[test]
+fn another_build_that_hangs_is_ended_by_a_signal_and_leaves_nothing() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "100ms"]);
+    let folder = TempDir::new().expect("a folder");
+    let hanging = folder.path().join("hanging");
+    fs::write(&hanging, "#!/bin/sh\necho $$ > \"$0.pid\"\nexec sleep 600\n").expect("a script");
+    let executable = fs::Permissions::from_mode(0o755);
+    fs::set_permissions(&hanging, executable).expect("an executable");
+    let temporary = folder.path().join("tmp");
+    fs::create_dir(&temporary).expect("a folder");
+    for signal in [Signal::INT, Signal::TERM] {
+        let mut command = morphquad(["replay"]);
+        command.arg(flown.recording_path()).arg("--with").arg(&hanging);
+        command.args(["--service", "attitude-mpc", "--format", "json"]);
+        let child = command.env("TMPDIR", &temporary).spawn().expect("the executable starts");
+        let pid = folder.path().join("hanging.pid");
+        let started = || fs::read_to_string(&pid).ok()?.trim().parse::<u32>().ok();
+        wait_until("the other build hangs", || started().is_some());
+        assert!(kill(child.id(), signal));
+        let output = child.wait_with_output().expect("an end");
+        let said: Value = serde_json::from_slice(&output.stdout).expect("a complaint");
+        assert_eq!(
+            (output.status.code(), &said["exit"]),
+            (Some(INTERRUPTED), &INTERRUPTED.into()),
+            "{said}"
+        );
+        assert_eq!(fs::read_dir(&temporary).expect("a folder").count(), 0);
+        let hung = started().expect("its number");
+        assert!(!Path::new(&format!("/proc/{hung}")).exists(), "the other build still runs");
+        fs::remove_file(&pid).expect("there until now");
+    }
+}

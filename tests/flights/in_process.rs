@@ -1,0 +1,68 @@
+//! `run --in-process`: the flight of the processes, in one.
+
+use crate::common::processes::{Running, kill, left_in_shared_memory, pause_ms};
+use crate::common::{Flown, fly, turn};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Parts of the summary that tell of the host.
+const HOST: [&str; 3] = ["real_time_factor", "run", "recording"];
+
+fn of_the_flight(flown: &Flown) -> serde_json::Map<String, Value> {
+    let mut summary = flown.summary().as_object().expect("an object").clone();
+    summary.retain(|key, _| !HOST.contains(&key.as_str()));
+    summary
+}
+
+#[test]
+fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_processes() {
+    let _turn = turn();
+    for name in launcher::scenario::shipped::names() {
+        let flight = [name, "--for", "4s", "--seed", "3"];
+        let processes = fly(&flight);
+        let alone = fly(&[&flight[..], &["--in-process"]].concat());
+        processes.assert_clean();
+        assert_eq!(alone.hash(), processes.hash(), "{name}");
+        assert_eq!(of_the_flight(&alone), of_the_flight(&processes), "{name}");
+        let (one, six) = (alone.recording().contents(), processes.recording().contents());
+        assert!(one.keys().eq(six.keys()), "{name}: other messages");
+        for (key, message) in &one {
+            assert!(six[key] == *message, "{name}: {key:?}");
+        }
+        assert!(one.keys().any(|(channel, ..)| channel == "/state/plant"));
+        alone.recording().count_messages_of_a_complete_file();
+    }
+}
+
+#[test]
+fn nothing_is_left_or_made_in_shared_memory_and_without_a_recording_no_file() {
+    let flown = fly(&["hover", "--for", "1s", "--in-process", "--no-record", "--pin", "0"]);
+    flown.assert_clean();
+    assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
+    assert_eq!(flown.summary()["recording"], Value::Null);
+}
+
+#[test]
+fn an_interrupt_ends_it_in_order_and_the_flight_is_the_shorter_one() {
+    let _turn = turn();
+    let mut running = Running::start(&["hover", "--in-process", "--speed", "2", "--for", "60s"]);
+    pause_ms(300);
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let cut = running.wait();
+    assert_eq!(cut.code, Some(130), "{}", cut.said());
+    assert!(cut.number("flown_s") > 0.0 && cut.number("flown_s") < 60.0);
+    cut.recording().count_messages_of_a_complete_file();
+    let short = fly(&["hover", "--for", &format!("{}s", cut.number("flown_s"))]);
+    assert_eq!(cut.hash(), short.hash());
+}
+
+#[test]
+fn realtime_and_unknown_processors_are_refused_with_a_reason() {
+    for (flags, named) in
+        [(["--clock", "realtime"], "--clock lockstep --speed 1"), (["--pin", "4711"], "processor")]
+    {
+        let flown = fly(&[&["hover", "--in-process", "--no-record"], &flags[..]].concat());
+        assert_eq!(flown.code, Some(2), "{}", flown.said());
+        assert!(flown.said().contains(named), "{}", flown.said());
+    }
+}

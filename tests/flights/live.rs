@@ -1,0 +1,316 @@
+//! `run --live` and `live`: what viewers see and may do, and that the flight does not notice them. The page itself
+//! is driven by `.ci/page`, the WebSocket by an independent client in `.ci/live`.
+
+use crate::common::processes::{Running, left_in_shared_memory, wait_until};
+use crate::common::{fly, morphquad, turn};
+use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Child, ChildStdout, Stdio};
+use std::time::Duration;
+
+/// `morphquad live` beside a run.
+struct Live {
+    child: Child,
+    _out: BufReader<ChildStdout>,
+    page: String,
+    token: String,
+    socket: String,
+}
+
+impl Live {
+    fn beside(run: &str) -> Self {
+        let words = ["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"];
+        let mut child = morphquad(words).stderr(Stdio::null()).spawn().expect("it starts");
+        let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
+        let mut lines = [String::new(), String::new()];
+        for line in &mut lines {
+            out.read_line(line).expect("a line");
+        }
+        let page = lines[0].trim().strip_prefix("live  http://").expect("a page").to_owned();
+        let (page, token) = page.split_once("/#token=").expect("a token");
+        let socket = lines[1].strip_prefix("live  ws://").expect("a socket");
+        let socket = socket.split_whitespace().next().expect("an address").to_owned();
+        Self { child, _out: out, page: page.to_owned(), token: token.to_owned(), socket }
+    }
+
+    fn get(&self, path: &str) -> (u16, String) {
+        self.ask(&format!(
+            "GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n",
+            self.page
+        ))
+    }
+
+    fn flight(&self, query: &str) -> Value {
+        let (code, body) = self.get(&format!("/flight{query}"));
+        assert_eq!(code, 200, "{body}");
+        serde_json::from_str(&body).expect("JSON")
+    }
+
+    fn order(&self, token: &str, body: &str) -> (u16, String) {
+        let (host, length) = (&self.page, body.len());
+        self.ask(&format!(
+            "POST /control HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n\
+             Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+        ))
+    }
+
+    /// Code and body of an answer, by hand: the server's own library would share its mistakes.
+    fn ask(&self, request: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(&self.page).expect("the page listens");
+        stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a socket");
+        stream.write_all(request.as_bytes()).expect("it hears");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("it answers");
+        let code = answer.split(' ').nth(1).and_then(|code| code.parse().ok());
+        let (head, body) = answer.split_once("\r\n\r\n").expect("head and body");
+        let body = if head.to_lowercase().contains("transfer-encoding: chunked") {
+            dechunked(body)
+        } else {
+            body.to_owned()
+        };
+        (code.unwrap_or_else(|| panic!("{answer}")), body)
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// RFC 9112, 7.1.
+fn dechunked(mut text: &str) -> String {
+    let mut out = String::new();
+    while let Some((length, rest)) = text.split_once("\r\n") {
+        let length = usize::from_str_radix(length.trim(), 16).expect("a length");
+        out.push_str(&rest[..length]);
+        text = rest[length..].trim_start_matches("\r\n");
+    }
+    out
+}
+
+/// A viewer of the WebSocket that wants everything and then never reads (RFC 6455).
+fn stalling_viewer(socket: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(socket).expect("the socket listens");
+    stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a socket");
+    let hello = format!(
+        "GET / HTTP/1.1\r\nHost: {socket}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+         Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\
+         Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+    );
+    stream.write_all(hello.as_bytes()).expect("it hears");
+    let mut head = Vec::new();
+    let mut byte = [0];
+    while !head.ends_with(b"\r\n\r\n") {
+        stream.read_exact(&mut byte).expect("a handshake");
+        head.extend(byte);
+    }
+    let head = String::from_utf8(head).expect("text");
+    assert!(
+        head.starts_with("HTTP/1.1 101") && head.contains("s3pPLMBiTxaQ9kYGzzhZRbK+xOo="),
+        "{head}"
+    );
+    let wanted: Vec<Value> = (1..=30).map(|id| json!({ "id": id, "channelId": id })).collect();
+    let text = json!({ "op": "subscribe", "subscriptions": wanted }).to_string();
+    let length = u16::try_from(text.len()).expect("short").to_be_bytes();
+    // Final text frame, masked with zeros.
+    let frame = [&[0x81, 0xfe][..], &length, &[0; 4], text.as_bytes()].concat();
+    stream.write_all(&frame).expect("it hears");
+    stream
+}
+
+#[test]
+fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
+    let _turn = turn();
+    let mut running = Running::start_and_fly(&["hover", "--for", "16s", "--speed", "2"]);
+    let live = Live::beside(running.id());
+    let _stalling = stalling_viewer(&live.socket);
+    // Asks for everything, again and again, and never reads an answer.
+    let _deaf: Vec<TcpStream> = (0..40)
+        .map(|_| {
+            let mut stream = TcpStream::connect(&live.page).expect("the page listens");
+            let ask = format!("GET /flight HTTP/1.1\r\nHost: {}\r\n\r\n", live.page);
+            stream.write_all(ask.repeat(20).as_bytes()).expect("it hears");
+            stream
+        })
+        .collect();
+    let (code, body) = live.order("not-the-token", r#"{"request":"stop"}"#);
+    assert_eq!(code, 403, "{body}");
+    let flown = running.wait();
+    flown.assert_clean();
+    assert_eq!(flown.hash(), fly(&["hover", "--for", "16s", "--no-record"]).hash());
+    assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
+    let _turn = turn();
+    let mut running = Running::start_and_fly(&["hover", "--for", "16s", "--speed", "2"]);
+    let live = Live::beside(running.id());
+    let (code, page) = live.get("/");
+    assert!(code == 200 && page.contains("connect-src 'self'"), "{code}");
+    assert!(!page.contains(&live.token), "only the address has the token");
+    for (path, code) in [("/none", 404), ("/control", 405), ("/flight?since_s=x", 400)] {
+        assert_eq!(live.get(path).0, code, "{path}");
+    }
+    let mut whole = Value::Null;
+    wait_until("something is flown", || {
+        whole = live.flight("");
+        whole["to_s"].as_f64() > whole["from_s"].as_f64().map(|from_s| from_s + 2.0)
+    });
+    assert_eq!((&whole["format"], &whole["is_over"]), (&json!(1), &json!(false)));
+    let charts = whole["charts"].as_array().expect("charts").len();
+    let to_s = whole["to_s"].as_f64().expect("a time");
+    let mut news = Value::Null;
+    wait_until("more is flown", || {
+        news = live.flight(&format!("?since_s={to_s}&events=0"));
+        news["to_s"].as_f64() > Some(to_s + 1.0)
+    });
+    let count = |flight: &Value, key: &str| flight["frames"][key].as_u64().expect("a count");
+    // A second before what is known is told again, in frames of 10 ms.
+    let (first, known) = (count(&news, "first"), count(&whole, "count"));
+    assert!(first > 0 && first <= known && known - first <= 101, "{first} of {known}");
+    assert_eq!(news["charts"].as_array().map(Vec::len), Some(charts));
+    let height = news["charts"][0]["series"][0]["first"].as_u64();
+    assert!(height > Some(0), "{height:?}");
+    wait_until("the launcher is asked who flies", || {
+        let status = &live.flight("?since_s=1e9")["status"];
+        status["processes"].as_array().is_some_and(|processes| processes.len() == 7)
+    });
+    let mut last = Value::Null;
+    wait_until("the end is told", || {
+        last = live.flight("?since_s=0");
+        last["is_over"] == true
+    });
+    let flown = running.wait();
+    flown.assert_clean();
+    assert!(flown.word("line").starts_with("PASSED  hover: "), "{}", flown.said());
+    assert_eq!(last["outcome"], json!({ "is_good": true, "text": flown.word("line") }));
+}
+
+#[test]
+fn whoever_has_the_token_orders_and_nobody_else() {
+    let _turn = turn();
+    let mut running = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "2"]);
+    let live = Live::beside(running.id());
+    let stop = r#"{"request":"stop"}"#;
+    for token in ["", "0", &live.token[..31], &live.token.to_uppercase().repeat(2)] {
+        let (code, told) = live.order(token, stop);
+        assert!(code == 403 && told.contains("token"), "{token}: {told}");
+    }
+    let foreign = format!(
+        "POST /control HTTP/1.1\r\nHost: evil.example\r\nAuthorization: Bearer {}\r\n\
+         Content-Length: {}\r\nConnection: close\r\n\r\n{stop}",
+        live.token,
+        stop.len()
+    );
+    assert_eq!(live.ask(&foreign).0, 403, "a page elsewhere that has given its name our address");
+    for (garbage, told) in [
+        ("{}", "not an order"),
+        (r#"{"request":"swap","slot":"attitude","to":"/bin/sh"}"#, "by name"),
+        (&"x".repeat(20_000), "at most"),
+    ] {
+        let (code, text) = live.order(&live.token, garbage);
+        assert!(code == 400 && text.contains(told), "{text}");
+    }
+    let replies = |body: &str| -> Value {
+        let (code, text) = live.order(&live.token, body);
+        assert_eq!(code, 200, "{text}");
+        serde_json::from_str::<Value>(&text).expect("JSON")["replies"].take()
+    };
+    let morph = r#"{"request":"order","order":{"morph":{"angle_deg":150.0,"over_s":1.0}}}"#;
+    assert_eq!(replies(morph)[0]["reply"], "ordered");
+    let refused = replies(r#"{"request":"order","order":{"morph":{"angle_deg":500.0}}}"#);
+    assert_eq!(refused[0]["reply"], "refused", "{refused}");
+    let swap = r#"{"request":"swap","slot":"attitude","to":"attitude-lqr","shadow_ns":500000000}"#;
+    let swapped = replies(swap);
+    let last = swapped.as_array().and_then(|replies| replies.last()).expect("a reply");
+    assert_eq!(
+        (&last["reply"], &last["outcome"]),
+        (&json!("done"), &json!("swapped")),
+        "{swapped}"
+    );
+    wait_until("the new owner is told", || {
+        let owner = &live.flight("?since_s=0")["status"]["slots"][0]["owner"];
+        owner.as_str().is_some_and(|owner| owner.starts_with("attitude-lqr"))
+    });
+    let flight = live.flight("");
+    let events = flight["events"].as_array().expect("events");
+    assert!(events.iter().any(|event| event["kind"] == "swap" && event["is_mark"] == true));
+    assert!(events.iter().any(|event| event["kind"] == "order"), "{events:?}");
+    assert_eq!(replies(stop)[0]["outcome"], "stopping");
+    let flown = running.wait();
+    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    assert_eq!(flown.summary()["missed_ticks"], 0);
+}
+
+#[test]
+fn a_port_that_is_taken_ends_the_run_before_it_begins() {
+    let _turn = turn();
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = taken.local_addr().expect("an address").to_string();
+    let live = format!("--live={address}");
+    let flown = fly(&["hover", "--for", "1s", &live, "--no-open"]);
+    assert_eq!(flown.code, Some(2), "{}", flown.said());
+    assert!(
+        flown.stderr.contains(&address) && flown.stderr.contains("--live="),
+        "{}",
+        flown.stderr
+    );
+    for (bad, told) in [
+        (["hover", "--live=elsewhere:8765"], "127.0.0.1:8765"),
+        (["hover", "--no-open"], "--live"),
+        (["--live", "8765"], "--live=8765"),
+    ] {
+        let output = morphquad([&["run"], &bad[..]].concat()).output().expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(told), "{bad:?}: {said}");
+    }
+    let none = morphquad(["live", "--run", "no-such-run"]).output().expect("it starts");
+    assert_eq!(none.status.code(), Some(2));
+}
+
+#[test]
+fn a_live_run_has_the_pace_of_the_clock_and_the_hash_of_any_other() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "1s", "--live=127.0.0.1:0", "--no-open"]);
+    flown.assert_clean();
+    assert!(flown.stderr.contains("live  http://127.0.0.1:"), "{}", flown.stderr);
+    assert!(flown.stderr.contains("live  ws://127.0.0.1:"), "{}", flown.stderr);
+    assert!(flown.number("real_time_factor") < 1.2, "{}", flown.said());
+    assert_eq!(flown.hash(), fly(&["hover", "--for", "1s", "--no-record"]).hash());
+}
+
+#[test]
+fn a_live_run_is_as_fast_as_it_can_be_only_in_so_many_words_and_says_what_comes_of_it() {
+    let _turn = turn();
+    let fast = ["--live=localhost:0", "--no-open", "--speed", "max"];
+    let flown = fly(&[&["hover", "--for", "60s"][..], &fast].concat());
+    flown.assert_clean();
+    assert!(flown.stderr.contains("may be over before its page is open"), "{}", flown.stderr);
+    // A second or two, of which a busy machine may make ten. At the clock's pace it would be a minute.
+    assert!(flown.number("real_time_factor") > 1.2, "{}", flown.said());
+}
+
+#[test]
+fn what_listens_everywhere_is_found_from_elsewhere_and_a_browser_that_is_not_there_is_said() {
+    let _turn = turn();
+    let mut run = morphquad(["run", "hover", "--for", "1s", "--no-record", "--live=0.0.0.0:0"]);
+    // A screen, and nothing that could open a browser on it: the tests start everything through `env`.
+    let folder = tempfile::tempdir().expect("a folder");
+    std::os::unix::fs::symlink("/usr/bin/env", folder.path().join("env")).expect("room");
+    let output = run.env("DISPLAY", ":99").env("PATH", folder.path()).output();
+    let output = output.expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("everybody who reaches this address can watch"), "{said}");
+    for address in said.lines().filter_map(|line| line.split_once("on other machines  ")) {
+        let named = address.1.contains("127.0.0.1") || address.1.contains("0.0.0.0");
+        assert!(!named, "{said}");
+    }
+    let opened = said.lines().find(|line| line.contains("no browser could be started"));
+    assert!(opened.is_some_and(|line| line.contains("http://127.0.0.1:")), "{said}");
+    assert!(opened.is_some_and(|line| line.contains("/#token=")), "{said}");
+}

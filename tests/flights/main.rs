@@ -1,0 +1,35 @@
+//! The real executable: what it flies, records, refuses and tells. One executable for all of these tests, because
+//! each one more is compiled and linked with everything that they share; what changes the state of its own
+//! process has one for itself beside this folder.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod adopt;
+mod attitude_step;
+mod bad_input;
+mod bad_recordings;
+mod bench;
+mod branch;
+mod campaign;
+mod control;
+mod doctor;
+mod faults;
+mod gate;
+mod in_process;
+mod live;
+mod lives;
+mod lockstep;
+mod orders;
+mod paper;
+mod processes;
+mod realtime;
+mod refusals;
+mod replay;
+mod report;
+mod study;
+mod swap;
+mod topic;
+mod trace;
+mod verdict;
+mod view;

@@ -1,0 +1,243 @@
+//! Where to go, how wide to spread the arms, what to disturb: ordered by a script and live.
+
+use crate::common::processes::{Running, kill, wait_until};
+use crate::common::recording::Row;
+use crate::common::{Flown, distance, fly, morphquad, turn};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// A lively flight in wind that is led away twice, folds out of its schedule and suffers a push.
+const LED: &[&str] = &[
+    "figure8-morph",
+    "--for",
+    "14s",
+    "--goto",
+    "1,-1,2,90@3.3s",
+    "--morph",
+    "100@5100ms,over=1s",
+    "--goto",
+    "-1,0.5,1@6.5s",
+];
+
+const GOALS_M: [[f64; 3]; 2] = [[1.0, -1.0, 2.0], [-1.0, 0.5, 1.0]];
+
+fn led(more: &[&str]) -> Flown {
+    fly(&[LED, more].concat())
+}
+
+/// The first point of each reference: position, velocity, heading.
+fn references(flown: &Flown) -> Vec<Row> {
+    let mut rows = flown.recording().series("reference", &["points"]);
+    for row in &mut rows {
+        row.values.truncate(7);
+    }
+    rows
+}
+
+fn verify(flown: &Flown) -> Value {
+    let mut command = morphquad(["replay"]);
+    command.arg(flown.recording_path()).args(["--hash", "--verify", "--format", "json"]);
+    let output = command.output().expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    let json: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(output.status.code(), Some(0), "{json} {said}");
+    assert_eq!(json["verify"]["identical"], true, "{json}");
+    json
+}
+
+/// Exit code, answer and complaint of a command to a run.
+fn say(arguments: &[&str], run: &Running) -> (Option<i32>, String, String) {
+    let output = morphquad(arguments.iter().chain(&["--run", run.id()])).output();
+    let output = output.expect("the executable starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn a_led_flight_is_smooth_clean_and_where_it_was_told_to_be() {
+    let _turn = turn();
+    let flown = led(&[]);
+    flown.assert_clean();
+    let rows = references(&flown);
+    for pair in rows.windows(2) {
+        let [a, b] = pair else { unreachable!() };
+        let dt_s = b.t_s - a.t_s;
+        let mean: Vec<f64> = (0..3).map(|i| (b.values[i] - a.values[i]) / dt_s).collect();
+        // The published velocity is that of the published path, across every order.
+        for i in 0..3 {
+            let between = f64::midpoint(a.values[3 + i], b.values[3 + i]);
+            assert!((mean[i] - between).abs() < 2e-3, "at {} s: {mean:?}", a.t_s);
+        }
+        let change = distance(&b.values[3..6], &a.values[3..6]) / dt_s;
+        assert!(change < 2.3, "{change} m/s2 at {} s", a.t_s);
+        assert!((b.values[6] - a.values[6]).abs() < 0.9 * dt_s, "turns too fast at {} s", a.t_s);
+    }
+    let truth = flown.recording().series("truth", &["position_w_m"]);
+    let at = |t_s: f64| truth.iter().find(|row| row.t_s >= t_s).expect("flown").values.clone();
+    assert!(distance(&at(6.5), &GOALS_M[0]) < 0.15, "{:?}", at(6.5));
+    assert!(distance(&at(13.9), &GOALS_M[1]) < 0.05, "{:?}", at(13.9));
+    let heading = references(&flown).last().expect("some").values[6];
+    assert!((heading.to_degrees() - 90.0).abs() < 1e-6, "{heading}");
+    // The schedule of the scenario would have swept to 160 degrees by 7 s.
+    let arms = flown.recording().series("morph_command", &["angle_rad"]);
+    let last = arms.last().expect("some").values[0].to_degrees();
+    assert!((last - 100.0).abs() < 1e-9, "{last}");
+    let orders = flown.summary()["orders"].as_array().expect("orders");
+    let told: Vec<_> = orders.iter().map(|o| o["order"].as_str().expect("words")).collect();
+    assert_eq!(
+        told,
+        ["goto 1 -1 2 m, heading 90 deg", "morph 100 deg over 1 s", "goto -1 0.5 1 m"]
+    );
+    assert!(orders.iter().all(|order| order["scripted"] == true), "{orders:?}");
+    assert!(orders[0]["done_s"].as_f64() < Some(7.5), "{orders:?}");
+    verify(&flown);
+}
+
+#[test]
+fn a_led_flight_is_the_same_in_one_process_and_in_disorder() {
+    let _turn = turn();
+    let processes = led(&[]);
+    let alone = led(&["--in-process"]);
+    assert_eq!(alone.hash(), processes.hash());
+    assert_eq!(alone.word("log_hash"), processes.word("log_hash"));
+    assert_eq!(alone.summary()["orders"], processes.summary()["orders"]);
+    assert_eq!(led(&["--disorder", "5"]).hash(), processes.hash());
+    assert_ne!(fly(&["figure8-morph", "--for", "14s"]).hash(), processes.hash());
+}
+
+#[test]
+fn a_led_flight_can_be_taken_up_in_the_middle() {
+    let _turn = turn();
+    let flown = led(&[]);
+    for at in ["@3s", "@4s", "@8s"] {
+        let mut command = morphquad(["replay"]);
+        command.arg(flown.recording_path()).args(["--branch", at, "--format", "json"]);
+        let output = command.output().expect("the executable starts");
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{at}: {json} {said}");
+        assert!(json.to_string().contains(flown.hash()), "{at}: {json}");
+    }
+}
+
+#[test]
+fn an_injector_that_dies_goes_on_with_what_was_ordered() {
+    let _turn = turn();
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("pushed.toml");
+    let order = "[scenario]\nname = \"pushed\"\nduration_s = 5.0\n[[order]]\nat_s = 1.0\ndisturb = { load = { wind = { mean_w_m_s = [1.0, 0.0, 0.0], sigma_w_m_s = [0.5, 0.5, 0.5] } }, for_s = 3.0 }\n[[order]]\nat_s = 2.0\ndisturb = { load = { force_w_n = [0.0, 0.1, 0.0] }, for_s = 1.0 }\n";
+    std::fs::write(&path, order).expect("room");
+    let path = path.to_str().expect("text");
+    let calm = fly(&[path]);
+    calm.assert_clean();
+    let wind = calm.recording().series("disturbance", &["wind_w_m_s", "force_w_n"]);
+    for row in &wind {
+        let (blows, pushes) = (row.values[0] != 0.0, row.values[4] > 0.0);
+        assert_eq!(blows, (0.9999..3.9999).contains(&row.t_s), "wind at {} s", row.t_s);
+        assert_eq!(pushes, (1.9999..2.9999).contains(&row.t_s), "force at {} s", row.t_s);
+    }
+    let died = fly(&[path, "--fault", "kill:disturbance-injector@2.5s"]);
+    assert_eq!(died.number("recovered_crashes").to_bits(), 1.0_f64.to_bits(), "{}", died.said());
+    assert_eq!(died.hash(), calm.hash());
+    verify(&died);
+}
+
+/// Waits until a run has flown for longer than this, as its launcher says.
+fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64) {
+    wait_until("it has flown for long enough", || {
+        let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
+        let output = output.expect("the executable starts");
+        let status: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        status["launcher_pid"] == launcher_pid && status["flown_s"].as_f64() > Some(flown_s)
+    });
+}
+
+fn assert_led_live(pace: &[&str]) {
+    let _turn = turn();
+    let mut running = Running::start_and_fly(&[&["hover", "--for", "600s"][..], pace].concat());
+    let done = |arguments: &[&str]| -> Value {
+        let words = [arguments, &["--format", "json"]].concat();
+        let (code, out, diagnostics) = say(&words, &running);
+        assert_eq!(code, Some(0), "{arguments:?}: {out} {diagnostics}");
+        serde_json::from_str(&out).expect("one JSON object")
+    };
+    let until = |flown_s| wait_until_flown(running.id(), running.launcher_pid(), flown_s);
+    let seconds = |told: &Value, key: &str| told[key].as_f64().unwrap_or_else(|| panic!("{told}"));
+    let went = done(&["goto", "0.6", "-0.4", "1.8", "45"]);
+    assert_eq!(went["reply"], "ordered", "{went}");
+    assert!(seconds(&went, "begins_s") > seconds(&went, "at_s"), "{went}");
+    let morphed = done(&["morph", "120", "--over", "1500ms"]);
+    done(&["disturb", "force", "0", "0", "-0.1", "--for", "500ms", "--in", "100ms"]);
+    let blows = done(&["disturb", "wind", "1", "0", "0", "--gust", "0.3"]);
+    let refused = |arguments: &[&str], words: &str| {
+        let (code, out, told) = say(arguments, &running);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {told}");
+        assert!(told.contains(words), "{told}");
+    };
+    refused(&["goto", "0", "0", "-1"], "from 0.2 to 100");
+    refused(&["goto", "1000", "0", "1"], "from -100 to 100");
+    refused(&["morph", "161"], "from 45 to 160");
+    refused(&["morph", "160", "--over", "10ms"], "at least");
+    refused(&["disturb", "payload", "-1"], "from 0 to 10");
+    until(seconds(&blows, "begins_s"));
+    let calm = done(&["disturb", "off"]);
+    let last_s = seconds(&went, "done_s").max(seconds(&morphed, "done_s"));
+    until(last_s.max(seconds(&calm, "begins_s")) + 0.1);
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    let orders = flown.summary()["orders"].as_array().expect("orders");
+    assert_eq!(orders.len(), 5, "{orders:?}");
+    assert!(orders.iter().all(|order| order["scripted"] == false), "{orders:?}");
+    let last = references(&flown).pop().expect("some").values;
+    assert!(distance(&last[..3], &[0.6, -0.4, 1.8]) < 1e-9, "{last:?}");
+    let arms = flown.recording().series("morph_command", &["angle_rad"]);
+    let angle_deg = arms.last().expect("some").values[0].to_degrees();
+    assert!((angle_deg - 120.0).abs() < 1e-9, "{angle_deg}");
+    let air = flown.recording().series("disturbance", &["wind_w_m_s", "force_w_n"]);
+    assert!(air.iter().any(|row| row.values[0] != 0.0));
+    assert!(air.last().expect("some").values.iter().all(|value| *value == 0.0));
+    verify(&flown);
+}
+
+#[test]
+fn a_run_in_the_air_is_led_live_and_its_recording_verifies() {
+    assert_led_live(&["--speed", "4"]);
+}
+
+#[test]
+fn a_realtime_run_is_led_live_and_its_recording_verifies() {
+    assert_led_live(&["--clock", "realtime"]);
+}
+
+#[test]
+fn orders_to_nobody_end_with_2() {
+    for arguments in [&["goto", "0", "0", "1"][..], &["morph", "90"], &["disturb", "off"]] {
+        let output = morphquad([arguments, &["--run", "no-such-run"]].concat()).output();
+        let output = output.expect("the executable starts");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("no-such-run"));
+    }
+}
+
+#[test]
+fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "600s"]);
+    let (code, out, said) = say(&["goto", "0.5", "0", "1.7", "--format", "json"], &running);
+    assert_eq!(code, Some(0), "{said}");
+    let went: Value = serde_json::from_str(&out).expect("JSON");
+    assert!(kill(running.launcher_pid(), Signal::KILL));
+    let run = running.id().to_owned();
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let adopter = morphquad(["adopt", &run, "--format", "json", "--record"])
+        .arg(folder.path())
+        .spawn()
+        .expect("the executable starts");
+    wait_until_flown(&run, adopter.id(), went["done_s"].as_f64().expect("an instant") + 0.1);
+    assert!(kill(adopter.id(), Signal::INT));
+    let adopted = Flown::new(&adopter.wait_with_output().expect("an end"), folder);
+    assert_eq!(adopted.code, Some(130), "{}", adopted.said());
+    let last = references(&adopted).pop().expect("some").values;
+    assert!(distance(&last[..3], &[0.5, 0.0, 1.7]) < 1e-9, "{last:?}");
+}

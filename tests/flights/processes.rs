@@ -1,0 +1,129 @@
+//! What the machine sees of a run: separate, named processes whose memory is nobody else's.
+
+use crate::common::processes::{Process, Running, kill, processes_of, wait_until};
+use crate::common::{Flown, judged, turn};
+use iceoryx2::service::port_factory::PortFactory as _;
+use runtime::ipc::Bus;
+use rustix::process::Signal;
+use shared_types::topics;
+use std::collections::BTreeSet;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use tempfile::TempDir;
+
+const SERVICES: [&str; 6] =
+    ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "monitor"];
+
+/// A flight that lasts, and in which nobody is started again because a machine is busy.
+fn fly_on() -> Running {
+    Running::start_and_fly(&["hover", "--for", "600s", "--speed", "1"])
+}
+
+fn end(mut running: Running) {
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    assert_eq!(running.wait().code, Some(130));
+}
+
+fn parent_of(pid: u32) -> u32 {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).expect("a living process");
+    let line = status.lines().find_map(|line| line.strip_prefix("PPid:")).expect("a parent");
+    line.trim().parse().expect("a number")
+}
+
+#[test]
+fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() {
+    let _turn = turn();
+    let running = fly_on();
+    let processes = processes_of(running.id());
+    let names: BTreeSet<&str> = processes.iter().map(|p| p.arguments[0].as_str()).collect();
+    assert_eq!(names, BTreeSet::from(SERVICES));
+    assert_eq!(processes.len(), 6, "{processes:?}");
+    for Process { pid, comm, arguments } in &processes {
+        // Names of threads hold 15 characters.
+        let name = arguments[0].as_str();
+        assert_eq!(comm, if name == "disturbance-injector" { "disturbance" } else { name });
+        assert_eq!(parent_of(*pid), running.launcher_pid());
+    }
+    let comm = fs::read_to_string(format!("/proc/{}/comm", running.launcher_pid()));
+    assert_eq!(comm.expect("the launcher lives").trim_end(), "morphquad");
+    end(running);
+}
+
+#[test]
+fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder for the executable");
+    let executable = folder.path().join("morphquad");
+    fs::copy(env!("CARGO_BIN_EXE_morphquad"), &executable).expect("a copy of the executable");
+    let flight = Command::new(&executable)
+        .args(["run", "hover", "--for", "3s", "--no-record", "--format", "json"])
+        .args(["--swap", "attitude=attitude-lqr@500ms,shadow=500ms,rollback=500ms"])
+        .args(["--fault", "kill:estimator@2500ms"])
+        .args(judged(&[]))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let flight = flight.expect("the executable starts");
+    // As the linker does when it builds anew; nothing but the launcher runs yet.
+    fs::remove_file(&executable).expect("it can be removed");
+    let flown = Flown::new(&flight.wait_with_output().expect("it ends"), folder);
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
+    assert_eq!(flown.summary()["recovered_crashes"], 1, "{}", flown.said());
+}
+
+#[test]
+fn a_runs_folder_and_memory_are_closed_to_other_users() {
+    let _turn = turn();
+    let running = fly_on();
+    let folder = Path::new("/dev/shm").join(format!("mq-{}", running.id()));
+    let mode = |path: &Path| fs::metadata(path).map(|m| m.permissions().mode());
+    assert_eq!(mode(&folder).expect("the run's folder") & 0o777, 0o700);
+    let object = format!("mqshm-{}_", running.id());
+    let mut seen = 0;
+    for entry in fs::read_dir("/dev/shm").expect("/dev/shm").flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        // The transport opens its management segment to all; it holds counters, no samples.
+        if !name.starts_with(&object) || name.ends_with(".global_mgmt") {
+            continue;
+        }
+        // A connection may be closed while we look.
+        let Ok(mode) = mode(&entry.path()) else { continue };
+        assert_eq!(mode & 0o077, 0, "{name} is {mode:o}");
+        seen += 1;
+    }
+    assert!(seen > 50, "only {seen} objects");
+    end(running);
+}
+
+#[test]
+fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
+    let _turn = turn();
+    for info in [topics::TRUTH.info, topics::ACTUATOR_STATE.info] {
+        assert!(info.to.is_empty(), "{} is read by {:?}", info.name, info.to);
+    }
+    let running = fly_on();
+    let config = format!("/dev/shm/mq-{}/iceoryx2.toml", running.id());
+    let bus = Bus::join(Path::new(&config), "observer").expect("the run is there");
+    let truth = bus.open_topic(&topics::TRUTH).expect("the topic is there");
+    assert_eq!(truth.dynamic_config().number_of_subscribers(), 1);
+    assert_eq!(truth.dynamic_config().number_of_publishers(), 1);
+    // Two controllers, the monitor and the recorder: the counter does count.
+    let estimate = bus.open_topic(&topics::STATE_ESTIMATE).expect("the topic is there");
+    assert_eq!(estimate.dynamic_config().number_of_subscribers(), 4);
+    drop((truth, estimate, bus));
+    end(running);
+}
+
+#[test]
+fn a_restarted_process_keeps_its_name_and_changes_its_number() {
+    let _turn = turn();
+    let running = fly_on();
+    let first = running.signal("attitude-mpc", Signal::KILL);
+    wait_until("the successor", || running.process("attitude-mpc").is_some_and(|p| p.pid != first));
+    let of_successor = |p: &Process| p.arguments.windows(2).any(|w| w == ["--generation", "1"]);
+    assert!(running.process("attitude-mpc").is_some_and(|p| of_successor(&p)));
+    end(running);
+}

@@ -1,0 +1,92 @@
+//! Logical time that follows the wall clock.
+//!
+//! `MORPHQUAD_REALTIME_S=60 cargo test --release --test flights realtime -- --ignored` flies for a minute.
+
+use crate::common::processes::{Running, pause_ms};
+use crate::common::{Flown, fly, turn};
+use rustix::process::Signal;
+
+#[test]
+#[ignore = "soak: on a busy machine the vehicle is farther from its reference"]
+fn figure8_morph_follows_its_reference_in_realtime_and_the_recorder_loses_nothing() {
+    let _turn = turn();
+    let duration_s = std::env::var("MORPHQUAD_REALTIME_S").unwrap_or_else(|_| "6".to_owned());
+    let duration = format!("{duration_s}s");
+    let flown = fly(&["figure8-morph", "--clock", "realtime", "--for", &duration]);
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
+    assert!(flown.number("recovered_crashes") == 0.0, "{}", flown.said());
+    assert!(flown.number("constraint_violations") == 0.0, "{}", flown.said());
+    assert!(flown.number("position_rms_m") <= 0.05, "{}", flown.said());
+    assert!(flown.number("position_max_m") <= 0.15, "{}", flown.said());
+    assert!(flown.number("real_time_factor") <= 1.0, "{}", flown.said());
+    assert!(flown.recording().count_messages_of_a_complete_file() > 1000);
+    let misses = ["missed_ticks", "late_samples", "unseen_samples"].map(|key| flown.number(key));
+    println!("{misses:?} missed, late, unseen; at most {} m away", flown.number("position_max_m"));
+    // A machine that is busy with other things may miss; one that is not flies the lockstep flight.
+    if misses.iter().all(|count| *count < 0.5) {
+        let lockstep = fly(&["figure8-morph", "--for", &duration, "--no-record"]);
+        assert_eq!(flown.hash(), lockstep.hash());
+    }
+}
+
+/// The places of the list account for every miss that the loops have counted.
+fn assert_every_miss_has_a_place(flown: &Flown) {
+    let listed = |kinds: &[&str]| -> f64 {
+        let of_kind = flown.misses().iter().filter(|m| kinds.iter().any(|kind| m["kind"] == *kind));
+        of_kind.map(|m| m["count"].as_f64().expect("a count")).sum()
+    };
+    assert!((listed(&["late"]) - flown.number("late_samples")).abs() < 0.5, "{}", flown.said());
+    // One step can miss several edges.
+    assert!(listed(&["skipped", "not final"]) >= flown.number("missed_ticks"), "{}", flown.said());
+    for miss in flown.misses() {
+        let seconds = |key: &str| miss[key].as_f64().expect("an instant");
+        let in_order = seconds("first_s") <= seconds("last_s");
+        assert!(in_order && seconds("last_s") <= flown.number("flown_s"), "{miss}");
+        assert!(miss["to"].as_str().is_some_and(|to| !to.is_empty()), "{miss}");
+    }
+}
+
+#[test]
+fn a_slow_realtime_flight_without_a_miss_has_the_hash_of_the_lockstep_flight() {
+    let _turn = turn();
+    let arguments = ["figure8-morph", "--for", "1500ms"];
+    let lockstep = fly(&[&arguments[..], &["--no-record"]].concat());
+    let slow = fly(&[&arguments[..], &["--clock", "realtime", "--speed", "0.2"]].concat());
+    assert_eq!(slow.code, Some(0), "{}", slow.said());
+    assert_every_miss_has_a_place(&slow);
+    // A busy machine may miss even so.
+    assert!(slow.hash() == lockstep.hash() || !slow.misses().is_empty(), "{}", slow.said());
+}
+
+#[test]
+#[ignore = "soak: how many samples are late, and by how much, depends on when the signals arrive"]
+fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named() {
+    let _turn = turn();
+    let arguments = ["hover", "--clock", "realtime", "--speed", "0.2", "--for", "1500ms"];
+    let mut running = Running::start_and_fly(&arguments);
+    running.signal("estimator", Signal::STOP);
+    pause_ms(300);
+    running.signal("estimator", Signal::CONT);
+    let flown = running.wait();
+    assert_every_miss_has_a_place(&flown);
+    let late = flown.misses().iter().find(|miss| {
+        miss["kind"] == "late" && miss["topic"] == "state_estimate" && miss["to"] == "attitude"
+    });
+    let late = late.unwrap_or_else(|| panic!("{}", flown.said()));
+    assert_eq!(late["from"], "estimator");
+    assert!(late["count"].as_f64() >= Some(10.0), "{late}");
+    // A fifth of 300 ms, less what the first late sample of the stop has waited for its step.
+    assert!(late["worst_ms"].as_f64() >= Some(20.0), "{late}");
+}
+
+#[test]
+fn time_can_run_faster_than_the_wall_clock_and_slower() {
+    let _turn = turn();
+    for (speed, fastest) in [("0.5", 0.5), ("3", 3.0)] {
+        let flown = fly(&["hover", "--clock", "realtime", "--for", "1500ms", "--speed", speed]);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.number("flown_s") >= 1.5, "{}", flown.said());
+        assert!(flown.number("real_time_factor") <= fastest, "{}", flown.said());
+    }
+}

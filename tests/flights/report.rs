@@ -1,0 +1,158 @@
+//! A report says what the samples say, fails by a gate that does not hold, and names what it cannot read.
+
+use crate::common::{fly, morphquad, turn};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// Exit code, stdout and stderr of `morphquad report`.
+fn report(file: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = morphquad(["report"]).arg(file).args(arguments).output();
+    let output = output.expect("the executable starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+fn number<'a>(told: &'a Value, key: &str) -> &'a Value {
+    let mut numbers = told["numbers"].as_array().expect("numbers").iter();
+    numbers.find(|number| number["key"] == key).unwrap_or_else(|| panic!("no {key} in {told}"))
+}
+
+#[test]
+fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
+    let _turn = turn();
+    let swap = ["--swap", "attitude=attitude-lqr@1s,shadow=1s,rollback=0.5s"];
+    let flown = fly(&[&["figure8-morph", "--for", "4s"], &swap[..]].concat());
+    let folder = tempfile::tempdir().expect("a folder");
+    let page = folder.path().join("report.html");
+    let pictures = folder.path().join("pictures");
+    let (code, out, err) = report(
+        &flown.recording_path(),
+        &["--html", &page.display().to_string(), "--png", &pictures.display().to_string()],
+    );
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.starts_with("PASSED  figure8-morph: "), "{out:.200}");
+    let page = fs::read_to_string(page).expect("the page");
+    assert!(page.contains("<strong>PASSED  figure8-morph: "), "the page has no verdict");
+    assert!(page.matches("<svg").count() >= 6 && !page.contains("http-equiv=\"refresh\""));
+    for name in ["tracking", "constraints", "disturbance", "loops", "waterfall", "tails"] {
+        let bytes = fs::read(pictures.join(format!("{name}.png"))).expect(name);
+        assert!(bytes.starts_with(b"\x89PNG"), "{name}");
+    }
+
+    let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
+    let told: Value = serde_json::from_str(&out).expect("JSON");
+    let value = |key: &str| number(&told, key)["value"].as_str().expect("a value").to_owned();
+    assert_eq!(value("hash"), flown.hash());
+    assert_eq!(value("position_max_m"), format!("{:.1} mm", flown.number("position_max_m") * 1e3));
+    assert_eq!(value("samples"), flown.number("recorded_samples").to_string());
+    assert_eq!(number(&told, "constraint_violations")["gate"], "0");
+    assert!(told["swaps"][0]["done"].as_bool().expect("a swap"), "{}", told["swaps"]);
+    let flip = &told["responses"][0];
+    assert!(flip["what"].as_str().expect("words").contains("seat 1 commands"), "{flip}");
+    let commands = told["numbers"].as_array().expect("numbers").iter().map(|n| &n["command"]);
+    assert!(commands.clone().all(|command| command.as_str().is_some_and(|c| !c.is_empty())));
+}
+
+#[test]
+fn the_command_that_a_report_names_flies_the_same_flight_again() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--seed", "7"]);
+    let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
+    let told: Value = serde_json::from_str(&out).expect("JSON");
+    let command = told["again"].as_str().expect("a command");
+    assert_eq!(command, "morphquad run hover --seed 7");
+    let numbers = number(&told, "position_rms_m")["command"].as_str().expect("a command");
+    assert!(numbers.starts_with("morphquad report "), "{numbers}");
+    let words: Vec<_> = command.split(' ').skip(2).collect();
+    assert_eq!(fly(&words).hash(), number(&told, "hash")["value"].as_str().expect("a hash"));
+}
+
+#[test]
+fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "2s"]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = fs::read(flown.recording_path()).expect("the recording");
+    fs::write(folder.path().join("a.mcap"), &whole).expect("a disk with room");
+    let (code, out, _) = report(folder.path(), &[]);
+    assert_eq!(code, Some(0), "{out}");
+    assert!(out.starts_with("PASSED  1 of 1 flights pass."), "{out}");
+    fs::write(folder.path().join("b.mcap"), &whole[..whole.len() * 2 / 3]).expect("room");
+    let (code, out, _) = report(folder.path(), &[]);
+    assert_eq!(code, Some(1), "{out}");
+    let failed = folder.path().join("b.mcap");
+    let failed = format!("FAILED  1 of 2 flights pass, not {}", failed.display());
+    assert!(out.starts_with(&format!("{failed}.")), "{out}");
+    assert!(
+        out.contains("b.mcap: INCOMPLETE  hover: flown 1.")
+            && out.contains(": the file ends at 1."),
+        "{out}"
+    );
+    fs::write(folder.path().join("c.mcap"), b"something else").expect("room");
+    // The others are told of all the same.
+    let (code, out, _) = report(folder.path(), &[]);
+    assert_eq!(code, Some(2), "{out}");
+    assert!(out.starts_with(&format!("{failed}, and a file cannot be read.")), "{out}");
+    assert!(
+        out.contains("a.mcap: PASSED") && out.contains("c.mcap is no morphquad recording"),
+        "{out}"
+    );
+    // A complete copy stands for the file that it was made of.
+    let cut = folder.path().join("b.mcap");
+    let recovered = morphquad(["recover"]).arg(cut).output().expect("the executable starts");
+    assert!(recovered.status.success(), "{recovered:?}");
+    let (_, out, _) = report(folder.path(), &[]);
+    assert!(out.starts_with("FAILED  1 of 2 flights pass, not "), "{out}");
+    assert!(
+        out.contains("b.mcap: recovered as ") && out.contains("b-recovered.mcap: INCOMPLETE"),
+        "{out}"
+    );
+}
+
+#[test]
+fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("shove.toml");
+    let shove = r#"
+        [scenario]
+        name = "shove"
+        duration_s = 12.0
+
+        [start]
+        position_w_m = [0.0, 0.0, 5.0]
+
+        [[disturbance_injector.script]]
+        kind = "wind"
+        at_s = 2.0
+        until_s = 3.5
+        mean_w_m_s = [14.0, 0.0, 0.0]
+    "#;
+    fs::write(&path, shove).expect("room");
+    let flown = fly(&[path.to_str().expect("UTF-8")]);
+    let (code, out, _) = report(&flown.recording_path(), &["--format", "json"]);
+    let told: Value = serde_json::from_str(&out).expect("JSON");
+    let largest = number(&told, "position_max_m");
+    assert_eq!((code, &largest["holds"]), (Some(1), &Value::from(false)), "{largest}");
+    let sentence = told["sentence"].as_str().expect("a sentence");
+    assert!(sentence.starts_with("FAILED  shove: tracking error "), "{sentence}");
+    let what: Vec<_> = told["responses"].as_array().expect("responses").iter().collect();
+    let began = "wind of (14.000, 0.000, 0.000) m/s on average begins";
+    assert!(what[0]["what"] == began && what[0]["at_s"] == 2.0, "{what:?}");
+}
+
+#[test]
+fn a_folder_without_recordings_is_named_with_the_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (code, _, err) = report(folder.path(), &[]);
+    assert_eq!(code, Some(2), "{err}");
+    assert!(err.contains(&*folder.path().display().to_string()) && err.contains("*.mcap"), "{err}");
+}
+
+#[test]
+fn several_files_are_refused_with_their_folder_as_the_remedy() {
+    let (code, out, err) = report(Path::new("flights/a.mcap"), &["flights/b.mcap"]);
+    assert_eq!((code, out.as_str()), (Some(2), ""), "{err}");
+    assert!(err.contains("`morphquad report flights`"), "{err}");
+}

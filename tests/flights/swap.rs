@@ -1,0 +1,309 @@
+//! Controllers change hands in flight: to the same kind without a trace, to another without a bump, and
+//! after a death without a pause. All in lockstep, where a flight follows from its script alone.
+//!
+//! `MORPHQUAD_SWAPS=1000 cargo test --release --test flights null -- --nocapture` and
+//! `MORPHQUAD_SWAPS=10000 cargo test --release --test flights storm -- --nocapture` are the full proofs; with
+//! `MORPHQUAD_REHEARSE=1` every candidate is flown ahead, a null swap's too.
+
+use crate::common::misdeeds::{config, rogue};
+use crate::common::{Flown, fly, turn};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const ATTITUDE: [&str; 3] = ["attitude-mpc", "attitude-lqr", "attitude-pid"];
+const POSITION: [&str; 2] = ["position-mpc", "position-pid"];
+
+/// Swaps to make in all.
+fn swaps(default: usize) -> usize {
+    std::env::var("MORPHQUAD_SWAPS").ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// What one flight's swaps came to.
+fn reports(flown: &Flown) -> &[Value] {
+    flown.summary()["swaps"].as_array().map_or(&[], Vec::as_slice)
+}
+
+fn done(flown: &Flown) -> usize {
+    reports(flown).iter().filter(|report| report["done"] == true).count()
+}
+
+/// A number from 0 to `end` - 1.
+fn below(random: &mut ChaCha8Rng, end: u64) -> u64 {
+    random.next_u64() % end
+}
+
+fn pick<'a>(random: &mut ChaCha8Rng, names: &[&'a str]) -> &'a str {
+    names[usize::try_from(below(random, names.len() as u64)).unwrap_or(0)]
+}
+
+/// Swaps of one slot at random instants of 20 s, as close as their windows allow.
+fn script(
+    random: &mut ChaCha8Rng,
+    slot: &str,
+    names: &[&str],
+    windows_ms: [u64; 2],
+) -> Vec<String> {
+    let [shadow, rollback] = windows_ms;
+    let mut flags = Vec::new();
+    let mut at_ms = 300 + below(random, 200);
+    while at_ms + shadow + rollback < 19_000 {
+        let name = pick(random, names);
+        flags.push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms"));
+        // Windows, the way to the flip, and the old owner's way out.
+        at_ms += shadow + rollback + 120 + below(random, 200);
+    }
+    flags
+}
+
+/// Both slots' swaps by turns, at most `most` of them.
+fn by_turns(a: Vec<String>, b: Vec<String>, most: usize) -> Vec<String> {
+    a.into_iter().zip(b).flat_map(|(a, b)| [a, b]).take(most).collect()
+}
+
+fn fly_scripted(scenario: &[&str], swaps: &[String], faults: &[String]) -> Flown {
+    let swaps = swaps.iter().flat_map(|swap| ["--swap", swap.as_str()]);
+    let faults = faults.iter().flat_map(|fault| ["--fault", fault.as_str()]);
+    let arguments: Vec<&str> = scenario.iter().copied().chain(swaps).chain(faults).collect();
+    fly(&arguments)
+}
+
+#[test]
+fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_flight_as_it_was() {
+    let _turn = turn();
+    let wanted = swaps(60);
+    let scenario = ["figure8-morph", "--no-record"];
+    let expected = fly(&scenario);
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut made = 0;
+    while made < wanted {
+        let attitude = script(&mut random, "attitude", &["attitude-mpc"], [120, 60]);
+        let position = script(&mut random, "position", &["position-mpc"], [240, 60]);
+        let mut plan = by_turns(attitude, position, wanted - made);
+        // The same kind and build needs no rehearsal; one that is forced must leave no trace either.
+        let every = if std::env::var_os("MORPHQUAD_REHEARSE").is_some() { 1 } else { 20 };
+        plan.iter_mut().step_by(every).for_each(|swap| swap.push_str(",rehearse"));
+        let flown = fly_scripted(&scenario, &plan, &[]);
+        flown.assert_clean();
+        assert_eq!(done(&flown), plan.len(), "{}", flown.said());
+        assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+        for report in reports(&flown) {
+            assert_eq!(report["same_kind"], true, "{report}");
+            assert_eq!(report["bump"].as_f64(), Some(0.0), "{report}");
+        }
+        made += plan.len();
+        println!("{made} null swaps, hash {}", flown.hash());
+    }
+}
+
+/// What is to happen in one flight.
+#[derive(Default)]
+struct Plan {
+    swaps: Vec<String>,
+    faults: Vec<String>,
+    /// Controllers that turn to garbage.
+    spoilt: usize,
+}
+
+/// Swaps of one slot and, at any step of some of them or soon after, the death, stop or garbage of whoever
+/// flies there: the old one, the new one or the standby. After it the slot has time to get another fallback
+/// warm.
+fn storm(
+    random: &mut ChaCha8Rng,
+    slot: &str,
+    names: &[&str],
+    windows_ms: [u64; 2],
+    configs: Option<&TempDir>,
+    plan: &mut Plan,
+) {
+    let [shadow, rollback] = windows_ms;
+    let mut at_ms = 1_500 + below(random, 200);
+    let mut owner_turns_to_garbage = false;
+    while at_ms + shadow + rollback < 18_500 {
+        let mut name = pick(random, names);
+        let over = shadow + rollback + 120;
+        let mut told = String::new();
+        let fate = if owner_turns_to_garbage { 6 } else { below(random, 6) };
+        let pain_ms = at_ms + below(random, over);
+        let mut recovery_ms = if owner_turns_to_garbage { 1_800 } else { 0 };
+        owner_turns_to_garbage = false;
+        match configs {
+            Some(folder) if fate == 0 => {
+                name = rogue();
+                // As candidate or new owner, or as old owner while the next one comes.
+                owner_turns_to_garbage = below(random, 2) == 0;
+                let from_ms = if owner_turns_to_garbage { pain_ms + over } else { pain_ms };
+                recovery_ms = if owner_turns_to_garbage { 0 } else { 1_800 };
+                let what = pick(random, &["not-a-number", "beyond-bounds"]);
+                told = format!(",config={}", config(folder, what, from_ms as f64 * 1e-3, 0.0));
+                plan.spoilt += 1;
+            }
+            _ if fate < 3 => {
+                let who = pick(random, &[names[0], name]);
+                let kind = pick(random, &["kill", "stop"]);
+                plan.faults.push(format!("{kind}:{who}@{pain_ms}ms"));
+                recovery_ms = 1_800;
+            }
+            _ => {}
+        }
+        plan.swaps
+            .push(format!("{slot}={name}@{at_ms}ms,shadow={shadow}ms,rollback={rollback}ms{told}"));
+        at_ms += over + recovery_ms + below(random, 200);
+    }
+}
+
+/// `MORPHQUAD_REHEARSE=1` has every candidate of another kind flown ahead, which takes a third of a second
+/// of each swap.
+fn rehearsal() -> [&'static str; 2] {
+    let rehearses = std::env::var_os("MORPHQUAD_REHEARSE").is_some();
+    ["--set", if rehearses { "rehearsal.enabled=true" } else { "rehearsal.enabled=false" }]
+}
+
+/// Both slots have a warm fallback throughout, whoever else comes, dies, stops or writes garbage.
+#[test]
+fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    let wanted = swaps(60);
+    let mut random = ChaCha8Rng::seed_from_u64(6);
+    let (mut made, mut flipped, mut worst_bump, mut furthest_m) = (0, 0, 0.0_f64, 0.0_f64);
+    let (mut ticks, mut hurt, mut spoilt) = (0.0, 0, 0);
+    while made < wanted {
+        let mut plan = Plan::default();
+        storm(&mut random, "attitude", &ATTITUDE, [400, 200], Some(&folder), &mut plan);
+        storm(&mut random, "position", &POSITION, [600, 200], None, &mut plan);
+        let standbys = ["--standby", "attitude=attitude-mpc", "--standby", "position=position-mpc"];
+        let scenario: Vec<&str> = ["figure8-morph", "--no-record"]
+            .into_iter()
+            .chain(standbys)
+            .chain(rehearsal())
+            .collect();
+        let flown = fly_scripted(&scenario, &plan.swaps, &plan.faults);
+        let scripted = format!("{:?} {:?}", plan.swaps, plan.faults);
+        assert_eq!(flown.code, Some(0), "{scripted}\n{}", flown.said());
+        for report in reports(&flown).iter().filter(|report| !report["flipped_s"].is_null()) {
+            let limit = if report["same_kind"] == true { 0.01 } else { 0.10 };
+            let bump = report["bump"].as_f64().unwrap_or(0.0);
+            assert!(bump <= limit, "{report}");
+            worst_bump = worst_bump.max(bump);
+            flipped += 1;
+        }
+        for none in ["unguided_ticks", "duplicated_ticks", "wrong_owner_ticks"] {
+            assert_eq!(flown.summary()[none], 0, "{none}: {scripted}\n{}", flown.said());
+        }
+        ticks += flown.number("flown_s") * 1e3;
+        hurt += plan.faults.len();
+        spoilt += plan.spoilt;
+        furthest_m = furthest_m.max(flown.number("position_max_m"));
+        assert!(furthest_m <= 0.5, "{}", flown.said());
+        made += plan.swaps.len();
+        println!(
+            "{made} swaps asked for, {flipped} made, {hurt} deaths and stops, {spoilt} told to write \
+             garbage; of {ticks} ticks 0 missed, 0 duplicated, 0 of a wrong owner; bump at most \
+             {:.2} %, {:.0} mm from the path",
+            100.0 * worst_bump,
+            1e3 * furthest_m
+        );
+    }
+    assert!(flipped > 0);
+}
+
+#[test]
+fn owner_and_fallback_killed_together_leave_nobody_in_command_and_the_vehicle_in_its_tube() {
+    let _turn = turn();
+    let standbys = ["--standby", "attitude=attitude-pid", "--standby", "position=position-pid"];
+    for [owner, fallback] in [["attitude-mpc", "attitude-pid"], ["position-mpc", "position-pid"]] {
+        let scenario: Vec<&str> =
+            ["figure8-morph", "--for", "8s"].into_iter().chain(standbys).collect();
+        let together = [owner, fallback].map(|name| format!("kill:{name}@2500ms"));
+        let flown = fly_scripted(&scenario, &[], &together);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.said());
+        assert_eq!(flown.summary()["duplicated_ticks"], 0, "{}", flown.said());
+        if owner == "attitude-mpc" {
+            // Two periods of the last command, and the rest of the way to the new one's first.
+            let unguided = flown.number("unguided_ticks");
+            assert!((1.0..=150.0).contains(&unguided), "{}", flown.said());
+        }
+        assert!(flown.number("position_max_m") <= 0.5, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods_and_nobody_levels() {
+    let _turn = turn();
+    // After the flip at 1.4 s the old owner stays warm until 6.4 s.
+    let swap = ["attitude=attitude-mpc@1s,shadow=400ms,rollback=5s".to_owned()];
+    for kind in ["kill", "stop"] {
+        let faults = [format!("{kind}:attitude-mpc@2500ms")];
+        let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &swap, &faults);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.number("unguided_ticks") < 1.0, "{}", flown.said());
+        assert!(flown.number("position_max_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back() {
+    let _turn = turn();
+    for slot in ["attitude-mpc", "position-mpc"] {
+        let faults = [format!("kill:{slot}@2500ms")];
+        let flown = fly_scripted(&["figure8-morph", "--for", "9s"], &[], &faults);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.number("unguided_ticks") <= 150.0, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller() {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    // What is no number leaves the vehicle to itself for so long that the flight has not passed.
+    let cases = [("crash", 500.0, 0.5, 0), ("not-a-number", 900.0, 1.0, 1)];
+    for (what, unguided, furthest_m, code) in cases {
+        let config = config(&folder, what, 4.0, 0.0);
+        let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
+        let scenario = ["figure8-morph", "--for", "10s", "--set", "watch.fallback=none"];
+        let flown = fly_scripted(&scenario, &[swap], &[]);
+        assert_eq!(flown.code, Some(code), "{}", flown.said());
+        assert!(flown.stderr.contains("what the flight began with"), "{}", flown.said());
+        assert!((1.0..=unguided).contains(&flown.number("unguided_ticks")), "{}", flown.said());
+        assert!(flown.number("position_max_m") <= furthest_m, "{}", flown.said());
+        assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed_by_the_last_proven_one()
+ {
+    let _turn = turn();
+    let folder = TempDir::new().expect("a folder");
+    for what in ["crash", "not-a-number"] {
+        let config = config(&folder, what, 4.0, 0.0);
+        let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
+        let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &[swap], &[]);
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.said());
+        assert!(flown.number("position_max_m") <= 0.1, "{}", flown.said());
+    }
+}
+
+#[test]
+fn a_scripted_flight_with_swaps_and_deaths_has_one_hash() {
+    let _turn = turn();
+    let swaps = [
+        "attitude=attitude-pid@1s,shadow=400ms,rollback=200ms".to_owned(),
+        "position=position-pid@1500ms,shadow=600ms,rollback=2s".to_owned(),
+        "attitude=attitude-lqr@3s,shadow=400ms,rollback=1s".to_owned(),
+    ];
+    let faults = ["kill:position-pid@3100ms".to_owned(), "stop:attitude-lqr@3600ms".to_owned()];
+    let fly = || fly_scripted(&["figure8-morph", "--for", "6s"], &swaps, &faults);
+    let first = fly();
+    assert_eq!(first.code, Some(0), "{}", first.said());
+    for _ in 0..3 {
+        assert_eq!(fly().hash(), first.hash(), "{}", first.said());
+    }
+}

@@ -1,0 +1,268 @@
+//! `morphquad topic`: what is shown of a run in the air and of a recording, beside independent readers.
+
+use crate::common::processes::{
+    Running, all_processes, kill, left_in_shared_memory, processes_of, wait_until,
+};
+use crate::common::{fly, morphquad, turn};
+use parquet::file::reader::{FileReader as _, SerializedFileReader};
+use rustix::process::Signal;
+use serde_json::Value;
+use shared_types::topics;
+use std::io::Read as _;
+use std::process::{Command, Stdio};
+
+fn topic(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = morphquad([&["topic"], arguments].concat()).output();
+    let output = output.expect("the executable starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+fn shown(arguments: &[&str]) -> String {
+    let (code, out, said) = topic(arguments);
+    assert_eq!(code, Some(0), "{arguments:?}: {said}");
+    out
+}
+
+fn json(arguments: &[&str]) -> Value {
+    let out = shown(&[arguments, &["--format", "json"]].concat());
+    serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}"))
+}
+
+#[test]
+fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "1s"]);
+    let path = flown.recording_path();
+    let file = path.to_str().expect("text");
+    let info = json(&["info", file]);
+    assert_eq!((&info["complete"], &info["facts"]["seed"]), (&true.into(), &"1".into()));
+    let rows = flown.recording().series("truth", &["position_w_m", "header.sequence"]);
+    let counted = &info["topics"]["truth"][0];
+    assert_eq!(counted["count"], rows.len() as u64);
+    assert_eq!((&counted["gaps"], counted["hz"].as_f64()), (&0.into(), Some(1000.0)));
+    assert!(shown(&["info", file]).contains("attitude_report"));
+    let echoed = json(&["echo", file, "truth", "--from", "500ms", "--every", "10", "--count", "3"]);
+    let echoed = echoed.as_array().expect("a list");
+    assert_eq!(echoed.len(), 3);
+    for (at, sample) in [500, 510, 520].into_iter().zip(echoed) {
+        let (row, sample) = (&rows[at], &sample["truth"]);
+        let position = sample["position_w_m"].as_array().expect("three");
+        for (was, is) in row.values.iter().zip(position) {
+            assert_eq!(was.to_bits(), is.as_f64().expect("a number").to_bits());
+        }
+        assert_eq!(sample["header"]["sequence"].as_f64(), Some(row.values[3]));
+    }
+    let lines = shown(&["echo", file, "wrench_command", "--count", "2", "--format", "jsonl"]);
+    let lines: Vec<Value> = lines.lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
+    assert_eq!(lines.len(), 2);
+    let text = shown(&["echo", file, "reference", "--count", "1"]);
+    assert!(text.starts_with("reference  #1  released 0.000000 s\n"), "{text}");
+    assert!(text.contains("points[0].position_w_m: 0.0 0.0 1.5\n"), "{text}");
+    let hz = json(&["hz", file, "imu", "wrench_command"]);
+    assert_eq!(hz["wrench_command"][0]["hz"].as_f64(), Some(100.0), "{hz}");
+}
+
+#[test]
+fn what_was_told_in_words_is_shown_with_its_instant() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "2s", "--fault", "kill:estimator@1s"]);
+    let path = flown.recording_path();
+    let file = path.to_str().expect("text");
+    let told = json(&["echo", file, "events"]);
+    let told: Vec<_> = told.as_array().expect("a list").iter().map(|one| &one["events"]).collect();
+    let fault = told.iter().find(|one| one["text"] == "fault: estimator is killed on purpose");
+    assert_eq!(fault.expect("the fault")["t_s"].as_f64(), Some(1.0), "{told:?}");
+    let text = shown(&["echo", file, "events", "--count", "1"]);
+    assert!(text.starts_with("events  1.000000 s  info  launcher: fault: estimator"), "{text}");
+    // With a topic both come; whoever counts samples is told where words are.
+    let both = shown(&["echo", file, "events", "seating", "pose_fix", "--format", "jsonl"]);
+    assert!(both.contains("{\"pose_fix\"") && both.contains("{\"events\""), "{both:.300}");
+    let (code, _, said) = topic(&["hz", file, "events"]);
+    assert!(code == Some(2) && said.contains("`morphquad topic echo events`"), "{said}");
+}
+
+#[test]
+fn tables_hold_every_sample_in_both_forms() {
+    let _turn = turn();
+    let flown = fly(&["hover", "--for", "1s"]);
+    let path = flown.recording_path();
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let out = folder.path().to_str().expect("text");
+    let file = path.to_str().expect("text");
+    let rows = flown.recording().series("truth", &["velocity_w_m_s", "header.sequence"]);
+    let written = json(&["export", file, "truth", "applied_command", "--csv", "--out", out]);
+    assert_eq!(written.as_array().map(Vec::len), Some(2), "{written}");
+    let mut reader = csv::Reader::from_path(folder.path().join("truth.csv")).expect("a table");
+    let heading = |name: &str| -> usize {
+        let mut reader = csv::Reader::from_path(folder.path().join("truth.csv")).expect("a table");
+        let headings = reader.headers().expect("headings").clone();
+        headings.iter().position(|heading| heading == name).expect("a column")
+    };
+    let columns =
+        ["velocity_w_m_s[0]", "velocity_w_m_s[1]", "velocity_w_m_s[2]", "header.sequence"]
+            .map(heading);
+    let mut count = 0;
+    for (record, row) in reader.records().zip(&rows) {
+        let record = record.expect("a row");
+        assert!((record[0].parse::<f64>().expect("t_s") - row.t_s).abs() < 1e-9);
+        for (column, value) in columns.iter().zip(&row.values) {
+            let cell: f64 = record[*column].parse().expect("a number");
+            assert_eq!(cell.to_bits(), value.to_bits());
+        }
+        count += 1;
+    }
+    assert_eq!(count, rows.len());
+    // All topics, with nested lists, codes and words.
+    let written = json(&["export", file, "--parquet", "--out", out]);
+    for table in written.as_array().expect("a list") {
+        let path = table["path"].as_str().expect("a path");
+        let reader = SerializedFileReader::new(std::fs::File::open(path).expect("a file"));
+        let reader = reader.expect("a parquet file");
+        let groups = reader.metadata().row_groups().iter();
+        let rows = groups.map(parquet::file::metadata::RowGroupMetaData::num_rows).sum::<i64>();
+        assert_eq!(table["rows"].as_i64(), Some(rows), "{path}");
+        let read = reader.get_row_iter(None).expect("rows").count();
+        assert_eq!(i64::try_from(read), Ok(rows), "{path}");
+    }
+    assert!(folder.path().join("reference.parquet").is_file());
+}
+
+#[test]
+fn a_run_in_the_air_is_heard_and_has_the_hash_that_it_has_unheard() {
+    let _turn = turn();
+    let flight = ["hover", "--for", "16s", "--speed", "2"];
+    let mut running = Running::start_and_fly(&flight);
+    let run = ["--run", running.id()];
+    // Topic by topic as they are drained: on a busy machine many of one come first.
+    let echoed = json(&[&["echo", "truth", "imu", "--count", "600"], &run[..]].concat());
+    let echoed = echoed.as_array().expect("a list");
+    assert_eq!(echoed.len(), 600);
+    assert!(echoed.iter().any(|sample| sample["truth"]["position_w_m"][2].as_f64() > Some(1.0)));
+    assert!(echoed.iter().any(|sample| sample["imu"].is_object()));
+    let hz = json(&[&["hz", "wrench_command", "imu", "--for", "1s"], &run[..]].concat());
+    let rate = hz["wrench_command"][0]["hz"].as_f64().expect("a rate");
+    assert!((rate - 100.0).abs() < 1e-6, "{hz}");
+    let list = json(&[&["list", "--for", "1s"], &run[..]].concat());
+    assert_eq!(list.as_array().map(Vec::len), Some(topics::all().len()));
+    let truth = list.as_array().expect("a list").iter().find(|t| t["topic"] == "truth");
+    // By the instants in the samples, whenever they come.
+    let rate = truth.expect("the topic")["hz"].as_f64().expect("a rate");
+    assert!((rate - 1000.0).abs() < 1e-6, "{list}");
+    assert_eq!(processes_of(running.id()).len(), 6, "no process has joined");
+    // One that never reads, and one that is killed.
+    let mut stalled = morphquad([&["topic", "echo", "--format", "jsonl"], &run[..]].concat())
+        .spawn()
+        .expect("the executable starts");
+    let mut struck = morphquad([&["topic", "echo", "imu"], &run[..]].concat())
+        .spawn()
+        .expect("the executable starts");
+    wait_until("both talk", || {
+        let status = json(&[&["hz", "imu", "--for", "100ms"], &run[..]].concat());
+        status["imu"][0]["count"].as_u64() > Some(0)
+    });
+    assert!(kill(struck.id(), Signal::KILL));
+    let _ = struck.wait();
+    let flown = running.wait();
+    let _ = stalled.kill();
+    let _ = stalled.wait();
+    flown.assert_clean();
+    assert_eq!(flown.hash(), fly(&["hover", "--for", "16s", "--no-record"]).hash());
+    assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
+    let _turn = turn();
+    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
+    let top = |arguments: &[&str]| {
+        let words = [&["top", "--once", "--run", running.id()], arguments].concat();
+        let output = morphquad(words).output().expect("the executable starts");
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        String::from_utf8(output.stdout).expect("text")
+    };
+    let look: Value = serde_json::from_str(&top(&["--format", "json"])).expect("JSON");
+    assert_eq!((&look["run"], &look["clock"]), (&running.id().into(), &"lockstep".into()));
+    let loops = look["loops"].as_array().expect("loops");
+    assert_eq!(loops.len(), 7, "{look}");
+    // A rate is that of what a loop publishes; the monitor is silent while all is well.
+    for one in loops.iter().filter(|one| one["role"] != "monitor") {
+        let (name, hz) = (&one["name"], one["hz"].as_f64().expect("a rate"));
+        let rate = match one["role"].as_str().expect("a role") {
+            "plant" | "estimator" => 1000.0,
+            "attitude" => 100.0,
+            "disturbance" => 200.0,
+            _ => 50.0,
+        };
+        assert!((hz - rate).abs() < 1e-6, "{name}: {hz}");
+        assert_eq!((&one["missed"], &one["late_samples"]), (&0.into(), &0.into()), "{name}");
+        assert!(one["lateness"]["max_us"].as_f64() >= one["lateness"]["median_us"].as_f64());
+        assert!(one["rss_bytes"].as_u64() > Some(1 << 20) && one["cpu_percent"].is_f64());
+    }
+    let age = |role: &str| {
+        let of_role = loops.iter().find(|one| one["role"] == role).expect("a loop");
+        of_role["input_age"]["median_us"].as_f64()
+    };
+    assert!(age("attitude") > Some(0.0) && age("plant").is_none(), "{look}");
+    let text = top(&[]);
+    for words in ["attitude-mpc@0", "owner", "LATE", "epoch 1", "in the air"] {
+        assert!(text.contains(words), "{text}");
+    }
+    assert!(!text.contains('\u{1b}') && text.lines().all(|line| line.len() <= 80), "{text}");
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    assert_eq!(running.wait().code, Some(130));
+    let gone = morphquad(["top", "--once", "--run", "no-such-run"]).output().expect("starts");
+    assert_eq!(gone.status.code(), Some(2));
+}
+
+/// A read from a terminal that has gone returns at once, with nothing, for ever.
+#[test]
+fn top_ends_with_its_terminal() {
+    let _turn = turn();
+    let running = Running::start_and_fly(&["hover", "--for", "10m", "--speed", "1"]);
+    let top = format!("{} top --run {}", env!("CARGO_BIN_EXE_morphquad"), running.id());
+    let is_up = || all_processes().any(|process| process.arguments.join(" ") == top);
+    let command = format!("stty rows 30 columns 100; exec {top}");
+    let mut terminal = Command::new("script")
+        .args(["-qfc", &command, "/dev/null"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("a terminal");
+    let mut shown = terminal.stdout.take().expect("its picture");
+    let mut picture = Vec::new();
+    while !String::from_utf8_lossy(&picture).contains("attitude-mpc") {
+        let mut part = [0; 4096];
+        let count = shown.read(&mut part).expect("a picture");
+        assert!(count > 0, "{}", String::from_utf8_lossy(&picture));
+        picture.extend_from_slice(&part[..count]);
+    }
+    assert!(is_up());
+    terminal.kill().expect("it is there");
+    terminal.wait().expect("it ends");
+    wait_until("top ends", || !is_up());
+}
+
+#[test]
+fn topics_are_described_without_any_run() {
+    let wrench = json(&["info", "wrench_command"]);
+    let fields = wrench[0]["fields"].as_array().expect("fields");
+    assert!(fields.iter().any(|field| field["name"] == "thrust_n" && field["kind"] == "f64"));
+    let told = shown(&["info", "attitude_owner", "imu"]);
+    assert!(
+        told.contains("owner of the attitude slot") && told.contains("specific_force"),
+        "{told}"
+    );
+    for (arguments, words) in [
+        (&["info", "imus"][..], "did you mean `imu`?"),
+        (&["echo", "a.mcap", "b.mcap"], "two recordings"),
+        (&["echo", "no-such.mcap"], "no-such.mcap"),
+        (&["export", "imu", "--csv"], "name a recording"),
+        (&["export", "x.mcap"], "--csv"),
+        (&["echo", "imu", "--run", "no-such-run"], "no-such-run"),
+    ] {
+        let (code, out, said) = topic(arguments);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{arguments:?}: {said}");
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+}

@@ -1,0 +1,118 @@
+//! The documents name what the code has, no more and no less.
+
+use launcher::components;
+use launcher::scenario::{Override, Scenario, shipped};
+use shared_types::{Edge, Role, TopicInfo, topics};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const ARCHITECTURE: &str = include_str!("../../ARCHITECTURE.md");
+const README: &str = include_str!("../../README.md");
+
+/// First cells of a table's rows, without quotes.
+fn first_cells(heading: &str) -> Vec<&'static str> {
+    let (_, section) = ARCHITECTURE.split_once(heading).expect("the section is there");
+    let rows = section.lines().skip_while(|line| !line.starts_with("| `"));
+    rows.take_while(|line| line.starts_with("| `"))
+        .filter_map(|row| row.split('`').nth(1))
+        .collect()
+}
+
+fn row(topic: &TopicInfo) -> String {
+    let to: Vec<_> = topic.to.iter().map(|role| role.label()).collect();
+    let to = if to.is_empty() { "recorder only".to_owned() } else { to.join(", ") };
+    let edge = match topic.edge {
+        Edge::ZeroLatency => "zero latency",
+        Edge::Delayed => "delayed",
+        Edge::RecordOnly => "none",
+    };
+    let TopicInfo { name, from, history, summary, .. } = topic;
+    let hashed = if topic.in_flight_hash { "yes" } else { "" };
+    let from = from.label();
+    format!("| `{name}` | {from} | {to} | {edge} | {history} | {hashed} | {summary} |")
+}
+
+#[test]
+fn the_topic_table_of_the_architecture_is_the_one_of_the_code() {
+    let rows: Vec<_> = topics::all().into_iter().map(row).collect();
+    let missing: Vec<_> = rows.iter().filter(|row| !ARCHITECTURE.contains(*row)).collect();
+    assert!(missing.is_empty(), "ARCHITECTURE.md lacks these rows:\n{missing:#?}");
+    assert_eq!(first_cells("## Topics"), topics::all().map(|topic| topic.name));
+}
+
+#[test]
+fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
+    assert_eq!(first_cells("## Processes"), components::names());
+    for name in components::names() {
+        let role = components::role_of(name).map_or("none", Role::label);
+        assert!(ARCHITECTURE.contains(&format!("| `{name}` | {role} |")), "{name} fills {role}");
+    }
+}
+
+#[test]
+fn the_architecture_explains_every_limit_that_a_scenario_can_set() {
+    let thresholds = Scenario::load("hover", &[]).expect("it ships").thresholds();
+    let mut settable = 0;
+    for (key, _) in thresholds.iter() {
+        let edit = Override::set(&format!("verdict.{key}=1")).expect("a setting");
+        if Scenario::load("hover", &[edit]).is_ok() {
+            settable += 1;
+            assert!(ARCHITECTURE.contains(&format!("`{key}`")), "ARCHITECTURE.md lacks {key}");
+        }
+    }
+    assert!(settable > 10, "{settable}");
+}
+
+#[test]
+fn the_readme_names_every_shipped_scenario() {
+    for name in shipped::names() {
+        assert!(README.contains(&format!("`{name}`")), "{name}");
+    }
+}
+
+/// Every Rust file below a folder.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).expect("a folder").flatten().map(|entry| entry.path());
+    let found = entries.flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] });
+    found.filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
+}
+
+/// The executable of a test in `tests/EXECUTABLE.rs` or `tests/EXECUTABLE/MODULE.rs`, and its name there.
+fn path_of_test(source: &Path, name: &str) -> (String, String) {
+    let source = source.with_extension("").to_string_lossy().into_owned();
+    let (_, inside) = source.rsplit_once("/tests/").expect("integration tests only");
+    let (executable, module) = inside.split_once('/').unwrap_or((inside, ""));
+    let module = if module.is_empty() { String::new() } else { module.replace('/', "::") + "::" };
+    (executable.to_owned(), format!("{module}{name}"))
+}
+
+#[test]
+fn every_test_that_is_ignored_says_why_and_is_listed_for_the_soak() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let (mark, reason) = (["#[", "ignore"].concat(), " = \"soak: ");
+    let mut ignored = BTreeSet::new();
+    for folder in ["benches", "launcher", "services", "shared-types", "tests"] {
+        for path in sources(&root.join(folder)) {
+            let text = fs::read_to_string(&path).expect("a source");
+            for (_, after) in text.match_indices(&mark).map(|(at, _)| text.split_at(at)) {
+                let after = &after[mark.len()..];
+                assert!(after.starts_with(reason), "{}: {after:.80}", path.display());
+                let (_, name) = after.split_once("\nfn ").expect("a function");
+                let name = name.split('(').next().expect("a name");
+                ignored.insert(path_of_test(&path, name));
+            }
+        }
+    }
+    let listed = fs::read_to_string(root.join("tests/soak.toml")).expect("a list");
+    let listed: toml::Table = listed.parse().expect("TOML");
+    let mut names = BTreeSet::new();
+    for test in listed["test"].as_array().expect("tests") {
+        let executable = test["executable"].as_str().expect("a name");
+        for name in test["names"].as_array().expect("names") {
+            let name = name.as_str().expect("a name");
+            assert!(names.insert((executable.to_owned(), name.to_owned())), "{name} comes twice");
+        }
+    }
+    assert_eq!(ignored, names);
+}

@@ -1,0 +1,5 @@
+//! The sources themselves: what depends on what, and what documents and templates say of the code.
+
+mod architecture;
+mod docs;
+mod new_controller;
