@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{fly, turn};
+use common::fly;
 use core::time::Duration;
 use launcher::in_process::{InProcess, Observer, StateSource};
 use launcher::run::FlightHash;
@@ -128,7 +128,6 @@ fn no_step_of_any_other_controller_allocates() {
 
 #[test]
 fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
-    let _turn = turn();
     for name in launcher::scenario::shipped::names() {
         let hash = hash_of(start(&scenario(name, 4_000, &[]), FlightHash::default()));
         let flown = fly(&[name, "--for", "4s", "--no-record"]);
@@ -139,7 +138,6 @@ fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
 
 #[test]
 fn another_crew_flies_the_same_flight_in_one_process_and_in_six() {
-    let _turn = turn();
     let crew = ["crew.attitude=attitude-lqr", "crew.position=position-pid"];
     let hash = hash_of(start(&scenario("figure8-morph", 4_000, &crew), FlightHash::default()));
     let crew = "attitude=attitude-lqr,position=position-pid";
@@ -150,7 +148,6 @@ fn another_crew_flies_the_same_flight_in_one_process_and_in_six() {
 
 #[test]
 fn the_recorded_positions_and_estimates_are_those_of_one_process() {
-    let _turn = turn();
     let mut flight = start(&scenario("figure8-morph", 4_000, &[]), Positions::default());
     flight.fly_until(u64::MAX).expect("a flight to the end");
     let positions = flight.seen(core::mem::take);

@@ -14,18 +14,56 @@ use recording::Recording;
 use runtime::clock::mono_now_ns;
 use serde_json::Value;
 use std::ffi::OsStr;
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread;
 use tempfile::TempDir;
 
-/// Flights of one test file take turns, so that few cores are not asked for more than they have.
-static TURN: Mutex<()> = Mutex::new(());
+/// One of the files by whose locks tests wait for one another, whichever executable they are in.
+fn lock_file(name: &str) -> File {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    File::create(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
 
-/// Holds the machine until dropped.
-pub(crate) fn turn() -> MutexGuard<'static, ()> {
-    // A failed test has spoilt nothing for the next.
-    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+/// Flights by the wall clock take turns: two of them on few cores make each other late. Holds the turn until
+/// dropped.
+pub(crate) fn turn() -> File {
+    let turn = lock_file("realtime.lock");
+    turn.lock().expect("a lock");
+    turn
+}
+
+/// At most two flights that go as fast as the machine can are in the air at once. Held until dropped.
+fn permit() -> File {
+    let door = lock_file("door.lock");
+    door.lock().expect("a lock");
+    let [first, second] = ["first.lock", "second.lock"].map(lock_file);
+    if first.try_lock().is_ok() {
+        return first;
+    }
+    second.lock().expect("a lock");
+    second
+}
+
+/// Writes how long a test with flights took to the file that `MORPHQUAD_TEST_TIMES` names.
+struct Stopwatch(f64);
+
+impl Drop for Stopwatch {
+    fn drop(&mut self) {
+        let Some(path) = std::env::var_os("MORPHQUAD_TEST_TIMES") else { return };
+        let file = File::options().create(true).append(true).open(path);
+        let line =
+            format!("{:.1}\t{}\n", host_s() - self.0, thread::current().name().unwrap_or("?"));
+        // A test does not fail because its duration cannot be told.
+        let _ = file.and_then(|mut file| file.write_all(line.as_bytes()));
+    }
+}
+
+thread_local! {
+    /// Runs from the first command of a test to its end: each test has a thread of its own.
+    static STOPWATCH: Stopwatch = Stopwatch(host_s());
 }
 
 /// How often to repeat what must hold every time.
@@ -36,6 +74,7 @@ pub(crate) fn rounds(default: usize) -> usize {
 /// The executable under test, with every signal as a shell would have it: whoever runs the tests under
 /// `nohup` has it ignore SIGHUP, and so would the executable.
 pub(crate) fn morphquad<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
+    STOPWATCH.with(|_| ());
     let mut command = Command::new("env");
     command.arg("--default-signal=HUP").arg(env!("CARGO_BIN_EXE_morphquad"));
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -188,6 +227,8 @@ pub(crate) fn fly_with(through: &[&str], arguments: &[&str]) -> Flown {
     if !arguments.contains(&"--no-record") {
         command.arg("--record").arg(folder.path());
     }
+    STOPWATCH.with(|_| ());
+    let _permit = permit();
     let output = command.stdin(Stdio::null()).output().expect("the executable starts");
     Flown::new(&output, folder)
 }

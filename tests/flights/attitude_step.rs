@@ -3,7 +3,7 @@
 #![allow(clippy::print_stdout, reason = "the numbers reached, for `--nocapture`")]
 
 use crate::common::recording::{Recording, Row};
-use crate::common::{distance, euler_rad, fly, turn};
+use crate::common::{distance, euler_rad, fly};
 
 /// `pilot.at_s` of the shipped rig.
 const STEP_AT_S: f64 = 0.2;
@@ -50,7 +50,6 @@ fn step(more: &[&str]) -> Response {
 
 /// Calls `judge` with the response at every rate and size; `axes` is a list as the scenario has it.
 fn for_every_rate_and_size(axes: &str, judge: impl Fn(&str, &Response, &str)) {
-    let _turn = turn();
     for rate in RATES_HZ {
         for angle in MORPH_ANGLES_DEG {
             let response = step(&[
@@ -105,7 +104,6 @@ fn all_three_axes_at_once_settle_in_roll_and_pitch_within_130_ms_and_350_ms_at_5
 fn a_constant_torque_leaves_no_steady_error() {
     let torque = "disturbance_injector.script=\
                   [{kind=\"constant\",load={torque_b_nm=[0.01,-0.008,0.002]}}]";
-    let _turn = turn();
     for angle in MORPH_ANGLES_DEG {
         let size = format!("start.morph_angle_deg={angle}");
         let response = step(&["--for", "3s", "--set", torque, "--set", &size]);
@@ -117,7 +115,6 @@ fn a_constant_torque_leaves_no_steady_error() {
 
 #[test]
 fn another_rotor_lag_or_inertia_than_modelled_still_settles_within_400_ms() {
-    let _turn = turn();
     for mismatch in
         ["rotor_lag_s=0.010", "rotor_lag_s=0.020", "inertia_scale=0.8", "inertia_scale=1.5"]
     {
@@ -147,7 +144,6 @@ fn largest_error_m(rows: &[Row]) -> f64 {
 
 #[test]
 fn a_constant_force_leaves_no_steady_position_error() {
-    let _turn = turn();
     let rows = hover(&[
         "disturbance_injector.script=[{kind=\"constant\",load={force_w_n=[0.15,-0.10,-0.20]}}]",
     ]);
@@ -160,7 +156,6 @@ fn a_constant_force_leaves_no_steady_position_error() {
 
 #[test]
 fn a_rotor_at_half_its_thrust_moves_a_hovering_vehicle_by_60_mm_at_most() {
-    let _turn = turn();
     for rotor in 1..=4 {
         let weak = format!(
             "disturbance_injector.script=\
@@ -174,7 +169,6 @@ fn a_rotor_at_half_its_thrust_moves_a_hovering_vehicle_by_60_mm_at_most() {
 
 #[test]
 fn half_as_much_mass_again_moves_a_hovering_vehicle_by_400_mm_at_most() {
-    let _turn = turn();
     let error_m = largest_error_m(&hover(&["plant.mismatch.mass_scale=1.5"]));
     println!("{error_m:.4} m");
     // Trimmed for two thirds of its weight it must sink at first, or the scale did nothing.

@@ -1,6 +1,6 @@
 //! Whatever is wrong with the input, the answer names place, key and remedy, and nothing flies.
 
-use crate::common::{fly, morphquad, turn};
+use crate::common::{fly, morphquad};
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
@@ -78,7 +78,6 @@ fn what_says_nothing_or_is_a_recording_is_no_scenario_and_the_remedy_is_named() 
 
 #[test]
 fn flags_that_name_a_place_are_named_where_it_cannot_be_used() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "200ms"]);
     let (recording, folder) = (flown.recording_path(), TempDir::new().expect("a folder"));
     let cut = folder.path().join("cut.mcap");
@@ -215,7 +214,6 @@ fn a_recording_folder_that_cannot_be_written_is_named_before_anything_flies() {
 
 #[test]
 fn two_runs_at_the_same_time_both_fly_and_know_nothing_of_each_other() {
-    let _turn = turn();
     let fly = || fly(&["figure8-morph", "--for", "5s"]);
     let (one, other) = std::thread::scope(|scope| {
         let one = scope.spawn(fly);

@@ -1,7 +1,7 @@
 //! Files that are no recordings, parts of one, or made to do harm, given to every command that reads one: each
 //! is named, none makes a command panic, hang or fill the memory.
 
-use crate::common::{fly, morphquad, turn};
+use crate::common::{fly, morphquad};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -131,7 +131,6 @@ fn what_is_no_recording_is_refused_by_every_command_in_the_same_way() {
 /// Lengths that stand for more than there is, in every kind of record that has one.
 #[test]
 fn a_length_that_lies_fills_no_memory_and_stops_nobody_from_telling() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s", "--in-process"]);
     let whole = fs::read(flown.recording_path()).expect("the recording");
     let folder = tempfile::tempdir().expect("a folder");
@@ -171,7 +170,6 @@ fn a_length_that_lies_fills_no_memory_and_stops_nobody_from_telling() {
 /// Behind the head, a part of a recording is told as far as it goes.
 #[test]
 fn a_recording_cut_or_damaged_anywhere_is_read_so_far_or_refused_by_name() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "2s", "--in-process"]);
     let whole = fs::read(flown.recording_path()).expect("the recording");
     let folder = tempfile::tempdir().expect("a folder");
@@ -224,7 +222,6 @@ fn a_recording_cut_or_damaged_anywhere_is_read_so_far_or_refused_by_name() {
 /// What is recovered is read by every command, and says that it is.
 #[test]
 fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
-    let _turn = turn();
     let orders = ["--goto", "1,0,2@1s", "--morph", "120@1s,over=1s"];
     let flown = fly(&[&["figure8-morph", "--for", "6s"], &orders[..]].concat());
     let whole = fs::read(flown.recording_path()).expect("the recording");
@@ -260,7 +257,6 @@ fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
 /// What lies behind damage is not lost; only who would fly it again refuses.
 #[test]
 fn around_damage_everything_is_recovered_and_whoever_reads_it_says_that_there_are_holes() {
-    let _turn = turn();
     let flown = fly(&["figure8-morph", "--for", "4s"]);
     let mut bytes = fs::read(flown.recording_path()).expect("the recording");
     // Many bytes, and of a chunk: one may decode to the same samples, and between chunks lie none.

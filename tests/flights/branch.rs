@@ -1,6 +1,6 @@
 //! `morphquad replay FILE --branch`: a recorded flight taken up in the middle.
 
-use crate::common::{Flown, fly, morphquad, rounds, turn};
+use crate::common::{Flown, fly, morphquad, rounds};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -34,7 +34,6 @@ fn assert_identical(flown: &Flown, at: &str) {
 
 #[test]
 fn from_random_ticks_without_changes_the_rest_of_the_flight_is_the_same() {
-    let _turn = turn();
     let flown = fly(&["figure8-morph", "--for", "4s", "--rate", "attitude-mpc=150"]);
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     for _ in 0..rounds(6) {
@@ -46,7 +45,6 @@ fn from_random_ticks_without_changes_the_rest_of_the_flight_is_the_same() {
 
 #[test]
 fn flights_in_one_process_and_rigs_can_be_taken_up_too() {
-    let _turn = turn();
     for flags in
         [&["hover", "--in-process", "--for", "1s"][..], &["attitude-step"], &["disturbance"]]
     {
@@ -56,7 +54,6 @@ fn flights_in_one_process_and_rigs_can_be_taken_up_too() {
 
 #[test]
 fn a_fault_at_a_tick_changes_nothing_before_and_is_the_fault_of_a_whole_flight_after() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "3s"]);
     let scratch = TempDir::new().expect("a folder");
     let record = scratch.path().to_str().expect("a path");
@@ -86,7 +83,6 @@ fn a_fault_at_a_tick_changes_nothing_before_and_is_the_fault_of_a_whole_flight_a
 
 #[test]
 fn settings_and_seeds_take_effect_at_the_tick_and_not_before() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "3s"]);
     for flags in [
         ["--set", "plant.mismatch.mass_scale=1.1"],
@@ -106,7 +102,6 @@ fn settings_and_seeds_take_effect_at_the_tick_and_not_before() {
 
 #[test]
 fn what_cannot_be_changed_in_the_air_is_refused_with_a_reason() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s"]);
     for (at, flags, named) in [
         ("@500", &["--set", "start.yaw_deg=9"][..], "began"),
@@ -132,7 +127,6 @@ fn what_cannot_be_changed_in_the_air_is_refused_with_a_reason() {
 
 #[test]
 fn a_sweep_makes_one_table_and_each_of_its_branches_can_be_flown_alone() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "2s"]);
     let scratch = TempDir::new().expect("a folder");
     let out = scratch.path().join("out");

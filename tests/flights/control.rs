@@ -100,7 +100,6 @@ fn assert_every_process_is_shown(arguments: &[&str]) {
 
 #[test]
 fn ps_shows_every_process_as_the_system_does_and_who_owns_the_slots() {
-    let _turn = turn();
     assert_every_process_is_shown(&LOCKSTEP);
 }
 
@@ -113,7 +112,6 @@ fn ps_shows_every_process_of_a_realtime_flight_as_the_system_does() {
 
 #[test]
 fn a_restarted_process_is_shown_with_its_new_number_and_generation() {
-    let _turn = turn();
     let running = Running::start_and_fly(&LOCKSTEP);
     let first = running.signal("attitude-mpc", Signal::KILL);
     wait_until("the successor", || {
@@ -157,7 +155,6 @@ fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
 
 #[test]
 fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
-    let _turn = turn();
     let running = Running::start_and_fly(&LOCKSTEP);
     let id = running.id();
     for (order, words) in [
@@ -199,7 +196,6 @@ fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_g
 
 #[test]
 fn the_socket_is_private_and_what_strangers_do_to_it_disturbs_nobody() {
-    let _turn = turn();
     let running = Running::start_and_fly(&LOCKSTEP);
     let mode = std::fs::metadata(socket(&running)).expect("the socket").permissions().mode();
     assert_eq!(mode & 0o777, 0o600);

@@ -36,7 +36,6 @@ fn swap(scenario: &[&str], (slot, owner, to): (&str, &str, &str), how: &str) -> 
 
 #[test]
 fn every_controller_may_take_over_from_every_other_in_lockstep() {
-    let _turn = turn();
     for pair in pairs() {
         for scenario in [["hover", "--for", "5s"], ["figure8-morph", "--for", "10s"]] {
             for how in ["1s", "3s,shadow=500ms"] {
@@ -57,7 +56,6 @@ fn every_controller_may_take_over_from_every_other_in_lockstep() {
 
 #[test]
 fn a_shadow_of_half_a_minute_and_one_at_another_rate_may_take_over() {
-    let _turn = turn();
     for to in ["attitude-lqr", "attitude-pid", "attitude-mpc"] {
         let pair = ("attitude", "attitude-mpc", to);
         swap(&["hover", "--for", "33s"], pair, "1s,shadow=30s");
@@ -98,7 +96,6 @@ fn owner(run: &Running) -> String {
 
 #[test]
 fn a_standby_of_another_kind_shadows_for_a_minute_takes_over_when_asked_and_goes_back_when_told() {
-    let _turn = turn();
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
     let standby = ["standby", "attitude", "attitude-lqr", "--shadow", "60s"];
     let (code, said) = say(&standby, &running);

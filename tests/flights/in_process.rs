@@ -1,7 +1,7 @@
 //! `run --in-process`: the flight of the processes, in one.
 
 use crate::common::processes::{Running, kill, left_in_shared_memory, pause_ms};
-use crate::common::{Flown, fly, turn};
+use crate::common::{Flown, fly};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -16,7 +16,6 @@ fn of_the_flight(flown: &Flown) -> serde_json::Map<String, Value> {
 
 #[test]
 fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_processes() {
-    let _turn = turn();
     for name in launcher::scenario::shipped::names() {
         let flight = [name, "--for", "4s", "--seed", "3"];
         let processes = fly(&flight);
@@ -44,7 +43,6 @@ fn nothing_is_left_or_made_in_shared_memory_and_without_a_recording_no_file() {
 
 #[test]
 fn an_interrupt_ends_it_in_order_and_the_flight_is_the_shorter_one() {
-    let _turn = turn();
     let mut running = Running::start(&["hover", "--in-process", "--speed", "2", "--for", "60s"]);
     pause_ms(300);
     assert!(kill(running.launcher_pid(), Signal::INT));

@@ -2,7 +2,7 @@
 //! is driven by `.ci/page`, the WebSocket by an independent client in `.ci/live`.
 
 use crate::common::processes::{Running, left_in_shared_memory, wait_until};
-use crate::common::{fly, morphquad, turn};
+use crate::common::{fly, morphquad};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -123,7 +123,6 @@ fn stalling_viewer(socket: &str) -> TcpStream {
 
 #[test]
 fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
-    let _turn = turn();
     let mut running = Running::start_and_fly(&["hover", "--for", "16s", "--speed", "2"]);
     let live = Live::beside(running.id());
     let _stalling = stalling_viewer(&live.socket);
@@ -146,7 +145,6 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
 
 #[test]
 fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
-    let _turn = turn();
     let mut running = Running::start_and_fly(&["hover", "--for", "16s", "--speed", "2"]);
     let live = Live::beside(running.id());
     let (code, page) = live.get("/");
@@ -192,7 +190,6 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
 
 #[test]
 fn whoever_has_the_token_orders_and_nobody_else() {
-    let _turn = turn();
     let mut running = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "2"]);
     let live = Live::beside(running.id());
     let stop = r#"{"request":"stop"}"#;
@@ -248,7 +245,6 @@ fn whoever_has_the_token_orders_and_nobody_else() {
 
 #[test]
 fn a_port_that_is_taken_ends_the_run_before_it_begins() {
-    let _turn = turn();
     let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = taken.local_addr().expect("an address").to_string();
     let live = format!("--live={address}");
@@ -274,7 +270,6 @@ fn a_port_that_is_taken_ends_the_run_before_it_begins() {
 
 #[test]
 fn a_live_run_has_the_pace_of_the_clock_and_the_hash_of_any_other() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s", "--live=127.0.0.1:0", "--no-open"]);
     flown.assert_clean();
     assert!(flown.stderr.contains("live  http://127.0.0.1:"), "{}", flown.stderr);
@@ -285,7 +280,6 @@ fn a_live_run_has_the_pace_of_the_clock_and_the_hash_of_any_other() {
 
 #[test]
 fn a_live_run_is_as_fast_as_it_can_be_only_in_so_many_words_and_says_what_comes_of_it() {
-    let _turn = turn();
     let fast = ["--live=localhost:0", "--no-open", "--speed", "max"];
     let flown = fly(&[&["hover", "--for", "60s"][..], &fast].concat());
     flown.assert_clean();
@@ -296,7 +290,6 @@ fn a_live_run_is_as_fast_as_it_can_be_only_in_so_many_words_and_says_what_comes_
 
 #[test]
 fn what_listens_everywhere_is_found_from_elsewhere_and_a_browser_that_is_not_there_is_said() {
-    let _turn = turn();
     let mut run = morphquad(["run", "hover", "--for", "1s", "--no-record", "--live=0.0.0.0:0"]);
     // A screen, and nothing that could open a browser on it: the tests start everything through `env`.
     let folder = tempfile::tempdir().expect("a folder");

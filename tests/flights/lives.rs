@@ -137,7 +137,6 @@ fn commands_of_owner_and_fallback_that_are_late_together_are_verified() {
 
 #[test]
 fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
-    let _turn = turn();
     let flown = fly(SWAPS);
     let attitude = ["attitude-mpc@0", "attitude-mpc@1", "attitude-pid@0"];
     assert_eq!(verified(&flown, &["attitude"]), attitude);
@@ -169,7 +168,6 @@ fn whom_a_replay_is_about_can_be_said_by_role_name_and_seat() {
 
 #[test]
 fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
-    let _turn = turn();
     let flown = fly(SWAPS);
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy.mcap");
@@ -204,7 +202,6 @@ fn a_changed_bit_in_what_a_shadow_said_is_found_with_its_name() {
 
 #[test]
 fn a_script_flown_in_one_process_is_the_flight_of_the_processes() {
-    let _turn = turn();
     for script in [SWAPS, DEATHS] {
         let processes = fly(script);
         let alone = fly(&[script, &["--in-process"]].concat());
@@ -223,7 +220,6 @@ fn a_script_flown_in_one_process_is_the_flight_of_the_processes() {
 
 #[test]
 fn a_branch_at_any_tick_goes_on_with_whoever_sits_where() {
-    let _turn = turn();
     let mut random = ChaCha8Rng::seed_from_u64(45);
     for script in [SWAPS, DEATHS] {
         let flown = fly(script);
@@ -268,7 +264,6 @@ fn a_branch_can_give_a_slot_to_somebody_else_by_the_protocol() {
 
 #[test]
 fn a_controller_with_a_scenario_of_its_own_is_verified_with_that() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let config = folder.path().join("softer.toml");
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);

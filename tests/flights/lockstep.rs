@@ -4,7 +4,7 @@
 //! `hover` and `figure8-morph` 200 times each, every time in other conditions; `MORPHQUAD_SEED`
 //! draws others.
 
-use crate::common::{Flown, fly, fly_with, rounds, turn};
+use crate::common::{Flown, fly, fly_with, rounds};
 use launcher::in_process::{self, StateSource};
 use launcher::run::FlightHash;
 use launcher::scenario::Scenario;
@@ -84,11 +84,10 @@ fn hash_in_one_process(scenario: &str) -> String {
 
 /// What came of it, in a sentence.
 fn fly_in_random_conditions(scenario: &str) -> String {
-    let _turn = turn();
     let expected = hash_in_one_process(scenario);
     let seed = std::env::var("MORPHQUAD_SEED").ok().and_then(|seed| seed.parse().ok());
     let mut random = ChaCha8Rng::seed_from_u64(seed.unwrap_or(1));
-    let rounds = rounds(7);
+    let rounds = rounds(2);
     for round in 0..rounds {
         let conditions = Conditions::draw(&mut random);
         let flown = conditions.fly(scenario);
@@ -129,7 +128,6 @@ fn conditions_are_drawn_from_all_there_are() {
 
 #[test]
 fn another_seed_is_another_flight() {
-    let _turn = turn();
     let hash = |seed| fly(&["hover", "--for", "1s", "--seed", seed]).hash().to_owned();
     assert_ne!(hash("1"), hash("2"));
     assert_eq!(hash("2"), hash("2"));
@@ -137,7 +135,6 @@ fn another_seed_is_another_flight() {
 
 #[test]
 fn pace_changes_no_byte() {
-    let _turn = turn();
     let free = fly(&["figure8-morph", "--for", "2s"]);
     let paced = fly(&["figure8-morph", "--for", "2s", "--speed", "4"]);
     assert_eq!(free.hash(), paced.hash());
@@ -152,7 +149,6 @@ fn assert_tracks(flown: &Flown, rms_m: f64, max_m: f64) {
 
 #[test]
 fn figure8_morph_follows_its_reference_in_wind() {
-    let _turn = turn();
     // One in processes, and two more with the same bits that no process takes part in.
     for (seed, how) in [("1", None), ("2", Some("--in-process")), ("3", Some("--in-process"))] {
         let flags: Vec<&str> = ["figure8-morph", "--seed", seed].into_iter().chain(how).collect();
@@ -168,7 +164,6 @@ fn figure8_morph_follows_its_reference_in_wind() {
 
 #[test]
 fn figure8_morph_ends_where_it_should_in_calm_air() {
-    let _turn = turn();
     let flown = fly(&["figure8-morph", "--in-process", "--set", "disturbance_injector.script=[]"]);
     assert_tracks(&flown, 0.05, 0.15);
     assert!(flown.number("position_last_second_m") <= 0.05, "{}", flown.said());
@@ -176,7 +171,6 @@ fn figure8_morph_ends_where_it_should_in_calm_air() {
 
 #[test]
 fn no_shipped_scenario_violates_a_bound() {
-    let _turn = turn();
     for name in launcher::scenario::shipped::names() {
         fly(&[name, "--in-process"]).assert_clean();
     }
@@ -184,7 +178,6 @@ fn no_shipped_scenario_violates_a_bound() {
 
 #[test]
 fn the_attitude_loop_flies_at_any_rate_and_the_position_loop_at_100_hz_too() {
-    let _turn = turn();
     for rate in ["attitude-mpc=50", "attitude-mpc=150", "attitude-mpc=500", "position-mpc=100"] {
         let flown = fly(&["figure8-morph", "--in-process", "--rate", rate]);
         assert_tracks(&flown, 0.05, 0.15);
@@ -194,7 +187,6 @@ fn the_attitude_loop_flies_at_any_rate_and_the_position_loop_at_100_hz_too() {
 /// They used to hang: sources had left before their readers had connected.
 #[test]
 fn the_shortest_flights_end() {
-    let _turn = turn();
     for duration in ["1ms", "10ms", "20ms", "50ms", "100ms", "150ms"] {
         fly(&["hover", "--for", duration]).assert_clean();
     }
@@ -202,7 +194,6 @@ fn the_shortest_flights_end() {
 
 #[test]
 fn a_vehicle_that_ends_off_its_path_fails_the_run_although_no_process_crashed() {
-    let _turn = turn();
     // Seven estimates a second cannot hold a vehicle.
     let flown = fly(&["hover", "--rate", "estimator=7"]);
     assert_eq!(flown.code, Some(1), "{}", flown.said());

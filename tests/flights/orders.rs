@@ -55,7 +55,6 @@ fn say(arguments: &[&str], run: &Running) -> (Option<i32>, String, String) {
 
 #[test]
 fn a_led_flight_is_smooth_clean_and_where_it_was_told_to_be() {
-    let _turn = turn();
     let flown = led(&[]);
     flown.assert_clean();
     let rows = references(&flown);
@@ -95,7 +94,6 @@ fn a_led_flight_is_smooth_clean_and_where_it_was_told_to_be() {
 
 #[test]
 fn a_led_flight_is_the_same_in_one_process_and_in_disorder() {
-    let _turn = turn();
     let processes = led(&[]);
     let alone = led(&["--in-process"]);
     assert_eq!(alone.hash(), processes.hash());
@@ -107,7 +105,6 @@ fn a_led_flight_is_the_same_in_one_process_and_in_disorder() {
 
 #[test]
 fn a_led_flight_can_be_taken_up_in_the_middle() {
-    let _turn = turn();
     let flown = led(&[]);
     for at in ["@3s", "@4s", "@8s"] {
         let mut command = morphquad(["replay"]);
@@ -122,7 +119,6 @@ fn a_led_flight_can_be_taken_up_in_the_middle() {
 
 #[test]
 fn an_injector_that_dies_goes_on_with_what_was_ordered() {
-    let _turn = turn();
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("pushed.toml");
     let order = "[scenario]\nname = \"pushed\"\nduration_s = 5.0\n[[order]]\nat_s = 1.0\ndisturb = { load = { wind = { mean_w_m_s = [1.0, 0.0, 0.0], sigma_w_m_s = [0.5, 0.5, 0.5] } }, for_s = 3.0 }\n[[order]]\nat_s = 2.0\ndisturb = { load = { force_w_n = [0.0, 0.1, 0.0] }, for_s = 1.0 }\n";
@@ -153,7 +149,6 @@ fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64) {
 }
 
 fn assert_led_live(pace: &[&str]) {
-    let _turn = turn();
     let mut running = Running::start_and_fly(&[&["hover", "--for", "600s"][..], pace].concat());
     let done = |arguments: &[&str]| -> Value {
         let words = [arguments, &["--format", "json"]].concat();
@@ -207,6 +202,7 @@ fn a_run_in_the_air_is_led_live_and_its_recording_verifies() {
 
 #[test]
 fn a_realtime_run_is_led_live_and_its_recording_verifies() {
+    let _turn = turn();
     assert_led_live(&["--clock", "realtime"]);
 }
 

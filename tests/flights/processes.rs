@@ -1,7 +1,7 @@
 //! What the machine sees of a run: separate, named processes whose memory is nobody else's.
 
 use crate::common::processes::{Process, Running, kill, processes_of, wait_until};
-use crate::common::{Flown, judged, turn};
+use crate::common::{Flown, judged};
 use iceoryx2::service::port_factory::PortFactory as _;
 use runtime::ipc::Bus;
 use rustix::process::Signal;
@@ -34,7 +34,6 @@ fn parent_of(pid: u32) -> u32 {
 
 #[test]
 fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() {
-    let _turn = turn();
     let running = fly_on();
     let processes = processes_of(running.id());
     let names: BTreeSet<&str> = processes.iter().map(|p| p.arguments[0].as_str()).collect();
@@ -53,7 +52,6 @@ fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() 
 
 #[test]
 fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder for the executable");
     let executable = folder.path().join("morphquad");
     fs::copy(env!("CARGO_BIN_EXE_morphquad"), &executable).expect("a copy of the executable");
@@ -76,7 +74,6 @@ fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
 
 #[test]
 fn a_runs_folder_and_memory_are_closed_to_other_users() {
-    let _turn = turn();
     let running = fly_on();
     let folder = Path::new("/dev/shm").join(format!("mq-{}", running.id()));
     let mode = |path: &Path| fs::metadata(path).map(|m| m.permissions().mode());
@@ -100,7 +97,6 @@ fn a_runs_folder_and_memory_are_closed_to_other_users() {
 
 #[test]
 fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
-    let _turn = turn();
     for info in [topics::TRUTH.info, topics::ACTUATOR_STATE.info] {
         assert!(info.to.is_empty(), "{} is read by {:?}", info.name, info.to);
     }
@@ -119,7 +115,6 @@ fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
 
 #[test]
 fn a_restarted_process_keeps_its_name_and_changes_its_number() {
-    let _turn = turn();
     let running = fly_on();
     let first = running.signal("attitude-mpc", Signal::KILL);
     wait_until("the successor", || running.process("attitude-mpc").is_some_and(|p| p.pid != first));

@@ -59,14 +59,12 @@ fn assert_refused(scenario: &[&str], misdeeds: &[(&str, f64, f64, &str)]) {
 
 #[test]
 fn no_misdeed_gets_a_candidate_into_the_air_and_no_bit_of_the_flight_changes() {
-    let _turn = turn();
     assert_refused(&["figure8-morph", "--for", "20s", "--no-record"], &MISDEEDS);
 }
 
 /// Alone in its flight, because the limit on starting is one of wall time and holds for every process.
 #[test]
 fn a_candidate_that_is_never_ready_is_refused_and_no_bit_of_the_flight_changes() {
-    let _turn = turn();
     let limit = ["--set", "launcher.startup_timeout_s=10"];
     let scenario = ["figure8-morph", "--for", "3s", "--no-record"];
     let scenario = [&scenario[..], &limit].concat();
@@ -76,7 +74,6 @@ fn a_candidate_that_is_never_ready_is_refused_and_no_bit_of_the_flight_changes()
 /// Time begins anew in a rehearsal, so that the instant of the crash comes there first.
 #[test]
 fn a_candidate_that_crashes_in_its_rehearsal_is_refused_and_the_crash_is_named() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let config = config(&folder, "crash", 2.0, 0.0);
     let swap = format!("attitude={}@100ms,shadow=300ms,rollback=100ms,config={config}", rogue());
@@ -92,7 +89,6 @@ fn a_candidate_that_crashes_in_its_rehearsal_is_refused_and_the_crash_is_named()
 /// said in the flight follows from its script, wherever the processes run and however busy the machine is.
 #[test]
 fn the_same_executable_takes_over_when_it_behaves_and_every_such_flight_is_the_same() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let config = config(&folder, "nothing", 0.0, 0.0);
     let candidate = rogue();
@@ -128,7 +124,6 @@ fn say(arguments: &[&str]) -> Said {
 
 #[test]
 fn every_refusal_has_its_exit_code() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     // Before the flight, which would end while it is built.
     let rogue = rogue();
@@ -205,7 +200,6 @@ fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
 
 #[test]
 fn a_stranger_that_forges_every_field_of_commands_moves_no_motor_and_is_named() {
-    let _turn = turn();
     let scenario = ["hover", "--for", "4s", "--speed", "4"];
     let expected = fly(&scenario);
     let executable = rogue();

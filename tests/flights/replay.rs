@@ -83,7 +83,6 @@ fn a_rate_that_divides_nothing_is_verified_too() {
 
 #[test]
 fn a_flight_in_one_process_has_both_hashes_of_the_processes() {
-    let _turn = turn();
     for name in shipped::names() {
         let duration = Override::duration(Duration::from_millis(1500));
         let scenario = Scenario::load(name, &[duration]).expect("a shipped scenario");
@@ -183,7 +182,6 @@ fn every_life_of_a_restarted_process_is_verified() {
 
 #[test]
 fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verified() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     for (turns_at_s, rollback, fallback) in [
         // In its window a new owner has the one before it as fallback even so.
@@ -208,7 +206,6 @@ fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verifie
 
 #[test]
 fn one_changed_bit_is_found_and_named() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s"]);
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy.mcap");
@@ -254,7 +251,6 @@ fn one_changed_bit_is_found_and_named() {
 
 #[test]
 fn a_changed_state_and_a_missing_sample_are_found_and_named() {
-    let _turn = turn();
     let flown = fly(&["attitude-step", "--for", "500ms"]);
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy.mcap");
@@ -289,7 +285,6 @@ fn a_changed_state_and_a_missing_sample_are_found_and_named() {
 
 #[test]
 fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "2s"]);
     let folder = TempDir::new().expect("a folder");
     let cut = folder.path().join("cut.mcap");
@@ -318,7 +313,6 @@ fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
 
 #[test]
 fn a_branch_flown_with_a_change_says_that_it_is_one_and_is_not_verified_as_a_flight() {
-    let _turn = turn();
     let flown = fly(&["hover", "--in-process", "--for", "1s"]);
     let folder = TempDir::new().expect("a folder");
     let record = ["--record", folder.path().to_str().expect("a path")];
@@ -380,7 +374,6 @@ fn flags_of_one_mode_are_refused_in_another() {
 
 #[test]
 fn a_recording_of_another_build_is_refused_and_the_type_that_changed_is_named() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "100ms"]);
     let folder = TempDir::new().expect("a folder");
     let copy = folder.path().join("copy.mcap");
@@ -404,7 +397,6 @@ fn a_recording_of_another_build_is_refused_and_the_type_that_changed_is_named() 
 
 #[test]
 fn another_controller_departs_where_it_differs_and_nowhere_else() {
-    let _turn = turn();
     let flown = fly(&["figure8-morph", "--for", "1s"]);
     let file = flown.recording_path();
     let same = replay(&file, &["--with", "attitude-mpc"]);
@@ -440,7 +432,6 @@ fn another_controller_departs_where_it_differs_and_nowhere_else() {
 
 #[test]
 fn a_recording_holds_what_an_independent_reader_finds() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "500ms"]);
     let steps =
         Recording::read(&flown.recording_path()).series("truth", &["morph_angle_rad"]).len();

@@ -1,6 +1,6 @@
 //! A report says what the samples say, fails by a gate that does not hold, and names what it cannot read.
 
-use crate::common::{fly, morphquad, turn};
+use crate::common::{fly, morphquad};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -20,7 +20,6 @@ fn number<'a>(told: &'a Value, key: &str) -> &'a Value {
 
 #[test]
 fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
-    let _turn = turn();
     let swap = ["--swap", "attitude=attitude-lqr@1s,shadow=1s,rollback=0.5s"];
     let flown = fly(&[&["figure8-morph", "--for", "4s"], &swap[..]].concat());
     let folder = tempfile::tempdir().expect("a folder");
@@ -56,7 +55,6 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
 
 #[test]
 fn the_command_that_a_report_names_flies_the_same_flight_again() {
-    let _turn = turn();
     let flown = fly(&["hover", "--seed", "7"]);
     let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
     let told: Value = serde_json::from_str(&out).expect("JSON");
@@ -70,7 +68,6 @@ fn the_command_that_a_report_names_flies_the_same_flight_again() {
 
 #[test]
 fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "2s"]);
     let folder = tempfile::tempdir().expect("a folder");
     let whole = fs::read(flown.recording_path()).expect("the recording");
@@ -112,7 +109,6 @@ fn a_cut_file_fails_and_says_where_and_a_folder_is_judged_as_a_whole() {
 
 #[test]
 fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
-    let _turn = turn();
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("shove.toml");
     let shove = r#"

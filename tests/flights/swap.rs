@@ -6,7 +6,7 @@
 //! `MORPHQUAD_REHEARSE=1` every candidate is flown ahead, a null swap's too.
 
 use crate::common::misdeeds::{config, rogue};
-use crate::common::{Flown, fly, turn};
+use crate::common::{Flown, fly};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
@@ -71,7 +71,6 @@ fn fly_scripted(scenario: &[&str], swaps: &[String], faults: &[String]) -> Flown
 
 #[test]
 fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_flight_as_it_was() {
-    let _turn = turn();
     let wanted = swaps(60);
     let scenario = ["figure8-morph", "--no-record"];
     let expected = fly(&scenario);
@@ -163,7 +162,6 @@ fn rehearsal() -> [&'static str; 2] {
 /// Both slots have a warm fallback throughout, whoever else comes, dies, stops or writes garbage.
 #[test]
 fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let wanted = swaps(60);
     let mut random = ChaCha8Rng::seed_from_u64(6);
@@ -211,7 +209,6 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
 
 #[test]
 fn owner_and_fallback_killed_together_leave_nobody_in_command_and_the_vehicle_in_its_tube() {
-    let _turn = turn();
     let standbys = ["--standby", "attitude=attitude-pid", "--standby", "position=position-pid"];
     for [owner, fallback] in [["attitude-mpc", "attitude-pid"], ["position-mpc", "position-pid"]] {
         let scenario: Vec<&str> =
@@ -233,7 +230,6 @@ fn owner_and_fallback_killed_together_leave_nobody_in_command_and_the_vehicle_in
 
 #[test]
 fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods_and_nobody_levels() {
-    let _turn = turn();
     // After the flip at 1.4 s the old owner stays warm until 6.4 s.
     let swap = ["attitude=attitude-mpc@1s,shadow=400ms,rollback=5s".to_owned()];
     for kind in ["kill", "stop"] {
@@ -247,7 +243,6 @@ fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods_and_nobody
 
 #[test]
 fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back() {
-    let _turn = turn();
     for slot in ["attitude-mpc", "position-mpc"] {
         let faults = [format!("kill:{slot}@2500ms")];
         let flown = fly_scripted(&["figure8-morph", "--for", "9s"], &[], &faults);
@@ -259,7 +254,6 @@ fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back
 
 #[test]
 fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     // What is no number leaves the vehicle to itself for so long that the flight has not passed.
     let cases = [("crash", 500.0, 0.5, 0), ("not-a-number", 900.0, 1.0, 1)];
@@ -279,7 +273,6 @@ fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller()
 #[test]
 fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed_by_the_last_proven_one()
  {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     for what in ["crash", "not-a-number"] {
         let config = config(&folder, what, 4.0, 0.0);
@@ -293,7 +286,6 @@ fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed
 
 #[test]
 fn a_scripted_flight_with_swaps_and_deaths_has_one_hash() {
-    let _turn = turn();
     let swaps = [
         "attitude=attitude-pid@1s,shadow=400ms,rollback=200ms".to_owned(),
         "position=position-pid@1500ms,shadow=600ms,rollback=2s".to_owned(),

@@ -3,7 +3,7 @@
 use crate::common::processes::{
     Running, all_processes, kill, left_in_shared_memory, processes_of, wait_until,
 };
-use crate::common::{fly, morphquad, turn};
+use crate::common::{fly, morphquad};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -31,7 +31,6 @@ fn json(arguments: &[&str]) -> Value {
 
 #[test]
 fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s"]);
     let path = flown.recording_path();
     let file = path.to_str().expect("text");
@@ -65,7 +64,6 @@ fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
 
 #[test]
 fn what_was_told_in_words_is_shown_with_its_instant() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "2s", "--fault", "kill:estimator@1s"]);
     let path = flown.recording_path();
     let file = path.to_str().expect("text");
@@ -84,7 +82,6 @@ fn what_was_told_in_words_is_shown_with_its_instant() {
 
 #[test]
 fn tables_hold_every_sample_in_both_forms() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s"]);
     let path = flown.recording_path();
     let folder = tempfile::TempDir::new().expect("a folder");
@@ -130,7 +127,6 @@ fn tables_hold_every_sample_in_both_forms() {
 
 #[test]
 fn a_run_in_the_air_is_heard_and_has_the_hash_that_it_has_unheard() {
-    let _turn = turn();
     let flight = ["hover", "--for", "16s", "--speed", "2"];
     let mut running = Running::start_and_fly(&flight);
     let run = ["--run", running.id()];
@@ -173,7 +169,6 @@ fn a_run_in_the_air_is_heard_and_has_the_hash_that_it_has_unheard() {
 
 #[test]
 fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
-    let _turn = turn();
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
     let top = |arguments: &[&str]| {
         let words = [&["top", "--once", "--run", running.id()], arguments].concat();
@@ -218,7 +213,6 @@ fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
 /// A read from a terminal that has gone returns at once, with nothing, for ever.
 #[test]
 fn top_ends_with_its_terminal() {
-    let _turn = turn();
     let running = Running::start_and_fly(&["hover", "--for", "10m", "--speed", "1"]);
     let top = format!("{} top --run {}", env!("CARGO_BIN_EXE_morphquad"), running.id());
     let is_up = || all_processes().any(|process| process.arguments.join(" ") == top);

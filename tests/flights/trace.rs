@@ -101,7 +101,6 @@ fn a_chain_consists_of_the_samples_that_the_file_has() {
 
 #[test]
 fn what_a_cut_or_thinned_recording_lacks_is_named() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s"]);
     let folder = TempDir::new().expect("a folder");
     let bytes = fs::read(flown.recording_path()).expect("a recording");

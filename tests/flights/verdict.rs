@@ -190,7 +190,6 @@ fn assert_one_verdict(flight: &Flight, bench: &Bench) {
 
 #[test]
 fn all_outputs_agree_on_the_verdicts_of_eight_flights() {
-    let _turn = turn();
     let bench = Bench::new();
     for flight in &FLIGHTS {
         assert_one_verdict(flight, &bench);
@@ -209,7 +208,6 @@ fn fly(name: &str, flags: &[&str], bench: &Bench) -> (Value, Option<i32>, PathBu
 
 #[test]
 fn all_outputs_report_a_flight_as_crashed_after_the_plant_died() {
-    let _turn = turn();
     let bench = Bench::new();
     let flags = ["hover", "--for", "3s", "--fault", "kill:plant@1s"];
     let (said, code, recording) = fly("crashed", &flags, &bench);
@@ -222,7 +220,6 @@ fn all_outputs_report_a_flight_as_crashed_after_the_plant_died() {
 
 #[test]
 fn all_outputs_report_an_interrupted_flight_as_incomplete() {
-    let _turn = turn();
     let bench = Bench::new();
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
     assert!(kill(running.launcher_pid(), Signal::INT));
@@ -288,7 +285,6 @@ fn all_outputs_report_fourteen_unexplained_safe_mode_episodes_as_failed() {
 /// The flight itself passed, so that only the commands that read the file are compared.
 #[test]
 fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
-    let _turn = turn();
     let bench = Bench::new();
     let flags = ["hover", "--in-process", "--for", "3s"];
     let (said, code, recording) = fly("good", &flags, &bench);
@@ -326,7 +322,6 @@ fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
 
 #[test]
 fn a_recording_is_judged_by_the_limits_that_its_flight_was_given() {
-    let _turn = turn();
     let bench = Bench::new();
     let strict = ["hover", "--in-process", "--for", "2s", "--set", "verdict.tracking_max_m=0.001"];
     let (said, code, recording) = fly("strict", &strict, &bench);

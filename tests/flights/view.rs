@@ -1,7 +1,7 @@
 //! The page of a flight: what stands in it is what the recording has, and no bad file gets a page.
 //! What a browser makes of it is tested by `.ci/page`.
 
-use crate::common::{fly, morphquad, turn};
+use crate::common::{fly, morphquad};
 use serde_json::Value;
 use std::fs;
 use std::io::{Read as _, Write as _};
@@ -50,7 +50,6 @@ fn series<'a>(flight: &'a Value, chart: &str, name: &str) -> &'a Value {
 
 #[test]
 fn the_page_holds_what_the_recording_has_and_loads_nothing() {
-    let _turn = turn();
     let swap = ["--swap", "attitude=attitude-lqr@1s,shadow=1s,rollback=0.5s"];
     let flown = fly(&[&["figure8-morph", "--for", "4s"], &swap[..]].concat());
     let folder = tempfile::tempdir().expect("a folder");
@@ -84,7 +83,6 @@ fn the_page_holds_what_the_recording_has_and_loads_nothing() {
 
 #[test]
 fn a_cut_file_is_shown_as_far_as_it_goes_and_says_so() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "3s"]);
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = fs::read(flown.recording_path()).expect("the recording");
@@ -150,7 +148,6 @@ fn who_names_no_flight_is_told_which_there_are() {
 
 #[test]
 fn the_page_is_served_to_this_machine_alone_until_it_is_told_to_stop() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "1s"]);
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = taken.local_addr().expect("an address").port();
@@ -187,7 +184,6 @@ fn the_page_is_served_to_this_machine_alone_until_it_is_told_to_stop() {
 
 #[test]
 fn a_page_never_replaces_a_recording() {
-    let _turn = turn();
     let flown = fly(&["hover", "--for", "500ms"]);
     let path = flown.recording_path();
     let before = std::fs::read(&path).expect("the recording");
