@@ -1,6 +1,6 @@
 //! A report says what the samples say, fails by a gate that does not hold, and names what it cannot read.
 
-use crate::common::{fly, morphquad};
+use crate::common::{Flown, fly, morphquad};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -55,7 +55,11 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
 
 #[test]
 fn the_command_that_a_report_names_flies_the_same_flight_again() {
-    let flown = fly(&["hover", "--seed", "7"]);
+    // As a user would: with settings that no scenario has, a flight is not flown again but verified.
+    let folder = tempfile::tempdir().expect("a folder");
+    let words = ["run", "hover", "--seed", "7", "--format", "json", "--record"];
+    let output = morphquad(words).arg(folder.path()).output().expect("the executable starts");
+    let flown = Flown::new(&output, folder);
     let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
     let told: Value = serde_json::from_str(&out).expect("JSON");
     let command = told["again"].as_str().expect("a command");

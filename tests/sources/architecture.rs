@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 25] = [
+const ALLOWED: [(&str, &[&str]); 26] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
@@ -57,6 +57,7 @@ const ALLOWED: [(&str, &[&str]); 25] = [
         "catalogue",
         &["controller", "host", "launcher", "rehearsal", "runtime", "shared-types", "vehicle"],
     ),
+    ("soak", &["runtime"]),
     ("morphquad", &["launcher"]),
 ];
 
