@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use qp::{ActiveSet, Hildreth, HildrethSettings, QpError, QpSolver, QpStatus, Settings};
 
-use crate::peers::{Clarabel, Quadprog};
+use crate::peers::Clarabel;
 use crate::series::{Series, Tick};
 
 /// How one call ended.
@@ -29,11 +29,10 @@ pub(crate) trait Contender {
 pub(crate) type Entry = (&'static str, fn(&Series) -> Box<dyn Contender>);
 
 /// Every solver, ours first.
-pub(crate) const ALL: [Entry; 5] = [
+pub(crate) const ALL: [Entry; 4] = [
     ("active-set", |series| {
         Box::new(Ours::new(series, ActiveSet::new(series.n(), series.m(), Settings::default())))
     }),
-    ("quadprog", |series| Box::new(Quadprog::new(series))),
     ("clarabel", |_| Box::new(Clarabel::default())),
     ("hildreth-38", |series| Box::new(hildreth(series, HildrethSettings::textbook()))),
     ("hildreth", |series| {

@@ -1,6 +1,7 @@
 //! Dependencies point one way. The rule is a table; the facts come from cargo.
 
 use serde_json::Value;
+use spdx::{Expression, ParseMode};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
@@ -191,13 +192,69 @@ fn every_selection_of_packages_shares_what_the_workspace_has_built() {
     }
 }
 
+/// `deny.toml`, which cargo-deny reads too.
+fn rules() -> toml::Table {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("deny.toml");
+    std::fs::read_to_string(path).expect("a file").parse().expect("TOML")
+}
+
+fn words(list: &toml::Value) -> BTreeSet<String> {
+    let list = list.as_array().expect("a list").iter();
+    list.map(|word| word.as_str().expect("a word").to_owned()).collect()
+}
+
+#[test]
+fn every_crate_that_is_built_may_be_given_away_under_the_licences_of_this_one() {
+    let allowed = words(&rules()["licenses"]["allow"]);
+    let mut used = BTreeSet::new();
+    for package in of_this_platform()["packages"].as_array().expect("packages") {
+        let (name, licence) = (text(&package["name"]), package["license"].as_str());
+        let licence = licence.unwrap_or_else(|| panic!("{name} names no licence"));
+        let expression = Expression::parse_mode(licence, ParseMode::LAX).expect("SPDX");
+        let may = expression.evaluate(|asked| {
+            let asked = asked.to_string();
+            used.insert(asked.clone());
+            allowed.contains(&asked)
+        });
+        assert!(may, "{name} comes under {licence}");
+    }
+    assert!(allowed.is_subset(&used), "allowed, but met nowhere: {:?}", &allowed - &used);
+}
+
+#[test]
+fn every_locked_crate_comes_from_the_public_registry_and_those_that_must_be_one_are_one() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.lock");
+    let locked = std::fs::read_to_string(path).expect("a file");
+    let locked: toml::Table = locked.parse().expect("TOML");
+    let registries = words(&rules()["sources"]["allow-registry"]);
+    let mut versions = BTreeMap::<_, u32>::new();
+    for package in locked["package"].as_array().expect("packages") {
+        *versions.entry(package["name"].as_str().expect("a name")).or_default() += 1;
+        let source = package.get("source").map(|source| source.as_str().expect("a source"));
+        let known = source.is_none_or(|source| {
+            source.strip_prefix("registry+").is_some_and(|registry| registries.contains(registry))
+        });
+        assert!(known, "{} comes from {source:?}", package["name"]);
+    }
+    let rules = rules();
+    for rule in rules["bans"]["deny"].as_array().expect("a list") {
+        let name = rule["crate"].as_str().expect("a name");
+        assert!(rule["deny-multiple-versions"].as_bool().expect("a flag"), "{name}");
+        assert_eq!(versions.get(name), Some(&1), "versions of {name}");
+    }
+}
+
+/// Everything that is built here: crates for other systems need not have been fetched.
+fn of_this_platform() -> Value {
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    metadata(&["--filter-platform", &platform])
+}
+
 /// With its feature `std` nalgebra multiplies large matrices in a way that depends on whether the
 /// processor has FMA, and without `libm-force` its functions are the C library's.
 #[test]
 fn the_linear_algebra_of_a_flight_asks_neither_the_processor_nor_the_c_library() {
-    // Crates for other systems need not have been fetched.
-    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
-    let metadata = metadata(&["--filter-platform", &platform]);
+    let metadata = of_this_platform();
     let nodes = metadata["resolve"]["nodes"].as_array().expect("nodes").iter();
     let of = |name: &str| {
         let named = format!("#{name}@");
