@@ -228,7 +228,7 @@ impl InputVisitor for Connect<'_> {
         let edge = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role));
         let mut exceptions = Exceptions::of(&topic.info, self.life.deviations.iter());
         if let Some(last) = self.latched.next() {
-            exceptions = exceptions.killed_after(last.as_ref(), &topic.info);
+            exceptions = exceptions.killed_after(last.as_ref());
         }
         let samples = self.recorded.tapes.of(topic);
         // What a restored state had already in effect was not heard by this process.

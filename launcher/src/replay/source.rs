@@ -37,6 +37,8 @@ pub(super) struct Exceptions {
     last: BTreeMap<Writer, u64>,
     /// Nothing arrived at all.
     silent: bool,
+    /// What a process that was killed had in effect: seat, and effect and sequence, which only grow there.
+    latched: Option<(u32, (u64, u64))>,
 }
 
 impl Exceptions {
@@ -68,19 +70,21 @@ impl Exceptions {
     }
 
     /// The same of a process that was killed when it had `latched` in effect.
-    pub(super) fn killed_after(mut self, latched: Option<&Header>, topic: &TopicInfo) -> Self {
-        match latched {
-            Some(header) => {
-                self.last.entry(Writer::of(header, topic)).or_insert(header.sequence);
-            }
-            None => self.silent = true,
-        }
+    pub(super) fn killed_after(mut self, latched: Option<&Header>) -> Self {
+        self.latched = latched.map(|h| (h.seat, (h.valid_ns, h.sequence)));
+        self.silent |= latched.is_none();
         self
     }
 
-    /// True if the sample came when the loop had ended, or never.
-    fn came_too_late(&self, writer: Writer, sequence: u64) -> bool {
-        self.silent || self.last.get(&writer).is_some_and(|last| sequence > *last)
+    /// True if the sample came when the loop had ended, or never. Of the seat that was in effect at the end
+    /// nothing newer had come, from no process that had it.
+    fn came_too_late(&self, writer: Writer, header: &Header) -> bool {
+        let newer = |(seat, end): (u32, (u64, u64))| {
+            header.seat == seat && (header.valid_ns, header.sequence) > end
+        };
+        self.silent
+            || self.last.get(&writer).is_some_and(|last| header.sequence > *last)
+            || self.latched.is_some_and(newer)
     }
 
     fn is_lost(&self, writer: Writer, sequence: u64) -> bool {
@@ -167,7 +171,7 @@ impl<T: Sample> Reel<T> {
                 self.next += 1;
                 continue;
             }
-            if exceptions.came_too_late(self.writer, header.sequence) {
+            if exceptions.came_too_late(self.writer, &header) {
                 return None;
             }
             // Nominally a sample is there by the step that it is in effect at.
@@ -248,6 +252,26 @@ mod tests {
         let expected =
             [vec![1], vec![], vec![], vec![], vec![], vec![3, 4, 5, 6], vec![7], vec![8]];
         assert_eq!(played, expected);
+    }
+
+    #[test]
+    fn a_killed_loop_had_heard_nothing_of_the_process_that_took_the_seat_of_what_it_obeyed() {
+        let now_ns = Rc::new(Cell::new(8 * MS));
+        let said = |sequence, generation| {
+            let Imu { header, .. } = imu(sequence);
+            Imu { header: Header { generation, ..header }, ..Imu::default() }
+        };
+        let slot = &topics::WRENCH_COMMAND.info;
+        let mut source = TapeSource::new(
+            &[said(1, 0), said(2, 0), said(3, 1), said(4, 1)],
+            slot,
+            Edge::unwaited(slot, Role::Estimator),
+            Exceptions::default().killed_after(Some(&said(2, 0).header)),
+            Arrival::default(),
+            now_ns,
+        );
+        let heard: Vec<_> = core::iter::from_fn(|| source.receive()).collect();
+        assert_eq!(heard.iter().map(|s| s.header.sequence).collect::<Vec<_>>(), [1, 2]);
     }
 
     #[test]

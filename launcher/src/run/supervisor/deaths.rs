@@ -60,6 +60,8 @@ impl Supervisor {
         let how = describe(death);
         let words = post.words();
         post.child = None;
+        // What it said last goes with what it leaves behind.
+        tap.drain(now_ns);
         remove_unborn_objects(&self.folder);
         bus.sweep_dead_processes();
         let lost = |reason: String| {
