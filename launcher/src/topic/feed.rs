@@ -30,6 +30,8 @@ const REQUEST_BYTES: usize = 16 << 10;
 const CLIENTS: usize = 8;
 /// How long clients may take at the end to read what is still on its way to them \[ns\].
 const FLUSH_LIMIT_NS: u64 = 5_000_000_000;
+/// How long a client may take to ask, and to read anything at all once its buffer is full \[ns\].
+const PATIENCE_NS: u64 = 5_000_000_000;
 /// How often the queue is looked at while somebody listens \[ns\].
 const LOOK_EVERY_NS: i64 = 10_000_000;
 /// In place of a topic: so many samples have been dropped.
@@ -209,6 +211,8 @@ impl Drop for Feed {
 /// One listener.
 struct Client {
     stream: UnixStream,
+    /// When it came, or last read something \[ns\].
+    moved_ns: u64,
     /// Until the request is complete.
     inbox: Vec<u8>,
     wanted: u64,
@@ -301,17 +305,35 @@ impl Desk {
             }
             let mut client = Client {
                 stream,
+                moved_ns: mono_now_ns(),
                 inbox: Vec::new(),
                 wanted: 0,
                 outbox: Vec::new(),
                 dropped: 0,
                 over: false,
             };
+            if self.clients.len() >= CLIENTS {
+                self.make_room();
+            }
             if self.clients.len() < CLIENTS {
                 self.clients.push(client);
             } else {
                 client.refuse(format!("{CLIENTS} others are listening: try again"));
             }
+        }
+    }
+
+    /// Takes the place of the client that has kept it for nothing for longest, if one has lost all patience:
+    /// it has asked for nothing yet, or reads nothing of a full buffer.
+    fn make_room(&mut self) {
+        let now_ns = mono_now_ns();
+        let idle = |client: &Client| {
+            let is_idle = client.wanted == 0 || client.outbox.len() > UNREAD_BYTES / 2;
+            is_idle && now_ns.saturating_sub(client.moved_ns) >= PATIENCE_NS
+        };
+        let longest = self.clients.iter().enumerate().filter(|(_, client)| idle(client));
+        if let Some((index, _)) = longest.min_by_key(|(_, client)| client.moved_ns) {
+            self.clients.remove(index);
         }
     }
 
@@ -346,7 +368,7 @@ impl Client {
     /// Reads the request; whatever comes after it, or an end, ends the conversation.
     fn hear(&mut self, flying: Flying) {
         let mut chunk = [0; 4096];
-        loop {
+        while !self.over {
             match self.stream.read(&mut chunk) {
                 Ok(0) => self.over = true,
                 Ok(count) if self.wanted == 0 => {
@@ -401,7 +423,10 @@ impl Client {
         let mut written = 0;
         while written < self.outbox.len() {
             match self.stream.write(&self.outbox[written..]) {
-                Ok(count) => written += count,
+                Ok(count) => {
+                    written += count;
+                    self.moved_ns = mono_now_ns();
+                }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
                 Err(_) => {

@@ -6,6 +6,7 @@ use super::{SOCKET, header, known, place, schema, unpack};
 use crate::control::runs::Run;
 use crate::record::{Event, Severity, decode_log};
 use core::time::Duration;
+use runtime::clock::mono_now_ns;
 use shared_types::{Header, Imu, Truth, topics};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::net::UnixStream;
@@ -111,12 +112,25 @@ fn the_end_reaches_a_listener_that_is_far_behind_when_the_flight_is_over() {
     closing.join().unwrap();
 }
 
+/// More than a request may have, and never a line: refused, and not read for ever.
+fn flood_without_end(flight: &Flight) {
+    let mut stream = UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
+    stream.set_write_timeout(Some(Duration::from_secs(10))).unwrap();
+    let chunk = vec![b'x'; 1 << 16];
+    let refused = (0..10_000).find_map(|_| stream.write_all(&chunk).err());
+    let error = refused.expect("600 MB without a line are taken");
+    let kind = error.kind();
+    let hung_up = [std::io::ErrorKind::BrokenPipe, std::io::ErrorKind::ConnectionReset];
+    assert!(hung_up.contains(&kind), "{error}");
+}
+
 #[test]
 fn strangers_are_refused_in_words_and_cost_nothing() {
     let flight = Flight::new();
     let say = |text: &[u8]| {
         let mut stream = UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
-        stream.write_all(text).unwrap();
+        // A client without a place is answered before it has said anything, and hung up on.
+        let _ = stream.write_all(text);
         let mut answer = String::new();
         BufReader::new(&stream).read_line(&mut answer).unwrap();
         let mut rest = Vec::new();
@@ -128,6 +142,16 @@ fn strangers_are_refused_in_words_and_cost_nothing() {
     assert!(say(b"{\"listen\":[[\"imus\",\"0\"]]}\n").contains("no topic imus"));
     assert!(say(b"{\"listen\":[[\"imu\",\"0\"]]}\n").contains("laid out otherwise"));
     assert!(say(&vec![b'x'; 20_000]).contains("at most"));
+    flood_without_end(&flight);
+    // A place for each of those who say nothing, and none for long.
+    let connect = || UnixStream::connect(flight.folder.path().join(SOCKET)).unwrap();
+    let silent: Vec<_> = (0..8).map(|_| connect()).collect();
+    assert!(say(b"{\"listen\":[]}\n").contains("others are listening"));
+    let give_up_ns = mono_now_ns() + 60_000_000_000;
+    while say(b"{\"listen\":[]}\n").contains("others are listening") {
+        assert!(mono_now_ns() < give_up_ns, "the silent keep all places");
+    }
+    drop(silent);
     let mut still = flight.listen(&["imu"]);
     flight.feed.offer(&topics::IMU, &imu(5));
     assert_eq!(next(&mut still), ("imu", 5));
