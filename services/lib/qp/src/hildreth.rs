@@ -54,6 +54,7 @@ pub struct Hildreth {
     curved: Vec<f64>,
     pull: Vec<f64>,
     values: Vec<f64>,
+    terms: Vec<f64>,
     set: Vec<i8>,
     x: DVector<f64>,
     multipliers: DVector<f64>,
@@ -84,6 +85,7 @@ impl Hildreth {
             curved: vec![0.0; n],
             pull: vec![0.0; n],
             values: vec![0.0; m],
+            terms: vec![0.0; m],
             set: vec![0; m],
             x: DVector::zeros(n),
             multipliers: DVector::zeros(m),
@@ -131,6 +133,7 @@ impl Hildreth {
             return QpStatus::IterationLimit;
         }
         self.scaled.curved(y, &mut self.curved);
+        self.scaled.terms(y, &mut self.terms);
         let residuals = Evaluated {
             d: &self.scaled.d,
             reach: &self.scaled.reach,
@@ -138,6 +141,7 @@ impl Hildreth {
             curved: &self.curved,
             pull: &self.pull,
             values: &self.values,
+            terms: &self.terms,
             f,
             lower,
             upper,

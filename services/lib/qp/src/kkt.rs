@@ -9,7 +9,7 @@ pub struct KktResiduals {
     /// `H x + f + A' multipliers`, relative to the largest of its terms, a term of the last
     /// being one entry of one row times its multiplier.
     pub stationarity: f64,
-    /// Violation of a row, relative to its bound and the size its terms may have.
+    /// Violation of a row, relative to its bound and the sizes of its terms.
     pub primal: f64,
     /// A multiplier that pushes against a bound that is infinite, relative as the next.
     pub dual: f64,
@@ -77,6 +77,7 @@ pub fn soft_kkt_residuals(
         curved: (hessian * x).as_slice(),
         pull: rows.tr_mul(multipliers).as_slice(),
         values: (rows * x - given).as_slice(),
+        terms: (rows.abs() * x.abs()).as_slice(),
         f: f.as_slice(),
         lower: lower.as_slice(),
         upper: upper.as_slice(),
@@ -100,6 +101,8 @@ pub(crate) struct Evaluated<'a> {
     pub(crate) pull: &'a [f64],
     /// A x, less compliance times multiplier.
     pub(crate) values: &'a [f64],
+    /// |A| |x|.
+    pub(crate) terms: &'a [f64],
     pub(crate) f: &'a [f64],
     pub(crate) lower: &'a [f64],
     pub(crate) upper: &'a [f64],
@@ -110,12 +113,12 @@ pub(crate) struct Evaluated<'a> {
 impl Evaluated<'_> {
     pub(crate) fn residuals(&self) -> KktResiduals {
         let (mut residual, mut gradient) = (0.0_f64, f64::MIN_POSITIVE);
-        let mut size = 0.0_f64;
+        let mut size = Size::default();
         for (j, d) in self.d.iter().enumerate() {
             let (curved, f, pull) = (self.curved[j], self.f[j], self.pull[j]);
             residual = raise(residual, d * (curved + f + pull).abs());
             gradient = gradient.max(d * (curved.abs() + f.abs() + pull.abs()));
-            size = size.max(self.x[j].abs() / d).max(d * f.abs());
+            size.take(self.x[j], f, *d);
         }
         let strongest = self.peak.iter().zip(self.multipliers).map(|(peak, by)| peak * by.abs());
         let terms = strongest.fold(gradient, f64::max);
@@ -131,10 +134,10 @@ impl Evaluated<'_> {
         worst
     }
 
-    fn judge_row(&self, i: usize, size: f64, gradient: f64, worst: &mut KktResiduals) {
+    fn judge_row(&self, i: usize, size: Size, gradient: f64, worst: &mut KktResiduals) {
         let (value, multiplier, reach) = (self.values[i], self.multipliers[i], self.reach[i]);
         let (lower, upper) = (self.lower[i], self.upper[i]);
-        let span = |bound: f64| reach * size + bound.abs() + f64::MIN_POSITIVE;
+        let span = |bound: f64| size.span(bound, self.terms[i], reach);
         for (miss, bound) in [(lower - value, lower), (value - upper, upper)] {
             // An infinite bound is missed by -∞ unless it excludes every value.
             let relative = if bound.is_finite() { miss / span(bound) } else { miss };
@@ -143,11 +146,35 @@ impl Evaluated<'_> {
         let pressed = if multiplier > 0.0 { upper } else { lower };
         let strength = multiplier.abs() * reach / gradient;
         if pressed.is_finite() {
-            let slack = (pressed - value).abs() / span(pressed);
+            // A row that is held by a weak multiplier may lie off its bound by the rounding of the
+            // largest variable: what is small here is small beside the whole answer.
+            let slack = (pressed - value).abs() / (span(pressed) + reach * size.x);
             worst.complementarity = raise(worst.complementarity, strength.min(slack));
         } else {
             worst.dual = raise(worst.dual, strength);
         }
+    }
+}
+
+/// Sizes of an answer and of the way to it, each in the unit of its variable.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Size {
+    x: f64,
+    f: f64,
+}
+
+impl Size {
+    /// Takes a variable with its cost and 1/√`H_jj`.
+    pub(crate) fn take(&mut self, x: f64, f: f64, d: f64) {
+        self.x = self.x.max(x.abs() / d);
+        self.f = self.f.max(d * f.abs());
+    }
+
+    /// What a row's violation is relative to: bound and terms of the row. Where both are zero, the
+    /// rounding of the largest variable counts, and that of a double's square on the way.
+    pub(crate) fn span(self, bound: f64, terms: f64, reach: f64) -> f64 {
+        let rounding = reach * (1e-6 * self.x + 1e-13 * self.f);
+        bound.abs() + terms + rounding + f64::MIN_POSITIVE
     }
 }
 

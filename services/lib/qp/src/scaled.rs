@@ -244,6 +244,14 @@ impl<T: Real> ScaledProblem<T> {
         dot(self.row(i), x) - T::from(self.compliance[i]) * multiplier
     }
 
+    /// |A| |x|.
+    pub(crate) fn terms(&self, x: &[f64], out: &mut [f64]) {
+        for (i, terms) in out.iter_mut().enumerate() {
+            let pairs = self.row(i).iter().zip(x);
+            *terms = pairs.map(|(a, x)| (a * x).abs()).sum();
+        }
+    }
+
     /// Row i of A.
     pub(crate) fn row(&self, i: usize) -> &[f64] {
         column(&self.rows, i)

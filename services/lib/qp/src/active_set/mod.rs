@@ -19,6 +19,7 @@ use core::cmp::Ordering;
 use nalgebra::{DMatrix, DVector};
 
 use crate::goldfarb::Goldfarb;
+use crate::kkt::Size;
 use crate::real::Pair;
 use crate::scaled::{check_matrix, check_symmetric};
 use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_compliance, check_working_set};
@@ -83,6 +84,7 @@ enum Matrices {
 pub struct ActiveSet {
     max_iterations: u32,
     max_work: u64,
+    tolerance: f64,
     matrices: Matrices,
     /// The safe solver has the matrices in force.
     informed: bool,
@@ -118,6 +120,7 @@ impl ActiveSet {
         Ok(Self {
             max_iterations: settings.max_iterations.unwrap_or(most),
             max_work: settings.max_work.unwrap_or(u64::MAX),
+            tolerance: settings.tolerance,
             matrices: Matrices::Missing,
             informed: false,
             adopted: false,
@@ -142,6 +145,33 @@ impl ActiveSet {
         let set = self.blocks.set(&self.hessian, &self.rows, &self.compliance);
         self.matrices = if set.is_ok() { Matrices::InBlocks } else { Matrices::SafeOnly };
         self.adopted = false;
+    }
+
+    /// True if every row keeps its bounds, and a working one its own, as exactly as is promised.
+    fn keeps_rows(&self, f: &[f64], (lower, upper): (&[f64], &[f64])) -> bool {
+        let mut size = Size::default();
+        for ((x, f), unit) in self.x.iter().zip(f).zip(&self.blocks.units) {
+            size.take(*x, *f, 1.0 / unit);
+        }
+        self.rows.column_iter().enumerate().all(|(i, row)| {
+            let (mut value, mut terms, mut reach) = (0.0, 0.0, 0.0);
+            for ((a, x), unit) in row.iter().zip(&self.x).zip(&self.blocks.units) {
+                value += a * x;
+                terms += (a * x).abs();
+                reach += a.abs() / unit;
+            }
+            value -= self.compliance[i] * self.multipliers[i];
+            let room = |bound: f64| 0.5 * self.tolerance * size.span(bound, terms, reach);
+            let kept = |miss: f64, bound: f64| bound.is_infinite() || miss <= room(bound);
+            let held = match self.set[i] {
+                0 => true,
+                side => {
+                    let bound = if side < 0 { lower[i] } else { upper[i] };
+                    kept((value - bound).abs(), bound)
+                }
+            };
+            held && kept(lower[i] - value, lower[i]) && kept(value - upper[i], upper[i])
+        })
     }
 
     /// Solves block by block; returns the changes and the size of the working set.
@@ -342,8 +372,12 @@ impl QpSolver for ActiveSet {
                 self.blocks.adopt(&self.set);
             }
             self.start.copy_from_slice(&self.set);
-            let quick = self.quick(f.as_slice(), lower.as_slice(), upper.as_slice(), &work);
-            if let Ok((iterations, active)) = quick {
+            let bounds = (lower.as_slice(), upper.as_slice());
+            let quick = self.quick(f.as_slice(), bounds.0, bounds.1, &work);
+            // The walk measures by the free minimum, which may lie far beyond the solution.
+            let quick =
+                quick.ok().filter(|_| work.was_cut() || self.keeps_rows(f.as_slice(), bounds));
+            if let Some((iterations, active)) = quick {
                 (self.adopted, self.active) = (true, active);
                 let cut = work.was_cut();
                 let status = if cut { QpStatus::IterationLimit } else { QpStatus::Solved };

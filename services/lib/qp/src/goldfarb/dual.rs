@@ -144,7 +144,7 @@ impl<T: Real> Goldfarb<T> {
         // Rounding can only cycle where violations are tiny: late walks overlook more of them.
         let patience = 5 * (self.x.len() + self.set.len()).max(25);
         let late = iterations as usize > patience;
-        let digits = (T::EPSILON / f64::EPSILON).sqrt();
+        let digits = (T::EPSILON / f64::EPSILON).sqrt() * (T::EPSILON / f64::EPSILON).sqrt().sqrt();
         let satisfied = digits * if late { SATISFIED_LATE } else { SATISFIED };
         let dim = self.scaled.dim();
         let y = &self.y[..dim];
@@ -214,7 +214,9 @@ impl<T: Real> Goldfarb<T> {
         let across = rest.round();
         let independent = across > self.dependence().max(noise.min(MOST_NOISE * T::EPSILON));
         let size = (norm(y) + norm(gradient)).round() + bound.round().abs();
-        if !independent && miss.round() <= (across + noise) * size {
+        // Bounds that are given as doubles agree no better than to the rounding of those.
+        let given = f64::EPSILON * (2.0 + growth) * (norm(y).round() + bound.round().abs());
+        if !independent && miss.round() <= ((across + noise) * size).max(4.0 * given) {
             return Event::Excused;
         }
         let full = if miss > T::ZERO { miss / rest / rest } else { T::ZERO };

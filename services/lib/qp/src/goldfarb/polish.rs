@@ -97,28 +97,30 @@ impl<T: Real> Goldfarb<T> {
     fn residual(&mut self, f: &[f64], (lower, upper): (&[f64], &[f64])) -> f64 {
         let n = self.x.len();
         self.measured.take(&self.scaled.d, &self.scratch[..n], &self.pull, &self.values);
-        let Measured { d, curved, pull, values } = &self.measured;
         let (x, multipliers) = (self.x.as_slice(), self.multipliers.as_slice());
+        self.scaled.terms(x, &mut self.measured.terms);
+        let Measured { d, curved, pull, values, terms } = &self.measured;
         let (reach, peak) = (&self.scaled.reach, &self.scaled.peak);
-        Evaluated { d, reach, peak, curved, pull, values, f, lower, upper, x, multipliers }
+        Evaluated { d, reach, peak, curved, pull, values, terms, f, lower, upper, x, multipliers }
             .residuals()
             .worst()
     }
 }
 
-/// What residuals are measured on: D, H x, A' multipliers and the values of the rows.
+/// What residuals are measured on: D, H x, A' multipliers, values of the rows and sizes of their terms.
 #[derive(Debug, Clone)]
 pub(super) struct Measured {
     d: Vec<f64>,
     curved: Vec<f64>,
     pull: Vec<f64>,
     values: Vec<f64>,
+    terms: Vec<f64>,
 }
 
 impl Measured {
     pub(super) fn new(n: usize, m: usize) -> Self {
         let [d, curved, pull] = [n; 3].map(|n| vec![0.0; n]);
-        Self { d, curved, pull, values: vec![0.0; m] }
+        Self { d, curved, pull, values: vec![0.0; m], terms: vec![0.0; m] }
     }
 
     fn take<T: Real>(&mut self, d: &[T], curved: &[T], pull: &[T], values: &[T]) {

@@ -55,7 +55,7 @@ fn residual(case: &Case, x: &DVector<f64>, multipliers: &DVector<f64>) -> (f64, 
     let problem = &case.problem;
     let d = problem.hessian.diagonal().map(|h| 1.0 / h.sqrt());
     let (mut gradient, mut terms) = (0.0_f64, f64::MIN_POSITIVE);
-    let mut length = f64::MIN_POSITIVE;
+    let (mut length, mut way) = (f64::MIN_POSITIVE, f64::MIN_POSITIVE);
     for j in 0..problem.n() {
         let (mut sum, mut most) = (problem.f[j], problem.f[j].abs());
         let curved = problem.hessian.column(j).component_mul(x);
@@ -66,7 +66,8 @@ fn residual(case: &Case, x: &DVector<f64>, multipliers: &DVector<f64>) -> (f64, 
         }
         gradient = gradient.max(d[j] * sum.abs());
         terms = terms.max(d[j] * most);
-        length = length.max(x[j].abs() / d[j]).max(d[j] * problem.f[j].abs());
+        length = length.max(x[j].abs() / d[j]);
+        way = way.max(d[j] * problem.f[j].abs());
     }
     let mut worst = (gradient / terms, "stationarity");
     for i in 0..problem.m() {
@@ -74,7 +75,10 @@ fn residual(case: &Case, x: &DVector<f64>, multipliers: &DVector<f64>) -> (f64, 
         let reach: f64 = row.iter().zip(&d).map(|(a, d)| (a * d).abs()).sum();
         let given = case.compliance[i] * multipliers[i];
         let value: f64 = row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>() - given;
-        let unit = |bound: f64| bound.abs() + reach * length + given.abs() + f64::MIN_POSITIVE;
+        // Relative to bound and terms of the row itself; where both vanish, to rounding.
+        let sizes: f64 = row.iter().zip(x).map(|(a, x)| (a * x).abs()).sum();
+        let rounding = reach * (1e-6 * length + 1e-13 * way);
+        let unit = |bound: f64| bound.abs() + sizes + given.abs() + rounding;
         for (bound, miss) in [
             (problem.lower[i], problem.lower[i] - value),
             (problem.upper[i], value - problem.upper[i]),
@@ -84,8 +88,9 @@ fn residual(case: &Case, x: &DVector<f64>, multipliers: &DVector<f64>) -> (f64, 
             }
         }
         let held = if multipliers[i] > 0.0 { problem.upper[i] } else { problem.lower[i] };
-        let slack =
-            if held.is_finite() { (held - value).abs() / unit(held) } else { f64::INFINITY };
+        // How far a row lies off its bound shows beside the whole answer.
+        let room = unit(held) + reach * length;
+        let slack = if held.is_finite() { (held - value).abs() / room } else { f64::INFINITY };
         let idle = (multipliers[i].abs() * reach / terms).min(slack);
         if idle > worst.0 {
             worst = (idle, "complementarity");

@@ -34,7 +34,7 @@ pub(crate) struct Case {
 
 type Kind = (&'static str, fn(&mut ChaCha8Rng, usize) -> Case);
 
-const KINDS: [Kind; 14] = [
+const KINDS: [Kind; 18] = [
     ("known solution", |random, n| Known::any(random, n).case(random)),
     ("ill-conditioned", |random, n| Known { digits: 8.0, ..Known::any(random, n) }.case(random)),
     ("degenerate", |random, n| {
@@ -64,11 +64,28 @@ const KINDS: [Kind; 14] = [
         let case = contradiction(random, n);
         rescaled(random, case)
     }),
+    ("far free minimum", |random, n| {
+        let known =
+            Known { active: 0.6, push: magnitude(random, 3.0, 12.0), ..Known::any(random, n) };
+        known.case(random)
+    }),
+    ("far free minimum of a box", |random, n| box_far_away(random, n)),
+    ("far free minimum, badly scaled", |random, n| {
+        let known =
+            Known { active: 0.6, push: magnitude(random, 3.0, 12.0), ..Known::any(random, n) };
+        let case = known.case(random);
+        rescaled(random, case)
+    }),
     ("polytope", |random, n| polytope(random, n.min(6), false)),
     ("empty polytope", |random, n| polytope(random, n.min(6), true)),
     ("tied control moves", |random, n| {
         let ratio = f64::from(random.random_range(1..5_u8));
         let problem = mpc(random, n.min(40), ratio);
+        let compliance = vec![0.0; problem.m()];
+        Case { kind: "", problem, compliance, truth: Truth::Feasible }
+    }),
+    ("tied control moves of several axes", |random, _| {
+        let problem = several_axes(random);
         let compliance = vec![0.0; problem.m()];
         Case { kind: "", problem, compliance, truth: Truth::Feasible }
     }),
@@ -81,6 +98,40 @@ pub(crate) fn case(seed: u64) -> Case {
     let n = random.random_range(1..=largest);
     let (kind, build) = KINDS[random.random_range(0..KINDS.len())];
     Case { kind, ..build(&mut random, n) }
+}
+
+/// Axes without a common row, pushed against many of their bounds, variables and rows in any order.
+fn several_axes(random: &mut ChaCha8Rng) -> Problem {
+    let (axes, moves) = (random.random_range(1..=3_usize), random.random_range(5..=50_usize));
+    let (n, m) = (axes * moves, 2 * axes * moves);
+    let [columns, lines] = [n, m].map(|count| shuffled(random, count));
+    let (mut hessian, mut rows) = (DMatrix::zeros(n, n), DMatrix::zeros(m, n));
+    let (mut f, mut lower, mut upper) = (DVector::zeros(n), DVector::zeros(m), DVector::zeros(m));
+    for axis in 0..axes {
+        let ratio = f64::from(random.random_range(1..6_u8));
+        let part = mpc(random, moves, ratio);
+        let push = magnitude(random, -1.0, 3.0);
+        let column = |j: usize| columns[axis * moves + j];
+        for j in 0..moves {
+            f[column(j)] = push * part.f[j];
+            (0..moves).for_each(|k| hessian[(column(k), column(j))] = part.hessian[(k, j)]);
+        }
+        for i in 0..part.m() {
+            let line = lines[axis * part.m() + i];
+            (lower[line], upper[line]) = (part.lower[i], part.upper[i]);
+            (0..moves).for_each(|j| rows[(line, column(j))] = part.rows[(i, j)]);
+        }
+    }
+    Problem { hessian, rows, f, lower, upper }
+}
+
+/// The numbers below `count` in any order.
+fn shuffled(random: &mut ChaCha8Rng, count: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    for k in (1..count).rev() {
+        order.swap(k, random.random_range(0..=k));
+    }
+    order
 }
 
 fn chance(random: &mut ChaCha8Rng, share: f64) -> bool {
@@ -105,13 +156,15 @@ struct Known {
     soft: f64,
     /// Share of active rows whose multiplier is zero.
     without_force: f64,
+    /// Size of the multipliers, and so of the way to the free minimum, in the size of the solution.
+    push: f64,
 }
 
 impl Known {
     fn any(random: &mut ChaCha8Rng, n: usize) -> Self {
         let m = random.random_range(0..=3 * n);
         let active = random.random_range(0.0..0.6);
-        Self { n, m, digits: 4.0, active, equal: 0.03, soft: 0.0, without_force: 0.1 }
+        Self { n, m, digits: 4.0, active, equal: 0.03, soft: 0.0, without_force: 0.1, push: 1.0 }
     }
 
     fn with_rows(random: &mut ChaCha8Rng, n: usize) -> Self {
@@ -140,7 +193,7 @@ impl Known {
             let room = if chance(random, 0.3) { f64::INFINITY } else { gap(random) };
             if chance(random, self.active) {
                 if !chance(random, self.without_force) {
-                    force[i] = side * strength * random.random_range(0.01..1.0);
+                    force[i] = side * strength * self.push * random.random_range(0.01..1.0);
                 }
                 if chance(random, self.soft) {
                     compliance[i] = magnitude(random, -4.0, 2.0) / strength;
@@ -157,6 +210,18 @@ impl Known {
         let problem = Problem { hessian, rows, f, lower, upper };
         Case { kind: "", problem, compliance, truth: Truth::Solution(x, 1e-6) }
     }
+}
+
+/// A box that the free minimum lies far outside of, as a controller meets it that asks for what no
+/// actuator gives.
+fn box_far_away(random: &mut ChaCha8Rng, n: usize) -> Case {
+    let cond = magnitude(random, 0.0, 4.0);
+    let hessian = hessian(random, n, cond);
+    let rows = DMatrix::identity(n, n);
+    let bound = DVector::from_fn(n, |_, _| gap(random));
+    let f = &hessian * vector(random, n) * magnitude(random, 0.0, 12.0);
+    let problem = Problem { hessian, rows, f, lower: -&bound, upper: bound };
+    Case { kind: "", problem, compliance: vec![0.0; n], truth: Truth::Feasible }
 }
 
 fn gap(random: &mut ChaCha8Rng) -> f64 {
