@@ -1,13 +1,15 @@
 //! estimator -> controllers: what the vehicle is believed to do.
 
-use crate::{Flag, Header, Quaternion, sample};
+use crate::{Flag, Header, Quaternion, Sample, sample};
 use iceoryx2::prelude::ZeroCopySend;
 
 sample! {
-    /// State estimate with the diagonal of its error covariance.
+    /// State estimate with the diagonal of its error covariance, which grows while the IMU is silent.
     pub struct StateEstimate {
-        /// Identity and time; valid at the IMU sample it descends from.
+        /// Identity and time.
         pub header: Header,
+        /// Logical instant of the last IMU sample in it \[ns\]: what is believed is believed of this instant.
+        pub described_ns: u64,
         /// Position \[m\].
         pub position_w_m: [f64; 3],
         /// Velocity \[m/s\].
@@ -44,9 +46,29 @@ sample! {
         pub covariance_reopened: u64,
         /// Samples refused as not finite, out of range, out of order or too old.
         pub samples_refused: u64,
+        /// Times the IMU was silent for longer than can be integrated so far, this time included.
+        pub imu_gaps: u64,
         /// The windowed innovation test currently fails.
         pub nis_alarm: Flag,
+        /// The IMU has been silent for longer than can be integrated.
+        pub imu_overdue: Flag,
+        /// No pose fix has been accepted for the configured timeout.
+        pub fix_overdue: Flag,
         /// Keeps the size a multiple of eight bytes.
         pub reserved: u32,
+    }
+}
+
+impl Sample for StateEstimate {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn header_mut(&mut self) -> &mut Header {
+        &mut self.header
+    }
+
+    fn described_ns(&self) -> u64 {
+        self.described_ns
     }
 }

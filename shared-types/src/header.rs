@@ -85,6 +85,11 @@ pub trait Sample: Wire + ZeroCopySend + Send + Sync {
     fn header(&self) -> &Header;
     /// The header, for the runtime to fill in.
     fn header_mut(&mut self) -> &mut Header;
+    /// Logical instant that the content describes \[ns\]. A producer whose own inputs stop may publish
+    /// punctually what is old: consumers judge age by this instant, not by that of the publication.
+    fn described_ns(&self) -> u64 {
+        self.header().valid_ns
+    }
 }
 
 macro_rules! samples {
@@ -104,7 +109,6 @@ samples!(
     crate::Imu,
     crate::PoseFix,
     crate::MorphAngle,
-    crate::StateEstimate,
     crate::Reference,
     crate::MorphCommand,
     crate::AttitudeSetpoint,

@@ -97,6 +97,17 @@ fn flags_that_name_a_place_are_named_where_it_cannot_be_used() {
 }
 
 #[test]
+fn an_imu_that_is_slower_than_the_attitude_loop_is_refused() {
+    for rate in ["10", "20", "99"] {
+        let set = format!("plant.imu.rate_hz={rate}");
+        assert_refused(
+            &["figure8-morph", "--set", &set],
+            &["plant.imu.rate_hz", "attitude loop", "100 or more"],
+        );
+    }
+}
+
+#[test]
 fn text_that_is_no_toml_is_refused_at_its_line() {
     assert_file_refused("[plant]\nrate_hz = = 3\n", &["mine.toml:2:"]);
 }

@@ -77,6 +77,18 @@ fn assert_the_next_run_works() {
     assert_nothing_left(&flown);
 }
 
+#[test]
+fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
+    let _turn = turn();
+    let silence = "plant.imu.drop_outs=[{ from_s = 2.0, until_s = 2.1 }]";
+    let flown = fly(&["hover", "--for", "5s", "--in-process", "--set", silence]);
+    assert_eq!(flown.summary()["safe_mode_episodes"], 1, "{}", flown.said());
+    // The last sample is of 1.999 s, and 20 ms are integrated.
+    assert_eq!(flown.summary()["imu_overdue_steps"], 80, "{}", flown.said());
+    assert!(flown.number("position_max_m") < 0.25, "{}", flown.said());
+    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
+}
+
 fn strike_in_lockstep(victim: &str) {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);

@@ -2,7 +2,6 @@
 
 use super::hash::{FlightHash, LogHash};
 use super::metrics::Metrics;
-use super::misses::TIMING;
 use super::slots::SlotWatch;
 use super::summary::Summary;
 use crate::bench::stopwatch::Stopwatch;
@@ -85,8 +84,8 @@ impl Consumers {
         if let Some(feed) = &self.feed {
             feed.offer(topic, sample);
         }
-        for (logical_ns, text) in self.metrics.take_news() {
-            self.note(logical_ns, Severity::Warning, TIMING, &text);
+        for (logical_ns, source, text) in self.metrics.take_news() {
+            self.note(logical_ns, Severity::Warning, source, &text);
         }
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write(topic, sample, receipt_mono_ns)

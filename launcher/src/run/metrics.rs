@@ -1,9 +1,10 @@
 //! What the flight achieved, from the samples alone.
 
 use super::command_audit::{CommandAudit, CommandTally};
+use super::estimate_log::EstimateLog;
 use super::evidence::{Evidence, Rules};
 use super::loops::LoopLedger;
-use super::misses::MissLog;
+use super::misses::{MissLog, TIMING};
 use super::response::{AxisResponse, StepResponse};
 use super::tracking::{Tracker, Tracking};
 use crate::scenario::Scenario;
@@ -53,6 +54,7 @@ pub struct Metrics {
     evidence: Evidence,
     response: Option<StepResponse>,
     misses: MissLog,
+    estimates: EstimateLog,
     commands: CommandAudit,
 }
 
@@ -93,6 +95,7 @@ impl Metrics {
         } else if let Some(estimate) = any.downcast_ref::<StateEstimate>() {
             self.time("estimator", estimate);
             self.evidence.estimate(estimate);
+            self.estimates.observe(estimate);
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
             self.tracker.observe_reference(reference);
             self.tracker.compare(false, &mut self.evidence);
@@ -224,9 +227,18 @@ impl Metrics {
         &self.misses
     }
 
-    /// Instant \[ns\] and text of misses that nobody has been told of.
-    pub fn take_news(&mut self) -> Vec<(u64, String)> {
-        self.misses.take_news()
+    /// How long estimates stood on no sensor.
+    #[must_use]
+    pub fn estimates(&self) -> &EstimateLog {
+        &self.estimates
+    }
+
+    /// Instant \[ns\], source and text of what has not been told yet.
+    pub fn take_news(&mut self) -> Vec<(u64, &'static str, String)> {
+        let from = |source| move |(at_ns, text)| (at_ns, source, text);
+        let mut news: Vec<_> = self.misses.take_news().into_iter().map(from(TIMING)).collect();
+        news.extend(self.estimates.take_news().into_iter().map(from(Role::Estimator.label())));
+        news
     }
 
     /// The gate's last word, its counters included.

@@ -9,6 +9,7 @@ mod conductor;
 mod consumers;
 mod course_bins;
 mod disorder;
+mod estimate_log;
 mod evidence;
 mod flight;
 mod grants;

@@ -190,6 +190,9 @@ impl Summary {
         put("misses", self.metrics.misses().to_json().to_string());
         put("recorded_samples", self.recorded().to_string());
         put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
+        let estimates = self.metrics.estimates();
+        put("imu_overdue_steps", estimates.imu_overdue().steps.to_string());
+        put("fix_overdue_steps", estimates.fix_overdue().steps.to_string());
         put("unguided_ticks", self.metrics.ticks().2.to_string());
         let commands = self.metrics.commands();
         put("duplicated_ticks", commands.duplicated.to_string());
@@ -301,6 +304,15 @@ impl Summary {
             gate.refused_out_of_range,
             gate.refused_wrong_owner
         )?;
+        let estimates = self.metrics.estimates();
+        let (imu, fix) = (estimates.imu_overdue(), estimates.fix_overdue());
+        if imu.episodes + fix.episodes > 0 {
+            writeln!(
+                out,
+                "  estimate     {} steps without IMU samples ({} times), {} without pose fixes ({} times)",
+                imu.steps, imu.episodes, fix.steps, fix.episodes
+            )?;
+        }
         let CommandTally { ticks, missed, duplicated, wrong_owner } = self.metrics.commands();
         if !self.swaps.is_empty() || wrong_owner + duplicated > 0 {
             writeln!(

@@ -110,6 +110,17 @@ impl<'s> Checker<'s> {
             let remedy = "raise estimator.fix_latency_s to at least this";
             self.error("plant.pose_fix.latency_s", what, remedy);
         }
+        let attitude_hz = self.scenario.slot_rate_hz(Role::Attitude);
+        if f64::from(plant.imu.rate_hz) < attitude_hz {
+            let what = format!(
+                "{} samples per second are too few for the attitude loop, which goes by {attitude_hz} estimates per second",
+                plant.imu.rate_hz
+            );
+            let remedy = format!(
+                "raise it to {attitude_hz:.0} or more, or lower the rate of the attitude loop"
+            );
+            self.error("plant.imu.rate_hz", what, remedy);
+        }
         if f64::from(plant.imu.rate_hz) > plant.rate_hz {
             let what = format!("the plant steps at {} Hz only", plant.rate_hz);
             self.warn("plant.imu.rate_hz", what, "raise plant.rate_hz or lower this rate");

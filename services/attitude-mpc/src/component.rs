@@ -79,7 +79,7 @@ impl AttitudeMpc {
         Some(Input {
             gamma_rad: gamma_rad(estimate),
             body_rate_rad_s: estimate.body_rate_b_rad_s.into(),
-            age_s: age_s(&estimate.header, now_ns),
+            age_s: age_s(estimate, now_ns),
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
             setpoint: self.setpoint,
             applied_torque_nm: applied(inputs).map(|applied| applied.torque_b_nm.into()),
@@ -125,7 +125,7 @@ fn plan(command: &MorphCommand, now_ns: u64) -> MorphPlan<'_> {
             _ => &command.path_rad[..count],
         },
         spacing_s: command.spacing_ns.max(1) as f64 * 1e-9,
-        age_s: age_s(&command.header, now_ns),
+        age_s: age_s(command, now_ns),
     }
 }
 

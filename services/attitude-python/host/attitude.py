@@ -49,7 +49,7 @@ class Attitude:
         self._take_setpoint(t_ns, loop)
         estimate = loop.inputs["state_estimate"].value
         limit_ns = max(2 * loop.rate.period_ns, STALE_NS)
-        if estimate is None or t_ns > estimate.header.valid_ns + limit_ns:
+        if estimate is None or t_ns > estimate.described_ns + limit_ns:
             return ()  # The command lapses, and the plant's gate holds and levels by itself.
         vehicle, angle_rad = self._vehicle, estimate.morph_angle_rad
         thrust_n = min(max(self._thrust_n, 0.0), vehicle.thrust_max_n)

@@ -51,7 +51,7 @@ class Position:
         self._take_followed(loop)
         estimate, reference = loop.inputs["state_estimate"].value, loop.inputs["reference"].value
         limit_ns = 2 * loop.rate.period_ns
-        if estimate is None or reference is None or t_ns > estimate.header.valid_ns + limit_ns:
+        if estimate is None or reference is None or t_ns > estimate.described_ns + limit_ns:
             return ()  # The attitude loop keeps the last set point.
         q = estimate.q_wb
         heading_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

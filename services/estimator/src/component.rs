@@ -74,6 +74,7 @@ fn wire(estimate: &Estimate) -> StateEstimate {
     let refused = &estimate.counters;
     let (sigma, _) = estimate.sigmas.as_chunks::<3>();
     StateEstimate {
+        described_ns: estimate.time_ns,
         position_w_m: estimate.position_w.into(),
         velocity_w_m_s: estimate.velocity_w.into(),
         q_wb: quaternion(&estimate.q_wb),
@@ -91,10 +92,13 @@ fn wire(estimate: &Estimate) -> StateEstimate {
         pose_fix_nis: estimate.nis,
         pose_fixes_gated: refused.pose_fix.gated,
         covariance_reopened: refused.reopened,
+        imu_gaps: refused.imu_gaps,
         samples_refused: refused.imu.refused()
             + refused.pose_fix.refused()
             + refused.morph_angle.refused(),
         nis_alarm: Flag::from(estimate.alarms.nis),
+        imu_overdue: Flag::from(estimate.alarms.imu_overdue),
+        fix_overdue: Flag::from(estimate.alarms.fix_overdue),
         ..StateEstimate::default()
     }
 }
@@ -110,9 +114,9 @@ impl Service for Estimator {
     type Outputs = Outputs;
     type Memory = FilterMemory;
 
-    fn step(&mut self, _now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take(inputs);
-        outputs.state_estimate.write(wire(&self.filter.estimate()));
+        outputs.state_estimate.write(wire(&self.filter.estimate_at(now_ns)));
     }
 
     fn memory(&self) -> FilterMemory {

@@ -104,7 +104,7 @@ impl Service for PositionMpc {
             position_w_m: estimate.position_w_m.into(),
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
             gamma_rad: gamma_rad(estimate),
-            age_s: age_s(&estimate.header, now_ns),
+            age_s: age_s(estimate, now_ns),
             reference_w_m: &self.points,
             reference_yaw_rad: yaw_rad,
             applied: self.tracked.setpoint,

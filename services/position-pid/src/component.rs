@@ -69,7 +69,7 @@ impl Service for PositionPid {
             position_w_m: estimate.position_w_m.into(),
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
             gamma_rad: gamma_rad(estimate),
-            age_s: age_s(&estimate.header, now_ns),
+            age_s: age_s(estimate, now_ns),
             target: target(reference, now_ns, self.lead_s, &self.landing),
             applied: self.tracked.setpoint,
         });

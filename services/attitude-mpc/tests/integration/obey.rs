@@ -76,6 +76,7 @@ fn fly(loop_: &mut AttitudeMpc, inputs: &mut Inputs, from_ms: u64, until_ms: u64
     for ms in (from_ms..=until_ms).step_by(usize::try_from(STEP_MS).expect("small")) {
         inputs.state_estimate.offer(StateEstimate {
             header: Header { sequence: ms + 1, valid_ns: ms * MS, ..Header::default() },
+            described_ns: ms * MS,
             q_wb: shared_types::Quaternion::IDENTITY,
             morph_angle_rad: 1.5,
             ..StateEstimate::default()

@@ -77,6 +77,7 @@ shared_types::memory! {
 
 /// What is wrong right now.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "facts of their own, in any combination")]
 pub struct AlarmFlags {
     /// The last full window of innovations was inconsistent with the covariance.
     pub nis: bool,
@@ -84,6 +85,8 @@ pub struct AlarmFlags {
     pub fix_gated: bool,
     /// No fix has been accepted for `fix_timeout_ns`.
     pub fix_overdue: bool,
+    /// The inertial samples have been missing for longer than `max_imu_gap_ns`.
+    pub imu_overdue: bool,
 }
 
 /// The state as believed at the last inertial sample.
@@ -109,7 +112,8 @@ pub struct Estimate {
     pub beta_rad: f64,
     /// Rate of the morph angle \[rad/s\].
     pub beta_rate_rad_s: f64,
-    /// 1σ of the error states, in the order and units of [`Covariance`](super::Covariance).
+    /// 1σ of the error states, in the order and units of [`Covariance`](super::Covariance), with which
+    /// the state stands for the instant that was asked about.
     pub sigmas: [f64; STATE_DIMENSION],
     /// NIS of the last fix that was compared, 6 degrees of freedom.
     pub nis: f64,

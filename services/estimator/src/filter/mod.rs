@@ -91,10 +91,29 @@ impl Filter {
     /// What is believed at the last inertial sample.
     #[must_use]
     pub fn estimate(&self) -> Estimate {
-        let Evolving { head, monitor, counters, .. } = &self.state;
+        self.estimate_at(self.state.head.time_ns)
+    }
+
+    /// What is believed at `now_ns`: the state of the last inertial sample, which after more than a period
+    /// without another one is worth less and less.
+    #[must_use]
+    pub fn estimate_at(&self, now_ns: u64) -> Estimate {
+        let silent_ns = now_ns.saturating_sub(self.state.head.time_ns);
+        if silent_ns <= self.config.imu_period_ns {
+            return self.believed(&self.state.head, silent_ns);
+        }
+        let mut head = self.state.head;
+        head.open_over_gap(silent_ns as f64 * 1e-9);
+        self.believed(&head, silent_ns)
+    }
+
+    fn believed(&self, head: &Belief, silent_ns: u64) -> Estimate {
+        let Evolving { monitor, counters, .. } = &self.state;
+        let imu_overdue = silent_ns > self.config.max_imu_gap_ns;
         let (gyro, accel) = head.inertial.map_or_else(Default::default, |i| (i.gyro, i.accel));
         let (beta_rad, beta_rate_rad_s) = self.state.morph.at(head.time_ns, &self.config);
-        let fix_age_ns = head.time_ns.saturating_sub(self.state.last_fix_accepted_ns);
+        let now_ns = head.time_ns.saturating_add(silent_ns);
+        let fix_age_ns = now_ns.saturating_sub(self.state.last_fix_accepted_ns);
         Estimate {
             time_ns: head.time_ns,
             position_w: head.p,
@@ -112,8 +131,13 @@ impl Filter {
                 nis: monitor.alarm,
                 fix_gated: monitor.last_nis > self.config.fix_gate,
                 fix_overdue: fix_age_ns > self.config.fix_timeout_ns,
+                imu_overdue,
             },
-            counters: *counters,
+            // A gap counts from its beginning on; the sample that ends it counts it for good.
+            counters: Counters {
+                imu_gaps: counters.imu_gaps + u64::from(imu_overdue),
+                ..*counters
+            },
         }
     }
 

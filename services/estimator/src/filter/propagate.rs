@@ -67,7 +67,7 @@ impl Belief {
     }
 
     /// Too long to integrate: the nominal state is held, its uncertainty grows to cover a flight.
-    fn open_over_gap(&mut self, gap_s: f64) {
+    pub(super) fn open_over_gap(&mut self, gap_s: f64) {
         let velocity = GAP_ACCELERATION_M_S2 * gap_s;
         let travelled = (self.v.norm() + velocity) * gap_s;
         let turned = (GAP_RATE_RAD_S * gap_s).min(1.0);

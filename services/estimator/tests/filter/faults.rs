@@ -5,7 +5,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::consistency::{assert_consistent, means};
-use super::world::{STEPS_PER_FIX, Script, Sensors, error, figure_eight, fly, hover, nees};
+use super::world::{
+    STEP_NS, STEPS_PER_FIX, Script, Sensors, error, figure_eight, fly, hover, nees,
+};
 
 #[test]
 fn a_drop_out_of_two_seconds_stays_inside_three_sigma_and_recovers() {
@@ -70,6 +72,33 @@ fn a_gap_in_the_inertial_samples_is_counted_and_recovered_from() {
     });
     assert_eq!(end.estimate().counters.imu_gaps, 1);
     assert!(end.estimate().counters.pose_fix.ahead > 25);
+}
+
+#[test]
+fn while_the_imu_is_silent_the_belief_keeps_its_instant_and_its_sigma_covers_the_error() {
+    const GAP: std::ops::Range<usize> = 5000..5300;
+    let truth = figure_eight(6);
+    let script = Script { imu_gap: (GAP.start, GAP.end), ..Script::nominal(3600) };
+    let (mut before, mut sigma) = (0, 0.0);
+    fly(&truth, &script, |instant| {
+        let now_ns = instant.step as u64 * STEP_NS;
+        let estimate = instant.filter.estimate_at(now_ns);
+        let silent_ns = now_ns - estimate.time_ns;
+        assert_eq!(estimate.alarms.imu_overdue, silent_ns > 20_000_000, "step {}", instant.step);
+        if !GAP.contains(&instant.step) {
+            assert_eq!(estimate, instant.filter.estimate(), "step {}", instant.step);
+            before = estimate.time_ns;
+            return;
+        }
+        assert_eq!(estimate.time_ns, before, "the belief's instant moves without a sample");
+        let attitude = error(instant).fixed_rows::<3>(6).norm();
+        let sigma_rad = Vector3::from_column_slice(&estimate.sigmas[6..9]).norm();
+        assert!(attitude < 3.0 * sigma_rad, "step {}: {attitude}, {sigma_rad}", instant.step);
+        assert!(estimate.sigmas[6] >= sigma, "step {}", instant.step);
+        sigma = estimate.sigmas[6];
+        assert_eq!(estimate.counters.imu_gaps, u64::from(estimate.alarms.imu_overdue));
+    });
+    assert!(sigma > 0.5, "{sigma} rad after 0.3 s without a sample");
 }
 
 #[test]

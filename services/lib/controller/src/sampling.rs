@@ -2,7 +2,7 @@
 
 use mpc::QpStatus;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use shared_types::{Header, SolveStatus, StateEstimate};
+use shared_types::{Sample, SolveStatus, StateEstimate};
 use vehicle::euler_from_quaternion;
 
 /// γ = (φ, θ, ψ) of an estimate \[rad\], intrinsic z-y-x.
@@ -12,10 +12,10 @@ pub fn gamma_rad(estimate: &StateEstimate) -> Vector3<f64> {
     euler_from_quaternion(&UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)))
 }
 
-/// Time since a sample has been in effect \[s\].
+/// Time since the instant that a sample describes \[s\].
 #[must_use]
-pub fn age_s(header: &Header, now_ns: u64) -> f64 {
-    now_ns.saturating_sub(header.valid_ns) as f64 * 1e-9
+pub fn age_s(sample: &impl Sample, now_ns: u64) -> f64 {
+    now_ns.saturating_sub(sample.described_ns()) as f64 * 1e-9
 }
 
 /// Period of a positive rate, rounded up \[ns\].

@@ -67,7 +67,10 @@ pub struct ImuConfig {
     /// A jump of the biases, to try an estimator with.
     #[garde(dive)]
     pub bias_step: Option<BiasStep>,
-    /// No white noise, no bias, no walk; a bias step and the ranges remain.
+    /// Spans whose samples are lost.
+    #[garde(dive)]
+    pub drop_outs: Vec<DropOut>,
+    /// No white noise, no bias, no walk; a bias step, the ranges and drop-outs remain.
     #[garde(skip)]
     pub noise_free: bool,
 }
@@ -85,6 +88,7 @@ impl Default for ImuConfig {
             accelerometer_initial_bias_m_s2: 0.05,
             accelerometer_range_m_s2: 157.0,
             bias_step: None,
+            drop_outs: Vec::new(),
             noise_free: false,
         }
     }
@@ -146,7 +150,7 @@ impl Default for PoseFixConfig {
     }
 }
 
-/// Captures in [`from_s`, `until_s`) are lost.
+/// Samples or captures in [`from_s`, `until_s`) are lost.
 #[derive(Debug, Clone, Copy, Deserialize, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct DropOut {

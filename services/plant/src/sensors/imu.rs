@@ -71,6 +71,8 @@ pub struct Imu {
     gyro: Triad,
     accelerometer: Triad,
     step: Option<BiasStep>,
+    /// First instant lost, and first one seen again \[ns\].
+    drop_outs: Vec<(u64, u64)>,
 }
 
 impl Imu {
@@ -102,7 +104,9 @@ impl Imu {
             config.accelerometer_range_m_s2,
         );
         let schedule = Schedule::new(config.rate_hz);
-        Ok(Self { schedule, noise, gyro, accelerometer, step: config.bias_step })
+        let spans = config.drop_outs.iter();
+        let drop_outs = spans.map(|d| (ns_from_s(d.from_s), ns_from_s(d.until_s))).collect();
+        Ok(Self { schedule, noise, gyro, accelerometer, step: config.bias_step, drop_outs })
     }
 
     /// Instant of the next sample \[ns\].
@@ -112,7 +116,7 @@ impl Imu {
     }
 
     /// A reading at `now_ns` of body rate \[rad/s\] and specific force \[m/s²\], both in B. `None`
-    /// if none is due yet, or if the truth is not finite.
+    /// if none is due yet, if it is lost in a drop-out, or if the truth is not finite.
     pub fn sample(
         &mut self,
         now_ns: u64,
@@ -129,7 +133,9 @@ impl Imu {
         let passed = passed as f64;
         let gyro = self.gyro.read(omega, passed, &mut self.noise);
         let force = self.accelerometer.read(f, passed, &mut self.noise);
-        if !gyro.iter().chain(&force).all(|x| x.is_finite()) {
+        // After the draws: a drop-out changes no other sample.
+        let lost = self.drop_outs.iter().any(|(from, until)| (*from..*until).contains(&now_ns));
+        if lost || !gyro.iter().chain(&force).all(|x| x.is_finite()) {
             return None;
         }
         let (gyro_b_rad_s, gyro_clipped) = self.gyro.clip(gyro);

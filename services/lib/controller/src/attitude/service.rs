@@ -81,7 +81,7 @@ impl<L: AttitudeLaw> AttitudeController<L> {
         Some(Measurement {
             gamma_rad: gamma_rad(estimate),
             body_rate_rad_s: estimate.body_rate_b_rad_s.into(),
-            age_s: age_s(&estimate.header, now_ns),
+            age_s: age_s(estimate, now_ns),
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
             applied_nm: applied(inputs).map(|applied| applied.torque_b_nm.into()),
         })

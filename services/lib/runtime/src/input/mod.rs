@@ -361,13 +361,13 @@ impl<T: Sample> Input<T> {
         self.newest_before
     }
 
-    /// The latest sample, judged by its age.
+    /// The latest sample, judged by the age of what it describes.
     #[must_use]
     pub fn link(&self, now_ns: u64, limit_ns: u64) -> Link<'_, T> {
         match self.latest() {
             None => Link::Silent,
             Some(last) => {
-                let age_ns = now_ns.saturating_sub(last.header().valid_ns);
+                let age_ns = now_ns.saturating_sub(last.described_ns());
                 if age_ns <= limit_ns { Link::Fresh(last) } else { Link::Stale { last, age_ns } }
             }
         }

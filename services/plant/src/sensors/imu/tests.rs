@@ -4,6 +4,7 @@
 )]
 
 use super::*;
+use crate::sensors::DropOut;
 
 fn still(imu: &mut Imu, now_ns: u64) -> Option<ImuSample> {
     imu.sample(now_ns, &Vector3::zeros(), &Vector3::new(0.0, 0.0, 9.81))
@@ -120,6 +121,17 @@ fn a_noise_free_sensor_tells_the_truth_until_its_range_or_a_scripted_step() {
     assert_eq!(sample.gyro_b_rad_s, Vector3::new(20.1, -35.0, 35.0));
     assert_eq!(sample.specific_force_b_m_s2, Vector3::new(-50.0, -25.0, -157.0));
     assert!(sample.saturated);
+}
+
+#[test]
+fn a_drop_out_loses_its_samples_and_changes_no_other() {
+    let drop_outs = vec![DropOut { from_s: 0.002, until_s: 0.004 }];
+    let mut holed = Imu::new(&ImuConfig { drop_outs, ..ImuConfig::default() }, 1).unwrap();
+    let mut whole = Imu::new(&ImuConfig::default(), 1).unwrap();
+    for step in 0..10 {
+        let [holed, whole] = [&mut holed, &mut whole].map(|imu| still(imu, step * 1_000_000));
+        assert_eq!(holed, whole.filter(|_| !(2..4).contains(&step)), "step {step}");
+    }
 }
 
 #[test]
