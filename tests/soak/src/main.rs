@@ -6,7 +6,6 @@ mod results;
 
 use clap::Parser;
 use list::{Item, List};
-use miette::Diagnostic;
 use results::{Outcome, Results};
 use runtime::clock::mono_now_ns;
 use std::fs::File;
@@ -33,7 +32,7 @@ struct Arguments {
 }
 
 /// Why nothing could be run.
-#[derive(Debug, Error, Diagnostic)]
+#[derive(Debug, Error)]
 pub(crate) enum SoakError {
     /// The list, the results or a log.
     #[error("cannot use {}: {source}", path.display())]
@@ -55,8 +54,10 @@ pub(crate) enum SoakError {
     #[error("cargo does not start: {0}")]
     Cargo(std::io::Error),
     /// Cargo has built no such executable.
-    #[error("cargo has not built the tests `{executable}` of the package `{package}`")]
-    #[diagnostic(help("it says why above; tests/soak.toml names them"))]
+    #[error(
+        "cargo has not built the tests `{executable}` of the package `{package}`, which tests/soak.toml names, and \
+         says why above"
+    )]
     Build {
         /// Package.
         package: String,
@@ -64,8 +65,9 @@ pub(crate) enum SoakError {
         executable: String,
     },
     /// Nothing is called so.
-    #[error("nothing in tests/soak.toml has `{0}` in its name")]
-    #[diagnostic(help("leave out --only, or take a part of a name from there"))]
+    #[error(
+        "nothing in tests/soak.toml has `{0}` in its name: leave out --only, or take a part of a name there"
+    )]
     Nothing(String),
     /// An outcome cannot be written.
     #[error("an outcome is no JSON: {0}")]
@@ -82,7 +84,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(error) => {
-            eprintln!("{:?}", miette::Report::new(error));
+            eprintln!("soak: {error}");
             ExitCode::from(2)
         }
     }
