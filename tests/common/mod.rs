@@ -168,7 +168,7 @@ impl Flown {
 
 /// Flies with a recording, from start to end.
 pub(crate) fn fly(arguments: &[&str]) -> Flown {
-    fly_with(&[], arguments)
+    fly_beside(|| (), &[], arguments)
 }
 
 /// What the verdict asks of flying well, for flights by the wall clock that a busy machine may disturb. That
@@ -216,8 +216,12 @@ pub(crate) fn judged(arguments: &[&str]) -> Vec<&'static str> {
     settings.flat_map(|setting| ["--set", setting]).collect()
 }
 
-/// As [`fly`], through another command such as `nice`.
-pub(crate) fn fly_with(through: &[&str], arguments: &[&str]) -> Flown {
+/// As [`fly`], through another command such as `nice`, beside what `start` starts, which is dropped after it.
+pub(crate) fn fly_beside<T>(
+    start: impl FnOnce() -> T,
+    through: &[&str],
+    arguments: &[&str],
+) -> Flown {
     let folder = TempDir::new().expect("a folder for the recording");
     let executable = env!("CARGO_BIN_EXE_morphquad");
     let mut words = through.iter().copied().chain([executable]);
@@ -228,7 +232,10 @@ pub(crate) fn fly_with(through: &[&str], arguments: &[&str]) -> Flown {
         command.arg("--record").arg(folder.path());
     }
     STOPWATCH.with(|_| ());
-    let _permit = permit();
+    // A flight at a pace waits by itself.
+    let paced = arguments.iter().any(|word| ["--speed", "realtime"].contains(word));
+    let _permit = (!paced).then(permit);
+    let _beside = start();
     let output = command.stdin(Stdio::null()).output().expect("the executable starts");
     Flown::new(&output, folder)
 }

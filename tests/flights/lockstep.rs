@@ -4,7 +4,7 @@
 //! `hover` and `figure8-morph` 200 times each, every time in other conditions; `MORPHQUAD_SEED`
 //! draws others.
 
-use crate::common::{Flown, fly, fly_with, rounds};
+use crate::common::{Flown, fly, fly_beside, rounds};
 use launcher::in_process::{self, StateSource};
 use launcher::run::FlightHash;
 use launcher::scenario::Scenario;
@@ -48,13 +48,11 @@ impl Conditions {
     }
 
     fn fly(&self, scenario: &str) -> Flown {
-        let _neighbours: Vec<_> = (0..self.neighbours).map(|_| Neighbour::busy()).collect();
+        let neighbours = || -> Vec<_> { (0..self.neighbours).map(|_| Neighbour::busy()).collect() };
         let nice = self.nice.to_string();
         let flags = self.flags.iter().map(String::as_str);
-        // Whoever is starved of processors may take as long as it likes to begin.
-        let patience = ["--set", "launcher.startup_timeout_s=600"];
-        let arguments: Vec<&str> = std::iter::once(scenario).chain(flags).chain(patience).collect();
-        fly_with(&["nice", "-n", &nice], &arguments)
+        let arguments: Vec<&str> = std::iter::once(scenario).chain(flags).collect();
+        fly_beside(neighbours, &["nice", "-n", &nice], &arguments)
     }
 }
 
