@@ -9,7 +9,7 @@ if ! command -v npm >/dev/null; then
         echo "setup.sh: there is no npm; on Debian: apt-get install nodejs npm" >&2
         exit 3
     fi
-    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy nodejs npm; } >&2
+    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=600 -qy nodejs npm; } >&2
 fi
 mkdir -p "$folder"
 cp "$here"/package.json "$here"/package-lock.json "$here"/*.mjs "$folder"
