@@ -49,7 +49,6 @@ fn assert_refused(scenario: &[&str], misdeeds: &[(&str, f64, f64, &str)]) {
     assert_eq!(swaps_of(&flown).len(), misdeeds.len(), "{}", flown.said());
     for (report, (what, _, _, words)) in swaps_of(&flown).iter().zip(misdeeds) {
         let outcome = report["outcome"].as_str().unwrap_or_default();
-        println!("{what}: {outcome}");
         assert_eq!((&report["done"], &report["flipped_s"]), (&false.into(), &Value::Null));
         let told = outcome.contains(words) || flown.stderr.contains(words);
         assert!(told, "{what}: {outcome}\n{}", flown.stderr);

@@ -3,6 +3,7 @@
 use crate::SoakError;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -84,7 +85,8 @@ impl Results {
             } else {
                 format!("  (seeds {})", seeds.join(", "))
             };
-            table += &format!("{runs:>5} {:>8} {longest_s:>8.1}  {name}{seeds}\n", found.len());
+            // Writing to a string cannot fail.
+            let _ = writeln!(table, "{runs:>5} {:>8} {longest_s:>8.1}  {name}{seeds}", found.len());
         }
         table
     }

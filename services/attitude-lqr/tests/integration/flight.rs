@@ -1,5 +1,4 @@
 //! The law on the nonlinear vehicle: steps, misjudged vehicles, loads, saturation, a flying MPC.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::loops::{
     RATES, SIZES, assert_integrates, assert_settles_on_other_vehicles, assert_well_behaved,

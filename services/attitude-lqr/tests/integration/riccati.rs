@@ -1,5 +1,4 @@
 //! The gains against a library that solves the same equation another way.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use attitude_lqr::settings::Settings;
 use attitude_lqr::{GainTable, LqrConfig, STATES, Timing, doubling, gain};

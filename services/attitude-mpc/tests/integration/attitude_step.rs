@@ -1,5 +1,4 @@
 //! Steps of 0.2 rad on the nonlinear vehicle, at every rate and size, with the flight defaults.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::rig::{Flight, SIZES, Trace, fly, peak, settling};
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Setpoint};

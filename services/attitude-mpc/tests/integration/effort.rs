@@ -1,5 +1,4 @@
 //! Programs too large for their rate: every step ends, and says how.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::rig::{Flight, MS};
 use attitude_mpc::{

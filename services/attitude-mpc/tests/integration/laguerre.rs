@@ -1,5 +1,4 @@
 //! Laguerre functions in flight.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::rig::{Flight, SIZES, fly, settling};
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Basis, Setpoint, TorqueBound};

@@ -1,5 +1,4 @@
 //! Test I of the paper: its controller on its own linear model.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, Setpoint, SolverKind};
 use nalgebra::Vector3;

@@ -1,5 +1,4 @@
 //! What the law does not know: torques from outside, another lag, another inertia, a full turn.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::rig::{Flight, SIZES, fly, peak, settling};
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, MorphPlan, Setpoint};

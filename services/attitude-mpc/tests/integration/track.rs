@@ -1,5 +1,4 @@
 //! A fresh law beside one that flies, told only what the plant applied.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::rig::{Flight, MS, SIZES, release_ns};
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, Setpoint};

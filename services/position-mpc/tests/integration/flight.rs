@@ -1,5 +1,4 @@
 //! The cascade on the nonlinear vehicle: disturbances it was not told of, and a moving reference.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::cascade::{Cascade, Flight, Trace};
 use nalgebra::Vector3;

@@ -1,5 +1,7 @@
 //! The position MPC: its law in flight, and as a component.
 
+#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
+
 #[path = "../cascade/mod.rs"]
 mod cascade;
 

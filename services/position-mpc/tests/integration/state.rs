@@ -1,5 +1,4 @@
 //! The law's memory, its refusals, its bounds and its allocations.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 #![allow(clippy::float_cmp, reason = "where bits must agree, bits are compared")]
 
 use nalgebra::Vector3;

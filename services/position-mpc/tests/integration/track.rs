@@ -1,5 +1,4 @@
 //! A fresh law beside one that flies, told only what the attitude loop applied.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use std::cell::Cell;
 use std::rc::Rc;

@@ -3,7 +3,6 @@
     clippy::disallowed_methods,
     reason = "an oracle shares no function with the code under test"
 )]
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::common::exponential::exponential;
 use crate::common::{HORIZON, boxes, design, engine, moving, operating};

@@ -1,5 +1,4 @@
 //! The engine: optimality, verdicts, refactoring, memory, allocations.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 #![allow(clippy::float_cmp, reason = "where bits must agree, bits are compared")]
 
 use crate::common::{HORIZON, bare, boxes, design, engine, moving, operating, resting, symmetric};

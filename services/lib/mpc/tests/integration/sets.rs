@@ -1,5 +1,4 @@
 //! Constraint sets in every combination, against an interior-point solver, and under change.
-#![allow(clippy::unwrap_used, reason = "a set-up that fails is a failed test")]
 
 use crate::common::{HORIZON, boxes, design, engine, moving, operating, resting};
 use clarabel::algebra::CscMatrix;
