@@ -1,6 +1,6 @@
 //! The morphquad command: conductor, pilot, supervisor and recorder.
 //!
-//! [`cli`] is the command line; [`scenario`] says what is flown; [`components`] turns it into
+//! [`scenario`] says what is flown; [`components`] turns it into
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight, and [`control`] lets others ask it; [`pilot`] flies along
 //! in the launcher itself, and [`orders`] lead it elsewhere.
@@ -18,24 +18,22 @@ pub mod branch;
 pub mod build;
 pub mod campaign;
 pub mod candidate;
-pub mod cli;
 pub mod components;
 pub mod control;
 pub mod doctor;
-pub mod figure;
+pub use figures::{figure, results};
 pub mod in_process;
 pub mod live;
 pub mod new_controller;
 pub mod orders;
 mod own_executable;
 pub mod paper;
-pub mod pilot;
+pub use ::pilot;
 pub mod process;
 pub mod record;
 pub mod rehearse;
 pub mod replay;
 pub mod report;
-pub mod results;
 pub mod run;
 pub mod scenario;
 pub mod scene;

@@ -11,7 +11,6 @@ fn main() -> ExitCode {
         rustc: env!("MORPHQUAD_RUSTC"),
         crates: env!("MORPHQUAD_CRATES"),
     });
-    let code =
-        launcher::cli::execute(std::env::args_os(), &mut std::io::stdout(), &mut std::io::stderr());
+    let code = cli::execute(std::env::args_os(), &mut std::io::stdout(), &mut std::io::stderr());
     ExitCode::from(code)
 }

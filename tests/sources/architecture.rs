@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 26] = [
+const ALLOWED: [(&str, &[&str]); 29] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
@@ -26,7 +26,9 @@ const ALLOWED: [(&str, &[&str]); 26] = [
     ("attitude-pid", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("disturbance-injector", &["runtime", "shared-types"]),
     ("monitor", &["runtime", "shared-types", "vehicle", "controller"]),
+    ("pilot", &["runtime", "shared-types", "vehicle"]),
     ("rehearsal", &["shared-types", "vehicle"]),
+    ("figures", &[]),
     ("verdict", &[]),
     (
         "launcher",
@@ -47,6 +49,8 @@ const ALLOWED: [(&str, &[&str]); 26] = [
             "controller",
             "disturbance-injector",
             "monitor",
+            "pilot",
+            "figures",
             "rehearsal",
             // Certifies the attitude law's programs.
             "qp",
@@ -59,7 +63,21 @@ const ALLOWED: [(&str, &[&str]); 26] = [
         &["controller", "host", "launcher", "rehearsal", "runtime", "shared-types", "vehicle"],
     ),
     ("soak", &["runtime"]),
-    ("morphquad", &["launcher"]),
+    (
+        "cli",
+        &[
+            "attitude-mpc",
+            "disturbance-injector",
+            "host",
+            "launcher",
+            "monitor",
+            "rehearsal",
+            "runtime",
+            "shared-types",
+            "vehicle",
+        ],
+    ),
+    ("morphquad", &["cli", "launcher"]),
 ];
 
 /// Has no code, and every crate depends on it: see there.

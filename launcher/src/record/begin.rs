@@ -5,7 +5,8 @@ use std::io::Read as _;
 use std::path::Path;
 
 /// True for a file that begins as every recording does, whole or not; nothing is taken out of a pipe.
-pub(crate) fn is_recording(path: &Path) -> bool {
+#[must_use]
+pub fn is_recording(path: &Path) -> bool {
     let mut begin = [0; mcap::MAGIC.len()];
     let is_file = path.metadata().is_ok_and(|found| found.is_file());
     is_file

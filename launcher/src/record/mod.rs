@@ -21,7 +21,7 @@ mod sink;
 mod tests;
 
 pub use audit::{STATES, SequenceAudit, Stream, Tally, Verdict, name_gaps};
-pub(crate) use begin::is_recording;
+pub use begin::is_recording;
 pub use decode::{DecodeError, decode};
 pub use encode::encode;
 pub use error::RecordError;

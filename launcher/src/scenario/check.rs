@@ -3,7 +3,7 @@
 mod crew;
 mod laws;
 
-pub(crate) use laws::TESTED_RATES_HZ;
+pub use laws::TESTED_RATES_HZ;
 
 use super::deadlines;
 use super::document::Document;

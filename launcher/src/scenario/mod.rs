@@ -27,12 +27,12 @@ mod vehicle;
 mod verdict;
 pub mod wiring;
 
-pub(crate) use check::TESTED_RATES_HZ;
+pub use check::TESTED_RATES_HZ;
 pub use overrides::Override;
 pub use pilot::Plan;
 pub use problem::{Problem, ScenarioError};
 pub use settings::Settings;
-pub(crate) use suggest::remedy as suggestion;
+pub use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 pub(crate) use wiring::delayed_topics;
 

@@ -10,7 +10,7 @@ const UNITS: [&str; 22] = [
 const LEAST_SIMILARITY: f64 = 0.75;
 
 /// A sentence that leads from `given` to one of `known`.
-pub(crate) fn remedy<'a>(given: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
+pub fn remedy<'a>(given: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
     let stem = without_unit(given);
     if let Some(key) = known.clone().find(|key| !stem.is_empty() && without_unit(key) == stem) {
         return format!("write `{key}`: the unit is part of the key, so give the value in it");

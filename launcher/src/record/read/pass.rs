@@ -45,7 +45,7 @@ impl RecordedEvent {
     ///
     /// # Errors
     /// It is none.
-    pub(crate) fn decode(log: &[u8]) -> Result<Self, DecodeError> {
+    pub fn decode(log: &[u8]) -> Result<Self, DecodeError> {
         let (stamp_ns, level, text, source) = decode_log(log)?;
         Ok(Self { stamp_ns, level, source, text })
     }

@@ -9,7 +9,7 @@ const PAPER_TORQUE_RANGE: f64 = 10.5;
 /// An attitude prediction shorter than this many rotor lags does not see what its torque does.
 const LEAST_ROTOR_LAGS: f64 = 5.0;
 /// Rates at which the steps of 0.2 rad are tested \[Hz\].
-pub(crate) const TESTED_RATES_HZ: core::ops::RangeInclusive<f64> = 50.0..=1000.0;
+pub const TESTED_RATES_HZ: core::ops::RangeInclusive<f64> = 50.0..=1000.0;
 
 /// Soft bounds on torques cheaper than this end in limit cycles: at 50 Hz and 160° a price of 100
 /// does, 1000 settles like hard bounds.

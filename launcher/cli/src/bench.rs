@@ -1,0 +1,218 @@
+//! `morphquad bench`: from arguments to tables on stdout and an exit code.
+
+mod loops;
+mod watch;
+
+use super::bar::bar;
+use super::options::{
+    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, RecorderArguments,
+    ScaleArguments, SolveArguments, scenario_words,
+};
+use super::refusal::Done;
+use core::time::Duration;
+use launcher::bench::hop::{self, HopPlan};
+use launcher::bench::place::{Place, Policy};
+use launcher::bench::rate::{self, Ladder};
+use launcher::bench::recorder::{self, RecorderPlan};
+use launcher::bench::{BenchError, peer, scale, solve};
+use launcher::components::{self, Crew};
+use launcher::exit;
+use launcher::scenario::{Override, Scenario};
+use shared_types::Role;
+use std::io::Write;
+
+/// Measures; 1 if a gate fails, 2 for an impossible request, 3 where the machine gives no measurement.
+pub(super) fn run(command: &BenchCommand, out: &mut dyn Write) -> Done {
+    let done = match command {
+        BenchCommand::Loops(arguments) => loops::measure(arguments),
+        BenchCommand::Hop(arguments) => hop(arguments),
+        BenchCommand::Solve(arguments) => solve(arguments),
+        BenchCommand::Rate(arguments) => find_rates(arguments),
+        BenchCommand::Recorder(arguments) => record(arguments),
+        BenchCommand::Scale(arguments) => scale_up(arguments),
+        BenchCommand::Watch(arguments) => watch::measure(arguments),
+    };
+    super::conclude(done, BenchError::exit_code, out)
+}
+
+/// Is another process of a measurement.
+pub(super) fn be_peer() -> u8 {
+    peer::be_peer()
+}
+
+fn place(arguments: &MeasurePlace) -> Result<Place, BenchError> {
+    let place = Place::take(arguments.policy, arguments.priority, arguments.cpus())?;
+    if let Some(fell_back) = &place.fell_back {
+        eprintln!("morphquad: {fell_back}");
+    }
+    Ok(place)
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn hop(arguments: &HopArguments) -> Result<(String, u8), BenchError> {
+    let place = place(&arguments.place)?;
+    let bar = bar(2 * hop::pairs(&place.cpus).len(), "measurements");
+    let plan = HopPlan { for_ns: nanoseconds(arguments.duration), place };
+    let report = hop::measure(&plan, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let worst = report.worst_ratio().unwrap_or(0.0);
+    let failed = arguments.max_ratio.is_some_and(|most| worst > most);
+    let code = if failed { exit::GATE_FAILED } else { exit::PASS };
+    let text = match arguments.format {
+        Format::Json => report.to_json().to_string(),
+        Format::Text => {
+            let mut text = format!(
+                "one {} of {} bytes, process to process, us; x is ours over bare iceoryx2\n\n{}",
+                report.payload,
+                report.payload_bytes,
+                report.table()
+            );
+            for left_out in &report.left_out {
+                text = format!("{text}not measured: {left_out}\n");
+            }
+            if let Some(most) = arguments.max_ratio {
+                let verdict = if failed { "FAILS" } else { "holds" };
+                text =
+                    format!("{text}\n{verdict}: median at most {most} x bare, worst {worst:.2}\n");
+            }
+            text
+        }
+    };
+    Ok((text, code))
+}
+
+fn solve(arguments: &SolveArguments) -> Result<(String, u8), BenchError> {
+    let cpus = arguments.cpus.as_ref().map_or(&[][..], |cpus| &cpus.0);
+    let place = Place::take(Policy::Other, 0, cpus)?;
+    let bar = bar(solve::crews().len(), "flights");
+    let load = |edits: &[Override]| {
+        let mut overrides = arguments.scenario.overrides()?;
+        overrides.extend_from_slice(edits);
+        Scenario::load(&arguments.scenario.scenario, &overrides)
+    };
+    let rows = solve::measure(&load, &place, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let text = match arguments.format {
+        Format::Json => serde_json::json!({ "steps": rows }).to_string(),
+        Format::Text => format!(
+            "one step alone, from its start to what it publishes, us; p99 as a share of the period\n\n{}",
+            solve::table(&rows)
+        ),
+    };
+    Ok((text, exit::PASS))
+}
+
+/// Flights with the loop of each role at rising rates.
+fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
+    // Asked once here, so that what is refused is refused before anything flies.
+    let place = place(&arguments.place)?;
+    let scenario = Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
+    let settings = scenario.settings();
+    let crew = Crew::of(settings);
+    let usual = [Role::Attitude, Role::Position, Role::Estimator, Role::Plant];
+    let usual = usual.into_iter().filter_map(|role| crew.name(role)).map(str::to_owned);
+    let names: Vec<String> =
+        if arguments.only.is_empty() { usual.collect() } else { arguments.only.clone() };
+    for name in &names {
+        Override::rate(&format!("{name}=100"))?;
+    }
+    let words = scenario_words(&arguments.scenario, "5s");
+    let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
+    let bar = bar(names.len(), "loops");
+    let ladders = names.iter().map(|name| {
+        let role = components::role_of(name);
+        let full = role.and_then(|role| crew.name(role)).unwrap_or(name);
+        let fly = &mut |hz: f64| rate::fly(&words, name, hz);
+        let ladder = rate::climb(name, settings.rate_hz(full), fly);
+        bar.inc(1);
+        ladder
+    });
+    let ladders = ladders.collect::<Result<Vec<Ladder>, _>>()?;
+    bar.finish_and_clear();
+    let text = match arguments.format {
+        Format::Json => serde_json::json!({ "place": place, "loops": ladders }).to_string(),
+        Format::Text => {
+            let mut text = format!(
+                "held: at most 0.1 % of the releases missed; us; {}\n\n{}\n",
+                place.told(),
+                rate::table(&ladders)
+            );
+            for ladder in &ladders {
+                let held = ladder
+                    .highest_hz
+                    .map_or_else(|| "none of these rates".to_owned(), |hz| format!("{hz} Hz"));
+                text = format!("{text}{} holds {held}\n", ladder.name);
+                if let Some(stopped) = &ladder.stopped {
+                    text = format!("{text}  no higher one was tried: {stopped}\n");
+                }
+            }
+            text
+        }
+    };
+    Ok((text, exit::PASS))
+}
+
+/// Samples of a flight, faster than it publishes them.
+fn record(arguments: &RecorderArguments) -> Result<(String, u8), BenchError> {
+    let mut overrides = arguments.scenario.overrides()?;
+    if arguments.scenario.duration.is_none() {
+        overrides.push(Override::duration(Duration::from_secs(2)));
+    }
+    let plan = RecorderPlan {
+        scenario: Scenario::load(&arguments.scenario.scenario, &overrides)?,
+        per_s: arguments.per_s,
+        for_ns: nanoseconds(arguments.offer_for),
+    };
+    let folder = tempfile::tempdir().map_err(|source| BenchError::System {
+        action: "make a folder for the recording".to_owned(),
+        source,
+    })?;
+    let busy = super::bar::busy("recording");
+    let report = recorder::measure(&plan, folder.path())?;
+    drop(busy);
+    let text = match arguments.format {
+        Format::Json => serde_json::json!(report).to_string(),
+        Format::Text => report.to_string(),
+    };
+    Ok((text, if report.holds() { exit::PASS } else { exit::GATE_FAILED }))
+}
+
+/// The same flight so many times at once.
+fn scale_up(arguments: &ScaleArguments) -> Result<(String, u8), BenchError> {
+    let place = place(&arguments.place)?;
+    Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
+    let words = scenario_words(&arguments.scenario, "5s");
+    let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
+    let most = usize::from(arguments.max);
+    let doubled = core::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
+    let counts: Vec<usize> = doubled.chain([most]).collect();
+    let bar = bar(counts.len(), "sizes");
+    let rows = counts.iter().map(|vehicles| {
+        let row = scale::fly(&words, *vehicles);
+        bar.inc(1);
+        row
+    });
+    let rows = rows.collect::<Result<Vec<_>, _>>()?;
+    bar.finish_and_clear();
+    let text = match arguments.format {
+        Format::Json => serde_json::json!({ "place": place, "sizes": rows }).to_string(),
+        Format::Text => {
+            let mut text = format!(
+                "late: release of the attitude loop to its start; path: IMU sample to the plant's gate; \
+                 us, the worst\nof the vehicles; missed: the loop that missed most; {}\n\n{}",
+                place.told(),
+                scale::table(&rows)
+            );
+            for row in &rows {
+                if let Some(lost) = &row.lost {
+                    text = format!("{text}with {} vehicles one was lost: {lost}\n", row.vehicles);
+                }
+            }
+            text
+        }
+    };
+    Ok((text, exit::PASS))
+}

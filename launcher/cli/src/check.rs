@@ -1,0 +1,214 @@
+//! `morphquad check`: what a scenario would fly.
+
+use attitude_mpc::settings::Settings;
+use disturbance_injector::Event;
+use launcher::components::{self, Crew};
+use launcher::scenario::pilot::Manoeuvre;
+use launcher::scenario::settings::{
+    Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings,
+};
+use launcher::scenario::{self, Scenario};
+use monitor::Limits;
+use monitor::settings::Fallback;
+use runtime::{Graph, MissPolicy, Node};
+use std::io::{self, Write};
+
+/// Prints the scenario and, since it has been loaded, `ok`.
+///
+/// # Errors
+/// Those of `out`.
+pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let graph = scenario.graph().map_err(io::Error::other)?;
+    summary(scenario, out)?;
+    loops(scenario, &graph, out)?;
+    arrows(&graph, &scenario.settings().scenario, out)?;
+    world(scenario, out)?;
+    writeln!(out, "ok")
+}
+
+fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let settings = &scenario.settings().scenario;
+    let clock = match settings.clock {
+        Clock::Lockstep => "lockstep",
+        Clock::Realtime => "realtime",
+    };
+    let speed = settings.pace().map_or("max".to_owned(), |factor| format!("{factor}x"));
+    writeln!(out, "{}: {}", settings.name, settings.description)?;
+    writeln!(
+        out,
+        "clock {clock}, speed {speed}, {} s, seed {}\n",
+        settings.duration_s, settings.seed
+    )
+}
+
+fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
+    let crew = Crew::of(scenario.settings());
+    writeln!(
+        out,
+        "{:<14}{:<22}{:>10}{:>14}{:>14}  MISSED",
+        "LOOP", "FLOWN BY", "RATE", "PERIOD", "LEAD"
+    )?;
+    for node in graph.nodes() {
+        writeln!(
+            out,
+            "{:<14}{:<22}{:>10}{:>14}{:>14}  {}",
+            node.role.label(),
+            crew.name(node.role).unwrap_or("launcher"),
+            format!("{} Hz", node.rate.hz()),
+            milliseconds(node.rate.period_ns()),
+            milliseconds(node.lead_ns),
+            missed(node)
+        )?;
+    }
+    writeln!(out, "Others can fill a slot: --crew {}.\n", components::fillings().join(" or "))
+}
+
+fn missed(node: &Node) -> &'static str {
+    match node.miss_policy {
+        MissPolicy::Skip => "skip",
+        MissPolicy::CatchUp => "catch up",
+        MissPolicy::Hold => "hold",
+    }
+}
+
+/// One line per edge: from which instant a sample counts, how long the step that needs it waits, and
+/// when it is late, all after the release of its producer, in logical time.
+fn arrows(graph: &Graph, flown: &ScenarioSettings, out: &mut dyn Write) -> io::Result<()> {
+    let times = flown.pace().filter(|_| flown.clock == Clock::Realtime);
+    let wall = times.map_or(String::new(), |times| format!("AT {times}x"));
+    writeln!(
+        out,
+        "{:<20}{:<14}{:<14}{:>10}{:>12}{:>12}{wall:>14}",
+        "TOPIC", "FROM", "TO", "LATENCY", "WAITED FOR", "DEADLINE"
+    )?;
+    for edge in graph.edges() {
+        let deadline_ns = edge.latency_ns + edge.deadline_ns;
+        let on_wall = |times: f64| format!("{} ms", (deadline_ns as f64 / times).round() / 1e6);
+        writeln!(
+            out,
+            "{:<20}{:<14}{:<14}{:>10}{:>12}{:>12}{:>14}",
+            edge.topic.name,
+            edge.from.label(),
+            edge.to.label(),
+            if edge.asap { "asap".to_owned() } else { milliseconds(edge.latency_ns) },
+            milliseconds(edge.deadline_ns),
+            format!("{} ms", deadline_ns as f64 / 1e6),
+            times.map_or(String::new(), on_wall),
+        )?;
+    }
+    writeln!(
+        out,
+        "A sample takes effect a latency after its release and is late if it comes after its\n\
+         deadline, which counts from its release too. In lockstep nothing is ever late.\n"
+    )
+}
+
+fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let settings = scenario.settings();
+    let manoeuvre = match settings.pilot.manoeuvre {
+        Manoeuvre::Hover(_) => "hover",
+        Manoeuvre::Figure8(_) => "figure eight",
+        Manoeuvre::Waypoints(_) => "waypoints",
+        Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
+    };
+    writeln!(out, "flight  {manoeuvre}")?;
+    let law = scenario.attitude_law().map_err(io::Error::other)?;
+    let look_ahead_s = Settings::look_ahead_s(&law).map_err(io::Error::other)?;
+    writeln!(
+        out,
+        "law     attitude looks {look_ahead_s:.3} s ahead in {:.0} samples, solver {:?}",
+        look_ahead_s * law.rate_hz,
+        law.solver
+    )?;
+    let knots = settings.pilot.common.morph.iter();
+    let path: Vec<String> =
+        knots.map(|[t_s, angle_deg]| format!("{angle_deg} deg at {t_s} s")).collect();
+    if path.is_empty() {
+        writeln!(out, "morph   {} deg throughout", settings.start.morph_angle_deg)?;
+    } else {
+        writeln!(out, "morph   {}", path.join(", "))?;
+    }
+    let script = &settings.disturbance_injector.script;
+    for event in script {
+        match event {
+            Event::Wind(wind) => writeln!(
+                out,
+                "wind    mean {:?} m/s, sigma {:?} m/s",
+                wind.mean_w_m_s, wind.sigma_m_s
+            )?,
+            other => writeln!(out, "event   {other:?}")?,
+        }
+    }
+    if script.is_empty() {
+        writeln!(out, "wind    none")?;
+    }
+    watch(settings, out)?;
+    script_of(settings, out)
+}
+
+/// Beyond what a new owner trips.
+fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+    if !settings.watch.enabled {
+        return writeln!(out, "watch   off: an owner that loses the vehicle keeps the slot");
+    }
+    let limits = settings.watch.limits();
+    let Limits { turn_away_rad, tilt_rad, heading_rad, astray_rad, astray_s, .. } = limits;
+    let Limits { swing_rate_rad_s, swing_tilt_rad, setpoint_tilt_rad, .. } = limits;
+    let Limits { thrust_speed_m_s, excursion_m, off_course_m, off_course_s, height_m, .. } = limits;
+    let standby = match settings.watch.fallback {
+        Fallback::Auto => "the owner before it",
+        Fallback::None => "nothing, so that the actuation guard levels the vehicle,",
+    };
+    let gate = &settings.plant.gate;
+    writeln!(
+        out,
+        "watch   a new owner trips, and {standby} follows, when the vehicle can be stopped only beyond\n\
+         \x20       {turn_away_rad:.3} rad away from its set point, {tilt_rad:.3} rad of tilt, {heading_rad:.3} rad of heading,\n\
+         \x20       {excursion_m} m away from its reference, {height_m} m above the ground, or when it is\n\
+         \x20       {astray_rad:.3} rad off for {astray_s} s or {off_course_m} m for {off_course_s} s, swings by {swing_rate_rad_s} rad/s or is swung by {swing_tilt_rad:.3} rad,\n\
+         \x20       asks for {setpoint_tilt_rad:.3} rad of tilt, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
+         \x20       beyond {} rad or {} rad/s the gate levels first, to {} rad and {} rad/s",
+        gate.recover_tilt_rad,
+        gate.recover_rate_rad_s,
+        gate.recovered_tilt_rad,
+        gate.recovered_rate_rad_s
+    )
+}
+
+/// What is done to the flight on purpose.
+fn script_of(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+    for swap in &settings.swap {
+        let SwapSettings { slot, to, at_s, shadow_s, rollback_s, max_bump, config, .. } = swap;
+        let config =
+            config.as_ref().map_or(String::new(), |c| format!(", as {} says", c.display()));
+        let bump = max_bump.map_or(String::new(), |bump| format!(", bump at most {bump}"));
+        let rehearsal = match swap.rehearse {
+            Some(true) => ", rehearsed",
+            Some(false) => ", not rehearsed",
+            None => "",
+        };
+        let force = if swap.force { ", whatever gate and rehearsal say" } else { "" };
+        let slot = slot.label();
+        writeln!(
+            out,
+            "swap    {slot} to {to} at {at_s} s, shadow {shadow_s} s, rollback {rollback_s} s{bump}{rehearsal}{force}{config}"
+        )?;
+    }
+    for StandbySettings { slot, name, at_s, shadow_s, .. } in &settings.standby {
+        let slot = slot.label();
+        writeln!(out, "standby {slot} {name} from {at_s} s, shadow {shadow_s} s")?;
+    }
+    for FaultSettings { kind, name, at_s } in &settings.fault {
+        writeln!(out, "fault   {} {name} at {at_s} s", kind.label())?;
+    }
+    for settings in &settings.order {
+        if let Some(order) = settings.order() {
+            writeln!(out, "order   {order} at {} s", settings.at_s)?;
+        }
+    }
+    Ok(())
+}
+
+fn milliseconds(ns: u64) -> String {
+    if ns == 0 { "-".to_owned() } else { format!("{} ms", ns as f64 / 1e6) }
+}

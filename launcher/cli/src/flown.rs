@@ -1,0 +1,148 @@
+//! Commands that show a flight take a recording, or a scenario that is flown for it.
+
+use super::refusal::Failure;
+use core::cmp::Reverse;
+use launcher::control::runs::{self, Run};
+use launcher::run::{self, Pin, RunError, RunOptions, Speed, Summary};
+use launcher::scenario::{Scenario, shipped, suggestion};
+use launcher::{exit, record::read::RecordedFlight};
+use runtime::leader::leading;
+use std::io::{self, IsTerminal as _};
+use std::path::{Path, PathBuf};
+
+/// Folder of recordings that nobody placed.
+const RECORDINGS: &str = "recordings";
+/// So many are named to choose from.
+const LISTED: usize = 5;
+
+/// Opens a recording, or the one of a shipped scenario, flown now, if that is what `name` names.
+pub(super) fn open(name: &Path) -> Result<RecordedFlight, Failure> {
+    let path = match shipped::names().find(|shipped| Path::new(shipped) == name) {
+        Some(scenario) if !name.exists() => fly(scenario)?,
+        _ => name.to_owned(),
+    };
+    RecordedFlight::open(&path).map_err(|error| {
+        let told = format!("{error}{}", hints(&path));
+        if path.exists() {
+            return unreadable(&told);
+        }
+        let known = suggestion(&name.to_string_lossy(), shipped::names());
+        unreadable(&format!("{told}\nor name a scenario, to be flown first: {known}"))
+    })
+}
+
+/// Opens a recording; one that cannot be read, or is none, was asked for wrongly, by every command.
+pub(super) fn recorded(path: &Path) -> Result<RecordedFlight, Failure> {
+    RecordedFlight::open(path).map_err(|error| unreadable(&format!("{error}{}", hints(path))))
+}
+
+/// What somebody may have meant who named something else than a recording; nothing about a damaged one.
+fn hints(path: &Path) -> String {
+    if path.is_dir() {
+        return listed("recordings in it", newest(path));
+    }
+    if path.exists() {
+        let is_toml = path.extension().is_some_and(|kind| kind == "toml");
+        let path = path.display();
+        return if is_toml {
+            format!("\nis it a scenario? `morphquad run {path}` flies and records it")
+        } else {
+            String::new()
+        };
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let folders = [path.parent().unwrap_or(Path::new("")), Path::new(RECORDINGS), Path::new("")];
+    let near = folders.map(|folder| newest(if folder == "" { Path::new(".") } else { folder }));
+    let alike = |found: &&PathBuf| {
+        let stem = found.file_stem().unwrap_or_default().to_string_lossy();
+        stem.starts_with(name.trim_end_matches(".mcap")) && !name.is_empty()
+    };
+    if let Some(meant) = near.iter().flatten().find(alike) {
+        return format!("\ndid you mean {}?", meant.display());
+    }
+    let found = near.into_iter().find(|found| !found.is_empty());
+    listed("recordings here", found.unwrap_or_default())
+}
+
+fn listed(what: &str, mut found: Vec<PathBuf>) -> String {
+    let more = found.len().saturating_sub(LISTED);
+    found.truncate(LISTED);
+    let names: Vec<String> = found.iter().map(|path| path.display().to_string()).collect();
+    match (names.is_empty(), more) {
+        (true, _) => String::new(),
+        (_, 0) => format!("\n{what}: {}", names.join(", ")),
+        (_, more) => format!("\n{what}: {} and {more} older", names.join(", ")),
+    }
+}
+
+/// Recordings of a folder, the newest first; none of one that cannot be read.
+fn newest(folder: &Path) -> Vec<PathBuf> {
+    let mut found = recordings_in(folder).unwrap_or_default();
+    found.sort_by_key(|path| Reverse(path.metadata().and_then(|found| found.modified()).ok()));
+    let short = |path: PathBuf| path.strip_prefix(".").map(Path::to_owned).unwrap_or(path);
+    found.into_iter().map(short).collect()
+}
+
+/// Recordings of a folder, by name.
+pub(super) fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let paths = std::fs::read_dir(folder)?.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut found: Vec<PathBuf> =
+        paths.filter(|path| path.extension().is_some_and(|kind| kind == "mcap")).collect();
+    found.sort();
+    Ok(found)
+}
+
+/// Runs whose launchers write recordings at this moment.
+pub(super) struct Writers(Vec<Run>);
+
+impl Writers {
+    /// Those in the air.
+    pub(super) fn now() -> Self {
+        let mut living = runs::living();
+        living.retain(|run| leading(run.folder()).is_some());
+        Self(living)
+    }
+
+    /// The run that still writes a recording.
+    pub(super) fn of(&self, flight: &RecordedFlight) -> Option<String> {
+        let run = flight.facts().get("run_id")?;
+        self.0.iter().any(|living| living.id() == run).then(|| run.clone())
+    }
+}
+
+/// As [`recorded`], where the trouble shows further on in the file.
+pub(super) fn unreadable(error: &dyn core::fmt::Display) -> Failure {
+    Failure::plain(&error, exit::USAGE)
+}
+
+fn fly(name: &str) -> Result<PathBuf, Failure> {
+    let scenario =
+        Scenario::load(name, &[]).map_err(|error| Failure::report(error, exit::USAGE))?;
+    let options = RunOptions {
+        scenario,
+        speed: Speed::Max,
+        record: Some(RECORDINGS.into()),
+        pin: Pin::Auto,
+        disorder: None,
+        progress: std::io::stderr().is_terminal(),
+        live: None,
+    };
+    let summary = summary(run::run(&options))?;
+    let unrecorded = || Failure::plain(&"the flight was not recorded", exit::UNFIT);
+    summary.recording.ok_or_else(unrecorded)
+}
+
+/// The summary of a flight, or why there was none.
+pub(super) fn summary(flown: Result<Summary, RunError>) -> Result<Summary, Failure> {
+    flown.map_err(|error| {
+        let code = match error {
+            RunError::Interrupted => exit::INTERRUPTED,
+            RunError::NoSuchProcessor { .. }
+            | RunError::RealtimeInProcess
+            | RunError::ScriptInProcess(_) => exit::USAGE,
+            RunError::NotServed { exit_code, .. } => exit_code,
+            _ => exit::UNFIT,
+        };
+        Failure::plain(&error, code)
+    })
+}

@@ -1,0 +1,23 @@
+//! Pages are written where the user says, but never over a flight.
+
+use super::refusal::Failure;
+use launcher::exit;
+use launcher::record::is_recording;
+use std::fs;
+use std::path::Path;
+
+/// Writes a page; `flag` is what the user has named the file with.
+pub(super) fn write_page(path: &Path, page: String, flag: &str) -> Result<(), Failure> {
+    if is_recording(path) {
+        let told = format!(
+            "{} is a recording, which a page must not replace: give {flag} another name",
+            path.display()
+        );
+        return Err(Failure::plain(&told, exit::USAGE));
+    }
+    fs::write(path, page).map_err(|error| {
+        let path = path.display();
+        let told = format!("cannot write {path}: {error}; give {flag} a file that you may write");
+        Failure::plain(&told, exit::UNFIT)
+    })
+}

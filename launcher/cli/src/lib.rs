@@ -1,0 +1,365 @@
+//! The command line: what can be asked for, and the way from an argument to an exit code.
+//!
+//! Results go to stdout, everything else to stderr. [`options`] is the grammar; [`check`] and
+//! [`list`] are whole commands, the others are handed on.
+
+mod adopt;
+mod bar;
+mod bench;
+mod branch;
+mod browser;
+mod campaign;
+pub mod check;
+mod completions;
+mod doctor;
+mod flown;
+mod keep_safe;
+pub mod list;
+mod live;
+mod new_controller;
+pub mod options;
+mod orders;
+mod pages;
+mod paper;
+mod ps;
+mod recover;
+mod refusal;
+mod rehearse;
+mod replay;
+mod report;
+mod study;
+mod top;
+mod topic;
+mod trace;
+mod types;
+mod view;
+
+pub use options::{
+    AdoptArguments, BranchArguments, CampaignArguments, DoctorArguments, Format, PaperArguments,
+    ProcArguments, PsArguments, ReplayArguments, ReportArguments, RetireArguments,
+    RollbackArguments, RunArguments, RunChoice, ScenarioArguments, StandbyArguments, SwapArguments,
+    TraceArguments, ViewArguments,
+};
+
+use host::{LAYOUT_ARGUMENT, layout_hash};
+use launcher::run::Summary;
+use launcher::scenario::{Scenario, ScenarioError};
+use launcher::{exit, process, run};
+use options::{Cli, Command};
+use refusal::{Done, Failure, asks_for_json};
+use std::ffi::OsString;
+use std::io::{self, Write};
+
+/// Runs one command and gives its exit code. A complaint goes to `diagnostics` and, where JSON is
+/// asked for, as an object with `error` and `exit` to `out` too.
+pub fn execute(
+    arguments: impl Iterator<Item = OsString>,
+    out: &mut dyn Write,
+    diagnostics: &mut dyn Write,
+) -> u8 {
+    process::count_allocations();
+    let arguments: Vec<OsString> = arguments.collect();
+    if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
+        let told = writeln!(out, "{:016x}", layout_hash());
+        return if told.is_ok() { exit::PASS } else { exit::UNFIT };
+    }
+    let done = match Cli::of(&arguments) {
+        Ok(cli) => dispatch(cli.command, out, diagnostics),
+        Err(error) if error.use_stderr() => Err(Failure::usage(&error, exit::USAGE)),
+        Err(help) => {
+            // A closed pipe changes nothing.
+            let _ = help.print();
+            return exit::PASS;
+        }
+    };
+    let told = done.or_else(|failure| match failure {
+        Failure::Refused(refusal) => {
+            let told = refusal.tell(asks_for_json(&arguments), out, diagnostics);
+            // Refused it is, whether or not anybody listens.
+            told.or_else(|error| match error.kind() {
+                io::ErrorKind::BrokenPipe => Ok(refusal.code()),
+                _ => Err(error),
+            })
+        }
+        Failure::Unwritten(error) => Err(error),
+    });
+    match told {
+        Ok(code) => code,
+        // A reader that has seen enough, such as `head`, is no failure.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => exit::PASS,
+        Err(error) => {
+            let _ = writeln!(diagnostics, "morphquad: cannot write the result: {error}");
+            exit::UNFIT
+        }
+    }
+}
+
+fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> Done {
+    match command {
+        Command::List => list::list(out)?,
+        Command::Check(arguments) => check::print(&load(&arguments, diagnostics)?, out)?,
+        Command::Run(arguments) => {
+            let scenario = load(&arguments.scenario, diagnostics)?;
+            if arguments.live.live.is_some() && scenario.settings().scenario.is_unpaced() {
+                let told = "speed max: the flight may be over before its page is open; --speed 1 has the clock's pace";
+                writeln!(diagnostics, "morphquad: {told}")?;
+            }
+            return fly(scenario, &arguments, out);
+        }
+        Command::Ps(arguments) => return ps::run(&arguments, out),
+        Command::Swap(arguments) => return orders::swap(&arguments, out),
+        Command::Rehearse(arguments) => return rehearse::run(&arguments, out),
+        Command::Rollback(arguments) => return orders::roll_back(&arguments, out),
+        Command::Retire(arguments) => return orders::retire(&arguments, out),
+        Command::Standby(arguments) => return orders::stand_by(&arguments, out),
+        Command::Stop(arguments) => return orders::stop(&arguments, out),
+        Command::Live(arguments) => return live::run(&arguments, out),
+        Command::Goto(arguments) => return orders::go_to(&arguments, out),
+        Command::Morph(arguments) => return orders::morph(&arguments, out),
+        Command::Disturb(arguments) => return orders::disturb(&arguments, out),
+        Command::Top(arguments) => return top::run(&arguments, out),
+        Command::Topic(command) => return topic::run(&command, out, diagnostics),
+        Command::Adopt(arguments) => return adopt::adopt(&arguments, out),
+        Command::Paper(arguments) => return paper::reproduce(&arguments, out),
+        Command::Campaign(arguments) => return campaign::run(&arguments, out),
+        Command::Replay(arguments) => {
+            return match arguments.branch.branch {
+                Some(at) => branch::run(&arguments, at, out),
+                None => replay::run(&arguments, out),
+            };
+        }
+        Command::Doctor(arguments) => return doctor::run(&arguments, out),
+        Command::Trace(arguments) => return trace::run(&arguments, out),
+        Command::Report(arguments) => return report::run(&arguments, out),
+        Command::View(arguments) => return view::run(&arguments, out),
+        Command::Bench(command) => return bench::run(&command, out),
+        Command::BenchPeer => return Ok(bench::be_peer()),
+        Command::Study(command) => return study::run(&command, out),
+        Command::NewController(arguments) => return new_controller::run(&arguments, out),
+        Command::Types(arguments) => return types::run(&arguments, out),
+        Command::Completions(arguments) => return completions::completions(&arguments, out),
+        Command::Man(arguments) => return pages::man(&arguments, out),
+        Command::Recover(arguments) => return recover::run(&arguments, out),
+        Command::Layout(arguments) => return pages::layout(&arguments, out),
+        Command::Proc(arguments) => {
+            return Ok(process::run_process(&arguments.service, arguments.place));
+        }
+    }
+    Ok(exit::PASS)
+}
+
+/// Flies and says how it went; a reader that has gone away changes nothing of it.
+fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Done {
+    let options = arguments.options(scenario);
+    let flown =
+        if arguments.in_process { run::run_in_process(&options) } else { run::run(&options) };
+    let summary = flown::summary(flown)?;
+    say(&summary, arguments.format, out)
+}
+
+/// Shows how a flight went, and gives its exit code.
+fn say(summary: &Summary, format: Format, out: &mut dyn Write) -> Done {
+    let written = match format {
+        Format::Text => writeln!(out, "{summary}"),
+        Format::Json => writeln!(out, "{}", summary.to_json()),
+    };
+    let code = summary.exit_code();
+    match written.and_then(|()| out.flush()) {
+        Err(error) if code == exit::PASS => Err(error.into()),
+        _ => Ok(code),
+    }
+}
+
+/// Ends a command: its text to `out`, or its complaint with the code that it calls for.
+fn conclude<E: miette::Diagnostic + Send + Sync + 'static>(
+    done: Result<(String, u8), E>,
+    exit_code: impl FnOnce(&E) -> u8,
+    out: &mut dyn Write,
+) -> Done {
+    let (text, code) = done.map_err(|error| {
+        let code = exit_code(&error);
+        Failure::report(error, code)
+    })?;
+    writeln!(out, "{}", text.trim_end())?;
+    out.flush()?;
+    Ok(code)
+}
+
+/// Loads a scenario and says what is doubtful about it.
+fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Scenario, Failure> {
+    let scenario = load_quietly(arguments).map_err(|error| Failure::report(error, exit::USAGE))?;
+    for warning in scenario.warnings() {
+        writeln!(diagnostics, "{:?}", miette::Report::new(warning.clone()))?;
+    }
+    Ok(scenario)
+}
+
+fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
+    let scenario = Scenario::load(&arguments.scenario, &arguments.overrides()?)?;
+    scenario.require_candidates()?;
+    Ok(scenario)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn morphquad(arguments: &str) -> (u8, String, String) {
+        let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
+        let words = std::iter::once("morphquad").chain(arguments.split_whitespace());
+        let code = execute(words.map(OsString::from), &mut out, &mut diagnostics);
+        (code, String::from_utf8(out).unwrap(), String::from_utf8(diagnostics).unwrap())
+    }
+
+    #[test]
+    fn list_names_every_shipped_scenario_on_stdout_alone() {
+        let (code, out, diagnostics) = morphquad("list");
+        assert_eq!((code, diagnostics.as_str()), (exit::PASS, ""));
+        for name in launcher::scenario::shipped::names() {
+            assert!(out.lines().any(|line| line.starts_with(name)), "{out}");
+        }
+    }
+
+    #[test]
+    fn check_shows_loops_arrows_and_overrides_and_ends_with_ok() {
+        let (code, out, diagnostics) =
+            morphquad("check figure8-morph --rate attitude-mpc=500 --seed 7 --for 1500ms");
+        assert_eq!(code, exit::PASS, "{diagnostics}");
+        assert!(out.contains("500 Hz") && out.contains("seed 7") && out.contains("1.5 s"), "{out}");
+        assert!(out.contains("wrench_command") && out.contains("1 ms"), "{out}");
+        assert!(out.ends_with("ok\n"));
+    }
+
+    #[test]
+    fn check_shows_the_deadline_of_each_edge_and_how_a_slower_clock_stretches_it() {
+        let edge = |out: &str, topic: &str, to: &str| -> Vec<String> {
+            let line = out.lines().find(|line| line.starts_with(topic) && line.contains(to));
+            let cells = line.unwrap_or_else(|| panic!("no {topic} to {to}: {out}")).split("  ");
+            cells.map(str::trim).filter(|cell| !cell.is_empty()).map(str::to_owned).collect()
+        };
+        let set = "--set realtime.attitude_mpc.deadline.state_estimate_s=0.002";
+        let (code, out, _) =
+            morphquad(&format!("check figure8-morph --clock realtime --speed 0.1 {set}"));
+        assert_eq!(code, exit::PASS);
+        let estimate = edge(&out, "state_estimate", "attitude");
+        assert_eq!(estimate[3..], ["-", "2 ms", "2 ms", "20 ms"], "{out}");
+        let command = edge(&out, "wrench_command", "plant");
+        assert_eq!(command[3..], ["1 ms", "-", "1 ms", "10 ms"], "{out}");
+        let (_, out, _) = morphquad("check figure8-morph");
+        assert_eq!(edge(&out, "imu", "estimator")[3..], ["-", "20 ms", "20 ms"], "{out}");
+    }
+
+    #[test]
+    fn check_shows_what_is_done_to_a_flight_on_purpose() {
+        let script = "--swap attitude=attitude-mpc@4.2s,max-bump=5% --fault kill:estimator@2s \
+                      --standby position=position-pid";
+        let (code, out, diagnostics) = morphquad(&format!("check hover {script}"));
+        assert_eq!(code, exit::PASS, "{diagnostics}");
+        let swap = "swap    attitude to attitude-mpc at 4.2 s, shadow 2 s, rollback 0.5 s, bump at most 0.05\n";
+        let standby = "standby position position-pid from 0.1 s, shadow 0.5 s\n";
+        assert!(out.contains(standby), "{out}");
+        assert!(out.contains(swap) && out.contains("fault   kill estimator at 2 s\n"), "{out}");
+    }
+
+    #[test]
+    fn a_scenario_that_does_not_fly_ends_with_2_and_an_empty_stdout() {
+        for bad in [
+            "check hoover",
+            "check hover --rate rotor=5",
+            "run hover --set plant.rate=5",
+            "run hover --swap attitude=attitude-mpq@1s",
+            "run hover --swap attitude=attitude-mpc@99s",
+            "run hover --fault kill:nobody@1s",
+            "run hover --standby attitude=nobody",
+        ] {
+            let (code, out, diagnostics) = morphquad(bad);
+            assert_eq!((code, out.as_str()), (exit::USAGE, ""));
+            assert!(diagnostics.contains("help:"), "{diagnostics}");
+        }
+        let scripted = "run hover --in-process --no-record --fault kill:plant@1s";
+        let (code, out, diagnostics) = morphquad(scripted);
+        assert_eq!((code, out.as_str()), (exit::USAGE, ""));
+        assert!(diagnostics.contains("--in-process"), "{diagnostics}");
+    }
+
+    #[test]
+    fn a_negative_number_after_a_flag_is_refused_as_its_value() {
+        for (bad, flag) in [
+            ("run --seed -4", "--seed"),
+            ("run --pin -1", "--pin"),
+            ("run --speed -1", "speed"),
+            ("view --port -1", "--port"),
+            ("study stability --rate -100", "--rate"),
+            ("bench watch --rounds -1", "--rounds"),
+            ("topic echo --count -1", "--count"),
+        ] {
+            let (code, _, said) = morphquad(bad);
+            assert_eq!(code, exit::USAGE, "{bad}: {said}");
+            assert!(said.contains(flag) && !said.contains("unexpected"), "{bad}: {said}");
+        }
+        let (code, _, said) = morphquad("list --no-such-flag -1");
+        assert!(code == exit::USAGE && said.contains("unexpected"), "{said}");
+    }
+
+    #[test]
+    fn a_complaint_is_json_where_json_is_asked_for() {
+        let told = |arguments: &str| {
+            let (code, out, diagnostics) = morphquad(arguments);
+            assert_eq!(code, exit::USAGE, "{arguments}");
+            assert!(!diagnostics.is_empty(), "{arguments}");
+            let told: serde_json::Value = serde_json::from_str(&out).unwrap();
+            assert_eq!(told["exit"], 2, "{told}");
+            told
+        };
+        let key = told("run hover --set plant.rate_hertz=5 --format json");
+        assert!(key["error"].as_str().unwrap().contains("plant.rate_hertz"), "{key}");
+        assert!(key["help"].as_str().unwrap().contains("rate_hz"), "{key}");
+        assert_eq!(key["at"], "command line:1:13", "{key}");
+        for (arguments, named) in [
+            ("replay none.mcap --verify --format json", "none.mcap"),
+            ("replay none.mcap --branch @1s --format json", "none.mcap"),
+            ("replay none.mcap --format=json", "--verify"),
+            ("campaign none.toml --format json", "none.toml"),
+            ("study stability --rate 7 --format json", "--rate"),
+            ("paper --test 4 --format json", "--test"),
+            ("study --format json", "study"),
+        ] {
+            let told = told(arguments).to_string();
+            assert!(told.contains(named), "{arguments}: {told}");
+        }
+    }
+
+    #[test]
+    fn check_says_who_flies_and_refuses_who_cannot_with_those_who_can() {
+        let (code, out, _) =
+            morphquad("check hover --crew attitude=attitude-pid,position=position-pid");
+        assert_eq!(code, exit::PASS);
+        assert!(out.contains("attitude-pid ") && out.contains("position-pid "), "{out}");
+        let (_, out, _) =
+            morphquad("check hover --crew attitude=attitude-lqr --rate attitude-lqr=250");
+        assert!(out.contains("attitude-lqr") && out.contains("250 Hz"), "{out}");
+        for (bad, remedy) in [
+            ("check hover --crew attitude=attitude-lqg", "attitude=attitude-lqr"),
+            ("check hover --crew attitude", "position=position-pid"),
+            ("check hover --crew height=attitude-lqr", "SLOT=NAME"),
+            ("check hover --set crew.attitude=attitude-lqg", "did you mean `attitude-lqr`"),
+            ("check hover --set crew.estimator=estimator", "crew"),
+            ("check hover --set attitude_lqr.integral_s=[1.0,1.0,0.0]", "0.001"),
+        ] {
+            let (code, out, diagnostics) = morphquad(bad);
+            assert_eq!((code, out.as_str()), (exit::USAGE, ""), "{bad}");
+            assert!(diagnostics.contains(remedy), "{bad}: {diagnostics}");
+        }
+    }
+
+    #[test]
+    fn durations_may_be_written_in_minutes_seconds_and_milliseconds() {
+        for (text, shown) in
+            [("20s", "20 s"), ("500ms", "0.5 s"), ("2m", "120 s"), ("1.5s", "1.5 s")]
+        {
+            let (code, out, diagnostics) = morphquad(&format!("check hover --for {text}"));
+            assert_eq!(code, exit::PASS, "{diagnostics}");
+            assert!(out.contains(shown), "{out}");
+        }
+    }
+}

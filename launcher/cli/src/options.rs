@@ -1,0 +1,273 @@
+//! The grammar of the command line; `air` has the commands to a run in the air.
+
+mod air;
+mod bench;
+pub(crate) mod doctor;
+mod duration;
+mod examples;
+mod live;
+mod orders;
+mod pages;
+mod recover;
+mod rehearse;
+mod replay;
+pub(crate) mod report;
+mod run;
+mod scenario_name;
+mod study;
+mod top;
+mod topic;
+pub(crate) mod trace;
+pub(crate) mod view;
+
+pub use air::{
+    AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
+    StopArguments, SwapArguments,
+};
+pub use doctor::DoctorArguments;
+pub(super) use live::LiveArguments;
+pub use live::LiveFlags;
+pub use replay::{BranchArguments, ReplayArguments};
+pub use report::ReportArguments;
+pub use run::{RunArguments, ScenarioArguments};
+pub(super) use study::{MorphingArguments, StabilityArguments, StudyCommand, StudyOutput};
+pub use trace::TraceArguments;
+pub use view::ViewArguments;
+
+pub use bench::{
+    BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
+    RecorderArguments, ScaleArguments, SolveArguments, TableFormat, WatchArguments, scenario_words,
+};
+pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
+pub use pages::{CompletionsArguments, LayoutArguments, ManArguments};
+pub use recover::RecoverArguments;
+pub use rehearse::RehearseArguments;
+pub use top::TopArguments;
+pub use topic::{
+    SampleFormat, TopicCommand, TopicEchoArguments, TopicExportArguments, TopicHzArguments,
+    TopicInfoArguments, TopicListArguments,
+};
+
+use clap::{
+    Arg, ArgGroup, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand, ValueEnum,
+};
+use host::PlaceArguments;
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+/// Fly a morphing quadrotor as a set of real processes over shared memory.
+#[derive(Debug, Parser)]
+#[command(name = "morphquad", version, about, max_term_width = 100)]
+pub(super) struct Cli {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+impl Cli {
+    /// What the arguments mean. A negative number after a flag is its value, to be refused as such, and
+    /// not an argument that nobody expects.
+    ///
+    /// # Errors
+    /// They mean nothing, or ask for help.
+    pub(super) fn of(arguments: &[OsString]) -> Result<Self, clap::Error> {
+        let matches = with_negative_numbers(Self::command()).try_get_matches_from(arguments)?;
+        Self::from_arg_matches(&matches)
+    }
+}
+
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let is_flag = |arg: &Arg| arg.get_long().is_some() && arg.get_action().takes_values();
+    let command =
+        command.mut_args(|arg| if is_flag(&arg) { arg.allow_negative_numbers(true) } else { arg });
+    command.mut_subcommands(with_negative_numbers)
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Fly a scenario
+    #[command(after_help = examples::RUN)]
+    Run(RunArguments),
+    /// Name the scenarios inside the executable
+    #[command(after_help = examples::LIST)]
+    List,
+    /// Show what a scenario would fly, or what is wrong with it
+    #[command(after_help = examples::CHECK)]
+    Check(ScenarioArguments),
+    /// Show processes and slots of a run in the air
+    #[command(after_help = air::PS_EXAMPLES)]
+    Ps(PsArguments),
+    /// Let another controller take over a slot of a run in the air
+    #[command(after_help = air::SWAP_EXAMPLES)]
+    Swap(SwapArguments),
+    /// Say whether a controller may take a slot over, by flying it ahead
+    #[command(after_help = rehearse::EXAMPLES)]
+    Rehearse(RehearseArguments),
+    /// Give a slot back to its old owner while that is still warm
+    #[command(after_help = "Example:\n  morphquad rollback attitude")]
+    Rollback(RollbackArguments),
+    /// Send away an instance that does not command
+    #[command(
+        after_help = "Examples:\n  morphquad retire attitude-lqr\n  morphquad retire attitude-mpc@1"
+    )]
+    Retire(RetireArguments),
+    /// Keep an instance warm that takes a slot over when its owner fails
+    #[command(after_help = "Example:\n  morphquad standby attitude attitude-mpc")]
+    Standby(StandbyArguments),
+    /// Send the vehicle of a run in the air to a place
+    #[command(after_help = orders::GOTO_EXAMPLES)]
+    Goto(GotoArguments),
+    /// Fold or spread the arms of a run in the air
+    #[command(after_help = orders::MORPH_EXAMPLES)]
+    Morph(MorphArguments),
+    /// End a run in the air in order, with its recording complete
+    #[command(after_help = air::STOP_EXAMPLES)]
+    Stop(StopArguments),
+    /// Serve a run in the air to browsers and Foxglove
+    #[command(after_help = live::EXAMPLES)]
+    Live(LiveArguments),
+    /// Disturb a run in the air
+    #[command(after_help = orders::DISTURB_EXAMPLES)]
+    Disturb(DisturbArguments),
+    /// Watch a run in the air
+    #[command(after_help = top::TOP_EXAMPLES)]
+    Top(TopArguments),
+    /// Look at the topics of a run in the air, or of a recording
+    #[command(subcommand)]
+    Topic(TopicCommand),
+    /// Lead a realtime run to its end whose launcher has died
+    #[command(after_help = air::ADOPT_EXAMPLES)]
+    Adopt(AdoptArguments),
+    /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
+    #[command(after_help = examples::REPLAY)]
+    Replay(ReplayArguments),
+    /// Tell what of this machine is in the way of realtime flights
+    #[command(after_help = doctor::EXAMPLES)]
+    Doctor(DoctorArguments),
+    /// Follow the wrench commands of a recording back to their IMU samples
+    #[command(after_help = trace::EXAMPLES)]
+    Trace(TraceArguments),
+    /// Show a recording in the browser: the vehicle in space, every constraint, what happened
+    #[command(after_help = view::EXAMPLES)]
+    View(ViewArguments),
+    /// Judge a recording: pass or fail and why, every number with its gate, pictures
+    #[command(after_help = report::EXAMPLES)]
+    Report(ReportArguments),
+    /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
+    #[command(after_help = examples::PAPER)]
+    Paper(PaperArguments),
+    /// Fly a scenario with many seeds and settings, on all cores
+    #[command(after_help = examples::CAMPAIGN)]
+    Campaign(CampaignArguments),
+    /// Fly or compute a whole range of conditions
+    #[command(subcommand)]
+    Study(StudyCommand),
+    /// Measure latencies of loops, paths and hops, with the machine's own noise beside them
+    #[command(subcommand, after_help = bench::EXAMPLES)]
+    Bench(BenchCommand),
+    /// Write a small crate that flies a slot, to begin one's own controller with
+    #[command(after_help = NEW_CONTROLLER_EXAMPLES)]
+    NewController(NewControllerArguments),
+    /// Show the samples as another language declares them
+    #[command(after_help = examples::TYPES)]
+    Types(TypesArguments),
+    /// Write what a shell needs to complete commands
+    #[command(after_help = pages::COMPLETIONS_EXAMPLES)]
+    Completions(CompletionsArguments),
+    /// Write a manual page for each command
+    #[command(after_help = pages::MAN_EXAMPLES)]
+    Man(ManArguments),
+    /// Make a complete file of a recording that is cut
+    #[command(after_help = recover::EXAMPLES)]
+    Recover(RecoverArguments),
+    /// Write the layout with which Foxglove, Lichtblick or `plotjuggler` shows a flight
+    #[command(after_help = pages::LAYOUT_EXAMPLES)]
+    Layout(LayoutArguments),
+    /// Be one process of a run
+    #[command(hide = true)]
+    Proc(ProcArguments),
+    /// Be another process of a measurement
+    #[command(hide = true)]
+    BenchPeer,
+}
+
+/// Many flights.
+#[derive(Debug, Clone, Args)]
+pub struct CampaignArguments {
+    /// File that names scenario, seeds and grid
+    pub file: PathBuf,
+    /// Folder for journal and tables; what the file says, or campaigns/NAME
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Throw away what an earlier run has flown
+    #[arg(long)]
+    pub restart: bool,
+    /// Form of the summary
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// What to reproduce.
+#[derive(Debug, Clone, Args)]
+pub struct PaperArguments {
+    /// Folder for tables, trajectories and pictures
+    #[arg(long, value_name = "DIR", default_value = "paper")]
+    pub out: PathBuf,
+    /// One test alone: 1 rates, 2 horizons, 3 sizes and disturbance
+    #[arg(long, value_name = "1|2|3", value_parser = clap::value_parser!(u8).range(1..=3))]
+    pub test: Option<u8>,
+    /// Form of what is printed
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Form of a command's result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people
+    Text,
+    /// For machines
+    Json,
+}
+
+const NEW_CONTROLLER_EXAMPLES: &str = "\
+Examples:
+  morphquad new-controller my-controller
+  morphquad new-controller my-planner --slot position --dir ~/controllers/my-planner";
+
+/// What to begin a controller with.
+#[derive(Debug, Clone, Args)]
+pub struct NewControllerArguments {
+    /// Name of the crate and of its executable
+    pub name: String,
+    /// Slot that it flies
+    #[arg(long, value_name = "attitude|position", default_value = "attitude")]
+    pub slot: String,
+    /// Folder to make; NAME if left out
+    #[arg(long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+    /// Source tree of morphquad to build against; the one that this executable is from if left out
+    #[arg(long, value_name = "DIR")]
+    pub path: Option<PathBuf>,
+}
+
+/// For which language, and where to.
+#[derive(Debug, Clone, Args)]
+#[command(group(ArgGroup::new("language").required(true)))]
+pub struct TypesArguments {
+    /// As ctypes structures of Python 3
+    #[arg(long, group = "language")]
+    pub python: bool,
+    /// File to write; stdout if left out
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Everything one process of a run is told.
+#[derive(Debug, Clone, Args)]
+pub struct ProcArguments {
+    /// Which service to be
+    pub service: String,
+    /// Where it takes part.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+}

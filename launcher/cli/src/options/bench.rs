@@ -1,0 +1,270 @@
+//! The grammar of `morphquad bench`.
+
+use super::duration::duration;
+use super::{Format, ScenarioArguments};
+use clap::{Args, Subcommand};
+use core::time::Duration;
+use launcher::bench::gate::Gate;
+use launcher::bench::load::Load;
+use launcher::bench::place::{Policy, cpus};
+use std::path::PathBuf;
+
+pub(super) const EXAMPLES: &str = "Examples:
+  morphquad bench loops figure8-morph --rate attitude=500 --for 60s --policy fifo --html bench.html
+  morphquad bench loops figure8-morph --rate attitude=500 --asap
+  morphquad bench loops --save before.json
+  morphquad bench loops --compare before.json --gate p99:+10% --gate lateness.p99:1.2x --gate held
+  morphquad bench solve --for 20s
+  morphquad bench rate --loop attitude-mpc --for 10s
+  morphquad bench scale --max 8
+  morphquad bench recorder --per-s 200000
+  morphquad bench watch --rounds 20 --max-ratio 1.02
+  morphquad bench hop --for 5s
+  morphquad bench hop --policy fifo --cpus 0,1 --max-ratio 1.25";
+
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// Every loop and every path of a realtime flight, with the machine's floor beside it
+    Loops(LoopsArguments),
+    /// One sample from process to process, through our ports and through bare iceoryx2
+    Hop(HopArguments),
+    /// One step of each service, alone
+    Solve(SolveArguments),
+    /// The highest rate that each loop holds: at most 0.1 % of its releases missed
+    Rate(RateArguments),
+    /// What a recording and somebody who asks how it goes cost a flight, against flights without
+    Watch(WatchArguments),
+    /// Samples of a flight, faster than it publishes them, through shared memory into a recording
+    Recorder(RecorderArguments),
+    /// The same flight with 1, 2, 4, ... vehicles at once
+    Scale(ScaleArguments),
+}
+
+/// Where everything that is measured runs.
+#[derive(Debug, Clone, Args)]
+pub struct PlaceArguments {
+    /// Scheduling policy; without the right to it, other, and the result says so
+    #[arg(long, value_enum, default_value = "fifo")]
+    pub policy: Policy,
+    /// Priority of the slowest loops under the policy fifo; each faster rate has one more
+    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u8).range(1..=90))]
+    pub priority: u8,
+    /// Processors for everything: 0,1 or 0-3; all if left out
+    #[arg(long, value_name = "LIST", value_parser = Cpus::parse)]
+    pub cpus: Option<Cpus>,
+}
+
+/// A list of processors.
+#[derive(Debug, Clone)]
+pub struct Cpus(pub Vec<usize>);
+
+impl Cpus {
+    fn parse(text: &str) -> Result<Self, String> {
+        cpus(text).map(Self)
+    }
+}
+
+impl PlaceArguments {
+    /// The same again as words, for a flight of its own.
+    #[must_use]
+    pub fn words(&self) -> Vec<String> {
+        let mut words = vec![format!("--policy={}", self.policy.label())];
+        words.push(format!("--priority={}", self.priority));
+        if let Some(Cpus(cpus)) = &self.cpus {
+            let cpus: Vec<String> = cpus.iter().map(usize::to_string).collect();
+            words.push(format!("--cpus={}", cpus.join(",")));
+        }
+        words
+    }
+
+    /// The processors named; none for all.
+    #[must_use]
+    pub fn cpus(&self) -> &[usize] {
+        self.cpus.as_ref().map_or(&[], |cpus| &cpus.0)
+    }
+}
+
+/// A scenario as words, for a flight of its own that lasts this long unless told otherwise.
+#[must_use]
+pub fn scenario_words(scenario: &ScenarioArguments, usual: &str) -> Vec<String> {
+    let for_s = scenario.duration.map(|duration| format!("{}s", duration.as_secs_f64()));
+    let mut words = vec![scenario.scenario.clone()];
+    words.push(format!("--for={}", for_s.as_deref().unwrap_or(usual)));
+    words.extend(scenario.seed.map(|seed| format!("--seed={seed}")));
+    let lists = [
+        ("--rate", &scenario.rate),
+        ("--crew", &scenario.crew),
+        ("--set", &scenario.set),
+        ("--swap", &scenario.swap),
+        ("--standby", &scenario.standby),
+        ("--fault", &scenario.fault),
+    ];
+    for (flag, values) in lists {
+        words.extend(values.iter().map(|value| format!("{flag}={value}")));
+    }
+    words
+}
+
+/// One sample on its way.
+#[derive(Debug, Clone, Args)]
+pub struct HopArguments {
+    /// How long each carrier is measured with a sleeping reader
+    #[arg(long = "for", value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
+    pub duration: Duration,
+    /// Where.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+    /// End with 1 if the median through our ports is more than this many times the bare transport's
+    #[arg(long, value_name = "RATIO")]
+    pub max_ratio: Option<f64>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// A measured flight.
+#[derive(Debug, Clone, Args)]
+pub struct LoopsArguments {
+    /// The scenario; it flies in realtime.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Where.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+    /// What else the machine does meanwhile, on every processor
+    #[arg(long, value_enum, default_value = "none")]
+    pub load: Load,
+    /// Let commands and set points take effect when they are published, and not a latency after
+    #[arg(long)]
+    pub asap: bool,
+    /// Time at the beginning that is counted apart; 1s, or a quarter of a shorter flight
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = duration)]
+    pub warm_up: Option<Duration>,
+    /// Leave the machine's own noise out
+    #[arg(long)]
+    pub no_floor: bool,
+    /// Folder for a recording of the flight
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+    /// File for the result, to compare with later
+    #[arg(long, value_name = "FILE")]
+    pub save: Option<PathBuf>,
+    /// An earlier result, of the same machine, version, scenario, rates and policy
+    #[arg(long, value_name = "FILE")]
+    pub compare: Option<PathBuf>,
+    /// File for a page with tables and pictures that needs nothing else
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Folder for a picture of each loop and path as SVG
+    #[arg(long, value_name = "DIR")]
+    pub svg: Option<PathBuf>,
+    /// Folder for the same as PNG
+    #[arg(long, value_name = "DIR")]
+    pub png: Option<PathBuf>,
+    /// Limits, beyond which the command ends with 1: p99:+10% from the earlier result,
+    /// lateness.p99:1.2x the floor, path.p99:500us, or held for rates; growth below 1 us is none
+    #[arg(long, value_name = "LIMIT", value_parser = Gate::parse)]
+    pub gate: Vec<Gate>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "table")]
+    pub format: TableFormat,
+}
+
+/// Form of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum TableFormat {
+    /// For people
+    #[value(alias = "text")]
+    Table,
+    /// For machines
+    Json,
+}
+
+/// Rates to be found out.
+#[derive(Debug, Clone, Args)]
+pub struct RateArguments {
+    /// The scenario; each flight of it takes 5s unless --for says otherwise.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Where.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+    /// Only this loop
+    #[arg(long = "loop", value_name = "NAME")]
+    pub only: Vec<String>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Flights with and without somebody who watches.
+#[derive(Debug, Clone, Args)]
+pub struct WatchArguments {
+    /// The scenario; each flight of it takes 5s, each stretch 3s, unless --for says otherwise.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Where.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+    /// Pairs of flights, or of stretches, one of each kind
+    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    pub rounds: u16,
+    /// Viewers of `morphquad live` in turns within one flight: its page, and one of every topic
+    #[arg(long)]
+    pub live: bool,
+    /// End with 1 if the 99 % of the loops are certainly more than this many times those of a flight alone
+    #[arg(long, value_name = "RATIO")]
+    pub max_ratio: Option<f64>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// A flight for the recorder.
+#[derive(Debug, Clone, Args)]
+pub struct RecorderArguments {
+    /// The scenario whose samples they are; 2s of it unless --for says otherwise, over and over.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Samples and states per second; everything not in the file makes it end with 1
+    #[arg(long, value_name = "N", default_value = "200000", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub per_s: u32,
+    /// How long they are offered at that rate
+    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
+    pub offer_for: Duration,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Vehicles at once.
+#[derive(Debug, Clone, Args)]
+pub struct ScaleArguments {
+    /// The scenario; each flight of it takes 5s unless --for says otherwise.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Where.
+    #[command(flatten)]
+    pub place: PlaceArguments,
+    /// Most vehicles at once
+    #[arg(long, value_name = "N", default_value = "4", value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub max: u16,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Steps alone.
+#[derive(Debug, Clone, Args)]
+pub struct SolveArguments {
+    /// The scenario; it flies in lockstep, without processes.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Processor to run on
+    #[arg(long, value_name = "LIST", value_parser = Cpus::parse)]
+    pub cpus: Option<Cpus>,
+    /// Form of the result
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}

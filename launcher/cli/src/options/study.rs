@@ -1,0 +1,71 @@
+//! Arguments of `study`.
+
+use super::{Format, examples};
+use clap::{Args, Subcommand};
+use launcher::scenario::TESTED_RATES_HZ;
+use std::path::PathBuf;
+
+/// Which study.
+#[derive(Debug, Subcommand)]
+pub(crate) enum StudyCommand {
+    /// Fly every attitude controller under every position controller and compare them in one table
+    #[command(after_help = examples::CONTROLLERS)]
+    Controllers(StudyOutput),
+    /// Fly figure8-morph at sweeps from 4 s to 0.3 s, with the law scheduled and not
+    #[command(after_help = examples::MORPHING)]
+    Morphing(MorphingArguments),
+    /// Map where the attitude loop is stable: rotor lag, inertia and delay over its weight
+    #[command(after_help = examples::STABILITY)]
+    Stability(StabilityArguments),
+    /// Certify how many changes of its working set one solve of the attitude law can need
+    #[command(after_help = examples::WORST_CASE)]
+    WorstCase(StabilityArguments),
+}
+
+/// Where results go and how much is computed.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct StudyOutput {
+    /// Folder for tables, pictures and JSON
+    #[arg(long, value_name = "DIR", default_value = "study")]
+    pub(crate) out: PathBuf,
+    /// A small part of it, in seconds
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Form of the result on stdout
+    #[arg(long, value_enum, default_value = "text")]
+    pub(crate) format: Format,
+}
+
+/// The flights of the morphing study.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct MorphingArguments {
+    #[command(flatten)]
+    pub(crate) out: StudyOutput,
+    /// Seeds of the scheduled law as flown; 20, or 3 if quick
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    pub(crate) seeds: Option<u64>,
+}
+
+/// The attitude loop of a study.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct StabilityArguments {
+    #[command(flatten)]
+    pub(crate) out: StudyOutput,
+    /// Control rate, 50 to 1000
+    #[arg(long, value_name = "HZ", default_value = "100", value_parser = attitude_rate)]
+    pub(crate) rate: f64,
+    /// Deployable angle
+    #[arg(long, value_name = "DEGREES", default_value = "45")]
+    pub(crate) angle: f64,
+}
+
+/// A rate at which the attitude loop is tested.
+fn attitude_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().map_err(|_| format!("`{text}` is not a number"))?;
+    if TESTED_RATES_HZ.contains(&rate) {
+        Ok(rate)
+    } else {
+        let (least, most) = TESTED_RATES_HZ.into_inner();
+        Err(format!("no attitude loop is tested there: give {least} to {most} Hz"))
+    }
+}

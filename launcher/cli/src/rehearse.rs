@@ -1,0 +1,161 @@
+//! `morphquad rehearse`: whether a controller may take a slot over, before it does.
+
+use super::options::{Format, RehearseArguments};
+use super::refusal::{Done, Failure};
+use core::fmt::Write as _;
+use launcher::candidate::{Candidate, Slot};
+use launcher::exit;
+use launcher::rehearse::{
+    Owners, Rehearsal, RehearsalFigures, RehearsalSpec, Role, Verdict, verdict, watch,
+};
+use launcher::scenario::{Override, Scenario};
+use rehearsal::Measure;
+use runtime::clock::mono_now_ns;
+use rustix::process::{Resource, Rlimit, Signal, nice, set_parent_process_death_signal, setrlimit};
+use std::io::{Read as _, Write};
+use std::path::{Path, PathBuf};
+
+/// Runs the command.
+pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
+    if let Some(file) = &arguments.spec {
+        return serve(file, arguments.nice, out);
+    }
+    let scenario = scenario(arguments)?;
+    let spec = spec(arguments, &scenario)?;
+    if let Some(draw) = arguments.scenario_of {
+        let rehearsal = Rehearsal::prepare(spec).map_err(|r| Failure::plain(&r, exit::UNFIT))?;
+        let derived = rehearsal.scenario(draw.into(), Role::Candidate);
+        let derived = derived.map_err(|refusal| Failure::plain(&refusal, exit::UNFIT))?;
+        write!(out, "{}", derived.to_toml())?;
+        return Ok(exit::PASS);
+    }
+    let told = verdict(spec, &mut until(scenario.settings().rehearsal.wall_max_s));
+    match arguments.format {
+        Format::Json => line(&told, out)?,
+        Format::Text => {
+            let word = if told.accepted { "ACCEPTED" } else { "REFUSED" };
+            writeln!(out, "{word}  {}", told.words)?;
+            if let Some(figures) = told.measured() {
+                write!(out, "{}", table(figures))?;
+            }
+        }
+    }
+    Ok(if told.accepted { exit::PASS } else { exit::GATE_FAILED })
+}
+
+/// False once so much wall time is over.
+fn until(wall_max_s: f64) -> impl FnMut() -> bool {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+    let end_ns = mono_now_ns().saturating_add((wall_max_s * 1e9) as u64);
+    move || mono_now_ns() < end_ns
+}
+
+/// As a launcher has it done: in a process of its own, which stands back for others as far as it is told.
+fn serve(file: &Path, by: i32, out: &mut dyn Write) -> Done {
+    // Without permission for either the rehearsal is as good, and its end is its own.
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
+    let _ = nice(by);
+    let text = if file == Path::new("-") {
+        let mut text = String::new();
+        std::io::stdin().read_to_string(&mut text).map(|_| text)
+    } else {
+        std::fs::read_to_string(file)
+    };
+    let unusable = |error: &dyn core::fmt::Display| {
+        let told = format!("{}: {error}: write what `rehearse` is to fly as JSON", file.display());
+        Failure::plain(&told, exit::USAGE)
+    };
+    let text = text.map_err(|error| unusable(&error))?;
+    let spec: RehearsalSpec = serde_json::from_str(&text).map_err(|error| unusable(&error))?;
+    let scenario = Scenario::from_text("the flight's scenario", &spec.scenario, &[]);
+    let wall_max_s = scenario.map_or(0.0, |s| s.settings().rehearsal.wall_max_s);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+    let cpu_s = wall_max_s.ceil() as u64 + 1;
+    let _ = setrlimit(Resource::Cpu, Rlimit { current: Some(cpu_s), maximum: Some(cpu_s + 1) });
+    let told = verdict(spec, &mut until(wall_max_s));
+    line(&told, out)?;
+    Ok(if told.accepted { exit::PASS } else { exit::GATE_FAILED })
+}
+
+fn line(told: &Verdict, out: &mut dyn Write) -> Result<(), Failure> {
+    let json = serde_json::to_string(told);
+    let json = json.map_err(|error| Failure::plain(&error, exit::UNFIT))?;
+    writeln!(out, "{json}")?;
+    Ok(out.flush()?)
+}
+
+fn scenario(arguments: &RehearseArguments) -> Result<Scenario, Failure> {
+    let set = arguments.set.iter().map(|argument| Override::set(argument));
+    let crew = arguments.crew.iter().map(|argument| Override::crew(argument));
+    let edits: Result<Vec<Override>, _> = set.chain(crew).collect();
+    let loaded = edits.and_then(|mut edits| {
+        edits.extend(arguments.seed.map(Override::seed));
+        edits.push(Override::clock("lockstep"));
+        Scenario::load(arguments.scenario.as_deref().unwrap_or_default(), &edits)
+    });
+    loaded.map_err(|error| Failure::report(error, exit::USAGE))
+}
+
+/// Flies to the instant of the swap and says who is to take over there.
+fn spec(arguments: &RehearseArguments, scenario: &Scenario) -> Result<RehearsalSpec, Failure> {
+    let swap = arguments.swap.as_deref().unwrap_or_default();
+    let usage = |told: String| Failure::plain(&told, exit::USAGE);
+    let form = "write --swap SLOT=NAME, for example --swap attitude=attitude-lqr";
+    let (head, config) = match swap.split_once(",config=") {
+        Some((head, config)) => (head, Some(PathBuf::from(config))),
+        None => (swap, None),
+    };
+    let parts = head.split_once('=').and_then(|(slot, name)| Some((Slot::named(slot)?, name)));
+    let (slot, name) = parts.ok_or_else(|| usage(format!("--swap {swap}: {form}")))?;
+    let found = Candidate::find(slot, name);
+    let candidate = found.map_err(|none| usage(format!("{}: {}", none.what, none.remedy)))?;
+    let candidate = match candidate {
+        Candidate::Service(name) => name.to_owned(),
+        Candidate::Executable(path) => path.display().to_string(),
+    };
+    let at_ns = u64::try_from(arguments.at.as_nanos()).unwrap_or(u64::MAX);
+    if at_ns >= scenario.duration_ns() {
+        let end_s = scenario.settings().scenario.duration_s;
+        return Err(usage(format!("--at: the flight ends at {end_s} s: name an instant before")));
+    }
+    let snapshot = watch::snapshot_of(scenario, at_ns);
+    let snapshot = snapshot.map_err(|error| Failure::plain(&error, exit::UNFIT))?;
+    let snapshot = snapshot.ok_or_else(|| {
+        usage(
+            "--at: the vehicle knows nothing yet: name a later instant, for example 1s".to_owned(),
+        )
+    })?;
+    Ok(RehearsalSpec {
+        scenario: scenario.to_toml().to_owned(),
+        snapshot,
+        slot,
+        owners: Owners::default(),
+        owner: None,
+        candidate,
+        config,
+        seed: scenario.settings().scenario.seed,
+        swap: arguments.number,
+    })
+}
+
+/// A row for each challenge: candidate and limit of each measure.
+fn table(figures: &RehearsalFigures) -> String {
+    let mut text = String::new();
+    let mut last = None;
+    for figure in &figures.figures {
+        let at = (figure.draw, figure.at_s.to_bits());
+        if last != Some(at) {
+            let flight = if figure.draw == 0 { "mean" } else { "draw" };
+            let (draw, what) = (figure.draw, figure.challenge.words());
+            let _ =
+                writeln!(text, "  {flight} {draw}, {:.2} s after the flip: {what}", figure.at_s);
+            last = Some(at);
+        }
+        let mark = if figure.is_within() { ' ' } else { '!' };
+        let [is, may, owner] =
+            [figure.candidate, figure.limit, figure.owner].map(|value| figure.measure.shown(value));
+        let name = Measure::words(figure.measure);
+        let _ = writeln!(text, "  {mark} {name:<42}{is:>14} of {may:>14}   owner {owner:>14}");
+    }
+    text
+}

@@ -1,0 +1,195 @@
+//! `morphquad replay`: a recording again, compared with itself, another setting or another build.
+
+use super::options::{Format, ReplayArguments};
+use super::refusal::{Done, Failure};
+use indicatif::ProgressBar;
+use launcher::components;
+use launcher::exit;
+use launcher::record::read::{ReadError, RecordedFlight};
+use launcher::replay::{self, ReplayError, Who, With};
+use launcher::scenario::{Override, suggestion};
+use serde_json::{Map, Value};
+use shared_types::Role;
+use std::io::{self, IsTerminal as _, Write};
+use std::path::Path;
+
+/// Why a replay said nothing.
+enum Refusal {
+    /// The command line does not make sense.
+    Usage(String),
+    Replay(ReplayError),
+}
+
+impl<E: Into<ReplayError>> From<E> for Refusal {
+    fn from(error: E) -> Self {
+        Self::Replay(error.into())
+    }
+}
+
+/// What a replay said, and whether all was as it should be.
+#[derive(Default)]
+struct Answer {
+    text: String,
+    json: Map<String, Value>,
+    differs: bool,
+}
+
+impl Answer {
+    fn add(&mut self, key: &str, text: &dyn core::fmt::Display, json: Value, differs: bool) {
+        self.text += &text.to_string();
+        self.text.push('\n');
+        self.json.insert(key.to_owned(), json);
+        self.differs |= differs;
+    }
+}
+
+/// Replays and says what came of it.
+pub(super) fn run(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
+    let answer = answer(arguments).map_err(|refusal| match refusal {
+        Refusal::Usage(what) => Failure::plain(&what, exit::USAGE),
+        Refusal::Replay(ReplayError::Scenario(error)) => Failure::report(error, exit::USAGE),
+        Refusal::Replay(error) => Failure::plain(&error, code_of(&error)),
+    })?;
+    match arguments.format {
+        Format::Text => out.write_all(answer.text.as_bytes())?,
+        Format::Json => writeln!(out, "{}", Value::Object(answer.json))?,
+    }
+    out.flush()?;
+    Ok(if answer.differs { exit::GATE_FAILED } else { exit::PASS })
+}
+
+/// A file that cannot be read, however it came to that, was asked for wrongly.
+fn code_of(error: &ReplayError) -> u8 {
+    match error {
+        ReplayError::Record(_) | ReplayError::Read(ReadError::TooLong { .. }) => exit::UNFIT,
+        ReplayError::Interrupted => exit::INTERRUPTED,
+        _ => exit::USAGE,
+    }
+}
+
+fn answer(arguments: &ReplayArguments) -> Result<Answer, Refusal> {
+    let whom = arguments.service.iter().map(|name| who(name)).collect::<Result<Vec<_>, _>>()?;
+    if !whom.is_empty()
+        && !arguments.verify
+        && arguments.with.is_none()
+        && arguments.outputs.is_none()
+    {
+        let what = "--hash is of the whole flight: leave --service away, or add --verify";
+        return Err(Refusal::Usage(what.to_owned()));
+    }
+    let overrides =
+        arguments.set.iter().map(|set| Override::set(set)).collect::<Result<Vec<_>, _>>();
+    let overrides = overrides.map_err(ReplayError::Scenario)?;
+    let with = arguments.with.as_deref().map(|with| controller(with, &whom, &overrides));
+    let with = with.transpose()?;
+    if !overrides.is_empty() && with.is_none() && arguments.outputs.is_none() {
+        let what = "--set changes the controller that --with or --outputs names: add one of them";
+        return Err(Refusal::Usage(what.to_owned()));
+    }
+    let flight = RecordedFlight::open(&arguments.file)?;
+    let mut answer = Answer::default();
+    let file = flight.path().display().to_string();
+    answer.json.insert("file".to_owned(), file.into());
+    if arguments.hash {
+        let hashes = replay::hashes(&flight)?;
+        answer.add("hashes", &hashes, hashes.to_json(), !hashes.agree());
+    }
+    if arguments.verify {
+        let bar = progress(whom.len());
+        let verified = replay::verify(&flight, &whom, |service| {
+            bar.set_message(service.instance.to_string());
+            bar.inc(1);
+        });
+        bar.finish_and_clear();
+        let verified = verified?;
+        answer.add("verify", &verified, verified.to_json(), !verified.identical());
+    }
+    if let Some((who, with)) = with {
+        let departure = replay::depart(&flight, &who, &with)?;
+        answer.add("with", &departure, departure.to_json(who.role), false);
+    }
+    if let Some(path) = &arguments.outputs {
+        write_outputs(&flight, &whom, &overrides, path)?;
+    }
+    Ok(answer)
+}
+
+fn write_outputs(
+    flight: &RecordedFlight,
+    whom: &[Who],
+    overrides: &[Override],
+    path: &Path,
+) -> Result<(), Refusal> {
+    let [who] = whom else {
+        let what = "--outputs writes those of one service: name it with --service";
+        return Err(Refusal::Usage(what.to_owned()));
+    };
+    Ok(replay::write_outputs(flight, who, overrides, path)?)
+}
+
+/// Role by its own name or that of its service.
+fn role(name: &str) -> Result<Role, Refusal> {
+    let by_label = Role::STEPPING.into_iter().find(|role| role.label() == name);
+    components::role_of(name).or(by_label).ok_or_else(|| {
+        let labels = Role::STEPPING.into_iter().map(Role::label);
+        let remedy = suggestion(name, labels.chain(components::names()));
+        Refusal::Usage(format!("--service {name}: no service has this name; {remedy}"))
+    })
+}
+
+/// `NAME`, `NAME@SEAT` or `ROLE@SEAT`: whom a replay is about.
+fn who(text: &str) -> Result<Who, Refusal> {
+    let (name, seat) = match text.rsplit_once('@') {
+        Some((name, seat)) => (name, Some(seat)),
+        None => (text, None),
+    };
+    let role = role(name)?;
+    let seat = seat.map(|seat| {
+        let index = seat.parse().ok().filter(|index| *index < role.seats());
+        index.ok_or_else(|| {
+            let last = role.seats() - 1;
+            let what = format!("--service {text}: {} has seats 0 to {last}", role.label());
+            Refusal::Usage(what)
+        })
+    });
+    // Of a role that one service alone fills, its name says no more than the role.
+    let named = components::names_for(role).find(|known| *known == name);
+    let several = components::names_for(role).count() > 1;
+    Ok(Who { role, name: named.filter(|_| several), seat: seat.transpose()? })
+}
+
+/// Who replays in whose place.
+fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, With), Refusal> {
+    if let Ok(role) = role(with) {
+        if whom.len() > 1 || whom.iter().any(|who| who.role != role) {
+            let what = format!("--with {with} replaces {}, not what --service names", role.label());
+            return Err(Refusal::Usage(what));
+        }
+        let name = components::names().into_iter().find(|name| *name == with);
+        let who = whom.first().copied().unwrap_or_else(|| Who::all_of(role));
+        return Ok((who, With::Service { name, overrides: overrides.to_vec() }));
+    }
+    if !Path::new(with).is_file() {
+        let what =
+            format!("--with {with}: neither a service nor an executable; give the path of one");
+        return Err(Refusal::Usage(what));
+    }
+    if !overrides.is_empty() {
+        let what = "--set changes a service of this build; another executable has its own settings";
+        return Err(Refusal::Usage(what.to_owned()));
+    }
+    let [who] = *whom else {
+        let what = format!("--with {with}: say with --service which one it replays");
+        return Err(Refusal::Usage(what));
+    };
+    Ok((who, With::Executable(with.into())))
+}
+
+/// A bar over services, on a terminal only.
+fn progress(asked_for: usize) -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let services = if asked_for == 0 { Role::STEPPING.len() } else { asked_for };
+    ProgressBar::new(services as u64)
+}

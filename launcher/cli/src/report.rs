@@ -1,0 +1,158 @@
+//! `morphquad report`: a recording judged, told and drawn.
+
+use super::flown::{self, Writers, unreadable};
+use super::keep_safe::write_page;
+use super::options::{Format, ReportArguments};
+use super::recover::RECOVERED;
+use super::refusal::{Done, Failure};
+use launcher::exit;
+use launcher::record::read::RecordedFlight;
+use launcher::report::{Folder, Report, document, pictures};
+use launcher::results::ResultsFolder;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Reports on one recording or on all of a folder; 1 if a gate fails, 2 if a file cannot be read.
+pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write) -> Done {
+    if !arguments.more.is_empty() {
+        let folder = arguments.file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).display();
+        let told = format!(
+            "report takes one recording, or all of a folder, not several: try `morphquad report {folder}`"
+        );
+        return Err(unreadable(&told));
+    }
+    let is_folder = arguments.file.is_dir();
+    let folder = if is_folder {
+        of_folder(&recordings_in(&arguments.file)?)
+    } else {
+        let flight = flown::open(&arguments.file)?;
+        if let Some(run) = Writers::now().of(&flight) {
+            let file = arguments.file.display();
+            return Err(unreadable(&format!(
+                "{file}: {}; look at it with `morphquad top --run {run}`",
+                in_the_air(&run)
+            )));
+        }
+        let busy = super::bar::busy("reading");
+        let report = Report::of(&flight);
+        drop(busy);
+        Folder { reports: vec![report.map_err(|error| unreadable(&error))?], ..Folder::default() }
+    };
+    if let Some(path) = &arguments.png {
+        write_pictures(&folder.reports, path)?;
+    }
+    if let Some(path) = &arguments.html {
+        write_page(path, document(&folder), "--html")?;
+    }
+    let verdict = match &folder {
+        Folder { unread, .. } if !unread.is_empty() => exit::USAGE,
+        Folder { reports, .. } if !reports.iter().all(Report::passes) => exit::GATE_FAILED,
+        _ => exit::PASS,
+    };
+    match tell(&folder, is_folder, arguments, out) {
+        // Who has read enough, such as `head`, makes no pass of a fail.
+        Err(Failure::Unwritten(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(verdict),
+        told => told.map(|()| verdict),
+    }
+}
+
+/// Whatever can be told of a folder's files; what cannot be read, or is not to be judged, is named.
+fn of_folder(files: &[PathBuf]) -> Folder {
+    let bar = super::bar::bar(files.len(), "recordings");
+    let mut folder = Folder::default();
+    let writers = Writers::now();
+    for path in files {
+        let file = || path.display().to_string();
+        bar.inc(1);
+        if let Some(copy) = recovered(path).filter(|copy| files.contains(copy)) {
+            let why = format!("recovered as {}, which is judged instead", copy.display());
+            folder.left_out.push((file(), why));
+            continue;
+        }
+        let flight = RecordedFlight::open(path);
+        if let Some(run) = flight.as_ref().ok().and_then(|flight| writers.of(flight)) {
+            folder.left_out.push((file(), in_the_air(&run)));
+            continue;
+        }
+        let report = flight.map_err(|error| error.to_string());
+        let report =
+            report.and_then(|flight| Report::of(&flight).map_err(|error| error.to_string()));
+        match report {
+            Ok(report) => folder.reports.push(report),
+            Err(why) => folder.unread.push((file(), why)),
+        }
+    }
+    bar.finish_and_clear();
+    folder
+}
+
+fn in_the_air(run: &str) -> String {
+    format!("run {run} is in the air and still writes it; it is judged when the run is over")
+}
+
+/// Where `recover` puts the complete copy of a recording.
+fn recovered(path: &Path) -> Option<PathBuf> {
+    let stem = path.file_stem()?.to_string_lossy();
+    Some(path.with_file_name(format!("{stem}{RECOVERED}")))
+}
+
+fn tell(
+    folder: &Folder,
+    is_folder: bool,
+    arguments: &ReportArguments,
+    out: &mut dyn Write,
+) -> Result<(), Failure> {
+    match (arguments.format, &folder.reports[..]) {
+        (Format::Json, [one]) if !is_folder => writeln!(out, "{}", one.to_json())?,
+        (Format::Json, _) => writeln!(out, "{}", folder.to_json())?,
+        (Format::Text, reports) if is_folder => {
+            writeln!(out, "{}", folder.sentence())?;
+            for report in reports {
+                writeln!(out, "{}: {}", report.file, report.sentence)?;
+            }
+            for (_, why) in &folder.unread {
+                writeln!(out, "{why}")?;
+            }
+            for (file, why) in &folder.left_out {
+                writeln!(out, "{file}: {why}")?;
+            }
+        }
+        (Format::Text, reports) => {
+            for report in reports {
+                write!(out, "{report}")?;
+            }
+        }
+    }
+    if let (Format::Text, Some(path)) = (arguments.format, &arguments.html) {
+        writeln!(out, "{}: open it in a browser", path.display())?;
+    }
+    out.flush()?;
+    Ok(())
+}
+
+/// Every recording of a folder, by name.
+fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let failed = |error: &dyn std::fmt::Display| {
+        let folder = folder.display();
+        unreadable(&format!(
+            "cannot report on {folder}: {error}; give a recording or a folder of them"
+        ))
+    };
+    let files = flown::recordings_in(folder).map_err(|error| failed(&error))?;
+    if files.is_empty() { Err(failed(&"it holds no file *.mcap")) } else { Ok(files) }
+}
+
+/// One picture each, in a folder of its own for each of several recordings.
+fn write_pictures(reports: &[Report], folder: &Path) -> Result<(), Failure> {
+    for report in reports {
+        let name = Path::new(&report.file).file_stem().unwrap_or_default();
+        let folder = if reports.len() > 1 { folder.join(name) } else { folder.to_owned() };
+        let failed = |error| Failure::report(error, exit::UNFIT);
+        let mut folder = ResultsFolder::named_by("--png DIR", &folder).map_err(failed)?;
+        for (name, figure) in pictures(report) {
+            folder.bitmap(name, &figure).map_err(failed)?;
+        }
+    }
+    Ok(())
+}

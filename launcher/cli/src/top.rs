@@ -1,0 +1,69 @@
+//! `morphquad top`.
+
+use super::options::{Format, TopArguments};
+use super::ps::Trouble;
+use super::refusal::{Done, Failure};
+use anstream::adapter::strip_str;
+use launcher::control::runs;
+use launcher::exit;
+use launcher::top::draw::plain;
+use launcher::top::screen::{Ear, show, status_of};
+use launcher::top::snapshot::Usage;
+use runtime::clock::{mono_now_ns, sleep_until};
+use serde_json::json;
+use std::io::{self, IsTerminal as _, Write};
+
+/// How long one look takes \[ns\].
+const LOOK_NS: u64 = 1_000_000_000;
+
+/// Shows a run until asked to stop, or once.
+pub(super) fn run(arguments: &TopArguments, out: &mut dyn Write) -> Done {
+    let refuse = |trouble: Trouble| {
+        let code = trouble.exit_code();
+        Failure::report(trouble, code)
+    };
+    let found = runs::find(arguments.run.run.as_deref()).map_err(|error| refuse(error.into()))?;
+    let first = status_of(&found).map_err(|error| refuse(error.into()))?;
+    let ear = Ear::open(&found).map_err(|error| refuse(error.into()))?;
+    let on_terminal = io::stdout().is_terminal() && io::stdin().is_terminal();
+    if !arguments.once && on_terminal {
+        show(&found, &ear, first, execute)?;
+        return Ok(exit::PASS);
+    }
+    // The first look is what processor time is counted from.
+    let (mut usage, begin_ns) = (Usage::default(), mono_now_ns());
+    let _ = ear.snapshot(first, &mut usage, 0.0);
+    sleep_until(begin_ns + LOOK_NS);
+    let status = status_of(&found).map_err(|error| refuse(error.into()))?;
+    let snapshot =
+        ear.snapshot(status, &mut usage, mono_now_ns().saturating_sub(begin_ns) as f64 / 1e9);
+    match arguments.format {
+        Format::Text => write!(out, "{}", plain(&snapshot))?,
+        Format::Json => {
+            let mut all = json!(snapshot.status);
+            all["loops"] = json!(snapshot.loops);
+            all["dropped"] = json!(snapshot.dropped);
+            if let Some(object) = all.as_object_mut() {
+                object.remove("processes");
+            }
+            writeln!(out, "{all}")?;
+        }
+    }
+    out.flush()?;
+    Ok(exit::PASS)
+}
+
+/// A command typed on the screen, with all that it says.
+fn execute(words: Vec<String>) -> Vec<String> {
+    let (mut out, mut diagnostics) = (Vec::new(), Vec::new());
+    let code = super::execute(words.into_iter().map(Into::into), &mut out, &mut diagnostics);
+    let text = [out, diagnostics].concat();
+    // Complaints are coloured for the terminal, which here is the screen's.
+    let text = strip_str(&String::from_utf8_lossy(&text)).to_string();
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
+    let mut lines: Vec<String> = lines.map(str::to_owned).collect();
+    if code != exit::PASS && lines.is_empty() {
+        lines.push(format!("ended with {code}"));
+    }
+    lines
+}

@@ -1,0 +1,179 @@
+//! `morphquad topic echo`.
+
+use super::{EVENTS, What, find, open, refuse};
+use crate::options::{SampleFormat, TopicEchoArguments};
+use crate::refusal::Done;
+use core::time::Duration;
+use launcher::exit;
+use launcher::record::Clock;
+use launcher::record::read::{RecordVisitor, RecordedEvent};
+use launcher::topic::fields::{to_json, to_text};
+use launcher::topic::live::{Listening, Word};
+use launcher::topic::unpack;
+use serde_json::{Map, Value, json};
+use shared_types::{Header, Sample, Topic, TopicInfo};
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+/// How long to wait before looking whether anything is to be written out.
+const MOMENT: Duration = Duration::from_millis(100);
+
+/// Shows samples until there are enough, or no more.
+pub(super) fn run(
+    arguments: &TopicEchoArguments,
+    out: &mut dyn Write,
+    said: &mut dyn Write,
+) -> Done {
+    let what = What::of(&arguments.what)?;
+    let mut echo = Echo::new(arguments, out);
+    match &what.file {
+        Some(path) => {
+            let flight = open(path)?;
+            let time = (flight.epoch_unix_ns(), flight.clock());
+            let mut reader = FromFile { what: &what, time, echo: &mut echo };
+            flight.visit(&mut reader).map_err(refuse)?;
+        }
+        None => live(arguments, &what, &mut echo, said)?,
+    }
+    echo.finish()?;
+    Ok(exit::PASS)
+}
+
+fn live(
+    arguments: &TopicEchoArguments,
+    what: &What,
+    echo: &mut Echo<'_>,
+    said: &mut dyn Write,
+) -> Result<(), crate::refusal::Failure> {
+    let run = find(arguments.run.run.as_deref())?;
+    let topics = what.topics_or_all();
+    let mut listening = Listening::to(&run, &topics, what.wants_events()).map_err(refuse)?;
+    let time = (listening.flying().epoch_unix_ns, listening.flying().clock());
+    while !echo.is_done() {
+        match listening.next(MOMENT).map_err(refuse)? {
+            Word::Sample(topic, packed) => {
+                if let Some((header, fields)) = unpack(topic, &packed) {
+                    echo.show(topic.name, &header, || fields);
+                }
+            }
+            Word::Dropped(count) => {
+                writeln!(said, "morphquad: {count} samples were left out, read too slowly")?;
+            }
+            Word::Told(log) => {
+                if let Ok(event) = RecordedEvent::decode(&log) {
+                    echo.tell(&event, time);
+                }
+            }
+            Word::Nothing | Word::Ended(_) => echo.out.flush()?,
+            Word::Over => break,
+        }
+    }
+    Ok(())
+}
+
+/// Writes what passes.
+struct Echo<'a> {
+    arguments: &'a TopicEchoArguments,
+    out: &'a mut dyn Write,
+    /// Samples of each topic so far.
+    seen: BTreeMap<&'static str, u64>,
+    shown: u64,
+    trouble: Option<io::Error>,
+}
+
+impl<'a> Echo<'a> {
+    fn new(arguments: &'a TopicEchoArguments, out: &'a mut dyn Write) -> Self {
+        Self { arguments, out, seen: BTreeMap::new(), shown: 0, trouble: None }
+    }
+
+    fn is_done(&self) -> bool {
+        self.trouble.is_some() || self.arguments.count.is_some_and(|count| self.shown >= count)
+    }
+
+    fn show(
+        &mut self,
+        topic: &'static str,
+        header: &Header,
+        fields: impl FnOnce() -> Map<String, Value>,
+    ) {
+        if !self.is_next(topic, header.release_ns as f64 * 1e-9) {
+            return;
+        }
+        let fields = fields();
+        let text = || to_text(topic, header, &fields);
+        self.write(text, || json!({topic: fields}));
+    }
+
+    /// Shows an event of a flight that began at Unix time `time.0` \[ns\].
+    fn tell(&mut self, event: &RecordedEvent, (epoch_unix_ns, clock): (u64, Clock)) {
+        let at_s = event.at_s(epoch_unix_ns, clock);
+        if !self.is_next(EVENTS, at_s) {
+            return;
+        }
+        let RecordedEvent { source, text, .. } = event;
+        let severity = event.severity();
+        self.write(
+            || format!("{EVENTS}  {at_s:.6} s  {severity}  {source}: {text}\n"),
+            || json!({EVENTS: { "t_s": at_s, "severity": severity, "source": source, "text": text }}),
+        );
+    }
+
+    /// Counts one of a topic; true if it is to be shown.
+    fn is_next(&mut self, topic: &'static str, at_s: f64) -> bool {
+        let from_s = self.arguments.from.map_or(0.0, |from| from.as_secs_f64());
+        // Instants are whole nanoseconds; a double has them to fractions of one.
+        if self.is_done() || at_s < from_s - 0.5e-9 {
+            return false;
+        }
+        let seen = self.seen.entry(topic).or_default();
+        *seen += 1;
+        (*seen - 1).is_multiple_of(self.arguments.every)
+    }
+
+    fn write(&mut self, text: impl FnOnce() -> String, object: impl FnOnce() -> Value) {
+        let written = match self.arguments.format {
+            SampleFormat::Text => write!(self.out, "{}", text()),
+            SampleFormat::Jsonl => writeln!(self.out, "{}", object()),
+            SampleFormat::Json => {
+                let before = if self.shown == 0 { "[\n" } else { ",\n" };
+                write!(self.out, "{before}{}", object())
+            }
+        };
+        self.trouble = written.err();
+        self.shown += 1;
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        if let Some(trouble) = self.trouble.take() {
+            return Err(trouble);
+        }
+        if self.arguments.format == SampleFormat::Json {
+            let before = if self.shown == 0 { "[" } else { "\n" };
+            writeln!(self.out, "{before}]")?;
+        }
+        self.out.flush()
+    }
+}
+
+struct FromFile<'a, 'e> {
+    what: &'a What,
+    time: (u64, Clock),
+    echo: &'a mut Echo<'e>,
+}
+
+impl RecordVisitor for FromFile<'_, '_> {
+    fn wants(&self, topic: &TopicInfo) -> bool {
+        self.what.wants(topic)
+    }
+    fn is_done(&self) -> bool {
+        self.echo.is_done()
+    }
+    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        self.echo.show(topic.info.name, sample.header(), || to_json(sample));
+    }
+    fn event(&mut self, event: RecordedEvent) {
+        if self.what.wants_events() {
+            self.echo.tell(&event, self.time);
+        }
+    }
+}

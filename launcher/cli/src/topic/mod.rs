@@ -1,0 +1,146 @@
+//! `morphquad topic`: topics of a run in the air, and of a recording.
+
+mod echo;
+mod export;
+mod hz;
+mod info;
+mod list;
+
+use super::options::TopicCommand;
+use super::refusal::{Done, Failure};
+use launcher::control::runs::{self, FindError, Run};
+use launcher::exit;
+use launcher::record::read::{ReadError, RecordedFlight};
+use launcher::scenario::suggestion;
+use launcher::topic::export::ExportError;
+use launcher::topic::known;
+use launcher::topic::live::ListenError;
+use miette::Diagnostic;
+use shared_types::{TopicInfo, topics};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Why a topic cannot be shown.
+#[derive(Debug, Error, Diagnostic)]
+pub(super) enum Trouble {
+    #[error("no topic is called {name}, and no file either: {remedy}")]
+    Unknown { name: String, remedy: String },
+    #[error("two recordings, {} and {}: name one", .0.display(), .1.display())]
+    TwoFiles(PathBuf, PathBuf),
+    #[error("name a recording: `morphquad topic export FILE --csv`")]
+    NoFile,
+    #[error("events are words, not samples: `morphquad topic echo {EVENTS}` shows them")]
+    Words,
+    #[error(transparent)]
+    Find(#[from] FindError),
+    #[error(transparent)]
+    Listen(#[from] ListenError),
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    #[error(transparent)]
+    Export(#[from] ExportError),
+}
+
+impl Trouble {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Listen(_) | Self::Export(ExportError::Write { .. }) => exit::UNFIT,
+            _ => exit::USAGE,
+        }
+    }
+}
+
+fn refuse<E>(error: E) -> Failure
+where
+    Trouble: From<E>,
+{
+    let trouble = Trouble::from(error);
+    let code = trouble.exit_code();
+    Failure::report(trouble, code)
+}
+
+/// What a launcher tells in words, where a topic is asked for.
+const EVENTS: &str = "events";
+
+/// Topics, and perhaps a recording.
+struct What {
+    topics: Vec<&'static TopicInfo>,
+    /// Events are named among them.
+    events: bool,
+    file: Option<PathBuf>,
+}
+
+impl What {
+    /// As [`What::of`], for who counts samples.
+    fn of_samples(words: &[String]) -> Result<Self, Failure> {
+        let what = Self::of(words)?;
+        if what.events { Err(refuse(Trouble::Words)) } else { Ok(what) }
+    }
+
+    /// Tells names of topics from paths.
+    fn of(words: &[String]) -> Result<Self, Failure> {
+        let (mut named, mut file): (Vec<_>, Option<PathBuf>) = (Vec::new(), None);
+        let mut events = false;
+        for word in words {
+            if word == EVENTS {
+                events = true;
+                continue;
+            }
+            if let Some(topic) = known(word) {
+                if !named.iter().any(|other: &&TopicInfo| other.name == topic.name) {
+                    named.push(topic);
+                }
+                continue;
+            }
+            let path = Path::new(word);
+            if !path.exists() && !word.contains(['/', '.']) {
+                let names = topics::all().into_iter().map(|topic| topic.name);
+                let names = names.chain([EVENTS]);
+                let remedy = suggestion(word, names);
+                return Err(refuse(Trouble::Unknown { name: word.clone(), remedy }));
+            }
+            if let Some(before) = file.replace(path.to_owned()) {
+                return Err(refuse(Trouble::TwoFiles(before, path.to_owned())));
+            }
+        }
+        Ok(Self { topics: named, events, file })
+    }
+
+    /// Nothing is named, which means everything.
+    fn is_all(&self) -> bool {
+        self.topics.is_empty() && !self.events
+    }
+
+    /// The topics named, or all.
+    fn topics_or_all(&self) -> Vec<&'static TopicInfo> {
+        if self.is_all() { topics::all().to_vec() } else { self.topics.clone() }
+    }
+
+    fn wants(&self, topic: &TopicInfo) -> bool {
+        self.is_all() || self.topics.iter().any(|wanted| wanted.name == topic.name)
+    }
+
+    fn wants_events(&self) -> bool {
+        self.is_all() || self.events
+    }
+}
+
+fn open(path: &Path) -> Result<RecordedFlight, Failure> {
+    RecordedFlight::open(path).map_err(refuse)
+}
+
+fn find(wanted: Option<&str>) -> Result<Run, Failure> {
+    runs::find(wanted).map_err(refuse)
+}
+
+/// Does what is asked for.
+pub(super) fn run(command: &TopicCommand, out: &mut dyn Write, said: &mut dyn Write) -> Done {
+    match command {
+        TopicCommand::List(arguments) => list::run(arguments, out),
+        TopicCommand::Echo(arguments) => echo::run(arguments, out, said),
+        TopicCommand::Hz(arguments) => hz::run(arguments, out, said),
+        TopicCommand::Info(arguments) => info::run(arguments, out),
+        TopicCommand::Export(arguments) => export::run(arguments, out),
+    }
+}

@@ -1,0 +1,40 @@
+//! `morphquad view`: a recording as a page.
+
+use super::browser;
+use super::keep_safe::write_page;
+use super::options::ViewArguments;
+use super::refusal::{Done, Failure};
+use core::sync::atomic::AtomicBool;
+use launcher::exit;
+use launcher::view::{Scene, ServeError, Server, page};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::io::Write;
+use std::sync::Arc;
+
+/// Writes the page, or serves it.
+pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write) -> Done {
+    let flight = super::flown::open(&arguments.file)?;
+    let busy = super::bar::busy("reading");
+    let scene = Scene::read(&flight);
+    drop(busy);
+    let page = page(&scene.map_err(|error| super::flown::unreadable(&error))?);
+    let megabytes = page.len() as f64 * 1e-6;
+    if let Some(path) = &arguments.out {
+        write_page(path, page, "--out")?;
+        writeln!(out, "{} ({megabytes:.1} MB): open it in a browser", path.display())?;
+        return Ok(exit::PASS);
+    }
+    let refused = |error: ServeError| Failure::plain(&error, exit::USAGE);
+    let end = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&end))?;
+    }
+    let server = Server::open(arguments.port, page).map_err(refused)?;
+    writeln!(out, "{} ({megabytes:.1} MB), until Ctrl-C", server.url())?;
+    out.flush()?;
+    if !arguments.no_open {
+        browser::open(&server.url());
+    }
+    server.serve(&end);
+    Ok(exit::PASS)
+}
