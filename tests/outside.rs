@@ -5,7 +5,7 @@ mod common;
 
 use common::misdeeds::{config, rogue};
 use common::processes::{Process, Running, all_processes, kill, wait_until};
-use common::{Flown, fly, turn};
+use common::{Flown, fly};
 use launcher::in_process::{Conclusion, InProcess, Observer, Outside, StateSource};
 use launcher::run::{FlightHash, LogHash};
 use launcher::scenario::{Override, Scenario};
@@ -13,8 +13,17 @@ use rustix::process::Signal;
 use serde_json::Value;
 use shared_types::{Role, Sample, Topic};
 use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use tempfile::TempDir;
+
+/// What these tests find of the processes of this one must be their own.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    // A failed test has spoilt nothing for the next.
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 fn swaps(flown: &Flown) -> &[Value] {
     flown.summary()["swaps"].as_array().map_or(&[], Vec::as_slice)
@@ -45,7 +54,7 @@ fn led_by(pid: u32) -> Vec<Process> {
 
 #[test]
 fn an_executable_that_takes_over_makes_the_flight_of_the_processes() {
-    let _turn = turn();
+    let _alone = alone();
     let folder = TempDir::new().expect("a folder");
     let behaves = config(&folder, "nothing", 0.0, 0.0);
     for (rate, swaps_of_position) in [("100", &[][..]), ("500", &["position=position-pid@1200ms"])]
@@ -111,7 +120,7 @@ fn as_processes(mut outside: Outside) -> Outside {
 
 #[test]
 fn services_as_processes_and_as_loops_of_the_thread_make_one_flight() {
-    let _turn = turn();
+    let _alone = alone();
     let (within, told_within) = fly_here(&SWAPS, |outside| outside);
     let (as_processes, told) = fly_here(&SWAPS, as_processes);
     assert_eq!(told_within.swaps.len(), 3);
@@ -122,7 +131,7 @@ fn services_as_processes_and_as_loops_of_the_thread_make_one_flight() {
 
 #[test]
 fn flights_side_by_side_in_one_process_are_each_the_same_and_leave_nothing() {
-    let _turn = turn();
+    let _alone = alone();
     let (expected, _) = fly_here(&SWAPS, |outside| outside);
     thread::scope(|scope| {
         let flights: Vec<_> = (0..3)
@@ -163,7 +172,7 @@ impl Observer for Killer {
 /// The owner's death is made good in place; a shadow's ends its swap.
 #[test]
 fn a_process_that_is_killed_leaves_no_trace_as_owner_and_is_named_as_candidate() {
-    let _turn = turn();
+    let _alone = alone();
     let swap = ["[[swap]]\nslot = 'attitude'\nto = 'attitude-lqr'\nat_s = 0.5\nshadow_s = 1.0\n\
                  rollback_s = 0.3"];
     let ((expected, _), _) = fly_here(&swap, |outside| outside);
@@ -239,13 +248,13 @@ fn assert_without_effect(misdeeds: &[Misdeed], limits: &[&str]) {
 
 #[test]
 fn no_misdeed_of_a_process_ends_or_changes_the_flight_and_each_is_named() {
-    let _turn = turn();
+    let _alone = alone();
     assert_without_effect(&MISDEEDS, &[]);
 }
 
 #[test]
 fn a_process_that_hangs_neither_ends_nor_changes_the_flight_and_is_named() {
-    let _turn = turn();
+    let _alone = alone();
     for (misdeed, limit) in HANGS {
         assert_without_effect(&[misdeed], &[limit]);
     }
@@ -255,7 +264,7 @@ fn a_process_that_hangs_neither_ends_nor_changes_the_flight_and_is_named() {
 #[test]
 fn the_last_words_of_an_executable_that_ends_are_told() {
     use std::os::unix::fs::PermissionsExt as _;
-    let _turn = turn();
+    let _alone = alone();
     let folder = TempDir::new().expect("a folder");
     for (text, how) in [
         ("echo Traceback >&2\necho 'ValueError: no gains' >&2\nexit 1", "(exit status 1)"),
@@ -275,7 +284,7 @@ fn the_last_words_of_an_executable_that_ends_are_told() {
 
 #[test]
 fn nothing_is_left_when_the_flight_is_killed() {
-    let _turn = turn();
+    let _alone = alone();
     let swap = format!("attitude={}@100ms,shadow=30s", rogue());
     let mut running =
         Running::start(&["hover", "--in-process", "--speed", "1", "--for", "60s", "--swap", &swap]);

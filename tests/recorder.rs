@@ -7,7 +7,7 @@ mod common;
 
 use common::processes::{Running, kill, pause_ms, processes_of, wait_until};
 use common::recording::Recording;
-use common::{Flown, morphquad, rounds, turn};
+use common::{Flown, morphquad, rounds};
 use launcher::record::read::RecordedFlight;
 use launcher::report::Report;
 use launcher::run::{Burst, Pin, RunOptions, Speed};
@@ -128,7 +128,6 @@ fn in_realtime(more: &[&str]) -> Running {
 
 #[test]
 fn what_a_killed_launcher_leaves_is_recovered() {
-    let _turn = turn();
     let mut running = in_realtime(&[]);
     let path = running.recording_path().expect("it records");
     wait_until("a megabyte", || std::fs::metadata(&path).is_ok_and(|file| file.len() > 1_000_000));
@@ -145,7 +144,6 @@ fn what_a_killed_launcher_leaves_is_recovered() {
 #[test]
 #[ignore = "soak: a busy machine or disk keeps the recorder from writing for longer"]
 fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
-    let _turn = turn();
     for round in 0..rounds(3) {
         let mut running = in_realtime(&[]);
         let path = running.recording_path().expect("it records");
@@ -173,7 +171,6 @@ fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
 /// The file grows no further from some moment on, as on a full disk; then the launcher is killed, or the
 /// flight ends. Returns by how much the summary of that one understates what is in the file \[s\].
 fn fill_the_disk() -> f64 {
-    let _turn = turn();
     let mut understated_s = f64::NAN;
     for ending in [Signal::KILL, Signal::INT] {
         let mut running = in_realtime(&[]);

@@ -28,7 +28,7 @@ fn lock_file(name: &str) -> File {
 }
 
 /// Flights by the wall clock take turns: two of them on few cores make each other late. Holds the turn until
-/// dropped.
+/// dropped; [`fly`] and [`processes::Running`] do so for as long as they fly.
 pub(crate) fn turn() -> File {
     let turn = lock_file("realtime.lock");
     turn.lock().expect("a lock");
@@ -234,6 +234,7 @@ pub(crate) fn fly_beside<T>(
     STOPWATCH.with(|_| ());
     // A flight at a pace waits by itself.
     let paced = arguments.iter().any(|word| ["--speed", "realtime"].contains(word));
+    let _turn = arguments.contains(&"realtime").then(turn);
     let _permit = (!paced).then(permit);
     let _beside = start();
     let output = command.stdin(Stdio::null()).output().expect("the executable starts");

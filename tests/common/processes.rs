@@ -1,9 +1,9 @@
 //! A run in the air and its processes, seen from outside through /proc and /dev/shm.
 
-use super::{Flown, host_s, judged, morphquad};
+use super::{Flown, host_s, judged, morphquad, turn};
 use runtime::clock::{mono_now_ns, sleep_until};
 use rustix::process::{Pid, Signal, kill_process};
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::thread;
@@ -74,19 +74,22 @@ pub(crate) struct Running {
     pid: u32,
     folder: Option<TempDir>,
     id: String,
+    /// Of a flight by the wall clock.
+    turn: Option<File>,
 }
 
 impl Running {
     /// Starts a run and waits until it has its processes.
     pub(crate) fn start(arguments: &[&str]) -> Self {
         let folder = TempDir::new().expect("a folder for the recording");
+        let turn = arguments.contains(&"realtime").then(turn);
         let mut command = morphquad(["run"]);
         command.args(arguments).args(judged(arguments));
         command.args(["--format", "json", "--record"]).arg(folder.path());
         let launcher = command.spawn().expect("the executable starts");
         let pid = launcher.id();
         let mut running =
-            Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new() };
+            Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new(), turn };
         wait_until("the recording exists", || {
             let exists = running.recording_path().is_some();
             assert!(exists || !running.has_ended(), "it has ended: {}", running.wait().said());
@@ -143,6 +146,7 @@ impl Running {
         let waiting = thread::spawn(move || launcher.wait_with_output());
         wait_until("the launcher leaves", || waiting.is_finished());
         let output: Output = waiting.join().expect("no panic").expect("an exit status");
+        self.turn = None;
         Flown::new(&output, self.folder.take().expect("there until now"))
     }
 }

@@ -8,7 +8,7 @@ use crate::common::processes::{
     Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until,
 };
 use crate::common::recording::{Recording, Row};
-use crate::common::{distance, euler_rad, host_s, morphquad, turn};
+use crate::common::{distance, euler_rad, host_s, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
@@ -87,7 +87,6 @@ fn continued_by(path: &Path) -> String {
 #[test]
 #[ignore = "soak: a busy machine keeps a standby from its inputs, and the admission check refuses it"]
 fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from_there() {
-    let _turn = turn();
     let running = realtime(&["--for", "60s"]);
     let (run, first) = (running.id().to_owned(), running.recording_path().expect("it records"));
     stand_by(&run);
@@ -142,7 +141,6 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
 #[test]
 #[ignore = "soak: the owner turns away 12 s later, by which the swap must have been made"]
 fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies_on() {
-    let _turn = turn();
     let (rogue, folder) = (rogue(), TempDir::new().expect("a folder"));
     let running = realtime(&["--for", "60s"]);
     let run = running.id().to_owned();
@@ -180,7 +178,6 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
 
 #[test]
 fn without_anybody_to_take_over_the_vehicle_lands_and_nothing_is_left() {
-    let _turn = turn();
     let mut running = realtime(&["--for", "60s", "--set", "launcher.launcher_grace_s=0.5"]);
     let run = running.id().to_owned();
     assert!(kill(running.launcher_pid(), Signal::KILL));
@@ -195,7 +192,6 @@ fn without_anybody_to_take_over_the_vehicle_lands_and_nothing_is_left() {
 #[test]
 #[ignore = "soak: the processes must still be there 2 s after the launcher's death"]
 fn without_a_launcher_the_processes_land_before_they_leave() {
-    let _turn = turn();
     let running = realtime(&["--for", "60s", "--set", "launcher.launcher_grace_s=0.5"]);
     let run = running.id().to_owned();
     assert!(kill(running.launcher_pid(), Signal::KILL));
@@ -206,7 +202,6 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
 
 #[test]
 fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_launchers_one_wins() {
-    let _turn = turn();
     let running = realtime(&["--for", "600s"]);
     let run = running.id().to_owned();
     let launcher = running.launcher_pid();
@@ -283,7 +278,6 @@ fn assert_it_stayed_in_its_place(recording: &Recording) {
 #[ignore = "soak: a busy machine keeps a standby from its inputs, and the vehicle from its place"]
 fn an_owner_that_dies_or_stops_is_followed_by_its_standby_and_the_gate_never_leaves_normal_for_long()
  {
-    let _turn = turn();
     for signal in [Signal::KILL, Signal::STOP] {
         // Slowly: to a machine that stops for milliseconds, a control period is long.
         let mut running = realtime(&[&["--speed", "0.3", "--for", "6s"][..], &LAG].concat());
@@ -312,7 +306,6 @@ fn an_owner_that_dies_or_stops_is_followed_by_its_standby_and_the_gate_never_lea
 #[test]
 #[ignore = "soak: the vehicle leaves its place if the successor has to wait for a processor"]
 fn an_owner_without_a_standby_is_started_again_while_the_gate_holds_and_levels() {
-    let _turn = turn();
     for signal in [Signal::KILL, Signal::STOP] {
         let mut running = realtime(&[&["--for", "3s"][..], &LAG].concat());
         running.signal("attitude-mpc", signal);

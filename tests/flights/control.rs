@@ -1,7 +1,7 @@
 //! A run in the air is asked from outside: through the command, and through its socket.
 
+use crate::common::morphquad;
 use crate::common::processes::{Running, kill, processes_of, wait_until};
-use crate::common::{morphquad, turn};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -106,7 +106,6 @@ fn ps_shows_every_process_as_the_system_does_and_who_owns_the_slots() {
 #[test]
 #[ignore = "soak: an owner that waits too long for a processor is started again"]
 fn ps_shows_every_process_of_a_realtime_flight_as_the_system_does() {
-    let _turn = turn();
     assert_every_process_is_shown(&REALTIME);
 }
 
@@ -130,7 +129,6 @@ fn a_restarted_process_is_shown_with_its_new_number_and_generation() {
 
 #[test]
 fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
-    let _turn = turn();
     let unknown = say(&["ps", "--run", "no-such-run"]);
     assert_eq!((unknown.code, unknown.out.as_str()), (Some(2), ""));
     assert!(
@@ -138,7 +136,7 @@ fn a_run_that_is_not_there_or_not_named_ends_with_2_and_says_which_there_are() {
         "{}",
         unknown.diagnostics
     );
-    let runs = [Running::start_and_fly(&REALTIME), Running::start_and_fly(&REALTIME)];
+    let runs = [Running::start_and_fly(&LOCKSTEP), Running::start_and_fly(&LOCKSTEP)];
     let several = say(&["ps"]);
     assert_eq!((several.code, several.out.as_str()), (Some(2), ""));
     for run in &runs {
@@ -179,7 +177,6 @@ fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
 
 #[test]
 fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_gone() {
-    let _turn = turn();
     let short = ["--set", "launcher.launcher_grace_s=1"];
     let running = Running::start_and_fly(&[&REALTIME[..], &short].concat());
     assert!(kill(running.launcher_pid(), Signal::KILL));

@@ -5,7 +5,7 @@
 //! too, for minutes.
 
 use crate::common::processes::{Running, kill, wait_until};
-use crate::common::{fly, morphquad, rounds, turn};
+use crate::common::{fly, morphquad, rounds};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -69,7 +69,6 @@ fn a_shadow_of_half_a_minute_and_one_at_another_rate_may_take_over() {
 #[test]
 #[ignore = "soak: a busy machine keeps a candidate from its inputs, and the admission check refuses it"]
 fn every_controller_may_take_over_from_every_other_in_realtime() {
-    let _turn = turn();
     for _ in 0..rounds(1) {
         for pair in pairs() {
             for scenario in ["hover", "figure8-morph"] {

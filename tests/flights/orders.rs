@@ -2,7 +2,7 @@
 
 use crate::common::processes::{Running, kill, wait_until};
 use crate::common::recording::Row;
-use crate::common::{Flown, distance, fly, morphquad, turn};
+use crate::common::{Flown, distance, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -202,7 +202,6 @@ fn a_run_in_the_air_is_led_live_and_its_recording_verifies() {
 
 #[test]
 fn a_realtime_run_is_led_live_and_its_recording_verifies() {
-    let _turn = turn();
     assert_led_live(&["--clock", "realtime"]);
 }
 
@@ -218,7 +217,6 @@ fn orders_to_nobody_end_with_2() {
 
 #[test]
 fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
-    let _turn = turn();
     let running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "600s"]);
     let (code, out, said) = say(&["goto", "0.5", "0", "1.7", "--format", "json"], &running);
     assert_eq!(code, Some(0), "{said}");

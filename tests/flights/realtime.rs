@@ -3,13 +3,12 @@
 //! `MORPHQUAD_REALTIME_S=60 cargo test --release --test flights realtime -- --ignored` flies for a minute.
 
 use crate::common::processes::{Running, pause_ms};
-use crate::common::{Flown, fly, turn};
+use crate::common::{Flown, fly};
 use rustix::process::Signal;
 
 #[test]
 #[ignore = "soak: on a busy machine the vehicle is farther from its reference"]
 fn figure8_morph_follows_its_reference_in_realtime_and_the_recorder_loses_nothing() {
-    let _turn = turn();
     let duration_s = std::env::var("MORPHQUAD_REALTIME_S").unwrap_or_else(|_| "6".to_owned());
     let duration = format!("{duration_s}s");
     let flown = fly(&["figure8-morph", "--clock", "realtime", "--for", &duration]);
@@ -49,7 +48,6 @@ fn assert_every_miss_has_a_place(flown: &Flown) {
 
 #[test]
 fn a_slow_realtime_flight_without_a_miss_has_the_hash_of_the_lockstep_flight() {
-    let _turn = turn();
     let arguments = ["figure8-morph", "--for", "1500ms"];
     let lockstep = fly(&[&arguments[..], &["--no-record"]].concat());
     let slow = fly(&[&arguments[..], &["--clock", "realtime", "--speed", "0.2"]].concat());
@@ -62,7 +60,6 @@ fn a_slow_realtime_flight_without_a_miss_has_the_hash_of_the_lockstep_flight() {
 #[test]
 #[ignore = "soak: how many samples are late, and by how much, depends on when the signals arrive"]
 fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named() {
-    let _turn = turn();
     let arguments = ["hover", "--clock", "realtime", "--speed", "0.2", "--for", "1500ms"];
     let mut running = Running::start_and_fly(&arguments);
     running.signal("estimator", Signal::STOP);
@@ -82,7 +79,6 @@ fn what_a_stopped_estimator_makes_its_readers_miss_is_counted_located_and_named(
 
 #[test]
 fn time_can_run_faster_than_the_wall_clock_and_slower() {
-    let _turn = turn();
     for (speed, fastest) in [("0.5", 0.5), ("3", 3.0)] {
         let flown = fly(&["hover", "--clock", "realtime", "--for", "1500ms", "--speed", speed]);
         assert_eq!(flown.code, Some(0), "{}", flown.said());

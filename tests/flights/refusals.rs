@@ -5,7 +5,7 @@
 
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill};
-use crate::common::{Flown, fly, morphquad, turn};
+use crate::common::{Flown, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::process::Command;
@@ -184,7 +184,6 @@ fn end(mut running: Running) {
 #[test]
 #[ignore = "soak: on a busy machine the owner is late as well, beside which no candidate can be judged"]
 fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
-    let _turn = turn();
     let folder = TempDir::new().expect("a folder");
     let rogue = rogue();
     let running =

@@ -2,18 +2,16 @@
 //!
 //! `MORPHQUAD_ROUNDS=20 cargo test --release --test flights replay` kills 20 processes per clock.
 
+use super::trace::assert_all_trace;
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, pause_ms};
 use crate::common::recording::Recording;
-use crate::common::{Flown, fly, morphquad, rounds, turn};
-use launcher::in_process::{InProcess, StateSource};
-use launcher::run::{FlightHash, LogHash};
-use launcher::scenario::{Override, Scenario, shipped};
+use crate::common::{Flown, fly, morphquad, rounds};
+use launcher::scenario::shipped;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 use tempfile::TempDir;
 
 /// What `morphquad replay` said.
@@ -58,44 +56,25 @@ fn assert_hashes_agree(flown: &Flown) {
 }
 
 #[test]
-fn each_shipped_scenario_is_verified_in_both_clocks() {
-    let _turn = turn();
+fn each_shipped_scenario_is_verified_and_traced_in_both_clocks() {
     for name in shipped::names() {
         for clock in ["lockstep", "realtime"] {
             let flown = fly(&[name, "--for", "1500ms", "--clock", clock]);
             assert_identical(&flown.recording_path());
             assert_hashes_agree(&flown);
+            assert_all_trace(&flown, clock);
         }
     }
 }
 
 #[test]
 fn a_rate_that_divides_nothing_is_verified_too() {
-    let _turn = turn();
     for clock in ["lockstep", "realtime"] {
         let rate = ["--rate", "disturbance-injector=150.5"];
         let flight = ["figure8-morph", "--for", "1500ms", "--clock", clock];
         let flown = fly(&[&flight[..], &rate].concat());
         assert_identical(&flown.recording_path());
         assert_hashes_agree(&flown);
-    }
-}
-
-#[test]
-fn a_flight_in_one_process_has_both_hashes_of_the_processes() {
-    for name in shipped::names() {
-        let duration = Override::duration(Duration::from_millis(1500));
-        let scenario = Scenario::load(name, &[duration]).expect("a shipped scenario");
-        let hashes = (FlightHash::default(), LogHash::default());
-        let mut alone = InProcess::new(&scenario, StateSource::Estimator, hashes).expect("wired");
-        alone.fly_until(u64::MAX).expect("a flight");
-        alone.finish();
-        let (flight, log) = alone.seen(core::mem::take);
-        let flown = fly(&[name, "--for", "1500ms"]);
-        assert_eq!(
-            (flight.hex().as_str(), log.hex().as_str()),
-            (flown.hash(), flown.word("log_hash"))
-        );
     }
 }
 
@@ -108,7 +87,6 @@ fn deviations(flown: &Flown, field: &str) -> Vec<f64> {
 #[test]
 #[ignore = "soak: which deviations there are depends on when the signals arrive"]
 fn a_realtime_flight_with_late_samples_and_missed_deadlines_is_verified() {
-    let _turn = turn();
     let mut running =
         Running::start_and_fly(&["figure8-morph", "--clock", "realtime", "--for", "3s"]);
     for victim in ["attitude-mpc", "position-mpc", "estimator"] {
@@ -143,7 +121,6 @@ fn a_realtime_flight_with_late_samples_and_missed_deadlines_is_verified() {
 #[test]
 fn a_flight_with_asap_edges_is_verified_by_what_took_effect_when() {
     let asap = "realtime.asap=[\"wrench_command\", \"attitude_setpoint\", \"applied_setpoint\"]";
-    let _turn = turn();
     let flown = fly(&["figure8-morph", "--clock", "realtime", "--for", "2s", "--set", asap]);
     assert_identical(&flown.recording_path());
     assert_hashes_agree(&flown);
@@ -157,7 +134,6 @@ fn a_flight_with_asap_edges_is_verified_by_what_took_effect_when() {
 
 #[test]
 fn every_life_of_a_restarted_process_is_verified() {
-    let _turn = turn();
     // In realtime a successor that publishes its state seldom may say something else in the steps
     // that it repeats, and the recorder keeps what was said first: those are struck in lockstep.
     let strikes = [

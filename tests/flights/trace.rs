@@ -1,8 +1,7 @@
 //! From a recording alone every wrench command leads back to its IMU sample, in both clocks and through
 //! swaps, and the chain that is told is the one that the headers in the file say.
 
-use crate::common::{Flown, fly, morphquad, turn};
-use launcher::scenario::shipped;
+use crate::common::{Flown, fly, morphquad};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -16,7 +15,8 @@ fn trace(file: &Path, arguments: &[&str]) -> (Option<i32>, Value) {
     (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null))
 }
 
-fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
+/// Every command leads back to its IMU sample.
+pub(super) fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
     assert_eq!(flown.code, Some(0), "{}", flown.said());
     let (code, told) = trace(&flown.recording_path(), &[]);
     assert_eq!(code, Some(0), "{told}");
@@ -31,18 +31,7 @@ fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
 }
 
 #[test]
-fn every_command_of_each_shipped_scenario_traces_in_both_clocks() {
-    let _turn = turn();
-    for name in shipped::names() {
-        for clock in ["lockstep", "realtime"] {
-            assert_all_trace(&fly(&[name, "--for", "1500ms", "--clock", clock]), clock);
-        }
-    }
-}
-
-#[test]
 fn commands_of_shadows_and_of_whoever_takes_over_trace_too() {
-    let _turn = turn();
     let swap =
         ["hover", "--for", "4s", "--swap", "attitude=attitude-lqr@1s,shadow=1s,rollback=0.5s"];
     for clock in ["lockstep", "realtime"] {
@@ -56,7 +45,6 @@ fn commands_of_shadows_and_of_whoever_takes_over_trace_too() {
 
 #[test]
 fn a_chain_consists_of_the_samples_that_the_file_has() {
-    let _turn = turn();
     let flown = fly(&["figure8-morph", "--for", "1s", "--clock", "realtime"]);
     let (code, told) = trace(&flown.recording_path(), &["--command", "10"]);
     assert_eq!(code, Some(0), "{told}");

@@ -272,7 +272,6 @@ fn episodes(flown: &Flown) -> Value {
 #[test]
 #[ignore = "soak: a machine that stands still meanwhile has a controller restarted, which explains episodes"]
 fn all_outputs_report_fourteen_unexplained_safe_mode_episodes_as_failed() {
-    let _turn = turn();
     let bench = Bench::new();
     let flown = stopped_fourteen_times();
     let episodes = episodes(&flown);
