@@ -175,7 +175,7 @@ fn fill_the_disk() -> f64 {
     for ending in [Signal::KILL, Signal::INT] {
         let mut running = in_realtime(&[]);
         let path = running.recording_path().expect("it records");
-        pause_ms(300);
+        running.fly_on(0.3);
         let size = || std::fs::metadata(&path).expect("the recording").len();
         let full = Some(size() + 300_000);
         let launcher = i32::try_from(running.launcher_pid()).ok().and_then(Pid::from_raw);

@@ -12,6 +12,9 @@ use tempfile::TempDir;
 /// Longest that anything here may take before the test gives up.
 const PATIENCE_S: f64 = 60.0;
 
+/// About what a second of a flight takes in its recording.
+const RECORDED_BYTES_PER_S: f64 = 1.7e6;
+
 /// Looks every few milliseconds until `done` says so.
 pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     let begin_s = host_s();
@@ -108,6 +111,16 @@ impl Running {
         let at_first = size();
         wait_until("the first samples", || size() > at_first);
         running
+    }
+
+    /// Waits until about so much more of the flight has been recorded \[s\], however long that takes.
+    pub(crate) fn fly_on(&self, flown_s: f64) {
+        let size =
+            || self.recording_path().and_then(|p| fs::metadata(p).ok()).map_or(0, |m| m.len());
+        let begin = size();
+        wait_until("more of the flight", || {
+            size().saturating_sub(begin) as f64 >= RECORDED_BYTES_PER_S * flown_s
+        });
     }
 
     pub(crate) fn id(&self) -> &str {

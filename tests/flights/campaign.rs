@@ -1,6 +1,6 @@
 //! `morphquad campaign` as its users meet it: killed, continued, its worst case flown again.
 
-use crate::common::processes::{kill, pause_ms, wait_until};
+use crate::common::processes::{kill, wait_until};
 use crate::common::{morphquad, rounds};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -75,10 +75,9 @@ fn killed_at_any_moment_and_started_again_it_makes_the_same_tables() {
 
     let journal = bench.out("killed").join("journal.jsonl");
     let mut before = 0;
-    for round in 0..rounds(4) {
+    for _ in 0..rounds(4) {
         let mut child = bench.command("killed", &[]).spawn().expect("the executable starts");
         wait_until("a case more is flown", || lines(&journal) > before + 1);
-        pause_ms(7 * round as u64 % 60);
         assert!(kill(child.id(), Signal::KILL));
         let _ = child.wait();
         let after = lines(&journal);

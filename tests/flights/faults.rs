@@ -39,10 +39,10 @@ fn undisturbed_hash() -> &'static str {
     })
 }
 
-/// Waits for a moment that only `seed` decides about.
-fn random_moment(seed: usize) {
+/// Waits for a moment of the next `within_s` of the flight that only `seed` decides about.
+fn random_moment(running: &Running, seed: usize, within_s: f64) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed as u64);
-    pause_ms(rng.random_range(0..1000));
+    running.fly_on(rng.random_range(0.0..within_s));
 }
 
 fn lockstep(more: &[&str]) -> Running {
@@ -91,7 +91,7 @@ fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
 fn strike_in_lockstep(victim: &str) {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);
-        random_moment(round * 7 + victim.len());
+        random_moment(&running, round * 7 + victim.len(), 12.0);
         running.signal(victim, Signal::KILL);
         let flown = running.wait();
         assert_recovered(&flown, victim, "killed by signal 9");
@@ -124,7 +124,7 @@ fn a_killed_injector_leaves_no_trace_in_a_lockstep_flight() {
 fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);
-        random_moment(round);
+        random_moment(&running, round, 12.0);
         for victim in MORTALS {
             running.signal(victim, Signal::KILL);
         }
@@ -139,7 +139,7 @@ fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
 #[test]
 fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
     let mut running = lockstep(&[]);
-    random_moment(11);
+    random_moment(&running, 11, 12.0);
     running.signal("attitude-mpc", Signal::TERM);
     let flown = running.wait();
     assert_recovered(&flown, "attitude-mpc", "exit status 130");
@@ -150,7 +150,7 @@ fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
 fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
     for (round, victim) in ["attitude-mpc", "position-mpc", "estimator"].into_iter().enumerate() {
         let mut running = lockstep(&["--set", "launcher.stall_timeout_s=2"]);
-        random_moment(round);
+        random_moment(&running, round, 12.0);
         running.signal(victim, Signal::STOP);
         let flown = running.wait();
         assert_recovered(&flown, victim, "made no progress");
@@ -184,7 +184,7 @@ fn a_realtime_flight_stays_in_its_place_after_a_death() {
     for (index, victim) in MORTALS.into_iter().enumerate() {
         for round in 0..rounds(1) {
             let mut running = in_realtime("3s", &[]);
-            random_moment(round * 5 + index);
+            random_moment(&running, round * 5 + index, 1.0);
             running.signal(victim, Signal::KILL);
             let flown = running.wait();
             assert_recovered(&flown, victim, "killed by signal 9");
@@ -201,7 +201,7 @@ fn the_death_of_the_plant_ends_the_flight_with_4_a_reason_and_a_complete_recordi
     for round in 0..rounds(1) {
         for realtime in [false, true] {
             let mut running = if realtime { in_realtime("20s", &[]) } else { lockstep(&[]) };
-            random_moment(round);
+            random_moment(&running, round, 1.0);
             running.signal("plant", Signal::KILL);
             let flown = running.wait();
             assert_eq!(flown.code, Some(CRASHED), "{}", flown.said());
@@ -233,10 +233,10 @@ fn when_the_launcher_dies_everybody_leaves_after_the_grace_and_nothing_is_left()
     let no_grace = ["--set", "launcher.launcher_grace_s=0"];
     for round in 0..rounds(1) {
         let running = lockstep(&no_grace);
-        random_moment(round);
+        random_moment(&running, round, 1.0);
         assert_all_leave_after_the_launcher(running);
         let running = in_realtime("20s", &no_grace);
-        random_moment(round + 1);
+        random_moment(&running, round + 1, 1.0);
         assert_all_leave_after_the_launcher(running);
     }
 }
@@ -278,7 +278,7 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
     ] {
         for flight in flights {
             let mut running = Running::start_and_fly(flight);
-            random_moment(1);
+            random_moment(&running, 1, 1.0);
             assert!(kill(running.launcher_pid(), signal));
             let flown = running.wait();
             assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());

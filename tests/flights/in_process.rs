@@ -1,6 +1,6 @@
 //! `run --in-process`: the flight of the processes, in one.
 
-use crate::common::processes::{Running, kill, left_in_shared_memory, pause_ms};
+use crate::common::processes::{Running, kill, left_in_shared_memory};
 use crate::common::{Flown, fly};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -44,7 +44,7 @@ fn nothing_is_left_or_made_in_shared_memory_and_without_a_recording_no_file() {
 #[test]
 fn an_interrupt_ends_it_in_order_and_the_flight_is_the_shorter_one() {
     let mut running = Running::start(&["hover", "--in-process", "--speed", "2", "--for", "60s"]);
-    pause_ms(300);
+    running.fly_on(0.5);
     assert!(kill(running.launcher_pid(), Signal::INT));
     let cut = running.wait();
     assert_eq!(cut.code, Some(130), "{}", cut.said());

@@ -147,7 +147,7 @@ fn every_life_of_a_restarted_process_is_verified() {
         let (victim, clock) = strikes[round % strikes.len()];
         let flight = ["figure8-morph", "--for", "3s"];
         let mut running = Running::start_and_fly(&[&flight[..], &clock].concat());
-        pause_ms(150 + 97 * (round as u64 % 7));
+        running.fly_on(0.1 + 0.1 * (round % 7) as f64);
         running.signal(victim, Signal::KILL);
         let flown = running.wait();
         assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
