@@ -81,6 +81,8 @@ fn assert_the_next_run_works() {
 fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
     let silence = "plant.imu.drop_outs=[{ from_s = 2.0, until_s = 2.1 }]";
     let flown = fly(&["hover", "--for", "5s", "--in-process", "--set", silence]);
+    // The scenario says why, so that the verdict asks for no more than a recovery.
+    assert_eq!(flown.verdict(), "PASSED", "{}", flown.said());
     assert_eq!(flown.summary()["safe_mode_episodes"], 1, "{}", flown.said());
     // The last sample is of 1.999 s, and 20 ms are integrated.
     assert_eq!(flown.summary()["imu_overdue_steps"], 80, "{}", flown.said());

@@ -48,12 +48,12 @@ impl Service for PerfectState {
     type Outputs = Outputs;
     type Memory = Memory;
 
-    fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
+    fn step(&mut self, _now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.steps += 1;
         let (Some(imu), Some(truth)) = (inputs.imu.latest(), inputs.truth.latest()) else { return };
         let bias = truth.accelerometer_bias_b_m_s2;
         outputs.state_estimate.write(StateEstimate {
-            described_ns: now_ns,
+            described_ns: truth.header.valid_ns,
             position_w_m: truth.position_w_m,
             velocity_w_m_s: truth.velocity_w_m_s,
             q_wb: truth.q_wb,

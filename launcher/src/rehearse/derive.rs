@@ -122,13 +122,17 @@ pub(super) fn scenario(
     })
 }
 
-/// Removes the model mismatch of the plant and the initial biases of its sensors, which the snapshot cannot
-/// know.
+/// Removes the model mismatch of the plant, the initial biases of its sensors and what is scripted of them: the
+/// snapshot cannot know any of it, and a script would run anew from the beginning of the rehearsal.
 fn nominal(root: &mut Table) {
     let plant = section(root, "plant");
     plant.remove("mismatch");
+    section(plant, "pose_fix").remove("drop_outs");
+    let imu = section(plant, "imu");
+    imu.remove("drop_outs");
+    imu.remove("bias_step");
     set(
-        section(plant, "imu"),
+        imu,
         [
             ("gyro_initial_bias_rad_s", Value::Float(0.0)),
             ("accelerometer_initial_bias_m_s2", Value::Float(0.0)),

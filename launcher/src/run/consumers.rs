@@ -1,7 +1,7 @@
 //! What is fed with everything that a flight publishes: hash, sequence audit, metrics, recording.
 
 use super::hash::{FlightHash, LogHash};
-use super::metrics::Metrics;
+use super::metrics::{Metrics, News};
 use super::slots::SlotWatch;
 use super::summary::Summary;
 use crate::bench::stopwatch::Stopwatch;
@@ -84,8 +84,8 @@ impl Consumers {
         if let Some(feed) = &self.feed {
             feed.offer(topic, sample);
         }
-        for (logical_ns, source, text) in self.metrics.take_news() {
-            self.note(logical_ns, Severity::Warning, source, &text);
+        for News { at_ns, severity, source, text } in self.metrics.take_news() {
+            self.note(at_ns, severity, source, &text);
         }
         if let Some(recording) = &mut self.recording
             && let Err(error) = recording.write(topic, sample, receipt_mono_ns)

@@ -1,5 +1,6 @@
 //! What the estimates of a flight say about themselves: how long they stood on no sensor.
 
+use crate::record::Severity;
 use shared_types::{Sample as _, StateEstimate};
 
 /// More changes than this are counted and not told one by one.
@@ -11,7 +12,7 @@ pub struct EstimateLog {
     imu_overdue: Silence,
     fix_overdue: Silence,
     told: u64,
-    news: Vec<(u64, String)>,
+    news: Vec<(u64, Severity, String)>,
 }
 
 /// Spans in which one sensor was overdue.
@@ -41,33 +42,33 @@ impl EstimateLog {
     pub(super) fn observe(&mut self, estimate: &StateEstimate) {
         let at_ns = estimate.header.release_ns;
         if self.imu_overdue.observe(estimate.imu_overdue.is_set(), at_ns) {
-            let text = match self.imu_overdue.from_ns {
-                Some(_) => format!(
-                    "no IMU sample since {:.3} s: the estimate stays that of this instant",
-                    estimate.described_ns() as f64 * 1e-9
-                ),
-                None => "IMU samples come again".to_owned(),
-            };
-            self.tell(at_ns, text);
+            let since_s = estimate.described_ns() as f64 * 1e-9;
+            let begins = format!(
+                "no IMU sample since {since_s:.3} s: the estimate stays that of this instant"
+            );
+            self.tell(at_ns, self.imu_overdue, &begins, "IMU samples come again");
         }
         if self.fix_overdue.observe(estimate.fix_overdue.is_set(), at_ns) {
-            let text = match self.fix_overdue.from_ns {
-                Some(_) => "no pose fix is accepted: the estimate drifts".to_owned(),
-                None => "pose fixes are accepted again".to_owned(),
-            };
-            self.tell(at_ns, text);
+            let begins = "no pose fix is accepted: the estimate drifts";
+            self.tell(at_ns, self.fix_overdue, begins, "pose fixes are accepted again");
         }
     }
 
-    fn tell(&mut self, at_ns: u64, text: String) {
+    /// Notes that a silence has just begun or ended.
+    fn tell(&mut self, at_ns: u64, silence: Silence, begins: &str, ends: &str) {
         self.told += 1;
-        if self.told <= NEWS_MAX {
-            self.news.push((at_ns, text));
+        if self.told > NEWS_MAX {
+            return;
         }
+        let (severity, text) = match silence.from_ns {
+            Some(_) => (Severity::Warning, begins),
+            None => (Severity::Info, ends),
+        };
+        self.news.push((at_ns, severity, text.to_owned()));
     }
 
-    /// Instant \[ns\] and text of what has not been told yet.
-    pub(super) fn take_news(&mut self) -> Vec<(u64, String)> {
+    /// Instant \[ns\], severity and text of what has not been told yet.
+    pub(super) fn take_news(&mut self) -> Vec<(u64, Severity, String)> {
         core::mem::take(&mut self.news)
     }
 

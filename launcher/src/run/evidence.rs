@@ -31,8 +31,9 @@ pub(crate) struct Rules {
     pub(crate) planned_ns: u64,
     /// Limits.
     pub(crate) thresholds: Thresholds,
-    /// Instants at which the script kills or stops somebody \[ns\].
-    faults_ns: Vec<u64>,
+    /// What the script does on purpose: processes killed or stopped, and silences of the IMU, from when to when
+    /// \[ns\].
+    faults_ns: Vec<(u64, u64)>,
     recovery_ns: u64,
     tick_s: f64,
     /// Of a vehicle above ground.
@@ -48,11 +49,14 @@ impl Rules {
         let over_ground =
             matches!(settings.plant.model_kind(), plant::ModelKind::Nonlinear { ground: true });
         let ns = |s: f64| crate::run::setup::seconds(s);
+        let faults = settings.fault.iter().map(|fault| (ns(fault.at_s), ns(fault.at_s)));
+        let silences = settings.plant.imu.drop_outs.iter();
+        let silences = silences.map(|silence| (ns(silence.from_s), ns(silence.until_s)));
         Self {
             scenario: settings.scenario.name.clone(),
             planned_ns: scenario.duration_ns(),
             thresholds: scenario.thresholds(),
-            faults_ns: settings.fault.iter().map(|fault| ns(fault.at_s)).collect(),
+            faults_ns: faults.chain(silences).collect(),
             recovery_ns: ns(settings.verdict.recovery_s),
             tick_s: 1.0 / settings.plant.rate_hz,
             geometry: over_ground.then(|| scenario.real_vehicle().geometry),
@@ -66,7 +70,7 @@ impl Rules {
         let recovers = |begin_ns: u64, at_ns: u64| {
             begin_ns <= to_ns && from_ns <= at_ns.saturating_add(self.recovery_ns)
         };
-        self.faults_ns.iter().any(|at_ns| recovers(*at_ns, *at_ns))
+        self.faults_ns.iter().any(|(begin_ns, end_ns)| recovers(*begin_ns, *end_ns))
             || lost_ns.iter().any(|at_ns| recovers(at_ns.saturating_sub(BEFORE_NS), *at_ns))
     }
 }

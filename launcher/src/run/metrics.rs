@@ -7,6 +7,7 @@ use super::loops::LoopLedger;
 use super::misses::{MissLog, TIMING};
 use super::response::{AxisResponse, StepResponse};
 use super::tracking::{Tracker, Tracking};
+use crate::record::Severity;
 use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
 use runtime::seat_of_loop;
@@ -17,6 +18,19 @@ use shared_types::{
 };
 use std::any::Any;
 use std::collections::BTreeMap;
+
+/// An event that follows from the samples.
+#[derive(Debug, Clone)]
+pub struct News {
+    /// Instant \[ns\].
+    pub at_ns: u64,
+    /// How bad it is.
+    pub severity: Severity,
+    /// Of what it is told.
+    pub source: &'static str,
+    /// In words.
+    pub text: String,
+}
 
 /// Largest bound violation that rounding explains.
 pub const VIOLATION_TOLERANCE: f64 = 1e-9;
@@ -233,12 +247,20 @@ impl Metrics {
         &self.estimates
     }
 
-    /// Instant \[ns\], source and text of what has not been told yet.
-    pub fn take_news(&mut self) -> Vec<(u64, &'static str, String)> {
-        let from = |source| move |(at_ns, text)| (at_ns, source, text);
-        let mut news: Vec<_> = self.misses.take_news().into_iter().map(from(TIMING)).collect();
-        news.extend(self.estimates.take_news().into_iter().map(from(Role::Estimator.label())));
-        news
+    /// What has not been told yet.
+    pub fn take_news(&mut self) -> Vec<News> {
+        let misses = self.misses.take_news().into_iter();
+        let misses = misses.map(|(at_ns, text)| News {
+            at_ns,
+            severity: Severity::Warning,
+            source: TIMING,
+            text,
+        });
+        let estimates = self.estimates.take_news().into_iter();
+        let source = Role::Estimator.label();
+        let estimates =
+            estimates.map(|(at_ns, severity, text)| News { at_ns, severity, source, text });
+        misses.chain(estimates).collect()
     }
 
     /// The gate's last word, its counters included.

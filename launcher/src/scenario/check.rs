@@ -117,7 +117,8 @@ impl<'s> Checker<'s> {
                 plant.imu.rate_hz
             );
             let remedy = format!(
-                "raise it to {attitude_hz:.0} or more, or lower the rate of the attitude loop"
+                "raise it to {:.0} or more, or lower the rate of the attitude loop",
+                attitude_hz.ceil()
             );
             self.error("plant.imu.rate_hz", what, remedy);
         }

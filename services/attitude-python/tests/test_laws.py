@@ -47,7 +47,7 @@ class Taken:
 
 def estimate(roll_rad=0.0, position_m=(0.0, 0.0, 0.0)):
     return Fields(
-        header=Fields(valid_ns=0),
+        described_ns=0,
         q_wb=Fields(w=math.cos(roll_rad / 2), x=math.sin(roll_rad / 2), y=0.0, z=0.0),
         body_rate_b_rad_s=(0.0, 0.0, 0.0),
         morph_angle_rad=1.0,

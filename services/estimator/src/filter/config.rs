@@ -42,7 +42,8 @@ pub struct FilterConfig {
     pub gyro_range_rad_s: f64,
     /// Largest believable |accelerometer component| \[m/s²\].
     pub accel_range_m_s2: f64,
-    /// Nominal period of the IMU \[ns\]; only checked against the history, the stamps rule.
+    /// Nominal period of the IMU \[ns\]. After more than that without a sample the published covariance grows, and
+    /// the history must reach back far enough with it; what is integrated follows the stamps.
     pub imu_period_ns: u64,
     /// Longest step that is integrated \[ns\]; over a longer gap the state is held and opened.
     pub max_imu_gap_ns: u64,
