@@ -148,6 +148,16 @@ impl Running {
         process.pid
     }
 
+    /// Kills the launcher and waits until it is dead, of which it may be asked otherwise.
+    pub(crate) fn kill_launcher(&self) {
+        assert!(kill(self.pid, Signal::KILL), "it had gone");
+        let state = || {
+            let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).ok()?;
+            stat.rsplit_once(") ")?.1.chars().next()
+        };
+        wait_until("the launcher is dead", || state().is_none_or(|state| state == 'Z'));
+    }
+
     fn has_ended(&mut self) -> bool {
         self.launcher.as_mut().is_some_and(|launcher| !matches!(launcher.try_wait(), Ok(None)))
     }

@@ -202,13 +202,13 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
 
 #[test]
 fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_launchers_one_wins() {
-    let running = realtime(&["--for", "600s"]);
+    let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
     let run = running.id().to_owned();
     let launcher = running.launcher_pid();
     let (code, said) = say(&["adopt", &run]);
     assert_eq!(code, Some(3), "{said}");
     assert!(said.contains(&format!("process {launcher} leads it")), "{said}");
-    assert!(kill(launcher, Signal::KILL));
+    running.kill_launcher();
     let notes = PathBuf::from(format!("/dev/shm/mq-{run}/launcher.json"));
     let ours = fs::read_to_string(&notes).expect("notes");
     let mut other: Value = serde_json::from_str(&ours).expect("JSON");
@@ -242,11 +242,25 @@ fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_laun
 
     let lockstep = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "1"]);
     let run = lockstep.id().to_owned();
-    assert!(kill(lockstep.launcher_pid(), Signal::KILL));
+    // The run is there for as long as one of its processes, however late it is asked for.
+    lockstep.signal("monitor", Signal::STOP);
+    lockstep.kill_launcher();
     let (code, said) = say(&["adopt", &run]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("lockstep") && said.contains("leave within 2 s"), "{said}");
+    lockstep.signal("monitor", Signal::CONT);
     assert_nothing_left(&run);
+}
+
+#[test]
+#[ignore = "soak: the flight is taken over in time for its end"]
+fn an_adopted_flight_ends_as_planned() {
+    let running = realtime(&["--for", "15s"]);
+    running.kill_launcher();
+    let (code, summary, said) = Adopter::start(running.id()).end();
+    assert!(matches!(code, Some(0 | 1)), "{code:?} {said}");
+    assert_eq!(summary["ended"], "as planned", "{summary} {said}");
+    assert!(summary["flown_s"].as_f64() >= Some(15.0), "{summary}");
 }
 
 /// Who commanded, instant by instant: seat and mode of the gate.

@@ -225,7 +225,8 @@ fn a_recording_folder_that_cannot_be_written_is_named_before_anything_flies() {
 
 #[test]
 fn two_runs_at_the_same_time_both_fly_and_know_nothing_of_each_other() {
-    let fly = || fly(&["figure8-morph", "--for", "5s"]);
+    // At a pace, because of those as fast as the machine one may have to wait for the other.
+    let fly = || fly(&["figure8-morph", "--for", "5s", "--speed", "2"]);
     let (one, other) = std::thread::scope(|scope| {
         let one = scope.spawn(fly);
         let other = fly();

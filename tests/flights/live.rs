@@ -2,7 +2,7 @@
 //! is driven by `.ci/page`, the WebSocket by an independent client in `.ci/live`.
 
 use crate::common::processes::{Running, left_in_shared_memory, wait_until};
-use crate::common::{fly, morphquad};
+use crate::common::{fly, judged, morphquad};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -123,7 +123,7 @@ fn stalling_viewer(socket: &str) -> TcpStream {
 
 #[test]
 fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
-    let mut running = Running::start_and_fly(&["hover", "--for", "16s", "--speed", "2"]);
+    let mut running = Running::start_and_fly(&["hover", "--for", "30s", "--speed", "2"]);
     let live = Live::beside(running.id());
     let _stalling = stalling_viewer(&live.socket);
     // Asks for everything, again and again, and never reads an answer.
@@ -139,13 +139,13 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
     assert_eq!(code, 403, "{body}");
     let flown = running.wait();
     flown.assert_clean();
-    assert_eq!(flown.hash(), fly(&["hover", "--for", "16s", "--no-record"]).hash());
+    assert_eq!(flown.hash(), fly(&["hover", "--for", "30s", "--no-record"]).hash());
     assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
 }
 
 #[test]
 fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
-    let mut running = Running::start_and_fly(&["hover", "--for", "16s", "--speed", "2"]);
+    let mut running = Running::start_and_fly(&["hover", "--for", "30s", "--speed", "2"]);
     let live = Live::beside(running.id());
     let (code, page) = live.get("/");
     assert!(code == 200 && page.contains("connect-src 'self'"), "{code}");
@@ -294,7 +294,7 @@ fn what_listens_everywhere_is_found_from_elsewhere_and_a_browser_that_is_not_the
     // A screen, and nothing that could open a browser on it: the tests start everything through `env`.
     let folder = tempfile::tempdir().expect("a folder");
     std::os::unix::fs::symlink("/usr/bin/env", folder.path().join("env")).expect("room");
-    let output = run.env("DISPLAY", ":99").env("PATH", folder.path()).output();
+    let output = run.args(judged(&[])).env("DISPLAY", ":99").env("PATH", folder.path()).output();
     let output = output.expect("the executable starts");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");

@@ -204,6 +204,9 @@ fn deaths_flown_in_one_process_are_those_of_the_processes_and_only_slots_have_th
     let alone = fly(&[DEATHS, &["--in-process"]].concat());
     assert_eq!(alone.hash(), processes.hash(), "{}", alone.said());
     assert_eq!(alone.word("log_hash"), processes.word("log_hash"));
+    let swapped = fly(&[SWAPS, &["--in-process"]].concat());
+    assert_eq!(swapped.code, Some(0), "{}", swapped.said());
+    verified(&swapped, &[]);
     let fault = ["--fault", "kill:estimator@500ms"];
     let flown =
         fly(&[&["hover", "--in-process", "--no-record", "--for", "2s"], &fault[..]].concat());

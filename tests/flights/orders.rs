@@ -217,11 +217,14 @@ fn orders_to_nobody_end_with_2() {
 
 #[test]
 fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
-    let running = Running::start_and_fly(&["hover", "--clock", "realtime", "--for", "600s"]);
+    let grace = ["--set", "launcher.launcher_grace_s=600"];
+    let running = Running::start_and_fly(
+        &[&["hover", "--clock", "realtime", "--for", "600s"][..], &grace].concat(),
+    );
     let (code, out, said) = say(&["goto", "0.5", "0", "1.7", "--format", "json"], &running);
     assert_eq!(code, Some(0), "{said}");
     let went: Value = serde_json::from_str(&out).expect("JSON");
-    assert!(kill(running.launcher_pid(), Signal::KILL));
+    running.kill_launcher();
     let run = running.id().to_owned();
     let folder = tempfile::TempDir::new().expect("a folder");
     let adopter = morphquad(["adopt", &run, "--format", "json", "--record"])

@@ -126,7 +126,7 @@ fn every_refusal_has_its_exit_code() {
     let folder = TempDir::new().expect("a folder");
     // Before the flight, which would end while it is built.
     let rogue = rogue();
-    let running = Running::start_and_fly(&["hover", "--for", "120s", "--speed", "4"]);
+    let running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "4"]);
     let run = ["--run", running.id()];
     let swap = |rest: &[&str]| say(&[&["swap"], rest, &run].concat());
     for (what, amount, code, words) in [
@@ -198,7 +198,7 @@ fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
 
 #[test]
 fn a_stranger_that_forges_every_field_of_commands_moves_no_motor_and_is_named() {
-    let scenario = ["hover", "--for", "4s", "--speed", "4"];
+    let scenario = ["hover", "--for", "24s", "--speed", "4"];
     let expected = fly(&scenario);
     let executable = rogue();
     let mut running = Running::start_and_fly(&scenario);

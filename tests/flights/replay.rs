@@ -4,7 +4,7 @@
 
 use super::trace::assert_all_trace;
 use crate::common::misdeeds::{config, rogue};
-use crate::common::processes::{Running, pause_ms};
+use crate::common::processes::{Running, kill, pause_ms, wait_until};
 use crate::common::recording::Recording;
 use crate::common::{Flown, fly, morphquad, rounds};
 use launcher::scenario::shipped;
@@ -145,10 +145,13 @@ fn every_life_of_a_restarted_process_is_verified() {
     ];
     for round in 0..rounds(2) {
         let (victim, clock) = strikes[round % strikes.len()];
-        let flight = ["figure8-morph", "--for", "3s"];
+        let flight = ["figure8-morph", "--for", "600s"];
         let mut running = Running::start_and_fly(&[&flight[..], &clock].concat());
         running.fly_on(0.1 + 0.1 * (round % 7) as f64);
-        running.signal(victim, Signal::KILL);
+        let first = running.signal(victim, Signal::KILL);
+        wait_until("the successor", || running.process(victim).is_some_and(|p| p.pid != first));
+        running.fly_on(0.5);
+        assert!(kill(running.launcher_pid(), Signal::INT));
         let flown = running.wait();
         assert!(flown.number("recovered_crashes") >= 1.0, "{}", flown.said());
         assert_identical(&flown.recording_path());

@@ -127,7 +127,7 @@ fn tables_hold_every_sample_in_both_forms() {
 
 #[test]
 fn a_run_in_the_air_is_heard_and_has_the_hash_that_it_has_unheard() {
-    let flight = ["hover", "--for", "16s", "--speed", "2"];
+    let flight = ["hover", "--for", "30s", "--speed", "2"];
     let mut running = Running::start_and_fly(&flight);
     let run = ["--run", running.id()];
     // Topic by topic as they are drained: on a busy machine many of one come first.
@@ -163,7 +163,7 @@ fn a_run_in_the_air_is_heard_and_has_the_hash_that_it_has_unheard() {
     let _ = stalled.kill();
     let _ = stalled.wait();
     flown.assert_clean();
-    assert_eq!(flown.hash(), fly(&["hover", "--for", "16s", "--no-record"]).hash());
+    assert_eq!(flown.hash(), fly(&["hover", "--for", "30s", "--no-record"]).hash());
     assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
 }
 

@@ -39,7 +39,10 @@ fn commands_of_shadows_and_of_whoever_takes_over_trace_too() {
             fly(&[&swap[..], &["--clock", clock, "--standby", "position=position-pid"]].concat());
         let told = assert_all_trace(&flown, clock);
         let applied = told["applied"].as_u64().expect("a count");
-        assert!(applied > 0 && applied < told["commands"].as_u64().expect("a count"), "{told}");
+        assert!(applied > 0, "{told}");
+        // By the wall clock the candidate may come too late to say anything.
+        let commands = told["commands"].as_u64().expect("a count");
+        assert!(applied < commands || clock == "realtime", "{told}");
     }
 }
 

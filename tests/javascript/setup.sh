@@ -9,9 +9,17 @@ if ! command -v npm >/dev/null; then
         echo "setup.sh: there is no npm; on Debian: apt-get install nodejs npm" >&2
         exit 3
     fi
-    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=600 -qy nodejs npm; } >&2
+    # Others may be installing something at the same time.
+    flock /var/lock sh -c 'apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy nodejs npm' >&2
 fi
 mkdir -p "$folder"
-cp "$here"/package.json "$here"/package-lock.json "$here"/*.mjs "$folder"
-npm ci --silent --ignore-scripts --no-audit --no-fund --prefix "$folder" >&2
+# Several may ask for the same folder at the same time, and one of them may use what another would make anew.
+exec 9>"$folder/lock"
+flock 9
+cp "$here"/*.mjs "$folder"
+if ! cmp -s "$here/package-lock.json" "$folder/installed-lock.json"; then
+    cp "$here"/package.json "$here"/package-lock.json "$folder"
+    npm ci --silent --ignore-scripts --no-audit --no-fund --prefix "$folder" >&2
+    cp "$here/package-lock.json" "$folder/installed-lock.json"
+fi
 echo "$folder/verify_recording.mjs"

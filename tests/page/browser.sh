@@ -12,7 +12,7 @@ if ! find_browser; then
         echo "browser.sh: there is no Chromium; on Debian: apt-get install chromium" >&2
         exit 3
     fi
-    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=600 -qy --no-install-recommends \
+    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy --no-install-recommends \
         chromium fonts-dejavu-core; } >&2
     find_browser
 fi

@@ -10,7 +10,8 @@ if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
         echo "setup.sh: this Python has no venv module; on Debian: apt-get install python3-venv" >&2
         exit 3
     fi
-    { apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=600 -qy python3-venv; } >&2
+    # Others may be installing something at the same time.
+    flock /var/lock sh -c 'apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -qy python3-venv' >&2
 fi
 [ -x "$venv/bin/pip" ] || python3 -m venv --clear "$venv"
 "$venv/bin/pip" install --quiet --disable-pip-version-check -r "${2:-$here/requirements.txt}" >&2

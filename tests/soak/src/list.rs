@@ -37,6 +37,7 @@ struct Script {
 #[derive(Debug, Clone)]
 pub(crate) struct Item {
     pub(crate) name: String,
+    pub(crate) is_test: bool,
     program: PathBuf,
     arguments: Vec<String>,
 }
@@ -70,6 +71,7 @@ impl List {
             let program = built(root, package, executable)?;
             items.extend(names.into_iter().map(|name| Item {
                 name: format!("{executable}::{name}"),
+                is_test: true,
                 program: program.clone(),
                 arguments: ["--ignored", "--exact", "--nocapture", name].map(String::from).into(),
             }));
@@ -77,6 +79,7 @@ impl List {
         let scripts = self.script.iter().filter(|script| script.path.contains(only));
         items.extend(scripts.map(|script| Item {
             name: script.path.clone(),
+            is_test: false,
             program: root.join(&script.path),
             arguments: Vec::new(),
         }));

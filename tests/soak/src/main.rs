@@ -10,7 +10,7 @@ use results::{Outcome, Results};
 use runtime::clock::mono_now_ns;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{ExitCode, Stdio};
+use std::process::{Command, ExitCode, Stdio};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -53,6 +53,9 @@ pub(crate) enum SoakError {
     /// Cargo does not start.
     #[error("cargo does not start: {0}")]
     Cargo(std::io::Error),
+    /// Git does not start.
+    #[error("git does not start: {0}")]
+    Git(std::io::Error),
     /// Cargo has built no such executable.
     #[error(
         "cargo has not built the tests `{executable}` of the package `{package}`, which tests/soak.toml names, and \
@@ -96,7 +99,8 @@ fn soak(arguments: &Arguments) -> Result<String, SoakError> {
     if items.is_empty() {
         return Err(SoakError::Nothing(arguments.only.clone()));
     }
-    let mut results = Results::open(&arguments.results)?;
+    let commit = commit(root)?;
+    let mut results = Results::open(&arguments.results, &commit)?;
     let began_ns = mono_now_ns();
     for seed in arguments.seed.. {
         for item in list::shuffled(&items, seed) {
@@ -106,7 +110,7 @@ fn soak(arguments: &Arguments) -> Result<String, SoakError> {
             if since(began_ns) >= arguments.duration {
                 return Ok(results.table());
             }
-            let outcome = run(root, &item, seed, &results)?;
+            let outcome = run(root, &item, (seed, &commit), &results)?;
             let word = if outcome.passed { "passed" } else { "FINDING" };
             eprintln!("{word:>8} {:>7.1} s  seed {seed}  {}", outcome.seconds, outcome.name);
             results.add(outcome)?;
@@ -115,12 +119,25 @@ fn soak(arguments: &Arguments) -> Result<String, SoakError> {
     Ok(results.table())
 }
 
+/// What git calls the sources.
+fn commit(root: &Path) -> Result<String, SoakError> {
+    let describe = ["describe", "--always", "--dirty", "--abbrev=12"];
+    let output = Command::new("git").args(describe).current_dir(root).output();
+    let output = output.map_err(SoakError::Git)?;
+    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+}
+
 fn since(began_ns: u64) -> Duration {
     Duration::from_nanos(mono_now_ns().saturating_sub(began_ns))
 }
 
 /// Runs one of them. What it prints is kept if it does not pass.
-fn run(root: &Path, item: &Item, seed: u64, results: &Results) -> Result<Outcome, SoakError> {
+fn run(
+    root: &Path,
+    item: &Item,
+    (seed, commit): (u64, &str),
+    results: &Results,
+) -> Result<Outcome, SoakError> {
     let log = results.log(seed, &item.name);
     let failed = |source| SoakError::File { path: log.clone(), source };
     let folder = log.parent().unwrap_or(root);
@@ -129,11 +146,15 @@ fn run(root: &Path, item: &Item, seed: u64, results: &Results) -> Result<Outcome
     let mut command = item.command(root, seed);
     command.stderr(Stdio::from(file.try_clone().map_err(failed)?)).stdout(Stdio::from(file));
     let began_ns = mono_now_ns();
-    let passed = command.status().map_err(failed)?.success();
+    let ended_well = command.status().map_err(failed)?.success();
+    let text = std::fs::read_to_string(&log).unwrap_or_default();
+    // A name that no test has is no failure to the executable.
+    let passed = ended_well && (!item.is_test || text.contains("test result: ok. 1 passed"));
     let seconds = since(began_ns).as_secs_f64();
     if passed {
         std::fs::remove_file(&log).map_err(failed)?;
     }
     let log = (!passed).then_some(log);
-    Ok(Outcome { seed, name: item.name.clone(), passed, seconds, log })
+    let commit = commit.to_owned();
+    Ok(Outcome { commit, seed, name: item.name.clone(), passed, seconds, log })
 }

@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 /// What one run came to.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Outcome {
+    /// Of the sources, by git.
+    pub(crate) commit: String,
     pub(crate) seed: u64,
     pub(crate) name: String,
     pub(crate) passed: bool,
@@ -28,8 +30,8 @@ pub(crate) struct Results {
 }
 
 impl Results {
-    /// Opens the file, with what is in it already.
-    pub(crate) fn open(path: &Path) -> Result<Self, SoakError> {
+    /// Opens the file, with what is in it already of this commit.
+    pub(crate) fn open(path: &Path, commit: &str) -> Result<Self, SoakError> {
         let failed = |source| SoakError::File { path: path.to_owned(), source };
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         folder.map_or(Ok(()), std::fs::create_dir_all).map_err(failed)?;
@@ -39,7 +41,8 @@ impl Results {
             String::new()
         };
         // A line that was cut when its writer was killed counts for nothing.
-        let outcomes = known.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        let known_ones = known.lines().filter_map(|line| serde_json::from_str(line).ok());
+        let outcomes = known_ones.filter(|outcome: &Outcome| outcome.commit == commit).collect();
         let mut file = File::options().create(true).append(true).open(path).map_err(failed)?;
         if !known.is_empty() && !known.ends_with('\n') {
             file.write_all(b"\n").map_err(failed)?;
