@@ -70,9 +70,14 @@ impl Cli {
     /// # Errors
     /// They mean nothing, or ask for help.
     pub(super) fn of(arguments: &[OsString]) -> Result<Self, clap::Error> {
-        let matches = with_negative_numbers(Self::command()).try_get_matches_from(arguments)?;
-        Self::from_arg_matches(&matches)
+        let command = with_negative_numbers(Self::command()).version(version());
+        Self::from_arg_matches(&command.try_get_matches_from(arguments)?)
     }
+}
+
+/// Version and commit of the executable.
+fn version() -> String {
+    format!("{} ({})", env!("CARGO_PKG_VERSION"), launcher::build::declared().git)
 }
 
 fn with_negative_numbers(command: clap::Command) -> clap::Command {
