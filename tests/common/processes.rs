@@ -15,12 +15,14 @@ const PATIENCE_S: f64 = 60.0;
 /// About what a second of a flight takes in its recording.
 const RECORDED_BYTES_PER_S: f64 = 1.7e6;
 
-/// Looks every few milliseconds until `done` says so.
+/// Looks again and again until `done` says so, ever more seldom: a look may start a process.
 pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
     let begin_s = host_s();
+    let mut pause = 3;
     while !done() {
         assert!(host_s() - begin_s < PATIENCE_S, "waited in vain: {what}");
-        pause_ms(3);
+        pause_ms(pause);
+        pause = (pause + 2).min(40);
     }
 }
 

@@ -242,9 +242,10 @@ fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_laun
 
     let lockstep = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "1"]);
     let run = lockstep.id().to_owned();
-    // The run is there for as long as one of its processes, however late it is asked for.
-    lockstep.signal("monitor", Signal::STOP);
     lockstep.kill_launcher();
+    // The run is there for as long as one of its processes, however late it is asked for. Had it been stopped
+    // before, the kernel would have woken it when it became an orphan.
+    lockstep.signal("monitor", Signal::STOP);
     let (code, said) = say(&["adopt", &run]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("lockstep") && said.contains("leave within 2 s"), "{said}");
