@@ -149,18 +149,26 @@ impl ActiveSet {
 
     /// True if every row keeps its bounds, and a working one its own, as exactly as is promised.
     fn keeps_rows(&self, f: &[f64], (lower, upper): (&[f64], &[f64])) -> bool {
-        let mut size = Size::default();
-        for ((x, f), unit) in self.x.iter().zip(f).zip(&self.blocks.units) {
-            size.take(*x, *f, 1.0 / unit);
-        }
+        let mut size = None;
         self.rows.column_iter().enumerate().all(|(i, row)| {
-            let (mut value, mut terms, mut reach) = (0.0, 0.0, 0.0);
+            let value = row.iter().zip(&self.x).fold(0.0, |sum, (a, x)| sum + a * x)
+                - self.compliance[i] * self.multipliers[i];
+            // Most rows: within their bounds, so that nothing has to be allowed for.
+            if self.set[i] == 0 && lower[i] <= value && value <= upper[i] {
+                return true;
+            }
+            let size: Size = *size.get_or_insert_with(|| {
+                let mut size = Size::default();
+                for ((x, f), unit) in self.x.iter().zip(f).zip(&self.blocks.units) {
+                    size.take(*x, *f, 1.0 / unit);
+                }
+                size
+            });
+            let (mut terms, mut reach) = (0.0, 0.0);
             for ((a, x), unit) in row.iter().zip(&self.x).zip(&self.blocks.units) {
-                value += a * x;
                 terms += (a * x).abs();
                 reach += a.abs() / unit;
             }
-            value -= self.compliance[i] * self.multipliers[i];
             let room = |bound: f64| 0.5 * self.tolerance * size.span(bound, terms, reach);
             let kept = |miss: f64, bound: f64| bound.is_infinite() || miss <= room(bound);
             let held = match self.set[i] {
