@@ -57,7 +57,7 @@ use std::path::PathBuf;
 
 /// Fly a morphing quadrotor as a set of real processes over shared memory.
 #[derive(Debug, Parser)]
-#[command(name = "morphquad", version, about, max_term_width = 100)]
+#[command(name = "morphquad", version, max_term_width = 100)]
 pub(super) struct Cli {
     #[command(subcommand)]
     pub(super) command: Command,
