@@ -9,8 +9,7 @@
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
 //! [`view`] shows it as a page, [`report`] judges it,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
-//! such flights. [`paper`] and [`study`] are reproduction and studies,
-//! [`figure`] and [`results`] what they leave behind. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
+//! such flights. [`figure`] and [`results`] are pictures and result files. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
 //! own controllers, in Rust and in other languages.
 
 pub mod bench;
@@ -21,13 +20,13 @@ pub mod candidate;
 pub mod components;
 pub mod control;
 pub mod doctor;
+pub mod fan_out;
 pub use figures::{figure, results};
 pub mod in_process;
 pub mod live;
 pub mod new_controller;
 pub mod orders;
 mod own_executable;
-pub mod paper;
 pub use ::pilot;
 pub mod process;
 pub mod record;
@@ -37,7 +36,6 @@ pub mod report;
 pub mod run;
 pub mod scenario;
 pub mod scene;
-pub mod study;
 pub mod top;
 pub mod topic;
 pub mod trace;

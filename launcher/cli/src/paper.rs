@@ -4,9 +4,9 @@ use super::bar::busy;
 use super::refusal::{Done, Failure};
 use super::{Format, PaperArguments};
 use launcher::exit;
-use launcher::paper::{Findings, PaperError, Test, report};
 use launcher::results::{ResultsError, ResultsFolder};
 use std::io::{self, Write};
+use studies::paper::{Findings, PaperError, Test, report};
 
 /// Everything to look at.
 const PAGE: &str = "paper.html";

@@ -6,12 +6,12 @@ use super::refusal::Done;
 use attitude_mpc::AttitudeLawConfig;
 use launcher::exit;
 use launcher::results::{ResultsError, ResultsFolder};
-use launcher::study::controllers::{self, ControllersError};
-use launcher::study::morphing::{self, MorphingError};
-use launcher::study::stability::{self, Bench, Grid, StabilityError};
-use launcher::study::worst_case::{self, WorstCaseError};
 use miette::Diagnostic;
 use std::io::Write;
+use studies::controllers::{self, ControllersError};
+use studies::morphing::{self, MorphingError};
+use studies::stability::{self, Bench, Grid, StabilityError};
+use studies::worst_case::{self, WorstCaseError};
 use thiserror::Error;
 use vehicle::{MorphAngle, VehicleParameters};
 

@@ -2,8 +2,8 @@
 
 use super::{Branch, BranchError, Change};
 use crate::campaign::{Axis, Case, Outcome, fly_on};
+use crate::fan_out::fan_out;
 use crate::run::{FlightHash, Metrics};
-use crate::study::fan_out;
 
 /// A branch for each case: `change` in all of them, the values of `axes` and perhaps a seed in each.
 #[derive(Debug)]

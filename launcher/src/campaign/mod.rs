@@ -16,9 +16,9 @@ pub use file::{FileError, Plan};
 pub use journal::{Identity, Journal, JournalError};
 pub use outcome::{Outcome, Verdict, fly, fly_on};
 
+use crate::fan_out::fan_out;
 use crate::results::ResultsFolder;
 use crate::scenario::ScenarioError;
-use crate::study::fan_out;
 use miette::Diagnostic;
 use runtime::watch::StopFlags;
 use std::sync::Mutex;

@@ -19,19 +19,19 @@ const CRASHED: &str = "crashed: ";
 
 /// What no sample tells of a flight.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Closing {
+pub struct Closing {
     /// How it ended.
-    pub(crate) end: End,
+    pub end: End,
     /// Logical time through which every loop is complete \[ns\].
-    pub(crate) flown_ns: u64,
+    pub flown_ns: u64,
     /// Samples and states that the recorder lost, and whose.
-    pub(crate) dropped: (u64, String),
+    pub dropped: (u64, String),
     /// Hashes of a recording that are not those of its flight.
-    pub(crate) altered: u64,
+    pub altered: u64,
     /// Why the recording is incomplete.
-    pub(crate) unrecorded: Option<String>,
+    pub unrecorded: Option<String>,
     /// Only what cannot be contradicted any more counts of the commands: the last second of the file is cut.
-    pub(crate) is_cut: bool,
+    pub is_cut: bool,
 }
 
 /// How a flight ended, as a recording keeps it.
@@ -69,7 +69,7 @@ pub(crate) fn exit_code(closing: &Closing, verdict: &Verdict) -> u8 {
 impl Metrics {
     /// Judges what has been seen; call [`Metrics::finish`] first.
     #[must_use]
-    pub(crate) fn judge(&self, closing: &Closing) -> Verdict {
+    pub fn judge(&self, closing: &Closing) -> Verdict {
         judge(&self.outcome(closing), &self.rules().thresholds)
     }
 

@@ -7,7 +7,6 @@
 //! answer independently of the solver that gave it.
 
 mod active_set;
-pub mod certificate;
 mod goldfarb;
 mod hildreth;
 mod kkt;

@@ -6,7 +6,6 @@ mod sequences;
 mod support;
 
 mod against_reference;
-mod certificate;
 mod closed_loop;
 mod contract;
 mod hildreth;

@@ -5,13 +5,13 @@
 //! in each move, and every torque held within its bound. That is more than any flight asks for, so
 //! what holds here holds there.
 
-use crate::results::Table;
+use crate::certificate::{Affine, CertificateError, ParametricQp, ParametricRow, Start};
 use attitude_mpc::settings::Settings;
 use attitude_mpc::{
     AttitudeLaw, AttitudeLawConfig, ConfigError, Horizon, HorizonChoice, Input, Setpoint,
 };
+use figures::results::Table;
 use nalgebra::{DMatrix, DVector, Vector3};
-use qp::certificate::{Affine, CertificateError, ParametricQp, ParametricRow, Start};
 use vehicle::{MorphAngle, VehicleParameters};
 
 /// Free optima up to this many times the bound.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::results::Table;
+use figures::results::Table;
 
 #[test]
 fn sweeps_fit_between_the_leads_of_the_figure_and_rest_in_between() {

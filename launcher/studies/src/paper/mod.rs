@@ -17,9 +17,9 @@ mod step_rates;
 mod tests;
 mod times;
 
-use crate::figure::Figure;
-use crate::results::Table;
 use attitude_mpc::ConfigError;
+use figures::figure::Figure;
+use figures::results::Table;
 use rig::{Experiment, Trajectory};
 use serde::Serialize;
 use thiserror::Error;

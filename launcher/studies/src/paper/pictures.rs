@@ -4,7 +4,7 @@ use super::horizons::{self, Bars, DRAWN_WEIGHT, PAIRS, PRINTED_US};
 use super::rig::Sample;
 use super::step_rates::{PRINTED, ROTOR_CASES};
 use super::{Run, SIZES, TARGET_RAD, sizes, step_rates};
-use crate::figure::{self, Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel};
+use figures::figure::{self, Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel};
 
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 const TORQUES: [&str; 3] = ["τx [N m]", "τy [N m]", "τz [N m]"];

@@ -1,7 +1,7 @@
 //! What the scheduled law promises in calm air, and whether it holds.
 
 use super::{Conditions, Law, Study, Verdict};
-use crate::in_process::StateSource;
+use launcher::in_process::StateSource;
 use serde::Serialize;
 
 /// One promise.

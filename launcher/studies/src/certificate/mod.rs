@@ -1,4 +1,4 @@
-//! Offline: the largest number of working-set changes that [`crate::ActiveSet`] can need on a
+//! Offline: the largest number of working-set changes that `qp::ActiveSet` can need on a
 //! program whose data are affine in a few parameters, over a box of them.
 //!
 //! Every decision of the walk (which row is violated most, which multiplier reaches zero first,

@@ -1,8 +1,8 @@
 //! The maps and limits as tables, pictures and files.
 
 use super::{Answer, Bench, Model, Point, QUANTITIES, Quantity, Range, Study};
-use crate::figure::{Axis, Figure, HeatMap, Panel, Shade};
-use crate::results::{ResultsError, ResultsFolder, Table};
+use figures::figure::{Axis, Figure, HeatMap, Panel, Shade};
+use figures::results::{ResultsError, ResultsFolder, Table};
 use serde_json::{Value, json};
 
 /// The stable range of every quantity by both methods.

@@ -2,8 +2,8 @@
 
 use super::rig::{Blow, Experiment, Sample, World};
 use super::{Check, Findings, Run};
-use crate::results::{Document, ResultsError, ResultsFolder, Table, capital};
 use attitude_mpc::{HorizonChoice, SolverKind, TorqueBound};
+use figures::results::{Document, ResultsError, ResultsFolder, Table, capital};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::fmt::{self, Write as _};

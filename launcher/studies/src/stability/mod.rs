@@ -17,8 +17,8 @@ pub use limits::{Limits, Range, limits};
 pub use linear::LinearLoop;
 pub use simulation::{Answer, answer};
 
-use super::{Progress, fan_out};
 use attitude_mpc::{AttitudeLawConfig, ConfigError};
+use launcher::fan_out::{Progress, fan_out};
 use serde::Serialize;
 use thiserror::Error;
 use vehicle::{MorphAngle, ParameterError, VehicleParameters};

@@ -4,7 +4,7 @@ use super::measure::{deviation_rad, recovery_s};
 use super::rig::{Blow, Experiment};
 use super::step_rates::{ROTOR_CASES, among, outcome, roll};
 use super::{Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell, pictures};
-use crate::results::Table;
+use figures::results::Table;
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

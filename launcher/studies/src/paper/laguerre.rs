@@ -5,8 +5,8 @@ use super::measure::{overshoot_percent, recovery_s};
 use super::rig::{Experiment, Trajectory};
 use super::step_rates::roll;
 use super::{Check, PaperError, Run, Section, TARGET_RAD, cell};
-use crate::results::Table;
 use attitude_mpc::{Basis, Horizon, HorizonChoice};
+use figures::results::Table;
 use vehicle::MorphAngle;
 
 /// Pole a and number N of functions on each axis.

@@ -1,7 +1,7 @@
 //! The study as a table and files.
 
 use super::{Row, Study};
-use crate::results::{ResultsError, ResultsFolder, Table};
+use figures::results::{ResultsError, ResultsFolder, Table};
 use serde_json::{Value, json};
 
 /// One row per crew. Times of a step are over those of the first row, the MPCs.

@@ -5,8 +5,8 @@ use super::rig::{Experiment, World};
 use super::step_rates::{Law, PRINTED, among, outcome};
 use super::times::{StepTime, step_time};
 use super::{Check, Findings, PaperError, Run, Section, TARGET_RAD, Test, laguerre, pictures};
-use crate::results::Table;
 use attitude_mpc::{Horizon, HorizonChoice, SolverKind};
+use figures::results::Table;
 use nalgebra::Vector3;
 use vehicle::MorphAngle;
 

@@ -14,10 +14,10 @@ mod tests;
 pub use flown::{Flown, Window};
 pub use marks::{Mark, marks};
 
-use super::{Progress, fan_out};
-use crate::in_process::{InProcessError, StateSource};
-use crate::scenario::{Override, Scenario, ScenarioError};
 use flown::fly_one;
+use launcher::fan_out::{Progress, fan_out};
+use launcher::in_process::{InProcessError, StateSource};
+use launcher::scenario::{Override, Scenario, ScenarioError};
 use serde::Serialize;
 use thiserror::Error;
 

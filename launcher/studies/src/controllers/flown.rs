@@ -1,10 +1,10 @@
 //! What is measured in one flight.
 
 use super::{Case, ControllersError, Kind, PULSE_AT_S, PUSH_S};
-use crate::in_process::{InProcess, Observer, StateSource};
-use crate::run::{Closing, Metrics};
-use crate::scenario::Scenario;
 use ::verdict::Grade;
+use launcher::in_process::{InProcess, Observer, StateSource};
+use launcher::run::{Closing, Metrics};
+use launcher::scenario::Scenario;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use runtime::clock::mono_now_ns;
 use shared_types::{Role, Sample, Topic, Truth};

@@ -9,12 +9,12 @@ pub mod report;
 #[cfg(test)]
 mod tests;
 
-use super::{Progress, fan_out};
-use crate::components::names_for;
-use crate::in_process::InProcessError;
-use crate::scenario::{Override, Scenario, ScenarioError};
 use core::time::Duration;
 use flown::{Flown, fly_one};
+use launcher::components::names_for;
+use launcher::fan_out::{Progress, fan_out};
+use launcher::in_process::InProcessError;
+use launcher::scenario::{Override, Scenario, ScenarioError};
 use shared_types::Role;
 use thiserror::Error;
 

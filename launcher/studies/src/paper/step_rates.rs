@@ -5,8 +5,8 @@ use super::rig::{Experiment, Trajectory, World};
 use super::{
     Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell, difference, pictures,
 };
-use crate::results::Table;
 use attitude_mpc::TorqueBound;
+use figures::results::Table;
 use nalgebra::Vector3;
 use vehicle::MorphAngle;
 

@@ -1,10 +1,10 @@
 //! What is measured in one flight.
 
 use super::{Flight, MorphingError, Verdict};
-use crate::in_process::{Observer, fly};
-use crate::pilot::Trajectory;
-use crate::scenario::{Plan, Scenario};
 use ::verdict::LOST_M;
+use launcher::in_process::{Observer, fly};
+use launcher::scenario::{Plan, Scenario};
+use pilot::Trajectory;
 use serde::Serialize;
 use shared_types::{AppliedCommand, GateMode, Sample, Topic, Truth};
 use std::any::Any;

@@ -1,10 +1,10 @@
 //! The certified worst case against runs of the solver at sampled parameters.
 
-use crate::support::generator;
 use nalgebra::{DMatrix, DVector};
-use qp::certificate::{Affine, CertificateError, ParametricQp, ParametricRow, Start};
 use qp::{ActiveSet, QpSolver, QpStatus, Settings};
-use rand::RngExt;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use studies::certificate::{Affine, CertificateError, ParametricQp, ParametricRow, Start};
 
 const PARAMETERS: usize = 4;
 
@@ -105,7 +105,7 @@ fn sampled(qp: &ParametricQp, samples: usize, seed: u64) -> [u32; 2] {
     let mut solves = Solves::of(qp);
     let mut sets = vec![vec![0_i8; qp.rows.len()]];
     let mut worst = [0; 2];
-    let mut random = generator(seed);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
     for _ in 0..samples {
         let share = DVector::from_fn(PARAMETERS, |_, _| match random.random_range(0..4_u8) {
             0 => f64::from(random.random_range(0..2_u8) * 2) - 1.0,

@@ -1,9 +1,9 @@
 //! The study as a table, a picture and files.
 
 use super::{Cell, Conditions, Law, Mark, Study, Verdict, marks};
-use crate::figure::{Axis, Colour, Curve, Dash, Figure, Level, Panel};
-use crate::in_process::StateSource;
-use crate::results::{ResultsError, ResultsFolder, Table};
+use figures::figure::{Axis, Colour, Curve, Dash, Figure, Level, Panel};
+use figures::results::{ResultsError, ResultsFolder, Table};
+use launcher::in_process::StateSource;
 use serde_json::{Value, json};
 
 /// Least and largest error that the picture tells apart \[mm\]; what is beyond is drawn there.
@@ -159,7 +159,7 @@ fn draw(
     (law, conditions): (Law, Conditions),
     (colour, dash): (Colour, Dash),
 ) -> Panel {
-    use crate::figure::Mark as Drawn;
+    use figures::figure::Mark as Drawn;
     let cells: Vec<_> =
         study.cells.iter().filter(|c| (c.law, c.conditions) == (law, conditions)).collect();
     if cells.is_empty() {
