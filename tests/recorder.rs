@@ -9,7 +9,6 @@ use common::processes::{Running, kill, pause_ms, processes_of, wait_until};
 use common::recording::Recording;
 use common::{Flown, morphquad, rounds};
 use launcher::record::read::RecordedFlight;
-use launcher::report::Report;
 use launcher::run::{Burst, Pin, RunOptions, Speed};
 use launcher::scenario::{Override, Scenario};
 use mcap::MessageStream;
@@ -22,6 +21,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::Child;
 use std::time::Duration;
+use viewers::report::Report;
 
 /// Messages by topic, slash left out, of which no other topic's are a repetition.
 fn counted(path: &Path) -> BTreeMap<String, u64> {

@@ -4,10 +4,8 @@
 //! flying components; [`process`] is one of them in its own process; [`run`] starts, conducts,
 //! supervises, records and sums up a flight, and [`control`] lets others ask it; [`pilot`] flies along
 //! in the launcher itself, and [`orders`] lead it elsewhere.
-//! [`topic`] lets others look at topics, live and recorded, [`top`] at everything at once, and [`live`]
-//! serves it to viewers.
+//! [`topic`] lets others look at topics, live and recorded.
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
-//! [`view`] shows it as a page, [`report`] judges it,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
 //! such flights. [`figure`] and [`results`] are pictures and result files. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
 //! own controllers, in Rust and in other languages.
@@ -23,7 +21,6 @@ pub mod doctor;
 pub mod fan_out;
 pub use figures::{figure, results};
 pub mod in_process;
-pub mod live;
 pub mod new_controller;
 pub mod orders;
 mod own_executable;
@@ -32,15 +29,11 @@ pub mod process;
 pub mod record;
 pub mod rehearse;
 pub mod replay;
-pub mod report;
 pub mod run;
 pub mod scenario;
 pub mod scene;
-pub mod top;
 pub mod topic;
 pub mod trace;
 pub mod types;
-pub mod view;
-mod web;
 
 pub use host::{exit, name_thread};

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 30] = [
+const ALLOWED: [(&str, &[&str]); 31] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
@@ -55,6 +55,18 @@ const ALLOWED: [(&str, &[&str]); 30] = [
         ],
     ),
     (
+        "viewers",
+        &[
+            "disturbance-injector",
+            "figures",
+            "launcher",
+            "runtime",
+            "shared-types",
+            "vehicle",
+            "verdict",
+        ],
+    ),
+    (
         "studies",
         &[
             "attitude-mpc",
@@ -87,6 +99,7 @@ const ALLOWED: [(&str, &[&str]); 30] = [
             "shared-types",
             "studies",
             "vehicle",
+            "viewers",
         ],
     ),
     ("morphquad", &["cli", "launcher"]),

@@ -7,10 +7,10 @@ use super::refusal::{Done, Failure};
 use core::sync::atomic::AtomicBool;
 use launcher::control::runs;
 use launcher::exit;
-use launcher::live::{LiveError, LiveServer};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io::Write;
 use std::sync::Arc;
+use viewers::live::{LiveError, LiveServer};
 
 /// How far it stands back for the flight.
 const NICE: i32 = 10;

@@ -7,10 +7,10 @@ use super::recover::RECOVERED;
 use super::refusal::{Done, Failure};
 use launcher::exit;
 use launcher::record::read::RecordedFlight;
-use launcher::report::{Folder, Report, document, pictures};
 use launcher::results::ResultsFolder;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use viewers::report::{Folder, Report, document, pictures};
 
 /// Reports on one recording or on all of a folder; 1 if a gate fails, 2 if a file cannot be read.
 pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write) -> Done {

@@ -6,12 +6,12 @@ use super::refusal::{Done, Failure};
 use anstream::adapter::strip_str;
 use launcher::control::runs;
 use launcher::exit;
-use launcher::top::draw::plain;
-use launcher::top::screen::{Ear, show, status_of};
-use launcher::top::snapshot::Usage;
 use runtime::clock::{mono_now_ns, sleep_until};
 use serde_json::json;
 use std::io::{self, IsTerminal as _, Write};
+use viewers::top::draw::plain;
+use viewers::top::screen::{Ear, show, status_of};
+use viewers::top::snapshot::Usage;
 
 /// How long one look takes \[ns\].
 const LOOK_NS: u64 = 1_000_000_000;

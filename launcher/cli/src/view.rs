@@ -6,10 +6,10 @@ use super::options::ViewArguments;
 use super::refusal::{Done, Failure};
 use core::sync::atomic::AtomicBool;
 use launcher::exit;
-use launcher::view::{Scene, ServeError, Server, page};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io::Write;
 use std::sync::Arc;
+use viewers::view::{Scene, ServeError, Server, page};
 
 /// Writes the page, or serves it.
 pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write) -> Done {

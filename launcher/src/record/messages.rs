@@ -14,8 +14,10 @@ use shared_types::wire::Wire as _;
 
 /// Full name of the message on `/state/...`.
 pub(super) const STATE_NAME: &str = "morphquad.v1.ServiceState";
+
 /// Schema of the message on `/events`.
-pub(crate) fn log_schema() -> (&'static str, FileDescriptorSet) {
+#[must_use]
+pub fn log_schema() -> (&'static str, FileDescriptorSet) {
     (LOG_NAME, log_descriptor())
 }
 
@@ -142,7 +144,7 @@ pub(super) fn log_descriptor() -> FileDescriptorSet {
 }
 
 /// `stamp_ns` is Unix time. Fields 5 and 6 (source file and line) stay empty.
-pub(crate) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
+pub fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
     let mut timestamp = Vec::with_capacity(16);
     uint64::encode(1, &(stamp_ns / 1_000_000_000), &mut timestamp);
     uint64::encode(2, &(stamp_ns % 1_000_000_000), &mut timestamp);
@@ -154,7 +156,10 @@ pub(crate) fn encode_log(event: &Event<'_>, stamp_ns: u64, out: &mut Vec<u8>) {
 }
 
 /// Reads what [`encode_log`] wrote: Unix time \[ns\], level, text and source.
-pub(crate) fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), DecodeError> {
+///
+/// # Errors
+/// Bytes that are not such a message: says which field.
+pub fn decode_log(bytes: &[u8]) -> Result<(u64, u64, String, String), DecodeError> {
     let mut reader = Fields::new("Log", bytes);
     let mut stamp = Fields::new("Timestamp", reader.delimited(1, "timestamp")?);
     let seconds = stamp.varint(1, "seconds")?;

@@ -27,6 +27,6 @@ pub use encode::encode;
 pub use error::RecordError;
 pub use facts::{Branched, Clock, Continued, Facts, Machine};
 pub use messages::{Event, Severity};
-pub(crate) use messages::{decode_log, encode_log, log_schema};
+pub use messages::{decode_log, encode_log, log_schema};
 pub use recording::Recording;
 pub use schema::{PACKAGE, descriptor_set, full_name};

@@ -7,9 +7,9 @@ use ::verdict::{End, Grade, Misses, Outcome, Verdict, judge, worst};
 use shared_types::LoopStats;
 
 /// Of a recording's summary: how the flight ended.
-pub(crate) const ENDED: &str = "ended";
+pub const ENDED: &str = "ended";
 /// Of a recording's summary: logical time through which every loop is complete \[ns\].
-pub(crate) const FLOWN_NS: &str = "flown_ns";
+pub const FLOWN_NS: &str = "flown_ns";
 /// The word for a flight that ended at the instant planned.
 const PLANNED: &str = "as planned";
 /// The word for a flight that the user ended.
@@ -35,7 +35,8 @@ pub struct Closing {
 }
 
 /// How a flight ended, as a recording keeps it.
-pub(crate) fn told_end(end: &End) -> String {
+#[must_use]
+pub fn told_end(end: &End) -> String {
     match end {
         End::Planned => PLANNED.to_owned(),
         End::Interrupted => INTERRUPTED.to_owned(),
@@ -45,7 +46,8 @@ pub(crate) fn told_end(end: &End) -> String {
 }
 
 /// Reads back what [`told_end`] has written.
-pub(crate) fn read(text: &str) -> End {
+#[must_use]
+pub fn read(text: &str) -> End {
     match text.strip_prefix(CRASHED) {
         Some(why) => End::Crashed(why.to_owned()),
         None if text == PLANNED => End::Planned,
@@ -56,7 +58,7 @@ pub(crate) fn read(text: &str) -> End {
 
 /// Exit code of a flight: 0 if it passed, 4 for a crash, 130 for an interrupt, 3 for an incomplete recording, 1
 /// for everything else.
-pub(crate) fn exit_code(closing: &Closing, verdict: &Verdict) -> u8 {
+pub(super) fn exit_code(closing: &Closing, verdict: &Verdict) -> u8 {
     match (&closing.end, verdict.grade()) {
         (End::Crashed(_), _) => exit::CRASHED,
         (End::Interrupted, _) => exit::INTERRUPTED,
@@ -74,12 +76,14 @@ impl Metrics {
     }
 
     /// The line that every output about this flight begins with.
-    pub(crate) fn line(&self, verdict: &Verdict) -> String {
+    #[must_use]
+    pub fn line(&self, verdict: &Verdict) -> String {
         verdict.line(&self.rules().scenario)
     }
 
     /// What has been measured; call [`Metrics::finish`] first.
-    pub(crate) fn outcome(&self, closing: &Closing) -> Outcome {
+    #[must_use]
+    pub fn outcome(&self, closing: &Closing) -> Outcome {
         let Closing { end, flown_ns, dropped, altered, unrecorded, is_cut } = closing.clone();
         let evidence = self.evidence();
         let commands = if is_cut { self.settled_commands() } else { self.commands() };

@@ -13,7 +13,7 @@ type Place = (u32, u32);
 
 /// Last totals of every life of every loop.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct LoopLedger {
+pub struct LoopLedger {
     lives: BTreeMap<(Place, u32), LoopStats>,
     /// Lives that began with totals of their own.
     tenants: BTreeSet<(Place, u32)>,
@@ -23,13 +23,13 @@ pub(crate) struct LoopLedger {
 
 impl LoopLedger {
     /// Takes a loop's totals.
-    pub(crate) fn observe(&mut self, stats: &LoopStats) {
+    pub fn observe(&mut self, stats: &LoopStats) {
         let Header { seat, generation, .. } = stats.header;
         self.lives.insert(((stats.role.0, seat_of_loop(seat)), generation), *stats);
     }
 
     /// Takes word of a process that begins in flight.
-    pub(crate) fn seated(&mut self, seating: &Seating) {
+    pub fn seated(&mut self, seating: &Seating) {
         if seating.kind != SeatingKind::Joined {
             return;
         }
@@ -44,7 +44,8 @@ impl LoopLedger {
     }
 
     /// Totals of each seat, all its tenants together; what it counts as `generation` are restarts alone.
-    pub(crate) fn seats(&self) -> Vec<LoopStats> {
+    #[must_use]
+    pub fn seats(&self) -> Vec<LoopStats> {
         let mut seats: BTreeMap<Place, LoopStats> = BTreeMap::new();
         let mut lives = self.lives.iter().peekable();
         while let Some(((place, _), stats)) = lives.next() {
@@ -61,14 +62,16 @@ impl LoopLedger {
     }
 
     /// Deadlines missed and releases left out by every loop of a role.
-    pub(crate) fn missed(&self, role: Role) -> u64 {
+    #[must_use]
+    pub fn missed(&self, role: Role) -> u64 {
         let seats = self.seats().into_iter().filter(|stats| stats.role == role);
         seats.map(|stats| stats.skipped + stats.input_deadline_misses).sum()
     }
 }
 
 /// Of a seat's totals, as orders and replays name it.
-pub(crate) fn seat_name(stats: &LoopStats) -> String {
+#[must_use]
+pub fn seat_name(stats: &LoopStats) -> String {
     let label = stats.role.label();
     match seat_of_loop(stats.header.seat) {
         0 => label.to_owned(),

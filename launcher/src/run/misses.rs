@@ -8,7 +8,7 @@ use shared_types::{Deviation, DeviationKind, Role, topics};
 use std::collections::BTreeMap;
 
 /// Who tells of misses, in the recording.
-pub(crate) const TIMING: &str = "timing";
+pub const TIMING: &str = "timing";
 /// Logical time between the first two events about one place \[ns\]; each later one waits twice as long.
 const QUIET_NS: u64 = 1_000_000_000;
 

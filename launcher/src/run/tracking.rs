@@ -23,37 +23,37 @@ pub struct Tracking {
 
 /// Where the vehicle was beside where it was to be at that instant, in whatever order both come.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Course {
+pub struct Course {
     references: VecDeque<Reference>,
     waiting: VecDeque<(u64, [f64; 3])>,
 }
 
 /// A position and the reference in effect at its instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Point {
+pub struct Point {
     /// Logical instant \[ns\].
-    pub(crate) t_ns: u64,
+    pub t_ns: u64,
     /// Where the vehicle was \[m\].
-    pub(crate) was_w_m: [f64; 3],
+    pub was_w_m: [f64; 3],
     /// Where it was to be \[m\].
-    pub(crate) wanted_w_m: [f64; 3],
+    pub wanted_w_m: [f64; 3],
 }
 
 impl Course {
     /// Takes note of where the vehicle is to be.
-    pub(crate) fn observe_reference(&mut self, reference: &Reference) {
+    pub fn observe_reference(&mut self, reference: &Reference) {
         self.references.push_back(*reference);
     }
 
     /// Takes note of where it is.
-    pub(crate) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
+    pub fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
         if self.waiting.len() < WAITING_CAPACITY {
             self.waiting.push_back((t_ns, position_w_m));
         }
     }
 
     /// The next position whose reference is known; `finished` says that no reference will follow.
-    pub(crate) fn next(&mut self, finished: bool) -> Option<Point> {
+    pub fn next(&mut self, finished: bool) -> Option<Point> {
         loop {
             let &(t_ns, was_w_m) = self.waiting.front()?;
             while self.references.get(1).is_some_and(|r| r.header.valid_ns <= t_ns) {

@@ -21,7 +21,8 @@ pub use ledger::SwapReport;
 pub(super) use ledger::write_table;
 pub(crate) use posts::Posts;
 pub(super) use posts::Processes;
-pub(crate) use script::{FAULT, Script};
+pub use script::FAULT;
+pub(crate) use script::Script;
 pub(crate) use watch::{Seen, SlotWatch};
 
 use super::child::{ChildSpec, Launch};

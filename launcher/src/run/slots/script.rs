@@ -82,7 +82,7 @@ impl Script {
 }
 
 /// Begins what is told of a fault that somebody wanted.
-pub(crate) const FAULT: &str = "fault: ";
+pub const FAULT: &str = "fault: ";
 
 /// A scripted swap is what a user would have asked for.
 fn order(swap: &SwapSettings) -> Request {

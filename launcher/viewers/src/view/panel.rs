@@ -1,7 +1,7 @@
 //! The charts of the page, before they have data.
 
 use super::envelope::Envelope;
-use crate::figure::{Colour, Dash};
+use figures::figure::{Colour, Dash};
 
 /// One pair of axes over time.
 #[derive(Debug)]

@@ -2,12 +2,12 @@
 
 use super::token::Token;
 use super::{LiveError, Shared};
-use crate::control::client::{AskError, Conversation};
-use crate::control::runs::Run;
-use crate::control::{Reply, Request};
 use crate::view::live_page;
 use crate::web::{Answer, Asked, WebServer};
 use hyper::{Method, StatusCode};
+use launcher::control::client::{AskError, Conversation};
+use launcher::control::runs::Run;
+use launcher::control::{Reply, Request};
 use runtime::clock::{mono_now_ns, sleep_until};
 use serde_json::json;
 use std::collections::BTreeMap;

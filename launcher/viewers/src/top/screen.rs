@@ -3,12 +3,12 @@
 use super::draw::{Palette, Talk, draw};
 use super::gauges::{Gauges, wanted};
 use super::snapshot::{Snapshot, Usage};
-use crate::control::client::{AskError, Conversation};
-use crate::control::runs::Run;
-use crate::control::status::RunStatus;
-use crate::control::{Reply, Request};
-use crate::topic::live::{ListenError, Listening, Word};
 use core::time::Duration;
+use launcher::control::client::{AskError, Conversation};
+use launcher::control::runs::Run;
+use launcher::control::status::RunStatus;
+use launcher::control::{Reply, Request};
+use launcher::topic::live::{ListenError, Listening, Word};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use runtime::clock::mono_now_ns;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};

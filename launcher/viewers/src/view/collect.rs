@@ -3,10 +3,10 @@
 use super::happening::{Happening, Owners, World};
 use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
-use crate::record::Clock;
-use crate::record::read::{RecordVisitor, RecordedEvent};
-use crate::run::{Course, LoopLedger};
 use ::verdict::LOST_M;
+use launcher::record::Clock;
+use launcher::record::read::{RecordVisitor, RecordedEvent};
+use launcher::run::{Course, LoopLedger};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use shared_types::{
     ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, ControllerReport, Disturbance,

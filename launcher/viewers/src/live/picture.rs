@@ -1,12 +1,12 @@
 //! What the page shows of a flight in the air, in bounded memory: everything so far, or what is new.
 
-use crate::candidate::Slot;
-use crate::components;
-use crate::control::status::RunStatus;
-use crate::record::read::{RecordVisitor as _, RecordedEvent};
-use crate::scenario::Scenario;
-use crate::topic::feed::{Ending, Flying};
 use crate::view::{Collect, Happening, Owners, json};
+use launcher::candidate::Slot;
+use launcher::components;
+use launcher::control::status::RunStatus;
+use launcher::record::read::{RecordVisitor as _, RecordedEvent};
+use launcher::scenario::Scenario;
+use launcher::topic::feed::{Ending, Flying};
 use serde_json::{Value, json};
 use shared_types::{Sample, Topic};
 
@@ -46,7 +46,10 @@ impl Picture {
             ["clock", clock],
             ["seed", settings.seed.to_string()],
             ["planned", format!("{} s", settings.duration_s)],
-            ["build", format!("{} ({})", env!("CARGO_PKG_VERSION"), crate::build::declared().git)],
+            [
+                "build",
+                format!("{} ({})", env!("CARGO_PKG_VERSION"), launcher::build::declared().git)
+            ],
         ]);
         let slots = Slot::ALL.map(|slot| {
             let controllers: Vec<&str> = components::names_for(slot.role()).collect();
@@ -221,13 +224,13 @@ mod tests {
     fn events_are_told_once_and_the_end_to_whoever_asks_after_it() {
         let mut picture = picture();
         let mut log = Vec::new();
-        let event = crate::record::Event {
+        let event = launcher::record::Event {
             logical_ns: 5,
-            severity: crate::record::Severity::Error,
+            severity: launcher::record::Severity::Error,
             source: "s",
             text: "broken",
         };
-        crate::record::encode_log(&event, 5, &mut log);
+        launcher::record::encode_log(&event, 5, &mut log);
         picture.told(&log);
         picture.told(b"garbage");
         assert_eq!(picture.whole()["events"].as_array().map(Vec::len), Some(1));

@@ -20,10 +20,10 @@ pub use pictures::pictures;
 pub use response::Response;
 pub use told::{Folder, document};
 
-use crate::record::read::RecordedFlight;
-use crate::trace::{self, trace};
 use crate::view::{Gathered, ViewError, gather};
 use ::verdict::Verdict;
+use launcher::record::read::RecordedFlight;
+use launcher::trace::{self, trace};
 use pictures::Tails;
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -2,15 +2,15 @@
 
 use super::LiveError;
 use super::past::Past;
-use crate::record::{descriptor_set, encode, full_name, log_schema};
-use crate::scenario::Scenario;
-use crate::scene::{self, Scene};
-use crate::topic::feed::Flying;
 use foxglove::websocket::{Capability, ServerListener};
 use foxglove::{
     ChannelBuilder, Context, FoxgloveError, PartialMetadata, RawChannel, Schema, WebSocketServer,
     WebSocketServerHandle,
 };
+use launcher::record::{descriptor_set, encode, full_name, log_schema};
+use launcher::scenario::Scenario;
+use launcher::scene::{self, Scene};
+use launcher::topic::feed::Flying;
 use prost::Message as _;
 use runtime::clock::mono_now_ns;
 use shared_types::{Role, Sample, Topic, TopicInfo, TopicVisitor, topics};
@@ -147,7 +147,7 @@ impl Viewers {
 
     /// Sends something that was told.
     pub(super) fn told(&mut self, log: &[u8]) {
-        let stamp_ns = crate::record::decode_log(log).map_or(0, |(stamp_ns, ..)| stamp_ns);
+        let stamp_ns = launcher::record::decode_log(log).map_or(0, |(stamp_ns, ..)| stamp_ns);
         self.events.log_with_meta(log, PartialMetadata::with_log_time(stamp_ns));
         self.past.keep(self.events.topic(), stamp_ns, log);
     }

@@ -5,10 +5,10 @@
 
 use super::collect::Frames;
 use super::panel::{Panel, Panels, Series};
-use crate::figure::{Colour, Dash};
-use crate::run::seat_name;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use figures::figure::{Colour, Dash};
+use launcher::run::seat_name;
 use serde_json::{Value, json};
 use shared_types::LoopStats;
 use vehicle::VehicleParameters;

@@ -2,8 +2,8 @@
 
 use super::gauges::Spread;
 use super::{Row, Snapshot};
-use crate::control::status::{ProcessState, RunStatus};
 use core::fmt::Write as _;
+use launcher::control::status::{ProcessState, RunStatus};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Modifier, Style};

@@ -1,13 +1,13 @@
 //! Every number of a report, judged.
 
 use super::observe::Observed;
-use crate::record::Clock;
-use crate::record::read::{Closing, RecordedFlight};
-use crate::run::Effort;
-use crate::scenario::{Override, Scenario};
-use crate::trace;
 use crate::view::Gathered;
 use ::verdict::CHECKS;
+use launcher::record::Clock;
+use launcher::record::read::{Closing, RecordedFlight};
+use launcher::run::Effort;
+use launcher::scenario::{Override, Scenario};
+use launcher::trace;
 use serde::Serialize;
 
 /// One number with what it is measured by.
@@ -133,7 +133,7 @@ fn of_flight(
     numbers: &mut Numbers<'_>,
 ) {
     let metrics = &observed.metrics;
-    numbers.tell(("ended", "ended"), crate::run::told_end(&observed.outcome.end));
+    numbers.tell(("ended", "ended"), launcher::run::told_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
     let flown_s = gathered.closing.summary.get("flown_s").cloned();
     let flown_s = flown_s.unwrap_or_else(|| format!("{:.3}", gathered.span_ns.1 as f64 * 1e-9));
@@ -271,7 +271,7 @@ fn of_latency(latency: &trace::Report, numbers: &mut Numbers<'_>) {
     numbers.tell(("traced", "commands traced to their sensor"), value);
     let place = trace::SEGMENTS.iter().position(|s| s.key == "sensor_to_command");
     if let Some(figures) = place.and_then(|place| latency.segments.get(place)) {
-        let us = |ns: u64| format!("{} µs", crate::figure::us(ns as f64 * 1e-3));
+        let us = |ns: u64| format!("{} µs", figures::figure::us(ns as f64 * 1e-3));
         numbers.tell(("latency_p50", "sensor due to command sent, median"), us(figures.p50_ns));
         numbers.tell(("latency_p99", "sensor due to command sent, 99 %"), us(figures.p99_ns));
         numbers.tell(("latency_p999", "sensor due to command sent, 99.9 %"), us(figures.p999_ns));

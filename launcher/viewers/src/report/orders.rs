@@ -1,9 +1,9 @@
 //! What was ordered in flight, and what the vehicle made of it.
 
 use super::Response;
-use crate::orders::OrderReport;
-use crate::record::read::RecordVisitor;
 use crate::view::{Gathered, Kind};
+use launcher::orders::OrderReport;
+use launcher::record::read::RecordVisitor;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
 use shared_types::{GuidanceOrder, Sample, Topic, TopicInfo, Truth, topics};

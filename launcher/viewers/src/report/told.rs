@@ -1,9 +1,9 @@
 //! A report in words: for the terminal, and as a page.
 
 use super::{AuditRow, Number, Ordered, Report, Response, pictures};
-use crate::results::{Document, Table, capital};
 use ::verdict::Grade;
 use core::fmt;
+use figures::results::{Document, Table, capital};
 use serde_json::Value;
 
 /// Sections, in the order told.

@@ -1,9 +1,9 @@
 //! What happened and when, for the time axis.
 
-use crate::record::Clock;
-use crate::record::read::{RecordVisitor, RecordedEvent};
-use crate::run::{FAULT, TIMING};
 use disturbance_injector::Event;
+use launcher::record::Clock;
+use launcher::record::read::{RecordVisitor, RecordedEvent};
+use launcher::run::{FAULT, TIMING};
 use serde::Serialize;
 use shared_types::{
     Disturbance, DisturbanceKind, DisturbanceOrder, GateMode, GuidanceOrder, OwnerRecord, Role,

@@ -2,10 +2,10 @@
 
 use super::AuditRow;
 use super::orders::Pursuits;
-use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
-use crate::record::{STATES, SequenceAudit, Stream, name_gaps};
-use crate::run::{self, ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
 use ::verdict::{End, Outcome, Verdict};
+use launcher::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
+use launcher::record::{STATES, SequenceAudit, Stream, name_gaps};
+use launcher::run::{self, ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
 use shared_types::{Header, Role, Sample, Topic, Truth, topics};
 use std::any::Any;
 use std::collections::BTreeMap;

@@ -1,0 +1,11 @@
+//! What shows a flight: the page of a recording and of a running flight, the report, and the terminal's dashboard.
+//!
+//! [`view`] shows a recording as a page, [`report`] judges it, [`live`] serves a running flight to a page and to
+//! viewers, and [`top`] shows its loops in a terminal. All of them read recordings, topics and the control socket;
+//! nothing of a flight knows them.
+
+pub mod live;
+pub mod report;
+pub mod top;
+pub mod view;
+mod web;
