@@ -12,8 +12,9 @@ use crate::common::{distance, euler_rad, host_s, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Output};
+use std::process::{Child, Command, Output};
 use tempfile::TempDir;
 
 /// A launcher that takes over.
@@ -30,6 +31,25 @@ impl Adopter {
         let Output { status, stdout, stderr } = self.0.wait_with_output().expect("an end");
         let said = String::from_utf8_lossy(&stderr).into_owned();
         (status.code(), serde_json::from_slice(&stdout).unwrap_or(Value::Null), said)
+    }
+}
+
+/// A child of the test in the process group of another process. The kernel wakes the stopped processes of a group
+/// that becomes an orphan, as one does whose only parent outside is the launcher when it dies.
+struct GroupMember(Child);
+
+impl GroupMember {
+    fn beside(leader: u32) -> Self {
+        let group = i32::try_from(leader).expect("a process");
+        let member = Command::new("sleep").arg("infinity").process_group(group).spawn();
+        Self(member.expect("`sleep` starts"))
+    }
+}
+
+impl Drop for GroupMember {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
 }
 
@@ -242,14 +262,14 @@ fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_laun
 
     let lockstep = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "1"]);
     let run = lockstep.id().to_owned();
+    // The run is there for as long as one of its processes, however late it is asked for.
+    let companion = GroupMember::beside(lockstep.signal("monitor", Signal::STOP));
     lockstep.kill_launcher();
-    // The run is there for as long as one of its processes, however late it is asked for. Had it been stopped
-    // before, the kernel would have woken it when it became an orphan.
-    lockstep.signal("monitor", Signal::STOP);
     let (code, said) = say(&["adopt", &run]);
     assert_eq!(code, Some(2), "{said}");
     assert!(said.contains("lockstep") && said.contains("leave within 2 s"), "{said}");
     lockstep.signal("monitor", Signal::CONT);
+    drop(companion);
     assert_nothing_left(&run);
 }
 
