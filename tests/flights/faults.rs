@@ -174,7 +174,10 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     let flown = running.wait();
     assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
     for victim in MORTALS {
-        assert!(flown.stderr.contains(&format!("{victim} killed by signal 9")), "{}", flown.said());
+        // Of a controller the launcher may hear first that its commands fail to come, and replaces it for that.
+        let reports = [format!("{victim} killed by signal 9"), format!("take over from {victim}@")];
+        let is_reported = reports.iter().any(|report| flown.stderr.contains(report));
+        assert!(is_reported, "{victim}: {}", flown.said());
     }
     assert!(flown.number("recovered_crashes") >= 4.0, "{}", flown.said());
     assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
