@@ -7,7 +7,7 @@
 //! [`topic`] lets others look at topics, live and recorded.
 //! [`replay`] flies a recording again, [`trace`] follows its commands to their sensor,
 //! [`doctor`] looks at the machine; [`in_process`] flies in a single thread, [`campaign`] many
-//! such flights. [`figure`] and [`results`] are pictures and result files. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
+//! such flights, on all cores by [`mod@fan_out`]. [`figure`] and [`results`] are pictures and result files. [`mod@bench`] measures latencies. [`new_controller`] and [`types`] are for users'
 //! own controllers, in Rust and in other languages.
 
 pub mod bench;

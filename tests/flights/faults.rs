@@ -174,9 +174,13 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     let flown = running.wait();
     assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
     for victim in MORTALS {
-        // Of a controller the launcher may hear first that its commands fail to come, and replaces it for that.
-        let reports = [format!("{victim} killed by signal 9"), format!("take over from {victim}@")];
-        let is_reported = reports.iter().any(|report| flown.stderr.contains(report));
+        let killed = format!("{victim} killed by signal 9");
+        // The plant gives a controller up after 200 ms without commands, a constant: on a busy machine the launcher
+        // may hear of that first. Only a controller can be reported so, and only with this reason.
+        let silent = format!(
+            "take over from {victim}@0, which is started again: its commands failed to come"
+        );
+        let is_reported = [killed, silent].iter().any(|report| flown.stderr.contains(report));
         assert!(is_reported, "{victim}: {}", flown.said());
     }
     assert!(flown.number("recovered_crashes") >= 4.0, "{}", flown.said());
