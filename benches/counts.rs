@@ -93,7 +93,7 @@ fn compare() -> Result<bool, Box<dyn Error>> {
         writeln!(out, "no valgrind, so nothing is counted: `apt install valgrind`")?;
         return Ok(true);
     }
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/counts.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("counts.toml");
     let counts = kernels()
         .map(|name| Ok((name.to_owned(), count(name)?)))
         .collect::<Result<Counts, Box<dyn Error>>>()?;

@@ -7,6 +7,8 @@
 //! With `-- --rehearse` each swap is rehearsed, and blocks are 6 s long. `--speed 0.5` is for machines that
 //! cannot keep up, and is said.
 
+mod flown;
+
 use clap::Parser;
 use launcher::bench::floor::{Floor, FloorPlan};
 use launcher::bench::peer::be_peer;
@@ -17,7 +19,7 @@ use serde_json::Value;
 use shared_types::{AppliedCommand, Deviation, DeviationKind, Role, topics};
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, ExitCode, Stdio};
+use std::process::{ExitCode, Stdio};
 
 /// Swaps in realtime.
 #[derive(Debug, Parser)]
@@ -67,6 +69,9 @@ impl Options {
 type Block = [[u64; 2]; 2];
 
 fn main() -> ExitCode {
+    if let Some(code) = flown::run_if_flown() {
+        return code;
+    }
     // The floor's processes are this executable again.
     if std::env::args().nth(1).is_some_and(|argument| argument == "bench-peer") {
         return ExitCode::from(be_peer());
@@ -130,7 +135,7 @@ fn measure(options: &Options) -> Result<()> {
 fn fly(options: &Options, folder: &Path) -> Result<Value> {
     let (every_s, swaps) = (options.every_s(), options.swaps());
     let seconds = LEAD_IN_S + every_s * f64::from(swaps) + 1.0;
-    let mut command = Command::new(env!("CARGO_BIN_EXE_morphquad"));
+    let mut command = flown::morphquad();
     command.args(["run", "hover", "--clock", "realtime", "--format", "json"]);
     command.args(["--rate", &format!("attitude-mpc={}", options.rate)]);
     command.args(["--speed", &options.speed.to_string(), "--for", &format!("{seconds}s")]);

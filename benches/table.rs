@@ -37,6 +37,8 @@ struct Row {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
+    // Cargo starts a bench in the folder of its package; paths are meant from the workspace's.
+    std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let mut told = String::new();
     for bench in BENCHES {

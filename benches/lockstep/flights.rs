@@ -1,5 +1,6 @@
 //! Whole flights: the executable with its five processes, and all loops in one thread.
 
+use crate::flown::morphquad;
 use crate::{Plan, Result, Rounds};
 use launcher::in_process::{self, StateSource};
 use launcher::run::FlightHash;
@@ -106,7 +107,7 @@ impl Flown {
     }
 
     fn command(&self, duration: &str, folder: &Path) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_morphquad"));
+        let mut command = morphquad();
         command.args(["run", SCENARIO, "--for", duration, "--format", "json"]);
         command.args(["--pin", self.pin]);
         for (key, value) in self.plan.keys() {

@@ -8,6 +8,8 @@
 mod budget;
 mod flights;
 mod floor;
+#[path = "../flown/mod.rs"]
+mod flown;
 mod report;
 mod ring;
 #[path = "../roll/mod.rs"]
@@ -131,6 +133,9 @@ fn run(options: &Options) -> Result<()> {
 }
 
 fn main() -> ExitCode {
+    if let Some(code) = flown::run_if_flown() {
+        return code;
+    }
     match run(&Options::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -67,7 +67,7 @@ enum Format {
 
 impl Options {
     fn groups(&self) -> Result<Vec<Group>, Box<dyn core::error::Error>> {
-        let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("services/lib/qp/tests/sequences");
+        let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../services/lib/qp/tests/sequences");
         let mut groups = series::recorded(&[own])?;
         groups.extend(series::recorded(&self.data)?);
         groups.extend(live::groups());
@@ -121,6 +121,8 @@ fn pin(cpu: Option<usize>) -> Result<usize, Box<dyn core::error::Error>> {
 }
 
 fn run(options: &Options) -> Result<(), Box<dyn core::error::Error>> {
+    // Cargo starts a bench in the folder of its package; paths are meant from the workspace's.
+    std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))?;
     let (groups, entries) = (options.groups()?, options.entries()?);
     if options.counted {
         // No clock and no processor number here: valgrind maps no vdso to ask for them.

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 31] = [
+const ALLOWED: [(&str, &[&str]); 32] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
@@ -86,6 +86,7 @@ const ALLOWED: [(&str, &[&str]); 31] = [
         &["controller", "host", "launcher", "rehearsal", "runtime", "shared-types", "vehicle"],
     ),
     ("soak", &["runtime"]),
+    ("benches", &[]),
     (
         "cli",
         &[
