@@ -10,7 +10,7 @@
 mod tape;
 
 use core::hint::black_box;
-use launcher::record::encode;
+use record::encode;
 use shared_types::{Role, StateEstimate};
 use std::collections::BTreeMap;
 use std::error::Error;

@@ -6,9 +6,9 @@ mod tape;
 
 use core::time::Duration;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use launcher::record::{Clock, Facts, Machine, Recording};
-use launcher::scenario::Scenario;
+use record::{Clock, Facts, Machine, Recording};
 use runtime::clock::mono_now_ns;
+use scenario::Scenario;
 use shared_types::{Header, Role};
 use std::io::Write as _;
 use std::path::Path;

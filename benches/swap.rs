@@ -9,11 +9,11 @@
 
 mod flown;
 
+use bench::floor::{Floor, FloorPlan};
+use bench::peer::be_peer;
+use bench::place::{Place, Policy};
 use clap::Parser;
-use launcher::bench::floor::{Floor, FloorPlan};
-use launcher::bench::peer::be_peer;
-use launcher::bench::place::{Place, Policy};
-use launcher::record::read::RecordedFlight;
+use record::read::RecordedFlight;
 use runtime::clock::mono_now_ns;
 use serde_json::Value;
 use shared_types::{AppliedCommand, Deviation, DeviationKind, Role, topics};

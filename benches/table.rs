@@ -2,8 +2,8 @@
 //! hop, and the count of instructions, and writes `bench-results.md` (or `MORPHQUAD_TABLE=FILE`) with every
 //! figure and the facts of the machine.
 
-use launcher::doctor;
-use launcher::record::Machine;
+use doctor;
+use record::Machine;
 use serde_json::Value;
 use std::error::Error;
 use std::fmt::Write as _;

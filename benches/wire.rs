@@ -2,12 +2,12 @@
 
 use core::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use launcher::components::{self, Component, ComponentVisitor};
-use launcher::record::encode;
 use launcher::run::FlightHash;
-use launcher::scenario::Scenario;
+use record::encode;
 use runtime::service::{pack_state, state_size};
 use runtime::{Service, StateHeader};
+use scenario::Scenario;
+use scenario::components::{self, Component, ComponentVisitor};
 use shared_types::{Reference, Role, Sample, StateEstimate, Topic, Truth, topics};
 
 struct PackState<'a> {

@@ -7,9 +7,9 @@ use common::fly;
 use core::time::Duration;
 use launcher::in_process::{InProcess, Observer, StateSource};
 use launcher::run::FlightHash;
-use launcher::scenario::{Override, Scenario};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use scenario::{Override, Scenario};
 use shared_types::{Header, Role, Sample, StateEstimate, Topic, Truth};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -128,7 +128,7 @@ fn no_step_of_any_other_controller_allocates() {
 
 #[test]
 fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
-    for name in launcher::scenario::shipped::names() {
+    for name in scenario::shipped::names() {
         let hash = hash_of(start(&scenario(name, 4_000, &[]), FlightHash::default()));
         let flown = fly(&[name, "--for", "4s", "--no-record"]);
         flown.assert_clean();

@@ -16,7 +16,7 @@ pub(crate) fn morphquad() -> Command {
 /// was; `None` in the bench itself.
 pub(crate) fn run_if_flown() -> Option<ExitCode> {
     std::env::var_os(FLOWN)?;
-    launcher::name_thread("morphquad");
+    host::name_thread("morphquad");
     let code = cli::execute(std::env::args_os(), &mut std::io::stdout(), &mut std::io::stderr());
     Some(ExitCode::from(code))
 }

@@ -2,16 +2,16 @@
 
 use core::cell::{Cell, RefCell};
 use core::time::Duration;
-use launcher::components::{self, Component, ComponentVisitor};
 use launcher::in_process::{InProcess, Observer, StateSource};
-use launcher::record::Recording;
-use launcher::scenario::{Override, Scenario};
+use record::Recording;
 use runtime::clock::mono_now_ns;
 use runtime::graph::Edge;
 use runtime::{
     Executor, Graph, Input, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
     OutputVisitor, Place, Service, Sink, Source, StateSink, StepStamps,
 };
+use scenario::components::{self, Component, ComponentVisitor};
+use scenario::{Override, Scenario};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 use std::collections::BTreeMap;

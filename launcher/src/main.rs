@@ -1,11 +1,11 @@
 //! The `morphquad` executable: the launcher, and every process it starts.
 
-use launcher::build::{self, Build};
+use record::build::{self, Build};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // Started as `/proc/self/exe`, a process would be called `exe` in `ps` and `top`.
-    launcher::name_thread("morphquad");
+    host::name_thread("morphquad");
     build::declare(Build {
         git: env!("MORPHQUAD_GIT"),
         rustc: env!("MORPHQUAD_RUSTC"),

@@ -165,7 +165,7 @@ fn each_service_is_measured_alone() {
     let report = result(&output);
     let rows = report["steps"].as_array().expect("rows");
     // The monitor publishes nothing while all is well, so there are no stamps to measure it by.
-    for service in launcher::components::names().into_iter().filter(|name| *name != "monitor") {
+    for service in scenario::components::names().into_iter().filter(|name| *name != "monitor") {
         let row = rows.iter().find(|row| row["name"] == service);
         assert_measured(&row.unwrap_or_else(|| panic!("no {service}: {report}"))["step"]);
     }

@@ -16,7 +16,7 @@ fn of_the_flight(flown: &Flown) -> serde_json::Map<String, Value> {
 
 #[test]
 fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_processes() {
-    for name in launcher::scenario::shipped::names() {
+    for name in scenario::shipped::names() {
         let flight = [name, "--for", "4s", "--seed", "3"];
         let processes = fly(&flight);
         let alone = fly(&[&flight[..], &["--in-process"]].concat());

@@ -3,10 +3,10 @@
 
 use crate::common::processes::{Running, kill};
 use crate::common::{Flown, fly, morphquad};
-use launcher::scenario::{Override, Scenario};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rustix::process::Signal;
+use scenario::{Override, Scenario};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

@@ -7,9 +7,9 @@
 use crate::common::{Flown, fly, fly_beside, rounds};
 use launcher::in_process::{self, StateSource};
 use launcher::run::FlightHash;
-use launcher::scenario::Scenario;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use scenario::Scenario;
 use std::collections::BTreeSet;
 use std::process::{Child, Command};
 
@@ -169,7 +169,7 @@ fn figure8_morph_ends_where_it_should_in_calm_air() {
 
 #[test]
 fn no_shipped_scenario_violates_a_bound() {
-    for name in launcher::scenario::shipped::names() {
+    for name in scenario::shipped::names() {
         fly(&[name, "--in-process"]).assert_clean();
     }
 }

@@ -25,7 +25,7 @@ fn page_of(recording: &Path, folder: &Path) -> (String, Value) {
     (page, flight)
 }
 
-/// Numbers as `launcher/assets/view/data.js` reads them.
+/// Numbers as `launcher/viewers/assets/data.js` reads them.
 fn numbers(letters: &Value) -> Vec<f32> {
     const ALPHABET: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let letters = letters.as_str().expect("letters").trim_end_matches('=');

@@ -1,7 +1,7 @@
 //! The documents name what the code has, no more and no less.
 
-use launcher::components;
-use launcher::scenario::{Override, Scenario, shipped};
+use scenario::components;
+use scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
 use std::collections::BTreeSet;
 use std::fs;

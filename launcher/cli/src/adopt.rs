@@ -2,8 +2,8 @@
 
 use super::options::AdoptArguments;
 use super::refusal::{Done, Failure};
+use host::exit;
 use launcher::control::runs;
-use launcher::exit;
 use launcher::run::{self, AdoptError, AdoptOptions, RunError};
 use std::io::{IsTerminal as _, Write};
 

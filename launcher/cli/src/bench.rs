@@ -9,15 +9,15 @@ use super::options::{
     ScaleArguments, SolveArguments, scenario_words,
 };
 use super::refusal::Done;
+use bench::hop::{self, HopPlan};
+use bench::place::{Place, Policy};
+use bench::rate::{self, Ladder};
+use bench::recorder::{self, RecorderPlan};
+use bench::{BenchError, peer, scale, solve};
 use core::time::Duration;
-use launcher::bench::hop::{self, HopPlan};
-use launcher::bench::place::{Place, Policy};
-use launcher::bench::rate::{self, Ladder};
-use launcher::bench::recorder::{self, RecorderPlan};
-use launcher::bench::{BenchError, peer, scale, solve};
-use launcher::components::{self, Crew};
-use launcher::exit;
-use launcher::scenario::{Override, Scenario};
+use host::exit;
+use scenario::components::{self, Crew};
+use scenario::{Override, Scenario};
 use shared_types::Role;
 use std::io::Write;
 

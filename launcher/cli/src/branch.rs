@@ -3,16 +3,16 @@
 use super::bar::bar;
 use super::options::{BranchArguments, Format, ReplayArguments};
 use super::refusal::Done;
-use launcher::branch::sweep::{Interrupted, Sweep};
-use launcher::branch::{At, Branch, BranchError, Change, ChangeError};
-use launcher::campaign::{Axis, Case, Outcome, quoted, report, values};
-use launcher::exit;
+use experiments::branch::sweep::{Interrupted, Sweep};
+use experiments::branch::{At, Branch, BranchError, Change, ChangeError, FlownBranch, run_branch};
+use experiments::campaign::{Axis, Case, Outcome, quoted, report, values};
+use figures::results::{ResultsError, ResultsFolder};
+use host::exit;
 use launcher::in_process::{Difference, InProcessError, Tape};
-use launcher::record::Branched;
-use launcher::record::read::{ReadError, RecordedFlight};
-use launcher::results::{ResultsError, ResultsFolder};
-use launcher::run::{self, Pin, RunError, RunOptions, Speed, run_branch};
+use launcher::run::{Pin, RunError, RunOptions, Speed};
 use miette::Diagnostic;
+use record::Branched;
+use record::read::{ReadError, RecordedFlight};
 use runtime::watch::StopFlags;
 use shared_types::Role;
 use std::io::{self, IsTerminal as _, Write};
@@ -138,7 +138,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         })
         .or(branched);
     let flown = run_branch(&branch, &changed, &options, &origin, branched)?;
-    let run::Branched { summary, since, same, first } = flown;
+    let FlownBranch { summary, since, same, first } = flown;
     let identical = first.is_none() && same > 0;
     let departs = change.is_none(branch.scenario()) && !identical && !summary.interrupted;
     let code = summary.exit_code();

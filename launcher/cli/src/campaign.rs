@@ -3,10 +3,10 @@
 use super::bar::bar;
 use super::options::{CampaignArguments, Format};
 use super::refusal::Done;
-use launcher::campaign::report::{self, ReportError};
-use launcher::campaign::{self, Campaign, CampaignError, FileError, JournalError, Plan, Watch};
-use launcher::exit;
-use launcher::results::{ResultsError, ResultsFolder};
+use experiments::campaign::report::{self, ReportError};
+use experiments::campaign::{self, Campaign, CampaignError, FileError, JournalError, Plan, Watch};
+use figures::results::{ResultsError, ResultsFolder};
+use host::exit;
 use miette::Diagnostic;
 use runtime::watch::StopFlags;
 use std::io::{self, Write};

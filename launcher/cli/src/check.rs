@@ -2,15 +2,13 @@
 
 use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
-use launcher::components::{self, Crew};
-use launcher::scenario::pilot::Manoeuvre;
-use launcher::scenario::settings::{
-    Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings,
-};
-use launcher::scenario::{self, Scenario};
 use monitor::Limits;
 use monitor::settings::Fallback;
 use runtime::{Graph, MissPolicy, Node};
+use scenario::components::{self, Crew};
+use scenario::pilot::Manoeuvre;
+use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
+use scenario::{self, Scenario};
 use std::io::{self, Write};
 
 /// Prints the scenario and, since it has been loaded, `ok`.

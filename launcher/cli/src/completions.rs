@@ -5,8 +5,9 @@ use super::refusal::Done;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Command, CommandFactory as _, ValueHint};
 use clap_complete::Shell;
-use launcher::scenario::shipped;
-use launcher::{components, exit};
+use host::exit;
+use scenario::components;
+use scenario::shipped;
 use shared_types::topics;
 use std::io::{self, Write};
 

@@ -2,7 +2,7 @@
 
 use super::options::{DoctorArguments, Format};
 use super::refusal::Done;
-use launcher::{doctor, exit};
+use host::exit;
 use std::io::Write;
 
 /// Examines, after mending if asked to; 0 if fit, 3 if not.

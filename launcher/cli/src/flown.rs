@@ -2,11 +2,12 @@
 
 use super::refusal::Failure;
 use core::cmp::Reverse;
+use host::exit;
 use launcher::control::runs::{self, Run};
 use launcher::run::{self, Pin, RunError, RunOptions, Speed, Summary};
-use launcher::scenario::{Scenario, shipped, suggestion};
-use launcher::{exit, record::read::RecordedFlight};
+use record::read::RecordedFlight;
 use runtime::leader::leading;
+use scenario::{Scenario, shipped, suggestion};
 use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 

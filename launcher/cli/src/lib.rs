@@ -27,6 +27,7 @@ mod refusal;
 mod rehearse;
 mod replay;
 mod report;
+pub mod samples;
 mod study;
 mod top;
 mod topic;
@@ -41,12 +42,14 @@ pub use options::{
     TraceArguments, ViewArguments,
 };
 
+use host::exit;
 use host::{LAYOUT_ARGUMENT, layout_hash};
+use launcher::run;
 use launcher::run::Summary;
-use launcher::scenario::{Scenario, ScenarioError};
-use launcher::{exit, process, run};
 use options::{Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
+use scenario::process;
+use scenario::{Scenario, ScenarioError};
 use std::ffi::OsString;
 use std::io::{self, Write};
 
@@ -215,7 +218,7 @@ mod tests {
     fn list_names_every_shipped_scenario_on_stdout_alone() {
         let (code, out, diagnostics) = morphquad("list");
         assert_eq!((code, diagnostics.as_str()), (exit::PASS, ""));
-        for name in launcher::scenario::shipped::names() {
+        for name in scenario::shipped::names() {
             assert!(out.lines().any(|line| line.starts_with(name)), "{out}");
         }
     }

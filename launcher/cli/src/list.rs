@@ -1,6 +1,6 @@
 //! `morphquad list`.
 
-use launcher::scenario::{Scenario, shipped};
+use scenario::{Scenario, shipped};
 use std::io::{self, Write};
 
 /// One line per shipped scenario: name and description.

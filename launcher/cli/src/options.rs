@@ -77,7 +77,7 @@ impl Cli {
 
 /// Version and commit of the executable.
 fn version() -> String {
-    format!("{} ({})", env!("CARGO_PKG_VERSION"), launcher::build::declared().git)
+    format!("{} ({})", env!("CARGO_PKG_VERSION"), record::build::declared().git)
 }
 
 fn with_negative_numbers(command: clap::Command) -> clap::Command {

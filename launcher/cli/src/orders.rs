@@ -7,12 +7,12 @@ use super::options::{
 };
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
-use launcher::candidate::{Candidate, Slot};
+use host::exit;
 use launcher::control::client::Conversation;
 use launcher::control::protocol::Order;
 use launcher::control::{Reply, Request, runs};
-use launcher::exit;
-use launcher::orders::{Goto, Morph, Order as Flown};
+use scenario::candidate::{Candidate, Slot};
+use scenario::orders::{Goto, Morph, Order as Flown};
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
@@ -82,7 +82,7 @@ pub(super) fn disturb(arguments: &DisturbArguments, out: &mut dyn Write) -> Done
 
 /// Sends an order to pilot or injector; what no flight could do is refused without asking one.
 fn fly_otherwise(order: Flown, run: &RunChoice, format: Format, out: &mut dyn Write) -> Done {
-    if let Err(wrong) = order.check(-launcher::orders::REACH_M) {
+    if let Err(wrong) = order.check(-scenario::orders::REACH_M) {
         let trouble = Trouble::OutOfRange(wrong.sentence());
         let code = trouble.exit_code();
         return Err(Failure::report(trouble, code));

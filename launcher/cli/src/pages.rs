@@ -4,7 +4,8 @@ use super::flown::recorded;
 use super::options::{Cli, LayoutArguments, ManArguments};
 use super::refusal::{Done, Failure};
 use clap::{Command, CommandFactory as _};
-use launcher::{exit, scene};
+use host::exit;
+use record::scene;
 use std::io::{self, Write};
 use std::path::Path;
 

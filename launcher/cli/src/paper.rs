@@ -3,8 +3,8 @@
 use super::bar::busy;
 use super::refusal::{Done, Failure};
 use super::{Format, PaperArguments};
-use launcher::exit;
-use launcher::results::{ResultsError, ResultsFolder};
+use figures::results::{ResultsError, ResultsFolder};
+use host::exit;
 use std::io::{self, Write};
 use studies::paper::{Findings, PaperError, Test, report};
 

@@ -2,12 +2,12 @@
 
 use super::options::{Format, PsArguments};
 use super::refusal::Done;
+use host::exit;
 use launcher::control::client::{AskError, Conversation};
 use launcher::control::load::Load;
 use launcher::control::runs::{self, FindError};
 use launcher::control::status::{ProcessStatus, RunStatus};
 use launcher::control::{Refusal, Reply, Request};
-use launcher::exit;
 use launcher::topic::live::ListenError;
 use miette::Diagnostic;
 use serde_json::{Value, json};

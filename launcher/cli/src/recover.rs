@@ -4,8 +4,8 @@ use super::bar::busy;
 use super::flown::Writers;
 use super::options::{Format, RecoverArguments};
 use super::refusal::{Done, Failure};
-use launcher::exit;
-use launcher::record::read::{Damage, RecordedFlight, RecoverError, recover};
+use host::exit;
+use record::read::{Damage, RecordedFlight, RecoverError, recover};
 use serde_json::json;
 use std::io::Write;
 

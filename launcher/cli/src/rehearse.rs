@@ -3,15 +3,15 @@
 use super::options::{Format, RehearseArguments};
 use super::refusal::{Done, Failure};
 use core::fmt::Write as _;
-use launcher::candidate::{Candidate, Slot};
-use launcher::exit;
+use host::exit;
 use launcher::rehearse::{
     Owners, Rehearsal, RehearsalFigures, RehearsalSpec, Role, Verdict, verdict, watch,
 };
-use launcher::scenario::{Override, Scenario};
 use rehearsal::Measure;
 use runtime::clock::mono_now_ns;
 use rustix::process::{Resource, Rlimit, Signal, nice, set_parent_process_death_signal, setrlimit};
+use scenario::candidate::{Candidate, Slot};
+use scenario::{Override, Scenario};
 use std::io::{Read as _, Write};
 use std::path::{Path, PathBuf};
 

@@ -2,12 +2,12 @@
 
 use super::options::{Format, ReplayArguments};
 use super::refusal::{Done, Failure};
+use host::exit;
 use indicatif::ProgressBar;
-use launcher::components;
-use launcher::exit;
-use launcher::record::read::{ReadError, RecordedFlight};
 use launcher::replay::{self, ReplayError, Who, With};
-use launcher::scenario::{Override, suggestion};
+use record::read::{ReadError, RecordedFlight};
+use scenario::components;
+use scenario::{Override, suggestion};
 use serde_json::{Map, Value};
 use shared_types::Role;
 use std::io::{self, IsTerminal as _, Write};

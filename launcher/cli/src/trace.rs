@@ -3,7 +3,7 @@
 use super::flown::{recorded, unreadable};
 use super::options::{Format, TraceArguments};
 use super::refusal::{Done, Failure};
-use launcher::exit;
+use host::exit;
 use launcher::trace::{Chain, SEGMENTS, Sum, Traced, trace};
 use serde_json::{Map, Value, json};
 use shared_types::Header;

@@ -2,12 +2,13 @@
 
 use super::options::TypesArguments;
 use super::refusal::{Done, Failure};
-use launcher::{exit, types};
+use crate::samples;
+use host::exit;
 use std::io::Write;
 
 /// Writes the samples as another language declares them.
 pub(super) fn run(arguments: &TypesArguments, out: &mut dyn Write) -> Done {
-    let text = types::python();
+    let text = samples::python();
     match &arguments.out {
         None => out.write_all(text.as_bytes())?,
         Some(path) => std::fs::write(path, text).map_err(|error| {

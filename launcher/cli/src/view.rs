@@ -5,7 +5,7 @@ use super::keep_safe::write_page;
 use super::options::ViewArguments;
 use super::refusal::{Done, Failure};
 use core::sync::atomic::AtomicBool;
-use launcher::exit;
+use host::exit;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io::Write;
 use std::sync::Arc;

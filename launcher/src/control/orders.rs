@@ -6,7 +6,7 @@
 use super::protocol::{Order, Reason, Refusal, Reply, Request};
 use super::server::Answer;
 use super::telling;
-use crate::candidate::{Candidate, NoCandidate, Slot};
+use scenario::candidate::{Candidate, NoCandidate, Slot};
 use slot::{Action, Outcome, Program, Report, Seat, Target};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -383,7 +383,7 @@ fn known_slot(name: &str, machines: &Machines) -> Result<Slot, Refusal> {
         if flown.is_empty() {
             return nothing_to_order();
         }
-        let remedy = crate::scenario::suggestion(name, flown.into_iter());
+        let remedy = scenario::suggestion(name, flown.into_iter());
         Refusal::new(Reason::UnknownSlot, format!("this flight has no slot {name}; {remedy}"))
     })
 }

@@ -1,9 +1,9 @@
 //! What can be asked of a running flight, and what it answers.
 
 use super::status::RunStatus;
-use crate::exit;
-use crate::orders;
 use core::fmt;
+use host::exit;
+use scenario::orders;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Sentences and figures about what goes on in a slot, for whoever asked and for the recording.
 
 use super::protocol::{Done, Figures, Progress};
-use crate::candidate::Slot;
+use scenario::candidate::Slot;
 use slot::{GateFigures, Outcome, Seat, Step};
 
 /// Puts the names of instances where a sentence speaks of seats.

@@ -9,13 +9,13 @@ use super::loops::Loop;
 use super::marks::FlightMarks;
 use super::outside::ExitReport;
 use super::posts::{Cabin, Revived, Seats, flying};
-use crate::candidate::{Candidate, Slot};
-use crate::components::{self, Crew};
-use crate::orders::Planner;
 use crate::run::{FlightError, Means, Script, Slots, SwapReport};
-use crate::scenario::Scenario;
 use runtime::Graph;
 use runtime::graph::CREDIT_NS;
+use scenario::Scenario;
+use scenario::candidate::{Candidate, Slot};
+use scenario::components::{self, Crew};
+use scenario::orders::Planner;
 use shared_types::{ClockMode, Role};
 use slot::supervisor::Now;
 

@@ -1,7 +1,7 @@
 //! Why a flight in one process cannot be flown.
 
-use crate::scenario::WiringError;
 use runtime::service::RestoreError;
+use scenario::WiringError;
 use thiserror::Error;
 
 /// Why a flight cannot be flown to its end.

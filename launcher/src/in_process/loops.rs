@@ -5,13 +5,13 @@ use super::observer::Overhear;
 use super::outside::{ExitReport, OutsideLoop};
 use super::resume::{Checkpoint, Feed};
 use super::wires::Wires;
-use crate::components::{Component, ComponentVisitor};
 use crate::replay::{Course, Repeats};
 use crate::run::PostEvent;
 use runtime::executor::{StateSink, StepStamps};
 use runtime::input::InputSet as _;
 use runtime::service::{RestoreError, ports_layout, state_layout};
 use runtime::{Executor, Graph, Node, Place, Service};
+use scenario::components::{Component, ComponentVisitor};
 use shared_types::{Handover, Header, Role, Seat};
 use std::rc::Rc;
 

@@ -32,10 +32,10 @@ pub use perfect_state::PerfectState;
 pub use resume::Checkpoint;
 pub use tape::Tape;
 
-use crate::orders::OrderReport;
 use crate::run::SwapReport;
-use crate::scenario::Scenario;
 use core::ops::{Deref, DerefMut};
+use scenario::Scenario;
+use scenario::orders::OrderReport;
 use std::rc::Rc;
 
 /// Who tells the controllers where the vehicle is.

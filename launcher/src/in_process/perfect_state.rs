@@ -1,7 +1,7 @@
 //! The truth in the estimator's place, for rigs and studies.
 
-use crate::components::Component;
 use runtime::{Service, inputs, outputs};
+use scenario::components::Component;
 use shared_types::{Imu, StateEstimate, Truth, topics};
 
 inputs! {

@@ -1,7 +1,7 @@
 //! Everything that a flight has published, to take it up again in the middle.
 
 use super::Observer;
-use crate::record::read::RecordVisitor;
+use record::read::RecordVisitor;
 use runtime::graph::ROLES;
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
@@ -91,14 +91,15 @@ impl Tape {
     }
 
     /// How many times the process of a role had been restarted by `t_ns`.
-    pub(crate) fn generation_at(&self, role: Role, t_ns: u64) -> u32 {
+    #[must_use]
+    pub fn generation_at(&self, role: Role, t_ns: u64) -> u32 {
         let keyframes = self.states.get(role.index()).into_iter().flatten();
         let before = keyframes.take_while(|keyframe| keyframe.release_ns < t_ns);
         before.map(|keyframe| keyframe.header.generation).last().unwrap_or(0)
     }
 
     /// What one life of a role's process told of its steps before `t_ns`.
-    pub(crate) fn told_by(
+    pub fn told_by(
         &self,
         role: Role,
         generation: u32,

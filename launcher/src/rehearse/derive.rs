@@ -2,14 +2,14 @@
 //! state as initial condition and a nominal plant.
 
 use super::{RehearsalSpec, facts};
-use crate::candidate::Slot;
-use crate::orders::{FLOOR_M, REACH_M};
-use crate::pilot::{Trajectory, diversion};
-use crate::scenario::pilot::Manoeuvre;
-use crate::scenario::start::GuidanceSettings;
-use crate::scenario::{Plan, Scenario};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use pilot::{Trajectory, diversion};
 use rehearsal::{Challenge, Draw, Facts, Guidance, Schedule, Snapshot, Turn, Way};
+use scenario::candidate::Slot;
+use scenario::orders::{FLOOR_M, REACH_M};
+use scenario::pilot::Manoeuvre;
+use scenario::start::GuidanceSettings;
+use scenario::{Plan, Scenario};
 use std::path::PathBuf;
 use toml::{Table, Value};
 use vehicle::{MorphAngle, euler_from_quaternion, wrap_pi};

@@ -1,8 +1,8 @@
 //! The parameters of vehicle, loops and plan on which a rehearsal depends, from the scenario of the flight.
 
-use crate::pilot::{MorphKnot, Trajectory};
-use crate::scenario::{Plan, Scenario};
+use pilot::{MorphKnot, Trajectory};
 use rehearsal::{Facts, Snapshot, Sweep};
+use scenario::{Plan, Scenario};
 use shared_types::Role;
 
 /// Number of intervals at whose ends the plan's speed and acceleration are sampled.

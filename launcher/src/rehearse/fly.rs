@@ -3,8 +3,8 @@
 use super::look::Look;
 use super::{LOOK_EVERY_NS, not_rehearsed};
 use crate::in_process::{InProcess, InProcessError, Observer, StateSource};
-use crate::scenario::Scenario;
 use rehearsal::{RehearsalRefusal, Track};
+use scenario::Scenario;
 
 /// Flies to the end, or until the vehicle is lost and the rest of the flight shows nothing more.
 pub(super) fn fly<E: Observer + Default>(

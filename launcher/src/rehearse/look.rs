@@ -1,9 +1,9 @@
 //! Observes a rehearsed flight and records what the comparison needs.
 
 use super::derive::Role;
-use crate::candidate::Slot;
 use crate::in_process::Observer;
 use rehearsal::{Facts, Motion, Track, Wanted};
+use scenario::candidate::Slot;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, OwnerRecord, Reference, Sample,
     Topic, Truth, WrenchCommand,

@@ -13,10 +13,10 @@ pub mod watch;
 pub use derive::Role;
 pub use rehearsal::{RehearsalFigures, RehearsalRefusal, Snapshot, Verdict};
 
-use crate::candidate::{Slot, name_of};
 use crate::in_process::Observer;
-use crate::scenario::{Override, Scenario};
 use rehearsal::{Draw, Facts, Flown, Schedule, Track};
+use scenario::candidate::{Slot, name_of};
+use scenario::{Override, Scenario};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -140,7 +140,7 @@ impl Rehearsal {
     /// Name of the controller that commands the slot now.
     #[must_use]
     pub fn owner(&self) -> String {
-        let crew = crate::components::Crew::of(self.scenario.settings());
+        let crew = scenario::components::Crew::of(self.scenario.settings());
         crew.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
     }
 

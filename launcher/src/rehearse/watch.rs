@@ -1,8 +1,8 @@
 //! Takes the snapshot of a flight that is flown in this process.
 
 use crate::in_process::{InProcess, InProcessError, Observer, StateSource};
-use crate::scenario::Scenario;
 use rehearsal::{Snapshot, Watcher};
+use scenario::Scenario;
 use shared_types::{Sample, Topic};
 
 /// Passes every published sample to a watcher.

@@ -8,12 +8,12 @@ use super::lives::{
 };
 use super::pairs::{Pair, difference, pairs};
 use super::tapes::{Recorded, load};
-use crate::components::{Component, ComponentVisitor, Crew, build_service};
-use crate::record::read::{RecordedFlight, RecordedState};
 use core::convert::Infallible;
+use record::read::{RecordedFlight, RecordedState};
 use runtime::Graph;
 use runtime::output::{Output, OutputSet as _, OutputVisitor};
 use runtime::service::{Service, state_size};
+use scenario::components::{Component, ComponentVisitor, Crew, build_service};
 use shared_types::{Header, Role, Sample, Topic, topics};
 
 /// Fields that depend on the machine and are reproduced all the same.

@@ -1,8 +1,8 @@
 //! The hashes of a recording, computed again from its samples.
 
 use super::ReplayError;
-use crate::record::read::{RecordVisitor, RecordedFlight};
 use crate::run::{FlightHash, LogHash};
+use record::read::{RecordVisitor, RecordedFlight};
 use shared_types::{Sample, Topic};
 
 /// Hashes of a recording, and those that the flight stored in it.

@@ -2,10 +2,10 @@
 
 use super::ReplayError;
 use super::tapes::Recorded;
-use crate::components::{self, Crew};
-use crate::record::read::{RecordedState, seat_config};
+use record::read::{RecordedState, seat_config};
 use runtime::seat_of_loop;
 use runtime::service::StateHeader;
+use scenario::components::{self, Crew};
 use shared_types::wire::Value as _;
 use shared_types::{Deviation, DeviationKind, Header, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;

@@ -27,11 +27,11 @@ pub use lives::{Instance, Who};
 pub(crate) use course::{Course, Repeats};
 pub(crate) use pairs::{Pair, difference, pairs};
 
-use crate::components::BuildError;
-use crate::record::read::{ReadError, RecordedFlight};
-use crate::record::{Branched, Continued, RecordError};
-use crate::scenario::ScenarioError;
+use record::read::{ReadError, RecordedFlight};
+use record::{Branched, Continued, RecordError};
 use runtime::RestoreError;
+use scenario::ScenarioError;
+use scenario::components::BuildError;
 use shared_types::Role;
 use thiserror::Error;
 

@@ -3,7 +3,7 @@
 use super::ReplayError;
 use super::again::Topics;
 use super::tapes::{Tapes, load};
-use crate::record::read::RecordedFlight;
+use record::read::RecordedFlight;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;
 use rustix::io::Errno;

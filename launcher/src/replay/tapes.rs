@@ -2,7 +2,7 @@
 
 use super::again::Topics;
 use super::lives::LifeKey;
-use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
+use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
 use runtime::graph::CREDIT_NS;
 use shared_types::{
     Deviation, DeviationKind, Header, LoopStats, Role, Sample, Seating, SeatingKind, Topic,

@@ -1,29 +1,26 @@
-//! Flights in one thread, without processes or shared memory: `run --in-process`, and branches of
-//! recorded ones.
+//! Flights in one thread, without processes or shared memory: `run --in-process`, and what goes on from a
+//! recorded one.
 
 use super::RunOptions;
 use super::conductor::Speed;
 use super::consumers::Consumers;
+use super::hash::FlightHash;
 use super::metrics::Metrics;
 use super::setup::{
     RunError, clock_of, facts, pinned_cpu, progress_bar, recording_path, require_processor, run_id,
     system,
 };
 use super::summary::Summary;
-use crate::branch::{Branch, Changed};
-use crate::campaign::Outcome;
 use crate::in_process::{
-    Compare, Conclusion, Difference, InProcess, InProcessError, Likeness, Observer, Outside,
-    StateSource, joins_executable,
+    Conclusion, InProcess, InProcessError, Observer, Outside, StateSource, joins_executable,
 };
-use crate::record::{self, Facts, Recording};
 use crate::run::Pin;
 use host::stay_on;
+use record::{self, Facts, Recording};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;
 use shared_types::{ClockMode, Role};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Logical time, and at most as much wall time, between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;
@@ -34,7 +31,6 @@ const LOOK_EVERY_NS: u64 = 20_000_000;
 /// # Errors
 /// [`RunError`] if the flight never started; what happens in the air is in the summary.
 pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
-    let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     let scenario = &options.scenario;
     if clock_of(scenario) == ClockMode::Realtime {
         return Err(RunError::RealtimeInProcess);
@@ -48,21 +44,11 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
         outside.cpu = Some(cpu);
     }
     outside.cpu.into_iter().for_each(stay_on);
-    let id = run_id();
-    let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
-    let facts = facts(&id, options);
-    let consumers = consumers(&facts, path.as_deref(), options)?;
-    let mut flight =
-        InProcess::with_processes(scenario, StateSource::Estimator, consumers, &outside)
-            .map_err(not_ready)?;
-    flight.stamp_by(mono_now_ns);
-    let start_ns = mono_now_ns();
-    let end = fly(&mut flight, options, &stop, 0);
-    let wall_ns = mono_now_ns().saturating_sub(start_ns);
-    let flown_ns = flight.flown_ns();
-    let told = conclude(&mut flight);
-    let ended = Ended { id, path, wall_ns, from_ns: 0, flown_ns, end, told };
-    sum_up(flight.seen(core::mem::take), options, ended)
+    let begin = |consumers| {
+        let state = StateSource::Estimator;
+        InProcess::with_processes(scenario, state, (consumers, ()), &outside).map_err(not_ready)
+    };
+    Ok(fly_alone(options, None, 0, begin)?.summary)
 }
 
 /// Why a flight in one process cannot begin.
@@ -73,56 +59,50 @@ fn not_ready(error: InProcessError) -> RunError {
     }
 }
 
-/// A branch that has been flown.
+/// A flight in the calling thread that is over.
 #[derive(Debug)]
-pub struct Branched {
-    /// Of the whole flight, what was recorded before the branch included.
+pub struct FlownAlone<O> {
+    /// What came of it.
     pub summary: Summary,
-    /// What was flown since the branch, as a sweep tells it.
-    pub since: Outcome,
-    /// Samples since the branch that are as recorded.
-    pub same: u64,
-    /// The first that is not.
-    pub first: Option<Difference>,
+    /// What has seen it beside the recording.
+    pub observer: O,
+    /// Hash of it.
+    pub hash: FlightHash,
+    /// Why it ended early, if a component failed.
+    pub error: Option<InProcessError>,
 }
 
-/// Flies a branch of a recorded flight to its end. `origin` tells in the recording what it is, and
-/// `branched` from where on its scenario holds.
+/// Flies what `begin` makes of the consumers of a flight, from `from_ns` to its end, in the calling thread.
+/// `branched` tells in the recording from where on its scenario holds.
 ///
 /// # Errors
-/// As [`run_in_process`].
-pub fn run_branch(
-    branch: &Branch,
-    changed: &Changed,
+/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+pub fn fly_alone<O: Observer + Default>(
     options: &RunOptions,
-    origin: &str,
     branched: Option<record::Branched>,
-) -> Result<Branched, RunError> {
+    from_ns: u64,
+    begin: impl FnOnce(Consumers) -> Result<InProcess<(Consumers, O)>, RunError>,
+) -> Result<FlownAlone<O>, RunError> {
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
     let facts = Facts { branch: branched, ..facts(&id, options) };
-    let mut consumers = consumers(&facts, path.as_deref(), options)?;
-    consumers.tell(branch.at_ns(), origin);
-    branch.show_before(&mut consumers);
-    let mut since = consumers.metrics.clone();
-    since.judge_from_here();
-    let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
-    let mut flight = branch
-        .resume(changed, (consumers, (compare, since)))
-        .map_err(|error| RunError::NotReady(error.to_string()))?;
+    let mut flight = begin(consumers(&facts, path.as_deref(), options)?)?;
     flight.stamp_by(mono_now_ns);
     let start_ns = mono_now_ns();
-    let end = fly(&mut flight, options, &stop, branch.at_ns());
+    let end = fly(&mut flight, options, &stop, from_ns);
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
     let told = conclude(&mut flight);
-    let (consumers, (compare, mut since)) = flight.seen(core::mem::take);
-    let Likeness { same, first } = compare.verdict(flown_ns);
-    let since = Outcome::of_flight(&mut since, &consumers.hash, flown_ns, end.as_ref().err());
-    let ended = Ended { id, path, wall_ns, from_ns: branch.at_ns(), flown_ns, end, told };
+    let (consumers, observer) = flight.seen(core::mem::take);
+    let hash = consumers.hash.clone();
+    let (end, error) = match end {
+        Ok(end) => (Ok(end), None),
+        Err(error) => (Err(error.to_string()), Some(error)),
+    };
+    let ended = Ended { id, path, wall_ns, from_ns, flown_ns, end, told };
     let summary = sum_up(consumers, options, ended)?;
-    Ok(Branched { summary, since, same, first })
+    Ok(FlownAlone { summary, observer, hash, error })
 }
 
 /// Everything that takes the samples of a flight, with a recording at `path`.
@@ -144,7 +124,7 @@ pub(super) struct Ended {
     pub(super) wall_ns: u64,
     pub(super) from_ns: u64,
     pub(super) flown_ns: u64,
-    pub(super) end: Result<End, InProcessError>,
+    pub(super) end: Result<End, String>,
     pub(super) told: Conclusion,
 }
 
@@ -184,7 +164,7 @@ pub(super) fn sum_up(
         swaps: told.swaps,
         orders: told.orders,
         notices: told.notices,
-        lost: end.as_ref().err().map(ToString::to_string),
+        lost: end.as_ref().err().cloned(),
         interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),
         cut_short: flown_ns < scenario.duration_ns(),
         recording: path,
@@ -192,23 +172,6 @@ pub(super) fn sum_up(
     };
     consumers.finish(&mut summary);
     Ok(summary)
-}
-
-/// An observer with the consumers in it.
-trait HasConsumers: Observer {
-    fn consumers(&mut self) -> &mut Consumers;
-}
-
-impl HasConsumers for Consumers {
-    fn consumers(&mut self) -> &mut Consumers {
-        self
-    }
-}
-
-impl HasConsumers for (Consumers, (Compare, Metrics)) {
-    fn consumers(&mut self) -> &mut Consumers {
-        &mut self.0
-    }
 }
 
 /// How a flight ended that no defect ended.
@@ -219,8 +182,8 @@ pub(super) enum End {
 }
 
 /// Flies from `from_ns` to the end, or to the present instant of every loop once the user asks.
-fn fly<O: HasConsumers>(
-    flight: &mut InProcess<O>,
+fn fly<O: Observer>(
+    flight: &mut InProcess<(Consumers, O)>,
     options: &RunOptions,
     stop: &StopFlags,
     from_ns: u64,
@@ -238,7 +201,7 @@ fn fly<O: HasConsumers>(
         }
         t_ns = next_look(options.speed, t_ns, start_ns).min(duration_ns);
         end = flight.fly_until(t_ns).map(|()| End::Flown);
-        flight.seen(|seen| seen.consumers().flush_if_due(mono_now_ns()));
+        flight.seen(|(consumers, _)| consumers.flush_if_due(mono_now_ns()));
         if let Some(bar) = &bar {
             bar.set_position(t_ns / 1_000_000);
         }

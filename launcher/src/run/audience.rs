@@ -4,8 +4,8 @@
 //! the flight.
 
 use super::setup::{LiveOptions, RunError, system};
-use crate::own_executable::OWN_EXECUTABLE;
 use runtime::clock::{mono_now_ns, sleep_until};
+use scenario::process::OWN_EXECUTABLE;
 use std::io::{BufRead as _, BufReader, Read};
 use std::os::unix::process::CommandExt as _;
 use std::process::{Child, Command, Stdio};
@@ -66,7 +66,7 @@ impl Audience {
                 Ok(line) if line.starts_with(ADDRESS) => eprintln!("morphquad: {line}"),
                 Ok(_) | Err(RecvTimeoutError::Timeout) => {
                     let told = "the process that serves viewers does not get ready".to_owned();
-                    return Err(RunError::NotServed { told, exit_code: crate::exit::UNFIT });
+                    return Err(RunError::NotServed { told, exit_code: host::exit::UNFIT });
                 }
                 Err(RecvTimeoutError::Disconnected) => return Err(self.why_not(&complaints)),
             }
@@ -92,7 +92,7 @@ impl Audience {
         let exit_code = ended.and_then(|code| u8::try_from(code).ok());
         let told = told.join("\n");
         let told = told.strip_prefix("morphquad: ").unwrap_or(&told).to_owned();
-        RunError::NotServed { told, exit_code: exit_code.unwrap_or(crate::exit::UNFIT) }
+        RunError::NotServed { told, exit_code: exit_code.unwrap_or(host::exit::UNFIT) }
     }
 
     /// From here on it leaves for good reason.

@@ -10,7 +10,7 @@ use super::summary::Summary;
 use super::tap::Tap;
 use crate::control::runs::note_measurement;
 use crate::in_process::{Conclusion, InProcess, Observer, StateSource};
-use crate::record::{Clock, Facts, Recording};
+use record::{Clock, Facts, Recording};
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{
     Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, ServiceKind, StatePublisher,

@@ -1,11 +1,11 @@
 //! One process: started under its own name, its last words kept; or taken over from a launcher that
 //! has died.
 
-use crate::candidate::Slot;
 use runtime::Place;
 use runtime::leader::process_start;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
+use scenario::candidate::Slot;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader};

@@ -225,7 +225,7 @@ fn stalled(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Scenario;
+    use scenario::Scenario;
 
     const MS: u64 = 1_000_000;
 

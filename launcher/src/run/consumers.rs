@@ -3,12 +3,12 @@
 use super::hash::{FlightHash, LogHash};
 use super::metrics::{Metrics, News};
 use super::slots::SlotWatch;
+use super::stopwatch::Stopwatch;
 use super::summary::Summary;
-use crate::bench::stopwatch::Stopwatch;
 use crate::in_process::Observer;
-use crate::record::read::seat_config;
-use crate::record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};
 use crate::topic::feed::{Ending, Feed};
+use record::read::seat_config;
+use record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
@@ -21,11 +21,12 @@ const LAUNCHER: &str = "launcher";
 
 /// Takes every sample and every state of a flight, in whatever order topics are drained.
 #[derive(Debug, Default)]
-pub(super) struct Consumers {
+pub struct Consumers {
     pub(super) hash: FlightHash,
     pub(super) log_hash: LogHash,
     pub(super) audit: SequenceAudit,
-    pub(super) metrics: Metrics,
+    /// What is measured of it so far.
+    pub metrics: Metrics,
     pub(super) recording: Option<Recording>,
     /// First error of the recording; the flight goes on without it.
     pub(super) recording_error: Option<String>,
@@ -134,7 +135,7 @@ impl Consumers {
     }
 
     /// Writes a sentence about the flight into the recording.
-    pub(super) fn tell(&mut self, logical_ns: u64, text: &str) {
+    pub fn tell(&mut self, logical_ns: u64, text: &str) {
         self.note(logical_ns, Severity::Info, LAUNCHER, text);
     }
 

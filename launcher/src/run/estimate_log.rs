@@ -1,6 +1,6 @@
 //! What the estimates of a flight say about themselves: how long they stood on no sensor.
 
-use crate::record::Severity;
+use record::Severity;
 use shared_types::{Sample as _, StateEstimate};
 
 /// More changes than this are counted and not told one by one.

@@ -3,8 +3,8 @@
 //! Errors and safe-mode episodes wait for some seconds, until it is known whether somebody was lost about then.
 
 use super::course_bins::{Bin, Errors};
-use crate::scenario::Scenario;
 use ::verdict::{Clipping, Contact, SafeMode, Thresholds, Tracking, worst};
+use scenario::Scenario;
 use shared_types::{
     AppliedCommand, Disturbance, GateMode, Header, Seating, SeatingKind, StateEstimate, Truth,
 };

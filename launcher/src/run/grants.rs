@@ -1,10 +1,10 @@
 //! What the system grants the loops of a realtime flight, asked before the flight starts.
 
 use super::setup::RunError;
-use crate::scenario::Scenario;
 use host::Flight;
 use host::realtime::{Setup, Shortfall, allowed_processors};
 use runtime::priority::Schedule;
+use scenario::Scenario;
 use shared_types::Role;
 
 /// What the loops ask for, and what they will not get.
@@ -28,7 +28,7 @@ impl Grants {
             if let Some(cpu) = setup.cpus.iter().find(|cpu| !allowed.contains(cpu)) {
                 let of_loop = scenario.settings().realtime.of(*role);
                 let own = of_loop.is_some_and(|own| own.cpus.is_some());
-                let section = crate::scenario::wiring::section(*role);
+                let section = scenario::wiring::section(*role);
                 let key = if own {
                     format!("realtime.{section}.cpus")
                 } else {
@@ -104,7 +104,7 @@ fn same_kind(a: Shortfall, b: Shortfall) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Override;
+    use scenario::Override;
 
     fn ask(set: &[&str]) -> Result<Grants, RunError> {
         let mut overrides: Vec<_> = set.iter().map(|set| Override::set(set).unwrap()).collect();

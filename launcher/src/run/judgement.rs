@@ -2,8 +2,8 @@
 
 use super::loops::seat_name;
 use super::metrics::Metrics;
-use crate::exit;
 use ::verdict::{End, Grade, Misses, Outcome, Verdict, judge, worst};
+use host::exit;
 use shared_types::LoopStats;
 
 /// Of a recording's summary: how the flight ended.

@@ -7,10 +7,10 @@ use super::loops::LoopLedger;
 use super::misses::{MissLog, TIMING};
 use super::response::{AxisResponse, StepResponse};
 use super::tracking::{Tracker, Tracking};
-use crate::record::Severity;
-use crate::scenario::Scenario;
 use hdrhistogram::Histogram;
+use record::Severity;
 use runtime::seat_of_loop;
+use scenario::Scenario;
 use shared_types::{
     AppliedCommand, AttitudeReport, AttitudeSetpoint, ControllerReport, Deviation, Disturbance,
     GateMode, Header, LoopStats, OwnerRecord, PositionReport, Reference, Role, Sample, Seating,
@@ -91,7 +91,7 @@ impl Metrics {
     }
 
     /// Judges by what another scenario allows, of the same kind of flight.
-    pub(crate) fn judge_by(&mut self, scenario: &Scenario) {
+    pub fn judge_by(&mut self, scenario: &Scenario) {
         self.evidence.judge_by(Rules::of(scenario));
     }
 

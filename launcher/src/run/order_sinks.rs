@@ -1,8 +1,8 @@
 //! Where orders to pilot and injector go out.
 
-use crate::orders::Sent;
 use runtime::Sink as _;
 use runtime::ipc::{Bus, IpcSink, PortError};
+use scenario::orders::Sent;
 use shared_types::{DisturbanceOrder, GuidanceOrder, topics};
 
 /// What pilot and injector are told, and have been told last.

@@ -1,12 +1,12 @@
 //! The pilot: a flying component like the others, on a thread of the launcher.
 
-use crate::components::{self, Component, ComponentVisitor};
-use crate::scenario::Scenario;
 use host::realtime::Setup;
 use host::{fly_service, name_thread, stay_on};
 use runtime::ipc::Bus;
 use runtime::watch::StopFlags;
 use runtime::{Ending, Executor, Graph, Place, Service};
+use scenario::Scenario;
+use scenario::components::{self, Component, ComponentVisitor};
 use shared_types::Role;
 use std::path::Path;
 use std::thread::{self, JoinHandle};

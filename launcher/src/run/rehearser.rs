@@ -1,7 +1,7 @@
 //! Runs the rehearsals of swap candidates, each in a child process of the launcher, so that no loop waits.
 
-use crate::own_executable::OWN_EXECUTABLE;
 use crate::rehearse::{RehearsalRefusal, RehearsalSpec, Verdict};
+use scenario::process::OWN_EXECUTABLE;
 use shared_types::Seat as Place;
 use std::io::{self, Read as _, Write as _};
 use std::process::{Child, Command, Stdio};

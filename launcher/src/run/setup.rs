@@ -3,12 +3,12 @@
 use super::Pin;
 use super::conductor::Speed;
 use crate::in_process::InProcessError;
-use crate::record::{Clock, Facts, Machine, RecordError};
-use crate::scenario::Scenario;
+use record::{Clock, Facts, Machine, RecordError};
 use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
+use scenario::Scenario;
 use shared_types::ClockMode;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};

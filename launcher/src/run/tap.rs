@@ -1,7 +1,7 @@
 //! Drains every topic and state of the run, off the loops.
 
 use super::consumers::Consumers;
-use crate::record::Stream;
+use record::Stream;
 use runtime::ipc::{
     Bus, IpcSource, LatestPort, PortError, ServiceKind, StateSubscriber, recorder_capacity,
 };

@@ -1,8 +1,8 @@
 //! Tables of a recording: a file for each topic, as CSV or as Parquet, a column for each number.
 
 use super::fields::{cells, headings};
-use crate::record::read::{ReadError, RecordVisitor, RecordedFlight};
-use crate::results::{Columns, Kind, ParquetFile, Value};
+use figures::results::{Columns, Kind, ParquetFile, Value};
+use record::read::{ReadError, RecordVisitor, RecordedFlight};
 use shared_types::{Sample, Topic, TopicInfo};
 use std::collections::BTreeMap;
 use std::fs::{self, File};

@@ -4,7 +4,7 @@
 //! waiting; the thread does the rest. What finds the queue or a client's buffer full is dropped and counted.
 
 use super::{SOCKET, known, place, schema};
-use crate::record::{Clock, Event, encode_log};
+use record::{Clock, Event, encode_log};
 use runtime::clock::mono_now_ns;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! Samples by field: as JSON, as lines for people, as the cells of a table.
 
-use crate::results::{Kind as CellKind, Value as Cell};
 use core::fmt::Write as _;
+use figures::results::{Kind as CellKind, Value as Cell};
 use serde_json::{Map, Value, json};
 use shared_types::wire::{EnumSchema, Field, Kind, Schema, Visitor, Wire};
 use shared_types::{Header, NO_SEAT};

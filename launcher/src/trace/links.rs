@@ -1,6 +1,6 @@
 //! The headers of a recording, where a chain looks for its next link.
 
-use crate::record::read::RecordVisitor;
+use record::read::RecordVisitor;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Header, Sample, Topic, TopicInfo, topics,
 };

@@ -13,8 +13,8 @@ pub use chain::{Broken, Chain, SetpointChain};
 pub use report::{Figures, Report, Slowest, Sum};
 pub use segment::{SEGMENTS, Segment};
 
-use crate::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use links::Links;
+use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use shared_types::{Header, Sample, Topic, TopicInfo};
 
 /// One command and how far it could be followed.

@@ -5,11 +5,11 @@
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
-use launcher::candidate::Slot;
-use launcher::components::names_for;
 use launcher::rehearse::{Owners, Rehearsal, RehearsalSpec, Snapshot, Verdict, watch};
-use launcher::scenario::{Override, Scenario};
 use rustix::time::{ClockId, clock_gettime};
+use scenario::candidate::Slot;
+use scenario::components::names_for;
+use scenario::{Override, Scenario};
 use std::collections::BTreeMap;
 use vehicle::MorphAngle;
 

@@ -13,9 +13,9 @@ use catalogue::swapped::{
     Guard, Holder, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
 };
 use catalogue::{Entry, Fault, entries};
-use launcher::candidate::Slot;
-use launcher::components::names_for;
-use launcher::scenario::Override;
+use scenario::Override;
+use scenario::candidate::Slot;
+use scenario::components::names_for;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -178,7 +178,7 @@ fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
     if words.first().is_some_and(|word| word == "types") {
         // Controllers in Python ask the executable that started them for the layout of samples.
-        print!("{}", launcher::types::python());
+        print!("{}", cli::samples::python());
         return;
     }
     let selection = Selection::read(&words);

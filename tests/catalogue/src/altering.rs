@@ -1,8 +1,8 @@
 //! Applies a fault to the candidate's commands in a flight within one process.
 
 use crate::{Seen, Spoiler};
-use launcher::candidate::Slot;
 use launcher::in_process::Observer;
+use scenario::candidate::Slot;
 use shared_types::{AttitudeSetpoint, Sample, StateEstimate, Topic, WrenchCommand};
 use std::any::Any;
 

@@ -1,6 +1,6 @@
 //! The faults that a controller can have, and the list of those that are tested.
 
-use launcher::candidate::Slot;
+use scenario::candidate::Slot;
 use serde::Deserialize;
 
 /// Kind of fault. Where thrust is affected, its deviation from the weight is.

@@ -5,10 +5,10 @@ use clap::Parser;
 use host::{
     Config, HostError, Joined, LAYOUT_ARGUMENT, PlaceArguments, conclude, exit, layout_hash,
 };
-use launcher::candidate::Slot;
-use launcher::components;
-use launcher::scenario::Scenario;
 use runtime::Ending;
+use scenario::Scenario;
+use scenario::candidate::Slot;
+use scenario::components;
 use std::io::Write as _;
 use std::process::ExitCode;
 use vehicle::MorphAngle;

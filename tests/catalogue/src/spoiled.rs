@@ -4,9 +4,9 @@ use crate::altering::{spoil_setpoint, spoil_wrench};
 use crate::{Entry, Fault, Seen, Spoiler};
 use core::convert::Infallible;
 use host::{HostError, Joined};
-use launcher::components::{Component, ComponentVisitor};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::{Ending, Output, OutputSet as _, OutputVisitor, Service};
+use scenario::components::{Component, ComponentVisitor};
 use shared_types::{AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 

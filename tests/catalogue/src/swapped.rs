@@ -1,11 +1,11 @@
 //! Flights in which a controller of the catalogue is swapped in, judged by the ground truth.
 
 use crate::Entry;
-use launcher::candidate::Slot;
 use launcher::in_process::{Conclusion, InProcess, InProcessError, Observer, Outside, StateSource};
-use launcher::record::read::RecordedFlight;
-use launcher::scenario::{Override, Scenario, ScenarioError};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use record::read::RecordedFlight;
+use scenario::candidate::Slot;
+use scenario::{Override, Scenario, ScenarioError};
 use shared_types::{GateMode, Sample, Topic, Trip, Truth, topics};
 use std::any::Any;
 use std::path::Path;

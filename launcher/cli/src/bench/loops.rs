@@ -2,14 +2,14 @@
 
 use super::nanoseconds;
 use crate::options::{LoopsArguments, TableFormat};
-use launcher::bench::BenchError;
-use launcher::bench::gate::{self, Comparison, Gate};
-use launcher::bench::loops::{self, LoopsPlan, Measured};
-use launcher::bench::place::Place;
-use launcher::bench::{page, pictures};
-use launcher::exit;
-use launcher::results::ResultsFolder;
-use launcher::scenario::{Override, Scenario};
+use bench::BenchError;
+use bench::gate::{self, Comparison, Gate};
+use bench::loops::{self, LoopsPlan, Measured};
+use bench::place::Place;
+use bench::{page, pictures};
+use figures::results::ResultsFolder;
+use host::exit;
+use scenario::{Override, Scenario};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal as _};

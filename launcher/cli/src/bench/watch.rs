@@ -2,14 +2,14 @@
 
 use super::bar;
 use crate::options::{Format, WatchArguments, scenario_words};
+use bench::BenchError;
+use bench::loops::{self, LoopsPlan};
+use bench::place::Place;
+use bench::watch::{self, WatchReport};
+use bench::{load::Load, turns};
 use core::time::Duration;
-use launcher::bench::BenchError;
-use launcher::bench::loops::{self, LoopsPlan};
-use launcher::bench::place::Place;
-use launcher::bench::watch::{self, WatchReport};
-use launcher::bench::{load::Load, turns};
-use launcher::exit;
-use launcher::scenario::{Override, Scenario};
+use host::exit;
+use scenario::{Override, Scenario};
 use std::fmt::Write as _;
 use std::path::Path;
 

@@ -4,7 +4,7 @@ use super::Format;
 use super::duration::duration;
 use clap::Args;
 use core::time::Duration;
-use launcher::candidate::share;
+use scenario::candidate::share;
 use std::path::PathBuf;
 
 pub(super) const PS_EXAMPLES: &str = "\

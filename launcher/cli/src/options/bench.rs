@@ -2,11 +2,11 @@
 
 use super::duration::duration;
 use super::{Format, ScenarioArguments};
+use bench::gate::Gate;
+use bench::load::Load;
+use bench::place::{Policy, cpus};
 use clap::{Args, Subcommand};
 use core::time::Duration;
-use launcher::bench::gate::Gate;
-use launcher::bench::load::Load;
-use launcher::bench::place::{Policy, cpus};
 use std::path::PathBuf;
 
 pub(super) const EXAMPLES: &str = "Examples:

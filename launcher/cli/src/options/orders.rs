@@ -4,7 +4,7 @@ use super::duration::duration;
 use super::{Format, RunChoice};
 use clap::{Args, Subcommand};
 use core::time::Duration;
-use launcher::orders::{Calm, Disturb, Load, Order};
+use scenario::orders::{Calm, Disturb, Load, Order};
 
 pub(super) const GOTO_EXAMPLES: &str = "\
 Examples:

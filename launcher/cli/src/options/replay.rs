@@ -4,7 +4,7 @@ use super::Format;
 use super::duration::duration;
 use clap::{ArgGroup, Args};
 use core::time::Duration;
-use launcher::branch::At;
+use experiments::branch::At;
 use std::path::PathBuf;
 
 /// What to do with a recording.

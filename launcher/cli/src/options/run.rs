@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::StringValueParser;
 use core::time::Duration;
 use launcher::run::{Pin, RunOptions, Speed};
-use launcher::scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario, ScenarioError};
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 

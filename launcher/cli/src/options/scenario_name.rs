@@ -3,7 +3,7 @@
 use clap::builder::{PossibleValue, TypedValueParser};
 use clap::error::Error;
 use clap::{Arg, Command};
-use launcher::scenario::shipped;
+use scenario::shipped;
 use std::ffi::OsStr;
 
 /// Takes what the parser inside takes, and lets shells complete the names of the shipped scenarios.

@@ -2,7 +2,7 @@
 
 use super::{Format, examples};
 use clap::{Args, Subcommand};
-use launcher::scenario::TESTED_RATES_HZ;
+use scenario::TESTED_RATES_HZ;
 use std::path::PathBuf;
 
 /// Which study.

@@ -4,7 +4,7 @@ use super::{Trouble, What, open, refuse};
 use crate::bar::busy;
 use crate::options::{Format, TopicExportArguments};
 use crate::refusal::Done;
-use launcher::exit;
+use host::exit;
 use launcher::topic::export::{Form, export};
 use serde_json::{Value, json};
 use std::io::Write;

@@ -8,14 +8,14 @@ mod list;
 
 use super::options::TopicCommand;
 use super::refusal::{Done, Failure};
+use host::exit;
 use launcher::control::runs::{self, FindError, Run};
-use launcher::exit;
-use launcher::record::read::{ReadError, RecordedFlight};
-use launcher::scenario::suggestion;
 use launcher::topic::export::ExportError;
 use launcher::topic::known;
 use launcher::topic::live::ListenError;
 use miette::Diagnostic;
+use record::read::{ReadError, RecordedFlight};
+use scenario::suggestion;
 use shared_types::{TopicInfo, topics};
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -14,9 +14,9 @@ mod process;
 
 pub(super) use process::{OutsideLoop, Start};
 
-use crate::candidate::Candidate;
-use crate::scenario::Settings;
 use core::time::Duration;
+use scenario::Settings;
+use scenario::candidate::Candidate;
 use std::path::PathBuf;
 
 /// How processes are started that fly in an [`InProcess`](super::InProcess) flight, and how long they are

@@ -3,7 +3,6 @@
 use super::super::loops::InstanceMark;
 use crate::control::runs::note_measurement;
 use crate::run::{HeldServices, RollKeeper, require_shared_memory, run_id};
-use crate::scenario::Scenario;
 use core::sync::atomic::{AtomicU32, Ordering};
 use host::flight::Clock;
 use runtime::graph::ROLES;
@@ -11,6 +10,7 @@ use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::leader::LeadError;
 use runtime::namespace::{Membership, NamespaceError, sweep_dead_runs};
 use runtime::{Graph, Sink as _};
+use scenario::Scenario;
 use shared_types::{ClockMode, ClockRecord, Flag, NodeId, Progress, Role, Seat};
 use std::path::Path;
 use thiserror::Error;
@@ -25,7 +25,7 @@ pub(super) enum OutsideError {
     #[error(transparent)]
     Port(#[from] PortError),
     #[error(transparent)]
-    Wiring(#[from] crate::scenario::WiringError),
+    Wiring(#[from] scenario::WiringError),
     #[error("{0}")]
     Memory(String),
     #[error("cannot {action}: {source}")]

@@ -9,12 +9,12 @@ use super::outputs::Outputs;
 use super::{ExitReport, Outside};
 use crate::replay::Repeats;
 use crate::run::{ChildSpec, Post, RunningChild, Standstill, describe, stand_in};
-use crate::scenario::Scenario;
 use core::time::Duration;
 use runtime::Graph;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{IpcSource, LatestPort, PortError, ServiceKind, WakeListener, WakeNotifier};
 use runtime::service::RestoreError;
+use scenario::Scenario;
 use shared_types::{Deviation, Handover, Hello, Progress, Seat};
 
 /// Wait for a process until it is looked at whether or not it has woken anybody.

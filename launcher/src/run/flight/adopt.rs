@@ -3,7 +3,6 @@
 use super::start::{Crewed, graph_of, restart_policy};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::control::SOCKET;
-use crate::record::{Continued, Facts, Recording};
 use crate::run::Pin;
 use crate::run::conductor::{Conductor, Speed};
 use crate::run::live::Live;
@@ -14,13 +13,14 @@ use crate::run::setup::{RunError, RunOptions, facts, recording_path, stamps_of, 
 use crate::run::slots::{SlotWatch, Slots};
 use crate::run::summary::Summary;
 use crate::run::supervisor::Supervisor;
-use crate::scenario::{Scenario, ScenarioError};
 use crate::topic::feed::Flying;
+use record::{Continued, Facts, Recording};
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, PortError, ServiceKind};
 use runtime::leader::{LeadError, Leader};
 use runtime::namespace::{Membership, remove_unborn_objects};
 use runtime::watch::StopFlags;
+use scenario::{Scenario, ScenarioError};
 use shared_types::{ClockMode, Hello, Role};
 use std::path::{Path, PathBuf};
 use thiserror::Error;

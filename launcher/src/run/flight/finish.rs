@@ -1,8 +1,8 @@
 //! The end of a flight and its summary.
 
 use super::{Flight, Outcome};
-use crate::bench::stopwatch::Stopwatch;
 use crate::run::setup::RunOptions;
+use crate::run::stopwatch::Stopwatch;
 use crate::run::summary::Summary;
 use runtime::clock::mono_now_ns;
 use std::path::PathBuf;

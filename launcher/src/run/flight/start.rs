@@ -1,11 +1,6 @@
 //! How a flight comes into the air.
 
 use super::{Flight, LOOK_EVERY_NS};
-use crate::components::Crew;
-use crate::orders::Planner;
-use crate::own_executable::OWN_EXECUTABLE;
-use crate::process::has_process;
-use crate::record::Recording;
 use crate::run::child::{ChildSpec, Launch};
 use crate::run::conductor::Conductor;
 use crate::run::consumers::Consumers;
@@ -23,12 +18,17 @@ use crate::run::setup::{
 use crate::run::slots::{Script, SlotWatch, Slots};
 use crate::run::supervisor::{FlightError, RestartPolicy, Supervisor};
 use crate::run::tap::Tap;
-use crate::scenario::Scenario;
+use record::Recording;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, ServiceKind};
 use runtime::namespace::Membership;
 use runtime::watch::StopFlags;
+use scenario::Scenario;
+use scenario::components::Crew;
+use scenario::orders::Planner;
+use scenario::process::OWN_EXECUTABLE;
+use scenario::process::has_process;
 use shared_types::{ClockMode, Hello, Role};
 
 /// From the announcement of a realtime flight to its start \[ns\].

@@ -1,8 +1,8 @@
 //! What the main loop looks at besides: strangers, loops that stand still, what is to be told.
 
 use super::Flight;
-use crate::record::Severity;
 use crate::run::conductor::Patience;
+use record::Severity;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
 
 impl Flight {

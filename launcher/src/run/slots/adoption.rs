@@ -3,12 +3,12 @@
 use super::facts::{command_latency_ns, millihertz};
 use super::rehearsal::Rehearsing;
 use super::{Around, Machines, Means, Slots, slot_config};
-use crate::candidate::{Candidate, Slot};
 use crate::control::orders::{Executable, Orders};
 use crate::run::child::{ChildSpec, Launch};
 use crate::run::notes::PostNote;
 use crate::run::supervisor::FlightError;
-use crate::scenario::Scenario;
+use scenario::Scenario;
+use scenario::candidate::{Candidate, Slot};
 use shared_types::{ClockMode, OwnerRecord, Seat as Place};
 use slot::record::Record;
 use slot::supervisor::Instance;

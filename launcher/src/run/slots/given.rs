@@ -3,7 +3,7 @@
 use super::{Means, News, Slots};
 use crate::control::server::Answer;
 use crate::control::{Reason, Refusal, Reply};
-use crate::orders::{Order, OrderReport, Planner, RefusedOrder};
+use scenario::orders::{Order, OrderReport, Planner, RefusedOrder};
 
 impl Means<'_> {
     /// Carries an order out that shows from `begin_ns` on.

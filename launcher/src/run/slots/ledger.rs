@@ -1,7 +1,7 @@
 //! What came of each swap, for the summary, its JSON and the recording.
 
 use super::gatekeeper::Gatekeeper;
-use crate::candidate::Slot;
+use scenario::candidate::Slot;
 use serde::Serialize;
 use slot::gate::GateFigures;
 use std::fmt::{self, Write as _};

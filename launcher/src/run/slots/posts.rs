@@ -1,13 +1,13 @@
 //! Who does what the slots want done: the supervisor of processes, or a flight in one process.
 
 use super::watch::{Seen, SlotWatch};
-use crate::orders::Sent;
 use crate::rehearse::{RehearsalSpec, Snapshot, Verdict};
 use crate::run::child::ChildSpec;
 use crate::run::rehearser::Rehearser;
 use crate::run::supervisor::{FlightError, PostEvent, Supervisor};
 use crate::run::tap::Tap;
 use runtime::ipc::Bus;
+use scenario::orders::Sent;
 use shared_types::{Handover, OwnerRecord, Seat as Place, Seating};
 use std::path::Path;
 

@@ -1,12 +1,12 @@
 //! Has candidates rehearsed, and reports the verdicts to the swap protocol.
 
 use super::{Means, Slots};
-use crate::candidate::{Candidate, Slot};
 use crate::control::orders::Executable;
 use crate::rehearse::{Owners, RehearsalRefusal as Refused, RehearsalSpec, Verdict};
 use crate::run::supervisor::FlightError;
-use crate::scenario::Scenario;
 use rehearsal::Measure;
+use scenario::Scenario;
+use scenario::candidate::{Candidate, Slot};
 use shared_types::Seat as Place;
 use slot::Seat;
 use slot::supervisor::{Event, RehearsalRefusal, Rehearsed};

@@ -3,11 +3,11 @@
 use super::{Means, News, Slots};
 use crate::control::Request;
 use crate::control::protocol::Order;
-use crate::orders::{self, Planner};
 use crate::run::supervisor::FlightError;
-use crate::scenario::Settings;
-use crate::scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 use runtime::Graph;
+use scenario::Settings;
+use scenario::orders::{self, Planner};
+use scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 
 /// One thing to be done.
 #[derive(Debug, Clone)]

@@ -2,7 +2,7 @@
 
 use super::ledger::seconds;
 use super::{News, Slots};
-use crate::candidate::Slot;
+use scenario::candidate::Slot;
 use slot::{Action, Outcome, Reason, Report, Step};
 
 impl Slots {

@@ -11,10 +11,10 @@ mod tests;
 
 use core::time::Duration;
 use flown::{Flown, fly_one};
-use launcher::components::names_for;
 use launcher::fan_out::{Progress, fan_out};
 use launcher::in_process::InProcessError;
-use launcher::scenario::{Override, Scenario, ScenarioError};
+use scenario::components::names_for;
+use scenario::{Override, Scenario, ScenarioError};
 use shared_types::Role;
 use thiserror::Error;
 

@@ -3,8 +3,8 @@
 use super::{Flight, MorphingError, Verdict};
 use ::verdict::LOST_M;
 use launcher::in_process::{Observer, fly};
-use launcher::scenario::{Plan, Scenario};
 use pilot::Trajectory;
+use scenario::{Plan, Scenario};
 use serde::Serialize;
 use shared_types::{AppliedCommand, GateMode, Sample, Topic, Truth};
 use std::any::Any;

@@ -17,7 +17,7 @@ pub use marks::{Mark, marks};
 use flown::fly_one;
 use launcher::fan_out::{Progress, fan_out};
 use launcher::in_process::{InProcessError, StateSource};
-use launcher::scenario::{Override, Scenario, ScenarioError};
+use scenario::{Override, Scenario, ScenarioError};
 use serde::Serialize;
 use thiserror::Error;
 

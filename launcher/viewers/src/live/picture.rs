@@ -1,12 +1,12 @@
 //! What the page shows of a flight in the air, in bounded memory: everything so far, or what is new.
 
 use crate::view::{Collect, Happening, Owners, json};
-use launcher::candidate::Slot;
-use launcher::components;
 use launcher::control::status::RunStatus;
-use launcher::record::read::{RecordVisitor as _, RecordedEvent};
-use launcher::scenario::Scenario;
 use launcher::topic::feed::{Ending, Flying};
+use record::read::{RecordVisitor as _, RecordedEvent};
+use scenario::Scenario;
+use scenario::candidate::Slot;
+use scenario::components;
 use serde_json::{Value, json};
 use shared_types::{Sample, Topic};
 
@@ -46,10 +46,7 @@ impl Picture {
             ["clock", clock],
             ["seed", settings.seed.to_string()],
             ["planned", format!("{} s", settings.duration_s)],
-            [
-                "build",
-                format!("{} ({})", env!("CARGO_PKG_VERSION"), launcher::build::declared().git)
-            ],
+            ["build", format!("{} ({})", env!("CARGO_PKG_VERSION"), record::build::declared().git)],
         ]);
         let slots = Slot::ALL.map(|slot| {
             let controllers: Vec<&str> = components::names_for(slot.role()).collect();
@@ -224,13 +221,13 @@ mod tests {
     fn events_are_told_once_and_the_end_to_whoever_asks_after_it() {
         let mut picture = picture();
         let mut log = Vec::new();
-        let event = launcher::record::Event {
+        let event = record::Event {
             logical_ns: 5,
-            severity: launcher::record::Severity::Error,
+            severity: record::Severity::Error,
             source: "s",
             text: "broken",
         };
-        launcher::record::encode_log(&event, 5, &mut log);
+        record::encode_log(&event, 5, &mut log);
         picture.told(&log);
         picture.told(b"garbage");
         assert_eq!(picture.whole()["events"].as_array().map(Vec::len), Some(1));

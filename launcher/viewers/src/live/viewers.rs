@@ -7,12 +7,12 @@ use foxglove::{
     ChannelBuilder, Context, FoxgloveError, PartialMetadata, RawChannel, Schema, WebSocketServer,
     WebSocketServerHandle,
 };
-use launcher::record::{descriptor_set, encode, full_name, log_schema};
-use launcher::scenario::Scenario;
-use launcher::scene::{self, Scene};
 use launcher::topic::feed::Flying;
 use prost::Message as _;
+use record::scene::{self, Scene};
+use record::{descriptor_set, encode, full_name, log_schema};
 use runtime::clock::mono_now_ns;
+use scenario::Scenario;
 use shared_types::{Role, Sample, Topic, TopicInfo, TopicVisitor, topics};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -147,7 +147,7 @@ impl Viewers {
 
     /// Sends something that was told.
     pub(super) fn told(&mut self, log: &[u8]) {
-        let stamp_ns = launcher::record::decode_log(log).map_or(0, |(stamp_ns, ..)| stamp_ns);
+        let stamp_ns = record::decode_log(log).map_or(0, |(stamp_ns, ..)| stamp_ns);
         self.events.log_with_meta(log, PartialMetadata::with_log_time(stamp_ns));
         self.past.keep(self.events.topic(), stamp_ns, log);
     }

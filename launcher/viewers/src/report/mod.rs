@@ -22,9 +22,9 @@ pub use told::{Folder, document};
 
 use crate::view::{Gathered, ViewError, gather};
 use ::verdict::Verdict;
-use launcher::record::read::RecordedFlight;
 use launcher::trace::{self, trace};
 use pictures::Tails;
+use record::read::RecordedFlight;
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -3,11 +3,11 @@
 use super::observe::Observed;
 use crate::view::Gathered;
 use ::verdict::CHECKS;
-use launcher::record::Clock;
-use launcher::record::read::{Closing, RecordedFlight};
 use launcher::run::Effort;
-use launcher::scenario::{Override, Scenario};
 use launcher::trace;
+use record::Clock;
+use record::read::{Closing, RecordedFlight};
+use scenario::{Override, Scenario};
 use serde::Serialize;
 
 /// One number with what it is measured by.

@@ -3,9 +3,9 @@
 use super::AuditRow;
 use super::orders::Pursuits;
 use ::verdict::{End, Outcome, Verdict};
-use launcher::record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
-use launcher::record::{STATES, SequenceAudit, Stream, name_gaps};
 use launcher::run::{self, ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
+use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
+use record::{STATES, SequenceAudit, Stream, name_gaps};
 use shared_types::{Header, Role, Sample, Topic, Truth, topics};
 use std::any::Any;
 use std::collections::BTreeMap;

@@ -2,9 +2,9 @@
 
 use super::Response;
 use crate::view::{Gathered, Kind};
-use launcher::orders::OrderReport;
-use launcher::record::read::RecordVisitor;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use record::read::RecordVisitor;
+use scenario::orders::OrderReport;
 use serde::Serialize;
 use shared_types::{GuidanceOrder, Sample, Topic, TopicInfo, Truth, topics};
 use std::any::Any;

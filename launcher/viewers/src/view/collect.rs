@@ -4,10 +4,10 @@ use super::happening::{Happening, Owners, World};
 use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
 use ::verdict::LOST_M;
-use launcher::record::Clock;
-use launcher::record::read::{RecordVisitor, RecordedEvent};
 use launcher::run::{Course, LoopLedger};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use record::Clock;
+use record::read::{RecordVisitor, RecordedEvent};
 use shared_types::{
     ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, ControllerReport, Disturbance,
     DisturbanceOrder, GuidanceOrder, Header, LoopStats, MorphCommand, PositionReport, Reference,

@@ -1,9 +1,9 @@
 //! What happened and when, for the time axis.
 
 use disturbance_injector::Event;
-use launcher::record::Clock;
-use launcher::record::read::{RecordVisitor, RecordedEvent};
 use launcher::run::{FAULT, TIMING};
+use record::Clock;
+use record::read::{RecordVisitor, RecordedEvent};
 use serde::Serialize;
 use shared_types::{
     Disturbance, DisturbanceKind, DisturbanceOrder, GateMode, GuidanceOrder, OwnerRecord, Role,

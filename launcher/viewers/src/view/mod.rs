@@ -2,7 +2,7 @@
 //!
 //! `collect.rs` goes through the file once and keeps what fits a screen: `envelope.rs` time series with
 //! every peak, `track.rs` frames of the moving picture, `happening.rs` events. [`Scene`] is all of that
-//! as one JSON object, which is all that the page (`launcher/assets/view`) knows of a flight; `page.rs`
+//! as one JSON object, which is all that the page (`launcher/viewers/assets`) knows of a flight; `page.rs`
 //! puts both into one file that needs no server, and `serve.rs` hands that file to a browser.
 
 mod collect;

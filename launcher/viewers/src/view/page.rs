@@ -3,20 +3,20 @@
 use super::Scene;
 use serde_json::Value;
 
-const FRAME: &str = include_str!("../../../assets/view/page.html");
-const STYLE: &str = include_str!("../../../assets/view/style.css");
+const FRAME: &str = include_str!("../../assets/page.html");
+const STYLE: &str = include_str!("../../assets/style.css");
 /// Small first: each uses what those before it declare.
 const SCRIPTS: [&str; 10] = [
-    include_str!("../../../assets/view/data.js"),
-    include_str!("../../../assets/view/vehicle.js"),
-    include_str!("../../../assets/view/space.js"),
-    include_str!("../../../assets/view/plan.js"),
-    include_str!("../../../assets/view/chart.js"),
-    include_str!("../../../assets/view/lists.js"),
-    include_str!("../../../assets/view/player.js"),
-    include_str!("../../../assets/view/live.js"),
-    include_str!("../../../assets/view/control.js"),
-    include_str!("../../../assets/view/main.js"),
+    include_str!("../../assets/data.js"),
+    include_str!("../../assets/vehicle.js"),
+    include_str!("../../assets/space.js"),
+    include_str!("../../assets/plan.js"),
+    include_str!("../../assets/chart.js"),
+    include_str!("../../assets/lists.js"),
+    include_str!("../../assets/player.js"),
+    include_str!("../../assets/live.js"),
+    include_str!("../../assets/control.js"),
+    include_str!("../../assets/main.js"),
 ];
 
 /// An HTML document that shows a flight in any browser, with nothing else to load.

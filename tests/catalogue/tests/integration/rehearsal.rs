@@ -8,13 +8,13 @@
 )]
 
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
-use launcher::candidate::Slot;
-use launcher::components::names_for;
 use launcher::in_process::{InProcess, Observer, StateSource};
 use launcher::rehearse::{
     Owners, Rehearsal, RehearsalRefusal, RehearsalSpec, Role, Verdict, verdict, watch,
 };
-use launcher::scenario::{Override, Scenario};
+use scenario::candidate::Slot;
+use scenario::components::names_for;
+use scenario::{Override, Scenario};
 use shared_types::{MorphCommand, Reference, Sample, Topic, Truth};
 use std::any::Any;
 use vehicle::MorphAngle;

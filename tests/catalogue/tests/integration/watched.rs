@@ -6,8 +6,8 @@ use catalogue::swapped::{
     swapped_with_late_trips,
 };
 use catalogue::{Entry, Fault, entries};
-use launcher::candidate::Slot;
-use launcher::components::names_for;
+use scenario::candidate::Slot;
+use scenario::components::names_for;
 use std::path::PathBuf;
 use tempfile::TempDir;
 

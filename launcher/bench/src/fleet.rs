@@ -1,0 +1,80 @@
+//! Measured flights in processes of their own: the transport knows one run per process.
+
+use super::BenchError;
+use super::report::LoopsReport;
+use scenario::process::OWN_EXECUTABLE;
+use serde_json::Value;
+use std::io::Read as _;
+use std::process::{Child, Command, Stdio};
+
+/// A `morphquad bench loops` under way.
+#[derive(Debug)]
+pub struct Flight(Child);
+
+/// How one ended.
+#[derive(Debug)]
+pub enum Flown {
+    /// With a result.
+    Measured(Box<LoopsReport>),
+    /// The scenario cannot be flown so, and why.
+    Refused(String),
+    /// It crashed, or was lost, and how.
+    Lost(String),
+}
+
+impl Flight {
+    /// Begins, with these words after `bench loops`.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    pub fn start(words: &[String]) -> Result<Self, BenchError> {
+        let failed = |source| BenchError::System { action: "start a flight".to_owned(), source };
+        let child = Command::new(OWN_EXECUTABLE)
+            .args(["bench", "loops"])
+            .args(words)
+            .args(["--no-floor", "--format", "json"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
+        child.map(Self).map_err(failed)
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Errors
+    /// It ends without a word that means anything.
+    pub fn wait(mut self) -> Result<Flown, BenchError> {
+        let mut said = String::new();
+        if let Some(out) = &mut self.0.stdout {
+            // What cannot be read is no answer.
+            let _ = out.read_to_string(&mut said);
+        }
+        let status = self.0.wait().map_err(|source| BenchError::System {
+            action: "wait for a flight".to_owned(),
+            source,
+        })?;
+        let told: Value = serde_json::from_str(&said).unwrap_or_default();
+        let error = told["error"].as_str().map(str::to_owned);
+        match (status.code(), error) {
+            (Some(2), Some(error)) => Ok(Flown::Refused(error)),
+            (_, Some(error)) => Ok(Flown::Lost(error)),
+            (Some(0 | 1), None) => {
+                let report = serde_json::from_value(told["report"].clone());
+                let report = report.map_err(|error| {
+                    BenchError::Peer(format!("gave a result that means nothing: {error}"))
+                })?;
+                Ok(Flown::Measured(Box::new(report)))
+            }
+            (code, None) => Ok(Flown::Lost(format!("ended with {code:?}"))),
+        }
+    }
+}
+
+impl Drop for Flight {
+    fn drop(&mut self) {
+        // A flight that nobody waits for any more ends in order by a signal of its own.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

@@ -1,0 +1,150 @@
+//! Somebody who has a flight's live page open, and a viewer that shows every topic, for a measurement.
+
+use core::sync::atomic::{AtomicU64, Ordering};
+use scenario::process::OWN_EXECUTABLE;
+use serde_json::{Value, json};
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{SocketAddr, TcpStream};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+use tungstenite::client::IntoClientRequest as _;
+use tungstenite::http::HeaderValue;
+use tungstenite::{HandshakeError, Message};
+
+/// What does not come within this time does not come.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// The protocol that viewers speak.
+const PROTOCOL: &str = "foxglove.sdk.v1";
+
+/// `morphquad live` beside a run, its page and its viewer.
+#[derive(Debug)]
+pub(super) struct Onlooker {
+    child: Child,
+    page: SocketAddr,
+    received: Arc<AtomicU64>,
+    /// Open, so that it may go on writing.
+    _out: BufReader<ChildStdout>,
+}
+
+impl Onlooker {
+    /// Of a run by its name; none if it cannot be shown.
+    pub(super) fn of(run: &str) -> Option<Self> {
+        let mut child = Command::new(OWN_EXECUTABLE)
+            .args(["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .ok()?;
+        let mut out = BufReader::new(child.stdout.take()?);
+        let mut told = || {
+            let mut line = String::new();
+            out.read_line(&mut line).ok().and_then(|_| address(&line))
+        };
+        let (Some(page), Some(socket)) = (told(), told()) else {
+            end(&mut child);
+            return None;
+        };
+        let received = Arc::new(AtomicU64::new(0));
+        let count = Arc::clone(&received);
+        // It ends with the server, and what it has to say is how much it was sent.
+        thread::spawn(move || view(socket, &count));
+        Some(Self { child, page, received, _out: out })
+    }
+
+    /// Has the page ask for what is new, as it does five times a second; true if it was told.
+    pub(super) fn look(&self) -> bool {
+        let ask = format!(
+            "GET /flight?since_s=1e9 HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n",
+            self.page
+        );
+        let told = || {
+            let mut stream = TcpStream::connect_timeout(&self.page, PATIENCE)?;
+            stream.set_read_timeout(Some(PATIENCE))?;
+            stream.write_all(ask.as_bytes())?;
+            let mut answer = Vec::new();
+            stream.read_to_end(&mut answer)?;
+            Ok::<_, io::Error>(answer)
+        };
+        told().is_ok_and(|answer| answer.starts_with(b"HTTP/1.1 200"))
+    }
+
+    /// Messages that the viewer was sent.
+    pub(super) fn received(&self) -> u64 {
+        self.received.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Onlooker {
+    fn drop(&mut self) {
+        end(&mut self.child);
+    }
+}
+
+fn end(child: &mut Child) {
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// Subscribes to every channel and reads until the server is gone.
+fn view(server: SocketAddr, received: &AtomicU64) -> Result<(), tungstenite::Error> {
+    let mut request = format!("ws://{server}").into_client_request()?;
+    request.headers_mut().insert("Sec-WebSocket-Protocol", HeaderValue::from_static(PROTOCOL));
+    let stream = TcpStream::connect_timeout(&server, PATIENCE)?;
+    let (mut socket, _) = tungstenite::client(request, stream).map_err(|error| match error {
+        HandshakeError::Failure(error) => error,
+        HandshakeError::Interrupted(_) => io::Error::from(io::ErrorKind::WouldBlock).into(),
+    })?;
+    loop {
+        match socket.read()? {
+            Message::Text(text) => {
+                if let Some(wish) = subscription(&text) {
+                    socket.send(Message::text(wish))?;
+                }
+            }
+            Message::Binary(_) => {
+                received.fetch_add(1, Ordering::Relaxed);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// A subscription to all that is advertised, if this is an advertisement.
+fn subscription(text: &str) -> Option<String> {
+    let told: Value = serde_json::from_str(text).ok()?;
+    let channels = told["channels"].as_array().filter(|_| told["op"] == "advertise")?;
+    let each =
+        channels.iter().map(|channel| json!({ "id": channel["id"], "channelId": channel["id"] }));
+    Some(json!({ "op": "subscribe", "subscriptions": each.collect::<Vec<_>>() }).to_string())
+}
+
+/// Address in a line that tells one.
+fn address(line: &str) -> Option<SocketAddr> {
+    line.split_once("://")?.1.split(['/', ' ', '\n']).next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{address, subscription};
+
+    #[test]
+    fn addresses_are_taken_out_of_what_is_printed() {
+        let page = address("live  http://127.0.0.1:4321/#token=00ff\n");
+        assert_eq!(page, Some("127.0.0.1:4321".parse().unwrap()));
+        let socket = address("live  ws://127.0.0.1:8765 (Foxglove WebSocket)\n");
+        assert_eq!(socket, Some("127.0.0.1:8765".parse().unwrap()));
+        assert_eq!(address("morphquad: no run is in the air\n"), None);
+    }
+
+    #[test]
+    fn everything_that_is_advertised_is_subscribed_to() {
+        let wish =
+            subscription(r#"{"op":"advertise","channels":[{"id":7,"topic":"imu"},{"id":9}]}"#);
+        let wish: serde_json::Value = serde_json::from_str(&wish.unwrap()).unwrap();
+        assert_eq!(wish["subscriptions"][1], serde_json::json!({ "id": 9, "channelId": 9 }));
+        assert_eq!(subscription(r#"{"op":"serverInfo"}"#), None);
+    }
+}

@@ -1,0 +1,211 @@
+//! The other processes of a measurement: this executable again, with an order on its standard input.
+//!
+//! An order is a line of JSON. A peer says `ready`, is told when to begin, and answers with one line. It
+//! leaves when its input ends, so that none outlives who started it.
+
+pub mod floor;
+pub mod hop;
+
+use super::BenchError;
+use super::load::{LoadOrder, be_load};
+use host::realtime::Setup;
+use host::{exit, name_thread};
+use runtime::priority::Schedule;
+use scenario::process::OWN_EXECUTABLE;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::process::CommandExt as _;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+/// What a peer is to do.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// Send samples, by turns through the ports and through the bare transport.
+    HopFrom(hop::End),
+    /// Receive them.
+    HopTo(hop::End),
+    /// Measure the machine's timers, and send pings.
+    FloorFrom(floor::FromOrder),
+    /// Receive pings.
+    FloorTo(floor::ToOrder),
+    /// Keep a processor busy.
+    Load(LoadOrder),
+}
+
+/// Processor and priority of a thread.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct Seat {
+    /// The only processor; any if none.
+    pub cpu: Option<usize>,
+    /// `SCHED_FIFO` of this priority; none for the usual policy.
+    pub fifo: Option<u8>,
+    /// With timers and memory as the loops of a flight have them.
+    pub like_a_loop: bool,
+}
+
+impl Seat {
+    /// Lets the calling thread run there.
+    pub fn take(self, name: &str) {
+        name_thread(name);
+        let setup = Setup {
+            schedule: self.fifo.map(Schedule::Fifo),
+            cpus: self.cpu.into_iter().collect(),
+            lock_memory: self.like_a_loop,
+            timer_slack_ns: if self.like_a_loop { TIMER_SLACK_NS } else { 0 },
+        };
+        // What is permitted was asked before; the rest is as for the loops, which say so.
+        let _ = setup.apply();
+    }
+}
+
+/// Slack of the loops' timers unless a scenario says otherwise \[ns\].
+const TIMER_SLACK_NS: u64 = 1000;
+
+/// A peer that has been started.
+#[derive(Debug)]
+pub struct Peer {
+    child: Child,
+    orders: Option<ChildStdin>,
+    answers: BufReader<ChildStdout>,
+}
+
+impl Peer {
+    /// Starts a peer and waits until it is ready.
+    ///
+    /// # Errors
+    /// It cannot be started, or ends before.
+    pub fn start(order: &Order) -> Result<Self, BenchError> {
+        let failed = |source| BenchError::System { action: "start a peer".to_owned(), source };
+        let mut child = Command::new(OWN_EXECUTABLE)
+            .arg("bench-peer")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            // A Ctrl-C at the terminal reaches who started it alone.
+            .process_group(0)
+            .spawn()
+            .map_err(failed)?;
+        let orders = child.stdin.take();
+        let answers = child.stdout.take().ok_or(BenchError::Peer("has no output".to_owned()))?;
+        let mut peer = Self { child, orders, answers: BufReader::new(answers) };
+        let order = serde_json::to_string(order).map_err(|error| failed(error.into()))?;
+        peer.tell(&order)?;
+        let said = peer.hear()?;
+        if said != READY {
+            return Err(BenchError::Peer(format!("said `{said}` instead of `{READY}`")));
+        }
+        Ok(peer)
+    }
+
+    /// Tells it something, in one line.
+    ///
+    /// # Errors
+    /// It has gone.
+    pub fn tell(&mut self, line: &str) -> Result<(), BenchError> {
+        let told = self.orders.as_mut().map(|orders| writeln!(orders, "{line}"));
+        match told {
+            Some(Ok(())) => Ok(()),
+            _ => Err(BenchError::Peer("does not listen any more".to_owned())),
+        }
+    }
+
+    fn hear(&mut self) -> Result<String, BenchError> {
+        let mut line = String::new();
+        match self.answers.read_line(&mut line) {
+            Ok(count) if count > 0 => Ok(line.trim_end().to_owned()),
+            _ => Err(BenchError::Peer("ended without an answer".to_owned())),
+        }
+    }
+
+    /// Lets it end by itself, and takes its answer.
+    ///
+    /// # Errors
+    /// It gives none, or one of another build.
+    pub fn answer<T: DeserializeOwned>(&mut self) -> Result<T, BenchError> {
+        let said = self.hear()?;
+        serde_json::from_str(&said).map_err(|error| {
+            BenchError::Peer(format!("gave an answer that means nothing: {error}"))
+        })
+    }
+
+    /// Tells it that it is enough, and takes its answer.
+    ///
+    /// # Errors
+    /// As [`answer`](Self::answer).
+    pub fn stop<T: DeserializeOwned>(&mut self) -> Result<T, BenchError> {
+        self.orders = None;
+        self.answer()
+    }
+
+    /// Its process.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What a peer says once it could begin.
+const READY: &str = "ready";
+
+/// The peer's end of the conversation.
+#[derive(Debug)]
+pub struct Talk {
+    orders: io::Lines<io::StdinLock<'static>>,
+}
+
+impl Talk {
+    /// Says that everything is open.
+    ///
+    /// # Errors
+    /// Nobody listens any more.
+    pub fn ready(&self) -> io::Result<()> {
+        say(READY)
+    }
+
+    /// The next line; none once nobody will ever say anything again.
+    pub fn hear(&mut self) -> Option<String> {
+        self.orders.next()?.ok()
+    }
+}
+
+fn say(line: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()
+}
+
+/// Is a peer, from its order to its answer.
+#[must_use]
+pub fn be_peer() -> u8 {
+    let mut talk = Talk { orders: io::stdin().lines() };
+    let order = talk.hear().and_then(|line| serde_json::from_str::<Order>(&line).ok());
+    let done = match order {
+        Some(Order::HopFrom(end)) => hop::send(&end, &mut talk),
+        Some(Order::HopTo(end)) => hop::receive(&end, &mut talk),
+        Some(Order::FloorFrom(order)) => floor::send(&order, &mut talk),
+        Some(Order::FloorTo(order)) => floor::receive(&order, &mut talk),
+        Some(Order::Load(order)) => be_load(&order, &mut talk),
+        None => {
+            Err(BenchError::Peer("got no order: it is started by `morphquad bench`".to_owned()))
+        }
+    };
+    match done.and_then(|answer| say(&answer).map_err(unheard)) {
+        Ok(()) => exit::PASS,
+        Err(error) => {
+            let _ = writeln!(io::stderr(), "morphquad bench-peer: {error}");
+            error.exit_code()
+        }
+    }
+}
+
+pub(super) fn unheard(source: io::Error) -> BenchError {
+    BenchError::System { action: "give an answer".to_owned(), source }
+}

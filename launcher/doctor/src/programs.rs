@@ -1,0 +1,112 @@
+//! What is installed: this executable, others that its flights may start, and what reads recordings.
+
+use super::Finding;
+use host::{LAYOUT_ARGUMENT, layout_hash};
+use runtime::clock::{mono_now_ns, sleep_until};
+use scenario::candidate::installed;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread;
+
+/// How long an executable may take to say who it is \[ns\].
+const LIMIT_NS: u64 = 500_000_000;
+
+pub(super) fn checks() -> Vec<Finding> {
+    thread::scope(|scope| {
+        let python = scope.spawn(python);
+        let mut findings = vec![version(), controllers(), other_builds()];
+        findings.extend(python.join());
+        findings
+    })
+}
+
+fn version() -> Finding {
+    let (version, git) = (env!("CARGO_PKG_VERSION"), record::build::declared().git);
+    Finding::ok("version", format!("morphquad {version} ({git}), layout {:016x}", layout_hash()))
+}
+
+/// Executables that flights may start by name: they must lay samples out as this one does.
+fn controllers() -> Finding {
+    let name = "controllers";
+    let found = installed(|name| name.starts_with("morphquad-"));
+    let with = |layout: fn(Option<u64>) -> bool| {
+        let of_layout = found.iter().filter(|path| layout(layout_of(path)));
+        of_layout.map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+    };
+    let others = with(|layout| layout.is_some_and(|layout| layout != layout_hash()));
+    if !others.is_empty() {
+        let told = format!("{others} cannot join flights of this build");
+        return Finding::fail(name, told, "build them again from the same source, or remove them");
+    }
+    let silent = with(|layout| layout.is_none());
+    if !silent.is_empty() {
+        let remedy = "nothing, if they are controllers in another language";
+        return Finding::warn(name, format!("{silent} do not tell their layout"), remedy);
+    }
+    Finding::ok(
+        name,
+        format!("{} beside this executable and on PATH, all of its layout", found.len()),
+    )
+}
+
+fn other_builds() -> Finding {
+    let own = std::env::current_exe().unwrap_or_default();
+    let others = installed(|name| name == "morphquad");
+    let others =
+        others.iter().filter(|path| **path != own && layout_of(path) != Some(layout_hash()));
+    let others: Vec<_> = others.map(|path| path.display().to_string()).collect();
+    let found = if others.is_empty() { "none on PATH".to_owned() } else { others.join(", ") };
+    let remedy = "runs, `ps` and recordings of different builds refuse each other: install one";
+    Finding::warn_if(!others.is_empty(), "other builds", found, remedy)
+}
+
+/// For readers of recordings and for controllers in Python.
+fn python() -> Finding {
+    let name = "python";
+    let remedy = "install Python 3.11 or later; only scripts that read recordings and Python controllers need it";
+    let said = say(Path::new("python3"), "--version").unwrap_or_default();
+    let Some(version) = said.trim().strip_prefix("Python ") else {
+        return Finding::warn(name, "no python3 on PATH", remedy);
+    };
+    let mut parts = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
+    let version_ = (parts.next().unwrap_or(0), parts.next().unwrap_or(0));
+    Finding::warn_if(version_ < (3, 11), name, format!("Python {version}"), remedy)
+}
+
+/// Hash of the layouts that an executable says it has.
+fn layout_of(path: &Path) -> Option<u64> {
+    u64::from_str_radix(say(path, LAYOUT_ARGUMENT)?.trim(), 16).ok()
+}
+
+/// What an executable says to one argument, if it does so in time.
+fn say(executable: &Path, argument: &str) -> Option<String> {
+    let mut command = Command::new(executable);
+    command.arg(argument).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut child = command.spawn().ok()?;
+    let patient_until_ns = mono_now_ns() + LIMIT_NS;
+    loop {
+        match child.try_wait().ok()? {
+            Some(_) => break,
+            None if mono_now_ns() > patient_until_ns => {
+                // It may be anything; it was started here and is ended here.
+                let _ = child.kill();
+                let _ = child.wait();
+                return None;
+            }
+            None => sleep_until(mono_now_ns() + 1_000_000),
+        }
+    }
+    let output = child.wait_with_output().ok()?;
+    Some(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_executable_that_says_something_else_has_no_layout() {
+        assert_eq!(layout_of(Path::new("/bin/echo")), None);
+        assert_eq!(layout_of(Path::new("/no/such/executable")), None);
+    }
+}

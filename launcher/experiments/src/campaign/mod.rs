@@ -1,0 +1,145 @@
+//! `morphquad campaign`: one scenario times seeds times a grid of its keys, on all cores, in one
+//! process, and again from where it was interrupted.
+//!
+//! [`Plan`] reads the file, [`Case`] is one flight, [`Outcome`] its row, [`Journal`] what survives a
+//! kill; `report` makes the tables and names the worst. Branches of a recording use the same rows.
+
+mod case;
+mod file;
+mod journal;
+mod outcome;
+pub mod report;
+pub mod values;
+
+pub use case::{Axis, Base, Case, quoted};
+pub use file::{FileError, Plan};
+pub use journal::{Identity, Journal, JournalError};
+pub use outcome::{Outcome, Verdict, fly, fly_on};
+
+use figures::results::ResultsFolder;
+use launcher::fan_out::fan_out;
+use miette::Diagnostic;
+use runtime::watch::StopFlags;
+use scenario::ScenarioError;
+use std::sync::Mutex;
+use thiserror::Error;
+
+/// A campaign that has been flown.
+#[derive(Debug)]
+pub struct Campaign {
+    /// What all cases share.
+    pub base: Base,
+    /// What varies.
+    pub axes: Vec<Axis>,
+    /// Each case with its outcome, in the order of [`Case::all`].
+    pub flown: Vec<(Case, Outcome)>,
+    /// How many of them an earlier run had flown.
+    pub resumed: usize,
+}
+
+/// Why a campaign did not end.
+#[derive(Debug, Error, Diagnostic)]
+pub enum CampaignError {
+    /// The scenario cannot be flown even without the grid.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// The journal.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Journal(#[from] JournalError),
+    /// The executable cannot be read, so that nobody can tell whether it changes.
+    #[error("cannot read the own executable: {0}")]
+    Executable(std::io::Error),
+    /// The user ended it.
+    #[error("interrupted: {finished} of {cases} cases are finished and kept")]
+    #[diagnostic(help("the same command goes on from here"))]
+    Interrupted {
+        /// Cases in the journal.
+        finished: usize,
+        /// Cases in all.
+        cases: usize,
+    },
+}
+
+/// What the user sees and asks for meanwhile.
+#[derive(Debug)]
+pub struct Watch<'w> {
+    /// Signals.
+    pub stop: &'w StopFlags,
+    /// Told of cases in all and already finished, and after each one.
+    pub bar: &'w indicatif::ProgressBar,
+}
+
+/// Flies every case that the journal in `folder` does not have yet.
+///
+/// # Errors
+/// [`CampaignError`]; what has been flown is in the journal then. A case that fails is an outcome.
+pub fn run(
+    plan: &Plan,
+    folder: &ResultsFolder,
+    restart: bool,
+    watch: &Watch<'_>,
+) -> Result<Campaign, CampaignError> {
+    // A base that cannot fly is an error, not a table full of refusals.
+    let own_seed = plan.base.own_seed()?;
+    let seeds = plan.seeds.clone().unwrap_or_else(|| vec![own_seed]);
+    let cases = Case::all(&plan.axes, &seeds);
+    let build = build_hash().map_err(CampaignError::Executable)?;
+    let keys: Vec<String> = cases.iter().map(|case| key(plan, case, &build)).collect();
+    let identity = Identity { campaign: hash(keys.iter().map(String::as_str)), build };
+    let journal = Journal::open(folder.path(), &identity, restart)?;
+    let known: Vec<Option<Outcome>> = keys.iter().map(|k| journal.finished(k).cloned()).collect();
+    let open: Vec<usize> = (0..cases.len()).filter(|&i| known[i].is_none()).collect();
+    let resumed = cases.len() - open.len();
+    watch.bar.set_length(cases.len() as u64);
+    watch.bar.set_position(resumed as u64);
+    watch.bar.reset_eta();
+
+    let journal = Mutex::new(journal);
+    let stop = || watch.stop.signalled();
+    let interrupted = || CampaignError::Interrupted {
+        finished: usize::try_from(watch.bar.position()).unwrap_or(0),
+        cases: cases.len(),
+    };
+    let fly_one = |&index: &usize| {
+        let outcome = match plan.base.scenario(&plan.axes, &cases[index]) {
+            Ok(scenario) => fly(&scenario, &stop).ok_or_else(interrupted)?,
+            Err(error) => Outcome::refused(&error),
+        };
+        if let Ok(mut journal) = journal.lock() {
+            journal.add(&keys[index], &outcome)?;
+        }
+        watch.bar.inc(1);
+        Ok::<_, CampaignError>(outcome)
+    };
+    let mut fresh = fan_out(&open, &|| (), fly_one)?.into_iter();
+    let outcomes = known.into_iter().filter_map(|known| known.or_else(|| fresh.next()));
+    let flown = cases.into_iter().zip(outcomes).collect();
+    Ok(Campaign { base: plan.base.clone(), axes: plan.axes.clone(), flown, resumed })
+}
+
+/// What tells a case from every other one, in this campaign or another, of this build or another.
+fn key(plan: &Plan, case: &Case, build: &str) -> String {
+    let own = case.settings(&plan.axes).collect::<Vec<_>>();
+    let seed = case.seed.to_string();
+    let parts = [build, &plan.base.name, &plan.base.text, &seed];
+    let settings = plan.base.set.iter().chain(&own).map(String::as_str);
+    hash(parts.into_iter().chain(settings))
+}
+
+/// 128 bits over texts, each with its length, as hexadecimal.
+fn hash<'t>(texts: impl IntoIterator<Item = &'t str>) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for text in texts {
+        hasher.update(&(text.len() as u64).to_le_bytes());
+        hasher.update(text.as_bytes());
+    }
+    hasher.finalize().to_hex().as_str()[..32].to_owned()
+}
+
+/// Hash of the running executable, also if its file has been replaced meanwhile.
+fn build_hash() -> std::io::Result<String> {
+    let bytes = std::fs::read(scenario::process::OWN_EXECUTABLE)?;
+    Ok(blake3::hash(&bytes).to_hex().as_str()[..32].to_owned())
+}

@@ -1,0 +1,32 @@
+//! Recording of a flight: one MCAP file that any viewer opens, derived from the floor plan.
+//!
+//! [`Recording`] writes; [`descriptor_set`] and [`encode`] turn the reflection of a sample into
+//! protobuf, [`decode`] turns it back; [`read`] opens a recording again;
+//! [`SequenceAudit`] proves that nothing is missing. A new topic needs no change here.
+
+mod audit;
+pub mod build;
+mod decode;
+mod encode;
+mod error;
+mod facts;
+mod keep;
+mod messages;
+mod open;
+pub mod read;
+mod recording;
+pub mod scene;
+mod schema;
+mod sink;
+#[cfg(test)]
+mod tests;
+
+pub use audit::{STATES, SequenceAudit, Stream, Tally, Verdict, name_gaps};
+pub use decode::{DecodeError, decode};
+pub use encode::encode;
+pub use error::RecordError;
+pub use facts::{Branched, Clock, Continued, Facts, Machine};
+pub use messages::{Event, Severity};
+pub use messages::{decode_log, encode_log, log_schema};
+pub use recording::Recording;
+pub use schema::{PACKAGE, descriptor_set, full_name};

@@ -1,0 +1,299 @@
+//! Rules that span keys or sections, after every section is valid by itself.
+
+mod crew;
+mod laws;
+
+pub use laws::TESTED_RATES_HZ;
+
+use super::deadlines;
+use super::document::Document;
+use super::ordered;
+use super::pilot::Plan;
+use super::problem::Problem;
+use super::script;
+use super::settings::{Clock, Settings};
+use super::wiring::{self, WiringError};
+use super::{Scenario, ns_from_s};
+use ::pilot::{Pilot, PilotError, RigPilot};
+use disturbance_injector::Event;
+use runtime::{Graph, GraphError};
+use shared_types::{Role, TopicInfo};
+use vehicle::ParameterError;
+
+/// Share of the lateral force at full tilt that wind and trajectory may claim.
+const TILT_SHARE: f64 = 0.8;
+
+/// Errors and warnings.
+pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Problem>, Vec<Problem>) {
+    let mut checker = Checker { scenario, document, errors: Vec::new(), warnings: Vec::new() };
+    checker.vehicle();
+    checker.start();
+    checker.attitude();
+    if !scenario.settings.pilot.is_rig() {
+        checker.position();
+    }
+    checker.crew();
+    checker.idle_keys();
+    checker.estimator();
+    checker.gate();
+    let peak_m_s2 = checker.pilot();
+    checker.wind(peak_m_s2);
+    checker.clock();
+    checker.deadlines();
+    checker.graph();
+    (checker.errors, checker.warnings)
+}
+
+struct Checker<'s> {
+    scenario: &'s Scenario,
+    document: &'s Document<'s>,
+    errors: Vec<Problem>,
+    warnings: Vec<Problem>,
+}
+
+impl<'s> Checker<'s> {
+    fn settings(&self) -> &'s Settings {
+        &self.scenario.settings
+    }
+
+    fn problem(&self, key: &str, what: impl Into<String>, remedy: impl Into<String>) -> Problem {
+        Problem::new(key, what, remedy, self.document.place_of(key))
+    }
+
+    fn error(&mut self, key: &str, what: impl Into<String>, remedy: impl Into<String>) {
+        self.errors.push(self.problem(key, what, remedy));
+    }
+
+    fn warn(&mut self, key: &str, what: impl Into<String>, remedy: impl Into<String>) {
+        self.warnings.push(self.problem(key, what, remedy).into_warning());
+    }
+
+    fn vehicle(&mut self) {
+        let modelled = self.scenario.modelled_vehicle();
+        if let Err(ParameterError { name, value, remedy }) = modelled.validate() {
+            let name = if name.contains('.') || !name.starts_with("inertia_") {
+                name.to_owned()
+            } else {
+                format!("geometry.{name}")
+            };
+            self.error(&format!("vehicle.{name}"), format!("{value} is not usable"), remedy);
+        } else if let Err(ParameterError { name, value, remedy }) =
+            self.scenario.real_vehicle().validate()
+        {
+            let what = format!("makes {name} = {value}");
+            self.error("plant.mismatch", what, remedy);
+        }
+    }
+
+    /// Rotors that turn faster than any can.
+    fn start(&mut self) {
+        let most_n = self.scenario.modelled_vehicle().rotor_thrust_max_n;
+        let given = self.settings().start.rotor_thrust_n.unwrap_or_default();
+        if let Some(index) = given.iter().position(|thrust_n| *thrust_n > most_n) {
+            let what = format!("{} N is more than a rotor can give", given[index]);
+            let remedy = format!("write at most vehicle.rotor_thrust_max_n, {most_n} N");
+            self.error(&format!("start.rotor_thrust_n[{index}]"), what, remedy);
+        }
+    }
+
+    fn estimator(&mut self) {
+        if let Err(error) = self.scenario.filter() {
+            let key = "estimator.fix_latency_s";
+            self.error(key, error.to_string(), "bridge less, or lower plant.imu.rate_hz");
+        }
+        let (plant, estimator) = (&self.settings().plant, &self.settings().estimator);
+        if plant.pose_fix.latency_s > estimator.fix_latency_s {
+            let what = format!(
+                "fixes arrive {} s late, but only {} s are bridged",
+                plant.pose_fix.latency_s, estimator.fix_latency_s
+            );
+            let remedy = "raise estimator.fix_latency_s to at least this";
+            self.error("plant.pose_fix.latency_s", what, remedy);
+        }
+        let attitude_hz = self.scenario.slot_rate_hz(Role::Attitude);
+        if f64::from(plant.imu.rate_hz) < attitude_hz {
+            let what = format!(
+                "{} samples per second are too few for the attitude loop, which goes by {attitude_hz} estimates per second",
+                plant.imu.rate_hz
+            );
+            let remedy = format!(
+                "raise it to {:.0} or more, or lower the rate of the attitude loop",
+                attitude_hz.ceil()
+            );
+            self.error("plant.imu.rate_hz", what, remedy);
+        }
+        if f64::from(plant.imu.rate_hz) > plant.rate_hz {
+            let what = format!("the plant steps at {} Hz only", plant.rate_hz);
+            self.warn("plant.imu.rate_hz", what, "raise plant.rate_hz or lower this rate");
+        }
+    }
+
+    /// The gate drops a command after its validity, two periods of its writer.
+    fn gate(&mut self) {
+        let validity_s = self.settings().plant.gate.validity_max_s;
+        let needed_s = 2.0 / self.scenario.slot_rate_hz(Role::Attitude);
+        if needed_s > validity_s {
+            let what = format!(
+                "a command is valid for two periods, {needed_s:.3} s, but the gate allows {validity_s} s"
+            );
+            let remedy = format!(
+                "raise the rate to {} Hz or more, or plant.gate.validity_max_s",
+                2.0 / validity_s
+            );
+            self.error("attitude_mpc.rate_hz", what, remedy);
+        }
+    }
+
+    /// Largest acceleration of the trajectory \[m/s²\].
+    fn pilot(&mut self) -> f64 {
+        let vehicle = self.scenario.modelled_vehicle();
+        let built = match self.scenario.plan() {
+            Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| 0.0),
+            Plan::Flight(config) => Pilot::new(&config, &vehicle).map(|pilot| {
+                pilot.trajectory().peak_acceleration_m_s2(self.scenario.duration_ns())
+            }),
+        };
+        let start_deg = self.settings().start.morph_angle_deg;
+        if let Some([_, first_deg]) = self.settings().pilot.common.morph.first().copied()
+            && self.settings().start.at_s <= 0.0
+            && (first_deg - start_deg).abs() > 1e-9
+        {
+            let what = format!("the arms start at {start_deg} degrees and are told {first_deg}");
+            self.warn("pilot.morph[0]", what, "let it equal start.morph_angle_deg");
+        }
+        built.unwrap_or_else(|error| {
+            let (key, remedy) = pilot_key(&error);
+            self.error(&key, error.to_string(), remedy);
+            0.0
+        })
+    }
+
+    fn wind(&mut self, peak_m_s2: f64) {
+        let (drag_n, wind) = self.drag_n();
+        let vehicle = self.scenario.modelled_vehicle();
+        let tilt_rad = self.scenario.position_law().map_or(0.35, |law| law.tilt_max_rad);
+        let asked_n = drag_n + vehicle.mass_kg * peak_m_s2;
+        let given_n = TILT_SHARE * vehicle.weight_n() * libm::tan(tilt_rad);
+        if asked_n > given_n && !self.settings().pilot.is_rig() {
+            let what = format!(
+                "wind and trajectory ask for {asked_n:.2} N sideways, the tilt bound gives {given_n:.2} N to spend"
+            );
+            let key =
+                wind.map_or("pilot".to_owned(), |i| format!("disturbance_injector.script[{i}]"));
+            self.warn(&key, what, "fly slower, in less wind, or raise position_mpc.tilt_max_rad");
+        }
+    }
+
+    /// Mean drag + 3 σ of the strongest wind \[N\], and which event it is.
+    fn drag_n(&self) -> (f64, Option<usize>) {
+        let drag = self.settings().vehicle.drag_n_s_m;
+        let script = &self.settings().disturbance_injector.script;
+        let winds = script.iter().enumerate().filter_map(|(index, event)| match event {
+            Event::Wind(wind) => {
+                let [x, y, _] = wind.mean_w_m_s;
+                let sigma = wind.sigma_m_s[0].max(wind.sigma_m_s[1]);
+                Some((drag * (libm::hypot(x, y) + 3.0 * sigma), Some(index)))
+            }
+            _ => None,
+        });
+        winds.fold((0.0, None), |most, wind| if wind.0 > most.0 { wind } else { most })
+    }
+
+    fn clock(&mut self) {
+        let settings = &self.settings().scenario;
+        if settings.clock == Clock::Realtime && settings.pace().is_none() {
+            let what = "the wall clock does not run as fast as the machine can";
+            self.error("scenario.speed", what, "give a number, or clock = \"lockstep\"");
+        }
+        if ns_from_s(settings.duration_s) == 0 {
+            self.error("scenario.duration_s", "is shorter than a nanosecond", "fly longer");
+        }
+    }
+
+    fn deadlines(&mut self) {
+        let realtime = &self.settings().realtime;
+        let mut complaints = deadlines::of_unknown_edges(realtime);
+        complaints.extend(deadlines::of_unhurried(realtime));
+        if let (true, Ok(graph)) = (complaints.is_empty(), self.scenario.graph()) {
+            complaints = deadlines::beyond_the_period(realtime, &graph);
+        }
+        for (key, what, remedy) in complaints {
+            self.error(&key, what, remedy);
+        }
+    }
+
+    /// A restarted process fetches what it missed from the history of its inputs.
+    fn resumable(&mut self, graph: &Graph) {
+        let settings = self.settings();
+        let restarted = [
+            (Role::Estimator, u64::from(settings.estimator.state_every)),
+            (Role::Position, 1),
+            (Role::Attitude, 1),
+            (Role::Monitor, 1),
+        ];
+        for (role, state_every) in restarted {
+            let rate_of = |topic: &TopicInfo| wiring::sensor_rate(settings, topic);
+            if let Some((edge, needed)) = graph.too_short_history(role, state_every, &rate_of) {
+                let TopicInfo { name, history, .. } = edge.topic;
+                let what = format!(
+                    "after a crash it would need the last {needed} samples of {name}, and {history} are kept"
+                );
+                let remedy = format!(
+                    "lower {}.rate_hz, its lead or its latency, or accept that a restart is not exact",
+                    wiring::section(edge.from)
+                );
+                self.warn(&format!("{}.rate_hz", wiring::section(role)), what, remedy);
+            }
+        }
+    }
+
+    fn graph(&mut self) {
+        match self.scenario.graph() {
+            Ok(graph) => {
+                self.resumable(&graph);
+                let scripted = script::check(self.settings(), &graph).into_iter();
+                for (key, what, remedy) in scripted.chain(ordered::check(self.scenario)) {
+                    self.error(&key, what, remedy);
+                }
+            }
+            Err(WiringError::Rate { section, error }) => {
+                let remedy = "write a rate with at most three decimals";
+                self.error(&format!("{section}.rate_hz"), error.to_string(), remedy);
+            }
+            Err(WiringError::Graph(error)) => {
+                let key = match &error {
+                    GraphError::ZeroLatencyLoop(_) => "latency".to_owned(),
+                    GraphError::BufferTooSmall { producer, .. } => {
+                        let role =
+                            Role::STEPPING.into_iter().find(|role| role.label() == *producer);
+                        role.map_or_else(String::new, |r| format!("{}.rate_hz", wiring::section(r)))
+                    }
+                };
+                let remedy = "change the rates or latencies that it names";
+                self.error(&key, error.to_string(), remedy);
+            }
+        }
+    }
+}
+
+/// Key of what a pilot refuses.
+fn pilot_key(error: &PilotError) -> (String, &'static str) {
+    match error {
+        PilotError::OutOfRange { parameter, .. } => {
+            let own = parameter.trim_start_matches("trajectory.").trim_start_matches("step.");
+            (format!("pilot.{}", own.replace("waypoints", "points")), "write a number in the range")
+        }
+        PilotError::Empty { .. } => ("pilot".to_owned(), "give at least one entry"),
+        PilotError::TimesNotIncreasing { parameter, index, .. } => {
+            let list = if *parameter == "morph" { "morph" } else { "points" };
+            (format!("pilot.{list}[{index}]"), "let the times increase from entry to entry")
+        }
+        PilotError::FigureTooShort { .. } => {
+            ("pilot.period_s".to_owned(), "fly longer or shorten the leads")
+        }
+        PilotError::MorphTooFast { index, .. } => (
+            format!("pilot.morph[{index}]"),
+            "give the sweep more time, or the servo a higher limit",
+        ),
+    }
+}

@@ -1,0 +1,397 @@
+//! What is flown: one TOML text, edited by the command line, typed, checked, wired.
+//!
+//! [`Scenario::load`] is the way in; every complaint ([`Problem`]) has a place, a key and a remedy.
+//! Open [`settings`] for the keys, [`pilot`] for the manoeuvres, `check` for the rules that span
+//! sections and [`wiring`] for the graph. Each service owns the type of its section.
+
+mod begin;
+pub mod candidate;
+mod check;
+mod clock;
+pub mod components;
+mod deadlines;
+mod document;
+mod ordered;
+pub mod orders;
+mod overrides;
+mod patience;
+pub mod pilot;
+mod problem;
+pub mod process;
+pub mod rehearsal;
+mod rights;
+pub mod script;
+pub mod settings;
+pub mod shipped;
+pub mod start;
+mod suggest;
+#[cfg(test)]
+mod tests;
+mod typed;
+mod vehicle;
+mod verdict;
+pub mod wiring;
+
+pub use begin::is_recording;
+pub use check::TESTED_RATES_HZ;
+pub use overrides::Override;
+pub use pilot::Plan;
+pub use problem::{Problem, ScenarioError};
+pub use settings::Settings;
+pub use suggest::remedy as suggestion;
+pub use wiring::WiringError;
+pub use wiring::delayed_topics;
+
+use ::monitor::MonitorConfig;
+use ::pilot::TakenUp;
+use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
+use attitude_lqr::LqrConfig;
+use attitude_mpc::AttitudeLawConfig;
+use attitude_mpc::settings::Surroundings;
+use attitude_pid::PidConfig;
+use components::Crew;
+use controller::attitude::Timing;
+use document::{Document, Edit, Texts};
+use estimator::{FilterConfig, InitialState};
+use host::Flight;
+use host::flight::{Clock, Facts};
+use host::realtime::Realtime;
+use pilot::Frame;
+use position_mpc::Landing;
+use position_mpc::PositionLawConfig;
+use position_pid::PositionPidConfig;
+use position_pid::settings::Shared;
+use runtime::Graph;
+use shared_types::Role;
+use std::net::SocketAddr;
+use std::path::Path;
+
+/// A scenario that can be flown.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    settings: Settings,
+    effective: String,
+    warnings: Vec<Problem>,
+    absent: Vec<Problem>,
+}
+
+impl Scenario {
+    /// Reads a shipped scenario by name, or a file by path, and applies `overrides` in order.
+    ///
+    /// # Errors
+    /// Everything that is wrong: an unknown name, an unreadable file, an unknown key, a wrong type,
+    /// a value out of range, or settings that do not fit one another.
+    pub fn load(name_or_path: &str, overrides: &[Override]) -> Result<Self, ScenarioError> {
+        if let Some(text) = shipped::text(name_or_path) {
+            return Self::from_text(name_or_path, text, overrides);
+        }
+        let text = read(name_or_path)?;
+        let scenario = Self::from_text(name_or_path, &text, overrides)?;
+        if text.parse().is_ok_and(|table| says_nothing(&table)) {
+            let remedy = "write what is to be other than usual, such as `duration_s = 5.0` under `[scenario]`; \
+                          `morphquad run hover` flies a scenario that is there";
+            return Err(Problem::new(name_or_path, "has no key in it", remedy, None).into());
+        }
+        Ok(scenario)
+    }
+
+    /// As [`load`](Self::load), from a text that complaints call `name`.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    pub fn from_text(
+        name: &str,
+        text: &str,
+        overrides: &[Override],
+    ) -> Result<Self, ScenarioError> {
+        let edits: Vec<Edit> = overrides.iter().map(|edit| edit.0.clone()).collect();
+        let texts = Texts::new(name, text, &edits);
+        let document = Document::parse(&texts, &edits)?;
+        let refuse = |problems| ScenarioError::from_problems(problems);
+        let settings = match typed::settings(&document) {
+            Ok(settings) => settings,
+            Err(problems) => return Err(refuse(problems).unwrap_or_else(|| unwritable(name))),
+        };
+        let effective = document.to_table().map_err(|_| unwritable(name))?;
+        let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
+        let mut scenario = Self { settings, effective, warnings: Vec::new(), absent: Vec::new() };
+        let (errors, warnings) = check::check(&scenario, &document);
+        let absent = script::absent(&scenario.settings).into_iter();
+        scenario.absent = absent
+            .map(|(key, what, remedy)| {
+                let place = document.place_of(&key);
+                Problem::new(key, what, remedy, place)
+            })
+            .collect();
+        refuse(errors).map_or(Ok(()), Err)?;
+        scenario.warnings = warnings;
+        Ok(scenario)
+    }
+
+    /// Every section, typed.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What can be flown, but perhaps not well.
+    #[must_use]
+    pub fn warnings(&self) -> &[Problem] {
+        &self.warnings
+    }
+
+    /// Refuses swaps to controllers that are not there. A flight asks once, before it starts: what its
+    /// processes load later must not depend on which executables exist by then.
+    ///
+    /// # Errors
+    /// Each candidate that nobody on this machine answers to.
+    pub fn require_candidates(&self) -> Result<(), ScenarioError> {
+        ScenarioError::from_problems(self.absent.clone()).map_or(Ok(()), Err)
+    }
+
+    /// The text with every override in it, for the processes of a run to read back.
+    #[must_use]
+    pub fn to_toml(&self) -> &str {
+        &self.effective
+    }
+
+    /// Logical end of the flight \[ns\].
+    #[must_use]
+    pub fn duration_ns(&self) -> u64 {
+        ns_from_s(self.settings.scenario.duration_s)
+    }
+
+    /// What the processes of a run must know of the flight.
+    ///
+    /// # Errors
+    /// As [`graph`](Self::graph).
+    pub fn flight(&self) -> Result<Flight, WiringError> {
+        let graph = self.graph()?;
+        let settings::RealtimeSettings { policy, lock_memory, timer_slack_s, strict, .. } =
+            self.settings.realtime;
+        let timer_slack_ns = ns_from_s(timer_slack_s);
+        Ok(Flight::new(Facts {
+            clock: match self.settings.scenario.clock {
+                settings::Clock::Lockstep => Clock::Lockstep,
+                settings::Clock::Realtime => Clock::Realtime,
+            },
+            realtime: Realtime { policy, lock_memory, timer_slack_ns, strict },
+            claims: &rights::claims(&self.settings.realtime, &graph),
+            grace_s: self.settings.launcher.launcher_grace_s,
+            start_yaw_rad: self.start_yaw_rad(),
+            vehicle: &self.modelled_vehicle(),
+            graph: &graph,
+        }))
+    }
+
+    /// Loops and arrows.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded, which checks this.
+    pub fn graph(&self) -> Result<Graph, WiringError> {
+        wiring::graph(&self.settings)
+    }
+
+    /// The vehicle as it is modelled.
+    #[must_use]
+    pub fn modelled_vehicle(&self) -> VehicleParameters {
+        self.settings.vehicle.parameters()
+    }
+
+    /// The vehicle as it is.
+    #[must_use]
+    pub fn real_vehicle(&self) -> VehicleParameters {
+        self.settings.plant.mismatch.real_vehicle(self.modelled_vehicle())
+    }
+
+    /// β at the start.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn start_morph_angle(&self) -> Result<MorphAngle, ParameterError> {
+        MorphAngle::from_degrees(self.settings.start.morph_angle_deg)
+    }
+
+    /// Heading at the start \[rad\].
+    #[must_use]
+    pub fn start_yaw_rad(&self) -> f64 {
+        self.settings.start.yaw_deg.to_radians()
+    }
+
+    /// What the plant is built from.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn plant_config(&self) -> Result<plant::PlantConfig, ParameterError> {
+        let settings = &self.settings.plant;
+        Ok(plant::PlantConfig {
+            vehicle: self.real_vehicle(),
+            model: settings.model_kind(),
+            imu: settings.imu.clone(),
+            pose_fix: settings.pose_fix.clone(),
+            morph_encoder: settings.morph_encoder.clone(),
+            gate: settings.gate.clone(),
+            position_w_m: self.settings.start.position_w_m.into(),
+            yaw_rad: self.start_yaw_rad(),
+            morph_angle: self.start_morph_angle()?,
+            motion: self.settings.start.motion(),
+            seed: self.settings.scenario.seed,
+        })
+    }
+
+    /// What the estimator is built from.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn filter(&self) -> Result<(FilterConfig, InitialState), estimator::ConfigError> {
+        let Settings { estimator, plant, start, vehicle, .. } = &self.settings;
+        let config = estimator.filter_config(vehicle.gravity_m_s2, plant.imu.rate_hz.into())?;
+        let morph_angle_rad = start.morph_angle_deg.to_radians();
+        let yaw_rad = self.start_yaw_rad();
+        let (position_w_m, velocity_w, attitude) = start.belief();
+        let initial = estimator.initial_state(position_w_m, yaw_rad, morph_angle_rad);
+        let q_wb = attitude.unwrap_or(initial.q_wb);
+        Ok((config, InitialState { velocity_w, q_wb, ..initial }))
+    }
+
+    /// What the attitude controller is built from.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn attitude_law(&self) -> Result<AttitudeLawConfig, attitude_mpc::ConfigError> {
+        let settings = &self.settings;
+        let rig = settings.pilot.is_rig();
+        settings.attitude_mpc.law_config(Surroundings {
+            rotor_lag_s: settings.vehicle.rotor_lag_s,
+            wrench_latency_s: settings.latency.wrench_command_s,
+            report_period_s: 1.0 / settings.plant.rate_hz,
+            setpoint_period_s: if rig { 0.0 } else { 1.0 / self.slot_rate_hz(Role::Position) },
+        })
+    }
+
+    /// What the position controller is built from; it flies unless the pilot has a rig.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn position_law(&self) -> Result<PositionLawConfig, position_mpc::ConfigError> {
+        self.settings.position_mpc.law_config(self.settings.vehicle.rotor_lag_s)
+    }
+
+    /// Rate of the loop in a slot \[Hz\].
+    #[must_use]
+    pub fn slot_rate_hz(&self, role: Role) -> f64 {
+        self.settings.rate_hz(Crew::of(&self.settings).name(role).unwrap_or("pilot"))
+    }
+
+    /// Times on the way of an attitude command at the rate of `[attitude_mpc]`.
+    fn attitude_timing(&self) -> Timing {
+        Timing {
+            period_s: 1.0 / self.settings.attitude_mpc.rate_hz,
+            latency_s: self.settings.latency.wrench_command_s,
+            report_s: 1.0 / self.settings.plant.rate_hz,
+            rotor_lag_s: self.settings.vehicle.rotor_lag_s,
+        }
+    }
+
+    /// What the attitude LQR is built from.
+    #[must_use]
+    pub fn attitude_lqr(&self) -> LqrConfig {
+        self.settings.attitude_lqr.law_config(self.attitude_timing())
+    }
+
+    /// What the attitude PID is built from.
+    #[must_use]
+    pub fn attitude_pid(&self) -> PidConfig {
+        self.settings.attitude_pid.law_config(self.attitude_timing())
+    }
+
+    /// What the position PID is built from; its bounds are those of the position MPC unless it has its
+    /// own.
+    ///
+    /// # Errors
+    /// None for a scenario that has been loaded.
+    pub fn position_pid(&self) -> Result<PositionPidConfig, position_mpc::ConfigError> {
+        let mpc = self.position_law()?;
+        Ok(self.settings.position_pid.law_config(&Shared {
+            rate_hz: mpc.rate_hz,
+            tilt_max_rad: mpc.tilt_max_rad,
+            tilt_step_max_rad: mpc.tilt_step_max_rad,
+            thrust_weights: [mpc.thrust_min_weights, mpc.thrust_max_weights],
+            thrust_step_max_weights: mpc.thrust_step_max_weights,
+        }))
+    }
+
+    /// What the monitor is built from; `landing` is what position controllers fly without a reference.
+    #[must_use]
+    pub fn monitor_config(&self, landing: Landing) -> MonitorConfig {
+        let Settings { watch, latency, .. } = &self.settings;
+        MonitorConfig {
+            limits: watch.limits(),
+            period_s: 1.0 / watch.rate_hz,
+            latency_s: latency.trip_s,
+            landing,
+        }
+    }
+
+    /// What the pilot is built from.
+    #[must_use]
+    pub fn plan(&self) -> Plan {
+        let Settings { pilot, start, scenario, .. } = &self.settings;
+        pilot.plan(&Frame {
+            position_w_m: start.position_w_m,
+            yaw_deg: start.yaw_deg,
+            morph_angle_deg: start.morph_angle_deg,
+            duration_s: start.plan_s.unwrap_or(scenario.duration_s),
+            taken_up: TakenUp { at_ns: start.at_ns(), order: start.guidance.order() },
+        })
+    }
+}
+
+fn read(path: &str) -> Result<String, ScenarioError> {
+    let is_named_so = Path::new(path).extension().is_some_and(|kind| kind == "mcap");
+    let is_recording = is_recording(Path::new(path));
+    if is_named_so || is_recording {
+        let what = if is_recording { "is a recording" } else { "is named like a recording" };
+        let what = format!("{what}, and what flies is a scenario");
+        let remedy = format!(
+            "`morphquad view {path}` shows one, `report {path}` judges it, `replay {path} --verify` flies it again"
+        );
+        return Err(Problem::new(path, what, remedy, None).into());
+    }
+    std::fs::read_to_string(path).map_err(|error| {
+        let is_name = !path.contains('/') && Path::new(path).extension().is_none();
+        if path.parse::<u16>().is_ok() || path.parse::<SocketAddr>().is_ok() {
+            let remedy = format!("an address belongs to its flag: --live={path}");
+            return ScenarioError::from(Problem::new(path, "is no scenario", remedy, None));
+        }
+        if is_name && error.kind() == std::io::ErrorKind::NotFound {
+            let remedy = suggestion(path, shipped::names());
+            return Problem::new(path, "no scenario has this name", remedy, None).into();
+        }
+        let remedy = format!(
+            "give the path of a scenario file, or one of the shipped names {}",
+            shipped::names().collect::<Vec<_>>().join(", ")
+        );
+        Problem::new(path, format!("cannot be read: {error}"), remedy, None).into()
+    })
+}
+
+/// True without any value, however many sections there are.
+fn says_nothing(table: &toml::Table) -> bool {
+    table.values().all(|value| value.as_table().is_some_and(says_nothing))
+}
+
+fn unwritable(name: &str) -> ScenarioError {
+    let remedy = "write times as numbers of seconds; dates have no place in a scenario";
+    Problem::new(name, "the scenario cannot be written back as TOML", remedy, None).into()
+}
+
+/// Nanoseconds of a configured time, to the nearest.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "configured times are finite, not negative and at most 1e6 s; `as` saturates anyway"
+)]
+fn ns_from_s(time_s: f64) -> u64 {
+    (time_s * 1e9).round() as u64
+}
