@@ -52,6 +52,11 @@ def time_of(page):
     return float(page.inner_text("#clock").split("/")[0].replace("\u2212", "-"))
 
 
+def wait_until_painted(page):
+    """Until everything on the page is as the player has it: it is drawn once per frame, which a slow machine paces."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 def colours(page, selector):
     """How many different colours a part of the page shows, by its canvas as the browser composed it."""
     picture = page.locator(selector).screenshot()

@@ -17,7 +17,7 @@ import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
 
-from browsing import WITH_GL, WITHOUT_GL, check, colours, launched, opened, overlaps, time_of, wait_for_time
+from browsing import WITH_GL, WITHOUT_GL, check, colours, launched, opened, overlaps, time_of, wait_for_time, wait_until_painted
 from playwright.sync_api import sync_playwright
 
 ASKS = ["flight", "control", "close"]
@@ -156,6 +156,7 @@ def drive_time(page):
     """Away from the newest sample and back."""
     page.focus("#scene")
     page.keyboard.press("Space")
+    wait_until_painted(page)
     stood = time_of(page)
     page.wait_for_timeout(600)
     check(time_of(page) == stood, "it goes on although paused")

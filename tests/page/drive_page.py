@@ -10,7 +10,7 @@ Pictures of it are left in the folder PICTURES.
 import sys
 from pathlib import Path
 
-from browsing import WITH_GL, WITHOUT_GL, check, colours, launched, opened, overlaps, time_of, wait_for_time
+from browsing import WITH_GL, WITHOUT_GL, check, colours, launched, opened, overlaps, time_of, wait_for_time, wait_until_painted
 from playwright.sync_api import sync_playwright
 
 
@@ -25,6 +25,7 @@ def drive_in_space(browser, address, pictures):
     page.keyboard.press("Space")
     wait_for_time(page, lambda t: t > 0.2)
     page.keyboard.press("Space")
+    wait_until_painted(page)
     stood = time_of(page)
     page.wait_for_timeout(200)
     check(time_of(page) == stood, "it plays on although paused")
