@@ -2,7 +2,7 @@
 
 use core::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use launcher::run::FlightHash;
+use observe::FlightHash;
 use record::encode;
 use runtime::service::{pack_state, state_size};
 use runtime::{Service, StateHeader};

@@ -5,12 +5,13 @@ mod common;
 
 use common::fly;
 use core::time::Duration;
-use launcher::in_process::{InProcess, Observer, StateSource};
-use launcher::run::FlightHash;
+use observe::FlightHash;
+use observe::Observer;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use scenario::{Override, Scenario};
 use shared_types::{Header, Role, Sample, StateEstimate, Topic, Truth};
+use simulate::in_process::{InProcess, StateSource};
 use std::any::Any;
 use std::collections::BTreeMap;
 

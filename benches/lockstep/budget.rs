@@ -4,11 +4,12 @@ use crate::flights::scenario;
 use crate::roll::enrol;
 use crate::{Plan, Result, Rounds};
 use core::hint::black_box;
-use launcher::in_process::{InProcess, Observer, StateSource};
+use observe::Observer;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{Bus, IpcSource, RECORDER_CAPACITY};
 use runtime::{Input, Output, Source as _};
 use shared_types::{Header, Role, Sample, StateEstimate, Topic, topics};
+use simulate::in_process::{InProcess, StateSource};
 use std::collections::BTreeMap;
 
 /// Logical time of the flight that is taken apart [s].

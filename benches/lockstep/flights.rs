@@ -2,11 +2,11 @@
 
 use crate::flown::morphquad;
 use crate::{Plan, Result, Rounds};
-use launcher::in_process::{self, StateSource};
-use launcher::run::FlightHash;
 use nix::sys::resource::{UsageWho, getrusage};
+use observe::FlightHash;
 use runtime::clock::mono_now_ns;
 use scenario::{Override, Scenario};
+use simulate::in_process::{self, StateSource};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use tempfile::TempDir;

@@ -2,7 +2,7 @@
 
 use core::cell::{Cell, RefCell};
 use core::time::Duration;
-use launcher::in_process::{InProcess, Observer, StateSource};
+use observe::Observer;
 use record::Recording;
 use runtime::clock::mono_now_ns;
 use runtime::graph::Edge;
@@ -13,6 +13,7 @@ use runtime::{
 use scenario::components::{self, Component, ComponentVisitor};
 use scenario::{Override, Scenario};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
+use simulate::in_process::{InProcess, StateSource};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::convert::Infallible;

@@ -5,6 +5,7 @@
 //! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
 //!   [`control`], [`actuation`], [`disturbance`], [`order`], [`trip`],
 //!   [`supervision`].
+//! * [`time`] converts between seconds and nanoseconds.
 //! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
 //!   that two builds which disagree about a type refuse each other.
 //!
@@ -21,6 +22,7 @@ mod macros;
 pub mod order;
 pub mod sensors;
 pub mod supervision;
+pub mod time;
 pub mod topics;
 pub mod trip;
 pub mod wire;

@@ -5,11 +5,11 @@
 //! draws others.
 
 use crate::common::{Flown, fly, fly_beside, rounds};
-use launcher::in_process::{self, StateSource};
-use launcher::run::FlightHash;
+use observe::FlightHash;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use scenario::Scenario;
+use simulate::in_process::{self, StateSource};
 use std::collections::BTreeSet;
 use std::process::{Child, Command};
 

@@ -9,8 +9,8 @@ use super::peer::{Order, Peer, Seat as ThreadSeat};
 use super::place::Place;
 use super::series::Series;
 use super::{BenchError, run_id};
-use launcher::control::runs::note_measurement;
-use launcher::run::stopwatch::OnStart;
+use observe::stopwatch::OnStart;
+use protocol::control::runs::note_measurement;
 use runtime::namespace::Membership;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

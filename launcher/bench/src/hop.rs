@@ -7,7 +7,7 @@ use super::place::{Place, Policy};
 use super::{BenchError, run_id};
 use crate::series::{Quantiles, Rank, Ratios, Series};
 use figures::results::Table;
-use launcher::control::runs::note_measurement;
+use protocol::control::runs::note_measurement;
 use runtime::ipc::{Bus, ServiceKind};
 use runtime::namespace::Membership;
 use serde::Serialize;

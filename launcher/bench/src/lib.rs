@@ -28,13 +28,13 @@ pub mod watch;
 use figures::figure::us;
 use figures::results::ResultsError;
 use host::exit;
-use launcher::in_process::InProcessError;
-use launcher::run::RunError;
 use miette::Diagnostic;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use scenario::ScenarioError;
+use simulate::RunError;
+use simulate::in_process::InProcessError;
 use thiserror::Error;
 
 /// Why nothing was measured.

@@ -10,12 +10,13 @@ use super::measure::{Chains, Steps, Window};
 use super::peer::Seat;
 use super::place::{Place, Policy};
 use super::report::{FORMAT, FORMAT_VERSION, LoopsReport, Terms};
-use launcher::run::stopwatch::Stopwatch;
-use launcher::run::usage::MachineTime;
-use launcher::run::{Pin, RunOptions, Speed, Summary, run_measured};
+use flight::run_measured;
+use observe::stopwatch::Stopwatch;
+use observe::usage::MachineTime;
 use runtime::Graph;
 use scenario::{Override, Scenario, ScenarioError, delayed_topics};
 use shared_types::{LoopStats, Role};
+use simulate::{Pin, RunOptions, Speed, Summary};
 use std::path::PathBuf;
 use sums::{Sums, floor_plan};
 

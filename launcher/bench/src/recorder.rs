@@ -3,7 +3,7 @@
 
 use super::{BenchError, run_id};
 use core::fmt;
-use launcher::run::{Burst, Pin, RunOptions, Speed};
+use flight::Burst;
 use record::name_gaps;
 use record::read::{RecordVisitor, RecordedFlight};
 use runtime::clock::{mono_now_ns, sleep_until};
@@ -11,6 +11,7 @@ use runtime::ipc::{RECORDER_CAPACITY, STATE_DEPTH};
 use scenario::Scenario;
 use serde::Serialize;
 use shared_types::{Header, Role, Sample, Topic};
+use simulate::{Pin, RunOptions, Speed};
 use std::path::Path;
 
 /// How often a launcher drains \[ns\].

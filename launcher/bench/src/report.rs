@@ -4,7 +4,7 @@ use super::facts::BenchFacts;
 use super::place::Place;
 use super::series::{Quantiles, Rank, Ratios};
 use figures::results::Table;
-use launcher::run::stopwatch::LAUNCHER;
+use observe::stopwatch::LAUNCHER;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

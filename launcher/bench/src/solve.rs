@@ -6,13 +6,13 @@ use super::peer::Seat;
 use super::place::Place;
 use super::series::{Quantiles, Rank, Series};
 use figures::results::Table;
-use launcher::in_process::{InProcess, InProcessError, StateSource};
-use launcher::run::stopwatch::Stopwatch;
+use observe::stopwatch::Stopwatch;
 use runtime::clock::mono_now_ns;
 use scenario::components::{Crew, SLOTS, names_for};
 use scenario::{Override, Scenario, ScenarioError};
 use serde::Serialize;
 use shared_types::Role;
+use simulate::in_process::{InProcess, InProcessError, StateSource};
 use std::collections::BTreeMap;
 use std::thread;
 

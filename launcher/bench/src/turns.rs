@@ -7,10 +7,10 @@ use super::measure::Moment;
 use super::onlooker::Onlooker;
 use super::watch::{Told, WatchReport};
 use core::time::Duration;
-use launcher::control::runs;
-use launcher::run::Summary;
+use protocol::control::runs;
 use runtime::clock::mono_now_ns;
 use runtime::leader::leading;
+use simulate::Summary;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 

@@ -2,9 +2,10 @@
 
 use super::options::AdoptArguments;
 use super::refusal::{Done, Failure};
+use flight::{AdoptError, AdoptOptions};
 use host::exit;
-use launcher::control::runs;
-use launcher::run::{self, AdoptError, AdoptOptions, RunError};
+use protocol::control::runs;
+use simulate::RunError;
 use std::io::{IsTerminal as _, Write};
 
 /// Takes over and says how the rest of the flight went.
@@ -18,7 +19,7 @@ pub(super) fn adopt(arguments: &AdoptArguments, out: &mut dyn Write) -> Done {
         no_record: arguments.no_record,
         progress: std::io::stderr().is_terminal(),
     };
-    let summary = run::adopt(&options).map_err(|error| {
+    let summary = flight::adopt(&options).map_err(|error| {
         let code = match error {
             AdoptError::Lockstep { .. } => exit::USAGE,
             AdoptError::Run(RunError::Interrupted) => exit::INTERRUPTED,

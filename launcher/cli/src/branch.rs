@@ -8,13 +8,13 @@ use experiments::branch::{At, Branch, BranchError, Change, ChangeError, FlownBra
 use experiments::campaign::{Axis, Case, Outcome, quoted, report, values};
 use figures::results::{ResultsError, ResultsFolder};
 use host::exit;
-use launcher::in_process::{Difference, InProcessError, Tape};
-use launcher::run::{Pin, RunError, RunOptions, Speed};
 use miette::Diagnostic;
 use record::Branched;
 use record::read::{ReadError, RecordedFlight};
 use runtime::watch::StopFlags;
 use shared_types::Role;
+use simulate::in_process::{Difference, InProcessError, Tape};
+use simulate::{Pin, RunError, RunOptions, Speed};
 use std::io::{self, IsTerminal as _, Write};
 use std::path::Path;
 use std::sync::Arc;

@@ -3,11 +3,11 @@
 use super::refusal::Failure;
 use core::cmp::Reverse;
 use host::exit;
-use launcher::control::runs::{self, Run};
-use launcher::run::{self, Pin, RunError, RunOptions, Speed, Summary};
+use protocol::control::runs::{self, Run};
 use record::read::RecordedFlight;
 use runtime::leader::leading;
 use scenario::{Scenario, shipped, suggestion};
+use simulate::{Pin, RunError, RunOptions, Speed, Summary};
 use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 
@@ -128,7 +128,7 @@ fn fly(name: &str) -> Result<PathBuf, Failure> {
         progress: std::io::stderr().is_terminal(),
         live: None,
     };
-    let summary = summary(run::run(&options))?;
+    let summary = summary(flight::run(&options))?;
     let unrecorded = || Failure::plain(&"the flight was not recorded", exit::UNFIT);
     summary.recording.ok_or_else(unrecorded)
 }

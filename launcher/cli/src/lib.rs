@@ -44,12 +44,11 @@ pub use options::{
 
 use host::exit;
 use host::{LAYOUT_ARGUMENT, layout_hash};
-use launcher::run;
-use launcher::run::Summary;
 use options::{Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
 use scenario::process;
 use scenario::{Scenario, ScenarioError};
+use simulate::Summary;
 use std::ffi::OsString;
 use std::io::{self, Write};
 
@@ -154,8 +153,11 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
 /// Flies and says how it went; a reader that has gone away changes nothing of it.
 fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Done {
     let options = arguments.options(scenario);
-    let flown =
-        if arguments.in_process { run::run_in_process(&options) } else { run::run(&options) };
+    let flown = if arguments.in_process {
+        simulate::run_in_process(&options)
+    } else {
+        flight::run(&options)
+    };
     let summary = flown::summary(flown)?;
     say(&summary, arguments.format, out)
 }

@@ -6,7 +6,7 @@ use super::ps::Trouble;
 use super::refusal::{Done, Failure};
 use core::sync::atomic::AtomicBool;
 use host::exit;
-use launcher::control::runs;
+use protocol::control::runs;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io::Write;
 use std::sync::Arc;

@@ -8,9 +8,9 @@ use super::options::{
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
 use host::exit;
-use launcher::control::client::Conversation;
-use launcher::control::protocol::Order;
-use launcher::control::{Reply, Request, runs};
+use protocol::control::client::Conversation;
+use protocol::control::protocol::Order;
+use protocol::control::{Reply, Request, runs};
 use scenario::candidate::{Candidate, Slot};
 use scenario::orders::{Goto, Morph, Order as Flown};
 use serde_json::json;

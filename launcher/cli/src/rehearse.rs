@@ -4,16 +4,15 @@ use super::options::{Format, RehearseArguments};
 use super::refusal::{Done, Failure};
 use core::fmt::Write as _;
 use host::exit;
-use launcher::rehearse::{
-    Owners, Rehearsal, RehearsalFigures, RehearsalSpec, Role, Verdict, verdict, watch,
-};
 use rehearsal::Measure;
 use runtime::clock::mono_now_ns;
 use rustix::process::{Resource, Rlimit, Signal, nice, set_parent_process_death_signal, setrlimit};
 use scenario::candidate::{Candidate, Slot};
 use scenario::{Override, Scenario};
+use simulate::rehearse::{Rehearsal, RehearsalFigures, Role, Verdict, verdict, watch};
 use std::io::{Read as _, Write};
 use std::path::{Path, PathBuf};
+use swap::{Owners, RehearsalSpec};
 
 /// Runs the command.
 pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {

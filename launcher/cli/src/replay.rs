@@ -2,9 +2,9 @@
 
 use super::options::{Format, ReplayArguments};
 use super::refusal::{Done, Failure};
+use ::replay::{self, ReplayError, Who, With};
 use host::exit;
 use indicatif::ProgressBar;
-use launcher::replay::{self, ReplayError, Who, With};
 use record::read::{ReadError, RecordedFlight};
 use scenario::components;
 use scenario::{Override, suggestion};

@@ -5,7 +5,7 @@ use super::ps::Trouble;
 use super::refusal::{Done, Failure};
 use anstream::adapter::strip_str;
 use host::exit;
-use launcher::control::runs;
+use protocol::control::runs;
 use runtime::clock::{mono_now_ns, sleep_until};
 use serde_json::json;
 use std::io::{self, IsTerminal as _, Write};

@@ -4,11 +4,11 @@ use super::flown::{recorded, unreadable};
 use super::options::{Format, TraceArguments};
 use super::refusal::{Done, Failure};
 use host::exit;
-use launcher::trace::{Chain, SEGMENTS, Sum, Traced, trace};
 use serde_json::{Map, Value, json};
 use shared_types::Header;
 use std::fmt::Write as _;
 use std::io::Write;
+use viewers::trace::{Chain, SEGMENTS, Sum, Traced, trace};
 
 /// Shows a summary, or one command's chain.
 pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {

@@ -63,6 +63,7 @@ use position_pid::PositionPidConfig;
 use position_pid::settings::Shared;
 use runtime::Graph;
 use shared_types::Role;
+use shared_types::time::ns_from_s;
 use std::net::SocketAddr;
 use std::path::Path;
 
@@ -384,14 +385,4 @@ fn says_nothing(table: &toml::Table) -> bool {
 fn unwritable(name: &str) -> ScenarioError {
     let remedy = "write times as numbers of seconds; dates have no place in a scenario";
     Problem::new(name, "the scenario cannot be written back as TOML", remedy, None).into()
-}
-
-/// Nanoseconds of a configured time, to the nearest.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "configured times are finite, not negative and at most 1e6 s; `as` saturates anyway"
-)]
-fn ns_from_s(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
 }

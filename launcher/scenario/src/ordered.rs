@@ -3,10 +3,11 @@
 use super::document::Edit;
 use super::overrides::{named_at, refusal, seconds};
 use super::problem::ScenarioError;
-use super::{Override, Scenario, ns_from_s};
+use super::{Override, Scenario};
 use crate::orders::{Calm, Disturb, Goto, Morph, Order, Planner};
 use garde::Validate;
 use serde::Deserialize;
+use shared_types::time::ns_from_s;
 
 /// One entry: when, and one of the four.
 #[derive(Debug, Clone, Copy, Deserialize, Validate)]

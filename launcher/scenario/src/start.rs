@@ -7,6 +7,7 @@ use garde::Validate;
 use nalgebra::{UnitQuaternion, Vector3};
 use plant::Motion;
 use serde::Deserialize;
+use shared_types::time::ns_from_s;
 use shared_types::{AngleDiversion, Flag, GuidanceOrder, PositionDiversion};
 
 /// Where the flight begins: in the air, and at trim unless something else is said.
@@ -191,7 +192,7 @@ impl StartSettings {
     /// Time of the plan at the beginning of the flight \[ns\].
     #[must_use]
     pub fn at_ns(&self) -> u64 {
-        super::ns_from_s(self.at_s)
+        ns_from_s(self.at_s)
     }
 }
 
@@ -212,7 +213,7 @@ impl GuidanceSettings {
 impl WaySettings {
     fn diversion(&self) -> PositionDiversion {
         PositionDiversion {
-            begin_ns: super::ns_from_s(self.begin_s),
+            begin_ns: ns_from_s(self.begin_s),
             from_w_m: self.from_w_m,
             velocity_w_m_s: self.velocity_w_m_s,
             acceleration_w_m_s2: self.acceleration_w_m_s2,
@@ -227,7 +228,7 @@ impl WaySettings {
 impl TurnSettings {
     fn diversion(&self) -> AngleDiversion {
         AngleDiversion {
-            begin_ns: super::ns_from_s(self.begin_s),
+            begin_ns: ns_from_s(self.begin_s),
             from_rad: self.from_rad,
             rate_rad_s: self.rate_rad_s,
             acceleration_rad_s2: self.acceleration_rad_s2,

@@ -1,10 +1,10 @@
 //! From a scenario to the flight's graph: loops with their rates, arrows with their latencies.
 
-use super::ns_from_s;
 use super::settings::{Clock, LatencySettings, Settings};
 use crate::components::Crew;
 use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
+use shared_types::time::ns_from_s;
 use shared_types::{Role, TopicInfo, topics};
 use thiserror::Error;
 

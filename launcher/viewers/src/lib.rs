@@ -4,8 +4,10 @@
 //! viewers, and [`top`] shows its loops in a terminal. All of them read recordings, topics and the control socket;
 //! nothing of a flight knows them.
 
+pub mod export;
 pub mod live;
 pub mod report;
 pub mod top;
+pub mod trace;
 pub mod view;
 mod web;

@@ -1,5 +1,6 @@
 //! A script, played.
 
+use shared_types::time::ns_from_s;
 use std::f64::consts::TAU;
 
 use garde::Validate;
@@ -301,11 +302,6 @@ impl Injector {
         self.players.iter_mut().for_each(|player| player.reseed(seed));
         self.ordered.reseed(seed);
     }
-}
-
-/// Nanoseconds of a time in a script, to the nearest.
-fn ns_from_s(time_s: f64) -> u64 {
-    rounded(time_s * 1e9)
 }
 
 #[expect(

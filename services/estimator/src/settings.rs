@@ -3,6 +3,7 @@
 use garde::Validate;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Deserialize;
+use shared_types::time::ns_from_s;
 
 use crate::{ConfigError, FilterConfig, InitialState};
 
@@ -150,16 +151,6 @@ impl Settings {
             accel_bias_sigma_m_s2: self.initial_accelerometer_bias_sigma_m_s2,
         }
     }
-}
-
-/// Nanoseconds of a configured time, to the nearest.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "configured times are finite, not negative and below 1e6 s; `as` saturates anyway"
-)]
-fn ns_from_s(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
 }
 
 #[cfg(test)]

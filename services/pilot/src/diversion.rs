@@ -6,7 +6,8 @@
 //! the whole way it does not swing out when the way is long.
 
 use super::time_scaling::minimum_jerk;
-use super::{MorphSchedule, Trajectory, TrajectoryPoint, morph, seconds};
+use super::{MorphSchedule, Trajectory, TrajectoryPoint, morph};
+use shared_types::time::s_from_ns;
 use shared_types::{AngleDiversion, GuidanceOrder, PositionDiversion};
 use vehicle::MorphAngle;
 
@@ -43,7 +44,7 @@ fn moved(move_s: f64, t_s: f64) -> [f64; 3] {
 
 /// Time since a diversion's first instant \[s\].
 fn since_s(begin_ns: u64, t_ns: u64) -> f64 {
-    seconds(t_ns.saturating_sub(begin_ns))
+    s_from_ns(t_ns.saturating_sub(begin_ns))
 }
 
 /// \[angle, rate, acceleration\] of a diverted angle; `way` is how it goes from rest to rest.

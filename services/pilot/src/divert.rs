@@ -2,8 +2,9 @@
 
 use super::diversion::{morph_at, point, position_at, yaw_at};
 use super::morph::PEAK_OVER_MEAN_RATE;
-use super::{MorphSchedule, Trajectory, seconds};
+use super::{MorphSchedule, Trajectory};
 use core::f64::consts::{PI, TAU};
+use shared_types::time::{ns_from_s, s_from_ns};
 use shared_types::{AngleDiversion, Flag, GuidanceOrder, PositionDiversion};
 use vehicle::MorphAngle;
 
@@ -67,12 +68,7 @@ fn norm([x, y, z]: [f64; 3]) -> f64 {
 
 /// Instants spread over a time that begins at `begin_ns`, its end included.
 fn instants(begin_ns: u64, length_s: f64) -> impl Iterator<Item = u64> {
-    (0..=128).map(move |k| begin_ns + ns_of(length_s * f64::from(k) / 128.0))
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive; saturates")]
-fn ns_of(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
+    (0..=128).map(move |k| begin_ns + ns_from_s(length_s * f64::from(k) / 128.0))
 }
 
 /// The way to `goal_w_m` from where the reference is at `begin_ns`, and how it moves there.
@@ -96,7 +92,7 @@ pub fn position(
         ordered: Flag::Yes,
     };
     // With an endless way only the brake moves.
-    let [stop_w_m, ..] = position_at(&way, begin_ns + ns_of(way.brake_s));
+    let [stop_w_m, ..] = position_at(&way, begin_ns + ns_from_s(way.brake_s));
     way.move_s = POSITION.move_s(norm(core::array::from_fn(|i| goal_w_m[i] - stop_w_m[i])));
     let (rate, acceleration) =
         (rate.max(SPEED_LIMIT_M_S), acceleration.max(ACCELERATION_LIMIT_M_S2));
@@ -144,7 +140,7 @@ pub fn yaw(
         move_s: f64::INFINITY,
         ordered: Flag::Yes,
     };
-    let [stop_rad, ..] = yaw_at(&way, begin_ns + ns_of(brake_s));
+    let [stop_rad, ..] = yaw_at(&way, begin_ns + ns_from_s(brake_s));
     let turn_rad = goal_rad.map_or(0.0, |goal_rad| {
         let turn_rad = libm::fmod(goal_rad - stop_rad, TAU);
         if turn_rad > PI {
@@ -217,7 +213,7 @@ pub fn morph(
 fn derivatives(planned: impl Fn(u64) -> f64, t_ns: u64) -> [f64; 3] {
     let middle_ns = t_ns.max(STEP_NS);
     let [before, at, after] = [middle_ns - STEP_NS, middle_ns, middle_ns + STEP_NS].map(&planned);
-    let step_s = seconds(STEP_NS);
+    let step_s = s_from_ns(STEP_NS);
     let rate = (after - before) / (2.0 * step_s);
     [planned(t_ns), rate, (after - 2.0 * at + before) / (step_s * step_s)]
 }
@@ -225,5 +221,5 @@ fn derivatives(planned: impl Fn(u64) -> f64, t_ns: u64) -> [f64; 3] {
 /// Instant at which everything has come to rest \[ns\].
 #[must_use]
 pub fn rest_ns(begin_ns: u64, brake_s: f64, move_s: f64) -> u64 {
-    begin_ns + ns_of(brake_s.max(move_s))
+    begin_ns + ns_from_s(brake_s.max(move_s))
 }

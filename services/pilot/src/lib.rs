@@ -28,9 +28,3 @@ pub use waypoints::Waypoint;
 
 /// Time between two points of a reference or of a morph path \[ns\]: one position period at 50 Hz.
 pub const DEFAULT_SPACING_NS: u64 = 20_000_000;
-
-/// Seconds of an instant. A division, because it is rounded correctly: 300 000 000 ns is the same
-/// number as a configured 0.3 s.
-fn seconds(t_ns: u64) -> f64 {
-    t_ns as f64 / 1e9
-}

@@ -1,8 +1,9 @@
 //! The deployable angle over time.
 
+use super::PilotError;
 use super::error::{increasing, within};
 use super::time_scaling::TimeScaling;
-use super::{PilotError, seconds};
+use shared_types::time::s_from_ns;
 use vehicle::MorphAngle;
 
 /// Peak over mean rate of a sweep: with a third of it for each ramp, 1 / (1 − 1/3). A full sweep
@@ -56,7 +57,7 @@ impl MorphSchedule {
     /// β \[rad\] at an instant of the flight, always inside the linkage's range.
     #[must_use]
     pub fn angle_rad(&self, t_ns: u64) -> f64 {
-        let t_s = seconds(t_ns);
+        let t_s = s_from_ns(t_ns);
         let next = self.knots.partition_point(|k| k.t_s <= t_s);
         let before = self.knots.get(next.saturating_sub(1));
         let angle_rad = match (before, self.knots.get(next)) {

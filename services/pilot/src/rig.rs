@@ -4,10 +4,10 @@ use super::error::within;
 use super::flight::{check_spacing, morph_command};
 use super::{
     DEFAULT_SPACING_NS, MorphKnot, MorphSchedule, PilotError, PilotInputs, PilotMemory, TakenUp,
-    seconds,
 };
 use core::f64::consts::PI;
 use runtime::{Service, outputs};
+use shared_types::time::s_from_ns;
 use shared_types::{AttitudeSetpoint, MorphCommand, topics};
 use vehicle::{MAX_PITCH_RAD, MorphAngle, VehicleParameters};
 
@@ -102,7 +102,7 @@ impl RigPilot {
     fn setpoint(&self, plan_ns: u64) -> AttitudeSetpoint {
         let AttitudeStep { at_s, roll_rad, pitch_rad, yaw_rad } = self.step;
         let level = AttitudeSetpoint { thrust_n: self.thrust_n, ..AttitudeSetpoint::default() };
-        if seconds(plan_ns) < at_s {
+        if s_from_ns(plan_ns) < at_s {
             return level;
         }
         AttitudeSetpoint { roll_rad, pitch_rad, yaw_rad, ..level }

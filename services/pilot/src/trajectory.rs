@@ -2,7 +2,8 @@
 
 use super::figure_eight::{FigureEight, FigureEightConfig};
 use super::waypoints::{self, Waypoint};
-use super::{PilotError, error, seconds};
+use super::{PilotError, error};
+use shared_types::time::s_from_ns;
 
 /// A trajectory as configured. World frame ENU, headings counter-clockwise from east.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,7 +76,7 @@ impl Trajectory {
     /// The trajectory at an instant of the flight.
     #[must_use]
     pub fn at(&self, t_ns: u64) -> TrajectoryPoint {
-        let t_s = seconds(t_ns);
+        let t_s = s_from_ns(t_ns);
         match &self.0 {
             Shape::Hover(point) => *point,
             Shape::FigureEight(figure) => figure.at(t_s),

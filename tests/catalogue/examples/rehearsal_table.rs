@@ -5,12 +5,13 @@
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
-use launcher::rehearse::{Owners, Rehearsal, RehearsalSpec, Snapshot, Verdict, watch};
 use rustix::time::{ClockId, clock_gettime};
 use scenario::candidate::Slot;
 use scenario::components::names_for;
 use scenario::{Override, Scenario};
+use simulate::rehearse::{Rehearsal, Snapshot, Verdict, watch};
 use std::collections::BTreeMap;
+use swap::{Owners, RehearsalSpec};
 use vehicle::MorphAngle;
 
 /// A flight in which swaps are rehearsed.

@@ -1,7 +1,7 @@
 //! Applies a fault to the candidate's commands in a flight within one process.
 
 use crate::{Seen, Spoiler};
-use launcher::in_process::Observer;
+use observe::Observer;
 use scenario::candidate::Slot;
 use shared_types::{AttitudeSetpoint, Sample, StateEstimate, Topic, WrenchCommand};
 use std::any::Any;

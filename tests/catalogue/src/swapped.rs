@@ -1,12 +1,13 @@
 //! Flights in which a controller of the catalogue is swapped in, judged by the ground truth.
 
 use crate::Entry;
-use launcher::in_process::{Conclusion, InProcess, InProcessError, Observer, Outside, StateSource};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use observe::Observer;
 use record::read::RecordedFlight;
 use scenario::candidate::Slot;
 use scenario::{Override, Scenario, ScenarioError};
 use shared_types::{GateMode, Sample, Topic, Trip, Truth, topics};
+use simulate::in_process::{Conclusion, InProcess, InProcessError, Outside, StateSource};
 use std::any::Any;
 use std::path::Path;
 

@@ -8,7 +8,7 @@ use crate::report::{
     Cost, Counts, Figure, FloorReport, LinkReport, LoopReport, MOST_MISSES, PathReport,
 };
 use crate::series::{Quantiles, Series};
-use launcher::run::stopwatch::Stopwatch;
+use observe::stopwatch::Stopwatch;
 use runtime::{Graph, Node};
 use scenario::components::Crew;
 use shared_types::{LoopStats, Role, Seat as LoopSeat, topics};

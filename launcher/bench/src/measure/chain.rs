@@ -3,7 +3,7 @@
 use super::Window;
 use super::steps::{by_sequence, find};
 use crate::series::Series;
-use launcher::run::stopwatch::{Stamp, Stopwatch};
+use observe::stopwatch::{Stamp, Stopwatch};
 use shared_types::topics;
 use std::collections::BTreeMap;
 

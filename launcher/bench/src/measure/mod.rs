@@ -7,8 +7,8 @@ pub use chain::{Chain, Chains, Link, SETPOINT_HOLD};
 pub(super) use steps::stamps;
 pub use steps::{FIGURES, Moment, Steps};
 
-use launcher::run::stopwatch::{Look, Stopwatch};
-use launcher::run::usage::Usage;
+use observe::stopwatch::{Look, Stopwatch};
+use observe::usage::Usage;
 use runtime::seat_of_loop;
 use shared_types::{LoopStats, Role};
 
@@ -112,7 +112,7 @@ pub fn taken(looks: &[Look], role: Role, seat: u32, window: &Window) -> Taken {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use launcher::run::stopwatch::Seen;
+    use observe::stopwatch::Seen;
     use shared_types::Header;
 
     const WINDOW: Window = Window { warm_ns: 1000, start_mono_ns: 500, end_ns: 10_000 };

@@ -2,7 +2,7 @@
 
 use super::Window;
 use crate::series::Series;
-use launcher::run::stopwatch::{Stamp, Stopwatch};
+use observe::stopwatch::{Stamp, Stopwatch};
 use runtime::rate::Rate;
 use shared_types::{Role, topics};
 

@@ -2,7 +2,7 @@
 
 use super::RunChoice;
 use clap::Args;
-use launcher::run::LiveOptions;
+use simulate::LiveOptions;
 use std::net::{Ipv4Addr, SocketAddr};
 
 pub(crate) const EXAMPLES: &str = "\

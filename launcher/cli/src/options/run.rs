@@ -6,8 +6,8 @@ use super::{Format, LiveFlags};
 use clap::Args;
 use clap::builder::StringValueParser;
 use core::time::Duration;
-use launcher::run::{Pin, RunOptions, Speed};
 use scenario::{Override, Scenario, ScenarioError};
+use simulate::{Pin, RunOptions, Speed};
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 

@@ -5,9 +5,9 @@ use crate::bar::busy;
 use crate::options::{Format, TopicExportArguments};
 use crate::refusal::Done;
 use host::exit;
-use launcher::topic::export::{Form, export};
 use serde_json::{Value, json};
 use std::io::Write;
+use viewers::export::{Form, export};
 
 /// Writes tables and names them.
 pub(super) fn run(arguments: &TopicExportArguments, out: &mut dyn Write) -> Done {

@@ -9,17 +9,17 @@ mod list;
 use super::options::TopicCommand;
 use super::refusal::{Done, Failure};
 use host::exit;
-use launcher::control::runs::{self, FindError, Run};
-use launcher::topic::export::ExportError;
-use launcher::topic::known;
-use launcher::topic::live::ListenError;
 use miette::Diagnostic;
+use protocol::control::runs::{self, FindError, Run};
+use protocol::topic::known;
+use protocol::topic::live::ListenError;
 use record::read::{ReadError, RecordedFlight};
 use scenario::suggestion;
 use shared_types::{TopicInfo, topics};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+use viewers::export::ExportError;
 
 /// Why a topic cannot be shown.
 #[derive(Debug, Error, Diagnostic)]

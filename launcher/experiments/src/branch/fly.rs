@@ -2,8 +2,8 @@
 
 use super::{Branch, Changed};
 use crate::campaign::Outcome;
-use launcher::in_process::{Compare, Difference, Likeness};
-use launcher::run::{Consumers, FlownAlone, RunError, RunOptions, Summary, fly_alone};
+use simulate::in_process::{Compare, Difference, Likeness};
+use simulate::{Consumers, FlownAlone, RunError, RunOptions, Summary, fly_alone};
 use std::sync::Arc;
 
 /// A branch that has been flown.

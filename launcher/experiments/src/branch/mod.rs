@@ -15,13 +15,14 @@ pub use at::At;
 pub use change::{Change, ChangeError};
 pub use fly::{FlownBranch, run_branch};
 
-use launcher::in_process::{
-    Checkpoint, Compare, Difference, InProcess, InProcessError, Observer, StateSource, Tape,
-};
 use miette::Diagnostic;
+use observe::Observer;
 use runtime::graph::CREDIT_NS;
 use scenario::Scenario;
 use shared_types::{ClockMode, Role, topics};
+use simulate::in_process::{
+    Checkpoint, Compare, Difference, InProcess, InProcessError, StateSource, Tape,
+};
 use std::sync::Arc;
 use thiserror::Error;
 use told::Told;
@@ -266,9 +267,9 @@ pub struct Changed {
 mod tests {
     use super::*;
     use core::time::Duration;
-    use launcher::in_process::StateSource;
-    use launcher::run::FlightHash;
+    use observe::FlightHash;
     use scenario::Override;
+    use simulate::in_process::StateSource;
 
     fn record(name: &str, duration: Duration) -> (Scenario, String, Arc<Tape>) {
         let scenario = Scenario::load(name, &[Override::duration(duration)]).unwrap();
@@ -314,7 +315,7 @@ mod tests {
             let (other, first) = fly(&branch, &change);
             assert_ne!(other, hash, "{swap}");
             assert!(first.unwrap().release_ns >= 1_500_000_000, "{swap}");
-            let seen = (launcher::run::Metrics::default(), Tape::default());
+            let seen = (observe::Metrics::default(), Tape::default());
             let changed = branch.change(&change).unwrap();
             let mut flight = branch.resume(&changed, seen).unwrap();
             flight.fly_until(u64::MAX).unwrap();

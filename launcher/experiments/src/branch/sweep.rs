@@ -2,8 +2,8 @@
 
 use super::{Branch, BranchError, Change};
 use crate::campaign::{Axis, Case, Outcome, fly_on};
-use launcher::fan_out::fan_out;
-use launcher::run::{FlightHash, Metrics};
+use observe::{FlightHash, Metrics};
+use simulate::fan_out::fan_out;
 
 /// A branch for each case: `change` in all of them, the values of `axes` and perhaps a seed in each.
 #[derive(Debug)]
@@ -63,7 +63,7 @@ impl Sweep<'_> {
         &self,
         case: &Case,
         mut seen: (FlightHash, Metrics),
-    ) -> Result<(launcher::in_process::InProcess<(FlightHash, Metrics)>, u64), BranchError> {
+    ) -> Result<(simulate::in_process::InProcess<(FlightHash, Metrics)>, u64), BranchError> {
         let changed = self.branch.change(&self.change(case))?;
         seen.1.judge_by(&changed.scenario);
         let flight = self.branch.resume(&changed, seen)?;

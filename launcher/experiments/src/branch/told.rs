@@ -1,7 +1,8 @@
 //! Whether the loops of a repeated stretch of flight went through what those of the recording did.
 
-use launcher::in_process::{Difference, Observer, Tape};
+use observe::Observer;
 use shared_types::{Deviation, DeviationKind, Role, Sample, Topic, topics};
+use simulate::in_process::{Difference, Tape};
 use std::any::Any;
 
 /// What the loops tell of their steps.

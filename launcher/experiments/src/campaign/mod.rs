@@ -17,10 +17,10 @@ pub use journal::{Identity, Journal, JournalError};
 pub use outcome::{Outcome, Verdict, fly, fly_on};
 
 use figures::results::ResultsFolder;
-use launcher::fan_out::fan_out;
 use miette::Diagnostic;
 use runtime::watch::StopFlags;
 use scenario::ScenarioError;
+use simulate::fan_out::fan_out;
 use std::sync::Mutex;
 use thiserror::Error;
 

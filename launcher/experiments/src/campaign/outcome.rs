@@ -3,9 +3,9 @@
 use ::verdict::{End, Grade};
 use core::fmt;
 use figures::results::{Kind, Value};
-use launcher::in_process::{InProcess, InProcessError, StateSource};
-use launcher::run::{Closing, FlightHash, Metrics};
+use observe::{Closing, FlightHash, Metrics};
 use scenario::Scenario;
+use simulate::in_process::{InProcess, InProcessError, StateSource};
 
 /// Logical time flown between two looks at whether to stop \[ns\].
 const LOOK_EVERY_NS: u64 = 500_000_000;
@@ -120,7 +120,7 @@ impl Outcome {
         let tracking = metrics.tracking();
         let tracked = |value: f64| (tracking.samples > 0).then_some(value);
         let axes = metrics.step_response();
-        let worst = |of: fn(&launcher::run::AxisResponse) -> f64| {
+        let worst = |of: fn(&observe::AxisResponse) -> f64| {
             axes.map(|axes| axes.iter().map(of).fold(0.0, f64::max))
         };
         let effort = metrics.effort();

@@ -6,6 +6,7 @@ use ::pilot::{MorphSchedule, PilotError, Trajectory, divert};
 use core::fmt::Write as _;
 use runtime::Graph;
 use serde::{Deserialize, Serialize};
+use shared_types::time::{ns_from_s, s_from_ns};
 use shared_types::{
     AngleDiversion, DISTURBANCE_ORDERS, DisturbanceKind, DisturbanceOrder, Flag, GuidanceOrder,
     Header, OrderedDisturbance, Role,
@@ -197,7 +198,7 @@ impl Planner {
         };
         let valid_ns = header.valid_ns;
         if valid_ns >= self.end_ns {
-            let (begins_s, end_s) = (seconds(valid_ns), seconds(self.end_ns));
+            let (begins_s, end_s) = (s_from_ns(valid_ns), s_from_ns(self.end_ns));
             return Err(RefusedOrder::TooLate { begins_s, end_s });
         }
         let (sent, (from_ns, done_ns)) = match order {
@@ -224,9 +225,9 @@ impl Planner {
         };
         let report = OrderReport {
             order: order.to_string(),
-            at_s: seconds(now_ns),
-            begins_s: seconds(from_ns),
-            done_s: done_ns.map(seconds),
+            at_s: s_from_ns(now_ns),
+            begins_s: s_from_ns(from_ns),
+            done_s: done_ns.map(s_from_ns),
             scripted,
         };
         self.reports.push(report.clone());
@@ -270,9 +271,9 @@ impl Planner {
         now_ns: u64,
         valid_ns: u64,
     ) -> Result<(u64, Option<u64>), RefusedOrder> {
-        let begin_ns = valid_ns + nanoseconds(disturb.in_s);
+        let begin_ns = valid_ns + ns_from_s(disturb.in_s);
         let is_burst = matches!(disturb.load, Load::KickBRadS(_));
-        let done_ns = disturb.for_s.map(|for_s| begin_ns + nanoseconds(for_s));
+        let done_ns = disturb.for_s.map(|for_s| begin_ns + ns_from_s(for_s));
         let count = usize::try_from(self.disturbance.count).unwrap_or(DISTURBANCE_ORDERS);
         let mut held: Vec<OrderedDisturbance> = self.disturbance.entries[..count].to_vec();
         held.retain(|entry| {
@@ -329,13 +330,4 @@ fn sample_of(load: &Load) -> OrderedDisturbance {
             OrderedDisturbance { rotor, efficiency, kind: DisturbanceKind::Rotor, ..none }
         }
     }
-}
-
-fn seconds(ns: u64) -> f64 {
-    ns as f64 / 1e9
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked times")]
-fn nanoseconds(seconds: f64) -> u64 {
-    (seconds * 1e9).round() as u64
 }

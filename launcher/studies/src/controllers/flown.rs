@@ -2,12 +2,13 @@
 
 use super::{Case, ControllersError, Kind, PULSE_AT_S, PUSH_S};
 use ::verdict::Grade;
-use launcher::in_process::{InProcess, Observer, StateSource};
-use launcher::run::{Closing, Metrics};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use observe::Observer;
+use observe::{Closing, Metrics};
 use runtime::clock::mono_now_ns;
 use scenario::Scenario;
 use shared_types::{Role, Sample, Topic, Truth};
+use simulate::in_process::{InProcess, StateSource};
 use std::any::Any;
 use vehicle::{euler_from_quaternion, wrap_pi};
 

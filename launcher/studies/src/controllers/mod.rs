@@ -11,11 +11,11 @@ mod tests;
 
 use core::time::Duration;
 use flown::{Flown, fly_one};
-use launcher::fan_out::{Progress, fan_out};
-use launcher::in_process::InProcessError;
 use scenario::components::names_for;
 use scenario::{Override, Scenario, ScenarioError};
 use shared_types::Role;
+use simulate::fan_out::{Progress, fan_out};
+use simulate::in_process::InProcessError;
 use thiserror::Error;
 
 /// A force that no tilt within its bound holds against, and when \[N\], \[s\].

@@ -2,11 +2,12 @@
 
 use super::{Flight, MorphingError, Verdict};
 use ::verdict::LOST_M;
-use launcher::in_process::{Observer, fly};
+use observe::Observer;
 use pilot::Trajectory;
 use scenario::{Plan, Scenario};
 use serde::Serialize;
 use shared_types::{AppliedCommand, GateMode, Sample, Topic, Truth};
+use simulate::in_process::fly;
 use std::any::Any;
 
 /// Stretch over which oscillation is judged \[ns\].

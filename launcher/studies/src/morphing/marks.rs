@@ -1,8 +1,8 @@
 //! What the scheduled law promises in calm air, and whether it holds.
 
 use super::{Conditions, Law, Study, Verdict};
-use launcher::in_process::StateSource;
 use serde::Serialize;
+use simulate::in_process::StateSource;
 
 /// One promise.
 #[derive(Debug, Clone, PartialEq, Serialize)]

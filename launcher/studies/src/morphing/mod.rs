@@ -15,10 +15,10 @@ pub use flown::{Flown, Window};
 pub use marks::{Mark, marks};
 
 use flown::fly_one;
-use launcher::fan_out::{Progress, fan_out};
-use launcher::in_process::{InProcessError, StateSource};
 use scenario::{Override, Scenario, ScenarioError};
 use serde::Serialize;
+use simulate::fan_out::{Progress, fan_out};
+use simulate::in_process::{InProcessError, StateSource};
 use thiserror::Error;
 
 /// First instant of a sweep \[s\]: the figure is at full speed.

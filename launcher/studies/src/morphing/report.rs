@@ -3,8 +3,8 @@
 use super::{Cell, Conditions, Law, Mark, Study, Verdict, marks};
 use figures::figure::{Axis, Colour, Curve, Dash, Figure, Level, Panel};
 use figures::results::{ResultsError, ResultsFolder, Table};
-use launcher::in_process::StateSource;
 use serde_json::{Value, json};
+use simulate::in_process::StateSource;
 
 /// Least and largest error that the picture tells apart \[mm\]; what is beyond is drawn there.
 const SHOWN_MM: [f64; 2] = [1.0, 300.0];

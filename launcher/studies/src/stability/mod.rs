@@ -18,8 +18,8 @@ pub use linear::LinearLoop;
 pub use simulation::{Answer, answer};
 
 use attitude_mpc::{AttitudeLawConfig, ConfigError};
-use launcher::fan_out::{Progress, fan_out};
 use serde::Serialize;
+use simulate::fan_out::{Progress, fan_out};
 use thiserror::Error;
 use vehicle::{MorphAngle, ParameterError, VehicleParameters};
 

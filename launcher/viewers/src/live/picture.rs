@@ -1,13 +1,14 @@
 //! What the page shows of a flight in the air, in bounded memory: everything so far, or what is new.
 
 use crate::view::{Collect, Happening, Owners, json};
-use launcher::control::status::RunStatus;
-use launcher::topic::feed::{Ending, Flying};
+use protocol::control::status::RunStatus;
+use protocol::topic::feed::{Ending, Flying};
 use record::read::{RecordVisitor as _, RecordedEvent};
 use scenario::Scenario;
 use scenario::candidate::Slot;
 use scenario::components;
 use serde_json::{Value, json};
+use shared_types::time::s_from_ns;
 use shared_types::{Sample, Topic};
 
 /// How much of what it has already is told again, for reports and set points come after the instant
@@ -150,8 +151,8 @@ impl Picture {
         let news: &[Happening] = &collect.happenings[first..];
         json!({
             "format": 1,
-            "from_s": seconds(begin_ns),
-            "to_s": seconds(end_ns),
+            "from_s": s_from_ns(begin_ns),
+            "to_s": s_from_ns(end_ns),
             "is_over": ending.is_some(),
             "outcome": outcome,
             "frames": json::frames(&collect.frames, from_ns.saturating_sub(begin_ns), ending.is_none()),
@@ -163,10 +164,6 @@ impl Picture {
             "status": status,
         })
     }
-}
-
-fn seconds(ns: u64) -> f64 {
-    ns as f64 * 1e-9
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use foxglove::{
     ChannelBuilder, Context, FoxgloveError, PartialMetadata, RawChannel, Schema, WebSocketServer,
     WebSocketServerHandle,
 };
-use launcher::topic::feed::Flying;
 use prost::Message as _;
+use protocol::topic::feed::Flying;
 use record::scene::{self, Scene};
 use record::{descriptor_set, encode, full_name, log_schema};
 use runtime::clock::mono_now_ns;

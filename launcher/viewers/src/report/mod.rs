@@ -20,9 +20,9 @@ pub use pictures::pictures;
 pub use response::Response;
 pub use told::{Folder, document};
 
+use crate::trace::{self, trace};
 use crate::view::{Gathered, ViewError, gather};
 use ::verdict::Verdict;
-use launcher::trace::{self, trace};
 use pictures::Tails;
 use record::read::RecordedFlight;
 use serde::Serialize;

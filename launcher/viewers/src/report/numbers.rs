@@ -1,10 +1,10 @@
 //! Every number of a report, judged.
 
 use super::observe::Observed;
+use crate::trace;
 use crate::view::Gathered;
 use ::verdict::CHECKS;
-use launcher::run::Effort;
-use launcher::trace;
+use observe::Effort;
 use record::Clock;
 use record::read::{Closing, RecordedFlight};
 use scenario::{Override, Scenario};
@@ -133,7 +133,7 @@ fn of_flight(
     numbers: &mut Numbers<'_>,
 ) {
     let metrics = &observed.metrics;
-    numbers.tell(("ended", "ended"), launcher::run::told_end(&observed.outcome.end));
+    numbers.tell(("ended", "ended"), observe::told_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
     let flown_s = gathered.closing.summary.get("flown_s").cloned();
     let flown_s = flown_s.unwrap_or_else(|| format!("{:.3}", gathered.span_ns.1 as f64 * 1e-9));

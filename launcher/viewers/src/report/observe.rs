@@ -3,7 +3,7 @@
 use super::AuditRow;
 use super::orders::Pursuits;
 use ::verdict::{End, Outcome, Verdict};
-use launcher::run::{self, ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
+use observe::{ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use record::{STATES, SequenceAudit, Stream, name_gaps};
 use shared_types::{Header, Role, Sample, Topic, Truth, topics};
@@ -148,7 +148,7 @@ impl Observed {
 }
 
 /// How a flight ended whose recording ends like this, with the vehicle at `until_ns`.
-fn ending(closing: &Closing, until_ns: u64) -> run::Closing {
+fn ending(closing: &Closing, until_ns: u64) -> ::observe::Closing {
     let unrecorded = closing.has_holes().then(|| format!("the file has holes, {closing}"));
     let (end, flown_ns) = if closing.summary.is_empty() {
         let until_s = until_ns as f64 * 1e-9;
@@ -161,7 +161,7 @@ fn ending(closing: &Closing, until_ns: u64) -> run::Closing {
         (end, flown_ns.unwrap_or(until_ns))
     };
     let is_cut = !closing.complete;
-    run::Closing { end, flown_ns, unrecorded, is_cut, ..run::Closing::default() }
+    ::observe::Closing { end, flown_ns, unrecorded, is_cut, ..::observe::Closing::default() }
 }
 
 /// The end of a flight whose summary has only the outcome in words.

@@ -1,11 +1,11 @@
 //! A flight drawn: tracking, constraint use, disturbances, loops, and where time went.
 
 use super::Report;
+use crate::trace::{SEGMENTS, Traced};
 use crate::view::{Gathered, Panel};
 use figures::figure::{
     self, Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel as Drawn, Stretch,
 };
-use launcher::trace::{SEGMENTS, Traced};
 
 /// Intervals of a curve: more do not show on paper.
 const INTERVALS: usize = 700;

@@ -3,7 +3,7 @@
 use super::gauges::Spread;
 use super::{Row, Snapshot};
 use core::fmt::Write as _;
-use launcher::control::status::{ProcessState, RunStatus};
+use protocol::control::status::{ProcessState, RunStatus};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Modifier, Style};

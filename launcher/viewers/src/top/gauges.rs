@@ -1,6 +1,6 @@
 //! How loops do, by what they publish: stamps of the last second, totals of the flight.
 
-use launcher::topic::{header, known};
+use protocol::topic::{header, known};
 use runtime::seat_of_loop;
 use serde::Serialize;
 use shared_types::wire::Value as _;

@@ -1,8 +1,8 @@
 //! A run at an instant: what its launcher says beside what its loops do.
 
 use super::gauges::{Gauge, Gauges};
-use launcher::control::load::Load;
-use launcher::control::status::{ProcessState, ProcessStatus, RunStatus};
+use protocol::control::load::Load;
+use protocol::control::status::{ProcessState, ProcessStatus, RunStatus};
 use serde::Serialize;
 use shared_types::Role;
 use std::collections::BTreeMap;

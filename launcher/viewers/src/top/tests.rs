@@ -5,7 +5,7 @@ use super::gauges::{Gauge, Gauges, Spread, wanted};
 use super::screen::begun;
 use super::snapshot::Usage;
 use super::{Row, Snapshot};
-use launcher::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
+use protocol::control::status::{ProcessState, ProcessStatus, RunStatus, SlotStatus};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use shared_types::wire::Value as _;

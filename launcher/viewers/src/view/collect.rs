@@ -4,8 +4,8 @@ use super::happening::{Happening, Owners, World};
 use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
 use ::verdict::LOST_M;
-use launcher::run::{Course, LoopLedger};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use observe::{Course, LoopLedger};
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
 use shared_types::{

@@ -1,7 +1,7 @@
 //! What happened and when, for the time axis.
 
 use disturbance_injector::Event;
-use launcher::run::{FAULT, TIMING};
+use observe::TIMING;
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
 use serde::Serialize;
@@ -10,6 +10,7 @@ use shared_types::{
     Sample, Topic, TopicInfo, topics,
 };
 use std::any::Any;
+use swap::FAULT;
 
 /// Troubles of the gate that come closer together than this are one: its beginning and whatever is worse
 /// are marks, the rest is in the list \[ns\].

@@ -8,9 +8,10 @@ use super::panel::{Panel, Panels, Series};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use figures::figure::{Colour, Dash};
-use launcher::run::seat_name;
+use observe::seat_name;
 use serde_json::{Value, json};
 use shared_types::LoopStats;
+use shared_types::time::s_from_ns;
 use vehicle::VehicleParameters;
 
 pub(crate) fn vehicle(vehicle: &VehicleParameters) -> Value {
@@ -37,7 +38,7 @@ pub(crate) fn frames(frames: &Frames, from_ns: u64, goes_on: bool) -> Value {
     let count = known.div_ceil(factor);
     let first = usize::try_from(from_ns / step_ns).unwrap_or(usize::MAX).min(count);
     json!({
-        "step_s": seconds(step_ns),
+        "step_s": s_from_ns(step_ns),
         "first": first,
         "count": count,
         "body": packed(&body.values(step_ns, first, count)),
@@ -104,8 +105,8 @@ fn values(series: &Series, from_ns: u64) -> Value {
     let first = usize::try_from(first).unwrap_or(usize::MAX).min(bins.len());
     let side = |i: usize| packed(&bins[first..].iter().map(|bin| bin[i]).collect::<Vec<f32>>());
     let mut json = json!({
-        "from_s": seconds(origin_ns),
-        "width_s": seconds(width_ns),
+        "from_s": s_from_ns(origin_ns),
+        "width_s": s_from_ns(width_ns),
         "first": first,
         "least": side(0),
     });
@@ -149,8 +150,4 @@ fn loop_totals(stats: &LoopStats) -> Value {
 fn packed(values: &[f32]) -> String {
     let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
     STANDARD.encode(bytes)
-}
-
-fn seconds(ns: u64) -> f64 {
-    ns as f64 * 1e-9
 }

@@ -6,10 +6,11 @@ use super::json;
 use super::panel::{Panels, Uses};
 use crate::report::Observed;
 use ::verdict::Verdict;
-use launcher::run::LoopLedger;
+use observe::LoopLedger;
 use record::Clock;
 use record::read::{Closing, ReadError, RecordedFlight};
 use serde_json::{Value, json};
+use shared_types::time::s_from_ns;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -82,7 +83,7 @@ impl Scene {
         let counted = if closing.summary.is_empty() { observed.summary() } else { closing.summary };
         let (from_ns, to_ns) = span_ns;
         let vehicle = flight.scenario().modelled_vehicle();
-        let (from_s, to_s) = (seconds(from_ns), seconds(to_ns));
+        let (from_s, to_s) = (s_from_ns(from_ns), s_from_ns(to_ns));
         let name = flight.path().file_name().map(|name| name.to_string_lossy().into_owned());
         let fact = |key: &str| flight.facts().get(key).cloned().unwrap_or_default();
         let json = json!({
@@ -145,8 +146,4 @@ fn facts(flight: &RecordedFlight, counted: &BTreeMap<String, String>) -> Value {
     let told = shown.into_iter().filter_map(|(key, name)| Some((name, counted.get(key)?)));
     facts.extend(told.map(|(name, value)| (name, value.clone())));
     json!(facts)
-}
-
-fn seconds(ns: u64) -> f64 {
-    ns as f64 * 1e-9
 }

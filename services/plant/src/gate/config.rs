@@ -3,7 +3,8 @@
 use garde::Validate;
 use serde::Deserialize;
 
-use crate::sensors::{finite_in, ns_from_s};
+use crate::sensors::finite_in;
+use shared_types::time::ns_from_s;
 
 /// Limits of the gate.
 #[derive(Debug, Clone, Deserialize, Validate)]

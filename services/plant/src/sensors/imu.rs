@@ -9,7 +9,8 @@ use nalgebra::Vector3;
 
 use super::config::{BiasStep, ImuConfig, SensorError};
 use super::noise::{Noise, NoiseMemory};
-use super::schedule::{Schedule, ns_from_s};
+use super::schedule::Schedule;
+use shared_types::time::ns_from_s;
 
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -22,4 +22,3 @@ pub use imu::{Imu, ImuMemory, ImuSample};
 pub use morph_encoder::{MorphEncoder, MorphEncoderMemory};
 pub use noise::NoiseMemory;
 pub use pose_fix::{DELAY_LINE_LEN, Pose, PoseFix, PoseFixMemory, PoseSample};
-pub(crate) use schedule::ns_from_s;

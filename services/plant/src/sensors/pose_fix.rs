@@ -5,7 +5,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::config::{PoseFixConfig, SensorError};
 use super::noise::{Noise, NoiseMemory};
-use super::schedule::{Schedule, ns_from_s};
+use super::schedule::Schedule;
+use shared_types::time::ns_from_s;
 
 /// Fixes that can be under way at once.
 pub const DELAY_LINE_LEN: usize = 32;

@@ -47,16 +47,6 @@ impl Schedule {
     }
 }
 
-/// Nanoseconds of a time in a configuration, to the nearest.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "configured times are finite, not negative and below 1e6 s; `as` saturates anyway"
-)]
-pub(crate) fn ns_from_s(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

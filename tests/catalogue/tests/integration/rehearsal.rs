@@ -8,15 +8,15 @@
 )]
 
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
-use launcher::in_process::{InProcess, Observer, StateSource};
-use launcher::rehearse::{
-    Owners, Rehearsal, RehearsalRefusal, RehearsalSpec, Role, Verdict, verdict, watch,
-};
+use observe::Observer;
 use scenario::candidate::Slot;
 use scenario::components::names_for;
 use scenario::{Override, Scenario};
 use shared_types::{MorphCommand, Reference, Sample, Topic, Truth};
+use simulate::in_process::{InProcess, StateSource};
+use simulate::rehearse::{Rehearsal, RehearsalRefusal, Role, Verdict, verdict, watch};
 use std::any::Any;
+use swap::{Owners, RehearsalSpec};
 use vehicle::MorphAngle;
 
 fn load(name: &str, set: &[&str]) -> Scenario {

@@ -1,0 +1,336 @@
+//! One flight from founding its run to its last word.
+//!
+//! `start.rs` brings it into the air, `adopt.rs` finds it there, `finish.rs` has the last word;
+//! `watch.rs` is what the main loop looks at besides.
+
+mod adopt;
+mod finish;
+mod start;
+mod watch;
+
+pub use adopt::{AdoptError, AdoptOptions, adopt};
+
+use super::audience::Audience;
+use super::conductor::Conductor;
+use super::grants::Grants;
+use super::live::{Live, View};
+use super::notes::{Notebook, Of};
+use super::pilot_thread::PilotEnd;
+use super::processes::Processes;
+use super::rehearser::Rehearser;
+use super::supervisor::Supervisor;
+use super::tap::Tap;
+use observe::stopwatch::Stopwatch;
+use protocol::control::protocol::{Done, Reply, Request};
+use protocol::topic::feed::Flying;
+use record::{Recording, Severity};
+use runtime::Graph;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::ipc::Bus;
+use runtime::namespace::{Membership, sweep_dead_runs};
+use runtime::watch::StopFlags;
+use scenario::orders::Planner;
+use shared_types::{ClockMode, Seat};
+use simulate::Summary;
+use simulate::setup::{
+    RunError, RunOptions, clock_of, facts, pinned_cpu, recording_path, require_processor,
+    require_shared_memory, run_id, system,
+};
+use slot::supervisor::Now;
+use std::thread::JoinHandle;
+use swap::FlightError;
+use swap::services::{HeldServices, Wakers};
+use swap::{Means, Script, Slots};
+
+/// Wall time between two looks around \[ns\].
+const LOOK_EVERY_NS: u64 = 1_000_000;
+/// How long processes may take to leave after the end of the flight \[ns\].
+const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
+
+/// How the flight's main loop ended.
+enum Outcome {
+    Flown,
+    Interrupted,
+    Killed,
+    Lost(String),
+}
+
+/// Flies a scenario and returns what came of it.
+///
+/// # Errors
+/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
+    fly(options, None).map(|(summary, _)| summary)
+}
+
+/// As [`run`], and keeps the stamps of every sample.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_measured(
+    options: &RunOptions,
+    stopwatch: Stopwatch,
+) -> Result<(Summary, Stopwatch), RunError> {
+    let (summary, stopwatch) = fly(options, Some(stopwatch))?;
+    Ok((summary, stopwatch.unwrap_or_default()))
+}
+
+fn cpu_of(options: &RunOptions) -> Option<usize> {
+    pinned_cpu(options.pin, clock_of(&options.scenario))
+}
+
+fn fly(
+    options: &RunOptions,
+    stopwatch: Option<Stopwatch>,
+) -> Result<(Summary, Option<Stopwatch>), RunError> {
+    let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
+    for folder in sweep_dead_runs() {
+        eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
+    }
+    require_processor(options.pin)?;
+    require_shared_memory()?;
+    let described =
+        options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
+    let grants = Grants::ask(&options.scenario, &described)?;
+    let id = run_id();
+    let recording_path =
+        options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
+    let facts = facts(&id, options);
+    let recording =
+        recording_path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;
+    // Declared before everything that uses the transport, so that it is dropped last and wipes.
+    let membership = Membership::found(&id)?;
+    let scenario_file = membership.folder().join("scenario.toml");
+    std::fs::write(&scenario_file, options.scenario.to_toml())
+        .map_err(system(format!("write {}", scenario_file.display())))?;
+    described
+        .write(membership.folder())
+        .map_err(system(format!("describe the flight in {}", membership.folder().display())))?;
+    let name = &options.scenario.settings().scenario.name;
+    let flying = Flying::new(facts.epoch_unix_ns, facts.clock);
+    let live = Live::open(membership.folder(), &id, name, recording_path.as_deref(), flying)?;
+    let audience = options.live.as_ref().map(|live| Audience::open(live, &id, cpu_of(options)));
+    let audience = audience.transpose().inspect_err(|_| {
+        // Nothing has flown, and a file that holds nothing would only be in the way.
+        let _ = recording_path.as_deref().map(std::fs::remove_file);
+    })?;
+    let of = Of {
+        run: id.clone(),
+        recording: recording_path.as_deref().map(|path| path.canonicalize().unwrap_or(path.into())),
+        adoptions: 0,
+        epoch_unix_ns: facts.epoch_unix_ns,
+    };
+    let notebook = Notebook::open(membership.folder(), of, clock_of(&options.scenario));
+    let mut flight = Flight::prepare(options, &membership, stop, recording, (live, notebook))?;
+    flight.tap.consumers.stopwatch = stopwatch;
+    let started = flight.start(&membership, options, &grants);
+    let outcome = match started {
+        Ok(()) => flight.fly(),
+        Err(error) => {
+            flight.abort();
+            return Err(error);
+        }
+    };
+    if let Some(audience) = &audience {
+        audience.flight_is_over();
+    }
+    let concluded = flight.conclude(outcome, options, &id, recording_path);
+    if let Some(audience) = audience {
+        audience.leave();
+    }
+    Ok(concluded)
+}
+
+struct Flight {
+    graph: Graph,
+    supervisor: Supervisor,
+    slots: Slots,
+    script: Script,
+    orders: Planner,
+    conductor: Conductor,
+    tap: Tap,
+    wakers: Wakers,
+    pilot: Option<JoinHandle<PilotEnd>>,
+    pilot_stop: StopFlags,
+    stop: StopFlags,
+    bus: Bus,
+    live: Live,
+    _services: HeldServices,
+    /// Logical and host instant from which on this launcher leads \[ns\].
+    begun: (u64, u64),
+    stall_limit_ns: u64,
+    lag_limit_ns: u64,
+    progress_at: (u64, u64),
+    drained_ns: u64,
+    rehearser: Rehearser,
+    known_strays: usize,
+    progress: Option<indicatif::ProgressBar>,
+    notices: Vec<String>,
+}
+
+impl Flight {
+    /// The launcher's main loop: drain, conduct, look after everybody.
+    fn fly(&mut self) -> Outcome {
+        let mut interrupted = false;
+        let mut leave_by_ns = u64::MAX;
+        loop {
+            let now_ns = mono_now_ns();
+            self.tap.drain(now_ns);
+            let drained = self.drained_ns();
+            let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
+            self.publish_notices(drained);
+            self.name_strays();
+            if let Err(error) = looked_after {
+                return Outcome::Lost(error.to_string());
+            }
+            let cap_ns = self.cap_ns(self.conductor.allowed_ns());
+            if self.conductor.extend(drained, cap_ns, now_ns) {
+                self.wakers.wake_all();
+            }
+            self.conductor.serve_late_joiners();
+            if self.supervisor.all_finished() {
+                self.tap.drain(mono_now_ns());
+                return if interrupted { Outcome::Interrupted } else { Outcome::Flown };
+            }
+            if self.stop.take_signal() {
+                if interrupted {
+                    return Outcome::Killed;
+                }
+                interrupted = true;
+                leave_by_ns = now_ns + LEAVE_LIMIT_NS;
+                self.end_early(now_ns);
+            }
+            if drained >= self.conductor.end_ns() && self.conductor.let_leave() {
+                self.wakers.wake_all();
+                leave_by_ns = leave_by_ns.min(now_ns + LEAVE_LIMIT_NS);
+            }
+            if now_ns > leave_by_ns {
+                let names = self.supervisor.unfinished().join(", ");
+                return Outcome::Lost(format!("{names} did not leave after the end of the flight"));
+            }
+            self.watch_progress(drained, now_ns);
+            self.look_at_processes(now_ns);
+            if let Err(error) = self.answer(now_ns) {
+                return Outcome::Lost(error.to_string());
+            }
+            sleep_until(now_ns + LOOK_EVERY_NS);
+        }
+    }
+
+    /// Answers whoever asks from outside.
+    fn answer(&mut self, now_ns: u64) -> Result<(), FlightError> {
+        let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
+        let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
+        let slots = &self.slots;
+        let view = View { graph, supervisor, slots, conductor, marks, drained_ns };
+        let mut orders = self.live.serve(&view, now_ns);
+        orders.retain(|(request, answer)| {
+            let goes_on = *request != Request::Stop;
+            if !goes_on {
+                self.stop.request();
+                answer.send(Reply::Done(Done::stopping()));
+            }
+            goes_on
+        });
+        if orders.is_empty() {
+            return Ok(());
+        }
+        self.with_slots(now_ns, |slots, means| {
+            orders.into_iter().try_for_each(|(order, answer)| slots.order(&order, answer, means))
+        })
+    }
+
+    /// Looks after processes, then slots.
+    fn look_after(&mut self, now_ns: u64) -> Result<(), FlightError> {
+        let slots = &self.slots;
+        let keeps = |seat: Seat| slots.keeps(seat);
+        self.supervisor.look_after(&self.bus, &mut self.tap, &keeps, now_ns)?;
+        self.tend_slots(now_ns)
+    }
+
+    /// Gives the slots what has happened, and passes on what they say.
+    fn tend_slots(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
+        self.with_slots(now_mono_ns, Slots::tend)
+    }
+
+    /// Does what the script has for now; whoever dies of it is buried before time goes on.
+    fn follow_script(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
+        if self.script.next_ns() > self.logical_now(now_mono_ns).logical_ns {
+            return Ok(());
+        }
+        let mut script = core::mem::take(&mut self.script);
+        let done = self.with_slots(now_mono_ns, |slots, means| script.run(slots, means));
+        self.script = script;
+        done.and_then(|()| self.look_after(now_mono_ns))
+    }
+
+    fn with_slots(
+        &mut self,
+        now_mono_ns: u64,
+        act: impl FnOnce(&mut Slots, &mut Means<'_>) -> Result<(), FlightError>,
+    ) -> Result<(), FlightError> {
+        let now = self.logical_now(now_mono_ns);
+        let mut posts = Processes {
+            bus: &self.bus,
+            supervisor: &mut self.supervisor,
+            tap: &mut self.tap,
+            rehearser: &mut self.rehearser,
+            now_mono_ns,
+        };
+        let mut means = Means {
+            posts: &mut posts,
+            graph: &self.graph,
+            orders: &mut self.orders,
+            now,
+            now_mono_ns,
+            is_over: self.drained_ns >= self.conductor.end_ns(),
+        };
+        let done = act(&mut self.slots, &mut means);
+        self.pass_on_news(now.logical_ns);
+        done
+    }
+
+    /// Where the flight is, for whoever decides about instants.
+    fn logical_now(&self, now_mono_ns: u64) -> Now {
+        if self.conductor.mode() == ClockMode::Lockstep {
+            // A flight held to a pace has drained up to the next release when its time ends between
+            // two: what is to be done there waits until time has come so far.
+            let allowed_ns = self.conductor.allowed_ns();
+            Now { logical_ns: self.drained_ns.min(allowed_ns), allowed_ns }
+        } else {
+            let started = self.conductor.has_started();
+            let wall_ns = if started { self.conductor.wall_ns(now_mono_ns) } else { 0 };
+            Now { logical_ns: wall_ns, allowed_ns: wall_ns }
+        }
+    }
+
+    fn pass_on_news(&mut self, logical_ns: u64) {
+        for news in core::mem::take(&mut self.slots.news) {
+            let severity = if news.warning { Severity::Warning } else { Severity::Info };
+            self.tap.consumers.note(logical_ns, severity, "launcher", &news.text);
+            if news.warning {
+                self.notice(&news.text);
+            }
+        }
+    }
+
+    fn end_early(&mut self, now_ns: u64) {
+        self.notice("interrupted: ending the flight in order (once more to stop at once)");
+        self.conductor.end_early(self.conductor.wall_ns(now_ns));
+        self.supervisor.note_clock(self.conductor.record());
+        self.wakers.wake_all();
+    }
+
+    /// Lockstep: where time has to stop for slots and script \[ns\].
+    fn cap_ns(&self, allowed_ns: u64) -> u64 {
+        self.slots.cap_ns(allowed_ns).min(self.script.next_ns())
+    }
+
+    /// Instant through which everybody is final and drained \[ns\].
+    fn drained_ns(&mut self) -> u64 {
+        let slowest_ns = self.supervisor.present().map(|entry| self.mark_of(entry)).min();
+        // Whoever goes on from a predecessor's state begins below what has long been drained.
+        self.drained_ns = slowest_ns.unwrap_or(0).max(self.drained_ns);
+        self.drained_ns
+    }
+}

@@ -1,0 +1,289 @@
+//! `morphquad adopt`: a flight whose launcher has died goes on under another one.
+
+use super::start::{Crewed, graph_of, restart_policy};
+use super::{Flight, LOOK_EVERY_NS, Outcome};
+use crate::conductor::Conductor;
+use crate::live::Live;
+use crate::notes::{Notebook, Notes, NotesError, Of};
+use crate::pilot_thread::{self, Entry};
+use crate::supervisor::Supervisor;
+use protocol::control::SOCKET;
+use protocol::topic::feed::Flying;
+use record::{Continued, Facts, Recording};
+use runtime::clock::{WallMap, mono_now_ns, sleep_until};
+use runtime::ipc::{Bus, PortError, ServiceKind};
+use runtime::leader::{LeadError, Leader};
+use runtime::namespace::{Membership, remove_unborn_objects};
+use runtime::watch::StopFlags;
+use scenario::{Scenario, ScenarioError};
+use shared_types::{ClockMode, Hello, Role};
+use simulate::Pin;
+use simulate::Speed;
+use simulate::Summary;
+use simulate::setup::{RunError, RunOptions, facts, recording_path, stamps_of, system};
+use std::path::{Path, PathBuf};
+use swap::services::HeldServices;
+use swap::{SlotWatch, Slots};
+use thiserror::Error;
+
+/// How long the dead launcher's ports may take to be freed \[ns\].
+const SWEEP_LIMIT_NS: u64 = 2_000_000_000;
+/// How long consumers may take to say whom they obey \[ns\].
+const HEAR_LIMIT_NS: u64 = 300_000_000;
+
+/// Which run to take over, and how.
+#[derive(Debug, Clone)]
+pub struct AdoptOptions {
+    /// Name of the run.
+    pub run: String,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Folder of the next recording; that of the first one, if there is one, if `None`.
+    pub record: Option<PathBuf>,
+    /// Not to record.
+    pub no_record: bool,
+    /// Whether to show progress on standard error.
+    pub progress: bool,
+}
+
+/// Why a run cannot be taken over; it goes on as it was.
+#[derive(Debug, Error)]
+pub enum AdoptError {
+    /// Somebody leads it.
+    #[error("run {run} needs no launcher: {source}")]
+    Led {
+        /// The run.
+        run: String,
+        /// Who, or why its folder cannot be used.
+        source: LeadError,
+    },
+    /// Its time stands still.
+    #[error(
+        "run {run} flies in lockstep, and its time stood still with its launcher, which alone knew how far it may go: it cannot go on, and its processes leave within {leave_s} s; fly it again, it will be the same flight"
+    )]
+    Lockstep {
+        /// The run.
+        run: String,
+        /// When the processes leave \[s\].
+        leave_s: f64,
+    },
+    /// Its launcher died too early.
+    #[error("run {run} was not in the air yet when its launcher died: its processes leave")]
+    NotStarted {
+        /// The run.
+        run: String,
+    },
+    /// Of another build.
+    #[error("run {run} cannot be taken over: {reason}")]
+    OtherBuild {
+        /// The run.
+        run: String,
+        /// What differs.
+        reason: String,
+    },
+    /// Its scenario.
+    #[error("run {run} cannot be taken over: its scenario cannot be read: {source}")]
+    Scenario {
+        /// The run.
+        run: String,
+        /// Why.
+        source: Box<ScenarioError>,
+    },
+    /// As when a flight starts.
+    #[error(transparent)]
+    Run(#[from] RunError),
+}
+
+impl From<PortError> for AdoptError {
+    fn from(error: PortError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+/// Takes a run over whose launcher has died, and leads it to its end.
+///
+/// # Errors
+/// [`AdoptError`]; nothing has been done to the run then, and what happens in the air is in the summary.
+pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
+    let AdoptOptions { run, folder, .. } = options;
+    let run = run.clone();
+    let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
+    let before = Leader::of_run(folder);
+    // Declared before everything that uses the transport, so that it is dropped last and wipes.
+    let mut membership = Membership::take_over(folder)
+        .map_err(|source| AdoptError::Led { run: run.clone(), source })?;
+    let notes = Notes::read(folder).map_err(|error| match error {
+        NotesError::Unreadable { .. } => AdoptError::NotStarted { run: run.clone() },
+        other => AdoptError::OtherBuild { run: run.clone(), reason: other.to_string() },
+    })?;
+    let scenario = Scenario::load(&folder.join("scenario.toml").to_string_lossy(), &[])
+        .map_err(|source| AdoptError::Scenario { run: run.clone(), source: Box::new(source) })?;
+    if notes.clock.0.mode == ClockMode::Lockstep {
+        let leave_s = scenario.settings().launcher.launcher_grace_s.min(host::LOCKSTEP_GRACE_S);
+        return Err(AdoptError::Lockstep { run, leave_s });
+    }
+    if !notes.clock.0.started.is_set() {
+        return Err(AdoptError::NotStarted { run });
+    }
+    let wall = WallMap::new(&notes.clock.0);
+    let from_ns = wall.logical_ns(mono_now_ns());
+    let options = RunOptions {
+        scenario,
+        speed: Speed::Times(notes.clock.0.speed),
+        record: options.recording_folder(&notes),
+        pin: notes.posts.iter().find_map(|post| post.spec.cpu).map_or(Pin::None, Pin::Cpu),
+        disorder: None,
+        progress: options.progress,
+        live: None,
+    };
+    let (path, recording) = open_recording(&options, &notes, from_ns)?;
+    // From here on the processes wait for nobody else.
+    membership.announce_lead().map_err(RunError::from)?;
+    let mut flight =
+        Flight::find(&options, &membership, stop, &notes, (path.as_deref(), recording))?;
+    let who = before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
+    let outcome = match flight.take_over(&notes, &membership, &options) {
+        Ok(()) => {
+            let s = flight.begun.0 as f64 * 1e-9;
+            flight.notice(&format!("took run {run} over at {s:.3} s{who}, which had died"));
+            flight.fly()
+        }
+        Err(error) => Outcome::Lost(error),
+    };
+    let (summary, _) = flight.conclude(outcome, &options, &run, path);
+    Ok(summary)
+}
+
+impl AdoptOptions {
+    /// Where to record: as asked for, or beside the recording before.
+    fn recording_folder(&self, notes: &Notes) -> Option<PathBuf> {
+        let beside = || Some(notes.of.recording.as_deref()?.parent()?.to_path_buf());
+        self.record.clone().or_else(beside).filter(|_| !self.no_record)
+    }
+}
+
+/// The recording from here on, which says what it continues.
+fn open_recording(
+    options: &RunOptions,
+    notes: &Notes,
+    from_ns: u64,
+) -> Result<(Option<PathBuf>, Option<Recording>), RunError> {
+    let Some(folder) = options.record.as_deref() else { return Ok((None, None)) };
+    let Of { run, recording: before, adoptions, epoch_unix_ns } = &notes.of;
+    let mut number = adoptions + 1;
+    let mut path = recording_path(folder, &format!("{run}-adopted-{number}"))?;
+    while path.exists() {
+        // Of a launcher that died before it led.
+        number += 1;
+        path = recording_path(folder, &format!("{run}-adopted-{number}"))?;
+    }
+    let before = before.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy());
+    let file = match (before, adoptions) {
+        (None, _) => "a flight that nobody recorded".to_owned(),
+        (Some(first), 0) => first.into_owned(),
+        (Some(_), number) => format!("{run}-adopted-{number}.mcap"),
+    };
+    let continues = Some(Continued { file, from_ns });
+    let facts = Facts { epoch_unix_ns: *epoch_unix_ns, continues, ..facts(run, options) };
+    let mut recording = Recording::create(&path, &facts)?;
+    recording.set_start(notes.clock.0.start_mono_ns);
+    Ok((Some(path), Some(recording)))
+}
+
+impl Flight {
+    /// Finds everything that a launcher leads, with the ports of its own.
+    fn find(
+        options: &RunOptions,
+        membership: &Membership,
+        stop: StopFlags,
+        notes: &Notes,
+        (path, recording): (Option<&Path>, Option<Recording>),
+    ) -> Result<Self, AdoptError> {
+        let scenario = &options.scenario;
+        let folder = membership.folder();
+        let graph = graph_of(scenario)?;
+        remove_unborn_objects(folder);
+        let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        let services = HeldServices::take_over(&bus)?;
+        let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
+        let of = Of { adoptions: notes.of.adoptions + 1, ..notes.of.clone() };
+        let policy = restart_policy(scenario);
+        let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
+        // A launcher's services admit one writer: the dead one has to be swept away first.
+        let supervisor = loop {
+            bus.sweep_dead_processes();
+            let notebook = Notebook::new(folder, of.clone(), &notes.clock.0);
+            let found =
+                Supervisor::take_over(&bus, folder.to_path_buf(), notes, &hello, policy, notebook);
+            match found {
+                Err(_) if mono_now_ns() < give_up_ns => sleep_until(mono_now_ns() + 20_000_000),
+                found => break found?,
+            }
+        };
+        let startup_ns =
+            shared_types::time::ns_from_s(scenario.settings().launcher.startup_timeout_s);
+        let slots = Slots::none_yet(&notes.posts, scenario, startup_ns);
+        let end_ns = scenario.duration_ns();
+        let conductor = Conductor::take_over(&bus, notes.clock.0, end_ns, &graph)?;
+        // The dead launcher's socket; nobody listens there.
+        let _ = std::fs::remove_file(folder.join(SOCKET));
+        let name = &scenario.settings().scenario.name;
+        let flying = Flying::new(notes.of.epoch_unix_ns, stamps_of(options));
+        let live = Live::open(folder, &notes.of.run, name, path, flying)?;
+        let crewed =
+            Crewed { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
+        Ok(Self::of(crewed, options)?)
+    }
+
+    /// Takes the lead: says again what the launcher before has said last, brings the pilot back, and
+    /// goes on with each slot as its consumer has it.
+    fn take_over(
+        &mut self,
+        notes: &Notes,
+        membership: &Membership,
+        options: &RunOptions,
+    ) -> Result<(), String> {
+        let now_ns = mono_now_ns();
+        self.begun = (self.conductor.wall_ns(now_ns), now_ns);
+        self.progress_at = (now_ns, 0);
+        self.script.skip_before(self.begun.0);
+        self.orders.go_on(&notes.guidance.0, &notes.disturbance.0);
+        self.conductor.say_again();
+        let led = self.supervisor.go_on(notes, &mut self.tap, now_ns);
+        led.map_err(|error| error.to_string())?;
+        let pilot = pilot_thread::start(
+            options.scenario.clone(),
+            self.graph.clone(),
+            &membership.ipc_config(),
+            self.pilot_stop.clone(),
+            if let Pin::Cpu(cpu) = options.pin { Some(cpu) } else { None },
+            Entry::InFlight { generation: self.supervisor.pilot_generation() },
+        );
+        self.pilot = Some(pilot.map_err(|error| format!("cannot start the pilot: {error}"))?);
+        self.listen(notes);
+        for record in &notes.owners {
+            let posts = &notes.posts;
+            let living: Vec<_> = self.supervisor.living().collect();
+            self.with_slots(mono_now_ns(), |slots, means| {
+                slots.take_over(&record.0, posts, &living, means)
+            })
+            .map_err(|error| error.to_string())?;
+        }
+        Ok(())
+    }
+
+    /// Waits until the consumers have said whom they obey: what happened to a slot while nobody led is
+    /// known to them alone.
+    fn listen(&mut self, notes: &Notes) {
+        let position_too = notes.posts.iter().any(|post| post.place().role == Role::Position);
+        let give_up_ns = mono_now_ns() + HEAR_LIMIT_NS;
+        while mono_now_ns() < give_up_ns {
+            self.tap.drain(mono_now_ns());
+            let watch = self.tap.consumers.slot_watch.as_ref();
+            if watch.is_none_or(|watch: &SlotWatch| watch.has_heard(position_too)) {
+                return;
+            }
+            sleep_until(mono_now_ns() + LOOK_EVERY_NS);
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! The end of a flight and its summary.
+
+use super::{Flight, Outcome};
+use observe::stopwatch::Stopwatch;
+use runtime::clock::mono_now_ns;
+use simulate::Summary;
+use simulate::setup::RunOptions;
+use std::path::PathBuf;
+
+impl Flight {
+    /// Stops a flight that never started.
+    pub(super) fn abort(&mut self) {
+        self.supervisor.kill_all();
+        self.stop_pilot();
+    }
+
+    fn stop_pilot(&mut self) -> Option<String> {
+        self.pilot_stop.request();
+        let ended = self.pilot.take()?.join();
+        match ended {
+            Ok(Ok(_)) => None,
+            Ok(Err(error)) => Some(format!("pilot: {error}")),
+            Err(_) => Some("pilot: panicked".to_owned()),
+        }
+    }
+
+    pub(super) fn conclude(
+        mut self,
+        outcome: Outcome,
+        options: &RunOptions,
+        id: &str,
+        recording_path: Option<PathBuf>,
+    ) -> (Summary, Option<Stopwatch>) {
+        let (from_ns, begun_mono_ns) = self.begun;
+        let wall_ns = mono_now_ns().saturating_sub(begun_mono_ns);
+        if matches!(outcome, Outcome::Killed | Outcome::Lost(_)) {
+            self.supervisor.kill_all();
+        }
+        let pilot_error = self.stop_pilot();
+        self.tap.drain(mono_now_ns());
+        self.bus.sweep_dead_processes();
+        if let Some(bar) = &self.progress {
+            bar.finish_and_clear();
+        }
+        let flown_ns = self.drained_ns().max(from_ns).min(self.conductor.end_ns());
+        self.tap.consumers.metrics.finish();
+        self.slots.finish();
+        let ignored: u64 = self.bus.strays().iter().map(|stray| stray.samples).sum();
+        if ignored > 0 {
+            self.notice(&format!("{ignored} samples of strangers ignored"));
+        }
+        let mut summary = Summary {
+            run_id: id.to_owned(),
+            scenario: options.scenario.settings().scenario.name.clone(),
+            clock: self.conductor.mode(),
+            seed: options.scenario.settings().scenario.seed,
+            from_ns,
+            flown_ns,
+            planned_ns: options.scenario.duration_ns(),
+            wall_ns,
+            processes: self.graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
+            hash: self.tap.consumers.hash.hex(),
+            log_hash: self.tap.consumers.log_hash.hex(),
+            metrics: core::mem::take(&mut self.tap.consumers.metrics),
+            audit: self.tap.consumers.audit.clone(),
+            recovered: self.supervisor.recovered,
+            swaps: core::mem::take(&mut self.slots.reports),
+            orders: core::mem::take(&mut self.orders.reports),
+            notices: core::mem::take(&mut self.notices),
+            lost: pilot_error,
+            interrupted: false,
+            cut_short: self.conductor.is_cut_short(),
+            recording: recording_path,
+            recording_error: self.tap.consumers.recording_error.take(),
+        };
+        match outcome {
+            Outcome::Flown => {}
+            Outcome::Interrupted | Outcome::Killed => summary.interrupted = true,
+            Outcome::Lost(reason) => summary.lost = Some(reason),
+        }
+        self.tap.consumers.finish(&mut summary);
+        (summary, self.tap.consumers.stopwatch.take())
+    }
+}

@@ -1,0 +1,209 @@
+//! How a flight comes into the air.
+
+use super::{Flight, LOOK_EVERY_NS};
+use crate::conductor::Conductor;
+use crate::disorder;
+use crate::grants::Grants;
+use crate::live::Live;
+use crate::notes::Notebook;
+use crate::pilot_thread::{self, Entry};
+use crate::rehearser::Rehearser;
+use crate::supervisor::{RestartPolicy, Supervisor};
+use crate::tap::Tap;
+use observe::Metrics;
+use record::Recording;
+use runtime::Graph;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::ipc::{Bus, ServiceKind};
+use runtime::namespace::Membership;
+use runtime::watch::StopFlags;
+use scenario::Scenario;
+use scenario::components::Crew;
+use scenario::orders::Planner;
+use scenario::process::OWN_EXECUTABLE;
+use scenario::process::has_process;
+use shared_types::time::ns_from_s;
+use shared_types::{ClockMode, Hello, Role};
+use simulate::Consumers;
+use simulate::setup::{
+    RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
+};
+use swap::FlightError;
+use swap::child::{ChildSpec, Launch};
+use swap::services::{HeldServices, Wakers};
+use swap::{Script, SlotWatch, Slots};
+
+/// From the announcement of a realtime flight to its start \[ns\].
+const COUNTDOWN_NS: u64 = 100_000_000;
+
+/// A flight's processes and what they are led with.
+pub(super) struct Crewed {
+    pub(super) graph: Graph,
+    pub(super) bus: Bus,
+    pub(super) services: HeldServices,
+    pub(super) supervisor: Supervisor,
+    pub(super) slots: Slots,
+    pub(super) conductor: Conductor,
+    pub(super) recording: Option<Recording>,
+    pub(super) live: Live,
+    pub(super) stop: StopFlags,
+}
+
+/// What a scenario says about crashes.
+pub(super) fn restart_policy(scenario: &Scenario) -> RestartPolicy {
+    let patience = &scenario.settings().launcher;
+    RestartPolicy {
+        backoff_ns: ns_from_s(patience.restart_backoff_s),
+        backoff_max_ns: ns_from_s(patience.restart_backoff_max_s),
+        limit: patience.restart_limit as usize,
+    }
+}
+
+pub(super) fn graph_of(scenario: &Scenario) -> Result<Graph, RunError> {
+    scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))
+}
+
+impl Flight {
+    pub(super) fn prepare(
+        options: &RunOptions,
+        membership: &Membership,
+        stop: StopFlags,
+        recording: Option<Recording>,
+        (live, notebook): (Live, Notebook),
+    ) -> Result<Self, RunError> {
+        let scenario = &options.scenario;
+        let graph = graph_of(scenario)?;
+        let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        let services = HeldServices::create(&bus)?;
+        let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
+        let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
+        let cpu = pinned_cpu(options.pin, clock_of(scenario));
+        let crew = Crew::of(scenario.settings());
+        let spec = |role: Role| {
+            let (name, executable) = (crew.name(role)?.to_owned(), OWN_EXECUTABLE.into());
+            let launch = Launch::Service { config: None };
+            Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
+        };
+        let processes = roles.iter().filter(|role| has_process(**role));
+        let mut specs: Vec<_> = processes.filter_map(|&role| spec(role)).collect();
+        if let Some(seed) = options.disorder {
+            disorder::shuffle(&mut specs, seed, &allowed_processors()?);
+        }
+        let startup_ns = ns_from_s(scenario.settings().launcher.startup_timeout_s);
+        let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
+        let folder = membership.folder().to_path_buf();
+        let policy = restart_policy(scenario);
+        let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, notebook)?;
+        let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
+        let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
+        let crewed =
+            Crewed { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
+        Self::of(crewed, options)
+    }
+
+    /// The flight around its processes, before anything has been drained.
+    pub(super) fn of(crewed: Crewed, options: &RunOptions) -> Result<Self, RunError> {
+        let Crewed {
+            graph,
+            bus,
+            services,
+            supervisor,
+            slots,
+            conductor,
+            recording,
+            mut live,
+            stop,
+        } = crewed;
+        let settings = options.scenario.settings();
+        let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
+        let mut consumers = Consumers::new(&roles, Metrics::of(&options.scenario), recording);
+        consumers.slot_watch = Some(SlotWatch::new(&options.scenario.modelled_vehicle()));
+        consumers.feed = live.take_feed();
+        Ok(Self {
+            tap: Tap::open(&bus, &graph, consumers)?,
+            conductor,
+            wakers: Wakers::open(&bus, &roles)?,
+            supervisor,
+            slots,
+            script: Script::new(settings, &graph),
+            orders: Planner::of(&options.scenario)
+                .map_err(|error| RunError::NotReady(format!("pilot: {error}")))?,
+            graph,
+            pilot: None,
+            pilot_stop: StopFlags::default(),
+            stop,
+            bus,
+            live,
+            _services: services,
+            begun: (0, 0),
+            stall_limit_ns: ns_from_s(settings.launcher.stall_timeout_s),
+            lag_limit_ns: ns_from_s(settings.launcher.lag_timeout_s),
+            progress_at: (0, 0),
+            rehearser: Rehearser::new(clock_of(&options.scenario) == ClockMode::Realtime),
+            drained_ns: 0,
+            known_strays: 0,
+            progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
+            notices: Vec::new(),
+        })
+    }
+
+    /// Starts everybody and waits until all are ready, then starts the clock.
+    pub(super) fn start(
+        &mut self,
+        membership: &Membership,
+        options: &RunOptions,
+        grants: &Grants,
+    ) -> Result<(), RunError> {
+        let scenario = &options.scenario;
+        let not_ready = |error: FlightError| RunError::NotReady(error.to_string());
+        self.supervisor.start_all().map_err(not_ready)?;
+        let pilot = pilot_thread::start(
+            scenario.clone(),
+            self.graph.clone(),
+            &membership.ipc_config(),
+            self.pilot_stop.clone(),
+            pinned_cpu(options.pin, clock_of(scenario)),
+            Entry::AtTheStart,
+        );
+        self.pilot = Some(pilot.map_err(system("start the pilot"))?);
+        if let Some(lacking) = grants.lacking() {
+            self.notice(&lacking);
+        } else if let Some(granted) = grants.granted() {
+            self.say(&granted);
+        }
+        let limit_s = scenario.settings().launcher.startup_timeout_s;
+        let deadline_ns = mono_now_ns() + ns_from_s(limit_s);
+        loop {
+            let ready = self.supervisor.await_ready(&self.graph, &mut self.tap);
+            let ready = ready.map_err(not_ready)?;
+            self.tend_slots(mono_now_ns()).map_err(not_ready)?;
+            if ready && self.supervisor.owners_known() {
+                break;
+            }
+            if self.stop.signalled() {
+                return Err(RunError::Interrupted);
+            }
+            if mono_now_ns() > deadline_ns {
+                let names = self.supervisor.not_ready();
+                return Err(not_ready(FlightError::StartupTimeout { names, limit_s }));
+            }
+            self.answer(mono_now_ns()).map_err(not_ready)?;
+            sleep_until(mono_now_ns() + LOOK_EVERY_NS);
+        }
+        let realtime = self.conductor.mode() == ClockMode::Realtime;
+        let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };
+        if let Some(recording) = &mut self.tap.consumers.recording {
+            recording.set_start(start_ns);
+        }
+        let cap_ns = self.cap_ns(u64::MAX);
+        self.conductor.start(start_ns, cap_ns);
+        self.begun = (0, start_ns);
+        if let Some(stopwatch) = &mut self.tap.consumers.stopwatch {
+            stopwatch.started(start_ns);
+        }
+        self.supervisor.note_clock(self.conductor.record());
+        self.wakers.wake_all();
+        self.progress_at = (mono_now_ns(), 0);
+        Ok(())
+    }
+}

@@ -1,0 +1,96 @@
+//! What the main loop looks at besides: strangers, loops that stand still, what is to be told.
+
+use super::Flight;
+use crate::conductor::Patience;
+use record::Severity;
+use shared_types::{ClockMode, Role, RollEntry, Seat};
+
+impl Flight {
+    /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
+    pub(super) fn name_strays(&mut self) {
+        let strays = self.bus.strays();
+        for stray in strays.iter().skip(self.known_strays) {
+            let comm = std::fs::read_to_string(format!("/proc/{}/comm", stray.pid));
+            let name = comm.as_deref().map_or("gone by now", str::trim);
+            self.notice(&format!(
+                "process {} ({name}) writes on {} without a seat: every sample of it is ignored",
+                stray.pid, stray.service
+            ));
+        }
+        self.known_strays = strays.len();
+    }
+
+    pub(super) fn mark_of(&self, entry: &RollEntry) -> u64 {
+        let seat = Seat { role: entry.role, index: entry.seat };
+        self.tap.marks.of_seat(seat, entry.generation)
+    }
+
+    /// Kills whoever could step and has not for too long.
+    pub(super) fn watch_progress(&mut self, drained: u64, now_ns: u64) {
+        if let Some(bar) = &self.progress {
+            bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
+        }
+        let present: Vec<RollEntry> = self.supervisor.present().copied().collect();
+        // Permission counts as well: whoever has just got it, after time was held, has not stood still.
+        let realtime = self.conductor.mode() == ClockMode::Realtime;
+        let allowed_ns = if realtime { 0 } else { self.conductor.allowed_ns() };
+        let marks = present.iter().map(|entry| self.mark_of(entry));
+        // So does arriving: a process may take long to start while time is held for it.
+        let known = allowed_ns.wrapping_add(present.len() as u64);
+        let total = marks.fold(known, u64::wrapping_add);
+        if !realtime && total != self.progress_at.1 {
+            self.progress_at = (now_ns, total);
+        }
+        let since_ns = self.progress_at.0;
+        // In realtime a successor gets as long to catch up as it may then lag.
+        let patience_ns = if realtime { 2 * self.lag_limit_ns } else { self.stall_limit_ns };
+        if now_ns.saturating_sub(since_ns) > patience_ns {
+            let patience = Patience {
+                now_mono_ns: now_ns,
+                stall_ns: self.stall_limit_ns,
+                lag_ns: self.lag_limit_ns,
+            };
+            let marks = &self.tap.marks;
+            let stalled = self.conductor.stalled(&self.graph, &present, marks, patience);
+            if !stalled.is_empty() {
+                self.progress_at.0 = now_ns;
+                self.supervisor.kill_stalled(&stalled, &self.tap);
+            }
+        }
+    }
+
+    /// Lets who measures see what each process takes, while nobody has left yet.
+    pub(super) fn look_at_processes(&mut self, now_ns: u64) {
+        let over = self.drained_ns >= self.conductor.end_ns();
+        let Some(stopwatch) = self.tap.consumers.stopwatch.as_mut() else { return };
+        if over || !stopwatch.wants_look(now_ns) {
+            return;
+        }
+        let crew = self.supervisor.crew().filter(|member| member.ready);
+        let crew = crew.filter_map(|m| Some((m.seat.role, m.seat.index, m.name, m.pid?)));
+        let pilot = self.graph.node(Role::Pilot).map(|node| node.role.label());
+        let pilot = pilot.map(|name| (Role::Pilot, 0, name, std::process::id()));
+        stopwatch.look(now_ns, crew.chain(pilot));
+    }
+
+    pub(super) fn publish_notices(&mut self, logical_ns: u64) {
+        for notice in core::mem::take(&mut self.supervisor.notices) {
+            let consumers = &mut self.tap.consumers;
+            consumers.note(logical_ns, Severity::Warning, &notice.source, &notice.text);
+            self.notice(&notice.text);
+        }
+    }
+
+    pub(super) fn notice(&mut self, text: &str) {
+        self.say(text);
+        self.notices.push(text.to_owned());
+    }
+
+    /// Says what need not be remembered.
+    pub(super) fn say(&self, text: &str) {
+        match &self.progress {
+            Some(bar) => bar.suspend(|| eprintln!("morphquad: {text}")),
+            None => eprintln!("morphquad: {text}"),
+        }
+    }
+}

@@ -1,0 +1,21 @@
+//! A flight of processes: `morphquad run`, from a scenario to a flown flight, a summary and a recording.
+//!
+//! [`run`] starts the processes, publishes the clock, supervises and records them and sums the flight up; [`adopt`]
+//! goes on with a flight whose launcher has died. `supervisor.rs` has what happens when a process dies.
+
+mod audience;
+mod burst;
+mod conductor;
+mod disorder;
+mod flight;
+mod grants;
+mod live;
+mod notes;
+mod pilot_thread;
+mod processes;
+mod rehearser;
+mod supervisor;
+mod tap;
+
+pub use burst::Burst;
+pub use flight::{AdoptError, AdoptOptions, adopt, run, run_measured};

@@ -1,0 +1,321 @@
+//! What the next launcher would have to know, in the run's folder: `launcher.json`.
+//!
+//! What a launcher publishes dies with it, so it notes it beside: roll, owner records, clock, and which
+//! process it has started for which seat, as what. In lockstep only who began is noted: time stands still
+//! without the conductor that knows how far it went.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use shared_types::wire::{Value, Wire};
+use shared_types::{
+    ClockMode, ClockRecord, DisturbanceOrder, GuidanceOrder, Hello, OwnerRecord, Progress, Roll,
+    RollEntry, Sample, Topic, TopicVisitor, topics,
+};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use swap::PostNote;
+use thiserror::Error;
+
+/// Name of the file.
+const FILE: &str = "launcher.json";
+/// Raised when the file changes its shape.
+const FORMAT: u32 = 2;
+
+const DIGITS: &[u8; 16] = b"0123456789abcdef";
+
+/// Who wrote the notes.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Author {
+    format: u32,
+    version: String,
+    executable: PathBuf,
+    /// By sample type.
+    layouts: BTreeMap<String, String>,
+}
+
+/// Of which flight they are.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Of {
+    pub(super) run: String,
+    /// The first recording, before anybody took over.
+    pub(super) recording: Option<PathBuf>,
+    /// Launchers that have taken over so far.
+    pub(super) adoptions: u32,
+    /// Unix time that stands for logical time 0 \[ns\].
+    pub(super) epoch_unix_ns: u64,
+}
+
+/// Everything that is noted.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Notes {
+    author: Author,
+    pub(super) of: Of,
+    pub(super) clock: Packed<ClockRecord>,
+    pub(super) roll: Vec<Packed<RollEntry>>,
+    pub(super) owners: Vec<Packed<OwnerRecord>>,
+    pub(super) guidance: Packed<GuidanceOrder>,
+    pub(super) disturbance: Packed<DisturbanceOrder>,
+    pub(super) posts: Vec<PostNote>,
+}
+
+/// A value in its packed form, as hexadecimal digits.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Packed<T>(pub(super) T);
+
+impl<T: Value> Serialize for Packed<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut bytes = vec![0; T::PACKED_SIZE];
+        self.0.pack(&mut bytes);
+        let digits =
+            |byte: &u8| [byte >> 4, byte & 15].map(|digit| char::from(DIGITS[usize::from(digit)]));
+        serializer.collect_str(&bytes.iter().flat_map(digits).collect::<String>())
+    }
+}
+
+impl<'de, T: Value> Deserialize<'de> for Packed<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let pair =
+            |at: usize| text.get(at..at + 2).and_then(|two| u8::from_str_radix(two, 16).ok());
+        let bytes: Option<Vec<u8>> = (0..text.len()).step_by(2).map(pair).collect();
+        let bytes = bytes.filter(|bytes| bytes.len() == T::PACKED_SIZE);
+        bytes.map(|bytes| Self(T::unpack(&bytes))).ok_or_else(|| {
+            de::Error::custom(format!("not the {} bytes of a packed value", T::PACKED_SIZE))
+        })
+    }
+}
+
+/// Why notes are of no use here.
+#[derive(Debug, Error)]
+pub(super) enum NotesError {
+    #[error(
+        "{type_name} is laid out otherwise by its launcher ({theirs}) than by this executable ({ours}): take it over with the build that flies, {executable}"
+    )]
+    Layout { type_name: String, theirs: String, ours: String, executable: PathBuf },
+    #[error(
+        "it was started by morphquad {version}, whose notes this one cannot read: take it over with the build that flies, {executable}"
+    )]
+    Version { version: String, executable: PathBuf },
+    #[error("the notes of its launcher in {path} cannot be read: {reason}")]
+    Unreadable { path: PathBuf, reason: String },
+}
+
+impl Notes {
+    /// What the launcher of the run in `folder` has noted.
+    pub(super) fn read(folder: &Path) -> Result<Self, NotesError> {
+        #[derive(Deserialize)]
+        struct Head {
+            author: Author,
+        }
+        let path = folder.join(FILE);
+        let unreadable = |reason: String| NotesError::Unreadable { path: path.clone(), reason };
+        let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
+        let head: Head =
+            serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))?;
+        head.author.require_same_build()?;
+        serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))
+    }
+}
+
+impl Author {
+    fn this() -> Self {
+        Self {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            executable: std::env::current_exe().unwrap_or_default(),
+            layouts: layouts(),
+        }
+    }
+
+    fn require_same_build(self) -> Result<(), NotesError> {
+        let Self { format, version, executable, layouts: theirs } = self;
+        if format != FORMAT {
+            return Err(NotesError::Version { version, executable });
+        }
+        for (type_name, ours) in layouts() {
+            let theirs = theirs.get(&type_name).cloned().unwrap_or_else(|| "unknown".to_owned());
+            if theirs != ours {
+                return Err(NotesError::Layout { type_name, theirs, ours, executable });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Layouts of everything that processes say to one another.
+fn layouts() -> BTreeMap<String, String> {
+    struct Layouts(BTreeMap<String, String>);
+    impl Layouts {
+        fn add<T: Wire>(&mut self) {
+            let hash = format!("{:016x}", T::SCHEMA.layout_hash);
+            self.0.insert(T::SCHEMA.name.to_owned(), hash);
+        }
+    }
+    impl TopicVisitor for Layouts {
+        type Error = core::convert::Infallible;
+        fn visit<T: Sample>(&mut self, _topic: &'static Topic<T>) -> Result<(), Self::Error> {
+            self.add::<T>();
+            Ok(())
+        }
+    }
+    let mut layouts = Layouts(BTreeMap::new());
+    let Ok(()) = topics::visit_all(&mut layouts);
+    layouts.add::<ClockRecord>();
+    layouts.add::<Roll>();
+    layouts.add::<Hello>();
+    layouts.add::<Progress>();
+    layouts.0
+}
+
+/// Keeps the notes of a flight.
+pub(super) struct Notebook {
+    path: PathBuf,
+    notes: Notes,
+    trouble: Option<String>,
+    troubled: bool,
+}
+
+impl Notebook {
+    /// Opens the notes of a flight by its first words.
+    pub(super) fn open(folder: &Path, of: Of, mode: ClockMode) -> Self {
+        let mut notebook = Self::new(folder, of, &ClockRecord { mode, ..ClockRecord::default() });
+        notebook.save();
+        notebook
+    }
+
+    /// Notes with nothing on paper yet: what is there stays until the first [`write`](Self::write).
+    pub(super) fn new(folder: &Path, of: Of, clock: &ClockRecord) -> Self {
+        let notes = Notes {
+            author: Author::this(),
+            of,
+            clock: Packed(*clock),
+            roll: Vec::new(),
+            owners: Vec::new(),
+            guidance: Packed::default(),
+            disturbance: Packed::default(),
+            posts: Vec::new(),
+        };
+        Self { path: folder.join(FILE), notes, trouble: None, troubled: false }
+    }
+
+    /// Notes how time runs; on paper with the next [`write`](Self::write).
+    pub(super) fn clock(&mut self, record: &ClockRecord) {
+        self.notes.clock = Packed(*record);
+    }
+
+    /// Notes what has been ordered; on paper with the next [`write`](Self::write).
+    pub(super) fn orders(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
+        self.notes.guidance = Packed(*guidance);
+        self.notes.disturbance = Packed(*disturbance);
+    }
+
+    /// Notes who there is and who commands.
+    pub(super) fn write<'a>(
+        &mut self,
+        roll: &[RollEntry],
+        owners: impl Iterator<Item = &'a OwnerRecord>,
+        posts: impl Iterator<Item = PostNote>,
+    ) {
+        if self.notes.clock.0.mode == ClockMode::Lockstep {
+            return;
+        }
+        self.notes.roll = roll.iter().copied().map(Packed).collect();
+        self.notes.owners = owners.filter(|r| r.epoch > 0).copied().map(Packed).collect();
+        self.notes.posts = posts.collect();
+        self.save();
+    }
+
+    fn save(&mut self) {
+        if let Err(error) = self.replace()
+            && !core::mem::replace(&mut self.troubled, true)
+        {
+            self.trouble = Some(format!(
+                "cannot note in {} who flies: {error}; if this launcher dies, nobody can take over",
+                self.path.display()
+            ));
+        }
+    }
+
+    /// Whoever reads has the old notes or the new ones.
+    fn replace(&self) -> io::Result<()> {
+        let draft = self.path.with_extension("draft");
+        fs::write(&draft, serde_json::to_vec(&self.notes)?)?;
+        fs::rename(draft, &self.path)
+    }
+
+    /// What is wrong with the notes, once.
+    pub(super) fn take_trouble(&mut self) -> Option<String> {
+        self.trouble.take()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("notes-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn of() -> Of {
+        Of { run: "7f3a".to_owned(), recording: None, adoptions: 0, epoch_unix_ns: 5 }
+    }
+
+    #[test]
+    fn what_was_noted_is_read_again_number_by_number() {
+        let folder = folder("again");
+        let mut notebook = Notebook::open(&folder, of(), ClockMode::Realtime);
+        let entry = RollEntry { node: [u64::MAX, 7], period_ns: 3, ..RollEntry::default() };
+        let record = OwnerRecord { epoch: 4, owner: 1, ..OwnerRecord::default() };
+        let clock = ClockRecord {
+            speed: 0.1,
+            end_ns: u64::MAX - 1,
+            mode: ClockMode::Realtime,
+            ..ClockRecord::default()
+        };
+        notebook.clock(&clock);
+        notebook.write(&[entry], [record, OwnerRecord::default()].iter(), core::iter::empty());
+        assert_eq!(notebook.take_trouble(), None);
+        let notes = Notes::read(&folder).unwrap();
+        assert_eq!((notes.roll[0].0.node, notes.roll[0].0.period_ns), ([u64::MAX, 7], 3));
+        assert_eq!(notes.owners.len(), 1, "before the first there is none");
+        assert_eq!((notes.owners[0].0.epoch, notes.owners[0].0.owner), (4, 1));
+        assert_eq!(notes.clock.0.end_ns, u64::MAX - 1);
+        assert_eq!(notes.clock.0.speed.to_bits(), 0.1_f64.to_bits());
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn notes_of_another_build_are_refused_with_what_differs() {
+        let folder = folder("build");
+        let refused = |edit: &dyn Fn(&mut serde_json::Value)| {
+            Notebook::open(&folder, of(), ClockMode::Realtime);
+            let path = folder.join(FILE);
+            let mut value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+            edit(&mut value);
+            fs::write(&path, value.to_string()).unwrap();
+            Notes::read(&folder).unwrap_err().to_string()
+        };
+        let layout = refused(&|notes| notes["author"]["layouts"]["Imu"] = "1".into());
+        assert!(layout.starts_with("Imu is laid out otherwise"), "{layout}");
+        let format = refused(&|notes| {
+            notes["author"]["format"] = 99.into();
+            notes["author"]["version"] = "9.9.9".into();
+        });
+        assert!(format.contains("morphquad 9.9.9"), "{format}");
+        let clock = refused(&|notes| notes["clock"] = "00".into());
+        assert!(clock.contains("cannot be read"), "{clock}");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn notes_that_cannot_be_written_are_a_trouble_once() {
+        let mut notebook = Notebook::open(Path::new("/nowhere/at/all"), of(), ClockMode::Realtime);
+        assert!(notebook.take_trouble().unwrap().contains("/nowhere/at/all"));
+        notebook.write(&[], [].iter(), core::iter::empty());
+        assert_eq!(notebook.take_trouble(), None);
+    }
+}

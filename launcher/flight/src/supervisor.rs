@@ -1,0 +1,331 @@
+//! Keeps the processes of a flight alive: ready, owners, restarts, stalls, obituaries.
+//!
+//! `roll_call.rs` has who comes, `deaths.rs` who goes, `take_over.rs` how the next launcher goes on.
+
+mod deaths;
+mod roll_call;
+mod take_over;
+
+use super::notes::Notebook;
+use super::tap::Tap;
+use runtime::Graph;
+use runtime::clock::{WallMap, mono_now_ns, sleep_until};
+use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
+use scenario::orders::Sent;
+use shared_types::{Flag, Handover, Hello, OwnerRecord, Role, RollEntry, Seat};
+use std::path::PathBuf;
+use swap::child::{ChildSpec, RunningChild, describe};
+use swap::post::Post;
+use swap::{FlightError, OrderSinks, PostEvent};
+use swap::{RollKeeper, SlotOwner};
+
+/// What to do about crashes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RestartPolicy {
+    /// Pause before the first restart; doubles with every further one \[ns\].
+    pub(super) backoff_ns: u64,
+    /// Longest pause \[ns\].
+    pub(super) backoff_max_ns: u64,
+    /// Restarts of one process within a minute before the flight is given up.
+    pub(super) limit: usize,
+}
+
+/// A line for the log of the flight.
+#[derive(Debug, Clone)]
+pub(super) struct Notice {
+    pub(super) source: String,
+    pub(super) text: String,
+}
+
+/// A process as others see it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Member<'a> {
+    pub(super) seat: Seat,
+    pub(super) name: &'a str,
+    pub(super) pid: Option<u32>,
+    pub(super) generation: u32,
+    pub(super) ready: bool,
+    pub(super) finished: bool,
+}
+
+/// Supervises all processes of one flight.
+pub(super) struct Supervisor {
+    folder: PathBuf,
+    policy: RestartPolicy,
+    posts: Vec<Post>,
+    hello: IpcSource<Hello>,
+    roll: RollKeeper,
+    slots: Vec<SlotOwner>,
+    orders: OrderSinks,
+    events: Vec<PostEvent>,
+    notebook: Notebook,
+    /// The pilot of a flight that was taken over: it joins in the air.
+    pilot: Option<Post>,
+    /// Logical time of a flight that was taken over.
+    wall: Option<WallMap>,
+    pub(super) notices: Vec<Notice>,
+    pub(super) recovered: u64,
+}
+
+impl Supervisor {
+    /// Prepares the posts; nothing is started yet.
+    pub(super) fn new(
+        bus: &Bus,
+        folder: PathBuf,
+        specs: Vec<(Role, ChildSpec)>,
+        hello: &TopicFactory<Hello>,
+        policy: RestartPolicy,
+        notebook: Notebook,
+    ) -> Result<Self, PortError> {
+        let posts = specs.into_iter().map(|(role, spec)| Post::open(bus, Seat::first(role), spec));
+        Ok(Self {
+            folder,
+            policy,
+            posts: posts.collect::<Result<_, _>>()?,
+            hello: IpcSource::with_capacity(hello, 64)?,
+            roll: RollKeeper::open(bus)?,
+            slots: SlotOwner::open_all(bus)?,
+            orders: OrderSinks::open(bus)?,
+            events: Vec::new(),
+            notebook,
+            pilot: None,
+            wall: None,
+            notices: Vec::new(),
+            recovered: 0,
+        })
+    }
+
+    /// Starts every process.
+    pub(super) fn start_all(&mut self) -> Result<(), FlightError> {
+        for post in &mut self.posts {
+            if post.spec.pause_ns > 0 {
+                sleep_until(mono_now_ns() + post.spec.pause_ns);
+            }
+            start(post, &self.folder, false)?;
+        }
+        self.note();
+        Ok(())
+    }
+
+    /// Takes in who has become ready. True once everybody is, and every slot has an owner.
+    pub(super) fn await_ready(
+        &mut self,
+        graph: &Graph,
+        tap: &mut Tap,
+    ) -> Result<bool, FlightError> {
+        for post in &mut self.posts {
+            if let Some(status) = post.child.as_mut().and_then(RunningChild::exited) {
+                return Err(FlightError::NotReady {
+                    name: post.spec.name.clone(),
+                    how: describe(status),
+                    words: post.words(),
+                });
+            }
+        }
+        for joined in self.take_hellos(true, tap) {
+            // The pilot holds the position slot of a rig flight.
+            let role = joined.seat.role;
+            let rigged = |slot: &&mut SlotOwner| {
+                slot.role != role && graph.slot_holder(slot.role) == role && slot.epoch() == 0
+            };
+            if let Some(slot) = self.slots.iter_mut().find(rigged) {
+                slot.begin(joined.period_ns, &mut tap.marks);
+                slot.publish();
+            }
+            self.events.extend(joined.to_event());
+        }
+        // A reader that joined after the record was written has it only now.
+        self.serve_late_joiners();
+        let nodes = graph.nodes().iter();
+        let seated = nodes.clone().all(|n| self.present().any(|e| e.role == n.role));
+        Ok(seated)
+    }
+
+    /// True once every slot has an owner.
+    pub(super) fn owners_known(&self) -> bool {
+        self.slots.iter().all(|slot| slot.epoch() > 0)
+    }
+
+    /// Lets processes that have just joined see owners and states.
+    fn serve_late_joiners(&mut self) {
+        self.posts.iter_mut().chain(&mut self.pilot).for_each(Post::serve_late_joiners);
+        self.slots.iter_mut().for_each(SlotOwner::serve_late_joiners);
+        self.orders.serve_late_joiners();
+        self.roll.serve_late_joiners();
+    }
+
+    /// Names of those who are not ready.
+    pub(super) fn not_ready(&self) -> String {
+        let waiting = self.posts.iter().filter(|post| !post.ready);
+        let names: Vec<_> = waiting.map(|post| post.spec.name.as_str()).collect();
+        if names.is_empty() { "pilot".to_owned() } else { names.join(", ") }
+    }
+
+    /// Who takes part now.
+    pub(super) fn present(&self) -> impl Iterator<Item = &RollEntry> {
+        self.roll.entries().iter().filter(|entry| entry.present.is_set())
+    }
+
+    /// Looks after deaths and successors; call often.
+    pub(super) fn look_after(
+        &mut self,
+        bus: &Bus,
+        tap: &mut Tap,
+        keeps: &dyn Fn(Seat) -> bool,
+        now_ns: u64,
+    ) -> Result<(), FlightError> {
+        for index in 0..self.posts.len() {
+            self.bury_the_dead(bus, index, keeps, tap, now_ns)?;
+            let post = &mut self.posts[index];
+            if post.restart_at_ns.is_some_and(|at| now_ns >= at) {
+                post.restart_at_ns = None;
+                let has_state = tap.last_state(post.seat).is_some();
+                post.generation += 1;
+                // Without a state a process begins with the flight, or now if that is long ago.
+                let in_flight = has_state || !post.goes_on || self.wall.is_some();
+                start(post, &self.folder, in_flight)?;
+                self.note();
+            }
+        }
+        let now_logical_ns = self.wall.map_or(0, |wall| wall.logical_ns(now_ns));
+        for joined in self.take_hellos(false, tap) {
+            let seat = joined.seat;
+            let mut posts = self.posts.iter_mut().chain(&mut self.pilot);
+            let post = posts.find(|post| post.seat == seat);
+            let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
+            if post.goes_on {
+                // It is on the roll before it can say a word.
+                let state = tap.last_state(seat).filter(|_| seat.role != Role::Pilot);
+                let order = Handover {
+                    has_state: Flag::from(state.is_some()),
+                    join_ns: if state.is_some() { 0 } else { now_logical_ns },
+                    ..Handover::default()
+                };
+                post.hand_over(order, state.unwrap_or_default());
+            } else {
+                self.events.extend(joined.to_event());
+            }
+        }
+        self.serve_late_joiners();
+        Ok(())
+    }
+
+    /// What has happened in the slots since the last time.
+    pub(super) fn take_events(&mut self) -> Vec<PostEvent> {
+        core::mem::take(&mut self.events)
+    }
+
+    /// Starts a process on a seat that is free.
+    pub(super) fn spawn(
+        &mut self,
+        bus: &Bus,
+        seat: Seat,
+        spec: ChildSpec,
+    ) -> Result<(), FlightError> {
+        let before = self.posts.iter().position(|post| post.seat == seat);
+        let mut post = Post::open(bus, seat, spec)?;
+        if let Some(before) = before {
+            post.generation = self.posts.swap_remove(before).generation + 1;
+        }
+        post.goes_on = false;
+        start(&mut post, &self.folder, true)?;
+        self.posts.push(post);
+        self.note();
+        Ok(())
+    }
+
+    /// Starts the process of a seat again; it will be told where to begin.
+    pub(super) fn restart(&mut self, seat: Seat, now_ns: u64) -> Result<(), FlightError> {
+        let Some(index) = self.posts.iter().position(|post| post.seat == seat) else {
+            return Ok(());
+        };
+        let pause_ns = self.pause_before_restart(index, now_ns).map_err(|reason| {
+            let (how, words) = ("keeps dying".to_owned(), String::new());
+            FlightError::Lost { name: self.posts[index].spec.name.clone(), how, words, reason }
+        })?;
+        self.recovered += 1;
+        let post = &mut self.posts[index];
+        post.goes_on = false;
+        post.restart_at_ns = Some(now_ns + pause_ns);
+        Ok(())
+    }
+
+    /// Lets a process begin that has been started in flight.
+    pub(super) fn hand_over(&mut self, seat: Seat, order: Handover, state: &[u8]) {
+        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
+            post.hand_over(order, state);
+        }
+    }
+
+    /// Tells everybody who owns a slot from when.
+    pub(super) fn announce(&mut self, record: OwnerRecord, tap: &mut Tap) {
+        let Some(slot) = self.slots.iter().position(|slot| slot.role == record.slot) else {
+            return;
+        };
+        self.slots[slot].take(record, &mut tap.marks);
+        // Noted before anybody hears of it: no launcher may find an epoch that it does not know.
+        self.note();
+        self.slots[slot].publish();
+    }
+
+    /// Tells pilot or injector what has been ordered.
+    pub(super) fn send_order(&mut self, sent: &Sent) {
+        self.orders.take(sent);
+        self.note();
+        self.orders.send(sent);
+    }
+
+    /// How many processes have had a seat before the one that has it, or had it last.
+    pub(super) fn generation(&self, seat: Seat) -> Option<u32> {
+        self.posts.iter().find(|post| post.seat == seat).map(|post| post.generation)
+    }
+
+    /// Seat of the process of this name that is not in a slot, or of the only one of its role.
+    pub(super) fn seat_of(&self, name: &str) -> Option<Seat> {
+        self.posts.iter().find(|post| post.spec.name == name).map(|post| post.seat)
+    }
+
+    /// True while a process on a seat is to be waited for at the end: it flies to the end.
+    fn flies_on(post: &Post) -> bool {
+        post.child.is_some() || post.restart_at_ns.is_some()
+    }
+
+    /// Who fills which seat now, for those who ask.
+    pub(super) fn crew(&self) -> impl Iterator<Item = Member<'_>> {
+        // Whoever has left its seat in a slot is not there any more.
+        let there = |post: &&Post| post.seat.role.seats() == 1 || Self::flies_on(post);
+        self.posts.iter().filter(there).map(|post| Member {
+            seat: post.seat,
+            name: &post.spec.name,
+            pid: post.child.as_ref().map(RunningChild::pid),
+            generation: post.generation,
+            ready: post.ready,
+            finished: post.finished,
+        })
+    }
+
+    /// The last owner record of each slot, after its first.
+    pub(super) fn owners(&self) -> impl Iterator<Item = &OwnerRecord> {
+        self.slots.iter().map(SlotOwner::last).filter(|record| record.epoch > 0)
+    }
+
+    /// True once every process has finished its flight.
+    pub(super) fn all_finished(&self) -> bool {
+        self.posts.iter().all(|post| post.finished || !Self::flies_on(post))
+    }
+
+    /// Names of processes still running.
+    pub(super) fn unfinished(&self) -> Vec<&str> {
+        let running = self.posts.iter().filter(|post| Self::flies_on(post));
+        running.map(|post| post.spec.name.as_str()).collect()
+    }
+}
+
+fn start(
+    post: &mut Post,
+    folder: &std::path::Path,
+    awaits_handover: bool,
+) -> Result<(), FlightError> {
+    let name = post.spec.name.clone();
+    post.start(folder, awaits_handover).map_err(|source| FlightError::Start { name, source })
+}

@@ -1,0 +1,188 @@
+//! Deaths, those in order and the others, and what ends processes.
+
+use super::{Notice, Supervisor};
+use crate::tap::Tap;
+use runtime::clock::{mono_now_ns, sleep_until};
+use runtime::ipc::Bus;
+use runtime::namespace::remove_unborn_objects;
+use shared_types::{Role, RollEntry, Seat};
+use swap::child::{Death, RunningChild, describe};
+use swap::post::Post;
+use swap::{FlightError, PostEvent};
+
+/// Restarts older than this no longer count against a process \[ns\].
+const RESTART_WINDOW_NS: u64 = 60_000_000_000;
+
+/// Deaths at one instant of the flight after which a controller is not started again in place.
+const DEATHS_MAX: u32 = 2;
+
+/// How long a killed process may take to be gone \[ns\].
+const KILL_LIMIT_NS: u64 = 1_000_000_000;
+
+/// Why nothing comes after the plant.
+pub(super) const PLANT_GONE: &str =
+    "the plant is the world and cannot be restarted: the flight ends";
+
+impl Supervisor {
+    #[expect(clippy::too_many_lines, reason = "one way of dying after another")]
+    pub(super) fn bury_the_dead(
+        &mut self,
+        bus: &Bus,
+        index: usize,
+        keeps: &dyn Fn(Seat) -> bool,
+        tap: &mut Tap,
+        now_ns: u64,
+    ) -> Result<(), FlightError> {
+        let post = &mut self.posts[index];
+        let Some(death) = post.child.as_mut().and_then(RunningChild::exited) else {
+            return Ok(());
+        };
+        let in_order = match death {
+            Death::Status(status) => status.success(),
+            Death::Unseen => has_left(post, tap, now_ns),
+        };
+        if in_order {
+            let words = if post.ready { String::new() } else { post.words() };
+            post.finished = true;
+            post.child = None;
+            let place = post.seat;
+            if place.role.seats() > 1 {
+                let unheard = !post.ready && !post.scripted;
+                let obituary = unheard.then(|| {
+                    let (name, words) = (post.spec.name.clone(), words);
+                    format!("{name} exited with status 0 before it said hello{words}")
+                });
+                self.leave_roll(place, tap);
+                self.events.push(PostEvent::Gone { place, obituary });
+            }
+            return Ok(());
+        }
+        let name = post.spec.name.clone();
+        let how = describe(death);
+        let words = post.words();
+        post.child = None;
+        // What it said last goes with what it leaves behind.
+        tap.drain(now_ns);
+        remove_unborn_objects(&self.folder);
+        bus.sweep_dead_processes();
+        let lost = |reason: String| {
+            let (name, how, words) = (name.clone(), how.clone(), words.clone());
+            FlightError::Lost { name, how, words, reason }
+        };
+        if post.seat.role == Role::Plant {
+            return Err(lost(PLANT_GONE.to_owned()));
+        }
+        if post.seat.role.seats() > 1 {
+            // Whoever dies of what it meets there would do so again and again.
+            let mark_ns = tap.marks.of_seat(post.seat, post.generation);
+            let (times, there_ns) = post.died;
+            post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
+        }
+        let incurable = post.died.0 > DEATHS_MAX;
+        if post.seat.role.seats() > 1 && (post.scripted || incurable || !keeps(post.seat)) {
+            // Who commands the slot now is not decided here.
+            let place = post.seat;
+            let obituary = (!post.scripted).then(|| format!("{name} {how}{words}"));
+            post.scripted = false;
+            post.ready = false;
+            post.died = (0, 0);
+            self.leave_roll(place, tap);
+            self.events.push(PostEvent::Gone { place, obituary });
+            return Ok(());
+        }
+        post.goes_on = true;
+        let delay_ns = self.pause_before_restart(index, now_ns).map_err(lost)?;
+        let post = &mut self.posts[index];
+        post.restart_at_ns = Some(now_ns + delay_ns);
+        post.ready = false;
+        self.recovered += 1;
+        let text = format!("{name} {how}{words}; restarting it from its last state");
+        self.notices.push(Notice { source: name, text });
+        Ok(())
+    }
+
+    /// Counts a restart and tells how long to wait before it, or why there shall be none \[ns\].
+    pub(super) fn pause_before_restart(
+        &mut self,
+        index: usize,
+        now_ns: u64,
+    ) -> Result<u64, String> {
+        let post = &mut self.posts[index];
+        post.restarts.retain(|at| at + RESTART_WINDOW_NS > now_ns);
+        let count = post.restarts.len();
+        if count >= self.policy.limit {
+            return Err(format!("restarted {count} times within a minute: the flight ends"));
+        }
+        post.restarts.push(now_ns);
+        Ok((self.policy.backoff_ns << count.min(20)).min(self.policy.backoff_max_ns))
+    }
+
+    /// Ends a process; its death is told as an event.
+    pub(crate) fn kill(&mut self, seat: Seat) {
+        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
+            post.scripted = true;
+            if let Some(child) = &mut post.child {
+                child.kill();
+            }
+        }
+    }
+
+    /// What a process has said on its standard error until now, for the end of a sentence.
+    pub(crate) fn words_so_far(&self, seat: Seat) -> String {
+        let post = self.posts.iter().find(|post| post.seat == seat);
+        post.map(Post::words_so_far).unwrap_or_default()
+    }
+
+    /// Stops a process without ending it, and lets nobody wait for it any more.
+    pub(crate) fn stop(&mut self, seat: Seat, tap: &mut Tap) {
+        if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat)
+            && let Some(child) = &mut post.child
+        {
+            child.stop();
+            self.leave_roll(seat, tap);
+        }
+    }
+
+    /// Ends a process and waits until it is gone, so that a scripted death has its instant.
+    pub(crate) fn kill_at_once(&mut self, seat: Seat) {
+        self.kill(seat);
+        let post = self.posts.iter_mut().find(|post| post.seat == seat);
+        let Some(child) = post.and_then(|post| post.child.as_mut()) else { return };
+        let give_up_ns = mono_now_ns() + KILL_LIMIT_NS;
+        while child.exited().is_none() && mono_now_ns() < give_up_ns {
+            sleep_until(mono_now_ns() + 100_000);
+        }
+    }
+
+    /// Kills processes that have permission to step and do not, unless they only wait for a processor.
+    pub(crate) fn kill_stalled(&mut self, stalled: &[RollEntry], tap: &Tap) {
+        for entry in stalled {
+            let seat = Seat { role: entry.role, index: entry.seat };
+            let post = self.posts.iter_mut().find(|post| post.seat == seat);
+            let mark_ns = tap.marks.of_seat(seat, entry.generation);
+            if let Some(post) = post
+                && post.kill_if_hung(mark_ns)
+            {
+                let source = post.spec.name.clone();
+                let text = format!("{source} made no progress although it could, killing it");
+                self.notices.push(Notice { source, text });
+            }
+        }
+    }
+
+    /// Kills everybody, now.
+    pub(crate) fn kill_all(&mut self) {
+        for post in &mut self.posts {
+            post.restart_at_ns = None;
+            if let Some(child) = post.child.take() {
+                child.end();
+            }
+        }
+    }
+}
+
+/// True if a process whose exit status nobody has seen said before that nothing will follow.
+fn has_left(post: &Post, tap: &mut Tap, now_ns: u64) -> bool {
+    tap.drain(now_ns);
+    tap.marks.of_seat(post.seat, post.generation) == u64::MAX
+}

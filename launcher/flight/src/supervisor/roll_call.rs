@@ -1,0 +1,66 @@
+//! Who gets onto the roll, and who leaves it.
+
+use super::Supervisor;
+use crate::tap::Tap;
+use shared_types::{Hello, NodeId, Role, Seat};
+use swap::PostEvent;
+use swap::post::Post;
+
+/// A process that has just got onto the roll.
+pub(super) struct Joined {
+    pub(super) seat: Seat,
+    pub(super) layout: u64,
+    pub(super) period_ns: u64,
+}
+
+impl Joined {
+    /// For a slot of several seats.
+    pub(super) fn to_event(&self) -> Option<PostEvent> {
+        let Self { seat, layout, period_ns } = *self;
+        (seat.role.seats() > 1).then_some(PostEvent::Joined { place: seat, layout, period_ns })
+    }
+}
+
+impl Supervisor {
+    /// Enters who has become ready on the roll.
+    pub(super) fn take_hellos(&mut self, starting: bool, tap: &mut Tap) -> Vec<Joined> {
+        let mut joined = Vec::new();
+        while let Some((hello, node, pid)) = self.hello.receive_from() {
+            let seat = Seat { role: hello.role, index: hello.seat };
+            // The process that the transport names must be the one that was started for the seat.
+            let own = |post: &&mut Post| {
+                let started = post.child.as_ref().is_some_and(|child| child.pid() == pid);
+                post.seat == seat && post.generation == hello.generation && started
+            };
+            if let Some(post) = self.posts.iter_mut().find(own) {
+                post.ready = true;
+                post.layout = hello.state_layout;
+                post.period_ns = hello.period_ns;
+            } else if seat.role != Role::Pilot || pid != std::process::id() {
+                continue;
+            } else if let Some(pilot) = &mut self.pilot {
+                pilot.ready = true;
+            } else if !starting {
+                continue;
+            }
+            joined.push(Joined { seat, layout: hello.state_layout, period_ns: hello.period_ns });
+            self.enter(node, seat, &hello, tap);
+        }
+        joined
+    }
+
+    fn enter(&mut self, node: NodeId, seat: Seat, hello: &Hello, tap: &mut Tap) {
+        self.roll.enter(node, seat, hello.generation, hello.period_ns);
+        self.note();
+        self.roll.publish();
+        tap.marks.learn_roll(self.roll.entries());
+    }
+
+    /// Nobody waits for a seat any more.
+    pub(super) fn leave_roll(&mut self, seat: Seat, tap: &mut Tap) {
+        self.roll.leave(seat);
+        self.note();
+        self.roll.publish();
+        tap.marks.learn_roll(self.roll.entries());
+    }
+}

@@ -1,0 +1,174 @@
+//! What is noted for the next launcher, and how that one goes on from there.
+
+use super::deaths::PLANT_GONE;
+use super::{Notice, RestartPolicy, Supervisor};
+use crate::notes::{Notebook, Notes};
+use crate::tap::Tap;
+use runtime::clock::WallMap;
+use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
+use shared_types::{ClockRecord, Hello, OwnerRecord, Role, Seat};
+use std::path::PathBuf;
+use swap::FlightError;
+use swap::OrderSinks;
+use swap::PostNote;
+use swap::child::{ChildSpec, Launch, RunningChild};
+use swap::post::Post;
+use swap::{RollKeeper, SlotOwner};
+
+impl Supervisor {
+    /// Takes over from a launcher that has died: whoever lives is held, the others are counted as gone.
+    pub(crate) fn take_over(
+        bus: &Bus,
+        folder: PathBuf,
+        notes: &Notes,
+        hello: &TopicFactory<Hello>,
+        policy: RestartPolicy,
+        notebook: Notebook,
+    ) -> Result<Self, PortError> {
+        let posts = notes.posts.iter().map(|note| taken_over(bus, note));
+        let mut supervisor = Self {
+            folder,
+            policy,
+            posts: posts.collect::<Result<_, _>>()?,
+            hello: IpcSource::with_capacity(hello, 64)?,
+            roll: RollKeeper::open(bus)?,
+            slots: SlotOwner::open_all(bus)?,
+            orders: OrderSinks::open(bus)?,
+            events: Vec::new(),
+            notebook,
+            pilot: Some(pilot(bus, notes)?),
+            wall: Some(WallMap::new(&notes.clock.0)),
+            notices: Vec::new(),
+            recovered: 0,
+        };
+        let entries: Vec<_> = notes.roll.iter().map(|entry| entry.0).collect();
+        supervisor.roll.go_on(&entries);
+        supervisor.roll.leave(Seat::first(Role::Pilot));
+        let gone = supervisor.posts.iter().filter(|post| post.child.is_none());
+        let gone: Vec<Seat> = gone.map(|post| post.seat).collect();
+        for seat in gone {
+            supervisor.roll.leave(seat);
+        }
+        Ok(supervisor)
+    }
+
+    /// Says again who sits where and who commands, as the launcher before has said it last; whoever was
+    /// not in a slot and is gone is started again.
+    ///
+    /// # Errors
+    /// Nothing is left to fly.
+    pub(crate) fn go_on(
+        &mut self,
+        notes: &Notes,
+        tap: &mut Tap,
+        now_ns: u64,
+    ) -> Result<(), FlightError> {
+        self.roll.publish();
+        tap.marks.learn_roll(self.roll.entries());
+        for slot in &mut self.slots {
+            let of_slot = |record: &&OwnerRecord| record.slot == slot.role;
+            if let Some(record) = notes.owners.iter().map(|r| &r.0).find(of_slot) {
+                slot.take(*record, &mut tap.marks);
+                slot.publish();
+            }
+        }
+        self.orders.go_on(&notes.guidance.0, &notes.disturbance.0);
+        let dead = |post: &&mut Post| post.child.is_none() && !post.finished;
+        for post in self.posts.iter_mut().filter(dead) {
+            if post.seat.role == Role::Plant {
+                return Err(FlightError::Lost {
+                    name: post.spec.name.clone(),
+                    how: "died while nobody led the flight".to_owned(),
+                    words: String::new(),
+                    reason: PLANT_GONE.to_owned(),
+                });
+            }
+            if post.seat.role.seats() == 1 {
+                post.restart_at_ns = Some(now_ns);
+                self.recovered += 1;
+                let text = format!(
+                    "{} has died while nobody led the flight: starting it anew, without its state",
+                    post.spec.name
+                );
+                let source = post.spec.name.clone();
+                self.notices.push(Notice { source, text });
+            }
+        }
+        self.note();
+        Ok(())
+    }
+
+    /// Seats whose processes live, with layout and period of each \[ns\].
+    pub(crate) fn living(&self) -> impl Iterator<Item = (Seat, u64, u64)> {
+        let living = self.posts.iter().filter(|post| post.child.is_some() && post.ready);
+        living.map(|post| (post.seat, post.layout, post.period_ns))
+    }
+
+    /// Generation of the pilot of a flight that was taken over.
+    pub(crate) fn pilot_generation(&self) -> u32 {
+        self.pilot.as_ref().map_or(0, |pilot| pilot.generation)
+    }
+
+    /// Notes how time runs.
+    pub(crate) fn note_clock(&mut self, record: &ClockRecord) {
+        self.notebook.clock(record);
+        self.note();
+    }
+
+    /// Notes who there is and who commands.
+    pub(super) fn note(&mut self) {
+        let posts = self.posts.iter().map(|post| PostNote {
+            role: post.seat.role.label().to_owned(),
+            seat: post.seat.index,
+            generation: post.generation,
+            spec: post.spec.clone(),
+            process: post.child.as_ref().map(|child| (child.pid(), post.started)),
+            ready: post.ready,
+            finished: post.finished,
+            layout: post.layout,
+            period_ns: post.period_ns,
+        });
+        let (guidance, disturbance) = self.orders.last();
+        self.notebook.orders(guidance, disturbance);
+        self.notebook.write(self.roll.entries(), self.slots.iter().map(SlotOwner::last), posts);
+        if let Some(text) = self.notebook.take_trouble() {
+            self.notices.push(Notice { source: "launcher".to_owned(), text });
+        }
+    }
+}
+
+fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
+    let mut post = Post::open(bus, note.place(), note.spec.clone())?;
+    let mut living = note.process.and_then(|(pid, started)| RunningChild::take_over(pid, started));
+    // It waits for a word that its launcher can no longer say.
+    if let Some(waits) = living.take_if(|_| !note.ready) {
+        waits.end();
+    }
+    post.started = note.process.map_or(0, |(_, started)| started);
+    // Somebody may have been started here whom nobody has noted.
+    post.generation = note.generation + u32::from(living.is_none());
+    post.ready = living.is_some();
+    post.finished = note.finished;
+    post.child = living;
+    post.layout = note.layout;
+    post.period_ns = note.period_ns;
+    Ok(post)
+}
+
+/// The pilot died with its launcher; the next one joins as another generation.
+fn pilot(bus: &Bus, notes: &Notes) -> Result<Post, PortError> {
+    let seat = Seat::first(Role::Pilot);
+    let spec = ChildSpec {
+        name: seat.role.label().to_owned(),
+        executable: PathBuf::new(),
+        launch: Launch::Service { config: None },
+        cpu: None,
+        nice: None,
+        pause_ns: 0,
+    };
+    let mut post = Post::open(bus, seat, spec)?;
+    let of_pilot = notes.roll.iter().filter(|entry| entry.0.role == Role::Pilot);
+    post.generation = of_pilot.map(|entry| entry.0.generation + 1).max().unwrap_or(0);
+    post.awaits_handover = true;
+    Ok(post)
+}

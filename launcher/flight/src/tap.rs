@@ -1,0 +1,143 @@
+//! Drains every topic and state of the run, off the loops.
+
+use record::Stream;
+use runtime::ipc::{
+    Bus, IpcSource, LatestPort, PortError, ServiceKind, StateSubscriber, recorder_capacity,
+};
+use runtime::{Graph, SeatMarks, Source as _};
+use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
+use simulate::Consumers;
+
+/// One topic's reader with its type forgotten.
+trait TapPort {
+    /// Takes everything that has arrived; the number of samples.
+    fn drain(&mut self, consumers: &mut Consumers, receipt_mono_ns: u64) -> usize;
+}
+
+struct TypedTap<T: Sample> {
+    topic: &'static Topic<T>,
+    stream: Stream,
+    source: IpcSource<T>,
+}
+
+impl<T: Sample> TapPort for TypedTap<T> {
+    fn drain(&mut self, consumers: &mut Consumers, receipt_mono_ns: u64) -> usize {
+        let mut count = 0;
+        while let Some(sample) = self.source.receive() {
+            consumers.take(self.topic, self.stream, &sample, receipt_mono_ns);
+            count += 1;
+        }
+        count
+    }
+}
+
+struct Opener<'a> {
+    bus: &'a Bus,
+    graph: &'a Graph,
+    consumers: &'a Consumers,
+    ports: Vec<Box<dyn TapPort>>,
+}
+
+impl TopicVisitor for Opener<'_> {
+    type Error = PortError;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
+        if let Some(stream) = self.consumers.stream(&topic.info) {
+            let from = self.graph.producer(&topic.info);
+            let source = self.bus.reader_of(topic, from, recorder_capacity(&topic.info))?;
+            self.ports.push(Box::new(TypedTap { topic, stream, source }));
+        }
+        Ok(())
+    }
+}
+
+/// Last complete state from one seat.
+#[derive(Debug, Clone, Default)]
+struct LastState {
+    bytes: Vec<u8>,
+    generation: u32,
+    /// Its release \[ns\] and sequence.
+    place: (u64, u64),
+}
+
+/// What is known of a seat.
+struct SeatTap {
+    seat: Seat,
+    progress: LatestPort<Progress>,
+    states: StateSubscriber,
+    last_state: LastState,
+}
+
+/// Readers of everything.
+pub(super) struct Tap {
+    ports: Vec<Box<dyn TapPort>>,
+    seats: Vec<SeatTap>,
+    /// What has been promised and not yet drained.
+    promised: Vec<(Seat, Progress)>,
+    /// Marks as far as everything they promise has been drained.
+    pub(super) marks: SeatMarks,
+    pub(super) consumers: Consumers,
+}
+
+impl Tap {
+    pub(super) fn open(bus: &Bus, graph: &Graph, consumers: Consumers) -> Result<Self, PortError> {
+        let mut opener = Opener { bus, graph, consumers: &consumers, ports: Vec::new() };
+        topics::visit_all(&mut opener)?;
+        let ports = opener.ports;
+        let open = |seat| {
+            Ok(SeatTap {
+                seat,
+                progress: LatestPort::progress(bus, seat)?,
+                states: StateSubscriber::open(bus, ServiceKind::State(seat))?,
+                last_state: LastState::default(),
+            })
+        };
+        let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
+        let seats = seats.map(open).collect::<Result<_, PortError>>()?;
+        Ok(Self { ports, seats, promised: Vec::new(), marks: SeatMarks::default(), consumers })
+    }
+
+    /// Last complete state published from a seat; none before the first.
+    pub(super) fn last_state(&self, seat: Seat) -> Option<&[u8]> {
+        let tap = self.seats.iter().find(|tap| tap.seat == seat)?;
+        Some(tap.last_state.bytes.as_slice()).filter(|bytes| !bytes.is_empty())
+    }
+
+    /// Generation of the process that published it.
+    pub(super) fn last_state_of(&self, seat: Seat) -> Option<(u32, &[u8])> {
+        let generation = self.seats.iter().find(|tap| tap.seat == seat)?.last_state.generation;
+        self.last_state(seat).map(|state| (generation, state))
+    }
+
+    /// Takes everything that has arrived; the number of samples.
+    pub(super) fn drain(&mut self, now_mono_ns: u64) -> usize {
+        // Marks first: when they are raised below, what they promise has been drained.
+        for tap in &mut self.seats {
+            let promised = &mut self.promised;
+            tap.progress.for_each_new(|progress| promised.push((tap.seat, *progress)));
+        }
+        let mut count = 0;
+        for port in &mut self.ports {
+            count += port.drain(&mut self.consumers, now_mono_ns);
+        }
+        for tap in &mut self.seats {
+            let SeatTap { seat, states, last_state: last, .. } = tap;
+            let consumers = &mut self.consumers;
+            while states.receive(|header, bytes| {
+                let place = (header.release_ns, header.sequence);
+                if place <= last.place {
+                    return;
+                }
+                last.place = place;
+                last.generation = header.generation;
+                last.bytes.clear();
+                last.bytes.extend_from_slice(bytes);
+                consumers.take_state(seat.role, header, bytes, now_mono_ns);
+            }) {}
+        }
+        for (Seat { role, index }, progress) in self.promised.drain(..) {
+            self.marks.advance(role, index, progress.generation, progress.mark_ns);
+        }
+        self.consumers.flush_if_due(now_mono_ns);
+        count
+    }
+}

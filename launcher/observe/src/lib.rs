@@ -1,0 +1,31 @@
+//! What is made of the samples of a flight, one by one: its hash, what is measured of it and what it is judged by.
+//!
+//! [`Observer`] is what sees a flight. [`Metrics`] gathers the facts with bounded memory and judges; [`FlightHash`]
+//! and [`LogHash`] say whether two flights are the same; [`stopwatch`] and [`usage`] serve those who measure times.
+
+mod command_audit;
+mod course_bins;
+mod estimate_log;
+mod evidence;
+mod hash;
+mod judgement;
+mod loops;
+mod metrics;
+mod misses;
+mod observer;
+mod response;
+pub mod stopwatch;
+mod tracking;
+mod upkeep;
+pub mod usage;
+
+pub use command_audit::CommandTally;
+pub use hash::{FlightHash, LogHash, MACHINE_FIELDS};
+pub use judgement::{Closing, ENDED, FLOWN_NS, exit_code, read as read_end, told_end};
+pub use loops::{LoopLedger, seat_name};
+pub use metrics::{Effort, Metrics, News, VIOLATION_TOLERANCE};
+pub use misses::{EdgeName, MissLog, Missed, Place, TIMING};
+pub use observer::Observer;
+pub use response::{AxisResponse, SETTLED_RAD, StepResponse};
+pub use tracking::{Course, Tracking};
+pub use upkeep::Upkeep;

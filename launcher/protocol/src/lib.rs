@@ -1,0 +1,6 @@
+//! How others talk with a running flight: its control socket and its feed of samples.
+//!
+//! [`control`] answers questions and takes orders, [`topic`] lets others look at the samples. Each holds both ends.
+
+pub mod control;
+pub mod topic;

@@ -1,0 +1,212 @@
+//! What is fed with everything that a flight publishes: hash, sequence audit, metrics, recording.
+
+use super::summary::Summary;
+use observe::Observer;
+use observe::stopwatch::Stopwatch;
+use observe::{FlightHash, LogHash};
+use observe::{Metrics, News};
+use protocol::topic::feed::{Ending, Feed};
+use record::read::seat_config;
+use record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};
+use runtime::service::StateHeader;
+use shared_types::wire::Value as _;
+use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
+use swap::SlotWatch;
+
+/// A recording in lockstep stamps with logical time and asks for no receipt \[ns\].
+const NO_RECEIPT_NS: u64 = 0;
+
+/// Who tells what the launcher itself has seen.
+const LAUNCHER: &str = "launcher";
+
+/// Takes every sample and every state of a flight, in whatever order topics are drained.
+#[derive(Debug, Default)]
+pub struct Consumers {
+    /// Hash of what was flown.
+    pub hash: FlightHash,
+    /// Hash of every sample.
+    pub log_hash: LogHash,
+    /// Sequence numbers of all topics.
+    pub audit: SequenceAudit,
+    /// What is measured of it so far.
+    pub metrics: Metrics,
+    /// The recording, if there is one.
+    pub recording: Option<Recording>,
+    /// First error of the recording; the flight goes on without it.
+    pub recording_error: Option<String>,
+    /// What the slots want to know; none if nobody commands them by turns.
+    pub slot_watch: Option<SlotWatch>,
+    /// Keeps stamps for who measures; none if nobody does.
+    pub stopwatch: Option<Stopwatch>,
+    /// Lets others look on; none in one process.
+    pub feed: Option<Feed>,
+    /// Topics of the flight, under audit.
+    streams: Vec<(&'static TopicInfo, Stream)>,
+    /// Published states, under audit.
+    states: Vec<(Role, Stream)>,
+}
+
+impl Consumers {
+    /// For a flight in which `roles` take part.
+    #[must_use]
+    pub fn new(roles: &[Role], metrics: Metrics, recording: Option<Recording>) -> Self {
+        let mut audit = SequenceAudit::default();
+        let flown = topics::all().into_iter().filter(|topic| is_flown(topic, roles));
+        let streams = flown.map(|topic| (topic, audit.register(topic.name))).collect();
+        let state = |role: &Role| (*role, audit.register(format!("{STATES}{}", role.label())));
+        let states = roles.iter().map(state).collect();
+        Self { audit, metrics, recording, streams, states, ..Self::default() }
+    }
+
+    /// Audit of a topic that belongs to the flight.
+    #[must_use]
+    pub fn stream(&self, topic: &'static TopicInfo) -> Option<Stream> {
+        // The table is static: a topic has one address.
+        let mut streams = self.streams.iter();
+        streams.find(|(known, _)| core::ptr::eq(*known, topic)).map(|(_, stream)| *stream)
+    }
+
+    /// Takes a sample that the recorder received at `receipt_mono_ns` \[ns\].
+    pub fn take<T: Sample>(
+        &mut self,
+        topic: &'static Topic<T>,
+        stream: Stream,
+        sample: &T,
+        receipt_mono_ns: u64,
+    ) {
+        let header = sample.header();
+        let verdict = self.audit.observe(stream, header);
+        if verdict == Verdict::Repeated {
+            return;
+        }
+        self.hash.add(&topic.info, sample);
+        self.log_hash.add(&topic.info, sample);
+        self.metrics.observe(topic, sample);
+        if let Some(stopwatch) = &mut self.stopwatch {
+            stopwatch.observe(topic, sample);
+        }
+        if let Some(watch) = &mut self.slot_watch {
+            watch.observe(sample);
+        }
+        if let Some(feed) = &self.feed {
+            feed.offer(topic, sample);
+        }
+        for News { at_ns, severity, source, text } in self.metrics.take_news() {
+            self.note(at_ns, severity, source, &text);
+        }
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.write(topic, sample, receipt_mono_ns)
+        {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Takes word of who takes a slot's seat, from the supervisor.
+    pub fn tell_seating(&mut self, seating: &Seating, now_mono_ns: u64) {
+        if let Some(stream) = self.stream(&topics::SEATING.info) {
+            self.take(&topics::SEATING, stream, seating, now_mono_ns);
+        }
+    }
+
+    /// Takes the scenario that configures whoever has taken a seat.
+    pub fn attach_config(&mut self, seating: &Seating, text: &str) {
+        let name =
+            seat_config(Seat { role: seating.role, index: seating.seat }, seating.generation);
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.attach_scenario(&name, text)
+        {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Takes a packed state.
+    pub fn take_state(&mut self, role: Role, header: &Header, bytes: &[u8], receipt_mono_ns: u64) {
+        let Some(recording) = &mut self.recording else { return };
+        if let Some((_, stream)) = self.states.iter().find(|(known, _)| *known == role) {
+            self.audit.observe(*stream, header);
+        }
+        let layout_hash = bytes
+            .get(..StateHeader::PACKED_SIZE)
+            .map_or(0, |head| StateHeader::unpack(head).layout_hash);
+        let written = recording.write_state(role, header, layout_hash, bytes, receipt_mono_ns);
+        if let Err(error) = written {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Writes a sentence about the flight into the recording.
+    pub fn tell(&mut self, logical_ns: u64, text: &str) {
+        self.note(logical_ns, Severity::Info, LAUNCHER, text);
+    }
+
+    /// Writes what `source` tells into the recording, and lets whoever looks on know.
+    pub fn note(&mut self, logical_ns: u64, severity: Severity, source: &str, text: &str) {
+        let event = Event { logical_ns, severity, source, text };
+        if let Some(feed) = &self.feed {
+            feed.tell(&event);
+        }
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.write_event(&event)
+        {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Lets the recording reach the disk now and then.
+    pub fn flush_if_due(&mut self, now_mono_ns: u64) {
+        if let Some(recording) = &mut self.recording
+            && let Err(error) = recording.flush_if_due(now_mono_ns)
+        {
+            self.fail_recording(&error.to_string());
+        }
+    }
+
+    /// Keeps the first error of the recording.
+    pub fn fail_recording(&mut self, error: &str) {
+        self.recording_error.get_or_insert_with(|| error.to_owned());
+    }
+
+    /// Writes the summary into the recording and closes it, and tells whoever looks on how it ended.
+    pub fn finish(&mut self, summary: &mut Summary) {
+        let severity = if summary.verdict().passed() { Severity::Info } else { Severity::Error };
+        self.note(summary.flown_ns, severity, LAUNCHER, &summary.line());
+        if let Some(recording) = self.recording.take()
+            && let Err(error) = recording.finish(&summary.to_metadata())
+        {
+            // It says again why the recording stopped, and what it lacks.
+            summary.recording_error = Some(error.to_string());
+        }
+        if let Some(feed) = &self.feed {
+            feed.end(&Ending { is_good: summary.verdict().passed(), text: summary.line() });
+        }
+    }
+}
+
+/// A flight in one process is drained as it is published.
+impl Observer for Consumers {
+    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        if let Some(stream) = self.stream(&topic.info) {
+            self.take(topic, stream, sample, NO_RECEIPT_NS);
+        }
+    }
+
+    fn wants_states(&self) -> bool {
+        self.recording.is_some()
+    }
+
+    fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.take_state(role, header, state, NO_RECEIPT_NS);
+    }
+
+    fn note(&mut self, logical_ns: u64, warning: bool, text: &str) {
+        let severity = if warning { Severity::Warning } else { Severity::Info };
+        Self::note(self, logical_ns, severity, LAUNCHER, text);
+    }
+}
+
+/// True if a topic's samples belong to a flight in which `roles` take part.
+fn is_flown(topic: &TopicInfo, roles: &[Role]) -> bool {
+    topic.from == Role::Supervisor
+        || roles.contains(&topic.from)
+        || (topic.from == Role::Position && roles.contains(&Role::Pilot))
+}

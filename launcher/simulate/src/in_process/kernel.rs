@@ -1,0 +1,264 @@
+//! The loops of a flight in one process, step by step.
+
+use super::director::Director;
+use super::loops::{Connect, InstanceMark, Loop, StepContext};
+use super::marks::FlightMarks;
+use super::observer::Ears;
+use super::posts::Cabin;
+use super::resume::Checkpoint;
+use super::wires::Wires;
+use super::{Conclusion, InProcessError, Outside, PerfectState, StateSource};
+use core::cell::RefCell;
+use runtime::Graph;
+use runtime::graph::{CREDIT_NS, ROLES};
+use scenario::Scenario;
+use scenario::candidate::Slot;
+use scenario::components::{ComponentVisitor as _, Crew};
+use shared_types::{Role, Seat};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::rc::Rc;
+use swap::SlotWatch;
+
+/// A clock for the stamps of samples that nobody will read.
+fn no_clock() -> u64 {
+    0
+}
+
+/// A flight in progress, whoever observes it: [`InProcess`](super::InProcess) adds the observer.
+pub struct Kernel {
+    pub(super) graph: Graph,
+    pub(super) loops: Vec<Loop>,
+    pub(super) marks: FlightMarks,
+    /// Who changes the hands of slots, if they change.
+    director: Option<Box<Director>>,
+    end_ns: u64,
+    now_mono_ns: fn() -> u64,
+    /// The loop that is being stepped.
+    stepping: usize,
+    /// How far everybody has got, told to processes; kept for its room.
+    instances: Vec<InstanceMark>,
+}
+
+impl core::fmt::Debug for Kernel {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Kernel").field("marks", &self.marks).finish_non_exhaustive()
+    }
+}
+
+impl Kernel {
+    /// Before its first step, or at a checkpoint.
+    pub(super) fn build(
+        scenario: &Scenario,
+        state: StateSource,
+        ears: Ears,
+        (from, outside): (Option<&Checkpoint>, &Outside),
+    ) -> Result<Self, InProcessError> {
+        let graph = scenario.graph()?;
+        let crew = Crew::of(scenario.settings());
+        let scripted = scenario.settings().is_scripted() && from.is_none();
+        let watch =
+            scripted.then(|| Rc::new(RefCell::new(SlotWatch::new(&scenario.modelled_vehicle()))));
+        let mut wires = Wires::new(ears, watch.clone());
+        let mut loops = Vec::new();
+        for &node in graph.nodes() {
+            let place = Seat::first(node.role);
+            let generation = from.map_or(0, |checkpoint| checkpoint.generation(node.role));
+            let wires = &mut wires;
+            let connect = Connect { graph: &graph, node, place, generation, wires, from };
+            loops.push(match (state, node.role) {
+                (StateSource::Truth, Role::Estimator) => connect.visit(PerfectState::component()),
+                (_, role) => crew.build(role, scenario, connect).map_err(|error| {
+                    InProcessError::Component { role: role.label(), error: error.to_string() }
+                })?,
+            }?);
+        }
+        for slot in Slot::ALL {
+            // Otherwise the slot's own machine says who begins.
+            let by_director = scripted && graph.node(slot.role()).is_some();
+            if from.is_none() && !by_director {
+                wires.own(&graph, slot.role());
+            }
+        }
+        let (mut marks, mut director) = (FlightMarks::Plain([0; ROLES]), None);
+        if let Some(watch) = watch {
+            marks = FlightMarks::Seats(Box::default());
+            let cabin = Cabin::new(scenario, wires, watch, outside);
+            director = Some(Box::new(Director::new(cabin, &graph, &loops)?));
+        }
+        Ok(Self {
+            graph,
+            loops,
+            marks,
+            director,
+            end_ns: scenario.duration_ns(),
+            now_mono_ns: no_clock,
+            stepping: 0,
+            instances: Vec::new(),
+        })
+    }
+
+    /// Stamps samples by this clock from now on \[ns\]; without it all host stamps are 0.
+    pub fn stamp_by(&mut self, now_mono_ns: fn() -> u64) {
+        self.now_mono_ns = now_mono_ns;
+    }
+
+    /// Runs every release before `t_ns` and the end of the flight: each loop in turn as far as the
+    /// others permit, as processes do.
+    ///
+    /// # Errors
+    /// No step may run although the flight is not over, or a step panicked.
+    pub fn fly_until(&mut self, t_ns: u64) -> Result<(), InProcessError> {
+        // What a panic leaves behind is looked at, and never stepped again.
+        let flown = catch_unwind(AssertUnwindSafe(|| {
+            loop {
+                while self.fly_interval(t_ns) {}
+                if !self.direct(t_ns)? {
+                    return Ok(());
+                }
+            }
+        }));
+        if let Ok(Err(error)) = flown {
+            return Err(error);
+        }
+        if let Err(panic) = flown {
+            let l = &self.loops[self.stepping];
+            let t_s = l.stepper.next_ns() as f64 / 1e9;
+            let words = words(panic.as_ref());
+            return Err(InProcessError::Panicked { role: l.node.role.label(), t_s, words });
+        }
+        let flying = self.loops.iter().filter(|l| l.flies());
+        let slowest = flying.min_by_key(|l| l.stepper.next_ns());
+        let behind = slowest.filter(|l| l.stepper.next_ns() < t_ns.min(self.end_ns));
+        behind.map_or(Ok(()), |l| {
+            let t_s = l.stepper.next_ns() as f64 / 1e9;
+            Err(InProcessError::Stuck { t_s, role: l.node.role.label() })
+        })
+    }
+
+    /// Runs each loop as far as it may go now; false if nobody may.
+    fn fly_interval(&mut self, t_ns: u64) -> bool {
+        let allowed_ns = self.allowed_ns(t_ns);
+        let mut moved = false;
+        for index in 0..self.loops.len() {
+            let Loop { node, leave_ns, waits, .. } = &self.loops[index];
+            if *waits {
+                continue;
+            }
+            let allowed_ns = allowed_ns.min(*leave_ns);
+            let open_until_ns = self.graph.open_until_ns(node, &self.marks, allowed_ns);
+            while self.mark_ns(index) < open_until_ns && self.step_within(index, allowed_ns) {
+                moved = true;
+            }
+        }
+        moved
+    }
+
+    /// Lets those leave who have to, and does what is due in the slots once all that is allowed has been
+    /// flown; false if nothing comes of it. What is due at `t_ns` itself is left to whoever flies on.
+    fn direct(&mut self, t_ns: u64) -> Result<bool, InProcessError> {
+        let Some(director) = &mut self.director else { return Ok(false) };
+        if director.reap(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)? {
+            return Ok(true);
+        }
+        if director.retire(&mut self.loops, &mut self.marks) {
+            return Ok(true);
+        }
+        if t_ns < self.end_ns && director.allowed_ns >= t_ns {
+            return Ok(false);
+        }
+        let more = director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)?;
+        // Time waits for whoever has just been told to leave.
+        Ok(more || director.retire(&mut self.loops, &mut self.marks))
+    }
+
+    fn allowed_ns(&self, t_ns: u64) -> u64 {
+        if let Some(director) = &self.director {
+            return director.allowed_ns.min(self.end_ns).min(t_ns);
+        }
+        let slowest_ns = self.loops.iter().map(|l| l.stepper.next_ns()).min().unwrap_or(0);
+        slowest_ns.saturating_add(CREDIT_NS).min(self.end_ns).min(t_ns)
+    }
+
+    /// Publishes the totals of every loop: the last samples of a flight.
+    pub fn finish(&mut self) {
+        for one in self.loops.iter_mut().filter(|l| l.flies()) {
+            one.stepper.finish();
+        }
+    }
+
+    /// What came of the slots, at the end.
+    pub fn conclude(&mut self) -> Conclusion {
+        let Some(director) = &mut self.director else { return Conclusion::default() };
+        let (swaps, notices) = (director.reports(), core::mem::take(&mut director.notices));
+        let orders = core::mem::take(&mut director.orders.reports);
+        let (recovered, exits) = (director.recovered, core::mem::take(director.exits()));
+        Conclusion { swaps, orders, notices, recovered, exits }
+    }
+
+    /// Loops whose next step may run and lies before `t_ns` and the end of the flight. In whatever
+    /// order they are stepped, the flight is the same.
+    pub fn runnable(&self, t_ns: u64) -> impl Iterator<Item = usize> + '_ {
+        let allowed_ns = self.allowed_ns(t_ns);
+        (0..self.loops.len()).filter(move |&index| {
+            let Loop { node, waits, leave_ns, .. } = &self.loops[index];
+            let allowed_ns = allowed_ns.min(*leave_ns);
+            !waits && self.graph.runnable(node, self.mark_ns(index), &self.marks, allowed_ns)
+        })
+    }
+
+    /// Runs the next release of a loop that [`runnable`](Self::runnable) named.
+    pub fn step(&mut self, index: usize) {
+        let next_ns = self.mark_ns(index);
+        self.step_within(index, next_ns.saturating_add(1));
+    }
+
+    /// Runs the next release of a loop, and whatever else a process may run before `allowed_ns`; false if
+    /// the process has failed.
+    fn step_within(&mut self, index: usize, allowed_ns: u64) -> bool {
+        self.stepping = index;
+        self.instances.clear();
+        if self.loops[index].stepper.is_outside() {
+            let flying = self.loops.iter().filter(|l| l.flies());
+            self.instances.extend(flying.map(Loop::mark));
+        }
+        let (now_mono_ns, instances) = (self.now_mono_ns, self.instances.as_slice());
+        let one = &mut self.loops[index];
+        let done = one.stepper.step(&StepContext { now_mono_ns, allowed_ns, instances });
+        one.waits |= !done;
+        one.course.prepare(&mut *one.stepper);
+        self.marks.advance(one.place, one.generation, one.stepper.next_ns());
+        done
+    }
+
+    /// Next release of a loop \[ns\].
+    #[must_use]
+    pub fn mark_ns(&self, index: usize) -> u64 {
+        self.loops[index].stepper.next_ns()
+    }
+
+    /// Next release of each loop \[ns\].
+    #[must_use]
+    pub fn marks_ns(&self) -> Vec<(Role, u64)> {
+        self.loops.iter().map(|l| (l.node.role, l.stepper.next_ns())).collect()
+    }
+
+    /// Role of a loop.
+    #[must_use]
+    pub fn role(&self, index: usize) -> Role {
+        self.loops[index].node.role
+    }
+
+    /// Instant through which every loop is complete \[ns\].
+    #[must_use]
+    pub fn flown_ns(&self) -> u64 {
+        let flying = self.loops.iter().filter(|l| l.flies());
+        flying.map(|l| l.stepper.next_ns()).min().unwrap_or(0).min(self.end_ns)
+    }
+}
+
+/// What a panic said.
+fn words(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
+}

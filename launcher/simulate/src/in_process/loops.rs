@@ -1,0 +1,220 @@
+//! The loops of a flight in one process: components behind executors, with their types forgotten.
+
+use super::InProcessError;
+use super::observer::Overhear;
+use super::outside::{ExitReport, OutsideLoop};
+use super::resume::{Checkpoint, Feed};
+use super::wires::Wires;
+use replay::{Course, Repeats};
+use runtime::executor::{StateSink, StepStamps};
+use runtime::input::InputSet as _;
+use runtime::service::{RestoreError, ports_layout, state_layout};
+use runtime::{Executor, Graph, Node, Place, Service};
+use scenario::components::{Component, ComponentVisitor};
+use shared_types::{Handover, Header, Role, Seat};
+use std::rc::Rc;
+use swap::PostEvent;
+
+/// What a loop is told of the flight when it is to step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StepContext<'a> {
+    /// Reads the host clock.
+    pub(super) now_mono_ns: fn() -> u64,
+    /// Steps from here on may not run yet, whatever the marks say \[ns\].
+    pub(super) allowed_ns: u64,
+    /// How far all others have got; empty unless [`Stepper::is_outside`].
+    pub(super) instances: &'a [InstanceMark],
+}
+
+/// How far one loop has got.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct InstanceMark {
+    pub(super) place: Seat,
+    pub(super) generation: u32,
+    pub(super) period_ns: u64,
+    pub(super) mark_ns: u64,
+}
+
+/// A loop with its type forgotten: an executor, or a process of its own.
+pub(super) trait Stepper: Repeats {
+    /// True if the loop is a process, which needs to be told of all others.
+    fn is_outside(&self) -> bool {
+        false
+    }
+    /// True if the process of the loop has failed.
+    fn has_failed(&self) -> bool {
+        false
+    }
+    /// What has become of it then; told once.
+    fn take_failure(&mut self) -> Option<ExitReport> {
+        None
+    }
+    /// Begins where a hand-over says, in a flight whose loops have got so far.
+    fn begin(
+        &mut self,
+        order: &Handover,
+        state: &[u8],
+        instances: &[InstanceMark],
+    ) -> Result<(), RestoreError>;
+    fn layout(&self) -> u64;
+    /// Runs the next release; false if the loop has failed, and has not.
+    fn step(&mut self, context: &StepContext<'_>) -> bool;
+    fn finish(&mut self);
+    fn state(&mut self) -> Option<Vec<u8>>;
+    fn ports(&self) -> u64;
+    fn reseed(&mut self, seed: u64);
+    fn feed(&mut self, feed: &mut Feed<'_>);
+}
+
+impl<S: Service> Stepper for Executor<S> {
+    fn begin(
+        &mut self,
+        order: &Handover,
+        state: &[u8],
+        _instances: &[InstanceMark],
+    ) -> Result<(), RestoreError> {
+        Self::begin(self, order, state)
+    }
+    fn layout(&self) -> u64 {
+        state_layout::<S>()
+    }
+    fn step(&mut self, context: &StepContext<'_>) -> bool {
+        self.inputs.receive();
+        self.run_step(StepStamps::at_once(context.now_mono_ns));
+        true
+    }
+    fn finish(&mut self) {
+        Self::finish(self);
+    }
+    fn state(&mut self) -> Option<Vec<u8>> {
+        Self::state(self).map(<[u8]>::to_vec)
+    }
+    fn ports(&self) -> u64 {
+        ports_layout::<S>()
+    }
+    fn reseed(&mut self, seed: u64) {
+        Self::reseed(self, seed);
+    }
+    fn feed(&mut self, feed: &mut Feed<'_>) {
+        let Ok(()) = self.inputs.visit(feed);
+    }
+}
+
+/// Shows states to the observer.
+struct StateTap {
+    role: Role,
+    observer: Rc<dyn Overhear>,
+}
+
+impl StateSink for StateTap {
+    fn send(&mut self, header: &Header, state: &[u8]) {
+        self.observer.observe_state(self.role, header, state);
+    }
+    fn serve_late_joiners(&mut self) {}
+}
+
+/// Connects whatever component it is given.
+pub(super) struct Connect<'a> {
+    pub(super) graph: &'a Graph,
+    pub(super) node: Node,
+    pub(super) place: Seat,
+    pub(super) generation: u32,
+    pub(super) wires: &'a mut Wires,
+    pub(super) from: Option<&'a Checkpoint>,
+}
+
+impl ComponentVisitor for Connect<'_> {
+    type Output = Result<Loop, InProcessError>;
+    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
+        let taken_over =
+            self.from.and_then(|from| from.taken_over(self.node.role, &component.service));
+        let state = self.from.and_then(|checkpoint| checkpoint.state(self.node.role));
+        self.connect(component, taken_over.as_deref().or(state), taken_over.is_some())
+    }
+}
+
+impl Connect<'_> {
+    /// From `state`, which `tracks` if it is a predecessor's of another kind.
+    fn connect<S: Service + 'static>(
+        self,
+        component: Component<S>,
+        state: Option<&[u8]>,
+        tracks: bool,
+    ) -> Result<Loop, InProcessError> {
+        let Self { node, place: seat, generation, .. } = self;
+        let place = Place { seat: seat.index, generation };
+        let mut executor = Executor::new(component.service, node, place, component.state_every);
+        self.wires.connect(self.graph, &mut executor);
+        let observer = self.wires.observer();
+        if observer.wants_states() {
+            executor.connect_state(Box::new(StateTap { role: self.node.role, observer }));
+        }
+        if let Some(checkpoint) = self.from {
+            let role = self.node.role;
+            let restored = state.map_or(Ok(()), |state| executor.take_up(state));
+            restored.map_err(|error| InProcessError::Restore { role: role.label(), error })?;
+            if let Some(at_ns) = checkpoint.exact_ns() {
+                executor.continue_at(at_ns);
+            }
+            if tracks {
+                let first_ns = executor.mark_ns();
+                executor.join_at(first_ns, first_ns + 1);
+            }
+        }
+        Ok(Loop {
+            node,
+            place: seat,
+            generation,
+            period_ns: node.rate.period_ns(),
+            waits: false,
+            leave_ns: u64::MAX,
+            stepper: Box::new(executor),
+            course: Course::default(),
+        })
+    }
+}
+
+/// One loop of the flight.
+pub(super) struct Loop {
+    pub(super) node: Node,
+    /// Its seat, and how many have had that before.
+    pub(super) place: Seat,
+    pub(super) generation: u32,
+    pub(super) period_ns: u64,
+    /// It has been started in flight and not been told where to begin, has been stopped, or has failed.
+    pub(super) waits: bool,
+    /// From then on the seat is no longer its \[ns\].
+    pub(super) leave_ns: u64,
+    pub(super) stepper: Box<dyn Stepper>,
+    /// What it goes through again; nothing in a flight of its own.
+    pub(super) course: Course,
+}
+
+impl Loop {
+    /// A process that has said hello and not been told where to begin.
+    pub(super) fn outside(
+        (node, place, generation): (Node, Seat, u32),
+        process: OutsideLoop,
+    ) -> Self {
+        let period_ns = process.period_ns();
+        let (stepper, course) = (Box::new(process), Course::default());
+        let (waits, leave_ns) = (true, u64::MAX);
+        Self { node, place, generation, period_ns, waits, leave_ns, stepper, course }
+    }
+
+    /// How far it has got.
+    pub(super) fn mark(&self) -> InstanceMark {
+        let Self { place, generation, period_ns, .. } = *self;
+        InstanceMark { place, generation, period_ns, mark_ns: self.stepper.next_ns() }
+    }
+
+    pub(super) fn flies(&self) -> bool {
+        !self.waits
+    }
+
+    /// It is there, and may be told to begin.
+    pub(super) fn joined(&self) -> PostEvent {
+        let layout = self.stepper.layout();
+        PostEvent::Joined { place: self.place, layout, period_ns: self.period_ns }
+    }
+}

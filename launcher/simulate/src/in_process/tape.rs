@@ -1,0 +1,186 @@
+//! Everything that a flight has published, to take it up again in the middle.
+
+use ::observe::Observer;
+use record::read::RecordVisitor;
+use runtime::graph::ROLES;
+use runtime::service::StateHeader;
+use shared_types::wire::Value as _;
+use shared_types::{Deviation, Edge, Header, Role, Sample, Topic, TopicVisitor, topics};
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+
+/// Samples by topic and states by role, each in the order published.
+#[derive(Default)]
+pub struct Tape {
+    /// `Vec<T>` by topic name.
+    samples: BTreeMap<&'static str, Box<dyn Any + Send + Sync>>,
+    /// By [`Role::index`].
+    states: [Vec<Keyframe>; ROLES],
+}
+
+/// One published state.
+struct Keyframe {
+    header: Header,
+    release_ns: u64,
+    state: Vec<u8>,
+}
+
+impl core::fmt::Debug for Tape {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Tape").field("topics", &self.samples.keys()).finish_non_exhaustive()
+    }
+}
+
+impl Observer for Tape {
+    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        let log = self.samples.entry(topic.info.name).or_insert_with(|| Box::new(Vec::<T>::new()));
+        if let Some(log) = log.downcast_mut::<Vec<T>>() {
+            log.push(*sample);
+        }
+    }
+    fn wants_states(&self) -> bool {
+        true
+    }
+    fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        let head = state.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
+        if let (Some(head), Some(keyframes)) = (head, self.states.get_mut(role.index())) {
+            let (header, release_ns) = (*header, head.release_ns);
+            keyframes.push(Keyframe { header, release_ns, state: state.to_vec() });
+        }
+    }
+}
+
+/// A tape is also what a recording is read into.
+impl RecordVisitor for Tape {
+    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        self.observe(topic, sample);
+    }
+    fn state(&mut self, role: Role, header: &Header, state: &[u8]) {
+        self.observe_state(role, header, state);
+    }
+}
+
+impl Tape {
+    /// Samples of a topic.
+    #[must_use]
+    pub fn samples<T: Sample>(&self, topic: &'static Topic<T>) -> &[T] {
+        let log = self.samples.get(topic.info.name).and_then(|log| log.downcast_ref::<Vec<T>>());
+        log.map_or(&[], Vec::as_slice)
+    }
+
+    /// Samples that come after `sequence` and were released before `before_ns`; for topics with one
+    /// producer.
+    pub(super) fn waiting<T: Sample>(
+        &self,
+        topic: &'static Topic<T>,
+        sequence: u64,
+        before_ns: u64,
+    ) -> impl Iterator<Item = &T> {
+        let samples = self.samples(topic);
+        let first = samples.partition_point(|s| s.header().sequence <= sequence);
+        samples[first..].iter().take_while(move |s| s.header().release_ns < before_ns)
+    }
+
+    /// State of a role after its last keyframe before `t_ns`; none before its first.
+    #[must_use]
+    pub fn last_state_before(&self, role: Role, t_ns: u64) -> Option<&[u8]> {
+        let keyframes = self.states.get(role.index())?;
+        let after = keyframes.partition_point(|keyframe| keyframe.release_ns < t_ns);
+        Some(keyframes[after.checked_sub(1)?].state.as_slice())
+    }
+
+    /// How many times the process of a role had been restarted by `t_ns`.
+    #[must_use]
+    pub fn generation_at(&self, role: Role, t_ns: u64) -> u32 {
+        let keyframes = self.states.get(role.index()).into_iter().flatten();
+        let before = keyframes.take_while(|keyframe| keyframe.release_ns < t_ns);
+        before.map(|keyframe| keyframe.header.generation).last().unwrap_or(0)
+    }
+
+    /// What one life of a role's process told of its steps before `t_ns`.
+    pub fn told_by(
+        &self,
+        role: Role,
+        generation: u32,
+        t_ns: u64,
+    ) -> impl Iterator<Item = &Deviation> {
+        self.samples(&topics::DEVIATION).iter().filter(move |told| {
+            let Header { generation: life, release_ns, .. } = told.header;
+            told.role == role && life == generation && release_ns < t_ns
+        })
+    }
+
+    /// Shows an observer everything, as [`show_before`](Self::show_before) does.
+    pub fn show_all<O: Observer>(&self, observer: &mut O) {
+        // What is told ahead, of owners and seats, may be about later instants than any step.
+        let mut last = LastRelease { tape: self, t_ns: 0 };
+        let Ok(()) = topics::visit_all(&mut last);
+        self.show_before(last.t_ns + 1, observer);
+    }
+
+    /// Shows an observer everything released before `t_ns`, and who owned the slots then, topic by
+    /// topic within each second, so that what compares topics has little to keep; then the states.
+    pub fn show_before<O: Observer>(&self, t_ns: u64, observer: &mut O) {
+        // Ownership is told before the first step, also to who begins there.
+        let end_ns = t_ns.max(1);
+        let observer = &mut *observer;
+        let mut show = Show { tape: self, observer, from_ns: 0, until_ns: 0, t_ns };
+        while show.from_ns < end_ns {
+            show.until_ns = show.from_ns.saturating_add(1_000_000_000).min(end_ns);
+            let Ok(()) = topics::visit_all(&mut show);
+            show.from_ns = show.until_ns;
+        }
+        if observer.wants_states() {
+            for (role, keyframes) in Role::STEPPING.into_iter().zip(&self.states) {
+                for keyframe in keyframes.iter().take_while(|k| k.release_ns < t_ns) {
+                    observer.observe_state(role, &keyframe.header, &keyframe.state);
+                }
+            }
+        }
+    }
+}
+
+struct LastRelease<'a> {
+    tape: &'a Tape,
+    t_ns: u64,
+}
+
+impl TopicVisitor for LastRelease<'_> {
+    type Error = Infallible;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+        let samples = self.tape.samples(topic).iter();
+        self.t_ns = samples.map(|s| s.header().release_ns).fold(self.t_ns, u64::max);
+        Ok(())
+    }
+}
+
+struct Show<'a, O> {
+    tape: &'a Tape,
+    observer: &'a mut O,
+    from_ns: u64,
+    until_ns: u64,
+    /// Steps from here on are not shown.
+    t_ns: u64,
+}
+
+impl<O: Observer> TopicVisitor for Show<'_, O> {
+    type Error = Infallible;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+        let samples = self.tape.samples(topic);
+        let released = |s: &T| s.header().release_ns;
+        let is_owner = topic.info.from == Role::Supervisor && topic.info.edge == Edge::Delayed;
+        let until_ns = if is_owner { self.until_ns } else { self.until_ns.min(self.t_ns) };
+        // Several loops write the supervisor's topics and those of slots, each in its own order.
+        let one_writer = topic.info.from.seats() == 1 && topic.info.from != Role::Supervisor;
+        let first = |t_ns: u64| samples.partition_point(|s| released(s) < t_ns);
+        let range =
+            if one_writer { first(self.from_ns)..first(until_ns) } else { 0..samples.len() };
+        for sample in &samples[range] {
+            if (self.from_ns..until_ns).contains(&released(sample)) {
+                self.observer.observe(topic, sample);
+            }
+        }
+        Ok(())
+    }
+}

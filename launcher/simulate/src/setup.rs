@@ -1,0 +1,249 @@
+//! What a flight needs before it starts: options, facts, folder, processor, room in memory.
+
+use crate::in_process::InProcessError;
+use record::{Clock, Facts, Machine, RecordError};
+use runtime::clock::mono_now_ns;
+use runtime::ipc::PortError;
+use runtime::leader::LeadError;
+use runtime::namespace::{BASE, NamespaceError};
+use scenario::Scenario;
+use shared_types::ClockMode;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// What the rings of a flight add up to once every one has gone round \[MB\].
+const NEEDED_SHARED_MEMORY_MB: u64 = 160;
+
+/// Pace of logical time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    /// Logical seconds per wall second.
+    Times(f64),
+    /// As fast as the machine can (lockstep only).
+    Max,
+}
+
+/// Which processor a flight's processes stay on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pin {
+    /// One processor for all in lockstep, where waking a neighbour on the same one is cheapest;
+    /// free in realtime.
+    Auto,
+    /// Wherever the system puts them.
+    None,
+    /// This one.
+    Cpu(usize),
+}
+
+/// What to fly and how.
+#[derive(Debug, Clone)]
+pub struct RunOptions {
+    /// What to fly.
+    pub scenario: Scenario,
+    /// Pace.
+    pub speed: Speed,
+    /// Folder for the recording; none for no recording.
+    pub record: Option<PathBuf>,
+    /// Processor choice.
+    pub pin: Pin,
+    /// Seed of a start in disorder; none for the usual order.
+    pub disorder: Option<u64>,
+    /// Whether to show progress on standard error.
+    pub progress: bool,
+    /// Whether and where to serve it to viewers while it flies.
+    pub live: Option<LiveOptions>,
+}
+
+/// How a flight is served to viewers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LiveOptions {
+    /// Where the `WebSocket` listens; the page has another port of the same address.
+    pub listen: SocketAddr,
+    /// Whether to open the page in a browser.
+    pub open: bool,
+}
+
+/// Why a flight could not be started.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The run's folder.
+    #[error(transparent)]
+    Namespace(#[from] NamespaceError),
+    /// Another launcher leads the run.
+    #[error(transparent)]
+    Lead(#[from] LeadError),
+    /// The transport.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// The recording.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// Too little shared memory.
+    #[error(
+        "{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`"
+    )]
+    SharedMemory {
+        /// Free space \[MB\].
+        free_mb: u64,
+        /// Space a flight may touch \[MB\].
+        needed_mb: u64,
+    },
+    /// Something of the operating system.
+    #[error("cannot {action}: {source}")]
+    System {
+        /// What was tried.
+        action: String,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// The scenario cannot be wired.
+    #[error("{0}")]
+    Wiring(String),
+    /// The user asked to stop before the start.
+    #[error("interrupted before the start: nothing was flown")]
+    Interrupted,
+    /// A processor that this machine, or this process, does not have.
+    #[error("{key} {cpu}: this process may run on processor {allowed} only")]
+    NoSuchProcessor {
+        /// Flag or key that names it.
+        key: String,
+        /// As asked for.
+        cpu: usize,
+        /// As possible, separated by commas.
+        allowed: String,
+    },
+    /// The flight is strict about what the system must grant.
+    #[error("realtime.strict: {0}")]
+    NotGranted(host::realtime::Shortfall),
+    /// A realtime flight without processes.
+    #[error(
+        "--clock realtime needs processes, whose waiting and lateness it is about: leave --in-process away, or pace the same flight with --clock lockstep --speed 1"
+    )]
+    RealtimeInProcess,
+    /// A script for processes, without processes.
+    #[error("--in-process: {0}")]
+    ScriptInProcess(InProcessError),
+    /// Viewers cannot be served.
+    #[error("{told}")]
+    NotServed {
+        /// Why not.
+        told: String,
+        /// What whoever was to serve them ended with.
+        exit_code: u8,
+    },
+    /// The processes did not get ready.
+    #[error("{0}")]
+    NotReady(String),
+}
+
+/// The error of a call to the system, with what was to be done.
+pub fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunError {
+    let action = action.into();
+    move |source| RunError::System { action, source }
+}
+
+/// A process that touches shared memory which is not there dies of SIGBUS, so look first.
+///
+/// # Errors
+/// [`RunError`] if there is too little room.
+pub fn require_shared_memory() -> Result<(), RunError> {
+    let stat = rustix::fs::statvfs(BASE)
+        .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
+    let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
+    if free_mb < NEEDED_SHARED_MEMORY_MB {
+        return Err(RunError::SharedMemory { free_mb, needed_mb: NEEDED_SHARED_MEMORY_MB });
+    }
+    Ok(())
+}
+
+/// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.
+#[must_use]
+pub fn run_id() -> String {
+    format!("{:04x}{:06x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xff_ffff)
+}
+
+/// Path of a new recording in a folder, which is made if it is not there.
+///
+/// # Errors
+/// [`RunError`] if the folder cannot be made.
+pub fn recording_path(dir: &Path, id: &str) -> Result<PathBuf, RunError> {
+    std::fs::create_dir_all(dir)
+        .map_err(|cause| RecordError::Create { path: dir.to_owned(), cause })?;
+    Ok(dir.join(format!("{id}.mcap")))
+}
+
+/// What a recording says of the flight.
+#[must_use]
+pub fn facts(id: &str, options: &RunOptions) -> Facts {
+    let scenario = &options.scenario;
+    Facts {
+        run_id: id.to_owned(),
+        scenario_name: scenario.settings().scenario.name.clone(),
+        scenario_toml: scenario.to_toml().to_owned(),
+        seed: scenario.settings().scenario.seed,
+        clock: stamps_of(options),
+        epoch_unix_ns: runtime::clock::unix_now_ns(),
+        machine: Machine::read(),
+        vehicle: scenario.real_vehicle(),
+        branch: None,
+        continues: None,
+    }
+}
+
+/// How the stamps of the flight run.
+#[must_use]
+pub fn stamps_of(options: &RunOptions) -> Clock {
+    let speed = if let Speed::Times(times) = options.speed { times } else { 1.0 };
+    match clock_of(&options.scenario) {
+        ClockMode::Realtime => Clock::Realtime { speed },
+        _ => Clock::Lockstep,
+    }
+}
+
+/// The clock of a scenario.
+#[must_use]
+pub fn clock_of(scenario: &Scenario) -> ClockMode {
+    scenario.settings().scenario.clock.into()
+}
+
+/// Refuses a processor that the children could not be moved to.
+///
+/// # Errors
+/// [`RunError`] if this process may not run there.
+pub fn require_processor(pin: Pin) -> Result<(), RunError> {
+    let Pin::Cpu(cpu) = pin else { return Ok(()) };
+    let allowed = allowed_processors()?;
+    if allowed.contains(&cpu) {
+        return Ok(());
+    }
+    let allowed = allowed.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    Err(RunError::NoSuchProcessor { key: "--pin".to_owned(), cpu, allowed })
+}
+
+/// Processors that this process may run on.
+///
+/// # Errors
+/// [`RunError`] if the system does not say.
+pub fn allowed_processors() -> Result<Vec<usize>, RunError> {
+    let allowed = rustix::thread::sched_getaffinity(None)
+        .map_err(|error| system("look at the processors")(error.into()))?;
+    Ok((0..rustix::thread::CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)).collect())
+}
+
+/// The processor on which all processes stay; none if they are free.
+pub fn pinned_cpu(pin: Pin, clock: ClockMode) -> Option<usize> {
+    match pin {
+        Pin::None => None,
+        Pin::Cpu(cpu) => Some(cpu),
+        Pin::Auto => (clock == ClockMode::Lockstep).then(runtime::clock::current_cpu),
+    }
+}
+
+/// Shows the logical time flown on standard error.
+#[must_use]
+pub fn progress_bar(duration_ns: u64) -> indicatif::ProgressBar {
+    let style = indicatif::ProgressStyle::with_template("{bar:40} {pos}/{len} ms flown {elapsed}")
+        .unwrap_or_else(|_| indicatif::ProgressStyle::default_bar());
+    indicatif::ProgressBar::new(duration_ns / 1_000_000).with_style(style)
+}

@@ -1,0 +1,261 @@
+//! One process: started under its own name, its last words kept; or taken over from a launcher that
+//! has died.
+
+use runtime::Place;
+use runtime::leader::process_start;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
+use scenario::candidate::Slot;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use std::io::{self, BufRead, BufReader};
+use std::os::fd::{AsFd as _, OwnedFd};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread;
+use std::time::Duration;
+
+/// Lines of standard error kept for the obituary.
+const LAST_WORDS: usize = 12;
+/// How long the last lines of a process that has ended are waited for.
+const WORDS_LIMIT: Duration = Duration::from_millis(500);
+/// How long a killed process may take to be gone \[s\].
+const END_LIMIT_S: i64 = 1;
+
+/// How an executable is told what to be.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Launch {
+    /// `morphquad proc NAME`, perhaps with another scenario's configuration.
+    Service {
+        /// Its configuration; none for that of the flight.
+        config: Option<PathBuf>,
+    },
+    /// Somebody's own controller of a slot, perhaps with a configuration of its own.
+    Foreign {
+        /// The slot that it flies.
+        slot: Slot,
+        /// Its configuration; none for that of the flight.
+        config: Option<PathBuf>,
+    },
+}
+
+/// What to start.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct ChildSpec {
+    /// Service name, and the process's name in `ps` and `top`.
+    pub name: String,
+    /// Executable.
+    pub executable: PathBuf,
+    /// What it is told.
+    pub launch: Launch,
+    /// Processor to stay on, if any.
+    pub cpu: Option<usize>,
+    /// How much to stand back for others, if at all.
+    pub nice: Option<i32>,
+    /// Pause before the first start \[ns\].
+    pub pause_ns: u64,
+}
+
+/// How a process has ended.
+#[derive(Debug, Clone, Copy)]
+pub enum Death {
+    /// As its parent is told.
+    Status(ExitStatus),
+    /// It was another launcher's child: that it is gone is all there is to know.
+    Unseen,
+}
+
+/// A running process.
+#[derive(Debug)]
+pub struct RunningChild {
+    hold: Hold,
+    last_words: Arc<Mutex<VecDeque<String>>>,
+    /// Hangs up once there is nothing left to hear.
+    listener: Option<mpsc::Receiver<()>>,
+}
+
+/// What a process is held by.
+#[derive(Debug)]
+enum Hold {
+    Child(Child),
+    TakenOver { pid: u32, pidfd: OwnedFd },
+}
+
+impl RunningChild {
+    /// Starts the process with its own process group, so that a Ctrl-C at the terminal
+    /// reaches the launcher alone.
+    ///
+    /// # Errors
+    /// If the executable cannot be started.
+    pub fn start(
+        spec: &ChildSpec,
+        folder: &Path,
+        place: Place,
+        awaits_handover: bool,
+    ) -> io::Result<Self> {
+        let mut command = Command::new(&spec.executable);
+        let config = match &spec.launch {
+            Launch::Service { config } => {
+                command.arg0(&spec.name).arg("proc").arg(&spec.name);
+                config
+            }
+            Launch::Foreign { slot, config } => {
+                command.args(["--slot", slot.label()]);
+                config
+            }
+        };
+        if let Some(config) = config {
+            command.arg("--config").arg(config);
+        }
+        command
+            .arg("--run")
+            .arg(folder)
+            .args(["--seat", &place.seat.to_string()])
+            .args(["--generation", &place.generation.to_string()])
+            .args(["--launcher-pid", &std::process::id().to_string()])
+            .stdin(Stdio::null())
+            .stdout(launcher_stderr())
+            .stderr(Stdio::piped())
+            .process_group(0);
+        if let Some(cpu) = spec.cpu {
+            command.args(["--cpu", &cpu.to_string()]);
+        }
+        if let Some(nice) = spec.nice {
+            command.args(["--nice", &nice.to_string()]);
+        }
+        if awaits_handover {
+            command.arg("--await-handover");
+        }
+        let mut child = command.spawn()?;
+        let last_words = Arc::new(Mutex::new(VecDeque::with_capacity(LAST_WORDS)));
+        let listener = child.stderr.take().map(|pipe| {
+            let words = Arc::clone(&last_words);
+            let (hangs_up, listener) = mpsc::channel();
+            thread::spawn(move || {
+                listen(BufReader::new(pipe), &words);
+                drop(hangs_up);
+            });
+            listener
+        });
+        Ok(Self { hold: Hold::Child(child), last_words, listener })
+    }
+
+    /// A process that another launcher has started; none if it is gone.
+    #[must_use]
+    pub fn take_over(pid: u32, started: u64) -> Option<Self> {
+        let pidfd = pidfd_open(raw(pid)?, PidfdFlags::empty()).ok()?;
+        // Looked at after it has been caught: whoever has its number since is another one.
+        let hold = Hold::TakenOver { pid, pidfd };
+        let same = process_start(pid) == Some(started);
+        same.then(|| Self { hold, last_words: Arc::default(), listener: None })
+    }
+
+    /// Process number.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        match &self.hold {
+            Hold::Child(child) => child.id(),
+            Hold::TakenOver { pid, .. } => *pid,
+        }
+    }
+
+    /// How it has ended, once it has.
+    pub fn exited(&mut self) -> Option<Death> {
+        match &mut self.hold {
+            Hold::Child(child) => child.try_wait().ok().flatten().map(Death::Status),
+            Hold::TakenOver { pidfd, .. } => is_gone(pidfd, 0).then_some(Death::Unseen),
+        }
+    }
+
+    /// Ends the process at once.
+    pub fn kill(&mut self) {
+        // It may have ended by itself in the meantime.
+        let _ = match &mut self.hold {
+            Hold::Child(child) => child.kill(),
+            Hold::TakenOver { pidfd, .. } => {
+                pidfd_send_signal(pidfd, Signal::KILL).map_err(io::Error::from)
+            }
+        };
+    }
+
+    /// Ends the process, and waits until it is gone.
+    pub fn end(mut self) {
+        self.kill();
+        if let Hold::TakenOver { pidfd, .. } = &self.hold {
+            is_gone(pidfd, END_LIMIT_S);
+        }
+    }
+
+    /// Stops the process where it is, without ending it.
+    pub fn stop(&mut self) {
+        // It may have ended by itself in the meantime.
+        let _ = match &self.hold {
+            Hold::Child(child) => raw(child.id()).map(|pid| kill_process(pid, Signal::STOP)),
+            Hold::TakenOver { pidfd, .. } => Some(pidfd_send_signal(pidfd, Signal::STOP)),
+        };
+    }
+
+    /// What a child said last; call after it has exited.
+    pub fn last_words(&mut self) -> String {
+        if let Some(listener) = self.listener.take() {
+            // A process that it started may still hold the other end.
+            let _ = listener.recv_timeout(WORDS_LIMIT);
+        }
+        self.words_so_far()
+    }
+
+    /// What a child has said last until now.
+    pub fn words_so_far(&self) -> String {
+        let words = self.last_words.lock().unwrap_or_else(PoisonError::into_inner);
+        words.iter().cloned().collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// A child ends with its launcher; whoever has been taken over can be taken over again.
+impl Drop for RunningChild {
+    fn drop(&mut self) {
+        if let Hold::Child(child) = &mut self.hold {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn raw(pid: u32) -> Option<Pid> {
+    i32::try_from(pid).ok().and_then(Pid::from_raw)
+}
+
+fn is_gone(pidfd: &OwnedFd, limit_s: i64) -> bool {
+    let limit = Timespec { tv_sec: limit_s, tv_nsec: 0 };
+    poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&limit)).is_ok_and(|ready| ready > 0)
+}
+
+/// For words that must reach the user even when the launcher no longer can.
+fn launcher_stderr() -> Stdio {
+    io::stderr().as_fd().try_clone_to_owned().map_or_else(|_| Stdio::null(), Stdio::from)
+}
+
+fn listen(mut pipe: impl BufRead, words: &Mutex<VecDeque<String>>) {
+    let mut line = Vec::new();
+    while pipe.read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
+        let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+        if words.len() == LAST_WORDS {
+            words.pop_front();
+        }
+        words.push_back(String::from_utf8_lossy(&line).trim_end().to_owned());
+        line.clear();
+    }
+}
+
+/// `exit status 3` or `killed by signal 9`.
+#[must_use]
+pub fn describe(death: Death) -> String {
+    let Death::Status(status) = death else { return "died".to_owned() };
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exit status {code}"),
+        (None, Some(signal)) => format!("killed by signal {signal}"),
+        (None, None) => "unknown exit".to_owned(),
+    }
+}

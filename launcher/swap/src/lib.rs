@@ -1,0 +1,25 @@
+//! The slots of a flight: who commands them, who may take over and what is done when somebody is lost.
+//!
+//! [`Slots`] runs the protocol of the crate `slot` for each slot of a flight and has [`Posts`] do what it decides:
+//! processes under a supervisor, or components in one thread. Open `slots` for the events and decisions,
+//! [`orders`] for what users ask for, [`child`] and [`post`] for the processes.
+
+pub mod child;
+mod order_sinks;
+pub mod orders;
+mod owners;
+pub mod post;
+mod post_event;
+mod post_note;
+mod rehearsal_spec;
+pub mod services;
+mod slots;
+mod standstill;
+
+pub use order_sinks::OrderSinks;
+pub use owners::{RollKeeper, SlotOwner};
+pub use post_event::{FlightError, PostEvent};
+pub use post_note::PostNote;
+pub use rehearsal_spec::{Owners, RehearsalSpec};
+pub use slots::*;
+pub use standstill::Standstill;

@@ -1,0 +1,135 @@
+//! One supervised process: started, heard, missed, buried.
+
+use super::standstill::Standstill;
+use crate::child::{ChildSpec, RunningChild};
+use runtime::ipc::{Bus, PortError, ServiceKind, StatePublisher};
+use runtime::leader::process_start;
+use runtime::{Place, StateSink as _};
+use shared_types::wire::Value as _;
+use shared_types::{Handover, Header, Seat};
+use std::io;
+use std::path::Path;
+
+/// Largest state that can be handed over \[bytes\].
+const HANDOVER_CAPACITY: usize = 64 * 1024;
+
+/// A process and the seat that it has.
+#[expect(clippy::struct_excessive_bools, reason = "facts of their own, in any combination")]
+#[derive(Debug)]
+pub struct Post {
+    /// Its role and its number within the role.
+    pub seat: Seat,
+    /// What is started here.
+    pub spec: ChildSpec,
+    /// The process, while there is one.
+    pub child: Option<RunningChild>,
+    /// When its process was started, in ticks since the system was.
+    pub started: u64,
+    /// Processes that have been started here before this one.
+    pub generation: u32,
+    /// Has said hello.
+    pub ready: bool,
+    /// Has left in order.
+    pub finished: bool,
+    /// Instant of each restart \[ns\].
+    pub restarts: Vec<u64>,
+    /// When to start the successor \[ns\].
+    pub restart_at_ns: Option<u64>,
+    /// How often in a row it has died at one instant of the flight, and at which \[ns\].
+    pub died: (u32, u64),
+    /// It waits for a hand-over before it begins.
+    pub awaits_handover: bool,
+    /// Its successor goes on from its last state, and nobody is told.
+    pub goes_on: bool,
+    /// It has been killed on purpose.
+    pub scripted: bool,
+    /// Layout of the state of whoever was ready here last.
+    pub layout: u64,
+    /// Its period \[ns\].
+    pub period_ns: u64,
+    standstill: Option<Standstill>,
+    handover: StatePublisher,
+}
+
+impl Post {
+    /// A post with nobody at it yet.
+    ///
+    /// # Errors
+    /// If a service of the transport cannot be opened.
+    pub fn open(bus: &Bus, seat: Seat, spec: ChildSpec) -> Result<Self, PortError> {
+        let kind = ServiceKind::Handover(seat);
+        Ok(Self {
+            seat,
+            spec,
+            child: None,
+            started: 0,
+            generation: 0,
+            ready: false,
+            finished: false,
+            restarts: Vec::new(),
+            restart_at_ns: None,
+            died: (0, 0),
+            awaits_handover: false,
+            goes_on: true,
+            scripted: false,
+            layout: 0,
+            period_ns: 0,
+            standstill: None,
+            handover: StatePublisher::open(bus, kind, HANDOVER_CAPACITY)?,
+        })
+    }
+
+    /// Starts the process; it begins at the start of the flight, or waits for a hand-over.
+    ///
+    /// # Errors
+    /// If the process cannot be started.
+    pub fn start(&mut self, folder: &Path, awaits_handover: bool) -> io::Result<()> {
+        let place = Place { seat: self.seat.index, generation: self.generation };
+        let child = RunningChild::start(&self.spec, folder, place, awaits_handover)?;
+        self.started = process_start(child.pid()).unwrap_or(0);
+        self.child = Some(child);
+        self.awaits_handover = awaits_handover;
+        self.ready = false;
+        self.standstill = None;
+        Ok(())
+    }
+
+    /// Lets a process that waits for it begin.
+    pub fn hand_over(&mut self, order: Handover, state: &[u8]) {
+        let header = Header { generation: self.generation, ..Header::default() };
+        let mut bytes = vec![0; Handover::PACKED_SIZE];
+        order.pack(&mut bytes);
+        bytes.extend_from_slice(state);
+        self.handover.send(&header, &bytes);
+    }
+
+    /// Lets a process that has just joined see its hand-over.
+    pub fn serve_late_joiners(&mut self) {
+        self.handover.serve_late_joiners();
+    }
+
+    /// Kills a process that stands still at `mark_ns`, unless it only waits for a processor. True if
+    /// it was killed.
+    pub fn kill_if_hung(&mut self, mark_ns: u64) -> bool {
+        let Some(child) = self.child.as_mut().filter(|_| self.ready) else { return false };
+        let hung = Standstill::is_hang(&mut self.standstill, child.pid(), mark_ns);
+        if hung {
+            child.kill();
+        }
+        hung
+    }
+
+    /// What the process said last, for the end of a sentence; call after it has exited.
+    pub fn words(&mut self) -> String {
+        Self::quoted(&self.child.as_mut().map(RunningChild::last_words).unwrap_or_default())
+    }
+
+    /// What the process has said until now, for the end of a sentence.
+    pub fn words_so_far(&self) -> String {
+        Self::quoted(&self.child.as_ref().map(RunningChild::words_so_far).unwrap_or_default())
+    }
+
+    fn quoted(words: &str) -> String {
+        if words.is_empty() { String::new() } else { format!(", its last words:\n{words}\n") }
+    }
+}

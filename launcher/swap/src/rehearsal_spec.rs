@@ -1,0 +1,57 @@
+//! What is to be rehearsed before a swap.
+
+use rehearsal::Snapshot;
+use scenario::candidate::Slot;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What to rehearse: candidate, slot, scenario and state of the vehicle. The launcher passes it as JSON.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RehearsalSpec {
+    /// Text of the scenario that is flown.
+    pub scenario: String,
+    /// State of the vehicle from which the flights begin.
+    pub snapshot: Snapshot,
+    /// The slot that the candidate is to take over.
+    pub slot: Slot,
+    /// Built-in controllers that own the two slots now; where left out, those of the scenario.
+    #[serde(default)]
+    pub owners: Owners,
+    /// The controller that commands the slot now, if it is not built in or has its own configuration:
+    /// name or path, and the file that configures it.
+    #[serde(default)]
+    pub owner: Option<(String, Option<PathBuf>)>,
+    /// Name of a controller, or path of an executable.
+    pub candidate: String,
+    /// File that configures the candidate; without one the configuration of the flight applies.
+    #[serde(default)]
+    pub config: Option<PathBuf>,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Number of the swap within the run.
+    pub swap: u64,
+}
+
+/// Built-in controllers of the slots.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Owners {
+    /// Of the attitude slot.
+    #[serde(default)]
+    pub attitude: Option<String>,
+    /// Of the position slot.
+    #[serde(default)]
+    pub position: Option<String>,
+}
+
+impl Owners {
+    /// The one of a slot.
+    #[must_use]
+    pub fn of(&self, slot: Slot) -> Option<&str> {
+        match slot {
+            Slot::Attitude => self.attitude.as_deref(),
+            Slot::Position => self.position.as_deref(),
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! Every service of a run, held by its launcher for as long as that lives.
+
+use runtime::Graph;
+use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
+use shared_types::ZeroCopySend;
+use shared_types::wire::Wire;
+use shared_types::{
+    ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicInfo, TopicVisitor, topics,
+};
+use std::any::Any;
+
+/// Keeps the services alive; children only open what is held here.
+#[derive(Debug)]
+pub struct HeldServices {
+    _factories: Vec<Box<dyn Any>>,
+}
+
+/// Makes services, or finds those of a launcher that has died.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Create,
+    Open,
+}
+
+struct Holder<'a> {
+    bus: &'a Bus,
+    way: Way,
+    /// The loop whose topics are wanted; none for all topics.
+    only_for: Option<(&'a Graph, Role)>,
+    factories: Vec<Box<dyn Any>>,
+}
+
+impl TopicVisitor for Holder<'_> {
+    type Error = PortError;
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
+        if self.only_for.is_some_and(|(graph, role)| !concerns(graph, role, &topic.info)) {
+            return Ok(());
+        }
+        let factory = match self.way {
+            Way::Create => self.bus.create_topic(topic)?,
+            Way::Open => self.bus.open_topic(topic)?,
+        };
+        self.factories.push(Box::new(factory));
+        Ok(())
+    }
+}
+
+impl Holder<'_> {
+    fn service<T: Wire + ZeroCopySend + 'static>(
+        &mut self,
+        kind: ServiceKind,
+        capacity: usize,
+    ) -> Result<(), PortError> {
+        let factory = match self.way {
+            Way::Create => self.bus.create_service::<T>(kind, capacity)?,
+            Way::Open => self.bus.open_service::<T>(kind)?,
+        };
+        self.factories.push(Box::new(factory));
+        Ok(())
+    }
+
+    /// What the process of a seat has for itself.
+    fn seat(&mut self, seat: Seat) -> Result<(), PortError> {
+        self.service::<Progress>(ServiceKind::Progress(seat), 4)?;
+        self.states(ServiceKind::State(seat), STATE_DEPTH)?;
+        self.states(ServiceKind::Handover(seat), HANDOVER_DEPTH)
+    }
+
+    /// What is between the launcher and all processes.
+    fn launcher(&mut self) -> Result<(), PortError> {
+        self.service::<Roll>(ServiceKind::Roll, 2)?;
+        self.service::<ClockRecord>(ServiceKind::Clock, 4)?;
+        self.service::<Hello>(ServiceKind::Hello, 64)
+    }
+
+    fn states(&mut self, kind: ServiceKind, depth: usize) -> Result<(), PortError> {
+        let factory = match self.way {
+            Way::Create => self.bus.create_state_service(kind, depth)?,
+            Way::Open => self.bus.open_state_service(kind)?,
+        };
+        self.factories.push(Box::new(factory));
+        Ok(())
+    }
+}
+
+impl HeldServices {
+    /// Creates the topics of the floor plan and the services beside them.
+    ///
+    /// # Errors
+    /// If a service of the transport cannot be opened.
+    pub fn create(bus: &Bus) -> Result<Self, PortError> {
+        for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
+            bus.create_wake(seat)?;
+        }
+        Self::hold(bus, Way::Create)
+    }
+
+    /// Holds what a launcher has left that has died. Without anybody who holds them, services would
+    /// vanish with what it left behind; so this comes before the dead are swept.
+    ///
+    /// # Errors
+    /// If a service of the transport cannot be opened.
+    pub fn take_over(bus: &Bus) -> Result<Self, PortError> {
+        Self::hold(bus, Way::Open)
+    }
+
+    /// Creates what the process of one seat opens, in a run that has no other process: the topics that
+    /// its role reads and writes, and the services beside them. Whatever wakes another loop wakes
+    /// the launcher, which waits at the pipe of [`stand_in`].
+    ///
+    /// # Errors
+    /// If a service of the transport cannot be opened.
+    pub fn create_for(bus: &Bus, graph: &Graph, seat: Seat) -> Result<Self, PortError> {
+        let only_for = Some((graph, seat.role));
+        let mut holder = Holder { bus, way: Way::Create, only_for, factories: Vec::new() };
+        topics::visit_all(&mut holder)?;
+        let (pipe, mut neighbours) = (stand_in(graph, seat.role), Vec::new());
+        bus.create_wake(seat)?;
+        bus.create_wake(pipe)?;
+        for node in graph.nodes().iter().filter(|node| node.role != seat.role) {
+            let upstream = graph.waits_for(seat.role, node.role);
+            let downstream = graph.waits_for(node.role, seat.role);
+            neighbours.extend(Seat::all(node.role).filter(|_| upstream));
+            for woken in Seat::all(node.role).filter(|woken| downstream && *woken != pipe) {
+                bus.share_wake(woken, pipe)?;
+            }
+        }
+        for neighbour in neighbours {
+            holder.service::<Progress>(ServiceKind::Progress(neighbour), 4)?;
+        }
+        holder.seat(seat)?;
+        holder.launcher()?;
+        Ok(Self { _factories: holder.factories })
+    }
+
+    fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
+        let mut holder = Holder { bus, way, only_for: None, factories: Vec::new() };
+        topics::visit_all(&mut holder)?;
+        Role::STEPPING.into_iter().flat_map(Seat::all).try_for_each(|seat| holder.seat(seat))?;
+        holder.launcher()?;
+        Ok(Self { _factories: holder.factories })
+    }
+}
+
+/// True if a process of `role` reads or writes a topic.
+#[must_use]
+pub fn concerns(graph: &Graph, role: Role, topic: &TopicInfo) -> bool {
+    // Owner records tell each member of a slot when to leave; statistics are about every loop.
+    let of_all = [
+        &topics::ATTITUDE_OWNER.info,
+        &topics::POSITION_OWNER.info,
+        &topics::LOOP_STATS.info,
+        &topics::DEVIATION.info,
+    ];
+    topic.to.contains(&role)
+        || graph.producer(topic) == role
+        || of_all.iter().any(|one| one.name == topic.name)
+}
+
+/// The seat whose pipe stands for all that a process of `role` wakes, in a run that has no other process.
+#[must_use]
+pub fn stand_in(graph: &Graph, role: Role) -> Seat {
+    let woken = |other: &Role| *other != role && graph.waits_for(*other, role);
+    let roles = graph.nodes().iter().map(|node| node.role);
+    Seat::first(roles.into_iter().find(woken).unwrap_or(Role::Plant))
+}
+
+/// Wakes whoever sits anywhere.
+#[derive(Debug)]
+pub struct Wakers {
+    wakers: Vec<WakeNotifier>,
+}
+
+impl Wakers {
+    /// Opens the wake-ups of these roles.
+    ///
+    /// # Errors
+    /// If a service of the transport cannot be opened.
+    pub fn open(bus: &Bus, roles: &[Role]) -> Result<Self, PortError> {
+        let seats = roles.iter().flat_map(|&role| Seat::all(role));
+        let wakers = seats.map(|seat| WakeNotifier::open(bus, seat)).collect::<Result<_, _>>()?;
+        Ok(Self { wakers })
+    }
+
+    /// Wakes every process.
+    pub fn wake_all(&self) {
+        for waker in &self.wakers {
+            waker.wake();
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! What the slots hear: hellos and deaths of processes, what consumers say, and silence.
+
+use super::facts::{command_latency_ns, millihertz};
+use super::trip::TripReason;
+use super::watch::{Obeyed, Seen};
+use super::{Expected, Means, Slots};
+use crate::{FlightError, PostEvent};
+use scenario::candidate::Slot;
+use shared_types::{Role, Seat as Place, Trip};
+use slot::Seat;
+use slot::gate::Refusal;
+use slot::supervisor::{Event, Fault, Instance};
+
+impl Slots {
+    pub(super) fn hear(
+        &mut self,
+        event: &PostEvent,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let place = event.place();
+        let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
+            return Ok(());
+        };
+        if let Some(around) = self.around.get_mut(&slot) {
+            around.expected.retain(|(expected, ..)| *expected != seat);
+        }
+        match event {
+            PostEvent::Joined { layout, period_ns, .. } => {
+                let instance = Instance {
+                    layout: *layout,
+                    millihertz: millihertz(means.graph, place.role, *period_ns),
+                    latency_ns: command_latency_ns(means.graph, place.role),
+                };
+                self.tell(slot, Event::Ready(seat, instance), means)
+            }
+            PostEvent::Gone { .. } if means.is_over => Ok(()),
+            PostEvent::Gone { obituary, .. } => {
+                if let Some(obituary) = obituary {
+                    self.lost(slot, seat, means);
+                    self.say(obituary.clone(), true);
+                    self.orders.explain(slot, seat, obituary);
+                }
+                self.tell(slot, Event::Died(seat), means)
+            }
+        }
+    }
+
+    pub(super) fn see(&mut self, seen: &Seen, means: &mut Means<'_>) -> Result<(), FlightError> {
+        let role = match seen {
+            Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, means),
+            Seen::Trip(trip) => {
+                self.say_trip(trip);
+                return Ok(());
+            }
+            Seen::Command(command) => command.slot,
+            Seen::Hears { .. } => Role::Attitude,
+            Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } | Seen::Unguided { slot, .. } => {
+                *slot
+            }
+        };
+        let Some(slot) = self.slot_of(role) else { return Ok(()) };
+        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        match *seen {
+            Seen::Angle { .. } | Seen::Trip(_) => Ok(()),
+            Seen::Command(command) => {
+                let judged = around.gate.as_mut().map(|gate| gate.take(&command));
+                self.refuse(slot, judged, means)
+            }
+            Seen::Hears { seat, at_ns, something } => {
+                let judged = around.gate.as_mut().map(|gate| gate.hears(seat, at_ns, something));
+                self.refuse(slot, judged, means)
+            }
+            Seen::Missed { seat, steps, at_ns, .. } => {
+                if let Some(gate) = &mut around.gate {
+                    gate.missed(seat, steps, at_ns);
+                }
+                Ok(())
+            }
+            // Of several attitude controllers the one that commands decides whom it obeys.
+            Seen::Obeys { by_seat, .. } | Seen::Unguided { by_seat, .. }
+                if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) =>
+            {
+                Ok(())
+            }
+            Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
+            Seen::Unguided { epoch, since_ns, at_ns, .. } => {
+                self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, means)
+            }
+        }
+    }
+
+    /// The monitor has tripped an owner: why, and what follows.
+    fn say_trip(&mut self, trip: &Trip) {
+        let (Some(slot), Some(seat)) = (self.slot_of(trip.slot), Seat::new(trip.instance)) else {
+            return;
+        };
+        let record = self.machines.get(&slot).and_then(slot::Slot::record);
+        // The consumer may have told of the change first, so that the newest record names the successor.
+        let successor = record.and_then(|record| {
+            if record.owner == seat { record.fallback } else { Some(record.owner) }
+        });
+        let then = match successor {
+            Some(successor) => format!("{} takes over", self.orders.name(slot, successor)),
+            None => {
+                "there is no fallback: the vehicle is levelled, and the initial controller started"
+                    .to_owned()
+            }
+        };
+        let at_s = trip.header.valid_ns as f64 * 1e-9;
+        let name = self.orders.name(slot, seat);
+        let text = format!(
+            "{} slot: the monitor trips {name} at {at_s:.3} s: {}; {then}",
+            slot.label(),
+            TripReason(trip)
+        );
+        self.orders.explain(slot, seat, &TripReason(trip).to_string());
+        self.say(text, true);
+    }
+
+    fn see_angle(
+        &mut self,
+        at_ns: u64,
+        angle_rad: f64,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        for slot in Slot::ALL {
+            let gate = self.around.get_mut(&slot).and_then(|around| around.gate.as_mut());
+            let judged = gate.map(|gate| gate.morphs(at_ns, angle_rad));
+            self.refuse(slot, judged, means)?;
+        }
+        Ok(())
+    }
+
+    /// Passes on that a candidate did what no controller may do.
+    fn refuse(
+        &mut self,
+        slot: Slot,
+        judged: Option<Result<(), Refusal>>,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+        match (judged, candidate) {
+            (Some(Err(refusal)), Some(seat)) => {
+                self.tell(slot, Event::Verdict(seat, Err(refusal)), means)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn consumer_says(
+        &mut self,
+        slot: Slot,
+        obeyed: &Obeyed,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let Obeyed { at_ns, epoch, seat, failed_over, tripped, refused_epoch } = *obeyed;
+        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        let mut events = Vec::new();
+        if refused_epoch > around.refused_epoch {
+            around.refused_epoch = refused_epoch;
+            events.push(Event::RecordRefused { epoch: refused_epoch });
+        }
+        if let Some(seat) = Seat::new(seat).filter(|_| epoch > around.acknowledged) {
+            around.acknowledged = epoch;
+            events.push(Event::Acknowledged { epoch, seat, at_ns });
+        }
+        if tripped && epoch > around.tripped {
+            around.tripped = epoch;
+            events.push(Event::Tripped { epoch, at_ns });
+        }
+        if failed_over && epoch > around.fell_over {
+            around.fell_over = epoch;
+            events.push(Event::FellOver { epoch, at_ns });
+        }
+        events.into_iter().try_for_each(|event| self.tell(slot, event, means))
+    }
+
+    /// Whoever takes too long to come or to go is dealt with.
+    pub(super) fn lose_patience(
+        &mut self,
+        slot: Slot,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let now_mono_ns = means.now_mono_ns;
+        let late = |(_, _, by_ns): &(Seat, Expected, u64)| *by_ns < now_mono_ns;
+        while let Some(around) = self.around.get_mut(&slot)
+            && let Some(at) = around.expected.iter().position(late)
+        {
+            let (seat, what, _) = around.expected.swap_remove(at);
+            let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
+            let place = Place { role: slot.role(), index: seat.into() };
+            let words = means.posts.words_so_far(place);
+            if !words.is_empty() {
+                let name = self.orders.name(slot, seat);
+                self.orders.explain(slot, seat, &format!("{name} is killed{words}"));
+            }
+            self.tell(slot, Event::Misbehaved(seat, fault), means)?;
+        }
+        Ok(())
+    }
+}

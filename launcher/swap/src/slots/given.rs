@@ -1,0 +1,55 @@
+//! Orders to pilot and injector, which no slot has to do with: they only come the same way.
+
+use super::{Means, News, Slots};
+use protocol::control::server::Answer;
+use protocol::control::{Reason, Refusal, Reply};
+use scenario::orders::{Order, OrderReport, Planner, RefusedOrder};
+
+impl Means<'_> {
+    /// Carries an order out that shows from `begin_ns` on.
+    fn carry_out(
+        &mut self,
+        order: &Order,
+        begin_ns: u64,
+        scripted: bool,
+    ) -> Result<OrderReport, RefusedOrder> {
+        let at = (self.now.logical_ns, begin_ns);
+        let planned = self.orders.order(order, at, scripted)?;
+        self.posts.send_order(&planned.sent);
+        Ok(planned.report)
+    }
+}
+
+impl Slots {
+    /// Takes an order from outside.
+    pub(super) fn give(&mut self, order: &Order, answer: &Answer, means: &mut Means<'_>) {
+        let now = means.now;
+        let begin_ns = Planner::begin_ns(order, means.graph, now.logical_ns, now.allowed_ns);
+        let reply = match means.carry_out(order, begin_ns, false) {
+            Ok(report) => {
+                self.say(format!("ordered {}", report.sentence()), false);
+                Reply::Ordered(report)
+            }
+            Err(refused) => {
+                let reason = match refused {
+                    RefusedOrder::TooMany => Reason::Busy,
+                    RefusedOrder::Rig | RefusedOrder::TooLate { .. } => Reason::NoSense,
+                    RefusedOrder::OutOfRange(_) | RefusedOrder::TooFast { .. } => {
+                        Reason::OutOfRange
+                    }
+                };
+                Reply::Refused(Refusal::new(reason, refused.to_string()))
+            }
+        };
+        answer.send(reply);
+    }
+
+    /// Takes an order of the script, for its instant.
+    pub(super) fn give_scripted(&mut self, order: &Order, at_ns: u64, means: &mut Means<'_>) {
+        let (text, warning) = match means.carry_out(order, at_ns, true) {
+            Ok(report) => (format!("script: {}", report.sentence()), false),
+            Err(refused) => (format!("script: {order}: {refused}"), true),
+        };
+        self.news.push(News { text, warning });
+    }
+}

@@ -1,0 +1,72 @@
+//! Who does what the slots want done: the supervisor of processes, or a flight in one process.
+
+use super::watch::Seen;
+use crate::RehearsalSpec;
+use crate::child::ChildSpec;
+use crate::{FlightError, PostEvent};
+use rehearsal::{Snapshot, Verdict};
+use scenario::orders::Sent;
+use shared_types::{Handover, OwnerRecord, Seat as Place, Seating};
+use std::path::Path;
+
+/// Starts, ends and hears those who sit in slots.
+pub trait Posts {
+    /// Starts somebody on a seat that is free; it will be told where to begin.
+    ///
+    /// # Errors
+    /// [`FlightError`] if the process cannot be started.
+    fn spawn(&mut self, place: Place, spec: ChildSpec) -> Result<(), FlightError>;
+    /// Starts whoever had a seat again; it will be told where to begin.
+    ///
+    /// # Errors
+    /// [`FlightError`] if the process cannot be started.
+    fn restart(&mut self, place: Place) -> Result<(), FlightError>;
+    /// Tells everybody who owns a slot from when.
+    fn announce(&mut self, record: OwnerRecord);
+    /// Lets somebody begin who has been started in flight.
+    ///
+    /// # Errors
+    /// [`FlightError`] if it cannot begin from that state.
+    fn hand_over(&mut self, place: Place, order: Handover, state: &[u8])
+    -> Result<(), FlightError>;
+    /// The last state published from a seat, and the generation of whoever did.
+    fn last_state(&mut self, place: Place) -> Option<(u32, Vec<u8>)>;
+    /// Ends somebody; that is told as an event.
+    fn kill(&mut self, place: Place);
+    /// Ends somebody before time goes on; that is told as an event.
+    fn kill_at_once(&mut self, place: Place);
+    /// Stops somebody without ending it, and lets nobody wait for it any more.
+    fn stop(&mut self, place: Place);
+    /// What a process has said on its standard error until now, for the end of a sentence.
+    fn words_so_far(&self, place: Place) -> String;
+    /// Seat of a process of this name.
+    fn seat_of(&self, name: &str) -> Option<Place>;
+    /// How many have had a seat before the one that has it, or had it last.
+    fn generation(&self, place: Place) -> Option<u32>;
+    /// Who has come and gone since the last time.
+    fn take_events(&mut self) -> Vec<PostEvent>;
+    /// What the vehicle knows of itself at an instant; `None` before it knows anything.
+    fn snapshot(&self, at_ns: u64) -> Option<Snapshot>;
+    /// Distance from the estimate to the reference at an instant \[m\]; `None` without either.
+    fn tracking_error_m(&self, at_ns: u64) -> Option<f64>;
+    /// Begins to fly a candidate ahead, for at most `wall_max_s`; why not, if it cannot be.
+    ///
+    /// # Errors
+    /// Why the candidate cannot be flown ahead.
+    fn rehearse(
+        &mut self,
+        place: Place,
+        spec: RehearsalSpec,
+        wall_max_s: f64,
+    ) -> Result<(), String>;
+    /// Ends a rehearsal whose verdict is no longer wanted.
+    fn end_rehearsal(&mut self, place: Place);
+    /// Verdicts that have come since the last time.
+    fn take_rehearsed(&mut self) -> Vec<(Place, Verdict)>;
+    /// What has been seen of the slots since the last time.
+    fn take_seen(&mut self) -> Vec<Seen>;
+    /// Has it recorded who takes a seat, and what configures it alone.
+    fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>);
+    /// Tells pilot or injector what has been ordered.
+    fn send_order(&mut self, sent: &Sent);
+}

@@ -1,0 +1,178 @@
+//! Has candidates rehearsed, and reports the verdicts to the swap protocol.
+
+use super::{Means, Slots};
+use crate::FlightError;
+use crate::orders::Executable;
+use crate::{Owners, RehearsalSpec};
+use ::rehearsal::{RehearsalRefusal as Refused, Verdict};
+use rehearsal::Measure;
+use scenario::Scenario;
+use scenario::candidate::{Candidate, Slot};
+use shared_types::Seat as Place;
+use slot::Seat;
+use slot::supervisor::{Event, RehearsalRefusal, Rehearsed};
+
+/// The properties of the flight that every rehearsal needs.
+#[derive(Debug, Clone)]
+pub(super) struct Rehearsing {
+    /// Text of the scenario.
+    scenario: String,
+    seed: u64,
+    pub(super) is_enabled: bool,
+    wall_max_s: f64,
+    /// Number of rehearsals requested so far; each uses its own random streams.
+    asked: u64,
+}
+
+/// A running rehearsal.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Underway {
+    pub(super) seat: Seat,
+    /// Instant of the snapshot \[ns\].
+    from_ns: u64,
+}
+
+impl Rehearsing {
+    pub(super) fn of(scenario: &Scenario) -> Self {
+        let settings = scenario.settings();
+        Self {
+            scenario: scenario.to_toml().to_owned(),
+            seed: settings.scenario.seed,
+            is_enabled: settings.rehearsal.enabled,
+            wall_max_s: settings.rehearsal.wall_max_s,
+            asked: 0,
+        }
+    }
+}
+
+impl Slots {
+    /// Starts to rehearse a candidate from the present state of the vehicle.
+    pub(super) fn rehearse(
+        &mut self,
+        slot: Slot,
+        seat: Seat,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let from_ns = means.now.logical_ns;
+        if let Some(around) = self.around.get_mut(&slot) {
+            around.rehearsal = Some(Underway { seat, from_ns });
+        }
+        self.rehearsing.asked += 1;
+        let place = Place { role: slot.role(), index: seat.into() };
+        let begun = match self.rehearsal_of(slot, seat, from_ns, means) {
+            Some(spec) => means.posts.rehearse(place, spec, self.rehearsing.wall_max_s),
+            None => Err("the vehicle's state is not known yet: swap later".to_owned()),
+        };
+        match begun {
+            Ok(()) => Ok(()),
+            Err(why) => self.answer_rehearsal(
+                slot,
+                seat,
+                Err(RehearsalRefusal::NotRehearsed(why)),
+                false,
+                means,
+            ),
+        }
+    }
+
+    /// Reports that a candidate is not rehearsed, at the user's request, although it differs from the owner.
+    pub(super) fn skip_rehearsal(&mut self, slot: Slot) {
+        let Some(report) = self.reports.last_mut() else { return };
+        report.rehearsal = Some("skipped, as requested".to_owned());
+        let text = format!("{} slot: {} is not rehearsed, as requested", slot.label(), report.to);
+        self.say(text, true);
+    }
+
+    fn rehearsal_of(
+        &self,
+        slot: Slot,
+        seat: Seat,
+        at_ns: u64,
+        means: &mut Means<'_>,
+    ) -> Option<RehearsalSpec> {
+        let snapshot = means.posts.snapshot(at_ns)?;
+        let executable = self.orders.seated_on(slot, seat)?;
+        let candidate = name_of(executable);
+        let owner_of = |slot: Slot| {
+            let owner = self.machines.get(&slot)?.record()?.owner;
+            self.orders.seated_on(slot, owner)
+        };
+        let built_in = |slot: Slot| {
+            let executable = owner_of(slot).filter(|e| e.is_built_in() && e.config.is_none())?;
+            Some(executable.candidate.name().to_owned())
+        };
+        let owner = owner_of(slot).filter(|e| !e.is_built_in() || e.config.is_some());
+        Some(RehearsalSpec {
+            scenario: self.rehearsing.scenario.clone(),
+            snapshot,
+            slot,
+            owners: Owners {
+                attitude: built_in(Slot::Attitude),
+                position: built_in(Slot::Position),
+            },
+            owner: owner.map(|owner| (name_of(owner), owner.config.clone())),
+            candidate,
+            config: executable.config.clone(),
+            seed: self.rehearsing.seed,
+            swap: self.rehearsing.asked,
+        })
+    }
+
+    /// Takes the verdicts that have arrived, and ends rehearsals whose candidate has been withdrawn.
+    pub(super) fn take_rehearsals(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
+        for (place, verdict) in means.posts.take_rehearsed() {
+            let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index))
+            else {
+                continue;
+            };
+            let left_tube = has_left_tube(&verdict, means);
+            let verdict = match verdict.refusal {
+                None => Ok(verdict.words),
+                Some(Refused::NotRehearsed { why }) => Err(RehearsalRefusal::NotRehearsed(why)),
+                Some(refusal) => Err(RehearsalRefusal::Fails(format!("it {refusal}"))),
+            };
+            self.answer_rehearsal(slot, seat, verdict, left_tube, means)?;
+        }
+        for slot in Slot::ALL {
+            let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
+            let Some(around) = self.around.get_mut(&slot) else { continue };
+            if let Some(gone) = around.rehearsal.take_if(|it| Some(it.seat) != candidate) {
+                means.posts.end_rehearsal(Place { role: slot.role(), index: gone.seat.into() });
+            }
+        }
+        Ok(())
+    }
+
+    fn answer_rehearsal(
+        &mut self,
+        slot: Slot,
+        seat: Seat,
+        verdict: Result<String, RehearsalRefusal>,
+        left_tube: bool,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let around = self.around.get_mut(&slot);
+        let underway = around.and_then(|around| around.rehearsal.take_if(|it| it.seat == seat));
+        let Some(Underway { from_ns, .. }) = underway else { return Ok(()) };
+        self.tell(slot, Event::Rehearsed(seat, Rehearsed { from_ns, left_tube, verdict }), means)
+    }
+}
+
+/// True if the vehicle is now further from its reference than the tube allows, so that the rehearsal, which
+/// began closer to the reference, no longer applies to it.
+fn has_left_tube(verdict: &Verdict, means: &Means<'_>) -> bool {
+    let Some(figures) = &verdict.figures else { return false };
+    let limits = figures.figures.iter().filter(|f| f.measure == Measure::PositionPeak);
+    let Some(limit_m) = limits.map(|figure| figure.limit).reduce(f64::max) else {
+        return false;
+    };
+    means.posts.tracking_error_m(means.now.logical_ns).is_some_and(|error_m| error_m > limit_m)
+}
+
+/// Name or path of a controller, in the form that a request for a swap uses.
+fn name_of(executable: &Executable) -> String {
+    match &executable.candidate {
+        Candidate::Service(name) => (*name).to_owned(),
+        Candidate::Executable(path) => path.display().to_string(),
+    }
+}

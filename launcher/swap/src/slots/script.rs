@@ -1,0 +1,134 @@
+//! What is done to a flight on purpose, at logical instants: swaps, standbys, faults and orders.
+
+use super::{Means, News, Slots};
+use crate::FlightError;
+use protocol::control::Request;
+use protocol::control::protocol::Order;
+use runtime::Graph;
+use scenario::Settings;
+use scenario::orders::{self, Planner};
+use scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
+
+/// One thing to be done.
+#[derive(Debug, Clone)]
+enum Deed {
+    Swap(SwapSettings),
+    Standby(StandbySettings),
+    Fault(FaultSettings),
+    /// To be in effect at an instant \[ns\].
+    Order(orders::Order, u64),
+}
+
+/// Everything that is still to be done, the next thing last.
+#[derive(Debug, Default)]
+pub struct Script {
+    deeds: Vec<(u64, Deed)>,
+}
+
+impl Script {
+    /// The deeds of a scenario.
+    #[must_use]
+    pub fn new(settings: &Settings, graph: &Graph) -> Self {
+        let Settings { swap, standby, fault, order, .. } = settings;
+        let swaps = swap.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
+        let standbys = standby
+            .iter()
+            .map(|standby| (nanoseconds(standby.at_s), Deed::Standby(standby.clone())));
+        let faults = fault.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
+        let orders = order.iter().filter_map(|settings| {
+            let (order, at_ns) = (settings.order()?, nanoseconds(settings.at_s));
+            // Pilot and injector run ahead, so they are told ahead; not before everybody flies.
+            let told_ns = at_ns.saturating_sub(Planner::ahead_ns(&order, graph)).max(1);
+            Some((told_ns, Deed::Order(order, at_ns)))
+        });
+        let mut deeds: Vec<_> = standbys.chain(swaps).chain(faults).chain(orders).collect();
+        // Stable: what is written first at an instant is done first.
+        deeds.sort_by_key(|(at_ns, _)| *at_ns);
+        deeds.reverse();
+        Self { deeds }
+    }
+
+    /// Leaves out what was due before `t_ns`.
+    pub fn skip_before(&mut self, t_ns: u64) {
+        self.deeds.retain(|(at_ns, _)| *at_ns >= t_ns);
+    }
+
+    /// Instant of the next deed; lockstep time stops there \[ns\].
+    #[must_use]
+    pub fn next_ns(&self) -> u64 {
+        self.deeds.last().map_or(u64::MAX, |(at_ns, _)| *at_ns)
+    }
+
+    /// Does what is due.
+    ///
+    /// # Errors
+    /// [`FlightError`] if the flight cannot go on.
+    pub fn run(&mut self, slots: &mut Slots, means: &mut Means<'_>) -> Result<(), FlightError> {
+        while self.next_ns() <= means.now.logical_ns
+            && let Some((_, deed)) = self.deeds.pop()
+        {
+            match deed {
+                Deed::Swap(swap) => slots.script(&order(&swap), means)?,
+                Deed::Standby(StandbySettings { slot, name, shadow_s, rehearse, .. }) => {
+                    let slot = slot.label().to_owned();
+                    let shadow_ns = nanoseconds(shadow_s);
+                    slots.script(&Request::Standby { slot, name, shadow_ns, rehearse }, means)?;
+                }
+                Deed::Fault(fault) => afflict(&fault, slots, means)?,
+                Deed::Order(order, at_ns) => slots.give_scripted(&order, at_ns, means),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Begins what is told of a fault that somebody wanted.
+pub const FAULT: &str = "fault: ";
+
+/// A scripted swap is what a user would have asked for.
+fn order(swap: &SwapSettings) -> Request {
+    Request::Swap(Order {
+        slot: swap.slot.label().to_owned(),
+        to: swap.to.clone(),
+        config: swap.config.clone(),
+        shadow_ns: nanoseconds(swap.shadow_s),
+        max_bump: swap.max_bump,
+        rollback_ns: nanoseconds(swap.rollback_s),
+        force: swap.force,
+        rehearse: swap.rehearse,
+        dry_run: false,
+    })
+}
+
+/// Kills or stops whoever has the name; of several in a slot the one that commands.
+fn afflict(
+    fault: &FaultSettings,
+    slots: &mut Slots,
+    means: &mut Means<'_>,
+) -> Result<(), FlightError> {
+    let in_slot = slots.seats_of(&fault.name).first().copied();
+    let Some(place) = in_slot.or_else(|| means.posts.seat_of(&fault.name)) else {
+        return Ok(());
+    };
+    let deed = if matches!(fault.kind, FaultKind::Kill) { "killed" } else { "stopped" };
+    let text = format!("{FAULT}{} is {deed} on purpose", fault.name);
+    slots.news.push(News { text, warning: false });
+    match fault.kind {
+        FaultKind::Kill => {
+            slots.killed(place, means);
+            means.posts.kill_at_once(place);
+        }
+        FaultKind::Stop => {
+            means.posts.stop(place);
+            if slots.has(place.role) {
+                slots.stopped(place, means)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked settings")]
+fn nanoseconds(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}

@@ -1,0 +1,115 @@
+//! What is told of a slot: sentences for the flight's log, answers to whoever asked, the table of swaps.
+
+use super::{News, Slots};
+use scenario::candidate::Slot;
+use shared_types::time::s_from_ns;
+use slot::{Action, Outcome, Reason, Report, Step};
+
+impl Slots {
+    pub(super) fn report(&mut self, slot: Slot, report: &Report) {
+        let text = self.orders.tell(slot, report);
+        let begun = self.machines.get(&slot).and_then(|m| m.record()).is_none_or(|r| r.epoch > 1);
+        if matches!(report, Report::Step(Step::Commands(_))) && !begun {
+            // Who begins is in the scenario, and no news.
+            return;
+        }
+        let warning = match report {
+            Report::Refused(_) => true,
+            Report::Aborted(_, reason) => {
+                if let Reason::Rehearsal(refusal) = reason {
+                    self.refuse_rehearsed(slot, &refusal.to_string());
+                }
+                self.end(slot, &reason.to_string(), false);
+                true
+            }
+            Report::Done(_, outcome) => {
+                if *outcome != Outcome::Retired {
+                    self.end(slot, &text, true);
+                }
+                false
+            }
+            Report::Step(step) => {
+                self.note(slot, step);
+                matches!(
+                    step,
+                    Step::Forced(..)
+                        | Step::RehearsalForced(..)
+                        | Step::WithoutFallback(_)
+                        | Step::TriedAgain { .. }
+                        | Step::TookOver { .. }
+                        | Step::Ownerless(..)
+                        | Step::Replaced(..)
+                        | Step::StandbyLost(..)
+                        | Step::StandbyGivenUp(_)
+                )
+            }
+        };
+        self.say(text, warning);
+    }
+
+    /// Writes a step into the report of the swap that is going on.
+    pub(super) fn note(&mut self, slot: Slot, step: &Step) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
+            gate.flips_at(*at_ns);
+        }
+        let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
+        match step {
+            Step::Joined { same_kind, at_ns, .. } => {
+                report.joined_s = Some(s_from_ns(*at_ns));
+                report.same_kind = Some(*same_kind);
+            }
+            Step::Rehearsed(_, words) => report.rehearsal = Some(words.clone()),
+            Step::RehearsalForced(_, refusal) => {
+                report.rehearsal = Some(format!("overruled: {refusal}"));
+            }
+            Step::Flipped { epoch, at_ns, .. } => {
+                report.flipped_s = Some(s_from_ns(*at_ns));
+                report.epoch = Some(*epoch);
+            }
+            _ => {}
+        }
+    }
+
+    fn refuse_rehearsed(&mut self, slot: Slot, words: &str) {
+        let current = self.around.get(&slot).and_then(|around| around.current);
+        if let Some(report) = current.and_then(|at| self.reports.get_mut(at)) {
+            report.rehearsal = Some(words.to_owned());
+        }
+    }
+
+    /// Writes down how what was going on ended.
+    pub(super) fn end(&mut self, slot: Slot, outcome: &str, done: bool) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        let gate = around.gate.take();
+        let report = around.current.take().and_then(|at| self.reports.get_mut(at));
+        let Some(report) = report else { return };
+        if let Some(gate) = &gate {
+            report.measured(gate);
+        }
+        outcome.clone_into(&mut report.outcome);
+        report.done = done;
+    }
+
+    pub(super) fn say(&mut self, text: String, warning: bool) {
+        self.news.push(News { text, warning });
+    }
+
+    /// A swap that has been refused at once ends there.
+    pub(super) fn end_last(&mut self, actions: &[Action]) {
+        let reason = actions.iter().find_map(|action| match action {
+            Action::Report(Report::Refused(reason)) => Some(reason.to_string()),
+            _ => None,
+        });
+        if let (Some(report), Some(reason)) = (self.reports.last_mut(), reason) {
+            report.outcome = format!("refused: {reason}");
+        }
+    }
+
+    /// The flight is over: what is still going on ends as it is.
+    pub fn finish(&mut self) {
+        for slot in Slot::ALL {
+            self.end(slot, "the flight ended first", false);
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
+
+use rehearsal::{Snapshot, Watcher};
+use runtime::seat_of_loop;
+use shared_types::{
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, LoopStats, MorphAngle,
+    Reference, Role, Sample, Trip, WrenchCommand,
+};
+use slot::SlotConfig;
+use std::any::Any;
+use std::collections::VecDeque;
+use vehicle::VehicleParameters;
+
+/// References that are kept: the pilot runs ahead of the flight by its lead.
+const REFERENCES: usize = 256;
+
+/// A command that somebody on a seat has published.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded {
+    pub(super) slot: Role,
+    pub(super) seat: u32,
+    pub(super) release_ns: u64,
+    pub(super) effective_ns: u64,
+    /// T and τ, or T, φ, θ and ψ.
+    pub(super) value: [f64; 4],
+}
+
+/// What a slot's consumer says about whom it obeys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Obeyed {
+    pub(super) at_ns: u64,
+    pub(super) epoch: u64,
+    pub(super) seat: u32,
+    pub(super) failed_over: bool,
+    pub(super) tripped: bool,
+    pub(super) refused_epoch: u64,
+}
+
+/// One observation, in the order drained.
+#[derive(Debug, Clone, Copy)]
+pub enum Seen {
+    /// A command.
+    Command(Commanded),
+    /// A consumer changed its mind, or says for the first time what it thinks.
+    Obeys {
+        /// Role of the slot.
+        slot: Role,
+        /// Seat of the consumer.
+        by_seat: u32,
+        /// Whom it obeys.
+        obeyed: Obeyed,
+    },
+    /// A controller on this seat of the attitude slot had heard a set point, or none, at an instant.
+    Hears {
+        /// Seat of the candidate.
+        seat: u32,
+        /// Logical instant \[ns\].
+        at_ns: u64,
+        /// Whether there was a set point to follow.
+        something: bool,
+    },
+    /// A consumer has been on its own since `since_ns`.
+    Unguided {
+        /// Role of the slot.
+        slot: Role,
+        /// Seat of the consumer.
+        by_seat: u32,
+        /// Epoch of the record that it goes by.
+        epoch: u64,
+        /// Since when it has had nothing to obey \[ns\].
+        since_ns: u64,
+        /// Logical instant \[ns\].
+        at_ns: u64,
+    },
+    /// The monitor's word.
+    Trip(Trip),
+    /// The encoder's reading.
+    Angle {
+        /// Logical instant \[ns\].
+        at_ns: u64,
+        /// The deployable angle \[rad\].
+        angle_rad: f64,
+    },
+    /// A process on a seat has left out so many releases since its start. An input that was not there in
+    /// time is no fault of who waited for it.
+    Missed {
+        /// Role of the slot.
+        slot: Role,
+        /// Seat of the candidate.
+        seat: u32,
+        /// Steps that it has missed.
+        steps: u64,
+        /// Logical instant \[ns\].
+        at_ns: u64,
+    },
+}
+
+/// Keeps what has been seen until it is asked for.
+#[derive(Debug, Default)]
+pub struct SlotWatch {
+    seen: Vec<Seen>,
+    /// What each consumer said last: the plant, then the seats of the attitude slot.
+    last: [Obeyed; 1 + shared_types::SEATS],
+    /// When each of them last had something new to obey, and the sequence of that.
+    guided: [(u64, u64); 1 + shared_types::SEATS],
+    /// Remembers what the vehicle knows, from which candidates are flown ahead.
+    known: Option<Watcher>,
+    /// Where the vehicle was to be at the last instants \[m\].
+    references: VecDeque<(u64, [f64; 3])>,
+}
+
+impl SlotWatch {
+    /// Of a flight whose controllers model this vehicle.
+    #[must_use]
+    pub fn new(vehicle: &VehicleParameters) -> Self {
+        Self { known: Some(Watcher::new(vehicle)), ..Self::default() }
+    }
+
+    /// What the vehicle knows of itself at an instant; `None` before it knows anything.
+    #[must_use]
+    pub fn snapshot(&self, at_ns: u64) -> Option<Snapshot> {
+        self.known.as_ref()?.snapshot(at_ns)
+    }
+
+    /// Distance from the estimate to the reference at an instant \[m\]; `None` without either.
+    #[must_use]
+    pub fn tracking_error_m(&self, at_ns: u64) -> Option<f64> {
+        let (_, wanted) = *self.references.iter().rev().find(|(from_ns, _)| *from_ns <= at_ns)?;
+        let is = self.snapshot(at_ns)?.position_w_m;
+        let squares = is.iter().zip(wanted).map(|(is, wanted)| (is - wanted) * (is - wanted));
+        Some(squares.sum::<f64>().sqrt())
+    }
+
+    /// Looks at one sample.
+    pub fn observe<T: Sample>(&mut self, sample: &T) {
+        let any: &dyn Any = sample;
+        if let Some(known) = &mut self.known {
+            known.observe_any(sample);
+        }
+        if let Some(command) = any.downcast_ref::<WrenchCommand>() {
+            let [x, y, z] = command.torque_b_nm;
+            self.command(Role::Attitude, &command.header, [command.thrust_n, x, y, z]);
+        } else if let Some(setpoint) = any.downcast_ref::<AttitudeSetpoint>() {
+            let AttitudeSetpoint { thrust_n, roll_rad, pitch_rad, yaw_rad, .. } = *setpoint;
+            let value = [thrust_n, roll_rad, pitch_rad, yaw_rad];
+            self.command(Role::Position, &setpoint.header, value);
+        } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
+            let obeyed = Obeyed {
+                at_ns: applied.header.release_ns,
+                epoch: applied.epoch,
+                seat: applied.seat,
+                failed_over: applied.failed_over.is_set(),
+                tripped: applied.tripped.is_set(),
+                refused_epoch: applied.refused_epoch,
+            };
+            self.obeys(Role::Attitude, 0, 0, obeyed);
+            // A command in effect is always news; after a cut nothing can be, and while the gate brings
+            // the vehicle back nothing needs to.
+            let sequence = match applied.mode {
+                GateMode::Normal | GateMode::Cut | GateMode::Recover => u64::MAX,
+                _ => applied.command_sequence,
+            };
+            self.note_guidance(Role::Attitude, 0, 0, obeyed, sequence);
+        } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
+            let obeyed = Obeyed {
+                at_ns: applied.header.release_ns,
+                epoch: applied.epoch,
+                seat: applied.seat,
+                failed_over: applied.failed_over.is_set(),
+                tripped: applied.tripped.is_set(),
+                refused_epoch: applied.refused_epoch,
+            };
+            let by_seat = applied.header.seat;
+            let (at_ns, something) = (obeyed.at_ns, applied.setpoint_sequence > 0);
+            self.seen.push(Seen::Hears { seat: by_seat, at_ns, something });
+            let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
+            self.obeys(Role::Position, by_seat, place, obeyed);
+            self.note_guidance(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);
+        } else if let Some(trip) = any.downcast_ref::<Trip>() {
+            self.seen.push(Seen::Trip(*trip));
+        } else if let Some(reference) = any.downcast_ref::<Reference>() {
+            self.keep_reference(reference);
+        } else if let Some(reading) = any.downcast_ref::<MorphAngle>() {
+            let (at_ns, angle_rad) = (reading.header.release_ns, reading.angle_rad);
+            self.seen.push(Seen::Angle { at_ns, angle_rad });
+        } else if let Some(stats) = any.downcast_ref::<LoopStats>()
+            && matches!(stats.role, Role::Attitude | Role::Position)
+        {
+            self.seen.push(Seen::Missed {
+                slot: stats.role,
+                seat: seat_of_loop(stats.header.seat),
+                steps: stats.skipped,
+                at_ns: stats.header.release_ns,
+            });
+        }
+    }
+
+    fn keep_reference(&mut self, reference: &Reference) {
+        if self.references.len() == REFERENCES {
+            self.references.pop_front();
+        }
+        self.references.push_back((reference.header.valid_ns, reference.points[0].position_w_m));
+    }
+
+    fn command(&mut self, slot: Role, header: &Header, value: [f64; 4]) {
+        self.seen.push(Seen::Command(Commanded {
+            slot,
+            seat: header.seat,
+            release_ns: header.release_ns,
+            effective_ns: header.valid_ns,
+            value,
+        }));
+    }
+
+    /// Notes what a consumer says if it is news.
+    fn obeys(&mut self, slot: Role, by_seat: u32, place: usize, obeyed: Obeyed) {
+        let Some(last) = self.last.get_mut(place) else { return };
+        if (Obeyed { at_ns: last.at_ns, ..obeyed }) != *last {
+            *last = obeyed;
+            self.seen.push(Seen::Obeys { slot, by_seat, obeyed });
+        }
+    }
+
+    /// Notes a consumer that has nothing new to obey, and has had nothing for long.
+    fn note_guidance(
+        &mut self,
+        slot: Role,
+        by_seat: u32,
+        place: usize,
+        said: Obeyed,
+        sequence: u64,
+    ) {
+        let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
+        let Obeyed { at_ns, epoch, .. } = said;
+        if sequence == u64::MAX || sequence != *last || epoch == 0 {
+            (*since_ns, *last) = (at_ns, sequence);
+        } else if at_ns.saturating_sub(*since_ns) >= SlotConfig::REALTIME.unguided_ns {
+            let since_ns = *since_ns;
+            self.seen.push(Seen::Unguided { slot, by_seat, epoch, since_ns, at_ns });
+        }
+    }
+
+    /// True once the consumers of both slots, or the plant alone if there is only one, have said whom
+    /// they obey.
+    #[must_use]
+    pub fn has_heard(&self, position_too: bool) -> bool {
+        let [plant, controllers @ ..] = &self.last;
+        plant.epoch > 0 && (!position_too || controllers.iter().any(|said| said.epoch > 0))
+    }
+
+    /// Everything seen since the last time.
+    pub fn take(&mut self) -> Vec<Seen> {
+        core::mem::take(&mut self.seen)
+    }
+}
