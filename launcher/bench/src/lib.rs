@@ -8,7 +8,6 @@ pub mod fleet;
 pub mod floor;
 pub mod gate;
 pub mod hop;
-pub mod load;
 pub mod loops;
 pub mod measure;
 mod onlooker;

@@ -1,17 +1,16 @@
 //! Compares the errors of the candidate in each window with those of the owner in the same flight.
 
+use crate::limits::NOT_FINITE;
+use crate::loss::Lost;
 use crate::{
     Challenge, Facts, Figure, Limits, Measure, Moment, RehearsalFigures, RehearsalRefusal,
     Schedule, Slot, Track, Tube,
 };
-use serde::{Deserialize, Serialize};
 
 /// Last part of a window, as a share of it, in which a good controller has recovered.
 const REST_SHARE: f64 = 0.4;
 /// Height below which the vehicle touches the ground, with a margin for legs and noise \[m\].
 const GROUND_M: f64 = 0.05;
-/// Replaces an error that is not a number, because JSON cannot represent NaN.
-pub(crate) const NOT_FINITE: f64 = f64::MAX;
 
 /// One initial state, flown with the candidate and with the owner.
 #[derive(Debug, Clone, Copy)]
@@ -24,37 +23,6 @@ pub struct Flown<'a> {
     pub candidate: &'a Track,
     /// The flight with the owner alone.
     pub owner: &'a Track,
-}
-
-/// How a vehicle was lost.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", tag = "how")]
-pub enum Lost {
-    /// The tilt is larger than can be recovered from.
-    Tilted {
-        /// Angle between body z and the vertical \[rad\].
-        tilt_rad: f64,
-        /// Its limit \[rad\].
-        limit_rad: f64,
-    },
-    /// The vehicle is too far from its reference.
-    Away {
-        /// Distance from the reference \[m\].
-        distance_m: f64,
-        /// Its limit \[m\].
-        limit_m: f64,
-    },
-    /// The vehicle touches the ground.
-    Grounded {
-        /// Height above the ground \[m\].
-        height_m: f64,
-        /// Its limit \[m\].
-        limit_m: f64,
-    },
-    /// The actuation guard had to level the vehicle or cut its rotors, because no valid command came.
-    Uncommanded,
-    /// Tilt, position or height is not a finite number.
-    NotFinite,
 }
 
 /// The first loss of the vehicle from `from_s` \[s\] on, with its instant \[s\]; `None` if it was not lost.

@@ -12,6 +12,7 @@ mod challenge;
 mod draw;
 mod judge;
 mod limits;
+mod loss;
 mod snapshot;
 mod track;
 mod tube;
@@ -20,8 +21,9 @@ mod watcher;
 
 pub use challenge::{Axis, Challenge, Schedule, Sweep, Trial, schedule};
 pub use draw::{DRAWS, Draw, draws};
-pub use judge::{Flown, Lost, judge, lost};
+pub use judge::{Flown, judge, lost};
 pub use limits::{Facts, Limits, Slot};
+pub use loss::Lost;
 pub use snapshot::{Guidance, Instance, Snapshot, Turn, Way};
 pub use track::{Moment, Motion, Track, Wanted};
 pub use tube::{Figure, Measure, Tube};

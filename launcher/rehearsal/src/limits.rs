@@ -4,6 +4,9 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use vehicle::{MorphAngle, VehicleParameters};
 
+/// Replaces an error that is not a number, because JSON cannot represent NaN.
+pub(crate) const NOT_FINITE: f64 = f64::MAX;
+
 /// The slot that a candidate is to take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

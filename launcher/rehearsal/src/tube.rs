@@ -1,6 +1,6 @@
 //! The tube of permitted errors: an envelope from the vehicle's limits, tightened to the owner's error.
 
-use crate::judge::NOT_FINITE;
+use crate::limits::NOT_FINITE;
 use crate::{Axis, Challenge, Facts, Limits, Slot, Trial};
 use serde::{Deserialize, Serialize};
 

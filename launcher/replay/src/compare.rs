@@ -1,11 +1,11 @@
 //! What came out again against what was recorded, sample by sample and state by state.
 
 use super::ReplayError;
-use super::again::{Replayed, Topics, fly_again};
+use super::again::{Replayed, fly_again};
+use super::component_topics::Topics;
 use super::fields::{Named, first_difference, numbers_of_state};
-use super::lives::{
-    Instance, Life, LifeKey, Service as MadeOf, Who, chosen, instances, service_of,
-};
+use super::life_key::LifeKey;
+use super::lives::{Instance, Life, Service as MadeOf, Who, chosen, instances, service_of};
 use super::pairs::{Pair, difference, pairs};
 use super::tapes::{Recorded, load};
 use core::convert::Infallible;

@@ -1,10 +1,12 @@
 //! Another controller on the same inputs: where and how far its outputs depart.
 
 use super::ReplayError;
-use super::again::{Topics, fly_again};
+use super::again::fly_again;
 use super::compare::Difference;
+use super::component_topics::Topics;
 use super::fields::numbers_of;
-use super::lives::{Life, LifeKey, Service as MadeOf, Who, instances, only, service_of};
+use super::life_key::LifeKey;
+use super::lives::{Life, Service as MadeOf, Who, instances, only, service_of};
 use super::other::outputs_of;
 use super::tapes::{Recorded, Tapes, load};
 use core::convert::Infallible;

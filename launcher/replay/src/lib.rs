@@ -7,10 +7,12 @@
 
 mod again;
 mod compare;
+mod component_topics;
 mod course;
 mod departure;
 mod fields;
 mod hashes;
+mod life_key;
 mod lives;
 mod other;
 mod pairs;

@@ -1,39 +1,15 @@
 //! Who flew a role, one process after another and beside another: each life, and how it began.
 
 use super::ReplayError;
+use super::life_key::LifeKey;
 use super::tapes::Recorded;
 use record::read::{RecordedState, seat_config};
-use runtime::seat_of_loop;
 use runtime::service::StateHeader;
 use scenario::components::{self, Crew};
 use shared_types::wire::Value as _;
-use shared_types::{Deviation, DeviationKind, Header, Role, Seat, Seating, topics};
+use shared_types::{Deviation, DeviationKind, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;
 use std::fmt;
-
-/// One life of a process: its seat, and how many had the seat before.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub(super) struct LifeKey {
-    pub(super) seat: u32,
-    pub(super) generation: u32,
-}
-
-impl LifeKey {
-    /// Of who wrote a sample or a state.
-    pub(super) fn of(header: &Header) -> Self {
-        Self { seat: header.seat, generation: header.generation }
-    }
-
-    /// Of the loop that told a deviation.
-    pub(super) fn of_deviation(header: &Header) -> Self {
-        Self { seat: seat_of_loop(header.seat), generation: header.generation }
-    }
-
-    /// Of the loop that published totals.
-    pub(super) fn of_stats(header: &Header) -> Self {
-        Self::of_deviation(header)
-    }
-}
 
 /// Whom a replay is about: a role, and of those who filled it perhaps those of a name or on a seat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

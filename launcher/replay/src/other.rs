@@ -1,7 +1,7 @@
 //! Another build replays: a process of its own, and a folder for what it writes that nobody finds later.
 
 use super::ReplayError;
-use super::again::Topics;
+use super::component_topics::Topics;
 use super::tapes::{Tapes, load};
 use record::read::RecordedFlight;
 use runtime::clock::{mono_now_ns, sleep_until};

@@ -1,7 +1,7 @@
 //! Samples by topic with their types forgotten: what was recorded, and what comes out of a replay.
 
-use super::again::Topics;
-use super::lives::LifeKey;
+use super::component_topics::Topics;
+use super::life_key::LifeKey;
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight, RecordedState};
 use runtime::graph::CREDIT_NS;
 use shared_types::{

@@ -5,11 +5,12 @@
 
 pub mod floor;
 pub mod hop;
+pub mod load;
 
 use super::BenchError;
-use super::load::{LoadOrder, be_load};
 use host::realtime::Setup;
 use host::{exit, name_thread};
+use load::{LoadOrder, be_load};
 use runtime::priority::Schedule;
 use scenario::process::OWN_EXECUTABLE;
 use serde::de::DeserializeOwned;

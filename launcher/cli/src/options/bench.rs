@@ -3,7 +3,7 @@
 use super::duration::duration;
 use super::{Format, ScenarioArguments};
 use bench::gate::Gate;
-use bench::load::Load;
+use bench::peer::load::Load;
 use bench::place::{Policy, cpus};
 use clap::{Args, Subcommand};
 use core::time::Duration;

@@ -8,11 +8,43 @@
 //! ```
 
 use super::protocol::{Reason, Refusal, Reply, Request};
-use super::server::{Caller, Limits};
 use rustix::event::PollFlags;
 use std::io::{self, Read as _, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
+
+/// What a client may take.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Longest request \[bytes\].
+    pub request_bytes: usize,
+    /// Answers that a client has not read yet \[bytes\].
+    pub unread_bytes: usize,
+    /// For a whole request to come, and for an answer to be read \[ns\].
+    pub patience_ns: u64,
+    /// Conversations at a time.
+    pub clients: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            request_bytes: 16 * 1024,
+            unread_bytes: 256 * 1024,
+            patience_ns: 10_000_000_000,
+            clients: 16,
+        }
+    }
+}
+
+/// Who asks, as the system says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Caller {
+    /// Process.
+    pub pid: i32,
+    /// User.
+    pub uid: u32,
+}
 
 /// What the conversation waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

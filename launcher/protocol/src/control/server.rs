@@ -5,6 +5,7 @@
 
 use super::SOCKET;
 use super::conversation::Conversation;
+pub use super::conversation::{Caller, Limits};
 use super::protocol::{Reason, Reply, Request};
 use runtime::clock::mono_now_ns;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
@@ -22,39 +23,6 @@ use std::thread::{Builder, JoinHandle};
 
 /// How long no new client is let in after the system had no room for one \[ns\].
 const DEAF_NS: u64 = 100_000_000;
-
-/// What a client may take.
-#[derive(Debug, Clone, Copy)]
-pub struct Limits {
-    /// Longest request \[bytes\].
-    pub request_bytes: usize,
-    /// Answers that a client has not read yet \[bytes\].
-    pub unread_bytes: usize,
-    /// For a whole request to come, and for an answer to be read \[ns\].
-    pub patience_ns: u64,
-    /// Conversations at a time.
-    pub clients: usize,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            request_bytes: 16 * 1024,
-            unread_bytes: 256 * 1024,
-            patience_ns: 10_000_000_000,
-            clients: 16,
-        }
-    }
-}
-
-/// Who asks, as the system says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Caller {
-    /// Process.
-    pub pid: i32,
-    /// User.
-    pub uid: u32,
-}
 
 /// A request with its way back.
 #[derive(Debug)]

@@ -65,6 +65,7 @@ impl<S: FnMut(&Traced)> Following<S> {
         self.links.sort();
         for command in self.links.take_commands(until_ns) {
             let chain = self.links.follow(&command);
+            let chain = chain.and_then(|chain| segment::check(&chain).map(|()| chain));
             (self.see)(&Traced { command, chain });
         }
         self.links.forget(until_ns.saturating_sub(KEEP_NS));

@@ -1,7 +1,7 @@
 //! The spans of a chain, by host stamps. A sum of spans begins at the sensor's intended release, so that
 //! a late sensor cannot make a latency shorter.
 
-use super::Chain;
+use super::{Broken, Chain};
 
 /// Two instants of a chain on `CLOCK_MONOTONIC` \[ns\]; 0 where one is not known.
 type Ends = (u64, u64);
@@ -30,6 +30,14 @@ impl Segment {
 
     fn known(&self, chain: &Chain) -> Option<Ends> {
         (self.ends)(chain).filter(|(from, to)| *from > 0 && *to > 0)
+    }
+}
+
+/// Refuses a chain whose stamps run backwards.
+pub(super) fn check(chain: &Chain) -> Result<(), Broken> {
+    match SEGMENTS.iter().find(|segment| segment.runs_backwards(chain)) {
+        Some(segment) => Err(Broken::Backwards(segment.key)),
+        None => Ok(()),
     }
 }
 

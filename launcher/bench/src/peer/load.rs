@@ -1,8 +1,8 @@
 //! Something else for the machine to do while it is measured: ordinary programs, one per processor.
 
-use super::BenchError;
-use super::peer::{Order, Peer, Seat, Talk, unheard};
-use super::place::Place;
+use super::{Order, Peer, Seat, Talk, unheard};
+use crate::BenchError;
+use crate::place::Place;
 use core::hint::black_box;
 use core::sync::atomic::{AtomicBool, Ordering};
 use serde::{Deserialize, Serialize};
