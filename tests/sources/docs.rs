@@ -116,3 +116,28 @@ fn every_test_that_is_ignored_says_why_and_is_listed_for_the_soak() {
     }
     assert_eq!(ignored, names);
 }
+
+#[test]
+fn every_path_that_a_document_names_is_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folders = ["benches/", "launcher/", "services/", "shared-types/", "tests/"];
+    let mut named = 0;
+    for entry in fs::read_dir(root).expect("a folder").flatten() {
+        let document = entry.path();
+        if document.extension().is_none_or(|extension| extension != "md") {
+            continue;
+        }
+        let text = fs::read_to_string(&document).expect("text");
+        // Every other piece stands between two marks of code.
+        for path in text.split('`').skip(1).step_by(2) {
+            // Names in capitals stand for any.
+            let is_path = folders.iter().any(|folder| path.starts_with(folder))
+                && !path.contains(|letter: char| letter.is_ascii_uppercase() || letter == ' ');
+            if is_path {
+                named += 1;
+                assert!(root.join(path).exists(), "{} names {path}", document.display());
+            }
+        }
+    }
+    assert!(named > 20, "{named} paths");
+}
