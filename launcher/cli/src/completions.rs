@@ -6,8 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Command, CommandFactory as _, ValueHint};
 use clap_complete::Shell;
 use host::exit;
-use scenario::components;
-use scenario::shipped;
+use scenario::{components, shipped};
 use shared_types::topics;
 use std::io::{self, Write};
 

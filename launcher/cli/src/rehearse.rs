@@ -9,6 +9,7 @@ use runtime::clock::mono_now_ns;
 use rustix::process::{Resource, Rlimit, Signal, nice, set_parent_process_death_signal, setrlimit};
 use scenario::candidate::{Candidate, Slot};
 use scenario::{Override, Scenario};
+use shared_types::time::ns_from_s;
 use simulate::rehearse::{Rehearsal, RehearsalFigures, Role, Verdict, verdict, watch};
 use std::io::{Read as _, Write};
 use std::path::{Path, PathBuf};
@@ -44,8 +45,7 @@ pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
 
 /// False once so much wall time is over.
 fn until(wall_max_s: f64) -> impl FnMut() -> bool {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
-    let end_ns = mono_now_ns().saturating_add((wall_max_s * 1e9) as u64);
+    let end_ns = mono_now_ns().saturating_add(ns_from_s(wall_max_s));
     move || mono_now_ns() < end_ns
 }
 

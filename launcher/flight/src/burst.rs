@@ -2,8 +2,7 @@
 //! flight publishes them, to what a launcher drains and records with.
 
 use super::tap::Tap;
-use observe::Metrics;
-use observe::Observer;
+use observe::{Metrics, Observer};
 use protocol::control::runs::note_measurement;
 use record::{Clock, Facts, Recording};
 use runtime::clock::mono_now_ns;
@@ -13,11 +12,10 @@ use runtime::ipc::{
 use runtime::namespace::Membership;
 use runtime::{Graph, Sink as _, StateSink as _};
 use shared_types::{Header, Role, Roll, Sample, Seat, Topic};
-use simulate::Consumers;
-use simulate::Summary;
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, require_shared_memory, system};
+use simulate::{Consumers, Summary};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -38,9 +38,8 @@ use simulate::setup::{
 };
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
-use swap::FlightError;
 use swap::services::{HeldServices, Wakers};
-use swap::{Means, Script, Slots};
+use swap::{FlightError, Means, Script, Slots};
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;

@@ -2,6 +2,7 @@
 
 use scenario::process::OWN_EXECUTABLE;
 use shared_types::Seat as Place;
+use shared_types::time::ns_from_s;
 use simulate::rehearse::{RehearsalRefusal, Verdict};
 use std::io::{self, Read as _, Write as _};
 use std::process::{Child, Command, Stdio};
@@ -50,12 +51,7 @@ impl Rehearser {
     ) -> io::Result<()> {
         self.end(place);
         let child = start(spec, if self.stands_back { NICE } else { 0 })?;
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "checked settings"
-        )]
-        let wall_max_ns = (wall_max_s * 1e9) as u64;
+        let wall_max_ns = ns_from_s(wall_max_s);
         let give_up_ns = now_mono_ns.saturating_add(wall_max_ns).saturating_add(SLACK_NS);
         let (child, listeners) = child;
         self.running.push(Running { place, child, listeners, give_up_ns });

@@ -16,8 +16,7 @@ use shared_types::{Flag, Handover, Hello, OwnerRecord, Role, RollEntry, Seat};
 use std::path::PathBuf;
 use swap::child::{ChildSpec, RunningChild, describe};
 use swap::post::Post;
-use swap::{FlightError, OrderSinks, PostEvent};
-use swap::{RollKeeper, SlotOwner};
+use swap::{FlightError, OrderSinks, PostEvent, RollKeeper, SlotOwner};
 
 /// What to do about crashes.
 #[derive(Debug, Clone, Copy)]

@@ -2,6 +2,7 @@
 
 use crate::snapshot::{Guidance, Instance, Snapshot, Turn, Way};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use shared_types::time::ns_from_s;
 use shared_types::{
     AngleDiversion, AppliedCommand, AppliedSetpoint, GateMode, GuidanceOrder, PositionDiversion,
     Sample, StateEstimate,
@@ -163,8 +164,7 @@ impl Watcher {
     /// nor drag in still air (w = 0) explains, from m R f = T R e₃ + d (w − v) + F. T is the thrust commanded
     /// one rotor lag earlier.
     fn force_w_n(&self, at_ns: u64) -> [f64; 3] {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a short time")]
-        let lag_ns = (self.vehicle.rotor_lag_s * 1e9).round() as u64;
+        let lag_ns = ns_from_s(self.vehicle.rotor_lag_s);
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         let mut commands = self.commands.iter().peekable();
         let mut thrust_n = None;

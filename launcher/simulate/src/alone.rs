@@ -14,9 +14,7 @@ use crate::in_process::{
 };
 use crate::setup::Pin;
 use host::stay_on;
-use observe::FlightHash;
-use observe::Metrics;
-use observe::Observer;
+use observe::{FlightHash, Metrics, Observer};
 use record::{self, Facts, Recording};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::watch::StopFlags;

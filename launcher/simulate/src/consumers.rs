@@ -1,10 +1,8 @@
 //! What is fed with everything that a flight publishes: hash, sequence audit, metrics, recording.
 
 use super::summary::Summary;
-use observe::Observer;
 use observe::stopwatch::Stopwatch;
-use observe::{FlightHash, LogHash};
-use observe::{Metrics, News};
+use observe::{FlightHash, LogHash, Metrics, News, Observer};
 use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
 use record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};

@@ -2,11 +2,9 @@
 
 use ::verdict::{End, Verdict};
 use hdrhistogram::Histogram;
-use observe::CommandTally;
-use observe::Upkeep;
-use observe::seat_name;
-use observe::{Closing, ENDED, FLOWN_NS, exit_code, told_end};
-use observe::{Effort, Metrics};
+use observe::{
+    Closing, CommandTally, ENDED, Effort, FLOWN_NS, Metrics, Upkeep, exit_code, seat_name, told_end,
+};
 use record::{SequenceAudit, name_gaps};
 use scenario::orders::OrderReport;
 use shared_types::{ClockMode, Role};

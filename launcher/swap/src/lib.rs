@@ -21,5 +21,7 @@ pub use owners::{RollKeeper, SlotOwner};
 pub use post_event::{FlightError, PostEvent};
 pub use post_note::PostNote;
 pub use rehearsal_spec::{Owners, RehearsalSpec};
-pub use slots::*;
+pub use slots::{
+    FAULT, Means, News, Posts, Script, Seen, SlotWatch, Slots, SwapReport, write_table,
+};
 pub use standstill::Standstill;

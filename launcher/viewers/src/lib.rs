@@ -1,7 +1,9 @@
-//! What shows a flight: the page of a recording and of a running flight, the report, and the terminal's dashboard.
+//! What shows a flight: the page of a recording and of a running flight, the report, the terminal's dashboard, and
+//! tables.
 //!
-//! [`view`] shows a recording as a page, [`report`] judges it, [`live`] serves a running flight to a page and to
-//! viewers, and [`top`] shows its loops in a terminal. All of them read recordings, topics and the control socket;
+//! [`view`] shows a recording as a page, [`report`] judges it, [`trace`] follows its commands back to their sensor and
+//! [`export`] makes tables of it; [`live`] serves a running flight to a page and to viewers, and [`top`] shows its
+//! loops in a terminal. All of them read recordings, topics and the control socket;
 //! nothing of a flight knows them.
 
 pub mod export;

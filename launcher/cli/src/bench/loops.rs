@@ -2,11 +2,10 @@
 
 use super::nanoseconds;
 use crate::options::{LoopsArguments, TableFormat};
-use bench::BenchError;
 use bench::gate::{self, Comparison, Gate};
 use bench::loops::{self, LoopsPlan, Measured};
 use bench::place::Place;
-use bench::{page, pictures};
+use bench::{BenchError, page, pictures};
 use figures::results::ResultsFolder;
 use host::exit;
 use scenario::{Override, Scenario};

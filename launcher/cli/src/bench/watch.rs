@@ -2,12 +2,11 @@
 
 use super::bar;
 use crate::options::{Format, WatchArguments, scenario_words};
-use bench::BenchError;
 use bench::loops::{self, LoopsPlan};
 use bench::peer::load::Load;
 use bench::place::Place;
-use bench::turns;
 use bench::watch::{self, WatchReport};
+use bench::{BenchError, turns};
 use core::time::Duration;
 use host::exit;
 use scenario::{Override, Scenario};

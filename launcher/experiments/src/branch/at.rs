@@ -3,6 +3,7 @@
 use core::fmt;
 use core::str::FromStr;
 use runtime::Rate;
+use shared_types::time::ns_from_s;
 
 /// `@1234`, a tick of the plant, or `@12.5s` or `@500ms`, a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,15 +46,7 @@ impl FromStr for At {
         let seconds = at.strip_suffix('s').and_then(|s| s.parse::<f64>().ok());
         let time = seconds.or_else(|| Some(humantime::parse_duration(at).ok()?.as_secs_f64()));
         match time {
-            Some(t_s) if (0.0..=1e6).contains(&t_s) => {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "in range"
-                )]
-                let t_ns = (t_s * 1e9).round() as u64;
-                Ok(Self::Time(t_ns))
-            }
+            Some(t_s) if (0.0..=1e6).contains(&t_s) => Ok(Self::Time(ns_from_s(t_s))),
             _ => Err(wrong()),
         }
     }

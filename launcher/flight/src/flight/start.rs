@@ -28,10 +28,9 @@ use simulate::Consumers;
 use simulate::setup::{
     RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
 };
-use swap::FlightError;
 use swap::child::{ChildSpec, Launch};
 use swap::services::{HeldServices, Wakers};
-use swap::{Script, SlotWatch, Slots};
+use swap::{FlightError, Script, SlotWatch, Slots};
 
 /// From the announcement of a realtime flight to its start \[ns\].
 const COUNTDOWN_NS: u64 = 100_000_000;

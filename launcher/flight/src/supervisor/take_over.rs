@@ -8,12 +8,9 @@ use runtime::clock::WallMap;
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
 use shared_types::{ClockRecord, Hello, OwnerRecord, Role, Seat};
 use std::path::PathBuf;
-use swap::FlightError;
-use swap::OrderSinks;
-use swap::PostNote;
 use swap::child::{ChildSpec, Launch, RunningChild};
 use swap::post::Post;
-use swap::{RollKeeper, SlotOwner};
+use swap::{FlightError, OrderSinks, PostNote, RollKeeper, SlotOwner};
 
 impl Supervisor {
     /// Takes over from a launcher that has died: whoever lives is held, the others are counted as gone.

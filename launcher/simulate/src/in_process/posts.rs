@@ -9,16 +9,15 @@ use crate::rehearse::{self, Snapshot, Verdict};
 use core::cell::RefCell;
 use runtime::clock::mono_now_ns;
 use runtime::{Graph, Node};
-use scenario::Scenario;
-use scenario::components;
 use scenario::orders::Sent;
+use scenario::{Scenario, components};
+use shared_types::time::ns_from_s;
 use shared_types::{Flag, Handover, OwnerRecord, Role, Seat as Place, Seating, topics};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use swap::RehearsalSpec;
 use swap::child::{ChildSpec, Launch};
-use swap::{FlightError, PostEvent, Posts, Seen, SlotWatch};
+use swap::{FlightError, PostEvent, Posts, RehearsalSpec, Seen, SlotWatch};
 
 /// Deaths of a process at one instant after which it is not started again in place.
 const DEATHS_MAX: u32 = 2;
@@ -382,12 +381,7 @@ impl Posts for Seats<'_> {
         wall_max_s: f64,
     ) -> Result<(), String> {
         // Time stands still until the verdict, so it may as well be awaited here.
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a checked setting"
-        )]
-        let end_ns = mono_now_ns().saturating_add((wall_max_s * 1e9) as u64);
+        let end_ns = mono_now_ns().saturating_add(ns_from_s(wall_max_s));
         let verdict = rehearse::verdict(spec, &mut || mono_now_ns() < end_ns);
         self.cabin.rehearsed.push((place, verdict));
         Ok(())

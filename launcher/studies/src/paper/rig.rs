@@ -3,6 +3,7 @@
 use super::PaperError;
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, Output, Setpoint};
 use nalgebra::Vector3;
+use shared_types::time::ns_from_s;
 use std::collections::VecDeque;
 use vehicle::{
     Actuation, Allocator, Disturbance, LinearModel, MODEL_MEMORY_LEN, MorphAngle, NonlinearModel,
@@ -154,7 +155,7 @@ impl Experiment {
             }
             loop_.sample(t_s, &mut law);
             k += 1;
-            loop_.advance(whole_ns(f64::from(k) * self.law.period_s()));
+            loop_.advance(ns_from_s(f64::from(k) * self.law.period_s()));
         }
         Ok(loop_.trajectory)
     }
@@ -172,11 +173,6 @@ fn rotor_excess_n(output: &Output) -> f64 {
     let wrench = Wrench { thrust_n: output.thrust_n, torque_b_nm: output.torque_nm };
     let thrusts = allocator.unlimited_thrusts(&wrench);
     thrusts.iter().map(|f| (f - output.rotor_bound_n).max(-f)).fold(f64::MIN, f64::max)
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 10 s")]
-fn whole_ns(seconds: f64) -> u64 {
-    (seconds * 1e9).round() as u64
 }
 
 enum Plant {
@@ -299,7 +295,7 @@ impl<'a> ClosedLoop<'a> {
         match blow {
             Blow::Torque(torque) => {
                 self.inputs.disturbance.torque_b_nm = torque;
-                self.torque_until_ns = self.now_ns + whole_ns(self.experiment.law.period_s());
+                self.torque_until_ns = self.now_ns + ns_from_s(self.experiment.law.period_s());
             }
             Blow::Rate(jump) => self.shift(LINEAR_GAMMA + 3, &jump),
             Blow::Angle(jump) => self.shift(LINEAR_GAMMA, &jump),

@@ -4,6 +4,7 @@ use super::{Bench, Mismatch, StabilityError};
 use attitude_mpc::{AttitudeLaw, AttitudeLawConfig, Input, LawStatus, Setpoint};
 use nalgebra::Vector3;
 use serde::Serialize;
+use shared_types::time::ns_from_s;
 use std::collections::VecDeque;
 use vehicle::{
     Actuation, Disturbance, NonlinearModel, PlantInputs, PlantModel, RigidBodyState, StepStatus,
@@ -85,7 +86,7 @@ fn fly_until(
     world: &mut World,
     rolls: &mut Vec<f64>,
 ) -> Option<Answer> {
-    let period_ns = whole_ns(1.0 / bench.rate_hz);
+    let period_ns = ns_from_s(1.0 / bench.rate_hz);
     while world.now_ns < until_ns {
         let state = *world.plant.state();
         let output = law.step(&Input {
@@ -154,7 +155,7 @@ impl World {
         Ok(Self {
             plant: NonlinearModel::new(real, None, state)?,
             morph_rad: bench.morph_angle.rad(),
-            delay_ns: whole_ns(delay_s),
+            delay_ns: ns_from_s(delay_s),
             now_ns: 0,
             in_effect: Wrench::thrust(real.weight_n()),
             pending: VecDeque::new(),
@@ -190,9 +191,4 @@ impl World {
         }
         true
     }
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to some seconds")]
-fn whole_ns(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
 }

@@ -3,10 +3,9 @@
 use super::facts::{command_latency_ns, millihertz};
 use super::rehearsal::Rehearsing;
 use super::{Around, Machines, Means, Slots, slot_config};
-use crate::FlightError;
-use crate::PostNote;
 use crate::child::{ChildSpec, Launch};
 use crate::orders::{Executable, Orders};
+use crate::{FlightError, PostNote};
 use scenario::Scenario;
 use scenario::candidate::{Candidate, Slot};
 use shared_types::{ClockMode, OwnerRecord, Seat as Place};

@@ -501,7 +501,7 @@ impl Slots {
 
 /// How the slots of a flight are supervised.
 #[must_use]
-pub fn slot_config(mode: ClockMode, scenario: &Scenario) -> SlotConfig {
+fn slot_config(mode: ClockMode, scenario: &Scenario) -> SlotConfig {
     let config = match mode {
         ClockMode::Lockstep => SlotConfig::LOCKSTEP,
         _ => SlotConfig::REALTIME,

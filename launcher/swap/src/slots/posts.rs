@@ -1,9 +1,8 @@
 //! Who does what the slots want done: the supervisor of processes, or a flight in one process.
 
 use super::watch::Seen;
-use crate::RehearsalSpec;
 use crate::child::ChildSpec;
-use crate::{FlightError, PostEvent};
+use crate::{FlightError, PostEvent, RehearsalSpec};
 use rehearsal::{Snapshot, Verdict};
 use scenario::orders::Sent;
 use shared_types::{Handover, OwnerRecord, Seat as Place, Seating};

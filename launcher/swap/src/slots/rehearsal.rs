@@ -1,9 +1,8 @@
 //! Has candidates rehearsed, and reports the verdicts to the swap protocol.
 
 use super::{Means, Slots};
-use crate::FlightError;
 use crate::orders::Executable;
-use crate::{Owners, RehearsalSpec};
+use crate::{FlightError, Owners, RehearsalSpec};
 use ::rehearsal::{RehearsalRefusal as Refused, Verdict};
 use rehearsal::Measure;
 use scenario::Scenario;

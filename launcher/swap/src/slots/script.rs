@@ -8,6 +8,7 @@ use runtime::Graph;
 use scenario::Settings;
 use scenario::orders::{self, Planner};
 use scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
+use shared_types::time::ns_from_s;
 
 /// One thing to be done.
 #[derive(Debug, Clone)]
@@ -30,13 +31,12 @@ impl Script {
     #[must_use]
     pub fn new(settings: &Settings, graph: &Graph) -> Self {
         let Settings { swap, standby, fault, order, .. } = settings;
-        let swaps = swap.iter().map(|swap| (nanoseconds(swap.at_s), Deed::Swap(swap.clone())));
-        let standbys = standby
-            .iter()
-            .map(|standby| (nanoseconds(standby.at_s), Deed::Standby(standby.clone())));
-        let faults = fault.iter().map(|f| (nanoseconds(f.at_s), Deed::Fault(f.clone())));
+        let swaps = swap.iter().map(|swap| (ns_from_s(swap.at_s), Deed::Swap(swap.clone())));
+        let standbys =
+            standby.iter().map(|standby| (ns_from_s(standby.at_s), Deed::Standby(standby.clone())));
+        let faults = fault.iter().map(|f| (ns_from_s(f.at_s), Deed::Fault(f.clone())));
         let orders = order.iter().filter_map(|settings| {
-            let (order, at_ns) = (settings.order()?, nanoseconds(settings.at_s));
+            let (order, at_ns) = (settings.order()?, ns_from_s(settings.at_s));
             // Pilot and injector run ahead, so they are told ahead; not before everybody flies.
             let told_ns = at_ns.saturating_sub(Planner::ahead_ns(&order, graph)).max(1);
             Some((told_ns, Deed::Order(order, at_ns)))
@@ -71,7 +71,7 @@ impl Script {
                 Deed::Swap(swap) => slots.script(&order(&swap), means)?,
                 Deed::Standby(StandbySettings { slot, name, shadow_s, rehearse, .. }) => {
                     let slot = slot.label().to_owned();
-                    let shadow_ns = nanoseconds(shadow_s);
+                    let shadow_ns = ns_from_s(shadow_s);
                     slots.script(&Request::Standby { slot, name, shadow_ns, rehearse }, means)?;
                 }
                 Deed::Fault(fault) => afflict(&fault, slots, means)?,
@@ -91,9 +91,9 @@ fn order(swap: &SwapSettings) -> Request {
         slot: swap.slot.label().to_owned(),
         to: swap.to.clone(),
         config: swap.config.clone(),
-        shadow_ns: nanoseconds(swap.shadow_s),
+        shadow_ns: ns_from_s(swap.shadow_s),
         max_bump: swap.max_bump,
-        rollback_ns: nanoseconds(swap.rollback_s),
+        rollback_ns: ns_from_s(swap.rollback_s),
         force: swap.force,
         rehearse: swap.rehearse,
         dry_run: false,
@@ -126,9 +126,4 @@ fn afflict(
         }
     }
     Ok(())
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked settings")]
-fn nanoseconds(seconds: f64) -> u64 {
-    (seconds * 1e9).round() as u64
 }

@@ -4,11 +4,10 @@ use crate::view::{Collect, Happening, Owners, json};
 use protocol::control::status::RunStatus;
 use protocol::topic::feed::{Ending, Flying};
 use record::read::{RecordVisitor as _, RecordedEvent};
-use scenario::Scenario;
 use scenario::candidate::Slot;
-use scenario::components;
+use scenario::{Scenario, components};
 use serde_json::{Value, json};
-use shared_types::time::s_from_ns;
+use shared_types::time::{ns_from_s, s_from_ns};
 use shared_types::{Sample, Topic};
 
 /// How much of what it has already is told again, for reports and set points come after the instant
@@ -125,8 +124,7 @@ impl Picture {
 
     /// What is new to a page that knows all up to `since_s` and the first `events` events.
     pub(super) fn since(&self, since_s: f64, events: usize) -> Value {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
-        let since_ns = (since_s * 1e9) as u64;
+        let since_ns = ns_from_s(since_s);
         self.now(since_ns.saturating_sub(OVERLAP_NS), events)
     }
 

@@ -4,6 +4,7 @@ use crate::clock::mono_now_ns;
 use crate::leader::{Leader, process_start};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use shared_types::time::ns_from_s;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use std::io;
 use std::os::fd::OwnedFd;
@@ -45,8 +46,7 @@ impl Watched {
 
 /// Waits for another launcher than the one that has died.
 fn await_successor(folder: &Path, dead: Leader, grace_s: f64) -> Option<Watched> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    let deadline_ns = mono_now_ns().saturating_add((grace_s * 1e9) as u64);
+    let deadline_ns = mono_now_ns().saturating_add(ns_from_s(grace_s));
     loop {
         let named = Leader::of_run(folder).filter(|leader| *leader != dead);
         let found = named.and_then(|leader| {
