@@ -143,11 +143,16 @@ impl Running {
         processes_of(&self.id).into_iter().find(|p| p.arguments[0] == name)
     }
 
-    /// Sends a signal to the process of a service.
+    /// Sends a signal to the process of a service, and says which one it was. A process that is just being
+    /// restarted, for whatever reason, gets it as soon as it is there.
     pub(crate) fn signal(&self, name: &str, signal: Signal) -> u32 {
-        let process = self.process(name).unwrap_or_else(|| panic!("no {name}"));
-        assert!(kill(process.pid, signal), "{name} had gone");
-        process.pid
+        let mut pid = 0;
+        wait_until(&format!("{name} gets a signal"), || {
+            let process = self.process(name);
+            pid = process.as_ref().map_or(0, |process| process.pid);
+            process.is_some_and(|process| kill(process.pid, signal))
+        });
+        pid
     }
 
     /// Kills the launcher and waits until it is dead, of which it may be asked otherwise.

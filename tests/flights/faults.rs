@@ -166,7 +166,6 @@ fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
 fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     let mut running = in_realtime("600s", &[]);
     for victim in MORTALS {
-        wait_until("the victim", || running.process(victim).is_some());
         let first = running.signal(victim, Signal::KILL);
         wait_until("the successor", || running.process(victim).is_some_and(|p| p.pid != first));
     }
@@ -175,16 +174,13 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
     for victim in MORTALS {
         let killed = format!("{victim} killed by signal 9");
-        // The plant gives a controller up after 200 ms without commands, a constant: on a busy machine the launcher
-        // may hear of that first. Only a controller can be reported so, and only with this reason.
-        let silent = format!(
-            "take over from {victim}@0, which is started again: its commands failed to come"
-        );
-        let is_reported = [killed, silent].iter().any(|report| flown.stderr.contains(report));
+        // The launcher gives a controller up whose commands fail, after 200 ms by a constant, so that on a busy machine
+        // it may do so before it hears of the death. Only a controller can be reported in this way.
+        let given_up = format!("take over from {victim}@0, which is started again");
+        let is_reported = [killed, given_up].iter().any(|report| flown.stderr.contains(report));
         assert!(is_reported, "{victim}: {}", flown.said());
     }
     assert!(flown.number("recovered_crashes") >= 4.0, "{}", flown.said());
-    assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
     assert_nothing_left(&flown);
     assert!(flown.recording().count_messages_of_a_complete_file() > 100);
 }
