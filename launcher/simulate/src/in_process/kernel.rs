@@ -1,11 +1,12 @@
 //! The loops of a flight in one process, step by step.
 
+use super::checkpoint::Checkpoint;
 use super::director::Director;
-use super::loops::{Connect, InstanceMark, Loop, StepContext};
+use super::loops::{Connect, Loop};
 use super::marks::FlightMarks;
 use super::observer::Ears;
 use super::posts::Cabin;
-use super::resume::Checkpoint;
+use super::stepper::{InstanceMark, StepContext};
 use super::wires::Wires;
 use super::{Conclusion, InProcessError, Outside, PerfectState, StateSource};
 use core::cell::RefCell;

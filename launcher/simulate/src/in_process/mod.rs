@@ -7,6 +7,7 @@
 //! for a flight taken up in the middle and `perfect_state.rs` for the only component that a real run
 //! does not have.
 
+mod checkpoint;
 mod compare;
 mod director;
 mod error;
@@ -18,9 +19,11 @@ mod outside;
 mod perfect_state;
 mod posts;
 mod resume;
+mod stepper;
 mod tape;
 mod wires;
 
+pub use checkpoint::Checkpoint;
 pub use compare::{Compare, Difference, Likeness};
 pub use error::InProcessError;
 pub use kernel::Kernel;
@@ -29,7 +32,6 @@ use observer::{Audience, Ears};
 pub(crate) use outside::joins_executable;
 pub use outside::{ExitReport, Outside};
 pub use perfect_state::PerfectState;
-pub use resume::Checkpoint;
 pub use tape::Tape;
 
 use core::ops::{Deref, DerefMut};

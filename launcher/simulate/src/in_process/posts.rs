@@ -1,9 +1,10 @@
 //! Who sits in the slots of a flight in one process: loops of its thread, and processes.
 
 use super::InProcessError;
-use super::loops::{Connect, InstanceMark, Loop};
+use super::loops::{Connect, Loop};
 use super::marks::FlightMarks;
 use super::outside::{ExitReport, Outside, OutsideLoop, Start};
+use super::stepper::InstanceMark;
 use super::wires::Wires;
 use crate::rehearse::{self, Snapshot, Verdict};
 use core::cell::RefCell;

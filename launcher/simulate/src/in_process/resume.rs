@@ -1,82 +1,13 @@
-//! A flight taken up in the middle: states of every component, and what was on its way between them.
+//! A flight goes on from a checkpoint, and leaves one behind.
 
-use super::marks::FlightMarks;
+use super::checkpoint::{Checkpoint, Feed};
 use super::observer::Ears;
 use super::tape::Tape;
 use super::{InProcessError, Kernel, Outside, StateSource};
-use core::convert::Infallible;
 use replay::Course;
-use runtime::graph::{Edge, ROLES};
-use runtime::input::{Input, InputVisitor};
-use runtime::service::{StateHeader, ports_layout, state_layout, with_memory_of};
-use runtime::{Graph, MarkView as _, Service};
+use runtime::graph::ROLES;
 use scenario::Scenario;
-use shared_types::wire::Value as _;
-use shared_types::{Role, Sample, Topic};
 use std::sync::Arc;
-
-/// Where and from what a flight is taken up.
-#[derive(Debug, Clone)]
-pub struct Checkpoint {
-    tape: Arc<Tape>,
-    /// Everything released before is done \[ns\].
-    at_ns: u64,
-    /// Of each role, by [`Role::index`]; none if it has not stepped yet.
-    states: [Option<Vec<u8>>; ROLES],
-    /// The states are those of `at_ns`, not of the keyframes before it.
-    exact: bool,
-    /// What each role reads and writes, if the states are exact.
-    ports: [Option<u64>; ROLES],
-}
-
-impl Checkpoint {
-    /// The last states on `tape` before `at_ns`. A flight that goes on from here repeats what lies
-    /// between them and `at_ns`.
-    #[must_use]
-    pub fn before(tape: Arc<Tape>, at_ns: u64) -> Self {
-        let mut states = [const { None }; ROLES];
-        for role in Role::STEPPING {
-            states[role.index()] = tape.last_state_before(role, at_ns).map(<[u8]>::to_vec);
-        }
-        Self { tape, at_ns, states, exact: false, ports: [None; ROLES] }
-    }
-
-    /// The instant \[ns\].
-    #[must_use]
-    pub fn at_ns(&self) -> u64 {
-        self.at_ns
-    }
-
-    /// What was published until then, and perhaps after.
-    #[must_use]
-    pub fn tape(&self) -> &Arc<Tape> {
-        &self.tape
-    }
-
-    /// How many times the process of a role had been restarted.
-    pub(super) fn generation(&self, role: Role) -> u32 {
-        self.tape.generation_at(role, self.at_ns)
-    }
-
-    pub(super) fn state(&self, role: Role) -> Option<&[u8]> {
-        self.states.get(role.index())?.as_deref()
-    }
-
-    /// State from which `service` takes over, if the state of `role` is of another kind with the same
-    /// ports: sequences and latches of the predecessor, the memory of `service` as it is.
-    pub(super) fn taken_over<S: Service>(&self, role: Role, service: &S) -> Option<Vec<u8>> {
-        let state = self.state(role)?;
-        let same_ports = *self.ports.get(role.index())? == Some(ports_layout::<S>());
-        let same_kind = StateHeader::unpack(state.get(..StateHeader::PACKED_SIZE)?).layout_hash
-            == state_layout::<S>();
-        (same_ports && !same_kind).then(|| with_memory_of(service, state)).flatten()
-    }
-
-    /// The instant at which every loop goes on, if the states are exactly of it \[ns\].
-    pub(super) fn exact_ns(&self) -> Option<u64> {
-        self.exact.then_some(self.at_ns)
-    }
-}
 
 impl Kernel {
     /// Goes on from a checkpoint.
@@ -131,37 +62,5 @@ impl Kernel {
         for l in &mut self.loops {
             l.stepper.reseed(seed);
         }
-    }
-}
-
-/// Gives the inputs of one loop what its producers will not produce again.
-pub(super) struct Feed<'a> {
-    tape: &'a Tape,
-    graph: &'a Graph,
-    marks: &'a FlightMarks,
-    role: Role,
-    at_ns: u64,
-}
-
-impl InputVisitor for Feed<'_> {
-    type Error = Infallible;
-    fn visit<T: Sample>(
-        &mut self,
-        topic: &'static Topic<T>,
-        input: &mut Input<T>,
-    ) -> Result<(), Infallible> {
-        let edge = self.graph.edge(&topic.info, self.role).copied();
-        let from = edge.unwrap_or_else(|| Edge::unwaited(&topic.info, self.role)).from;
-        // Who does not step, the supervisor, produces nothing any more.
-        let before_ns = if from.is_stepping() {
-            self.at_ns.min(self.marks.of_role(from))
-        } else {
-            self.at_ns.saturating_add(1)
-        };
-        let latched = input.latest().map_or(0, |sample| sample.header().sequence);
-        for sample in self.tape.waiting(topic, latched, before_ns) {
-            input.offer(*sample);
-        }
-        Ok(())
     }
 }

@@ -4,7 +4,7 @@ use super::measure::overshoot_percent;
 use super::rig::{Experiment, World};
 use super::step_rates::{Law, PRINTED, among, outcome};
 use super::times::{StepTime, step_time};
-use super::{Check, Findings, PaperError, Run, Section, TARGET_RAD, Test, laguerre, pictures};
+use super::{Check, Findings, PaperError, Run, Section, TARGET_RAD, Test, label, laguerre};
 use attitude_mpc::{Horizon, HorizonChoice, SolverKind};
 use figures::results::Table;
 use nalgebra::Vector3;
@@ -28,7 +28,8 @@ const SMALL_RAD: f64 = 1e-6;
 /// Limits of the overshoot without weight and bounds for {30, 3}, {20, 3}, {10, 3} \[%\].
 const LIMITS: [f64; 3] = [3.35, 4.75, 8.12];
 
-pub(super) fn run() -> Result<Findings, PaperError> {
+/// Test II, with the times of its steps.
+pub(super) fn run() -> Result<(Findings, Bars), PaperError> {
     let mut runs = Vec::new();
     let mut checks = Vec::new();
     let overshoots = overshoots(&mut runs, &mut checks)?;
@@ -36,14 +37,9 @@ pub(super) fn run() -> Result<Findings, PaperError> {
     let rotors = among_rotors(&mut runs)?;
     let (times, bars) = compute_times()?;
     checks.push(Check::bounds(&runs));
-    let figures = vec![("figure-4", pictures::horizons(&runs, &bars))];
     let title = "Test II: prediction and control horizons, smallest vehicle, step of all angles";
     let sections = vec![overshoots, times, functions, rotors];
-    Ok(Findings { test: Test::Two, title, sections, checks, runs, figures })
-}
-
-pub(super) fn label((prediction, control): (usize, usize)) -> String {
-    format!("{{{prediction},{control}}}")
+    Ok((Findings { test: Test::Two, title, sections, checks, runs, figures: Vec::new() }, bars))
 }
 
 /// Name of the run with bounds active.

@@ -1,10 +1,9 @@
 //! The orthonormal functions that the paper announces and never uses: fewer unknowns per horizon.
 
-use super::horizons::label;
 use super::measure::{overshoot_percent, recovery_s};
 use super::rig::{Experiment, Trajectory};
 use super::step_rates::roll;
-use super::{Check, PaperError, Run, Section, TARGET_RAD, cell};
+use super::{Check, PaperError, Run, Section, TARGET_RAD, cell, label};
 use attitude_mpc::{Basis, Horizon, HorizonChoice};
 use figures::results::Table;
 use vehicle::MorphAngle;

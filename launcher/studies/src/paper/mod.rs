@@ -61,11 +61,31 @@ impl Test {
     /// # Errors
     /// A law or a vehicle that is impossible.
     pub fn run(self) -> Result<Findings, PaperError> {
-        match self {
-            Self::One => step_rates::run(),
-            Self::Two => horizons::run(),
-            Self::Three => sizes::run(),
-        }
+        let (mut findings, figures) = match self {
+            Self::One => {
+                let findings = step_rates::run()?;
+                let figures = vec![
+                    ("figure-3", pictures::rates(&findings.runs)),
+                    ("figure-3-rotors", pictures::rotors(&findings.runs)),
+                ];
+                (findings, figures)
+            }
+            Self::Two => {
+                let (findings, bars) = horizons::run()?;
+                let figures = vec![("figure-4", pictures::horizons(&findings.runs, &bars))];
+                (findings, figures)
+            }
+            Self::Three => {
+                let findings = sizes::run()?;
+                let figures = vec![
+                    ("figure-5", pictures::sizes(&findings.runs)),
+                    ("figure-6", pictures::disturbed(&findings.runs)),
+                ];
+                (findings, figures)
+            }
+        };
+        findings.figures = figures;
+        Ok(findings)
     }
 }
 
@@ -181,6 +201,11 @@ const TARGET_RAD: f64 = 0.2;
 /// The three sizes of Table I and their names in the paper.
 const SIZES: [(&str, MorphAngle); 3] =
     [("min", MorphAngle::MIN), ("med", MorphAngle::MEDIUM), ("max", MorphAngle::MAX)];
+
+/// {Np, Nc} as the paper writes it.
+fn label((prediction, control): (usize, usize)) -> String {
+    format!("{{{prediction},{control}}}")
+}
 
 /// `digits` decimals, or a dash.
 fn cell(value: Option<f64>, digits: usize) -> String {

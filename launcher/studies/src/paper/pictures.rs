@@ -3,7 +3,7 @@
 use super::horizons::{self, Bars, DRAWN_WEIGHT, PAIRS, PRINTED_US};
 use super::rig::Sample;
 use super::step_rates::{PRINTED, ROTOR_CASES};
-use super::{Run, SIZES, TARGET_RAD, sizes, step_rates};
+use super::{Run, SIZES, TARGET_RAD, label, sizes, step_rates};
 use figures::figure::{self, Axis, Colour, Curve, Dash, Figure, Level, Mark, Panel};
 
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
@@ -171,7 +171,7 @@ pub(super) fn horizons(runs: &[Run], bars: &Bars) -> Figure {
             _ => Dash::Dotted,
         };
         if let Some(run) = find(runs, &horizons::name(100.0, DRAWN_WEIGHT, pair)) {
-            drawn.push(Drawn { name: horizons::label(pair), colour, dash, run, bounds: None });
+            drawn.push(Drawn { name: label(pair), colour, dash, run, bounds: None });
         }
     }
     let title = "Figure 4: horizons {Np,Nc} at 100 Hz, r_w 0.25, and compute time on this machine";
@@ -194,7 +194,7 @@ pub(super) fn horizons(runs: &[Run], bars: &Bars) -> Figure {
 /// Our step times with the paper's ranges.
 fn step_times(bars: &Bars) -> Panel {
     let series = PRINTED.iter().zip([Colour::Orange, Colour::Purple, Colour::Sky]);
-    let groups = PAIRS.iter().zip(bars).map(|(pair, bar)| (horizons::label(*pair), bar.to_vec()));
+    let groups = PAIRS.iter().zip(bars).map(|(pair, bar)| (label(*pair), bar.to_vec()));
     let mut panel = Panel::new(
         "mean time of a step",
         Axis::new("{Np,Nc}"),

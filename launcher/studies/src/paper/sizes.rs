@@ -3,7 +3,7 @@
 use super::measure::{deviation_rad, recovery_s};
 use super::rig::{Blow, Experiment};
 use super::step_rates::{ROTOR_CASES, among, outcome, roll};
-use super::{Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell, pictures};
+use super::{Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell};
 use figures::results::Table;
 use nalgebra::Vector3;
 use rand::SeedableRng;
@@ -34,10 +34,8 @@ pub(super) fn run() -> Result<Findings, PaperError> {
         among_rotors(&mut runs)?,
     ];
     checks.push(Check::bounds(&runs));
-    let figures =
-        vec![("figure-5", pictures::sizes(&runs)), ("figure-6", pictures::disturbed(&runs))];
     let title = "Test III: sizes and robustness, 100 Hz, {Np, Nc} = {20, 3}";
-    Ok(Findings { test: Test::Three, title, sections, checks, runs, figures })
+    Ok(Findings { test: Test::Three, title, sections, checks, runs, figures: Vec::new() })
 }
 
 /// Name of the undisturbed run, and of the disturbed one.

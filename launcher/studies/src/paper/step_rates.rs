@@ -2,9 +2,7 @@
 
 use super::measure::{crossing_s, deviation_rad, peak_rad, recovery_s};
 use super::rig::{Experiment, Trajectory, World};
-use super::{
-    Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell, difference, pictures,
-};
+use super::{Check, Findings, PaperError, Run, SIZES, Section, TARGET_RAD, Test, cell, difference};
 use attitude_mpc::TorqueBound;
 use figures::results::Table;
 use nalgebra::Vector3;
@@ -30,10 +28,8 @@ pub(super) fn run() -> Result<Findings, PaperError> {
     ];
     sections[3].remarks.extend(ROTOR_REMARKS);
     checks.push(Check::bounds(&runs));
-    let figures =
-        vec![("figure-3", pictures::rates(&runs)), ("figure-3-rotors", pictures::rotors(&runs))];
     let title = "Test I: operation frequencies, step of all angles to 0.2 rad, {Np, Nc} = {20, 3}";
-    Ok(Findings { test: Test::One, title, sections, checks, runs, figures })
+    Ok(Findings { test: Test::One, title, sections, checks, runs, figures: Vec::new() })
 }
 
 /// Name of the run of the paper's loop.

@@ -3,13 +3,14 @@
 //!
 //! Numbers come from the samples in the file, not from what the flight said of itself: `observe.rs` goes
 //! through them, `numbers.rs` puts them beside the limits of the verdict, `response.rs` looks at what
-//! followed each disturbance, swap and fault, `orders.rs` at what became of each order, `pictures.rs` draws,
-//! `told.rs` writes it down.
+//! followed each disturbance, swap and fault, `orders.rs` at what became of each order (of a move of the
+//! reference by `pursuits.rs`), `pictures.rs` draws, `told.rs` writes it down.
 
 mod numbers;
 mod observe;
 mod orders;
 mod pictures;
+mod pursuits;
 mod response;
 mod told;
 

@@ -1,7 +1,7 @@
 //! A recording's samples, counted and judged again.
 
 use super::AuditRow;
-use super::orders::Pursuits;
+use super::pursuits::Pursuits;
 use ::verdict::{End, Outcome, Verdict};
 use observe::{ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};

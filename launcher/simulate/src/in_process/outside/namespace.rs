@@ -1,6 +1,6 @@
 //! The run namespace of one process: its folder, its services, and a stand-in for each neighbour.
 
-use super::super::loops::InstanceMark;
+use super::super::stepper::InstanceMark;
 use crate::setup::{require_shared_memory, run_id};
 use core::sync::atomic::{AtomicU32, Ordering};
 use host::flight::Clock;

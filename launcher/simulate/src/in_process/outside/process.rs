@@ -1,7 +1,7 @@
 //! A process as a loop of the flight: started, told where to begin, stepped, and ended.
 
-use super::super::loops::{InstanceMark, StepContext, Stepper};
-use super::super::resume::Feed as Resumed;
+use super::super::checkpoint::Feed as Resumed;
+use super::super::stepper::{InstanceMark, StepContext, Stepper};
 use super::super::wires::Wires;
 use super::feeds::{self, Feed};
 use super::namespace::{Namespace, OutsideError};
