@@ -2,7 +2,6 @@
 
 use crate::common::processes::{Process, Running, kill, processes_of, wait_until};
 use crate::common::{Flown, judged};
-use iceoryx2::service::port_factory::PortFactory as _;
 use runtime::ipc::Bus;
 use rustix::process::Signal;
 use shared_types::topics;
@@ -104,11 +103,11 @@ fn truth_has_no_reader_in_the_flight_and_one_in_all_the_recorder() {
     let config = format!("/dev/shm/mq-{}/iceoryx2.toml", running.id());
     let bus = Bus::join(Path::new(&config), "observer").expect("the run is there");
     let truth = bus.open_topic(&topics::TRUTH).expect("the topic is there");
-    assert_eq!(truth.dynamic_config().number_of_subscribers(), 1);
-    assert_eq!(truth.dynamic_config().number_of_publishers(), 1);
+    assert_eq!(truth.readers(), 1);
+    assert_eq!(truth.writers(), 1);
     // Two controllers, the monitor and the recorder: the counter does count.
     let estimate = bus.open_topic(&topics::STATE_ESTIMATE).expect("the topic is there");
-    assert_eq!(estimate.dynamic_config().number_of_subscribers(), 4);
+    assert_eq!(estimate.readers(), 4);
     drop((truth, estimate, bus));
     end(running);
 }

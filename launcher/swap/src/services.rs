@@ -2,7 +2,6 @@
 
 use runtime::Graph;
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
-use shared_types::ZeroCopySend;
 use shared_types::wire::Wire;
 use shared_types::{
     ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicInfo, TopicVisitor, topics,
@@ -46,7 +45,7 @@ impl TopicVisitor for Holder<'_> {
 }
 
 impl Holder<'_> {
-    fn service<T: Wire + ZeroCopySend + 'static>(
+    fn service<T: Wire + 'static>(
         &mut self,
         kind: ServiceKind,
         capacity: usize,

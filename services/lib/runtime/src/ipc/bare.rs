@@ -1,7 +1,7 @@
 //! The transport as it comes, without stamps, order, roll or marks: what measurements of the ports are
 //! compared with.
 
-use super::{Bus, Crowd, Ipc, PortError, RECORDER_CAPACITY, TopicFactory, service_name};
+use super::{Bus, Crowd, Ipc, PortError, RECORDER_CAPACITY, service_name};
 use crate::graph::READER_CAPACITY;
 use core::time::Duration;
 use iceoryx2::port::listener::Listener;
@@ -9,8 +9,11 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ZeroCopySend;
-use iceoryx2::service::port_factory::event;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
 use shared_types::wire::Wire;
+
+/// Keeps a service of samples there.
+pub type BareService<T> = publish_subscribe::PortFactory<Ipc, T, ()>;
 
 /// A publisher.
 #[derive(Debug)]
@@ -74,8 +77,8 @@ impl Bus {
         &self,
         name: &str,
         history: usize,
-    ) -> Result<TopicFactory<T>, PortError> {
-        self.create::<T>(name, RECORDER_CAPACITY, history, Crowd::ALL)
+    ) -> Result<BareService<T>, PortError> {
+        self.create_payload::<T>(name, RECORDER_CAPACITY, history, Crowd::ALL)
     }
 
     /// Opens such a service for writing.
@@ -86,7 +89,8 @@ impl Bus {
         &self,
         name: &str,
     ) -> Result<BareWriter<T>, PortError> {
-        let factory = self.open::<T>(name)?;
+        self.check_layout(name, &T::SCHEMA)?;
+        let factory = self.open_payload::<T>(name)?;
         let publisher = factory.publisher_builder().max_loaned_samples(1).create();
         Ok(BareWriter(publisher.map_err(PortError::transport(name, "create a writer"))?))
     }
@@ -99,7 +103,8 @@ impl Bus {
         &self,
         name: &str,
     ) -> Result<BareReader<T>, PortError> {
-        let factory = self.open::<T>(name)?;
+        self.check_layout(name, &T::SCHEMA)?;
+        let factory = self.open_payload::<T>(name)?;
         let subscriber = factory.subscriber_builder().buffer_size(READER_CAPACITY).create();
         Ok(BareReader(subscriber.map_err(PortError::transport(name, "create a reader"))?))
     }

@@ -6,14 +6,15 @@
 
 mod bare;
 mod names;
+mod payload;
 mod ports;
 mod roll;
 mod state;
 mod wake;
 
-pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
+pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareService, BareWriter};
 pub use names::ServiceKind;
-pub use ports::{IpcSink, IpcSource, LatestPort};
+pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
 pub use roll::Stray;
 pub use state::{StateFactory, StatePublisher, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
@@ -21,10 +22,11 @@ pub use wake::{WakeListener, WakeNotifier};
 use crate::graph::READER_CAPACITY;
 use iceoryx2::prelude::{
     AttributeSpecifier, Config, FilePath, LogLevel, MessagingPattern, Node as IpcNode, NodeBuilder,
-    SemanticString, Service as _, ServiceName, SignalHandlingMode, ipc, set_log_level,
+    SemanticString, Service as _, ServiceName, SignalHandlingMode, ZeroCopySend, ipc,
+    set_log_level,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::wire::Wire;
+use shared_types::wire::{Schema, Wire};
 use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -33,8 +35,6 @@ use thiserror::Error;
 
 /// The service variant used throughout.
 pub type Ipc = ipc::Service;
-/// Factory of the ports of one topic.
-pub type TopicFactory<T> = PortFactory<Ipc, T, ()>;
 
 /// Samples a recorder's reader keeps of a topic that has one sample per step.
 pub const RECORDER_CAPACITY: usize = 2048;
@@ -195,16 +195,33 @@ impl Bus {
         self.open::<T>(topic.info.name)
     }
 
-    fn create<T>(
+    fn create<T: Wire + 'static>(
         &self,
         service: &str,
         capacity: usize,
         history: usize,
         crowd: Crowd,
-    ) -> Result<TopicFactory<T>, PortError>
-    where
-        T: Wire + iceoryx2::prelude::ZeroCopySend,
-    {
+    ) -> Result<TopicFactory<T>, PortError> {
+        let create = payload::maker::<T>(service)?.create;
+        create(self, service, capacity, history, crowd).map(TopicFactory)
+    }
+
+    pub(crate) fn open<T: Wire + 'static>(
+        &self,
+        service: &str,
+    ) -> Result<TopicFactory<T>, PortError> {
+        self.check_layout(service, &T::SCHEMA)?;
+        let open = payload::maker::<T>(service)?.open;
+        open(self, service).map(TopicFactory)
+    }
+
+    fn create_payload<T: Wire + ZeroCopySend>(
+        &self,
+        service: &str,
+        capacity: usize,
+        history: usize,
+        crowd: Crowd,
+    ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
         let layout = layout_attribute(T::SCHEMA.layout_hash);
         let attributes = AttributeSpecifier::new()
             .define(
@@ -226,26 +243,26 @@ impl Bus {
             .map_err(PortError::transport(service, "create the service"))
     }
 
-    pub(crate) fn open<T>(&self, service: &str) -> Result<TopicFactory<T>, PortError>
-    where
-        T: Wire + iceoryx2::prelude::ZeroCopySend,
-    {
-        let name = service_name(service)?;
-        let ours = layout_attribute(T::SCHEMA.layout_hash);
-        let theirs = self.layout_of(&name)?;
-        if theirs != ours {
-            return Err(PortError::Layout {
-                service: service.to_owned(),
-                type_name: T::SCHEMA.name,
-                ours,
-                theirs,
-            });
-        }
+    fn open_payload<T: Wire + ZeroCopySend>(
+        &self,
+        service: &str,
+    ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
         self.node
-            .service_builder(&name)
+            .service_builder(&service_name(service)?)
             .publish_subscribe::<T>()
             .open()
             .map_err(PortError::transport(service, "open the service"))
+    }
+
+    /// Compares the layout that a type has here with the one that a service was created with.
+    fn check_layout(&self, service: &str, schema: &Schema) -> Result<(), PortError> {
+        let ours = layout_attribute(schema.layout_hash);
+        let theirs = self.layout_of(&service_name(service)?)?;
+        if theirs == ours {
+            return Ok(());
+        }
+        let (service, type_name) = (service.to_owned(), schema.name);
+        Err(PortError::Layout { service, type_name, ours, theirs })
     }
 
     /// Layout that a service was created with.

@@ -111,6 +111,14 @@ fn two_builds_that_disagree_about_a_type_refuse_each_other() {
 }
 
 #[test]
+fn a_service_is_made_only_of_a_type_that_has_ports() {
+    let run = join("types");
+    let refused = run.bus.create_service::<other_build::Hello>(ServiceKind::Hello, 4);
+    let text = refused.unwrap_err().to_string();
+    assert!(text.contains("hello") && text.contains("not the type of a topic"), "{text}");
+}
+
+#[test]
 fn a_topic_that_nobody_created_is_refused_by_name() {
     let run = join("missing");
     let text = run.bus.writer(&topics::REFERENCE).unwrap_err().to_string();
