@@ -166,7 +166,7 @@ pub fn send(order: &FromOrder, talk: &mut Talk) -> Result<String, BenchError> {
     serde_json::to_string(&late).map_err(|error| unheard(error.into()))
 }
 
-fn send_pings<T: Sample>(
+fn send_pings<T: Sample + 'static>(
     config: &Path,
     ping: &Ping,
     start_ns: u64,
@@ -225,7 +225,7 @@ pub fn receive(order: &ToOrder, talk: &mut Talk) -> Result<String, BenchError> {
     serde_json::to_string(&hops).map_err(|error| unheard(error.into()))
 }
 
-fn receive_pings<T: Sample>(
+fn receive_pings<T: Sample + 'static>(
     config: &Path,
     ping: &Ping,
     going: &Going,

@@ -1,40 +1,46 @@
 //! The transport as it comes, without stamps, order, roll or marks: what measurements of the ports are
 //! compared with.
 
-use super::{Bus, Crowd, Ipc, PortError, RECORDER_CAPACITY, service_name};
+use super::payload::{Reader, Writer};
+use super::{Bus, Crowd, Ipc, PortError, RECORDER_CAPACITY, TopicFactory, service_name};
 use crate::graph::READER_CAPACITY;
 use core::time::Duration;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::ZeroCopySend;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::port_factory::event;
 use shared_types::wire::Wire;
 
-/// Keeps a service of samples there.
-pub type BareService<T> = publish_subscribe::PortFactory<Ipc, T, ()>;
-
 /// A publisher.
-#[derive(Debug)]
-pub struct BareWriter<T: Wire + ZeroCopySend>(Publisher<Ipc, T, ()>);
+pub struct BareWriter<T>(Box<dyn Writer<T>>);
 
-impl<T: Wire + ZeroCopySend> BareWriter<T> {
+impl<T: Wire> core::fmt::Debug for BareWriter<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("BareWriter").field("type", &T::SCHEMA.name).finish_non_exhaustive()
+    }
+}
+
+impl<T> BareWriter<T> {
     /// Sends one sample; false if the transport refuses.
     pub fn send(&self, sample: T) -> bool {
-        self.0.loan_uninit().is_ok_and(|slot| slot.write_payload(sample).send().is_ok())
+        self.0.try_send(&sample)
     }
 }
 
 /// A subscriber.
-#[derive(Debug)]
-pub struct BareReader<T: Wire + ZeroCopySend>(Subscriber<Ipc, T, ()>);
+pub struct BareReader<T>(Box<dyn Reader<T>>);
 
-impl<T: Wire + ZeroCopySend> BareReader<T> {
+impl<T: Wire> core::fmt::Debug for BareReader<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("BareReader").field("type", &T::SCHEMA.name).finish_non_exhaustive()
+    }
+}
+
+impl<T> BareReader<T> {
     /// Shows the next sample where it lies, if one has arrived.
-    pub fn receive<R>(&self, look: impl FnOnce(&T) -> R) -> Option<R> {
-        let sample = self.0.receive().ok().flatten()?;
-        Some(look(sample.payload()))
+    pub fn receive<R>(&self, look: impl Fn(&T) -> R) -> Option<R> {
+        let mut seen = None;
+        self.0.show_next(&mut |sample| seen = Some(look(sample)));
+        seen
     }
 }
 
@@ -73,40 +79,28 @@ impl Bus {
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn create_bare<T: Wire + ZeroCopySend>(
+    pub fn create_bare<T: Wire + 'static>(
         &self,
         name: &str,
         history: usize,
-    ) -> Result<BareService<T>, PortError> {
-        self.create_payload::<T>(name, RECORDER_CAPACITY, history, Crowd::ALL)
+    ) -> Result<TopicFactory<T>, PortError> {
+        self.create::<T>(name, RECORDER_CAPACITY, history, Crowd::ALL)
     }
 
     /// Opens such a service for writing.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn bare_writer<T: Wire + ZeroCopySend>(
-        &self,
-        name: &str,
-    ) -> Result<BareWriter<T>, PortError> {
-        self.check_layout(name, &T::SCHEMA)?;
-        let factory = self.open_payload::<T>(name)?;
-        let publisher = factory.publisher_builder().max_loaned_samples(1).create();
-        Ok(BareWriter(publisher.map_err(PortError::transport(name, "create a writer"))?))
+    pub fn bare_writer<T: Wire + 'static>(&self, name: &str) -> Result<BareWriter<T>, PortError> {
+        self.open::<T>(name)?.0.writer().map(BareWriter)
     }
 
     /// Opens such a service for reading.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn bare_reader<T: Wire + ZeroCopySend>(
-        &self,
-        name: &str,
-    ) -> Result<BareReader<T>, PortError> {
-        self.check_layout(name, &T::SCHEMA)?;
-        let factory = self.open_payload::<T>(name)?;
-        let subscriber = factory.subscriber_builder().buffer_size(READER_CAPACITY).create();
-        Ok(BareReader(subscriber.map_err(PortError::transport(name, "create a reader"))?))
+    pub fn bare_reader<T: Wire + 'static>(&self, name: &str) -> Result<BareReader<T>, PortError> {
+        self.open::<T>(name)?.0.reader(READER_CAPACITY).map(BareReader)
     }
 
     /// Creates an event service.

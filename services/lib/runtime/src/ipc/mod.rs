@@ -12,7 +12,7 @@ mod roll;
 mod state;
 mod wake;
 
-pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareService, BareWriter};
+pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
 pub use roll::Stray;

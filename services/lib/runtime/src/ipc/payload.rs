@@ -31,7 +31,7 @@ pub(super) trait Service<T> {
     fn writers(&self) -> usize;
     /// A reader of a chosen depth, without history beyond it.
     fn reader(&self, capacity: usize) -> Result<Box<dyn Reader<T>>, PortError>;
-    fn writer(&self) -> Result<Box<dyn Sink<T>>, PortError>;
+    fn writer(&self) -> Result<Box<dyn Writer<T>>, PortError>;
 }
 
 /// A subscriber, perhaps of those on the roll alone.
@@ -40,6 +40,14 @@ pub(super) trait Reader<T>: Source<T> {
     fn guard(&mut self, guard: Guard<T>);
     /// The next sample with its writer's process: identity and process id.
     fn receive_from(&mut self) -> Option<(T, NodeId, u32)>;
+    /// Shows the next sample where it lies, whoever wrote it; false if none has arrived.
+    fn show_next(&self, show: &mut dyn FnMut(&T)) -> bool;
+}
+
+/// A publisher.
+pub(super) trait Writer<T>: Sink<T> {
+    /// Sends one sample, whose allocations nothing counts; false if the transport refuses.
+    fn try_send(&self, sample: &T) -> bool;
 }
 
 impl<T: Wire + ZeroCopySend> Service<T> for PortFactory<Ipc, T, ()> {
@@ -64,7 +72,7 @@ impl<T: Wire + ZeroCopySend> Service<T> for PortFactory<Ipc, T, ()> {
         Ok(Box::new(PayloadReader { subscriber, guard: None }))
     }
 
-    fn writer(&self) -> Result<Box<dyn Sink<T>>, PortError> {
+    fn writer(&self) -> Result<Box<dyn Writer<T>>, PortError> {
         let publisher = self
             .publisher_builder()
             .max_loaned_samples(1)
@@ -130,6 +138,14 @@ impl<T: Wire + ZeroCopySend> Reader<T> for PayloadReader<T> {
         let pid = node.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
         Some((*sample.payload(), node_id(node), pid))
     }
+
+    fn show_next(&self, show: &mut dyn FnMut(&T)) -> bool {
+        let sample = self.next();
+        if let Some(sample) = &sample {
+            show(sample.payload());
+        }
+        sample.is_some()
+    }
 }
 
 struct PayloadWriter<T: Wire + ZeroCopySend> {
@@ -141,14 +157,19 @@ impl<T: Wire + ZeroCopySend> Sink<T> for PayloadWriter<T> {
         // With overflow on, sending fails only if the segment is gone; the reader then sees a gap
         // in the sequence, which is counted there.
         in_transport(&mut || {
-            if let Ok(slot) = self.publisher.loan_uninit() {
-                let _ = slot.write_payload(*sample).send();
-            }
+            self.try_send(sample);
         });
     }
 
     fn serve_late_joiners(&mut self) {
         let _ = self.publisher.update_connections();
+    }
+}
+
+impl<T: Wire + ZeroCopySend> Writer<T> for PayloadWriter<T> {
+    fn try_send(&self, sample: &T) -> bool {
+        let slot = self.publisher.loan_uninit();
+        slot.is_ok_and(|slot| slot.write_payload(*sample).send().is_ok())
     }
 }
 

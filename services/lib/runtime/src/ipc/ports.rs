@@ -1,6 +1,6 @@
 //! Typed publishers and subscribers behind the [`Source`] and [`Sink`] of a service.
 
-use super::payload::{Reader, Service};
+use super::payload::{Reader, Service, Writer};
 use super::roll::Accepts;
 use super::{Bus, Crowd, FLYING_CAPACITY, PortError, ServiceKind};
 use crate::input::Source;
@@ -66,7 +66,7 @@ impl<T> Source<T> for IpcSource<T> {
 }
 
 /// A publisher.
-pub struct IpcSink<T>(Box<dyn Sink<T>>);
+pub struct IpcSink<T>(Box<dyn Writer<T>>);
 
 impl<T: Wire> core::fmt::Debug for IpcSink<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
