@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 42] = [
+const ALLOWED: [(&str, &[&str]); 43] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
@@ -91,6 +91,7 @@ const ALLOWED: [(&str, &[&str]); 42] = [
             "verdict",
         ],
     ),
+    ("process", &["host", "runtime", "scenario", "shared-types"]),
     (
         "flight",
         &[
@@ -198,6 +199,7 @@ const ALLOWED: [(&str, &[&str]); 42] = [
             "flight",
             "host",
             "monitor",
+            "process",
             "protocol",
             "record",
             "rehearsal",

@@ -46,7 +46,7 @@ use host::exit;
 use host::{LAYOUT_ARGUMENT, layout_hash};
 use options::{Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
-use scenario::{Scenario, ScenarioError, process};
+use scenario::{Scenario, ScenarioError};
 use simulate::Summary;
 use std::ffi::OsString;
 use std::io::{self, Write};
@@ -143,7 +143,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Recover(arguments) => return recover::run(&arguments, out),
         Command::Layout(arguments) => return pages::layout(&arguments, out),
         Command::Proc(arguments) => {
-            return Ok(process::run_process(&arguments.service, arguments.place));
+            return Ok(process::run(&arguments.service, arguments.place));
         }
     }
     Ok(exit::PASS)
