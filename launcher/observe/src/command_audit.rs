@@ -5,8 +5,13 @@ use serde::Serialize;
 use shared_types::{AppliedCommand, GateMode, NO_SEAT, OwnerRecord, Role, WrenchCommand};
 use std::collections::{BTreeMap, VecDeque};
 
-/// What is needed to judge a tick has arrived when the recorder is this far beyond it \[ns\].
-const SETTLED_NS: u64 = 1_000_000_000;
+/// Ticks after which everything about a tick has arrived. The recorder takes one topic after the other, the ticks
+/// before the commands, and at once no more of a topic than the 2048 samples that its reader keeps.
+const SETTLED_TICKS: usize = 2 * 2048;
+/// How long a command that has run out may still be asked for, around the tick in which it did \[ns\].
+const CARRIED_NS: u64 = 1_000_000_000;
+/// What may still be on its way to a recording that is cut off \[ns\].
+const CUT_NS: u64 = 1_000_000_000;
 
 /// What the ticks of a flight came to.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -58,6 +63,8 @@ pub(super) struct CommandAudit {
     before: Option<(u64, u32)>,
     now: Option<(u64, u32)>,
     last_ns: Option<u64>,
+    /// Newest instant at which a command that has arrived begins to count \[ns\].
+    heard_ns: u64,
     tally: CommandTally,
 }
 
@@ -73,6 +80,7 @@ impl CommandAudit {
     pub(super) fn command(&mut self, command: &WrenchCommand) {
         let from_ns = command.header.valid_ns;
         let until_ns = from_ns.saturating_add(command.validity_ns);
+        self.heard_ns = self.heard_ns.max(from_ns);
         let key = (command.header.seat, command.header.sequence);
         self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
     }
@@ -85,9 +93,8 @@ impl CommandAudit {
             failed_over: applied.failed_over.is_set(),
             command: (applied.command_seat, applied.command_sequence),
         });
-        let settled_ns = applied.header.release_ns.saturating_sub(SETTLED_NS);
-        while let Some(tick) = self.waiting.front().copied().filter(|t| t.at_ns < settled_ns) {
-            self.waiting.pop_front();
+        while self.waiting.len() > SETTLED_TICKS {
+            let Some(tick) = self.waiting.pop_front() else { return };
             self.judge(&tick);
             if self.tally.ticks.is_multiple_of(1024) {
                 self.forget(tick.at_ns);
@@ -100,9 +107,15 @@ impl CommandAudit {
         Self { waiting: VecDeque::new(), tally: CommandTally::default(), ..self }
     }
 
-    /// What is settled; of the last second of a recording that was cut the topics lack unlike much.
+    /// What is settled of a recording that was cut, whose topics end at different instants.
     pub(super) fn settled(&self) -> CommandTally {
-        self.tally
+        let newest_ns = self.waiting.back().map_or(0, |tick| tick.at_ns);
+        let settled_ns = newest_ns.saturating_sub(CUT_NS).min(self.heard_ns);
+        let mut rest = self.clone();
+        while let Some(tick) = rest.waiting.pop_front().filter(|tick| tick.at_ns < settled_ns) {
+            rest.judge(&tick);
+        }
+        rest.tally
     }
 
     /// Everything judged so far and, at the end of a flight, what was still waiting.
@@ -159,7 +172,7 @@ impl CommandAudit {
     /// Drops commands that nothing can descend from any more.
     fn forget(&mut self, now_ns: u64) {
         self.commands.retain(|_, lives| {
-            lives.retain(|life| life.until_ns.saturating_add(SETTLED_NS) > now_ns);
+            lives.retain(|life| life.until_ns.saturating_add(CARRIED_NS) > now_ns);
             !lives.is_empty()
         });
     }
@@ -258,14 +271,31 @@ mod tests {
     fn ticks_are_judged_as_they_settle_and_old_commands_forgotten() {
         let mut audit = CommandAudit::default();
         audit.record(&record(1, 0, 0, NO_SEAT));
-        for at_ms in 0..5_000 {
+        for at_ms in 0..20_000 {
             if at_ms % 10 == 0 {
                 audit.command(&command(0, at_ms / 10 + 1, at_ms));
             }
             audit.applied(&applied(at_ms, 1, (0, at_ms / 10 + 1), false));
         }
-        assert!(audit.waiting.len() <= 1_001 && audit.commands.len() < 350);
-        assert_eq!(audit.tally(), CommandTally { ticks: 5_000, ..CommandTally::default() });
+        assert_eq!(audit.waiting.len(), SETTLED_TICKS);
+        assert!(audit.commands.len() < 620, "{}", audit.commands.len());
+        assert_eq!(audit.tally(), CommandTally { ticks: 20_000, ..CommandTally::default() });
+    }
+
+    #[test]
+    fn a_recorder_that_was_kept_from_its_topics_for_two_seconds_finds_nothing_wrong() {
+        let mut audit = CommandAudit::default();
+        for begin_ms in [0, 2_000, 4_000, 6_000, 8_000] {
+            // As the recorder takes them: the ticks, then the commands, then who may command.
+            for at_ms in begin_ms..begin_ms + 2_000 {
+                audit.applied(&applied(at_ms, 1, (0, at_ms / 10 + 1), false));
+            }
+            for at_ms in (begin_ms..begin_ms + 2_000).step_by(10) {
+                audit.command(&command(0, at_ms / 10 + 1, at_ms));
+            }
+            audit.record(&record(1, 0, 0, NO_SEAT));
+        }
+        assert_eq!(audit.tally(), CommandTally { ticks: 10_000, ..CommandTally::default() });
     }
 
     #[test]
@@ -275,6 +305,9 @@ mod tests {
             audit.applied(&applied(at_ms, 2, (1, 9), false));
         }
         let of = |tally: CommandTally| (tally.ticks, tally.wrong_owner);
+        // The last command that has arrived begins to count at 20 ms: later ones may be what is missing.
+        assert_eq!((of(audit.settled()), of(audit.tally())), ((5, 5), (27, 27)));
+        audit.command(&command(1, 200, 1_040));
         assert_eq!((of(audit.settled()), of(audit.tally())), ((25, 25), (27, 27)));
     }
 
