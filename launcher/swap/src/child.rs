@@ -1,26 +1,19 @@
 //! One process: started under its own name, its last words kept; or taken over from a launcher that
 //! has died.
 
+use crate::last_words::LastWords;
 use runtime::Place;
 use runtime::leader::process_start;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
 use scenario::candidate::Slot;
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
-use std::io::{self, BufRead, BufReader};
+use std::io;
 use std::os::fd::{AsFd as _, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
-use std::thread;
-use std::time::Duration;
 
-/// Lines of standard error kept for the obituary.
-const LAST_WORDS: usize = 12;
-/// How long the last lines of a process that has ended are waited for.
-const WORDS_LIMIT: Duration = Duration::from_millis(500);
 /// How long a killed process may take to be gone \[s\].
 const END_LIMIT_S: i64 = 1;
 
@@ -71,9 +64,7 @@ pub enum Death {
 #[derive(Debug)]
 pub struct RunningChild {
     hold: Hold,
-    last_words: Arc<Mutex<VecDeque<String>>>,
-    /// Hangs up once there is nothing left to hear.
-    listener: Option<mpsc::Receiver<()>>,
+    last_words: LastWords,
 }
 
 /// What a process is held by.
@@ -129,17 +120,9 @@ impl RunningChild {
             command.arg("--await-handover");
         }
         let mut child = command.spawn()?;
-        let last_words = Arc::new(Mutex::new(VecDeque::with_capacity(LAST_WORDS)));
-        let listener = child.stderr.take().map(|pipe| {
-            let words = Arc::clone(&last_words);
-            let (hangs_up, listener) = mpsc::channel();
-            thread::spawn(move || {
-                listen(BufReader::new(pipe), &words);
-                drop(hangs_up);
-            });
-            listener
-        });
-        Ok(Self { hold: Hold::Child(child), last_words, listener })
+        let pipe = child.stderr.take().map(|pipe| LastWords::of(pipe.into()));
+        let last_words = pipe.transpose()?.unwrap_or_default();
+        Ok(Self { hold: Hold::Child(child), last_words })
     }
 
     /// A process that another launcher has started; none if it is gone.
@@ -149,7 +132,7 @@ impl RunningChild {
         // Looked at after it has been caught: whoever has its number since is another one.
         let hold = Hold::TakenOver { pid, pidfd };
         let same = process_start(pid) == Some(started);
-        same.then(|| Self { hold, last_words: Arc::default(), listener: None })
+        same.then(|| Self { hold, last_words: LastWords::default() })
     }
 
     /// Process number.
@@ -198,18 +181,15 @@ impl RunningChild {
     }
 
     /// What a child said last; call after it has exited.
-    pub fn last_words(&mut self) -> String {
-        if let Some(listener) = self.listener.take() {
-            // A process that it started may still hold the other end.
-            let _ = listener.recv_timeout(WORDS_LIMIT);
-        }
-        self.words_so_far()
+    #[must_use]
+    pub fn last_words(&self) -> String {
+        self.last_words.complete()
     }
 
     /// What a child has said last until now.
+    #[must_use]
     pub fn words_so_far(&self) -> String {
-        let words = self.last_words.lock().unwrap_or_else(PoisonError::into_inner);
-        words.iter().cloned().collect::<Vec<_>>().join("\n")
+        self.last_words.so_far()
     }
 }
 
@@ -235,18 +215,6 @@ fn is_gone(pidfd: &OwnedFd, limit_s: i64) -> bool {
 /// For words that must reach the user even when the launcher no longer can.
 fn launcher_stderr() -> Stdio {
     io::stderr().as_fd().try_clone_to_owned().map_or_else(|_| Stdio::null(), Stdio::from)
-}
-
-fn listen(mut pipe: impl BufRead, words: &Mutex<VecDeque<String>>) {
-    let mut line = Vec::new();
-    while pipe.read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
-        let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
-        if words.len() == LAST_WORDS {
-            words.pop_front();
-        }
-        words.push_back(String::from_utf8_lossy(&line).trim_end().to_owned());
-        line.clear();
-    }
 }
 
 /// `exit status 3` or `killed by signal 9`.

@@ -5,6 +5,7 @@
 //! [`orders`] for what users ask for, [`child`] and [`post`] for the processes.
 
 pub mod child;
+mod last_words;
 mod order_sinks;
 pub mod orders;
 mod owners;

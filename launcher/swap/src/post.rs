@@ -120,8 +120,8 @@ impl Post {
     }
 
     /// What the process said last, for the end of a sentence; call after it has exited.
-    pub fn words(&mut self) -> String {
-        Self::quoted(&self.child.as_mut().map(RunningChild::last_words).unwrap_or_default())
+    pub fn words(&self) -> String {
+        Self::quoted(&self.child.as_ref().map(RunningChild::last_words).unwrap_or_default())
     }
 
     /// What the process has said until now, for the end of a sentence.
