@@ -171,9 +171,11 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
     fly_beside(|| (), &[], arguments)
 }
 
-/// What the verdict asks of flying well, for flights by the wall clock that a busy machine may disturb. That
-/// a promise was broken fails them all the same.
-const UNDISTURBED: [&str; 15] = [
+/// What the verdict asks of flying well, and how soon the gate gives a vehicle up, for flights by the wall clock that a
+/// busy machine may disturb. That a promise was broken fails them all the same.
+const UNDISTURBED: [&str; 17] = [
+    "plant.gate.level_max_s=60.0",
+    "plant.gate.tip_over_s=10.0",
     "verdict.attitude_end_max_rad=3.0",
     "verdict.clipped_max_s=60.0",
     "verdict.clipped_max_share=1.0",
@@ -194,8 +196,10 @@ const UNDISTURBED: [&str; 15] = [
 /// The limits of wall time within which the launcher expects processes to start, to step and to be
 /// rehearsed, as long as they can be set. On a busy machine a healthy process exceeds the shipped limits,
 /// so only a flight with a process that really hangs sets one of them.
-const UNHURRIED: [&str; 4] = [
+const UNHURRIED: [&str; 6] = [
     "launcher.lag_timeout_s=600",
+    "launcher.restart_backoff_max_s=0.1",
+    "launcher.restart_limit=1000",
     "launcher.stall_timeout_s=600",
     "launcher.startup_timeout_s=600",
     "rehearsal.wall_max_s=600",

@@ -36,6 +36,13 @@ pub(crate) fn kill(pid: u32, signal: Signal) -> bool {
     kill_process(pid, signal).is_ok()
 }
 
+/// True once a process has ended and has given up its files, whether or not its parent has been told.
+pub(crate) fn is_dead(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok();
+    let state = stat.and_then(|stat| stat.rsplit_once(") ")?.1.chars().next());
+    state.is_none_or(|state| state == 'Z')
+}
+
 /// One process of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Process {
@@ -158,11 +165,7 @@ impl Running {
     /// Kills the launcher and waits until it is dead, of which it may be asked otherwise.
     pub(crate) fn kill_launcher(&self) {
         assert!(kill(self.pid, Signal::KILL), "it had gone");
-        let state = || {
-            let stat = fs::read_to_string(format!("/proc/{}/stat", self.pid)).ok()?;
-            stat.rsplit_once(") ")?.1.chars().next()
-        };
-        wait_until("the launcher is dead", || state().is_none_or(|state| state == 'Z'));
+        wait_until("the launcher is dead", || is_dead(self.pid));
     }
 
     fn has_ended(&mut self) -> bool {

@@ -137,7 +137,9 @@ fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
                 assert_ratios(&told["flown"], &told["floor"], &told["ratio"]);
             }
         }
-        assert!(one["cost"]["rss_mb"].as_f64() > Some(1.0), "{one}");
+        // There is no cost of a flight in which a process was restarted between any two looks at it.
+        let cost = &one["cost"];
+        assert!(cost.is_null() || cost["rss_mb"].as_f64() > Some(1.0), "{one}");
     }
     assert_paths(report, 1000.0);
     let written = std::fs::read_to_string(saved).expect("it was saved");

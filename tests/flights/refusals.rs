@@ -207,6 +207,8 @@ fn a_stranger_that_forges_every_field_of_commands_moves_no_motor_and_is_named() 
         Command::new(executable).args(["stray", &folder]).spawn().expect("the executable starts");
     let pid = stray.id().to_string();
     let flown = running.wait();
+    // It is there to the end, so that the launcher can tell what it is.
+    stray.kill().expect("it still writes");
     stray.wait().expect("it ends");
     assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
     let named = format!("process {pid} (rogue) writes on wrench_command without a seat");

@@ -128,7 +128,7 @@ fn a_flight_with_asap_edges_is_verified_by_what_took_effect_when() {
     let commands = flown.recording().series("wrench_command", &stamps);
     let delays: Vec<f64> = commands.iter().map(|row| row.values[1] - row.values[0]).collect();
     // As the machine had it, which is never the same for long.
-    assert!(delays.len() > 100 && delays.iter().all(|ns| *ns > 0.0), "{delays:?}");
+    assert!(delays.len() > 10 && delays.iter().all(|ns| *ns > 0.0), "{delays:?}");
     assert!(delays.iter().any(|ns| (ns - delays[0]).abs() > 0.5), "{delays:?}");
 }
 

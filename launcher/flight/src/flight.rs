@@ -203,6 +203,10 @@ impl Flight {
                 self.wakers.wake_all();
                 leave_by_ns = leave_by_ns.min(now_ns + LEAVE_LIMIT_NS);
             }
+            if leave_by_ns != u64::MAX && self.supervisor.is_restarting() {
+                // One that was being restarted leaves once it has caught up.
+                leave_by_ns = leave_by_ns.max(now_ns + LEAVE_LIMIT_NS);
+            }
             if now_ns > leave_by_ns {
                 let names = self.supervisor.unfinished().join(", ");
                 return Outcome::Lost(format!("{names} did not leave after the end of the flight"));

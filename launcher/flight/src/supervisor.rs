@@ -313,6 +313,12 @@ impl Supervisor {
         self.posts.iter().all(|post| post.finished || !Self::flies_on(post))
     }
 
+    /// True while a process that has been restarted is not ready, for which it has a limit of its own.
+    pub(super) fn is_restarting(&self) -> bool {
+        let is_new = |post: &Post| post.child.is_some() && !post.ready;
+        self.posts.iter().any(|post| is_new(post) && !post.restarts.is_empty())
+    }
+
     /// Names of processes still running.
     pub(super) fn unfinished(&self) -> Vec<&str> {
         let running = self.posts.iter().filter(|post| Self::flies_on(post));

@@ -9,8 +9,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Publishes full thrust upside down for all of a flight to come, in the name of every seat, until the
-/// run is over.
+/// Publishes full thrust upside down for all of a flight to come, in the name of every seat, for a minute or until it
+/// is killed.
 pub(super) fn write_on(folder: &Path) -> ExitCode {
     match write(folder) {
         Ok(()) => ExitCode::SUCCESS,
@@ -22,7 +22,7 @@ fn write(folder: &Path) -> Result<(), BuildError> {
     let membership = Membership::join(folder)?;
     let bus = Bus::join(&membership.ipc_config(), "rogue")?;
     let mut port = bus.writer(&topics::WRENCH_COMMAND)?;
-    for k in 0_u64..200 {
+    for k in 0_u64..12_000 {
         for seat in 0..4 {
             let release_ns = 50_000_000 * k;
             port.send(&WrenchCommand {

@@ -26,7 +26,7 @@ pub const SENDER: Role = Role::Estimator;
 /// Samples of a kind between two turns.
 pub const BLOCK: u64 = 100;
 /// Longest wait for one sample \[ns\].
-const PATIENCE_NS: u64 = 3_000_000_000;
+const PATIENCE_NS: u64 = 30_000_000_000;
 /// A blocked reader looks again after this.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// Looks without a sample between two looks at the clock.

@@ -16,8 +16,8 @@ const RESTART_WINDOW_NS: u64 = 60_000_000_000;
 /// Deaths at one instant of the flight after which a controller is not started again in place.
 const DEATHS_MAX: u32 = 2;
 
-/// How long a killed process may take to be gone \[ns\].
-const KILL_LIMIT_NS: u64 = 1_000_000_000;
+/// How long a killed process may take to be gone \[ns\]: at once, unless the machine stands still.
+const KILL_LIMIT_NS: u64 = 60_000_000_000;
 
 /// Why nothing comes after the plant.
 pub(super) const PLANT_GONE: &str =
