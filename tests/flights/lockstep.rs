@@ -2,16 +2,20 @@
 //!
 //! `MORPHQUAD_ROUNDS=200 cargo test --release --test flights one_hash -- --nocapture` flies
 //! `hover` and `figure8-morph` 200 times each, every time in other conditions; `MORPHQUAD_SEED`
-//! draws others.
+//! draws others. Without a number of rounds the flights are cut short, because the neighbours keep the machine from
+//! the other tests.
 
 use crate::common::{Flown, fly, fly_beside, rounds};
 use observe::FlightHash;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use scenario::Scenario;
+use scenario::{Override, Scenario};
 use simulate::in_process::{self, StateSource};
 use std::collections::BTreeSet;
 use std::process::{Child, Command};
+
+/// How long the flights last unless a number of rounds is asked for \[s\].
+const SHORT_S: u32 = 6;
 
 /// Rounds after which a long series says how far it has got.
 const TOLD_EVERY: usize = 10;
@@ -47,11 +51,11 @@ impl Conditions {
         Self { nice, flags, neighbours: random.random_range(0..=processors) }
     }
 
-    fn fly(&self, scenario: &str) -> Flown {
+    fn fly(&self, flight: &[&str]) -> Flown {
         let neighbours = || -> Vec<_> { (0..self.neighbours).map(|_| Neighbour::busy()).collect() };
         let nice = self.nice.to_string();
         let flags = self.flags.iter().map(String::as_str);
-        let arguments: Vec<&str> = std::iter::once(scenario).chain(flags).collect();
+        let arguments: Vec<&str> = flight.iter().copied().chain(flags).collect();
         fly_beside(neighbours, &["nice", "-n", &nice], &arguments)
     }
 }
@@ -74,21 +78,27 @@ impl Drop for Neighbour {
 }
 
 /// The hash of the same flight in one thread, without shared memory or processes.
-fn hash_in_one_process(scenario: &str) -> String {
-    let scenario = Scenario::load(scenario, &[]).expect("a shipped scenario");
+fn hash_in_one_process(scenario: &str, duration: &[String]) -> String {
+    let duration = duration.iter().map(|setting| Override::set(setting).expect("a setting"));
+    let duration: Vec<_> = duration.collect();
+    let scenario = Scenario::load(scenario, &duration).expect("a shipped scenario");
     let hash = in_process::fly(&scenario, StateSource::Estimator, FlightHash::default());
     hash.expect("a flight to its end").hex()
 }
 
 /// What came of it, in a sentence.
 fn fly_in_random_conditions(scenario: &str) -> String {
-    let expected = hash_in_one_process(scenario);
+    let is_short = std::env::var_os("MORPHQUAD_ROUNDS").is_none();
+    let duration = is_short.then(|| format!("scenario.duration_s={SHORT_S}"));
+    let expected = hash_in_one_process(scenario, duration.as_slice());
+    let duration = duration.iter().flat_map(|setting| ["--set", setting.as_str()]);
+    let flight: Vec<&str> = [scenario].into_iter().chain(duration).collect();
     let seed = std::env::var("MORPHQUAD_SEED").ok().and_then(|seed| seed.parse().ok());
     let mut random = ChaCha8Rng::seed_from_u64(seed.unwrap_or(1));
     let rounds = rounds(2);
     for round in 0..rounds {
         let conditions = Conditions::draw(&mut random);
-        let flown = conditions.fly(scenario);
+        let flown = conditions.fly(&flight);
         flown.assert_clean();
         assert_eq!(flown.hash(), expected, "{scenario}, round {round}: {conditions:?}");
         let done = round + 1;
