@@ -179,7 +179,7 @@ fn send_pings<T: Sample + 'static>(
         let publish_mono_ns = mono_now_ns();
         *sample.header_mut() =
             Header { release_mono_ns: due_ns, publish_mono_ns, ..Header::default() };
-        writer.send(sample);
+        writer.send(&sample);
         notifier.notify();
     });
     Ok(())

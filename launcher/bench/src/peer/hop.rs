@@ -156,7 +156,7 @@ pub fn send(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
                     output.flush(&header);
                 } else {
                     let header = Header { sequence: sent, ..header };
-                    bare.send(StateEstimate { header, ..payload });
+                    bare.send(&StateEstimate { header, ..payload });
                 }
                 match carrier {
                     _ if !blocking => {}
@@ -249,7 +249,7 @@ pub fn receive(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
                 };
                 hops.push(mono_now_ns().saturating_sub(sent_ns));
                 previous_ns = Some(release_ns);
-                acknowledge.send(Progress { steps, ..Progress::default() });
+                acknowledge.send(&Progress { steps, ..Progress::default() });
             }
         }
     }

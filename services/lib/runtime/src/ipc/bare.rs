@@ -21,8 +21,8 @@ impl<T: Wire> core::fmt::Debug for BareWriter<T> {
 
 impl<T> BareWriter<T> {
     /// Sends one sample; false if the transport refuses.
-    pub fn send(&self, sample: T) -> bool {
-        self.0.try_send(&sample)
+    pub fn send(&self, sample: &T) -> bool {
+        self.0.try_send(sample)
     }
 }
 

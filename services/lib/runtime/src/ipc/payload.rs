@@ -173,11 +173,13 @@ impl<T: Wire + ZeroCopySend> Writer<T> for PayloadWriter<T> {
     }
 }
 
+/// A service of one type, or why there is none.
+type Made<T> = Result<Box<dyn Service<T>>, PortError>;
+
 /// Makes and finds the services of one type.
 pub(super) struct Maker<T> {
-    pub(super) create:
-        fn(&Bus, &str, usize, usize, Crowd) -> Result<Box<dyn Service<T>>, PortError>,
-    pub(super) open: fn(&Bus, &str) -> Result<Box<dyn Service<T>>, PortError>,
+    pub(super) create: fn(&Bus, &str, usize, usize, Crowd) -> Made<T>,
+    pub(super) open: fn(&Bus, &str) -> Made<T>,
 }
 
 impl<T: Wire + ZeroCopySend + 'static> Maker<T> {
