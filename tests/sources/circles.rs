@@ -17,7 +17,7 @@ const KNOWN: [(&str, usize); 10] = [
     ("plant", 2),
     ("position-mpc", 2),
     ("qp", 11),
-    ("runtime", 7),
+    ("runtime", 5),
     ("vehicle", 3),
 ];
 

@@ -1,12 +1,15 @@
 //! Typed publishers and subscribers behind the [`Source`] and [`Sink`] of a service.
 
 use super::payload::{Reader, Service, Writer};
-use super::roll::Accepts;
+use super::roll::{Accepts, Guard, RollBook, Stray};
 use super::{Bus, Crowd, FLYING_CAPACITY, PortError, ServiceKind};
 use crate::input::Source;
 use crate::output::Sink;
 use shared_types::wire::Wire;
-use shared_types::{Edge as EdgeKind, NodeId, Progress, Role, Sample, Seat, Topic};
+use shared_types::{
+    Edge as EdgeKind, NodeId, Progress, Role, Roll, RollEntry, Sample, Seat, Topic,
+};
+use std::rc::Rc;
 
 /// A service of one payload, from which ports are made. It is there for as long as it is held.
 pub struct TopicFactory<T>(pub(super) Box<dyn Service<T>>);
@@ -219,5 +222,42 @@ impl Bus {
         from: Role,
     ) -> Result<IpcSource<T>, PortError> {
         self.reader_of(topic, from, FLYING_CAPACITY)
+    }
+}
+
+impl Bus {
+    fn guard<T>(&self, service: &str, accepts: Accepts<T>) -> Result<Guard<T>, PortError> {
+        self.with_roll(|_| ())?;
+        Ok(Guard::new(Rc::clone(&self.roll), service, accepts))
+    }
+
+    fn with_roll<R>(&self, look: impl FnOnce(&mut RollBook) -> R) -> Result<R, PortError> {
+        let mut roll = self.roll.borrow_mut();
+        if roll.is_none() {
+            let factory = self.open_service::<Roll>(ServiceKind::Roll)?;
+            let port = IpcSource::with_capacity(&factory, 2)?;
+            *roll = Some(RollBook::new(Box::new(port)));
+        }
+        match roll.as_mut() {
+            Some(roll) => Ok(look(roll)),
+            None => unreachable!("it was opened above"),
+        }
+    }
+
+    /// Shows who sits where, as far as it is known here now.
+    ///
+    /// # Errors
+    /// The run has no roll.
+    pub fn look_at_roll<R>(&self, look: impl FnOnce(&[RollEntry]) -> R) -> Result<R, PortError> {
+        self.with_roll(|roll| {
+            roll.refresh();
+            look(roll.entries())
+        })
+    }
+
+    /// Writers whose samples this process's readers have ignored.
+    #[must_use]
+    pub fn strays(&self) -> Vec<Stray> {
+        self.roll.borrow().as_ref().map(|roll| roll.strays().to_vec()).unwrap_or_default()
     }
 }

@@ -3,11 +3,10 @@
 //! A sample counts only if the process that the transport names as its writer sits where the sample
 //! says it does. Nothing that a writer fills in is believed, and a stray writer is counted and named.
 
-use super::{Bus, Ipc, IpcSource, PortError, ServiceKind};
-use crate::input::Source as _;
+use super::Ipc;
+use crate::input::Source;
 use core::cell::{Cell, RefCell};
 use iceoryx2::identifiers::UniqueNodeId;
-use shared_types::wire::Wire;
 use shared_types::{NodeId, Progress, Role, Roll, RollEntry, Sample, Seat};
 use std::rc::Rc;
 
@@ -34,14 +33,27 @@ pub struct Stray {
 }
 
 /// A reader's view of the roll.
-#[derive(Debug)]
 pub(super) struct RollBook {
-    port: IpcSource<Roll>,
+    port: Box<dyn Source<Roll>>,
     roll: Roll,
     strays: Vec<Stray>,
 }
 
+impl core::fmt::Debug for RollBook {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("RollBook").field("entries", &self.entries()).finish_non_exhaustive()
+    }
+}
+
 impl RollBook {
+    pub(super) fn new(port: Box<dyn Source<Roll>>) -> Self {
+        Self { port, roll: Roll::default(), strays: Vec::new() }
+    }
+
+    pub(super) fn strays(&self) -> &[Stray] {
+        &self.strays
+    }
+
     fn find(&mut self, node: NodeId) -> Option<RollEntry> {
         self.entry(node).or_else(|| {
             self.refresh();
@@ -126,6 +138,10 @@ impl Accepts<Progress> {
 }
 
 impl<T> Guard<T> {
+    pub(super) fn new(roll: SharedRoll, service: &str, accepts: Accepts<T>) -> Self {
+        Self { roll, service: Rc::from(service), accepts, last: Cell::new(None) }
+    }
+
     /// True if the writer sits where the sample says it does.
     pub(super) fn passes(&self, id: UniqueNodeId, sample: &T) -> bool {
         let last = self.last.get().filter(|(node, _)| *node == id).map(|(_, entry)| entry);
@@ -144,47 +160,5 @@ impl<T> Guard<T> {
             roll.count_stray(id, &self.service);
         }
         passes
-    }
-}
-
-impl Bus {
-    pub(super) fn guard<T: Wire>(
-        &self,
-        service: &str,
-        accepts: Accepts<T>,
-    ) -> Result<Guard<T>, PortError> {
-        self.with_roll(|_| ())?;
-        let roll = Rc::clone(&self.roll);
-        Ok(Guard { roll, service: Rc::from(service), accepts, last: Cell::new(None) })
-    }
-
-    fn with_roll<R>(&self, look: impl FnOnce(&mut RollBook) -> R) -> Result<R, PortError> {
-        let mut roll = self.roll.borrow_mut();
-        if roll.is_none() {
-            let factory = self.open_service::<Roll>(ServiceKind::Roll)?;
-            let port = IpcSource::with_capacity(&factory, 2)?;
-            *roll = Some(RollBook { port, roll: Roll::default(), strays: Vec::new() });
-        }
-        match roll.as_mut() {
-            Some(roll) => Ok(look(roll)),
-            None => unreachable!("it was opened above"),
-        }
-    }
-
-    /// Shows who sits where, as far as it is known here now.
-    ///
-    /// # Errors
-    /// The run has no roll.
-    pub fn look_at_roll<R>(&self, look: impl FnOnce(&[RollEntry]) -> R) -> Result<R, PortError> {
-        self.with_roll(|roll| {
-            roll.refresh();
-            look(roll.entries())
-        })
-    }
-
-    /// Writers whose samples this process's readers have ignored.
-    #[must_use]
-    pub fn strays(&self) -> Vec<Stray> {
-        self.roll.borrow().as_ref().map(|roll| roll.strays.clone()).unwrap_or_default()
     }
 }
