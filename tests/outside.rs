@@ -4,7 +4,8 @@
 mod common;
 
 use common::misdeeds::{config, rogue};
-use common::processes::{Process, Running, all_processes, kill, wait_until};
+use common::processes::{Process, Running, all_processes, kill};
+use common::time::wait_until;
 use common::{Flown, fly};
 use observe::Observer;
 use observe::{FlightHash, LogHash};

@@ -5,13 +5,13 @@
 
 mod common;
 
-use common::processes::{Running, kill, pause_ms, processes_of, wait_until};
+use common::processes::{Running, kill, processes_of};
 use common::recording::Recording;
+use common::time::{host_s, pause_ms, wait_until};
 use common::{Flown, morphquad, rounds};
 use flight::Burst;
 use mcap::MessageStream;
 use record::read::RecordedFlight;
-use runtime::clock::mono_now_ns;
 use runtime::ipc::RECORDER_CAPACITY;
 use rustix::process::{Pid, Resource, Rlimit, Signal, prlimit};
 use scenario::{Override, Scenario};
@@ -150,7 +150,7 @@ fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
         let path = running.recording_path().expect("it records");
         let listener = Listener::start(running.id(), "truth");
         pause_ms(400 + 37 * round as u64);
-        let killed_s = mono_now_ns() as f64 * 1e-9;
+        let killed_s = host_s();
         assert!(kill(running.launcher_pid(), Signal::KILL));
         let heard_s = listener.end("truth");
         let id = running.id().to_owned();
@@ -183,7 +183,9 @@ fn fill_the_disk() -> f64 {
         let limit = Rlimit { current: full, maximum: full };
         prlimit(launcher, Resource::Fsize, limit).expect("our own child");
         wait_until("the disk is full", || Some(size()) >= full);
-        pause_ms(200);
+        // It goes on for a while with what cannot be written any more.
+        let full_s = running.flown_s();
+        wait_until("more of the flight", || running.flown_s() > full_s.map(|s| s + 0.2));
         assert!(kill(running.launcher_pid(), ending));
         let flown = running.wait();
         let (until_s, messages) = assert_recoverable(&path);

@@ -9,17 +9,16 @@
 pub(crate) mod misdeeds;
 pub(crate) mod processes;
 pub(crate) mod recording;
+pub(crate) mod time;
 
 use recording::Recording;
-use runtime::clock::mono_now_ns;
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::fs::File;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::thread;
 use tempfile::TempDir;
+use time::start_stopwatch;
 
 /// One of the files by whose locks tests wait for one another, whichever executable they are in.
 fn lock_file(name: &str) -> File {
@@ -47,25 +46,6 @@ fn permit() -> File {
     second
 }
 
-/// Writes how long a test with flights took to the file that `MORPHQUAD_TEST_TIMES` names.
-struct Stopwatch(f64);
-
-impl Drop for Stopwatch {
-    fn drop(&mut self) {
-        let Some(path) = std::env::var_os("MORPHQUAD_TEST_TIMES") else { return };
-        let file = File::options().create(true).append(true).open(path);
-        let line =
-            format!("{:.1}\t{}\n", host_s() - self.0, thread::current().name().unwrap_or("?"));
-        // A test does not fail because its duration cannot be told.
-        let _ = file.and_then(|mut file| file.write_all(line.as_bytes()));
-    }
-}
-
-thread_local! {
-    /// Runs from the first command of a test to its end: each test has a thread of its own.
-    static STOPWATCH: Stopwatch = Stopwatch(host_s());
-}
-
 /// How often to repeat what must hold every time.
 pub(crate) fn rounds(default: usize) -> usize {
     std::env::var("MORPHQUAD_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(default)
@@ -74,7 +54,7 @@ pub(crate) fn rounds(default: usize) -> usize {
 /// The executable under test, with every signal as a shell would have it: whoever runs the tests under
 /// `nohup` has it ignore SIGHUP, and so would the executable.
 pub(crate) fn morphquad<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
-    STOPWATCH.with(|_| ());
+    start_stopwatch();
     let mut command = Command::new("env");
     command.arg("--default-signal=HUP").arg(env!("CARGO_BIN_EXE_morphquad"));
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -235,7 +215,7 @@ pub(crate) fn fly_beside<T>(
     if !arguments.contains(&"--no-record") {
         command.arg("--record").arg(folder.path());
     }
-    STOPWATCH.with(|_| ());
+    start_stopwatch();
     // A flight at a pace waits by itself.
     let paced = arguments.iter().any(|word| ["--speed", "realtime"].contains(word));
     let _turn = arguments.contains(&"realtime").then(turn);
@@ -258,9 +238,4 @@ pub(crate) fn euler_rad(q: &[f64]) -> [f64; 3] {
 /// Euclidean distance of two points.
 pub(crate) fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
-
-/// Seconds on the host's clock, for limits on waiting.
-pub(crate) fn host_s() -> f64 {
-    mono_now_ns() as f64 * 1e-9
 }

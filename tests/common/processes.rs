@@ -1,34 +1,17 @@
 //! A run in the air and its processes, seen from outside through /proc and /dev/shm.
 
-use super::{Flown, host_s, judged, morphquad, turn};
-use runtime::clock::{mono_now_ns, sleep_until};
+use super::time::wait_until;
+use super::{Flown, judged, morphquad, turn};
 use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::thread;
 use tempfile::TempDir;
 
-/// Longest that anything here may take before the test gives up.
-const PATIENCE_S: f64 = 60.0;
-
 /// About what a second of a flight takes in its recording.
 const RECORDED_BYTES_PER_S: f64 = 1.7e6;
-
-/// Looks again and again until `done` says so, ever more seldom: a look may start a process.
-pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
-    let begin_s = host_s();
-    let mut pause = 3;
-    while !done() {
-        assert!(host_s() - begin_s < PATIENCE_S, "waited in vain: {what}");
-        pause_ms(pause);
-        pause = (pause + 2).min(40);
-    }
-}
-
-pub(crate) fn pause_ms(ms: u64) {
-    sleep_until(mono_now_ns() + ms * 1_000_000);
-}
 
 /// Sends a signal to one process; false if it is gone.
 pub(crate) fn kill(pid: u32, signal: Signal) -> bool {
@@ -166,6 +149,22 @@ impl Running {
     pub(crate) fn kill_launcher(&self) {
         assert!(kill(self.pid, Signal::KILL), "it had gone");
         wait_until("the launcher is dead", || is_dead(self.pid));
+    }
+
+    /// Interrupts it again and again until it has ended, as a user does who cannot wait.
+    pub(crate) fn interrupt_until_it_ends(&mut self) {
+        wait_until("the launcher gives up", || {
+            kill(self.pid, Signal::INT);
+            self.has_ended()
+        });
+    }
+
+    /// How much of the flight is flown \[s\], as `ps` tells; none while it does not answer.
+    pub(crate) fn flown_s(&self) -> Option<f64> {
+        let told = morphquad(["ps", "--run", &self.id, "--format", "json"]).output();
+        let told: Value =
+            serde_json::from_slice(&told.expect("the executable starts").stdout).ok()?;
+        told["flown_s"].as_f64()
     }
 
     fn has_ended(&mut self) -> bool {

@@ -4,11 +4,10 @@
 //! `cargo test --release --test flights adopt -- --ignored --nocapture` prints how long fail-overs took.
 
 use crate::common::misdeeds::{config, rogue};
-use crate::common::processes::{
-    Running, kill, left_in_shared_memory, pause_ms, processes_of, wait_until,
-};
+use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of};
 use crate::common::recording::{Recording, Row};
-use crate::common::{distance, euler_rad, host_s, morphquad};
+use crate::common::time::{host_s, pause_ms, wait_until};
+use crate::common::{distance, euler_rad, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;

@@ -1,6 +1,7 @@
 //! Whatever is wrong with the input, the answer names place, key and remedy, and nothing flies.
 
-use crate::common::processes::{left_in_shared_memory, wait_until};
+use crate::common::processes::left_in_shared_memory;
+use crate::common::time::wait_until;
 use crate::common::{fly, morphquad};
 use std::fs;
 use std::path::Path;

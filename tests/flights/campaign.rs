@@ -1,6 +1,7 @@
 //! `morphquad campaign` as its users meet it: killed, continued, its worst case flown again.
 
-use crate::common::processes::{kill, wait_until};
+use crate::common::processes::kill;
+use crate::common::time::wait_until;
 use crate::common::{morphquad, rounds};
 use rustix::process::Signal;
 use serde_json::Value;

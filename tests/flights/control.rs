@@ -1,7 +1,8 @@
 //! A run in the air is asked from outside: through the command, and through its socket.
 
 use crate::common::morphquad;
-use crate::common::processes::{Running, kill, processes_of, wait_until};
+use crate::common::processes::{Running, kill, processes_of};
+use crate::common::time::wait_until;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeMap;

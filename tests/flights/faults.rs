@@ -4,10 +4,9 @@
 //! `MORPHQUAD_ROUNDS=20 cargo test --release --test flights faults` strikes 20 times per victim; every
 //! round has a moment of its own, drawn from its number.
 
-use crate::common::processes::{
-    Running, is_dead, kill, left_in_shared_memory, pause_ms, processes_of, wait_until,
-};
+use crate::common::processes::{Running, is_dead, kill, left_in_shared_memory, processes_of};
 use crate::common::recording::Recording;
+use crate::common::time::{pause_ms, wait_until};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -306,9 +305,7 @@ fn a_second_interrupt_does_not_wait_for_anybody() {
     let mut running = lockstep(&["--set", "launcher.stall_timeout_s=600"]);
     // With this one stopped, there is no orderly end to wait for.
     running.signal("estimator", Signal::STOP);
-    assert!(kill(running.launcher_pid(), Signal::INT));
-    pause_ms(300);
-    assert!(kill(running.launcher_pid(), Signal::INT), "one interrupt alone has ended it");
+    running.interrupt_until_it_ends();
     let flown = running.wait();
     assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
     assert!(flown.recording().count_messages_of_a_complete_file() > 100);

@@ -4,7 +4,8 @@
 //! `cargo test --release --test flights gate -- --ignored --nocapture` flies them all by the wall clock
 //! too, for minutes.
 
-use crate::common::processes::{Running, kill, wait_until};
+use crate::common::processes::{Running, kill};
+use crate::common::time::wait_until;
 use crate::common::{fly, morphquad, rounds};
 use rustix::process::Signal;
 use serde_json::Value;

@@ -1,7 +1,8 @@
 //! `run --live` and `live`: what viewers see and may do, and that the flight does not notice them. The page itself
 //! is driven by `.ci/page`, the WebSocket by an independent client in `.ci/live`.
 
-use crate::common::processes::{Running, left_in_shared_memory, wait_until};
+use crate::common::processes::{Running, left_in_shared_memory};
+use crate::common::time::wait_until;
 use crate::common::{fly, judged, morphquad};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};

@@ -1,7 +1,8 @@
 //! Where to go, how wide to spread the arms, what to disturb: ordered by a script and live.
 
-use crate::common::processes::{Running, kill, wait_until};
+use crate::common::processes::{Running, kill};
 use crate::common::recording::Row;
+use crate::common::time::wait_until;
 use crate::common::{Flown, distance, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;

@@ -1,6 +1,7 @@
 //! What the machine sees of a run: separate, named processes whose memory is nobody else's.
 
-use crate::common::processes::{Process, Running, kill, processes_of, wait_until};
+use crate::common::processes::{Process, Running, kill, processes_of};
+use crate::common::time::wait_until;
 use crate::common::{Flown, judged};
 use runtime::ipc::Bus;
 use rustix::process::Signal;

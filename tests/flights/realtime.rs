@@ -2,7 +2,8 @@
 //!
 //! `MORPHQUAD_REALTIME_S=60 cargo test --release --test flights realtime -- --ignored` flies for a minute.
 
-use crate::common::processes::{Running, pause_ms};
+use crate::common::processes::Running;
+use crate::common::time::pause_ms;
 use crate::common::{Flown, fly};
 use rustix::process::Signal;
 

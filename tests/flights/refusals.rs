@@ -163,12 +163,12 @@ fn every_refusal_has_its_exit_code() {
         .args(run)
         .spawn()
         .expect("the executable starts");
-    crate::common::processes::wait_until("the candidate", || {
+    crate::common::time::wait_until("the candidate", || {
         say(&["ps", "--run", running.id()]).words.contains("attitude-pid")
     });
     let said = swap(&["attitude", "--to", "attitude-lqr"]);
     assert_eq!(said.code, Some(3), "{}", said.words);
-    crate::common::processes::wait_until("its departure", || {
+    crate::common::time::wait_until("its departure", || {
         say(&["retire", "attitude-pid", "--run", running.id()]).code == Some(0)
     });
     assert_eq!(first.wait().expect("it ends").code(), Some(1));

@@ -4,8 +4,9 @@
 
 use super::trace::assert_all_trace;
 use crate::common::misdeeds::{config, rogue};
-use crate::common::processes::{Running, kill, pause_ms, wait_until};
+use crate::common::processes::{Running, kill};
 use crate::common::recording::Recording;
+use crate::common::time::{pause_ms, wait_until};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rustix::process::Signal;
 use scenario::shipped;

@@ -1,8 +1,7 @@
 //! `morphquad topic`: what is shown of a run in the air and of a recording, beside independent readers.
 
-use crate::common::processes::{
-    Running, all_processes, kill, left_in_shared_memory, processes_of, wait_until,
-};
+use crate::common::processes::{Running, all_processes, kill, left_in_shared_memory, processes_of};
+use crate::common::time::wait_until;
 use crate::common::{fly, morphquad};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use rustix::process::Signal;

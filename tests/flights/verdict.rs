@@ -1,8 +1,9 @@
 //! All outputs agree on the verdict of a flight and its reason: text, JSON, exit code, the report on its
 //! recording, its page, its case in a campaign and the last event of the recording.
 
-use crate::common::processes::{Running, kill, pause_ms};
+use crate::common::processes::{Running, kill};
 use crate::common::recording::Recording;
+use crate::common::time::pause_ms;
 use crate::common::{Flown, judged, morphquad, turn};
 use rustix::process::Signal;
 use serde_json::Value;

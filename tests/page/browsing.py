@@ -7,9 +7,11 @@ from pathlib import Path
 SIZE = {"width": 1280, "height": 800}
 # Pictures are drawn by software, on a machine that may have other things to do.
 PATIENCE_MS = 120_000
-# The software renderer stands in for a graphics card.
-WITH_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# The software renderer stands in for a graphics card, where only a card will do.
+WITH_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-accelerated-2d-canvas", "--disable-gpu-rasterization"]
 WITHOUT_GL = ["--disable-gpu", "--disable-3d-apis"]
+# Three frames a second: each takes software a tenth of a second and more, and the flight that is shown needs processors too.
+FRAMES = "(() => { const soon = requestAnimationFrame; window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 300); })()"
 
 
 def check(holds, what):
@@ -25,6 +27,7 @@ def opened(browser, address, may_ask=(), **options):
     """A page that is ready, with what its console complains of; it asks for nothing but itself and what it may."""
     page = browser.new_page(viewport=SIZE, **options)
     page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script(FRAMES)
     complaints = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)

@@ -4,3 +4,4 @@ mod architecture;
 mod circles;
 mod docs;
 mod new_controller;
+mod time;

@@ -1,0 +1,57 @@
+//! The only module of these tests that reads a clock or pauses.
+//!
+//! What decides by the clock fails on a busy machine although the program is right, so that [`pause_ms`] and [`host_s`]
+//! are for tests of the soak alone; `tests/sources/time.rs` sees to that. All others wait for the event itself.
+
+use runtime::clock::{mono_now_ns, sleep_until};
+use std::fs::File;
+use std::io::Write as _;
+use std::thread;
+
+/// Longest that anything here may take before the test gives up.
+const PATIENCE_S: f64 = 60.0;
+
+/// Looks again and again until `done` says so, ever more seldom: a look may start a process.
+pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
+    let begin_s = host_s();
+    let mut pause = 3;
+    while !done() {
+        assert!(host_s() - begin_s < PATIENCE_S, "waited in vain: {what}");
+        pause_ms(pause);
+        pause = (pause + 2).min(40);
+    }
+}
+
+/// Waits for nothing in particular.
+pub(crate) fn pause_ms(ms: u64) {
+    sleep_until(mono_now_ns() + ms * 1_000_000);
+}
+
+/// Seconds on the host's clock.
+pub(crate) fn host_s() -> f64 {
+    mono_now_ns() as f64 * 1e-9
+}
+
+/// Writes how long a test with flights took to the file that `MORPHQUAD_TEST_TIMES` names.
+struct Stopwatch(f64);
+
+impl Drop for Stopwatch {
+    fn drop(&mut self) {
+        let Some(path) = std::env::var_os("MORPHQUAD_TEST_TIMES") else { return };
+        let file = File::options().create(true).append(true).open(path);
+        let line =
+            format!("{:.1}\t{}\n", host_s() - self.0, thread::current().name().unwrap_or("?"));
+        // A test does not fail because its duration cannot be told.
+        let _ = file.and_then(|mut file| file.write_all(line.as_bytes()));
+    }
+}
+
+thread_local! {
+    /// Runs from the first command of a test to its end: each test has a thread of its own.
+    static STOPWATCH: Stopwatch = Stopwatch(host_s());
+}
+
+/// Has the test that this thread runs timed from now on, if it is not yet.
+pub(crate) fn start_stopwatch() {
+    STOPWATCH.with(|_| ());
+}
