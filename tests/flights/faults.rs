@@ -6,7 +6,7 @@
 
 use crate::common::processes::{Running, is_dead, kill, left_in_shared_memory, processes_of};
 use crate::common::recording::Recording;
-use crate::common::time::{pause_ms, wait_until};
+use crate::common::time::wait_until;
 use crate::common::{Flown, fly, morphquad, rounds};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
