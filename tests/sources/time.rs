@@ -1,31 +1,29 @@
 //! Only tests of the soak decide by the clock.
 
+use super::docs::sources;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// What reads a clock or pauses.
-const CLOCKS: [&str; 6] =
-    ["mono_now_ns", "sleep_until", "Instant::now", "SystemTime", "thread::sleep", "std::time::Instant"];
+const CLOCKS: [&str; 6] = [
+    "mono_now_ns",
+    "sleep_until",
+    "Instant::now",
+    "SystemTime",
+    "thread::sleep",
+    "std::time::Instant",
+];
 /// Of the module that may do so, what only the soak may call.
 const FOR_THE_SOAK: [&str; 2] = ["pause_ms(", "host_s("];
 /// Files that may: the module itself, this one, processes that misbehave, and what runs the soak.
-const EXEMPT: [&str; 5] = [
-    "common/time.rs",
-    "sources/time.rs",
-    "common/rogue/",
-    "catalogue/src/spoiled.rs",
-    "soak/src/",
-];
+const EXEMPT: [&str; 5] =
+    ["common/time.rs", "sources/time.rs", "common/rogue/", "catalogue/src/spoiled.rs", "soak/src/"];
 /// Functions that tests of the soak alone call.
 const HELPERS: [&str; 1] = ["stopped_fourteen_times"];
 
-fn sources(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).expect("a folder").flatten();
-    let paths = entries.flat_map(|entry| {
-        let path = entry.path();
-        if path.is_dir() { sources(&path) } else { vec![path] }
-    });
-    paths.filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
+/// What a test of the soak is marked with, written so that this file has no such test.
+fn soak_mark() -> String {
+    ["#[", "ignore = \"soak: "].concat()
 }
 
 /// Name of the function around each place in which a text has `word`, with the attributes before it.
@@ -59,7 +57,7 @@ fn only_tests_of_the_soak_pause_or_read_the_clock() {
         }
         for word in FOR_THE_SOAK {
             for (function, attributes) in functions_with(&text, word) {
-                let is_soak = attributes.contains("#[ignore = \"soak: ");
+                let is_soak = attributes.contains(&soak_mark());
                 assert!(is_soak || HELPERS.contains(&function), "{name}: {function} calls {word})");
                 paused += 1;
             }
@@ -70,8 +68,11 @@ fn only_tests_of_the_soak_pause_or_read_the_clock() {
 
 #[test]
 fn a_pause_is_found_with_the_test_around_it() {
-    let text = "#[test]\nfn one() {\n    pause_ms(3);\n}\n\n#[test]\n#[ignore = \"soak: it\"]\nfn two() {\n    pause_ms(4);\n}\n";
-    let found = functions_with(text, "pause_ms(");
-    let of = |index: usize| (found[index].0, found[index].1.contains("soak"));
+    let soak = soak_mark();
+    let text = format!(
+        "#[test]\nfn one() {{\n    pause_ms(3);\n}}\n\n#[test]\n{soak}it\"]\nfn two() {{\n    pause_ms(4);\n}}\n"
+    );
+    let found = functions_with(&text, "pause_ms(");
+    let of = |index: usize| (found[index].0, found[index].1.contains(&soak));
     assert_eq!((of(0), of(1)), (("one", false), ("two", true)));
 }
