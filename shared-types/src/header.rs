@@ -53,6 +53,18 @@ sample! {
 impl Quaternion {
     /// No rotation.
     pub const IDENTITY: Self = Self { w: 1.0, x: 0.0, y: 0.0, z: 0.0 };
+
+    /// Components, scalar first.
+    #[must_use]
+    pub const fn to_array(self) -> [f64; 4] {
+        [self.w, self.x, self.y, self.z]
+    }
+
+    /// Of components, scalar first.
+    #[must_use]
+    pub const fn from_array([w, x, y, z]: [f64; 4]) -> Self {
+        Self { w, x, y, z }
+    }
 }
 
 crate::code! {

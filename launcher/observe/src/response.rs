@@ -1,8 +1,8 @@
 //! How the attitude answered a step of the set point, for flights without a position loop.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use shared_types::{AttitudeSetpoint, Truth};
-use vehicle::{euler_from_quaternion, wrap_pi};
+use vehicle::{euler_from_quaternion, rotation, wrap_pi};
 
 /// Half width of the band that counts as settled \[rad\].
 pub const SETTLED_RAD: f64 = 0.004;
@@ -35,8 +35,7 @@ impl StepResponse {
     /// Takes note of the real attitude.
     pub fn observe_truth(&mut self, truth: &Truth) {
         if self.attitudes.len() < CAPACITY {
-            let q = &truth.q_wb;
-            let q = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+            let q = rotation(truth.q_wb.to_array());
             self.attitudes.push((truth.header.valid_ns, euler_from_quaternion(&q)));
         }
     }
@@ -97,7 +96,7 @@ mod tests {
             let t_s = t_ms.saturating_sub(100) as f64 * 1e-3;
             let roll = 0.2 * (1.0 - (-t_s / 0.05).exp());
             let q = quaternion_from_euler(&Vector3::new(roll, 0.0, 0.0));
-            let q_wb = shared_types::Quaternion { w: q.w, x: q.i, y: q.j, z: q.k };
+            let q_wb = shared_types::Quaternion::from_array(vehicle::components(q));
             let mut truth = Truth { q_wb, ..Truth::default() };
             truth.header.valid_ns = t_ms * 1_000_000;
             response.observe_truth(&truth);

@@ -1,8 +1,7 @@
 //! Capabilities of the vehicle, from which the size of the challenges and of the tube follow.
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use vehicle::{MorphAngle, VehicleParameters};
+use vehicle::{Agility, MorphAngle, VehicleParameters};
 
 /// Replaces an error that is not a number, because JSON cannot represent NaN.
 pub(crate) const NOT_FINITE: f64 = f64::MAX;
@@ -78,15 +77,12 @@ impl Limits {
         let vehicle = &facts.vehicle;
         let beta =
             MorphAngle::saturating_from_rad(facts.morph_angle_rad).unwrap_or(MorphAngle::MIN);
-        let weight_n = vehicle.weight_n();
-        let bound = vehicle.torque_bound_nm(beta, weight_n);
-        let alpha: Vector3<f64> = bound.component_div(&vehicle.inertia_kg_m2(beta));
+        let agility = Agility::at(vehicle, beta, facts.tilt_max_rad);
+        let Agility { acceleration_b_rad_s2: alpha, lateral_m_s2 } = agility;
         let reaction_s = facts.attitude_period_s + facts.latency_s + vehicle.rotor_lag_s;
         let kick = alpha * (0.5 * reaction_s);
         let stopping = kick * (1.25 * reaction_s);
-        let lateral_m_s2 = vehicle.gravity_m_s2 * libm::tan(facts.tilt_max_rad);
-        // Full torque accelerates for half of the angle to the tilt bound and brakes for the other half.
-        let turning_s = 2.0 * (facts.tilt_max_rad / alpha.x.min(alpha.y)).sqrt();
+        let turning_s = agility.tilting_s(facts.tilt_max_rad);
         let tilting_s = facts.position_period_s + reaction_s + turning_s;
         let push = lateral_m_s2 * tilting_s;
         Self {

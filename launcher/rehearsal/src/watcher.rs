@@ -134,7 +134,7 @@ impl Watcher {
             at_ns,
             position_w_m: e.position_w_m,
             velocity_w_m_s: e.velocity_w_m_s,
-            q_wb: [e.q_wb.w, e.q_wb.x, e.q_wb.y, e.q_wb.z],
+            q_wb: e.q_wb.to_array(),
             body_rate_b_rad_s: e.body_rate_b_rad_s,
             morph_angle_rad: e.morph_angle_rad,
             morph_rate_rad_s: e.morph_rate_rad_s,

@@ -48,30 +48,3 @@ fn few_enough(script: &[Event], _context: &()) -> garde::Result {
         "{count} events, but a script holds at most {MAX_EVENTS}: merge some or leave some out"
     )))
 }
-
-/// Accepts finite numbers in [min, max]; a plain comparison would let NaN pass.
-pub(crate) fn finite_in(min: f64, max: f64) -> impl Fn(&f64, &()) -> garde::Result {
-    move |value, ()| {
-        if (min..=max).contains(value) {
-            Ok(())
-        } else {
-            Err(garde::Error::new(format!("{value} is not a number from {min} to {max}")))
-        }
-    }
-}
-
-/// Accepts a finite instant after `at_s`.
-pub(crate) fn later_than(at_s: f64) -> impl Fn(&f64, &()) -> garde::Result {
-    move |until, ()| {
-        if *until > at_s && until.is_finite() {
-            Ok(())
-        } else {
-            Err(garde::Error::new(format!("{until} does not lie after at_s = {at_s}")))
-        }
-    }
-}
-
-/// Accepts no instant, or one as in [`later_than`].
-pub(crate) fn after(at_s: f64) -> impl Fn(&Option<f64>, &()) -> garde::Result {
-    move |until, context| until.as_ref().map_or(Ok(()), |until| later_than(at_s)(until, context))
-}

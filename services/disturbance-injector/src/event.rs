@@ -3,7 +3,7 @@
 use garde::Validate;
 use serde::Deserialize;
 
-use crate::config::{after, finite_in, later_than};
+use crate::ranges::{after, finite_in, later_than};
 
 /// Longest instant a script may name \[s\], eleven days.
 const MAX_TIME_S: f64 = 1e6;

@@ -12,6 +12,8 @@ mod gust;
 mod injector;
 mod noise;
 mod ordered;
+mod player;
+mod ranges;
 pub mod settings;
 
 pub use component::DisturbanceInjector;
@@ -19,6 +21,7 @@ pub use config::{InjectorConfig, InjectorError, MAX_EVENTS, MAX_RATE_HZ};
 pub use event::{
     Constant, Event, Kick, Load, Payload, Pulse, Ramp, Rd, RotorEfficiency, Sine, Step, Wind,
 };
-pub use injector::{Disturbance, EventMemory, Injector, InjectorMemory};
+pub use injector::{Injector, InjectorMemory};
 pub use noise::NoiseMemory;
 pub use ordered::OrderedMemory;
+pub use player::{Disturbance, EventMemory};

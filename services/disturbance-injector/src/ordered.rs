@@ -1,7 +1,7 @@
 //! Disturbances that are ordered while the flight is in the air.
 
 use crate::event::{Constant, Event, Kick, Load, Payload, RotorEfficiency, Wind};
-use crate::injector::{Disturbance, EventMemory, Player};
+use crate::player::{Disturbance, EventMemory, Player};
 use shared_types::{DISTURBANCE_ORDERS, DisturbanceKind, DisturbanceOrder, OrderedDisturbance};
 
 shared_types::memory! {

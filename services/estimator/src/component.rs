@@ -4,9 +4,9 @@ use crate::filter::{
     ConfigError, Estimate, Filter, FilterConfig, FilterMemory, ImuSample, InitialState,
     MorphAngleSample, PoseFixSample,
 };
-use nalgebra::{Quaternion, UnitQuaternion};
 use runtime::{Service, inputs, outputs};
-use shared_types::{Flag, Imu, MorphAngle, PoseFix, StateEstimate, topics};
+use shared_types::{Flag, Imu, MorphAngle, PoseFix, Quaternion, StateEstimate, topics};
+use vehicle::{components, rotation};
 
 inputs! {
     /// What the estimator reads; its estimates descend from the IMU.
@@ -54,11 +54,10 @@ impl Estimator {
             });
         }
         for sample in inputs.pose_fix.fresh() {
-            let q = &sample.q_wb;
             self.filter.on_pose_fix(&PoseFixSample {
                 captured_ns: sample.captured_ns,
                 position_w: sample.position_w_m.into(),
-                q_wb: UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)),
+                q_wb: rotation(sample.q_wb.to_array()),
             });
         }
         for sample in inputs.morph_angle.fresh() {
@@ -77,7 +76,7 @@ fn wire(estimate: &Estimate) -> StateEstimate {
         described_ns: estimate.time_ns,
         position_w_m: estimate.position_w.into(),
         velocity_w_m_s: estimate.velocity_w.into(),
-        q_wb: quaternion(&estimate.q_wb),
+        q_wb: Quaternion::from_array(components(estimate.q_wb)),
         body_rate_b_rad_s: estimate.body_rate_b.into(),
         specific_force_b_m_s2: estimate.specific_force_b.into(),
         gyro_bias_b_rad_s: estimate.gyro_bias_b.into(),
@@ -101,12 +100,6 @@ fn wire(estimate: &Estimate) -> StateEstimate {
         fix_overdue: Flag::from(estimate.alarms.fix_overdue),
         ..StateEstimate::default()
     }
-}
-
-fn quaternion(q: &UnitQuaternion<f64>) -> shared_types::Quaternion {
-    // One of two equal quaternions: w >= 0 on the wire.
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    shared_types::Quaternion { w: sign * q.w, x: sign * q.i, y: sign * q.j, z: sign * q.k }
 }
 
 impl Service for Estimator {

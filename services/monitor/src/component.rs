@@ -3,13 +3,13 @@
 use crate::judge::{Applied, Finding, Findings, Judge, JudgeMemory, Moment, Setpoint};
 use crate::limits::Limits;
 use controller::preview::{Landing, target};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, GateMode, NO_SEAT, OwnerRecord, Reference, Role,
     StateEstimate, Trip, TripCause, topics,
 };
-use vehicle::{MorphAngle, VehicleParameters};
+use vehicle::{MorphAngle, VehicleParameters, rotation};
 
 /// Age above which an estimate is ignored, because it no longer shows what the owner does \[ns\]; twice the
 /// period of the monitor where that is longer.
@@ -146,7 +146,6 @@ impl Monitor {
         };
         let elapsed_s = now_ns.saturating_sub(self.memory.seen_ns) as f64 * 1e-9;
         self.memory.seen_ns = now_ns;
-        let q = &estimate.q_wb;
         let [roll, pitch, yaw, thrust_n] = self.memory.setpoint;
         let setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
         let applied = inputs.applied_command.latest().map(|applied| Applied {
@@ -161,7 +160,7 @@ impl Monitor {
             now_ns,
             elapsed_s: if elapsed_s > LONGEST_STEP_S { 0.0 } else { elapsed_s },
             morph_angle: MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?,
-            q_wb: UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)),
+            q_wb: rotation(estimate.q_wb.to_array()),
             rate_b_rad_s: estimate.body_rate_b_rad_s.into(),
             position_w_m: estimate.position_w_m.into(),
             velocity_w_m_s: estimate.velocity_w_m_s.into(),

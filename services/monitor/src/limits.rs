@@ -1,6 +1,6 @@
 //! Thresholds of the criteria, derived from the capabilities of the vehicle.
 
-use vehicle::{MorphAngle, VehicleParameters};
+use vehicle::{Agility, MorphAngle, VehicleParameters};
 
 /// Bound on the tilt that a position controller may ask for \[rad\].
 pub use runtime::obey::setpoints::TILT_BOUND_RAD;
@@ -92,20 +92,16 @@ pub struct Braking {
 impl Braking {
     /// Of a vehicle at the morph angle `beta`.
     ///
-    /// At hover thrust each pair of rotors carries half of the weight: τ = m g L(β) / 2 about roll and
-    /// pitch, k m g about yaw (`VehicleParameters::largest_wrench`), so α = τ / I(β). Changing the tilt by
-    /// Δ takes 2 √(Δ/α): full torque accelerates for half of the time and brakes for the other half.
+    /// See [`Agility`] for what hover thrust leaves for turning.
     #[must_use]
     pub fn at(vehicle: &VehicleParameters, beta: MorphAngle) -> Self {
-        let inertia = vehicle.inertia_kg_m2(beta);
-        let [_, roll_nm, pitch_nm, yaw_nm] = vehicle.largest_wrench(beta);
-        let turn_rad_s2 = (roll_nm / inertia.x).min(pitch_nm / inertia.y);
+        let agility = Agility::at(vehicle, beta, TILT_BOUND_RAD);
         Self {
-            turn_rad_s2,
-            yaw_rad_s2: yaw_nm / inertia.z,
-            across_m_s2: vehicle.gravity_m_s2 * libm::tan(TILT_BOUND_RAD),
+            turn_rad_s2: agility.tilting_rad_s2(),
+            yaw_rad_s2: agility.acceleration_b_rad_s2.z,
+            across_m_s2: agility.lateral_m_s2,
             up_m_s2: vehicle.gravity_m_s2,
-            tilting_s: 2.0 * (2.0 * TILT_BOUND_RAD / turn_rad_s2).sqrt(),
+            tilting_s: agility.tilting_s(2.0 * TILT_BOUND_RAD),
         }
     }
 }

@@ -16,6 +16,7 @@ pub mod rig;
 mod tests;
 mod time_scaling;
 pub mod trajectory;
+mod trajectory_point;
 pub mod waypoints;
 
 pub use error::PilotError;
@@ -23,7 +24,8 @@ pub use figure_eight::{FigureEightConfig, Heading};
 pub use flight::{Pilot, PilotConfig, PilotInputs, PilotMemory, PilotOutputs, TakenUp};
 pub use morph::{MorphKnot, MorphSchedule};
 pub use rig::{AttitudeStep, RigPilot, RigPilotConfig, RigPilotOutputs};
-pub use trajectory::{Trajectory, TrajectoryConfig, TrajectoryPoint};
+pub use trajectory::{Trajectory, TrajectoryConfig};
+pub use trajectory_point::TrajectoryPoint;
 pub use waypoints::Waypoint;
 
 /// Time between two points of a reference or of a morph path \[ns\]: one position period at 50 Hz.

@@ -2,7 +2,7 @@
 
 use super::figure_eight::{FigureEight, FigureEightConfig};
 use super::waypoints::{self, Waypoint};
-use super::{PilotError, error};
+use super::{PilotError, TrajectoryPoint, error};
 use shared_types::time::s_from_ns;
 
 /// A trajectory as configured. World frame ENU, headings counter-clockwise from east.
@@ -19,27 +19,6 @@ pub enum TrajectoryConfig {
     FigureEight(FigureEightConfig),
     /// Minimum-jerk segments, at rest at each waypoint; the first and last are held.
     Waypoints(Vec<Waypoint>),
-}
-
-/// The trajectory at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TrajectoryPoint {
-    /// Position \[m\].
-    pub position_w_m: [f64; 3],
-    /// Velocity \[m/s\].
-    pub velocity_w_m_s: [f64; 3],
-    /// Acceleration \[m/s²\].
-    pub acceleration_w_m_s2: [f64; 3],
-    /// Heading, unwrapped \[rad\].
-    pub yaw_rad: f64,
-}
-
-impl TrajectoryPoint {
-    /// At rest.
-    pub(super) fn at_rest(position_w_m: [f64; 3], yaw_rad: f64) -> Self {
-        let zero = [0.0; 3];
-        Self { position_w_m, velocity_w_m_s: zero, acceleration_w_m_s2: zero, yaw_rad }
-    }
 }
 
 /// A checked trajectory: twice continuously differentiable, defined at every instant.

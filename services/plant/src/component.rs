@@ -12,11 +12,11 @@ use crate::ports::{Inputs, Outputs};
 use crate::sensors::{Imu, ImuSample, MorphEncoder, Pose, PoseFix};
 use nalgebra::Vector3;
 use runtime::{Obedience, Service};
-use shared_types::{AppliedCommand, Flag, GateMode, Role, WrenchCommand};
+use shared_types::{AppliedCommand, Flag, GateMode, Quaternion, Role, WrenchCommand};
 use slot::{Standing, Tripped};
 use vehicle::{
     Actuation, Allocation, GroundContact, LinearModel, MorphAngle, NonlinearModel, PlantInputs,
-    PlantModel, Truth, VehicleParameters, Wrench,
+    PlantModel, Truth, VehicleParameters, Wrench, components,
 };
 
 /// Longest integration step \[s\].
@@ -264,7 +264,7 @@ impl Plant {
             outputs.pose_fix.write(shared_types::PoseFix {
                 captured_ns: fix.captured_ns,
                 position_w_m: fix.pose.position_w_m.into(),
-                q_wb: crate::ports::quaternion(&fix.pose.q_wb),
+                q_wb: Quaternion::from_array(components(fix.pose.q_wb)),
                 ..shared_types::PoseFix::default()
             });
         }
@@ -318,7 +318,7 @@ impl Plant {
         outputs.truth.write(shared_types::Truth {
             position_w_m: state.position_w.into(),
             velocity_w_m_s: state.velocity_w.into(),
-            q_wb: crate::ports::quaternion(&state.q_wb),
+            q_wb: Quaternion::from_array(components(state.q_wb)),
             body_rate_b_rad_s: state.omega_b.into(),
             morph_angle_rad: state.beta.rad(),
             morph_rate_rad_s: state.beta_rate_rad_s,

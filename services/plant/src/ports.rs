@@ -1,10 +1,9 @@
 //! What the plant reads and writes.
 
-use nalgebra::UnitQuaternion;
 use runtime::{inputs, outputs};
 use shared_types::{
     ActuatorState, AppliedCommand, Disturbance, Imu, MorphAngle, MorphCommand, OwnerRecord,
-    PoseFix, Quaternion, Trip, Truth, WrenchCommand, topics,
+    PoseFix, Trip, Truth, WrenchCommand, topics,
 };
 
 inputs! {
@@ -39,10 +38,4 @@ outputs! {
         /// Real rotor thrusts.
         actuator_state: ActuatorState = topics::ACTUATOR_STATE,
     }
-}
-
-/// One of two equal quaternions: w >= 0 on the wire.
-pub(crate) fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    Quaternion { w: sign * q.w, x: sign * q.i, y: sign * q.j, z: sign * q.k }
 }

@@ -75,7 +75,7 @@ impl Look {
             t_s: s_from_ns(truth.header.valid_ns),
             position_w_m: truth.position_w_m,
             velocity_w_m_s: truth.velocity_w_m_s,
-            q_wb: [q.w, q.x, q.y, q.z],
+            q_wb: q.to_array(),
             body_rate_b_rad_s: truth.body_rate_b_rad_s,
         });
     }

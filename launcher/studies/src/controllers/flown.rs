@@ -2,7 +2,7 @@
 
 use super::{Case, ControllersError, Kind, PULSE_AT_S, PUSH_S};
 use ::verdict::Grade;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use observe::Observer;
 use observe::{Closing, Metrics};
 use runtime::clock::mono_now_ns;
@@ -10,7 +10,7 @@ use scenario::Scenario;
 use shared_types::{Role, Sample, Topic, Truth};
 use simulate::in_process::{InProcess, StateSource};
 use std::any::Any;
-use vehicle::{euler_from_quaternion, wrap_pi};
+use vehicle::{euler_from_quaternion, rotation, wrap_pi};
 
 /// Within this of where it should be a pushed vehicle has recovered \[m\].
 const RECOVERED_M: f64 = 0.1;
@@ -42,8 +42,7 @@ impl Observer for Path {
     fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
         let any: &dyn Any = sample;
         if let Some(truth) = any.downcast_ref::<Truth>() {
-            let q = &truth.q_wb;
-            let q = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+            let q = rotation(truth.q_wb.to_array());
             let t_s = truth.header.valid_ns as f64 * 1e-9;
             self.0.push((t_s, truth.position_w_m.into(), euler_from_quaternion(&q)));
         }

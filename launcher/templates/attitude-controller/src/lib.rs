@@ -5,14 +5,14 @@
 //! controller needs.
 
 use host::{Config, Flight, HostError};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use runtime::{Link, Service, SetpointMemory, SetpointSlot, inputs, outputs};
 use serde::Deserialize;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, OwnerRecord, Role,
     StateEstimate, Trip, WrenchCommand, topics,
 };
-use vehicle::{MorphAngle, VehicleParameters};
+use vehicle::{MorphAngle, VehicleParameters, rotation};
 
 /// An estimate older than this, and than two periods, is not flown on \[ns\].
 const STALE_NS: u64 = 20_000_000;
@@ -156,14 +156,13 @@ impl Controller {
             return None;
         };
         let beta = MorphAngle::saturating_from_rad(estimate.morph_angle_rad)?;
-        let q = &estimate.q_wb;
         let thrust_n = self.memory.setpoint[3].clamp(0.0, 4.0 * self.vehicle.rotor_thrust_max_n);
         // Two rotors give m g / 2 at most beside the thrust, and the other two no less than nothing.
         let lever_n = (0.5 * self.vehicle.weight_n()).min(0.5 * thrust_n);
         let tilt_nm = self.vehicle.geometry.arm_length_m(beta) * lever_n;
         let yaw_nm = self.vehicle.yaw_coefficient_m * self.vehicle.weight_n();
         Some(Sample {
-            q_wb: UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)),
+            q_wb: rotation(estimate.q_wb.to_array()),
             rate_rad_s: estimate.body_rate_b_rad_s.into(),
             inertia_kg_m2: self.vehicle.inertia_kg_m2(beta),
             bound_nm: Vector3::new(tilt_nm, tilt_nm, yaw_nm),
@@ -282,7 +281,7 @@ mod tests {
         let mut inputs = Inputs::default();
         let q = vehicle::quaternion_from_euler(&Vector3::new(roll_rad, 0.0, 0.0));
         inputs.state_estimate.offer(StateEstimate {
-            q_wb: shared_types::Quaternion { w: q.w, x: q.i, y: q.j, z: q.k },
+            q_wb: shared_types::Quaternion::from_array(vehicle::components(q)),
             morph_angle_rad: 1.0,
             ..StateEstimate::default()
         });

@@ -1,10 +1,10 @@
 //! Whether and when the vehicle came to where it was sent.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use record::read::RecordVisitor;
 use shared_types::{GuidanceOrder, Sample, Topic, TopicInfo, Truth, topics};
 use std::any::Any;
-use vehicle::euler_from_quaternion;
+use vehicle::{euler_from_quaternion, rotation};
 
 /// Closer than this to where it was sent is there \[m\], \[rad\].
 const THERE_M: f64 = 0.05;
@@ -31,8 +31,7 @@ impl Goal {
                 off.norm() / THERE_M
             }
             Self::Yaw(goal_rad) => {
-                let q = truth.q_wb;
-                let q = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+                let q = rotation(truth.q_wb.to_array());
                 let off_rad = euler_from_quaternion(&q).z - goal_rad;
                 libm::atan2(libm::sin(off_rad), libm::cos(off_rad)).abs() / THERE_RAD
             }

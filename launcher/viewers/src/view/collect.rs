@@ -4,7 +4,7 @@ use super::happening::{Happening, Owners, World};
 use super::panel::{LOOPS, Panels, Uses};
 use super::track::Track;
 use ::verdict::LOST_M;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use observe::{Course, LoopLedger};
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
@@ -14,7 +14,7 @@ use shared_types::{
     Role, Sample, Seating, StateEstimate, Topic, Truth,
 };
 use std::any::Any;
-use vehicle::euler_from_quaternion;
+use vehicle::{euler_from_quaternion, rotation};
 
 /// What moves in the picture.
 #[derive(Debug, Default)]
@@ -96,7 +96,7 @@ impl Collect {
         let from_ns = self.span_ns.map_or(t_ns, |(from_ns, _)| from_ns);
         self.span_ns = Some((from_ns, t_ns.max(from_ns)));
         let q = truth.q_wb;
-        let attitude = UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z));
+        let attitude = rotation(q.to_array());
         let euler = euler_from_quaternion(&attitude);
         self.panels.attitude.put_all(0, t_ns, [euler.x, euler.y, euler.z].map(f64::to_degrees));
         self.panels.morph.put(0, t_ns, truth.morph_angle_rad.to_degrees());

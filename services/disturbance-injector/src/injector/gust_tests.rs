@@ -8,7 +8,7 @@
 use statrs::statistics::Statistics;
 
 use super::*;
-use crate::Wind;
+use crate::{Event, Wind};
 
 const MEAN: [f64; 3] = [1.5, 0.5, 0.0];
 const SIGMA: [f64; 3] = [0.7, 0.7, 0.35];

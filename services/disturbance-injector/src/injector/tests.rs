@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use serde::Deserialize;
 
 use super::*;
+use core::f64::consts::TAU;
 
 #[derive(Debug, Deserialize)]
 struct Scenario {

@@ -4,7 +4,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use thiserror::Error;
 
 use super::history::HISTORY_CAPACITY;
-use super::monitor::MAX_NIS_WINDOW;
+
+/// Room for the window of the NIS monitor.
+pub const MAX_NIS_WINDOW: usize = 32;
 
 /// 1σ added per state when the covariance is re-opened.
 ///

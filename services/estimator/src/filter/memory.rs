@@ -5,9 +5,10 @@ use nalgebra::{Matrix, Quaternion, UnitQuaternion, Vector3, Vector6};
 use thiserror::Error;
 
 use super::belief::{Belief, Inertial, STATE_DIMENSION};
+use super::config::MAX_NIS_WINDOW;
 use super::estimate::Counters;
 use super::history::{HISTORY_CAPACITY, History};
-use super::monitor::{MAX_NIS_WINDOW, Monitor};
+use super::monitor::Monitor;
 use super::morph_angle::MorphFilter;
 use super::sample::ImuSample;
 

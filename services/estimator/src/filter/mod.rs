@@ -21,10 +21,9 @@ mod rotation;
 mod sample;
 
 pub use belief::{Covariance, STATE_DIMENSION};
-pub use config::{ConfigError, FilterConfig, InitialState, ReopenSigmas};
+pub use config::{ConfigError, FilterConfig, InitialState, MAX_NIS_WINDOW, ReopenSigmas};
 pub use estimate::{AlarmFlags, Counters, Estimate, VerdictCounts};
 pub use memory::{BeliefMemory, FilterMemory, ImuMemory, MemoryError};
-pub use monitor::MAX_NIS_WINDOW;
 pub use sample::{ImuSample, MorphAngleSample, PoseFixSample, Verdict};
 
 use belief::Belief;

@@ -8,10 +8,7 @@
 
 use nalgebra::Vector6;
 
-use super::config::FilterConfig;
-
-/// Room for the window of the NIS monitor.
-pub const MAX_NIS_WINDOW: usize = 32;
+use super::config::{FilterConfig, MAX_NIS_WINDOW};
 
 /// What the monitor asks for after a fix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,15 +1,14 @@
 //! What loops make of their inputs and of their rate.
 
 use mpc::QpStatus;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use shared_types::{Sample, SolveStatus, StateEstimate};
-use vehicle::euler_from_quaternion;
+use vehicle::{euler_from_quaternion, rotation};
 
 /// γ = (φ, θ, ψ) of an estimate \[rad\], intrinsic z-y-x.
 #[must_use]
 pub fn gamma_rad(estimate: &StateEstimate) -> Vector3<f64> {
-    let q = &estimate.q_wb;
-    euler_from_quaternion(&UnitQuaternion::new_unchecked(Quaternion::new(q.w, q.x, q.y, q.z)))
+    euler_from_quaternion(&rotation(estimate.q_wb.to_array()))
 }
 
 /// Time since the instant that a sample describes \[s\].

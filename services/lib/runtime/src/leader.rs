@@ -4,7 +4,7 @@
 //! nobody leads. Its text names who took over last, for the run's processes to watch.
 
 use crate::clock::{mono_now_ns, sleep_until};
-use crate::namespace::{NamespaceError, failed};
+use crate::namespace_error::{NamespaceError, failed};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write as _};

@@ -14,6 +14,7 @@ pub mod input;
 pub mod ipc;
 pub mod leader;
 pub mod namespace;
+mod namespace_error;
 pub mod obey;
 pub mod output;
 pub mod ownership;

@@ -5,35 +5,21 @@
 //! leave, or the next run that finds a dead one. Whoever gets `launcher.lock` leads, see
 //! [`leader`](crate::leader).
 
+pub use crate::namespace_error::NamespaceError;
+
 use crate::leader::{LeadError, LeaderLock};
+use crate::namespace_error::failed;
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt as _, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use thiserror::Error;
 
 /// Where run folders live: memory, so that nothing survives a reboot.
 pub const BASE: &str = "/dev/shm";
 const FOLDER_PREFIX: &str = "mq-";
 const UNBORN_PREFIX: &str = ".mq-";
 const OBJECT_PREFIX: &str = "mqshm-";
-
-/// Why a run's folder cannot be used.
-#[derive(Debug, Error)]
-#[error("{action} {path}: {source}; the run's folder must be writable by you and have free space")]
-pub struct NamespaceError {
-    action: &'static str,
-    path: PathBuf,
-    source: io::Error,
-}
-
-pub(crate) fn failed<'a>(
-    action: &'static str,
-    path: &'a Path,
-) -> impl FnOnce(io::Error) -> NamespaceError + 'a {
-    move |source| NamespaceError { action, path: path.to_path_buf(), source }
-}
 
 /// Membership of a run. Dropping it leaves; the last to leave wipes.
 #[derive(Debug)]

@@ -15,6 +15,19 @@ pub(crate) struct Morph {
     pub(crate) rate: f64,
 }
 
+impl VehicleParameters {
+    /// β `duration_s` \[s\] after the servo is told `command` at `beta`.
+    #[must_use]
+    pub fn servo_angle_after(
+        &self,
+        beta: MorphAngle,
+        command: MorphAngle,
+        duration_s: f64,
+    ) -> MorphAngle {
+        ServoPath::new(self, beta, command).at(duration_s).beta
+    }
+}
+
 /// Path of the servo under a held command: β̇ = sat((u − β)/τ, ± rate limit).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ServoPath {

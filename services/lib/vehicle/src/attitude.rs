@@ -80,6 +80,19 @@ pub fn canonical(q: UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     if q.w < 0.0 { UnitQuaternion::new_unchecked(-q.into_inner()) } else { q }
 }
 
+/// The rotation with these components, scalar first, as a sample has them: of norm 1.
+#[must_use]
+pub fn rotation([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
+    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
+}
+
+/// The components of a rotation, scalar first, as a sample has them: w ≥ 0.
+#[must_use]
+pub fn components(q: UnitQuaternion<f64>) -> [f64; 4] {
+    let q = canonical(q);
+    [q.w, q.i, q.j, q.k]
+}
+
 /// `angle_rad` brought into (−π, π]; exact, also for many turns. NaN for an angle not finite.
 #[must_use]
 pub fn wrap_pi(angle_rad: f64) -> f64 {

@@ -3,7 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::ParameterError;
-use crate::parameters::positive;
+use crate::parameter_error::positive;
 
 /// One foot on the ground. Chosen for a 0.12 kg vehicle at steps of 1 ms: the fastest contact mode,
 /// yaw and pitch on the smallest arms, decays at about 700 1/s, well inside RK4's reach of 2.8/dt.

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::ParameterError;
-use crate::parameters::positive;
+use crate::parameter_error::positive;
 
 /// Morph angle β, always inside the linkage's range of 45° to 160°.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]

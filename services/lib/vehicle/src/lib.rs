@@ -9,6 +9,7 @@
 //! rotors), [`PlantModel`] (what can be flown) and [`NonlinearModel`].
 
 mod actuators;
+mod agility;
 mod allocation;
 mod attitude;
 mod contact;
@@ -18,18 +19,21 @@ mod integrator;
 mod linear;
 mod model;
 mod nonlinear;
+mod parameter_error;
 mod parameters;
 mod state;
 
+pub use agility::Agility;
 pub use allocation::{Allocation, Allocator, Wrench};
 pub use attitude::{
-    MAX_PITCH_RAD, body_rate_matrix, canonical, euler_from_quaternion, euler_rate_matrix,
-    quaternion_from_euler, wrap_pi,
+    MAX_PITCH_RAD, body_rate_matrix, canonical, components, euler_from_quaternion,
+    euler_rate_matrix, quaternion_from_euler, rotation, wrap_pi,
 };
 pub use contact::GroundContact;
 pub use geometry::{Geometry, MorphAngle, Quadratic};
 pub use linear::LinearModel;
 pub use model::{Actuation, PlantInputs, PlantModel, StepStatus};
 pub use nonlinear::{MAX_NONLINEAR_STEP_S, NonlinearModel};
-pub use parameters::{ParameterError, VehicleParameters};
+pub use parameter_error::ParameterError;
+pub use parameters::VehicleParameters;
 pub use state::{Disturbance, MODEL_MEMORY_LEN, RigidBodyState, Truth};

@@ -1,22 +1,9 @@
 //! What a vehicle is made of, in numbers, checked once before anything flies on them.
 
 use nalgebra::Vector3;
-use thiserror::Error;
 
-use crate::actuators::ServoPath;
-use crate::{Allocator, Geometry, MorphAngle};
-
-/// A parameter that no vehicle can have.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-#[error("{name} = {value} is not usable: {remedy}")]
-pub struct ParameterError {
-    /// The parameter's name, as spelled in [`VehicleParameters`] or the geometry law.
-    pub name: &'static str,
-    /// The refused value, in the unit its name ends with.
-    pub value: f64,
-    /// What to write instead.
-    pub remedy: &'static str,
-}
+use crate::parameter_error::positive;
+use crate::{Allocator, Geometry, MorphAngle, ParameterError};
 
 /// Mass, actuators, drag and morph law of one vehicle. Mass, gravity and geometry are Table I of
 /// the paper; the others are typical of this vehicle class, because the paper prints none.
@@ -112,17 +99,6 @@ impl VehicleParameters {
         self.geometry.inertia_slope_kg_m2_rad(beta) * self.inertia_scale
     }
 
-    /// β `duration_s` \[s\] after the servo is told `command` at `beta`.
-    #[must_use]
-    pub fn servo_angle_after(
-        &self,
-        beta: MorphAngle,
-        command: MorphAngle,
-        duration_s: f64,
-    ) -> MorphAngle {
-        ServoPath::new(self, beta, command).at(duration_s).beta
-    }
-
     /// What a controller may ask of each torque \[N m\] at `beta` and `thrust_n` \[N\] without
     /// taking from the others more than its share: roll and pitch m g L min(1/2, T/(2 m g)), yaw
     /// k m g.
@@ -153,19 +129,6 @@ impl VehicleParameters {
             yaw_coefficient_m: self.yaw_coefficient_m,
             thrust_max_n: self.rotor_thrust_max_n,
         }
-    }
-}
-
-/// `Ok` for a finite number above zero; NaN is neither.
-pub(crate) fn positive(
-    name: &'static str,
-    value: f64,
-    remedy: &'static str,
-) -> Result<(), ParameterError> {
-    if value > 0.0 && value.is_finite() {
-        Ok(())
-    } else {
-        Err(ParameterError { name, value, remedy })
     }
 }
 

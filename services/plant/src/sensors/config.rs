@@ -4,7 +4,8 @@ use garde::Validate;
 use serde::Deserialize;
 use thiserror::Error;
 
-use super::pose_fix::DELAY_LINE_LEN;
+/// Fixes that can be under way at once.
+pub const DELAY_LINE_LEN: usize = 32;
 
 /// Highest rate of any sensor \[Hz\].
 pub const MAX_SENSOR_RATE_HZ: u32 = 10_000;

@@ -15,10 +15,10 @@ mod schedule;
 
 pub(crate) use config::finite_in;
 pub use config::{
-    BiasStep, DropOut, ImuConfig, MAX_SENSOR_RATE_HZ, MorphEncoderConfig, PoseFixConfig,
-    SensorError,
+    BiasStep, DELAY_LINE_LEN, DropOut, ImuConfig, MAX_SENSOR_RATE_HZ, MorphEncoderConfig,
+    PoseFixConfig, SensorError,
 };
 pub use imu::{Imu, ImuMemory, ImuSample};
 pub use morph_encoder::{MorphEncoder, MorphEncoderMemory};
 pub use noise::NoiseMemory;
-pub use pose_fix::{DELAY_LINE_LEN, Pose, PoseFix, PoseFixMemory, PoseSample};
+pub use pose_fix::{Pose, PoseFix, PoseFixMemory, PoseSample};

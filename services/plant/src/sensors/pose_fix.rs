@@ -3,13 +3,10 @@
 use garde::Validate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::config::{PoseFixConfig, SensorError};
+use super::config::{DELAY_LINE_LEN, PoseFixConfig, SensorError};
 use super::noise::{Noise, NoiseMemory};
 use super::schedule::Schedule;
 use shared_types::time::ns_from_s;
-
-/// Fixes that can be under way at once.
-pub const DELAY_LINE_LEN: usize = 32;
 
 /// Where the vehicle is.
 #[derive(Debug, Clone, Copy, PartialEq)]
