@@ -13,10 +13,21 @@ const PATIENCE_S: f64 = 60.0;
 
 /// Looks again and again until `done` says so, ever more seldom: a look may start a process.
 pub(crate) fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
+    wait_for(what, || done().then_some(()).ok_or(String::new()));
+}
+
+/// As [`wait_until`], for something that is there at last; until then `look` says what is there instead.
+pub(crate) fn wait_for<T>(what: &str, mut look: impl FnMut() -> Result<T, String>) -> T {
     let begin_s = host_s();
     let mut pause = 3;
-    while !done() {
-        assert!(host_s() - begin_s < PATIENCE_S, "waited in vain: {what}");
+    loop {
+        match look() {
+            Ok(found) => return found,
+            Err(instead) => {
+                let is_patient = host_s() - begin_s < PATIENCE_S;
+                assert!(is_patient, "waited in vain: {what} {instead}");
+            }
+        }
         pause_ms(pause);
         pause = (pause + 2).min(40);
     }

@@ -2,7 +2,7 @@
 
 use crate::common::processes::{Running, kill};
 use crate::common::recording::Row;
-use crate::common::time::wait_until;
+use crate::common::time::wait_for;
 use crate::common::{Flown, distance, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -139,13 +139,15 @@ fn an_injector_that_dies_goes_on_with_what_was_ordered() {
     verify(&died);
 }
 
-/// Waits until a run has flown for longer than this, as its launcher says.
-fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64) {
-    wait_until("it has flown for long enough", || {
+/// Waits until a run has flown for longer than this, as its launcher says; `words` are told if it never does.
+fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64, words: impl Fn() -> String) {
+    wait_for("it has flown for long enough", || {
         let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
         let output = output.expect("the executable starts");
         let status: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-        status["launcher_pid"] == launcher_pid && status["flown_s"].as_f64() > Some(flown_s)
+        let is_led = status["launcher_pid"] == launcher_pid;
+        let is_far = is_led && status["flown_s"].as_f64() > Some(flown_s);
+        if is_far { Ok(()) } else { Err(format!("({flown_s} s): {status} {}", words())) }
     });
 }
 
@@ -157,7 +159,8 @@ fn assert_led_live(pace: &[&str]) {
         assert_eq!(code, Some(0), "{arguments:?}: {out} {diagnostics}");
         serde_json::from_str(&out).expect("one JSON object")
     };
-    let until = |flown_s| wait_until_flown(running.id(), running.launcher_pid(), flown_s);
+    let until =
+        |flown_s| wait_until_flown(running.id(), running.launcher_pid(), flown_s, String::new);
     let seconds = |told: &Value, key: &str| told[key].as_f64().unwrap_or_else(|| panic!("{told}"));
     let went = done(&["goto", "0.6", "-0.4", "1.8", "45"]);
     assert_eq!(went["reply"], "ordered", "{went}");
@@ -228,11 +231,15 @@ fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
     running.kill_launcher();
     let run = running.id().to_owned();
     let folder = tempfile::TempDir::new().expect("a folder");
+    let log = folder.path().join("words");
     let adopter = morphquad(["adopt", &run, "--format", "json", "--record"])
         .arg(folder.path())
+        .stderr(std::fs::File::create(&log).expect("room"))
         .spawn()
         .expect("the executable starts");
-    wait_until_flown(&run, adopter.id(), went["done_s"].as_f64().expect("an instant") + 0.1);
+    let there_s = went["done_s"].as_f64().expect("an instant") + 0.1;
+    let words = || std::fs::read_to_string(&log).expect("its words");
+    wait_until_flown(&run, adopter.id(), there_s, words);
     assert!(kill(adopter.id(), Signal::INT));
     let adopted = Flown::new(&adopter.wait_with_output().expect("an end"), folder);
     assert_eq!(adopted.code, Some(130), "{}", adopted.said());

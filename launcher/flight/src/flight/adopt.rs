@@ -24,8 +24,8 @@ use swap::services::HeldServices;
 use swap::{SlotWatch, Slots};
 use thiserror::Error;
 
-/// How long the dead launcher's ports may take to be freed \[ns\].
-const SWEEP_LIMIT_NS: u64 = 2_000_000_000;
+/// How long the dead launcher's ports may take to be freed \[ns\]: milliseconds, unless the machine is busy.
+const SWEEP_LIMIT_NS: u64 = 20_000_000_000;
 /// How long consumers may take to say whom they obey \[ns\].
 const HEAR_LIMIT_NS: u64 = 300_000_000;
 
