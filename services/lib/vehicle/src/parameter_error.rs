@@ -6,7 +6,7 @@ use thiserror::Error;
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 #[error("{name} = {value} is not usable: {remedy}")]
 pub struct ParameterError {
-    /// The parameter's name, as spelled in [`VehicleParameters`] or the geometry law.
+    /// The parameter's name, as spelled in [`VehicleParameters`](crate::VehicleParameters) or the geometry law.
     pub name: &'static str,
     /// The refused value, in the unit its name ends with.
     pub value: f64,

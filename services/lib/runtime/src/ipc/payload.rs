@@ -1,7 +1,7 @@
 //! Ports by the type of their payload, each compiled once, in this crate.
 //!
-//! The transport's ports are generic code of some 70 kB a type, which every crate that opens a topic would compile
-//! again. So nothing outside of this file names them: [`Service`], [`Reader`] and [`Sink`] are objects, and
+//! The transport's ports are much generic code, which every crate that opens a topic would compile again for each type.
+//! So nothing outside of this file names them: [`Service`], [`Reader`] and [`Sink`] are objects, and
 //! [`maker`] finds what makes them by the type of the payload.
 
 use super::roll::{Guard, node_id};
