@@ -52,6 +52,12 @@ pub(crate) fn all_processes() -> impl Iterator<Item = Process> {
     })
 }
 
+/// What `ps` tells of a run; none while its launcher does not answer.
+pub(crate) fn ps(run: &str) -> Option<Value> {
+    let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
+    serde_json::from_slice(&output.expect("the executable starts").stdout).ok()
+}
+
 /// Everything that a run has in shared memory.
 pub(crate) fn left_in_shared_memory(id: &str) -> Vec<PathBuf> {
     let (folder, object) = (format!("mq-{id}"), format!("mqshm-{id}_"));
@@ -161,10 +167,7 @@ impl Running {
 
     /// How much of the flight is flown \[s\], as `ps` tells; none while it does not answer.
     pub(crate) fn flown_s(&self) -> Option<f64> {
-        let told = morphquad(["ps", "--run", &self.id, "--format", "json"]).output();
-        let told: Value =
-            serde_json::from_slice(&told.expect("the executable starts").stdout).ok()?;
-        told["flown_s"].as_f64()
+        ps(&self.id)?["flown_s"].as_f64()
     }
 
     fn has_ended(&mut self) -> bool {

@@ -4,7 +4,7 @@
 //! `cargo test --release --test flights adopt -- --ignored --nocapture` prints how long fail-overs took.
 
 use crate::common::misdeeds::{config, rogue};
-use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of};
+use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of, ps};
 use crate::common::recording::{Recording, Row};
 use crate::common::time::{host_s, pause_ms, wait_until};
 use crate::common::{distance, euler_rad, morphquad};
@@ -65,11 +65,6 @@ fn say(arguments: &[&str]) -> (Option<i32>, String) {
     let text = [output.stdout, output.stderr].concat();
     let text = String::from_utf8_lossy(&text).replace("\n  │", "");
     (output.status.code(), text.split_whitespace().collect::<Vec<_>>().join(" "))
-}
-
-fn ps(run: &str) -> Option<Value> {
-    let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
-    serde_json::from_slice(&output.expect("the executable starts").stdout).ok()
 }
 
 /// Process in the attitude slot that is `owner` or `fallback`, and its seat.

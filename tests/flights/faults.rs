@@ -174,8 +174,10 @@ fn a_realtime_flight_goes_on_after_the_deaths_of_all_processes_but_the_plant() {
     for victim in MORTALS {
         let killed = format!("{victim} killed by signal 9");
         // The launcher gives a controller up whose commands fail, after 200 ms by a constant, so that on a busy machine
-        // it may do so before it hears of the death. Only a controller can be reported in this way.
-        let given_up = format!("take over from {victim}@0, which is started again");
+        // it may do so before it hears of the death. Only a controller can be reported so, and only with this reason.
+        let given_up = format!(
+            "take over from {victim}@0, which is started again: its commands failed to come"
+        );
         let is_reported = [killed, given_up].iter().any(|report| flown.stderr.contains(report));
         assert!(is_reported, "{victim}: {}", flown.said());
     }
@@ -305,6 +307,8 @@ fn a_second_interrupt_does_not_wait_for_anybody() {
     let mut running = lockstep(&["--set", "launcher.stall_timeout_s=600"]);
     // With this one stopped, there is no orderly end to wait for.
     running.signal("estimator", Signal::STOP);
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    wait_until("it answers after one interrupt", || running.flown_s().is_some());
     running.interrupt_until_it_ends();
     let flown = running.wait();
     assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());

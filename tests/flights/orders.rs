@@ -1,6 +1,6 @@
 //! Where to go, how wide to spread the arms, what to disturb: ordered by a script and live.
 
-use crate::common::processes::{Running, kill};
+use crate::common::processes::{Running, kill, ps};
 use crate::common::recording::Row;
 use crate::common::time::wait_for;
 use crate::common::{Flown, distance, fly, morphquad};
@@ -142,9 +142,7 @@ fn an_injector_that_dies_goes_on_with_what_was_ordered() {
 /// Waits until a run has flown for longer than this, as its launcher says; `words` are told if it never does.
 fn wait_until_flown(run: &str, launcher_pid: u32, flown_s: f64, words: impl Fn() -> String) {
     wait_for("it has flown for long enough", || {
-        let output = morphquad(["ps", "--run", run, "--format", "json"]).output();
-        let output = output.expect("the executable starts");
-        let status: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        let status = ps(run).unwrap_or(Value::Null);
         let is_led = status["launcher_pid"] == launcher_pid;
         let is_far = is_led && status["flown_s"].as_f64() > Some(flown_s);
         if is_far { Ok(()) } else { Err(format!("({flown_s} s): {status} {}", words())) }

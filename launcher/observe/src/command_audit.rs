@@ -1,13 +1,14 @@
 //! Who moved the rotors in each tick of the plant, checked against the owner records by one who only
 //! watches: it shares no code with the protocol.
 
+use runtime::ipc::RECORDER_CAPACITY;
 use serde::Serialize;
 use shared_types::{AppliedCommand, GateMode, NO_SEAT, OwnerRecord, Role, WrenchCommand};
 use std::collections::{BTreeMap, VecDeque};
 
 /// Ticks after which everything about a tick has arrived. The recorder takes one topic after the other, the ticks
-/// before the commands, and at once no more of a topic than the 2048 samples that its reader keeps.
-const SETTLED_TICKS: usize = 2 * 2048;
+/// before the commands, and at once no more of a topic than its reader keeps.
+const SETTLED_TICKS: usize = 2 * RECORDER_CAPACITY;
 /// How long a command that has run out may still be asked for, around the tick in which it did \[ns\].
 const CARRIED_NS: u64 = 1_000_000_000;
 /// What may still be on its way to a recording that is cut off \[ns\].

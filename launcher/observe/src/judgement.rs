@@ -30,7 +30,8 @@ pub struct Closing {
     pub altered: u64,
     /// Why the recording is incomplete.
     pub unrecorded: Option<String>,
-    /// Only what cannot be contradicted any more counts of the commands: the topics of a file that is cut end at different instants.
+    /// Only what cannot be contradicted any more counts of the commands: the topics of a file that is cut end at
+    /// different instants.
     pub is_cut: bool,
 }
 
