@@ -158,7 +158,7 @@ def drive_time(page):
     page.keyboard.press("Space")
     wait_until_painted(page)
     stood = time_of(page)
-    page.wait_for_timeout(600)
+    wait_until_painted(page)
     check(time_of(page) == stood, "it goes on although paused")
     page.keyboard.press("l")
     wait_for_time(page, lambda t: t > stood)
@@ -172,11 +172,11 @@ def take_pictures(page, pictures):
     for theme in ["dark", "light"]:
         if page.get_attribute("html", "data-theme") != theme:
             page.click("#theme")
-        page.wait_for_timeout(300)
+        wait_until_painted(page)
         check(not overlaps(page), f"{theme}: {overlaps(page)}")
         page.screenshot(path=pictures / f"live-{theme}.png")
     page.set_viewport_size({"width": 400, "height": 900})
-    page.wait_for_timeout(300)
+    wait_until_painted(page)
     wide = page.evaluate("document.documentElement.scrollWidth")
     check(wide <= 400, f"on a narrow screen the page is {wide} wide")
     page.screenshot(path=pictures / "live-narrow.png")
