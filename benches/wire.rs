@@ -4,40 +4,27 @@ use core::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use observe::FlightHash;
 use record::encode;
-use runtime::service::{pack_state, state_size};
-use runtime::{Service, StateHeader};
+use runtime::StateHeader;
 use scenario::Scenario;
-use scenario::components::{self, Component, ComponentVisitor};
+use scenario::services::Crew;
 use shared_types::{Reference, Role, Sample, StateEstimate, Topic, Truth, topics};
-
-struct PackState<'a> {
-    criterion: &'a mut Criterion,
-    role: Role,
-}
-
-impl ComponentVisitor for PackState<'_> {
-    type Output = ();
-    fn visit<S: Service + 'static>(self, component: Component<S>) {
-        let (inputs, outputs) = (S::Inputs::default(), S::Outputs::default());
-        let mut bytes = vec![0; state_size::<S>()];
-        let mut group = self.criterion.benchmark_group("pack_state");
-        group.throughput(Throughput::Bytes(bytes.len() as u64));
-        group.bench_function(self.role.label(), |b| {
-            b.iter(|| {
-                let header = StateHeader::default();
-                pack_state(&component.service, &header, &inputs, &outputs, &mut bytes);
-                black_box(&bytes);
-            });
-        });
-        group.finish();
-    }
-}
 
 fn pack(criterion: &mut Criterion) {
     let scenario = Scenario::load("figure8-morph", &[]).expect("it is shipped");
+    let crew = Crew::of(scenario.settings());
+    let mut group = criterion.benchmark_group("pack_state");
     for role in Role::STEPPING {
-        components::build(role, &scenario, PackState { criterion, role }).expect("it flies");
+        let component = components::build(&crew, role, &scenario).expect("it flies");
+        let mut bytes = vec![0; component.layout().state_size()];
+        group.throughput(Throughput::Bytes(bytes.len() as u64));
+        group.bench_function(role.label(), |b| {
+            b.iter(|| {
+                component.pack(&StateHeader::default(), &mut bytes);
+                black_box(&bytes);
+            });
+        });
     }
+    group.finish();
 }
 
 /// No field at zero, where protobuf would be at its shortest.

@@ -3,13 +3,15 @@
 //!
 //! `cargo test --release --test recorder -- --ignored --nocapture` prints how much of a flight was lost.
 
+#[allow(dead_code, reason = "each user takes its own part")]
+mod burst;
 mod common;
 
+use burst::Burst;
 use common::processes::{Running, kill, processes_of};
 use common::recording::Recording;
 use common::time::{host_s, pause_ms, wait_until};
 use common::{Flown, morphquad, rounds};
-use flight::Burst;
 use mcap::MessageStream;
 use record::read::RecordedFlight;
 use runtime::ipc::RECORDER_CAPACITY;

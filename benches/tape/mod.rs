@@ -1,5 +1,6 @@
 //! One flight in one process, kept as a tape: what each loop was given, to be given again.
 
+use components::BuildError;
 use core::cell::{Cell, RefCell};
 use core::time::Duration;
 use observe::Observer;
@@ -7,10 +8,10 @@ use record::Recording;
 use runtime::clock::mono_now_ns;
 use runtime::graph::Edge;
 use runtime::{
-    Executor, Graph, Input, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
-    OutputVisitor, Place, Service, Sink, Source, StateSink, StepStamps,
+    Executor, Graph, Input, InputVisitor, Node, Output, OutputVisitor, Place, Sink, Source,
+    StateSink, StepStamps,
 };
-use scenario::components::{self, Component, ComponentVisitor};
+use scenario::services::Crew;
 use scenario::{Override, Scenario};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
 use simulate::in_process::{InProcess, StateSource};
@@ -137,33 +138,10 @@ impl OutputVisitor for Wiring<'_> {
     }
 }
 
-impl ComponentVisitor for Wiring<'_> {
-    type Output = Box<dyn Loop>;
-    fn visit<S: Service + 'static>(mut self, component: Component<S>) -> Box<dyn Loop> {
-        let mut executor =
-            Executor::new(component.service, self.node, Place::default(), component.state_every);
-        let Ok(()) = executor.inputs.visit(&mut self);
-        let Ok(()) = executor.outputs.visit(&mut self);
-        executor.connect_state(Box::new(NoReader));
-        Box::new(executor)
-    }
-}
-
-/// A loop of whatever component.
-trait Loop {
-    fn mark_ns(&self) -> u64;
-    /// Takes in what is shown and runs the next release.
-    fn step(&mut self);
-}
-
-impl<S: Service> Loop for Executor<S> {
-    fn mark_ns(&self) -> u64 {
-        Executor::mark_ns(self)
-    }
-    fn step(&mut self) {
-        self.inputs.receive();
-        self.run_step(StepStamps::UNTIMED);
-    }
+/// Takes in what is shown and runs the next release.
+fn step(executor: &mut Executor) {
+    executor.component.receive();
+    executor.run_step(StepStamps::UNTIMED);
 }
 
 /// A flight that has been flown once.
@@ -177,13 +155,26 @@ pub(crate) struct Flight {
 impl Flight {
     /// Flies a shipped scenario in this process.
     pub(crate) fn fly(name: &str) -> Result<Self, Box<dyn std::error::Error>> {
-        Self::of(Scenario::load(name, &[])?)
+        Self::fly_with(name, &[])
+    }
+
+    /// Flies a shipped scenario with changes in this process.
+    pub(crate) fn fly_with(
+        name: &str,
+        changes: &[Override],
+    ) -> Result<Self, Box<dyn std::error::Error>> {
+        Self::of(Scenario::load(name, changes)?)
+    }
+
+    /// Who fills a role.
+    pub(crate) fn name(&self, role: Role) -> &'static str {
+        Crew::of(self.scenario.settings()).name(role).unwrap_or(role.label())
     }
 
     /// Flies the beginning of a shipped scenario in this process.
     pub(crate) fn fly_for(name: &str, duration_s: f64) -> Result<Self, Box<dyn std::error::Error>> {
         let duration = Override::duration(Duration::from_secs_f64(duration_s));
-        Self::of(Scenario::load(name, &[duration])?)
+        Self::fly_with(name, &[duration])
     }
 
     fn of(scenario: Scenario) -> Result<Self, Box<dyn std::error::Error>> {
@@ -196,9 +187,15 @@ impl Flight {
         Ok(flight)
     }
 
-    fn build(&self, node: Node) -> Result<Box<dyn Loop>, components::BuildError> {
-        let wiring = Wiring { tape: &self.tape, graph: &self.graph, node };
-        components::build(node.role, &self.scenario, wiring)
+    fn build(&self, node: Node) -> Result<Executor, BuildError> {
+        let crew = Crew::of(self.scenario.settings());
+        let component = components::build(&crew, node.role, &self.scenario)?;
+        let mut executor = Executor::new(component, node, Place::default());
+        let mut wiring = Wiring { tape: &self.tape, graph: &self.graph, node };
+        let Ok(()) = executor.component.visit_inputs(&mut wiring);
+        let Ok(()) = executor.component.visit_outputs(&mut wiring);
+        executor.connect_state(Box::new(NoReader));
+        Ok(executor)
     }
 
     pub(crate) fn duration_s(&self) -> f64 {
@@ -224,7 +221,7 @@ impl Flight {
     }
 
     /// One loop of the flight, to be run again from its start.
-    pub(crate) fn replay(&self, node: Node) -> Result<Replay<'_>, components::BuildError> {
+    pub(crate) fn replay(&self, node: Node) -> Result<Replay<'_>, BuildError> {
         Ok(Replay { flight: self, node, current: self.build(node)? })
     }
 }
@@ -233,7 +230,7 @@ impl Flight {
 pub(crate) struct Replay<'a> {
     flight: &'a Flight,
     node: Node,
-    current: Box<dyn Loop>,
+    current: Executor,
 }
 
 impl Replay<'_> {
@@ -246,7 +243,7 @@ impl Replay<'_> {
         while self.current.mark_ns() < *end_ns {
             tape.until_ns.set(self.current.mark_ns());
             let start_ns = mono_now_ns();
-            self.current.step();
+            step(&mut self.current);
             times.push(mono_now_ns() - start_ns);
         }
         times
@@ -260,7 +257,7 @@ impl Replay<'_> {
                 self.current = self.flight.build(self.node).expect("it was built before");
             }
             tape.until_ns.set(self.current.mark_ns());
-            self.current.step();
+            step(&mut self.current);
         }
     }
 
@@ -275,7 +272,7 @@ impl Replay<'_> {
             let start_ns = mono_now_ns();
             while left > 0 && self.current.mark_ns() < *end_ns {
                 tape.until_ns.set(self.current.mark_ns());
-                self.current.step();
+                step(&mut self.current);
                 left -= 1;
             }
             spent_ns += mono_now_ns() - start_ns;

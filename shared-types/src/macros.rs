@@ -45,6 +45,8 @@ macro_rules! reflect {
                 count: <$kind as $crate::wire::Value>::COUNT,
                 repeated: <$kind as $crate::wire::Value>::REPEATED,
                 offset: core::mem::offset_of!($name, $field),
+                packed_size: <$kind as $crate::wire::Value>::PACKED_SIZE
+                    / <$kind as $crate::wire::Value>::COUNT,
             }),+];
         }
 

@@ -97,6 +97,17 @@ macro_rules! floor_plan {
             $(visitor.visit(&$constant)?;)+
             Ok(())
         }
+
+        /// Shows one topic, typed, by its name; nothing if the table has none of that name.
+        ///
+        /// # Errors
+        /// The visitor's.
+        pub fn visit_named<V: TopicVisitor>(name: &str, visitor: &mut V) -> Result<(), V::Error> {
+            match name {
+                $($name => visitor.visit(&$constant),)+
+                _ => Ok(()),
+            }
+        }
     };
 }
 

@@ -39,6 +39,8 @@ pub struct Field {
     pub repeated: bool,
     /// Byte offset within the struct.
     pub offset: usize,
+    /// Bytes of each element in packed form.
+    pub packed_size: usize,
 }
 
 /// The layout of one struct.

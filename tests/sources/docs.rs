@@ -1,6 +1,6 @@
 //! The documents name what the code has, no more and no less.
 
-use scenario::components;
+use scenario::services;
 use scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
 use std::collections::BTreeSet;
@@ -43,9 +43,9 @@ fn the_topic_table_of_the_architecture_is_the_one_of_the_code() {
 
 #[test]
 fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
-    assert_eq!(first_cells("## Processes"), components::names());
-    for name in components::names() {
-        let role = components::role_of(name).map_or("none", Role::label);
+    assert_eq!(first_cells("## Processes"), services::names());
+    for name in services::names() {
+        let role = services::role_of(name).map_or("none", Role::label);
         assert!(ARCHITECTURE.contains(&format!("| `{name}` | {role} |")), "{name} fills {role}");
     }
 }

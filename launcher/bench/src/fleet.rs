@@ -2,7 +2,6 @@
 
 use super::BenchError;
 use super::report::LoopsReport;
-use scenario::process::OWN_EXECUTABLE;
 use serde_json::Value;
 use std::io::Read as _;
 use std::process::{Child, Command, Stdio};
@@ -23,13 +22,13 @@ pub enum Flown {
 }
 
 impl Flight {
-    /// Begins, with these words after `bench loops`.
+    /// Begins: this executable, which is `morphquad`, with these words after `bench loops`.
     ///
     /// # Errors
     /// It cannot be started.
-    pub fn start(words: &[String]) -> Result<Self, BenchError> {
+    pub fn start(mut morphquad: Command, words: &[String]) -> Result<Self, BenchError> {
         let failed = |source| BenchError::System { action: "start a flight".to_owned(), source };
-        let child = Command::new(OWN_EXECUTABLE)
+        let child = morphquad
             .args(["bench", "loops"])
             .args(words)
             .args(["--no-floor", "--format", "json"])

@@ -3,6 +3,7 @@
 //! Durations count from the instant at which something should have happened, none is left out, and each
 //! figure stands beside its floor: the same measured in the same run with nothing of ours in between.
 
+pub mod alone;
 pub mod facts;
 pub mod fleet;
 pub mod floor;
@@ -10,19 +11,13 @@ pub mod gate;
 pub mod hop;
 pub mod loops;
 pub mod measure;
-mod onlooker;
 pub mod page;
 pub mod peer;
 pub mod pictures;
 pub mod place;
 pub mod rate;
-pub mod recorder;
 pub mod report;
-pub mod scale;
 pub mod series;
-pub mod solve;
-pub mod turns;
-pub mod watch;
 
 use figures::figure::us;
 use figures::results::ResultsError;

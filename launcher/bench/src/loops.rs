@@ -121,7 +121,7 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
     let graph = plan.graph()?;
     let seat = Seat { fifo: plan.place.fifo(), ..Seat::default() };
     // Whoever is flown by an executable of its own has no step here.
-    let alone = super::solve::steps_alone(&plan.alone, seat).unwrap_or_default();
+    let alone = super::alone::steps_alone(&plan.alone, seat).unwrap_or_default();
     let _load = plan.load.begin(&plan.place)?;
     let floor_plan = if plan.with_floor { floor_plan(&graph) } else { FloorPlan::default() };
     let floor = plan.with_floor.then(|| Floor::prepare(&floor_plan, &plan.place)).transpose()?;

@@ -6,7 +6,9 @@ use super::report::{LoopReport, LoopsReport, MOST_MISSES};
 use super::series::Rank;
 use figures::results::Table;
 use runtime::rate::MAX_RATE_HZ;
+use scenario::process::OWN_EXECUTABLE;
 use serde::Serialize;
+use std::process::Command;
 
 /// Rates between the last that was held and the first that was not.
 const BISECTIONS: u32 = 3;
@@ -151,7 +153,7 @@ pub fn fly(words: &[String], name: &str, rate_hz: f64) -> Result<Trial, BenchErr
         holds: false,
         lost: None,
     };
-    Ok(match Flight::start(&words)?.wait()? {
+    Ok(match Flight::start(Command::new(OWN_EXECUTABLE), &words)?.wait()? {
         Flown::Measured(report) => of(&report, name, trial),
         Flown::Refused(why) => Trial { lost: Some(why), ..trial },
         // Whatever killed it, the rate was not held.

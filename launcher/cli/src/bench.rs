@@ -1,22 +1,19 @@
 //! `morphquad bench`: from arguments to tables on stdout and an exit code.
 
 mod loops;
-mod watch;
 
 use super::bar::bar;
 use super::options::{
-    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, RecorderArguments,
-    ScaleArguments, SolveArguments, scenario_words,
+    BenchCommand, Format, HopArguments, MeasurePlace, RateArguments, scenario_words,
 };
 use super::refusal::Done;
 use bench::hop::{self, HopPlan};
-use bench::place::{Place, Policy};
+use bench::place::Place;
 use bench::rate::{self, Ladder};
-use bench::recorder::{self, RecorderPlan};
-use bench::{BenchError, peer, scale, solve};
+use bench::{BenchError, peer};
 use core::time::Duration;
 use host::exit;
-use scenario::components::{self, Crew};
+use scenario::services::{self, Crew};
 use scenario::{Override, Scenario};
 use shared_types::Role;
 use std::io::Write;
@@ -26,11 +23,7 @@ pub(super) fn run(command: &BenchCommand, out: &mut dyn Write) -> Done {
     let done = match command {
         BenchCommand::Loops(arguments) => loops::measure(arguments),
         BenchCommand::Hop(arguments) => hop(arguments),
-        BenchCommand::Solve(arguments) => solve(arguments),
         BenchCommand::Rate(arguments) => find_rates(arguments),
-        BenchCommand::Recorder(arguments) => record(arguments),
-        BenchCommand::Scale(arguments) => scale_up(arguments),
-        BenchCommand::Watch(arguments) => watch::measure(arguments),
     };
     super::conclude(done, BenchError::exit_code, out)
 }
@@ -84,27 +77,6 @@ fn hop(arguments: &HopArguments) -> Result<(String, u8), BenchError> {
     Ok((text, code))
 }
 
-fn solve(arguments: &SolveArguments) -> Result<(String, u8), BenchError> {
-    let cpus = arguments.cpus.as_ref().map_or(&[][..], |cpus| &cpus.0);
-    let place = Place::take(Policy::Other, 0, cpus)?;
-    let bar = bar(solve::crews().len(), "flights");
-    let load = |edits: &[Override]| {
-        let mut overrides = arguments.scenario.overrides()?;
-        overrides.extend_from_slice(edits);
-        Scenario::load(&arguments.scenario.scenario, &overrides)
-    };
-    let rows = solve::measure(&load, &place, &|| bar.inc(1))?;
-    bar.finish_and_clear();
-    let text = match arguments.format {
-        Format::Json => serde_json::json!({ "steps": rows }).to_string(),
-        Format::Text => format!(
-            "one step alone, from its start to what it publishes, us; p99 as a share of the period\n\n{}",
-            solve::table(&rows)
-        ),
-    };
-    Ok((text, exit::PASS))
-}
-
 /// Flights with the loop of each role at rising rates.
 fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     // Asked once here, so that what is refused is refused before anything flies.
@@ -123,7 +95,7 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
     let bar = bar(names.len(), "loops");
     let ladders = names.iter().map(|name| {
-        let role = components::role_of(name);
+        let role = services::role_of(name);
         let full = role.and_then(|role| crew.name(role)).unwrap_or(name);
         let fly = &mut |hz: f64| rate::fly(&words, name, hz);
         let ladder = rate::climb(name, settings.rate_hz(full), fly);
@@ -147,68 +119,6 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
                 text = format!("{text}{} holds {held}\n", ladder.name);
                 if let Some(stopped) = &ladder.stopped {
                     text = format!("{text}  no higher one was tried: {stopped}\n");
-                }
-            }
-            text
-        }
-    };
-    Ok((text, exit::PASS))
-}
-
-/// Samples of a flight, faster than it publishes them.
-fn record(arguments: &RecorderArguments) -> Result<(String, u8), BenchError> {
-    let mut overrides = arguments.scenario.overrides()?;
-    if arguments.scenario.duration.is_none() {
-        overrides.push(Override::duration(Duration::from_secs(2)));
-    }
-    let plan = RecorderPlan {
-        scenario: Scenario::load(&arguments.scenario.scenario, &overrides)?,
-        per_s: arguments.per_s,
-        for_ns: nanoseconds(arguments.offer_for),
-    };
-    let folder = tempfile::tempdir().map_err(|source| BenchError::System {
-        action: "make a folder for the recording".to_owned(),
-        source,
-    })?;
-    let busy = super::bar::busy("recording");
-    let report = recorder::measure(&plan, folder.path())?;
-    drop(busy);
-    let text = match arguments.format {
-        Format::Json => serde_json::json!(report).to_string(),
-        Format::Text => report.to_string(),
-    };
-    Ok((text, if report.holds() { exit::PASS } else { exit::GATE_FAILED }))
-}
-
-/// The same flight so many times at once.
-fn scale_up(arguments: &ScaleArguments) -> Result<(String, u8), BenchError> {
-    let place = place(&arguments.place)?;
-    Scenario::load(&arguments.scenario.scenario, &arguments.scenario.overrides()?)?;
-    let words = scenario_words(&arguments.scenario, "5s");
-    let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
-    let most = usize::from(arguments.max);
-    let doubled = core::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
-    let counts: Vec<usize> = doubled.chain([most]).collect();
-    let bar = bar(counts.len(), "sizes");
-    let rows = counts.iter().map(|vehicles| {
-        let row = scale::fly(&words, *vehicles);
-        bar.inc(1);
-        row
-    });
-    let rows = rows.collect::<Result<Vec<_>, _>>()?;
-    bar.finish_and_clear();
-    let text = match arguments.format {
-        Format::Json => serde_json::json!({ "place": place, "sizes": rows }).to_string(),
-        Format::Text => {
-            let mut text = format!(
-                "late: release of the attitude loop to its start; path: IMU sample to the plant's gate; \
-                 us, the worst\nof the vehicles; missed: the loop that missed most; {}\n\n{}",
-                place.told(),
-                scale::table(&rows)
-            );
-            for row in &rows {
-                if let Some(lost) = &row.lost {
-                    text = format!("{text}with {} vehicles one was lost: {lost}\n", row.vehicles);
                 }
             }
             text

@@ -5,8 +5,8 @@ use disturbance_injector::Event;
 use monitor::Limits;
 use monitor::settings::Fallback;
 use runtime::{Graph, MissPolicy, Node};
-use scenario::components::{self, Crew};
 use scenario::pilot::Manoeuvre;
+use scenario::services::{self, Crew};
 use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
 use scenario::{self, Scenario};
 use std::io::{self, Write};
@@ -58,7 +58,7 @@ fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<
             missed(node)
         )?;
     }
-    writeln!(out, "Others can fill a slot: --crew {}.\n", components::fillings().join(" or "))
+    writeln!(out, "Others can fill a slot: --crew {}.\n", services::fillings().join(" or "))
 }
 
 fn missed(node: &Node) -> &'static str {

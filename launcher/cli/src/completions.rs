@@ -6,7 +6,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Command, CommandFactory as _, ValueHint};
 use clap_complete::Shell;
 use host::exit;
-use scenario::{components, shipped};
+use scenario::{services, shipped};
 use shared_types::topics;
 use std::io::{self, Write};
 
@@ -52,8 +52,8 @@ fn with_words_of(arg: Arg) -> Arg {
 fn words(value: &str) -> Vec<String> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '|';
     match value {
-        "SLOT" => components::SLOTS.map(|slot| slot.label().to_owned()).to_vec(),
-        "SLOT=NAME" => components::fillings(),
+        "SLOT" => services::SLOTS.map(|slot| slot.label().to_owned()).to_vec(),
+        "SLOT=NAME" => services::fillings(),
         "NAME|EXE" | "EXE|NAME" => controllers(),
         "TOPIC|FILE" | "FILE|TOPIC" => topic_names(),
         _ if value.contains('|') && value.chars().all(is_plain) => {
@@ -64,7 +64,7 @@ fn words(value: &str) -> Vec<String> {
 }
 
 fn controllers() -> Vec<String> {
-    let names = components::SLOTS.into_iter().flat_map(components::names_for);
+    let names = services::SLOTS.into_iter().flat_map(services::names_for);
     names.map(ToOwned::to_owned).collect()
 }
 

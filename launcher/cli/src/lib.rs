@@ -21,6 +21,7 @@ pub mod options;
 mod orders;
 mod pages;
 mod paper;
+mod proc;
 mod ps;
 mod recover;
 mod refusal;
@@ -58,7 +59,7 @@ pub fn execute(
     out: &mut dyn Write,
     diagnostics: &mut dyn Write,
 ) -> u8 {
-    process::count_allocations();
+    proc::count_allocations();
     let arguments: Vec<OsString> = arguments.collect();
     if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
         let told = writeln!(out, "{:016x}", layout_hash());
@@ -143,7 +144,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Recover(arguments) => return recover::run(&arguments, out),
         Command::Layout(arguments) => return pages::layout(&arguments, out),
         Command::Proc(arguments) => {
-            return Ok(process::run(&arguments.service, arguments.place));
+            return Ok(proc::run(&arguments.service, arguments.place));
         }
     }
     Ok(exit::PASS)
@@ -294,7 +295,7 @@ mod tests {
             ("run --speed -1", "speed"),
             ("view --port -1", "--port"),
             ("study stability --rate -100", "--rate"),
-            ("bench watch --rounds -1", "--rounds"),
+            ("bench hop --priority -1", "--priority"),
             ("topic echo --count -1", "--count"),
         ] {
             let (code, _, said) = morphquad(bad);

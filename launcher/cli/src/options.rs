@@ -36,7 +36,7 @@ pub use view::ViewArguments;
 
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
-    RecorderArguments, ScaleArguments, SolveArguments, TableFormat, WatchArguments, scenario_words,
+    TableFormat, scenario_words,
 };
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, LayoutArguments, ManArguments};

@@ -6,7 +6,7 @@ use ::replay::{self, ReplayError, Who, With};
 use host::exit;
 use indicatif::ProgressBar;
 use record::read::{ReadError, RecordedFlight};
-use scenario::{Override, components, suggestion};
+use scenario::{Override, services, suggestion};
 use serde_json::{Map, Value};
 use shared_types::Role;
 use std::io::{self, IsTerminal as _, Write};
@@ -129,9 +129,9 @@ fn write_outputs(
 /// Role by its own name or that of its service.
 fn role(name: &str) -> Result<Role, Refusal> {
     let by_label = Role::STEPPING.into_iter().find(|role| role.label() == name);
-    components::role_of(name).or(by_label).ok_or_else(|| {
+    services::role_of(name).or(by_label).ok_or_else(|| {
         let labels = Role::STEPPING.into_iter().map(Role::label);
-        let remedy = suggestion(name, labels.chain(components::names()));
+        let remedy = suggestion(name, labels.chain(services::names()));
         Refusal::Usage(format!("--service {name}: no service has this name; {remedy}"))
     })
 }
@@ -152,8 +152,8 @@ fn who(text: &str) -> Result<Who, Refusal> {
         })
     });
     // Of a role that one service alone fills, its name says no more than the role.
-    let named = components::names_for(role).find(|known| *known == name);
-    let several = components::names_for(role).count() > 1;
+    let named = services::names_for(role).find(|known| *known == name);
+    let several = services::names_for(role).count() > 1;
     Ok(Who { role, name: named.filter(|_| several), seat: seat.transpose()? })
 }
 
@@ -164,7 +164,7 @@ fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, 
             let what = format!("--with {with} replaces {}, not what --service names", role.label());
             return Err(Refusal::Usage(what));
         }
-        let name = components::names().into_iter().find(|name| *name == with);
+        let name = services::names().into_iter().find(|name| *name == with);
         let who = whom.first().copied().unwrap_or_else(|| Who::all_of(role));
         return Ok((who, With::Service { name, overrides: overrides.to_vec() }));
     }

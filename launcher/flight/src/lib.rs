@@ -4,7 +4,6 @@
 //! goes on with a flight whose launcher has died. `supervisor.rs` has what happens when a process dies.
 
 mod audience;
-mod burst;
 mod conductor;
 mod disorder;
 mod flight;
@@ -15,7 +14,6 @@ mod pilot_thread;
 mod processes;
 mod rehearser;
 mod supervisor;
-mod tap;
+pub mod tap;
 
-pub use burst::Burst;
 pub use flight::{AdoptError, AdoptOptions, adopt, run, run_measured};

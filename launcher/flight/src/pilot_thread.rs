@@ -1,12 +1,12 @@
 //! The pilot: a flying component like the others, on a thread of the launcher.
 
 use host::realtime::Setup;
-use host::{fly_service, name_thread, stay_on};
+use host::{fly_component, name_thread, stay_on};
 use runtime::ipc::Bus;
 use runtime::watch::StopFlags;
-use runtime::{Ending, Executor, Graph, Place, Service};
+use runtime::{Component, Ending, Executor, Graph, Place};
 use scenario::Scenario;
-use scenario::components::{self, Component, ComponentVisitor};
+use scenario::services::Crew;
 use shared_types::Role;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
@@ -31,17 +31,15 @@ struct FlyPilot<'a> {
     setup: Option<Setup>,
 }
 
-impl ComponentVisitor for FlyPilot<'_> {
-    type Output = PilotEnd;
-    fn visit<S: Service>(self, component: Component<S>) -> PilotEnd {
+impl FlyPilot<'_> {
+    fn fly(self, component: Component) -> PilotEnd {
         let node = *self.graph.node(Role::Pilot).ok_or("this flight has no pilot")?;
         let (generation, await_handover) = match self.entry {
             Entry::AtTheStart => (0, false),
             Entry::InFlight { generation } => (generation, true),
         };
         let place = Place { generation, ..Place::default() };
-        let Component { service, state_every } = component;
-        let executor = Executor::new(service, node, place, state_every);
+        let executor = Executor::new(component, node, place);
         let prepare = || {
             // What is not granted here, was not to the other loops either.
             let Some(setup) = self.setup else { return Ok(()) };
@@ -52,7 +50,7 @@ impl ComponentVisitor for FlyPilot<'_> {
             let _ = Setup { lock_memory: false, ..setup }.apply();
             Ok(())
         };
-        fly_service(self.bus, self.graph, self.stop, executor, (await_handover, prepare))
+        fly_component(self.bus, self.graph, self.stop, executor, (await_handover, prepare))
             .map_err(|error| error.to_string())
     }
 }
@@ -74,7 +72,8 @@ pub(super) fn start(
         }
         let setup = scenario.flight().ok().and_then(|flight| flight.setup(Role::Pilot));
         let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
-        components::build(Role::Pilot, &scenario, FlyPilot { bus: &bus, graph, stop, entry, setup })
-            .map_err(|error| error.to_string())?
+        let component = components::build(&Crew::of(scenario.settings()), Role::Pilot, &scenario)
+            .map_err(|error| error.to_string())?;
+        FlyPilot { bus: &bus, graph, stop, entry, setup }.fly(component)
     })
 }

@@ -68,18 +68,29 @@ struct SeatTap {
 }
 
 /// Readers of everything.
-pub(super) struct Tap {
+pub struct Tap {
     ports: Vec<Box<dyn TapPort>>,
     seats: Vec<SeatTap>,
     /// What has been promised and not yet drained.
     promised: Vec<(Seat, Progress)>,
     /// Marks as far as everything they promise has been drained.
     pub(super) marks: SeatMarks,
-    pub(super) consumers: Consumers,
+    /// What is done with it.
+    pub consumers: Consumers,
+}
+
+impl core::fmt::Debug for Tap {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Tap").field("promised", &self.promised).finish_non_exhaustive()
+    }
 }
 
 impl Tap {
-    pub(super) fn open(bus: &Bus, graph: &Graph, consumers: Consumers) -> Result<Self, PortError> {
+    /// Opens a reader of each topic that is consumed, and of each seat.
+    ///
+    /// # Errors
+    /// The first port that cannot be had.
+    pub fn open(bus: &Bus, graph: &Graph, consumers: Consumers) -> Result<Self, PortError> {
         let mut opener = Opener { bus, graph, consumers: &consumers, ports: Vec::new() };
         topics::visit_all(&mut opener)?;
         let ports = opener.ports;
@@ -109,7 +120,7 @@ impl Tap {
     }
 
     /// Takes everything that has arrived; the number of samples.
-    pub(super) fn drain(&mut self, now_mono_ns: u64) -> usize {
+    pub fn drain(&mut self, now_mono_ns: u64) -> usize {
         // Marks first: when they are raised below, what they promise has been drained.
         for tap in &mut self.seats {
             let promised = &mut self.promised;

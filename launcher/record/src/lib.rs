@@ -18,8 +18,6 @@ mod recording;
 pub mod scene;
 mod schema;
 mod sink;
-#[cfg(test)]
-mod tests;
 
 pub use audit::{STATES, SequenceAudit, Stream, Tally, Verdict, name_gaps};
 pub use decode::{DecodeError, decode};

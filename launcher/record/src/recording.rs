@@ -87,7 +87,10 @@ impl Recording {
     }
 
     /// As [`Recording::create`], over any stream; `path` only names it in errors.
-    pub(super) fn over(
+    ///
+    /// # Errors
+    /// The stream does not take the beginning of a recording.
+    pub fn over(
         stream: Box<dyn Write + Send>,
         path: &Path,
         facts: &Facts,

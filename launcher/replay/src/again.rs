@@ -6,17 +6,17 @@ use super::life_key::LifeKey;
 use super::lives::{Life, state_header};
 use super::source::{Arrival, Exceptions, TapeSource};
 use super::tapes::{Recorded, Tapes};
+use components::build_service;
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use record::read::{RecordedFlight, RecordedState};
 use runtime::executor::StepStamps;
 use runtime::graph::Edge;
-use runtime::input::{Input, InputSet as _, InputVisitor};
-use runtime::output::{Output, OutputSet as _, OutputVisitor};
-use runtime::service::{StateHeader, state_layout};
-use runtime::{Executor, Graph, Node, Place, Service, Sink, StateSink};
+use runtime::{
+    Component, Executor, Graph, Input, InputVisitor, Layout, Node, Output, OutputVisitor, Place,
+    Sink, StateSink,
+};
 use scenario::Scenario;
-use scenario::components::{Component, ComponentVisitor, build_service};
 use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Topic, topics};
 use std::rc::Rc;
@@ -49,12 +49,13 @@ pub(super) fn fly_again(
         let own = own.map(|text| Scenario::from_text(&config, text, &[])).transpose()?;
         let scenario = own.as_ref().unwrap_or(scenario);
         let again = Again { graph: &graph, node, recorded, life, out: Rc::clone(&out) };
-        build_service(service, scenario, again).map_err(ReplayError::component(role))??;
+        let component = build_service(service, scenario).map_err(ReplayError::component(role))?;
+        again.fly(component)?;
     }
     Ok(out.take())
 }
 
-/// Flies one life of whatever component it is given.
+/// Flies one life of a component.
 struct Again<'a> {
     graph: &'a Graph,
     node: Node,
@@ -63,24 +64,25 @@ struct Again<'a> {
     out: Rc<RefCell<Replayed>>,
 }
 
-impl ComponentVisitor for Again<'_> {
-    type Output = Result<(), ReplayError>;
-    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
+impl Again<'_> {
+    fn fly(self, component: Component) -> Result<(), ReplayError> {
         let Self { graph, node, recorded, life, out } = self;
         let role = node.role.label();
         let LifeKey { seat, generation } = life.key;
         let place = Place { seat, generation };
-        let mut executor = Executor::new(component.service, node, place, component.state_every);
+        let layout = *component.layout();
+        let mut executor = Executor::new(component, node, place);
         let now_ns = Rc::new(Cell::new(0));
         let latched = last_state(recorded, life).filter(|_| !life.in_order);
-        let latched = latched.map(latched_in::<S>).unwrap_or_default();
-        let heard = first_state(recorded, life).map(latched_in::<S>).unwrap_or_default();
+        let latched = latched.map(|state| latched_in(&layout, state)).unwrap_or_default();
+        let heard = first_state(recorded, life);
+        let heard = heard.map(|state| latched_in(&layout, state)).unwrap_or_default();
         let handed = life.handed_over(recorded);
         if let Some(release) = life.lacks_state(handed) {
             return Err(ReplayError::NoState { role, release });
         }
         // Another controller cannot go on from the state of the one that flew.
-        let fits = |state: &&RecordedState| state_header(state).layout_hash == state_layout::<S>();
+        let fits = |state: &&RecordedState| state_header(state).layout_hash == layout.hash();
         let restored = handed.filter(fits);
         let joined = match (handed, restored) {
             (Some(state), None) => {
@@ -102,8 +104,8 @@ impl ComponentVisitor for Again<'_> {
             now_ns: Rc::clone(&now_ns),
             out: Rc::clone(&out),
         };
-        let Ok(()) = executor.inputs.visit(&mut connect);
-        let Ok(()) = executor.outputs.visit(&mut connect);
+        let Ok(()) = executor.component.visit_inputs(&mut connect);
+        let Ok(()) = executor.component.visit_outputs(&mut connect);
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::LOOP_STATS, &mut executor.stats);
         let Ok(()) =
             OutputVisitor::visit(&mut connect, &topics::DEVIATION, &mut executor.deviations);
@@ -122,11 +124,11 @@ impl ComponentVisitor for Again<'_> {
 }
 
 /// Runs the steps of a life at the instants at which they ran.
-fn fly<S: Service>(executor: &mut Executor<S>, course: &Course, life: &Life, now_ns: &Cell<u64>) {
+fn fly(executor: &mut Executor, course: &Course, life: &Life, now_ns: &Cell<u64>) {
     course.prepare(executor);
     while executor.mark_ns() <= life.last_ns {
         now_ns.set(executor.mark_ns());
-        executor.inputs.receive();
+        executor.component.receive();
         executor.run_step(StepStamps::UNTIMED);
         course.prepare(executor);
     }
@@ -193,21 +195,6 @@ impl OutputVisitor for Connect<'_> {
     }
 }
 
-/// Collects the header of what each input has in effect.
-struct Latched(Vec<Option<Header>>);
-
-impl InputVisitor for Latched {
-    type Error = Infallible;
-    fn visit<T: Sample>(
-        &mut self,
-        _topic: &'static Topic<T>,
-        input: &mut Input<T>,
-    ) -> Result<(), Infallible> {
-        self.0.push(input.latest().map(|sample| *sample.header()));
-        Ok(())
-    }
-}
-
 /// The state in which a life was last seen, if it is as far as it is replayed.
 fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedState> {
     recorded.states.iter().rev().find(|state| {
@@ -220,21 +207,12 @@ fn first_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedSt
     recorded.states.iter().find(|state| LifeKey::of(&state.header) == life.key)
 }
 
-/// What each input had in effect in a state; nothing is told of one that is no state of `S`.
-fn latched_in<S: Service>(state: &RecordedState) -> Vec<Option<Header>> {
-    let mut latched = Latched(Vec::new());
-    let mut inputs = S::Inputs::default();
-    if let Some(latches) = latches_of::<S>(&state.bytes) {
-        inputs.unpack_latches(latches);
-        let Ok(()) = inputs.visit(&mut latched);
-    }
-    latched.0
-}
-
-/// The part of a packed state that holds the latches; none if it is not a whole state.
-fn latches_of<S: Service>(state: &[u8]) -> Option<&[u8]> {
-    let start = StateHeader::PACKED_SIZE + 8 * S::Outputs::COUNT;
-    state.get(start..start + S::Inputs::LATCH_SIZE)
+/// What each input had in effect in a state; nothing is told of one of another layout.
+fn latched_in(layout: &Layout, state: &RecordedState) -> Vec<Option<Header>> {
+    let Some(parts) = layout.parts(&state.bytes) else { return Vec::new() };
+    // A sample begins with its header.
+    let header = |sample: &[u8]| Header::unpack(&sample[..Header::PACKED_SIZE]);
+    layout.latches(&parts).map(|(_, latch)| latch.map(header)).collect()
 }
 
 struct TapeSink<T: Sample> {

@@ -8,13 +8,12 @@ use super::life_key::LifeKey;
 use super::lives::{Instance, Life, Service as MadeOf, Who, chosen, instances, service_of};
 use super::pairs::{Pair, difference, pairs};
 use super::tapes::{Recorded, load};
+use components::build_service;
 use core::convert::Infallible;
 use record::read::{RecordedFlight, RecordedState};
-use runtime::Graph;
-use runtime::output::{Output, OutputSet as _, OutputVisitor};
-use runtime::service::{Service, state_size};
-use scenario::components::{Component, ComponentVisitor, Crew, build_service};
-use shared_types::{Header, Role, Sample, Topic, topics};
+use runtime::{Graph, Layout};
+use scenario::services::Crew;
+use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
 
 /// Fields that depend on the machine and are reproduced all the same.
 const REPRODUCED: [&str; 1] = ["generation"];
@@ -146,8 +145,10 @@ fn judge(
     };
     let replayed = fly_again(flight, (role, service), scenario, recorded, lives)?;
     let verdict = ServiceVerdict { steps: replayed.steps, ..none(instance) };
-    let compare = Compare { graph, recorded, replayed: &replayed, lives, verdict };
-    build_service(service, scenario, compare).map_err(ReplayError::component(role))
+    let component = build_service(service, scenario).map_err(ReplayError::component(role))?;
+    let mut compare = Compare { graph, recorded, replayed: &replayed, lives, verdict };
+    compare.samples_and_states(component.layout());
+    Ok(compare.verdict)
 }
 
 /// Nothing compared yet.
@@ -172,24 +173,9 @@ struct Compare<'a> {
     verdict: ServiceVerdict,
 }
 
-impl ComponentVisitor for Compare<'_> {
-    type Output = ServiceVerdict;
-    fn visit<S: Service + 'static>(mut self, _component: Component<S>) -> ServiceVerdict {
-        let Ok(()) = S::Outputs::default().visit(&mut self);
-        let Ok(()) = OutputVisitor::visit(&mut self, &topics::LOOP_STATS, &mut Output::default());
-        let Ok(()) = OutputVisitor::visit(&mut self, &topics::DEVIATION, &mut Output::default());
-        self.states::<S>();
-        self.verdict
-    }
-}
-
-impl OutputVisitor for Compare<'_> {
+impl TopicVisitor for Compare<'_> {
     type Error = Infallible;
-    fn visit<T: Sample>(
-        &mut self,
-        topic: &'static Topic<T>,
-        _output: &mut Output<T>,
-    ) -> Result<(), Infallible> {
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
         let recorded = self.recorded.tapes.of(topic);
         let replayed = self.replayed.tapes.of(topic);
         let name = topic.info.name;
@@ -220,10 +206,15 @@ impl OutputVisitor for Compare<'_> {
 }
 
 impl Compare<'_> {
-    fn states<S: Service>(&mut self) {
+    fn samples_and_states(&mut self, layout: &Layout) {
+        let of_all_loops = [&topics::LOOP_STATS.info, &topics::DEVIATION.info];
+        let Ok(()) = Layout::visit_topics(layout.writes().chain(of_all_loops), self);
+        self.states(layout);
+    }
+
+    fn states(&mut self, layout: &Layout) {
         let name = format!("state/{}", self.verdict.instance.role.label());
         let (recorded, replayed) = (&self.recorded.states, &self.replayed.states);
-        let size = state_size::<S>();
         let header = |state: &RecordedState| state.header;
         let both = (recorded.as_slice(), replayed.as_slice());
         self.pairs(both, (&name, false), header, LifeKey::of, |verdict, a, b| {
@@ -231,13 +222,15 @@ impl Compare<'_> {
             if a.bytes == b.bytes {
                 return;
             }
-            if a.bytes.len() != size {
-                let (was, is) = (a.bytes.len().to_string(), size.to_string());
+            let numbers = |state: &RecordedState| {
+                layout.parts(&state.bytes).map(|parts| numbers_of_state(layout, &parts))
+            };
+            let (Some(was), Some(is)) = (numbers(a), numbers(b)) else {
+                let (was, is) = (a.bytes.len().to_string(), b.bytes.len().to_string());
                 verdict.differ(&name, a.header.release_ns, "length", was, is);
                 return;
-            }
-            let fields = (numbers_of_state::<S>(&a.bytes), numbers_of_state::<S>(&b.bytes));
-            verdict.compare_fields(&name, a.header.release_ns, &fields.0, &fields.1);
+            };
+            verdict.compare_fields(&name, a.header.release_ns, &was, &is);
         });
     }
 

@@ -1,13 +1,10 @@
 //! What a component reads and writes.
 
 use super::ReplayError;
-use core::convert::Infallible;
-use runtime::Service;
-use runtime::input::{Input, InputSet as _, InputVisitor};
-use runtime::output::{Output, OutputSet as _, OutputVisitor};
+use components::build_service;
 use scenario::Scenario;
-use scenario::components::{Component, ComponentVisitor, Crew, build_service, names_for};
-use shared_types::{Role, Sample, Topic};
+use scenario::services::{Crew, names_for};
+use shared_types::Role;
 
 /// Topics that a component reads and writes.
 pub(super) struct Topics {
@@ -22,40 +19,10 @@ impl Topics {
         role: Role,
         scenario: &Scenario,
     ) -> Result<Self, ReplayError> {
-        struct Names;
-        struct Collect(Vec<&'static str>);
-        impl InputVisitor for Collect {
-            type Error = Infallible;
-            fn visit<T: Sample>(
-                &mut self,
-                topic: &'static Topic<T>,
-                _input: &mut Input<T>,
-            ) -> Result<(), Infallible> {
-                self.0.push(topic.info.name);
-                Ok(())
-            }
-        }
-        impl OutputVisitor for Collect {
-            type Error = Infallible;
-            fn visit<T: Sample>(
-                &mut self,
-                topic: &'static Topic<T>,
-                _output: &mut Output<T>,
-            ) -> Result<(), Infallible> {
-                self.0.push(topic.info.name);
-                Ok(())
-            }
-        }
-        impl ComponentVisitor for Names {
-            type Output = Topics;
-            fn visit<S: Service + 'static>(self, _component: Component<S>) -> Topics {
-                let (mut read, mut written) = (Collect(Vec::new()), Collect(Vec::new()));
-                let Ok(()) = S::Inputs::default().visit(&mut read);
-                let Ok(()) = S::Outputs::default().visit(&mut written);
-                Topics { read: read.0, written: written.0 }
-            }
-        }
-        build_service(service, scenario, Names).map_err(ReplayError::component(role))
+        let component = build_service(service, scenario).map_err(ReplayError::component(role))?;
+        let layout = component.layout();
+        let read = layout.reads().map(|topic| topic.name).collect();
+        Ok(Self { read, written: layout.writes().map(|topic| topic.name).collect() })
     }
 
     /// Of all who may have filled `role` in `scenario`.

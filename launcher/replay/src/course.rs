@@ -1,6 +1,6 @@
 //! When the steps of a recorded loop ran, and what happened to the loop between them.
 
-use runtime::{Executor, Rate, Service};
+use runtime::{Executor, Rate};
 use shared_types::{Deviation, DeviationKind};
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ pub trait Repeats {
     fn repeat(&mut self, deviation: &Deviation);
 }
 
-impl<S: Service> Repeats for Executor<S> {
+impl Repeats for Executor {
     fn next_ns(&self) -> u64 {
         self.mark_ns()
     }

@@ -9,14 +9,14 @@ use super::life_key::LifeKey;
 use super::lives::{Life, Service as MadeOf, Who, instances, only, service_of};
 use super::other::outputs_of;
 use super::tapes::{Recorded, Tapes, load};
+use components::build_service;
 use core::convert::Infallible;
 use record::read::RecordedFlight;
 use record::{RecordError, Recording};
-use runtime::output::{Output, OutputSet as _, OutputVisitor};
-use runtime::{Node, Service};
-use scenario::components::{Component, ComponentVisitor, Crew, build_service};
+use runtime::{Layout, Node};
+use scenario::services::Crew;
 use scenario::{Override, Scenario};
-use shared_types::{Sample, Topic};
+use shared_types::{Sample, Topic, TopicVisitor};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -87,8 +87,11 @@ pub fn depart(flight: &RecordedFlight, who: &Who, with: &With) -> Result<Departu
     };
     let lives = flown.lives.iter().map(|life| life.key).collect();
     let out = Departure::default();
-    let compare = Compare { node, recorded: &recorded, other: &other, lives, out };
-    build_service(flown.service(), flight.scenario(), compare).map_err(ReplayError::component(role))
+    let mut compare = Compare { node, recorded: &recorded, other: &other, lives, out };
+    let component = build_service(flown.service(), flight.scenario());
+    let component = component.map_err(ReplayError::component(role))?;
+    let Ok(()) = Layout::visit_topics(component.layout().writes(), &mut compare);
+    Ok(compare.out)
 }
 
 /// The one instance that is to be compared.
@@ -148,33 +151,22 @@ pub fn write_outputs(
     let replayed = fly_again(flight, (role, service), &scenario, &recorded, &flown.lives)?;
     let recording = Recording::create(out, &flight.to_facts())?;
     let mut write = Write { tapes: &replayed.tapes, recording };
-    write = build_service(service, flight.scenario(), write)
-        .map_err(ReplayError::component(role))??;
+    let component =
+        build_service(service, flight.scenario()).map_err(ReplayError::component(role))?;
+    Layout::visit_topics(component.layout().writes(), &mut write)?;
     write.recording.finish(&BTreeMap::new())?;
     Ok(())
 }
 
-/// Writes the outputs of whatever component it is given.
+/// Writes what came out on each topic.
 struct Write<'a> {
     tapes: &'a Tapes,
     recording: Recording,
 }
 
-impl ComponentVisitor for Write<'_> {
-    type Output = Result<Self, RecordError>;
-    fn visit<S: Service + 'static>(mut self, _component: Component<S>) -> Self::Output {
-        S::Outputs::default().visit(&mut self)?;
-        Ok(self)
-    }
-}
-
-impl OutputVisitor for Write<'_> {
+impl TopicVisitor for Write<'_> {
     type Error = RecordError;
-    fn visit<T: Sample>(
-        &mut self,
-        topic: &'static Topic<T>,
-        _output: &mut Output<T>,
-    ) -> Result<(), RecordError> {
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), RecordError> {
         let samples = self.tapes.of(topic);
         samples.iter().try_for_each(|sample| self.recording.write(topic, sample, 0))
     }
@@ -189,14 +181,6 @@ struct Compare<'a> {
     out: Departure,
 }
 
-impl ComponentVisitor for Compare<'_> {
-    type Output = Departure;
-    fn visit<S: Service + 'static>(mut self, _component: Component<S>) -> Departure {
-        let Ok(()) = S::Outputs::default().visit(&mut self);
-        self.out
-    }
-}
-
 /// Sums of one field.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
@@ -206,13 +190,9 @@ struct Sums {
     squares: f64,
 }
 
-impl OutputVisitor for Compare<'_> {
+impl TopicVisitor for Compare<'_> {
     type Error = Infallible;
-    fn visit<T: Sample>(
-        &mut self,
-        topic: &'static Topic<T>,
-        _output: &mut Output<T>,
-    ) -> Result<(), Infallible> {
+    fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
         let (recorded, other) = (self.recorded.tapes.of(topic), self.other.of(topic));
         let mut sums: Vec<(String, Sums)> = Vec::new();
         let meant = |sample: &&T| self.lives.contains(&LifeKey::of(sample.header()));

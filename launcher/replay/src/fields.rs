@@ -2,11 +2,9 @@
 
 use core::fmt;
 use observe::MACHINE_FIELDS;
-use runtime::input::{Input, InputSet as _, InputVisitor};
-use runtime::service::{Service, StateHeader};
-use shared_types::wire::{Field, Value as _, Visitor, Wire};
-use shared_types::{Sample, Topic};
-use std::convert::Infallible;
+use runtime::Layout;
+use runtime::service::StateParts;
+use shared_types::wire::{Kind, Schema, Value as _, Wire};
 
 /// A number as a sample holds it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,56 +51,39 @@ pub(crate) type Named = (String, Number);
 /// Every number of a value, in declaration order; machine fields and padding are left out, except
 /// for those in `keep`.
 pub(crate) fn numbers_of<T: Wire>(value: &T, prefix: &str, keep: &[&str]) -> Vec<Named> {
-    let mut walk = Walk { prefix: prefix.to_owned(), keep, out: Vec::new(), seen: ("", 0) };
-    value.visit(&mut walk);
-    walk.out
+    let mut packed = vec![0; T::PACKED_SIZE];
+    value.pack(&mut packed);
+    numbers_of_packed(&T::SCHEMA, &packed, prefix, keep)
 }
 
-struct Walk<'a> {
-    prefix: String,
-    keep: &'a [&'a str],
-    out: Vec<Named>,
-    /// Nested field visited last, and how many of its elements.
-    seen: (&'static str, usize),
-}
-
-impl Walk<'_> {
-    fn is_left_out(&self, field: &Field) -> bool {
-        let name = field.name;
-        name == "reserved" || (MACHINE_FIELDS.contains(&name) && !self.keep.contains(&name))
-    }
-
-    fn add(&mut self, field: &Field, values: impl Iterator<Item = Number>) {
-        if self.is_left_out(field) {
-            return;
+/// As [`numbers_of`], of a value in packed form.
+fn numbers_of_packed(schema: &Schema, packed: &[u8], prefix: &str, keep: &[&str]) -> Vec<Named> {
+    let (mut out, mut rest) = (Vec::new(), packed);
+    for field in schema.fields {
+        let values;
+        (values, rest) = rest.split_at(field.packed_size * field.count);
+        let left_out = field.name == "reserved"
+            || (MACHINE_FIELDS.contains(&field.name) && !keep.contains(&field.name));
+        if left_out {
+            continue;
         }
-        for (index, value) in values.enumerate() {
+        for (index, value) in values.chunks_exact(field.packed_size).enumerate() {
             let place = if field.repeated { format!("[{index}]") } else { String::new() };
-            self.out.push((format!("{}{}{place}", self.prefix, field.name), value));
+            let name = format!("{prefix}{}{place}", field.name);
+            match field.kind {
+                Kind::Message(schema) => {
+                    out.extend(numbers_of_packed(schema, value, &format!("{name}."), keep));
+                }
+                Kind::F64 => out.push((name, Number::Float(f64::unpack(value)))),
+                _ => {
+                    let mut wide = [0; 8];
+                    wide[..value.len()].copy_from_slice(value);
+                    out.push((name, Number::Integer(u64::from_le_bytes(wide))));
+                }
+            }
         }
     }
-}
-
-impl Visitor for Walk<'_> {
-    fn f64s(&mut self, field: &'static Field, values: &[f64]) {
-        self.add(field, values.iter().map(|value| Number::Float(*value)));
-    }
-    fn u64s(&mut self, field: &'static Field, values: &[u64]) {
-        self.add(field, values.iter().map(|value| Number::Integer(*value)));
-    }
-    fn bytes(&mut self, field: &'static Field, values: &[u8]) {
-        self.add(field, values.iter().map(|value| Number::Integer((*value).into())));
-    }
-    fn message<T: Wire>(&mut self, field: &'static Field, value: &T) {
-        if self.is_left_out(field) {
-            return;
-        }
-        let index = if self.seen.0 == field.name { self.seen.1 + 1 } else { 0 };
-        self.seen = (field.name, index);
-        let place = if field.repeated { format!("[{index}]") } else { String::new() };
-        let prefix = format!("{}{}{place}.", self.prefix, field.name);
-        self.out.extend(numbers_of(value, &prefix, self.keep));
-    }
+    out
 }
 
 /// Name and both values of the first number that differs in any bit.
@@ -114,36 +95,18 @@ pub(crate) fn first_difference(old: &[Named], new: &[Named]) -> Option<(String, 
 
 /// Every number of a packed state: counts, output sequences, latches and memory. The stamps and the
 /// generation of a latched sample are those of whichever copy arrived, and are left out.
-pub(super) fn numbers_of_state<S: Service>(state: &[u8]) -> Vec<Named> {
-    let (head, rest) = state.split_at(StateHeader::PACKED_SIZE);
-    let (sequences, rest) = rest.split_at(8 * <S::Outputs as runtime::OutputSet>::COUNT);
-    let (latches, memory) = rest.split_at(<S::Inputs as runtime::InputSet>::LATCH_SIZE);
-    let mut out = numbers_of(&StateHeader::unpack(head), "header.", &[]);
-    for (index, sequence) in sequences.chunks_exact(8).enumerate() {
+pub(super) fn numbers_of_state(layout: &Layout, state: &StateParts<'_>) -> Vec<Named> {
+    let mut out = numbers_of(&state.header, "header.", &[]);
+    for (index, sequence) in state.sequences.chunks_exact(8).enumerate() {
         out.push((format!("output_sequence[{index}]"), Number::Integer(u64::unpack(sequence))));
     }
-    let mut inputs = S::Inputs::default();
-    inputs.unpack_latches(latches);
-    let Ok(()) = inputs.visit(&mut Latches(&mut out));
-    out.extend(numbers_of(&S::Memory::unpack(memory), "memory.", &["owner"]));
-    out
-}
-
-struct Latches<'a>(&'a mut Vec<Named>);
-
-impl InputVisitor for Latches<'_> {
-    type Error = Infallible;
-    fn visit<T: Sample>(
-        &mut self,
-        topic: &'static Topic<T>,
-        input: &mut Input<T>,
-    ) -> Result<(), Infallible> {
-        let prefix = format!("latch.{}.", topic.info.name);
-        let present = u64::from(input.latest().is_some());
-        self.0.push((format!("{prefix}present"), Number::Integer(present)));
-        if let Some(latest) = input.latest() {
-            self.0.extend(numbers_of(latest, &prefix, &[]));
+    for (input, latch) in layout.latches(state) {
+        let prefix = format!("latch.{}.", input.topic.name);
+        out.push((format!("{prefix}present"), Number::Integer(latch.is_some().into())));
+        if let Some(sample) = latch {
+            out.extend(numbers_of_packed(input.sample, sample, &prefix, &[]));
         }
-        Ok(())
     }
+    out.extend(numbers_of_packed(layout.memory, state.memory, "memory.", &["owner"]));
+    out
 }

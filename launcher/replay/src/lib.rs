@@ -29,11 +29,11 @@ pub use lives::{Instance, Who};
 pub use course::{Course, Repeats};
 pub use pairs::{Pair, difference, pairs};
 
+use components::BuildError;
 use record::read::{ReadError, RecordedFlight};
 use record::{Branched, Continued, RecordError};
 use runtime::RestoreError;
 use scenario::ScenarioError;
-use scenario::components::BuildError;
 use shared_types::Role;
 use thiserror::Error;
 

@@ -5,7 +5,7 @@ use super::life_key::LifeKey;
 use super::tapes::Recorded;
 use record::read::{RecordedState, seat_config};
 use runtime::service::StateHeader;
-use scenario::components::{self, Crew};
+use scenario::services::{self, Crew};
 use shared_types::wire::Value as _;
 use shared_types::{Deviation, DeviationKind, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;
@@ -224,7 +224,7 @@ pub(super) fn service_of(instance: &Instance, recorded: &Recorded, lives: &[Life
     if lives.iter().any(unknown) {
         return Service::Configured;
     }
-    let known = components::names_for(instance.role).find(|name| *name == instance.name);
+    let known = services::names_for(instance.role).find(|name| *name == instance.name);
     match known {
         Some(name) => Service::Known(Some(name)),
         None if instance.role == Role::Pilot => Service::Known(None),

@@ -1,6 +1,6 @@
 //! Slots, and who can be asked to take them over.
 
-use crate::components;
+use crate::services;
 use crate::suggestion;
 use serde::{Deserialize, Serialize};
 use shared_types::Role;
@@ -77,14 +77,14 @@ impl Candidate {
     /// # Errors
     /// Nobody does, or it is of another role.
     pub fn find(slot: Slot, to: &str) -> Result<Self, NoCandidate> {
-        let known = components::names_for(slot.role());
+        let known = services::names_for(slot.role());
         if let Some(service) = known.into_iter().find(|name| *name == to) {
             return Ok(Self::Service(service));
         }
         if to.contains('/') {
             return executable(Path::new(to)).map(Self::Executable);
         }
-        if let Some(role) = components::role_of(to) {
+        if let Some(role) = services::role_of(to) {
             let what = format!("{to} fills {}, not {}", role.label(), slot.label());
             return Err(NoCandidate { what, remedy: remedy(slot, to) });
         }
@@ -116,7 +116,7 @@ pub fn name_of(to: &str) -> &str {
 }
 
 fn remedy(slot: Slot, to: &str) -> String {
-    let known: Vec<&str> = components::names_for(slot.role()).collect();
+    let known: Vec<&str> = services::names_for(slot.role()).collect();
     format!("{}, or give the path of an executable", suggestion(to, known.into_iter()))
 }
 

@@ -4,7 +4,7 @@ use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
 use super::suggest;
 use crate::candidate::share;
-use crate::components;
+use crate::services;
 use miette::NamedSource;
 use shared_types::Role;
 
@@ -166,14 +166,14 @@ impl Override {
     pub fn crew(argument: &str) -> Result<Self, ScenarioError> {
         let shown = format!("--crew {argument}");
         let (slot, name) = argument.split_once('=').unwrap_or((argument, ""));
-        match components::filling(slot.trim(), name.trim()) {
+        match services::filling(slot.trim(), name.trim()) {
             Ok((role, name)) => {
                 let key = format!("crew.{}", role.label());
                 Ok(Self(Edit { shown, key, value: format!("{name:?}"), added: false }))
             }
             Err(what) => {
                 let remedy =
-                    format!("write --crew SLOT=NAME with {}", components::fillings().join(" or "));
+                    format!("write --crew SLOT=NAME with {}", services::fillings().join(" or "));
                 Err(refusal("--crew", &shown, what, &remedy))
             }
         }

@@ -1,7 +1,7 @@
 //! From a scenario to the flight's graph: loops with their rates, arrows with their latencies.
 
 use super::settings::{Clock, LatencySettings, Settings};
-use crate::components::Crew;
+use crate::services::Crew;
 use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
 use shared_types::time::ns_from_s;

@@ -7,7 +7,7 @@
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use rustix::time::{ClockId, clock_gettime};
 use scenario::candidate::Slot;
-use scenario::components::names_for;
+use scenario::services::names_for;
 use scenario::{Override, Scenario};
 use simulate::rehearse::{Rehearsal, Snapshot, Verdict, watch};
 use std::collections::BTreeMap;

@@ -15,7 +15,7 @@ use catalogue::swapped::{
 use catalogue::{Entry, Fault, entries};
 use scenario::Override;
 use scenario::candidate::Slot;
-use scenario::components::names_for;
+use scenario::services::names_for;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -8,7 +8,6 @@ use host::{
 use runtime::Ending;
 use scenario::Scenario;
 use scenario::candidate::Slot;
-use scenario::components;
 use std::io::Write as _;
 use std::process::ExitCode;
 use vehicle::MorphAngle;
@@ -47,10 +46,10 @@ fn fly(arguments: Arguments) -> Result<Ending, HostError> {
     let rate_hz = rate_hz.ok_or_else(|| refuse("this flight has no such loop".to_owned()))?;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
     let period_ns = (1e9 / rate_hz) as u64;
-    let first = components::names_for(slot.role()).next().unwrap_or_default();
+    let first = scenario::services::names_for(slot.role()).next().unwrap_or_default();
     let law = entry.law.clone().unwrap_or_else(|| first.to_owned());
     let builder = Builder { joined, entry, largest, period_ns };
-    components::build_service(Some(&law), &scenario, builder).map_err(HostError::Build)?
+    components::visit_service(Some(&law), &scenario, builder).map_err(HostError::Build)?
 }
 
 fn main() -> ExitCode {

@@ -2,11 +2,11 @@
 
 use crate::altering::{spoil_setpoint, spoil_wrench};
 use crate::{Entry, Fault, Seen, Spoiler};
+use components::ServiceVisitor;
 use core::convert::Infallible;
 use host::{HostError, Joined};
 use runtime::clock::{mono_now_ns, sleep_until};
-use runtime::{Ending, Output, OutputSet as _, OutputVisitor, Service};
-use scenario::components::{Component, ComponentVisitor};
+use runtime::{Component, Ending, Output, OutputSet as _, OutputVisitor, Service};
 use shared_types::{AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 
@@ -107,7 +107,7 @@ fn seen(inputs: &dyn Any) -> Seen {
     attitude.or(position).map(Seen::from).unwrap_or_default()
 }
 
-/// Wraps the component of a shipped controller in a [`Spoiled`] service and runs it.
+/// Wraps a shipped controller in a [`Spoiled`] service and runs it.
 #[derive(Debug)]
 pub struct Builder {
     /// A process that has joined its run.
@@ -120,11 +120,11 @@ pub struct Builder {
     pub period_ns: u64,
 }
 
-impl ComponentVisitor for Builder {
+impl ServiceVisitor for Builder {
     type Output = Result<Ending, HostError>;
-    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
+    fn visit<S: Service + 'static>(self, service: S, state_every: u64) -> Self::Output {
         let spoiler = Spoiler::new(self.entry, self.largest);
-        let service = Spoiled::new(component.service, spoiler, self.period_ns);
-        self.joined.fly(service, component.state_every)
+        let service = Spoiled::new(service, spoiler, self.period_ns);
+        self.joined.fly(Component::new(service, state_every))
     }
 }

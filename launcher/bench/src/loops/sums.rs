@@ -10,7 +10,7 @@ use crate::report::{
 use crate::series::{Quantiles, Series};
 use observe::stopwatch::Stopwatch;
 use runtime::{Graph, Node};
-use scenario::components::Crew;
+use scenario::services::Crew;
 use shared_types::{LoopStats, Role, Seat as LoopSeat, topics};
 use std::collections::BTreeMap;
 

@@ -14,11 +14,7 @@ pub(super) const EXAMPLES: &str = "Examples:
   morphquad bench loops figure8-morph --rate attitude=500 --asap
   morphquad bench loops --save before.json
   morphquad bench loops --compare before.json --gate p99:+10% --gate lateness.p99:1.2x --gate held
-  morphquad bench solve --for 20s
   morphquad bench rate --loop attitude-mpc --for 10s
-  morphquad bench scale --max 8
-  morphquad bench recorder --per-s 200000
-  morphquad bench watch --rounds 20 --max-ratio 1.02
   morphquad bench hop --for 5s
   morphquad bench hop --policy fifo --cpus 0,1 --max-ratio 1.25";
 
@@ -29,16 +25,8 @@ pub enum BenchCommand {
     Loops(LoopsArguments),
     /// One sample from process to process, through our ports and through bare iceoryx2
     Hop(HopArguments),
-    /// One step of each service, alone
-    Solve(SolveArguments),
     /// The highest rate that each loop holds: at most 0.1 % of its releases missed
     Rate(RateArguments),
-    /// What a recording and somebody who asks how it goes cost a flight, against flights without
-    Watch(WatchArguments),
-    /// Samples of a flight, faster than it publishes them, through shared memory into a recording
-    Recorder(RecorderArguments),
-    /// The same flight with 1, 2, 4, ... vehicles at once
-    Scale(ScaleArguments),
 }
 
 /// Where everything that is measured runs.
@@ -193,77 +181,6 @@ pub struct RateArguments {
     /// Only this loop
     #[arg(long = "loop", value_name = "NAME")]
     pub only: Vec<String>,
-    /// Form of the result
-    #[arg(long, value_enum, default_value = "text")]
-    pub format: Format,
-}
-
-/// Flights with and without somebody who watches.
-#[derive(Debug, Clone, Args)]
-pub struct WatchArguments {
-    /// The scenario; each flight of it takes 5s, each stretch 3s, unless --for says otherwise.
-    #[command(flatten)]
-    pub scenario: ScenarioArguments,
-    /// Where.
-    #[command(flatten)]
-    pub place: PlaceArguments,
-    /// Pairs of flights, or of stretches, one of each kind
-    #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u16).range(1..=10_000))]
-    pub rounds: u16,
-    /// Viewers of `morphquad live` in turns within one flight: its page, and one of every topic
-    #[arg(long)]
-    pub live: bool,
-    /// End with 1 if the 99 % of the loops are certainly more than this many times those of a flight alone
-    #[arg(long, value_name = "RATIO")]
-    pub max_ratio: Option<f64>,
-    /// Form of the result
-    #[arg(long, value_enum, default_value = "text")]
-    pub format: Format,
-}
-
-/// A flight for the recorder.
-#[derive(Debug, Clone, Args)]
-pub struct RecorderArguments {
-    /// The scenario whose samples they are; 2s of it unless --for says otherwise, over and over.
-    #[command(flatten)]
-    pub scenario: ScenarioArguments,
-    /// Samples and states per second; everything not in the file makes it end with 1
-    #[arg(long, value_name = "N", default_value = "200000", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
-    pub per_s: u32,
-    /// How long they are offered at that rate
-    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
-    pub offer_for: Duration,
-    /// Form of the result
-    #[arg(long, value_enum, default_value = "text")]
-    pub format: Format,
-}
-
-/// Vehicles at once.
-#[derive(Debug, Clone, Args)]
-pub struct ScaleArguments {
-    /// The scenario; each flight of it takes 5s unless --for says otherwise.
-    #[command(flatten)]
-    pub scenario: ScenarioArguments,
-    /// Where.
-    #[command(flatten)]
-    pub place: PlaceArguments,
-    /// Most vehicles at once
-    #[arg(long, value_name = "N", default_value = "4", value_parser = clap::value_parser!(u16).range(1..=64))]
-    pub max: u16,
-    /// Form of the result
-    #[arg(long, value_enum, default_value = "text")]
-    pub format: Format,
-}
-
-/// Steps alone.
-#[derive(Debug, Clone, Args)]
-pub struct SolveArguments {
-    /// The scenario; it flies in lockstep, without processes.
-    #[command(flatten)]
-    pub scenario: ScenarioArguments,
-    /// Processor to run on
-    #[arg(long, value_name = "LIST", value_parser = Cpus::parse)]
-    pub cpus: Option<Cpus>,
     /// Form of the result
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,

@@ -1,7 +1,7 @@
 //! What may be changed in the air.
 
 use miette::Diagnostic;
-use scenario::components::{self, Crew};
+use scenario::services::{self, Crew};
 use scenario::{Override, Scenario, ScenarioError};
 use thiserror::Error;
 
@@ -113,11 +113,11 @@ impl Change {
         let mut crew = Crew::of(recorded.settings());
         for swap in &self.swap {
             let (slot, name) = swap.split_once('=').unwrap_or((swap, ""));
-            let filled = components::filling(slot.trim(), name.trim());
+            let filled = services::filling(slot.trim(), name.trim());
             let (role, name) = filled.map_err(|what| ChangeError::Swap {
                 swap: swap.clone(),
                 what: what.to_owned(),
-                known: components::fillings().join(" or "),
+                known: services::fillings().join(" or "),
             })?;
             let _ = crew.swap(role, name);
         }
@@ -144,7 +144,7 @@ impl Change {
                 edits.push(Override::swap(&line)?);
             }
         } else if crew != Crew::of(recorded.settings()) {
-            for role in components::SLOTS {
+            for role in services::SLOTS {
                 let name = crew.name(role).unwrap_or_default();
                 edits.push(Override::crew(&format!("{}={name}", role.label()))?);
             }
@@ -166,7 +166,7 @@ impl Change {
 
 /// Shortest time in which a gate sees enough of a controller of a slot \[ns\].
 fn shadow_ns(recorded: &Scenario, slot: &str) -> u64 {
-    let role = components::SLOTS.into_iter().find(|role| role.label() == slot.trim());
+    let role = services::SLOTS.into_iter().find(|role| role.label() == slot.trim());
     let graph = recorded.graph().ok();
     let node = role.and_then(|role| graph.as_ref()?.node(role).copied());
     node.map_or(0, |node| SHADOW_PERIODS * node.rate.period_ns())

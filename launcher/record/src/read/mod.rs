@@ -9,20 +9,18 @@ mod layout;
 mod pass;
 mod records;
 mod recover;
-#[cfg(test)]
-mod tests;
 
 pub use error::{LayoutChange, ReadError};
 pub use pass::{Closing, RecordVisitor, RecordedEvent, RecordedState, Rescue, seat_config};
 pub use recover::{Damage, RecoverError, Recovered, recover};
 
 use super::{Branched, Clock, Continued, Facts, Machine};
+use components::StateLayout;
 use core::ops::ControlFlow;
 use layout::{Channel, Origin};
 use mcap::records::Record;
 use records::{Ending, Records};
 use scenario::Scenario;
-use scenario::components::{self, StateLayout};
 use shared_types::{Role, Sample, Topic};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -3,11 +3,11 @@
 use super::{LayoutChange, ReadError, RecordedFlight};
 use crate::messages::{decode_log, decode_state};
 use crate::{Clock, DecodeError, decode};
+use components::StateLayout;
 use core::cell::Cell;
 use core::fmt;
 use core::ops::ControlFlow;
 use mcap::records::Record;
-use scenario::components::StateLayout;
 use shared_types::topics::visit_all;
 use shared_types::{Header, Role, Sample, Seat, Topic, TopicInfo, TopicVisitor};
 use std::any::Any;

@@ -9,8 +9,6 @@ mod cloud;
 mod frames;
 mod linkage;
 mod shapes;
-#[cfg(test)]
-mod tests;
 mod trail;
 
 use core::any::Any;

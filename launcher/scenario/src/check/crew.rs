@@ -1,7 +1,7 @@
 //! Who fills the slots, and what the controllers beside the MPCs refuse.
 
 use super::Checker;
-use crate::components::{self, Crew};
+use crate::services::{self, Crew};
 use crate::suggest;
 use attitude_lqr::{LqrError, LqrLaw};
 use attitude_pid::PidLaw;
@@ -13,9 +13,9 @@ impl Checker<'_> {
         let slots = self.settings().crew.clone();
         for (role, name) in slots.slots() {
             let Some(name) = name else { continue };
-            if !components::names_for(role).any(|known| known == name) {
+            if !services::names_for(role).any(|known| known == name) {
                 let what = format!("no service called `{name}` fills this slot");
-                let remedy = suggest::remedy(name, components::names_for(role));
+                let remedy = suggest::remedy(name, services::names_for(role));
                 self.error(&format!("crew.{}", role.label()), what, remedy);
             }
         }
@@ -26,7 +26,7 @@ impl Checker<'_> {
     fn alternates(&mut self) {
         let crew = Crew::of(self.settings());
         let flies =
-            |name: &str| components::SLOTS.into_iter().any(|role| crew.name(role) == Some(name));
+            |name: &str| services::SLOTS.into_iter().any(|role| crew.name(role) == Some(name));
         let wanted =
             |name: &str, section: &str| flies(name) || self.document.root().contains_key(section);
         let (lqr, pid) =

@@ -5,8 +5,7 @@ use super::tape::Tape;
 use core::convert::Infallible;
 use runtime::graph::{Edge, ROLES};
 use runtime::input::{Input, InputVisitor};
-use runtime::service::{StateHeader, ports_layout, state_layout, with_memory_of};
-use runtime::{Graph, MarkView as _, Service};
+use runtime::{Component, Graph, MarkView as _, StateHeader};
 use shared_types::wire::Value as _;
 use shared_types::{Role, Sample, Topic};
 use std::sync::Arc;
@@ -58,14 +57,14 @@ impl Checkpoint {
         self.states.get(role.index())?.as_deref()
     }
 
-    /// State from which `service` takes over, if the state of `role` is of another kind with the same
-    /// ports: sequences and latches of the predecessor, the memory of `service` as it is.
-    pub(super) fn taken_over<S: Service>(&self, role: Role, service: &S) -> Option<Vec<u8>> {
+    /// State from which a component takes over, if the state of `role` is of another kind with the same
+    /// ports: sequences and latches of the predecessor, the memory of the component as it is.
+    pub(super) fn taken_over(&self, role: Role, component: &Component) -> Option<Vec<u8>> {
         let state = self.state(role)?;
-        let same_ports = *self.ports.get(role.index())? == Some(ports_layout::<S>());
+        let same_ports = *self.ports.get(role.index())? == Some(component.layout().ports_hash());
         let same_kind = StateHeader::unpack(state.get(..StateHeader::PACKED_SIZE)?).layout_hash
-            == state_layout::<S>();
-        (same_ports && !same_kind).then(|| with_memory_of(service, state)).flatten()
+            == component.layout().hash();
+        (same_ports && !same_kind).then(|| component.succeeding(state)).flatten()
     }
 
     /// The instant at which every loop goes on, if the states are exactly of it \[ns\].

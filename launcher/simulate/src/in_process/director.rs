@@ -13,8 +13,8 @@ use runtime::Graph;
 use runtime::graph::CREDIT_NS;
 use scenario::Scenario;
 use scenario::candidate::{Candidate, Slot};
-use scenario::components::{self, Crew};
 use scenario::orders::Planner;
+use scenario::services::{self, Crew};
 use shared_types::{ClockMode, Role};
 use slot::supervisor::Now;
 use swap::{FlightError, Means, Script, Slots, SwapReport};
@@ -45,7 +45,7 @@ fn refuse_impossible(scenario: &Scenario) -> Result<(), InProcessError> {
             .map_err(|no| InProcessError::Slots(format!("{}: {}", no.what, no.remedy)))?;
     }
     for fault in &scenario.settings().fault {
-        let role = components::role_of(&fault.name);
+        let role = services::role_of(&fault.name);
         if role.is_none_or(|role| role.seats() == 1) {
             return Err(InProcessError::NoSlot { name: fault.name.clone() });
         }

@@ -14,7 +14,7 @@ use runtime::Graph;
 use runtime::graph::{CREDIT_NS, ROLES};
 use scenario::Scenario;
 use scenario::candidate::Slot;
-use scenario::components::{ComponentVisitor as _, Crew};
+use scenario::services::Crew;
 use shared_types::{Role, Seat};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -66,13 +66,14 @@ impl Kernel {
             let place = Seat::first(node.role);
             let generation = from.map_or(0, |checkpoint| checkpoint.generation(node.role));
             let wires = &mut wires;
-            let connect = Connect { graph: &graph, node, place, generation, wires, from };
-            loops.push(match (state, node.role) {
-                (StateSource::Truth, Role::Estimator) => connect.visit(PerfectState::component()),
-                (_, role) => crew.build(role, scenario, connect).map_err(|error| {
+            let component = match (state, node.role) {
+                (StateSource::Truth, Role::Estimator) => PerfectState::component(),
+                (_, role) => components::build(&crew, role, scenario).map_err(|error| {
                     InProcessError::Component { role: role.label(), error: error.to_string() }
                 })?,
-            }?);
+            };
+            let connect = Connect { graph: &graph, node, place, generation, wires, from };
+            loops.push(connect.connect(component)?);
         }
         for slot in Slot::ALL {
             // Otherwise the slot's own machine says who begins.

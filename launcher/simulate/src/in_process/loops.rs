@@ -1,4 +1,4 @@
-//! The loops of a flight in one process: components behind executors, with their types forgotten.
+//! The loops of a flight in one process: components in executors, and processes.
 
 use super::InProcessError;
 use super::checkpoint::Checkpoint;
@@ -8,8 +8,7 @@ use super::stepper::{InstanceMark, Stepper};
 use super::wires::Wires;
 use replay::Course;
 use runtime::executor::StateSink;
-use runtime::{Executor, Graph, Node, Place, Service};
-use scenario::components::{Component, ComponentVisitor};
+use runtime::{Component, Executor, Graph, Node, Place};
 use shared_types::{Header, Role, Seat};
 use std::rc::Rc;
 use swap::PostEvent;
@@ -27,7 +26,7 @@ impl StateSink for StateTap {
     fn serve_late_joiners(&mut self) {}
 }
 
-/// Connects whatever component it is given.
+/// Makes a loop of a component.
 pub(super) struct Connect<'a> {
     pub(super) graph: &'a Graph,
     pub(super) node: Node,
@@ -37,27 +36,16 @@ pub(super) struct Connect<'a> {
     pub(super) from: Option<&'a Checkpoint>,
 }
 
-impl ComponentVisitor for Connect<'_> {
-    type Output = Result<Loop, InProcessError>;
-    fn visit<S: Service + 'static>(self, component: Component<S>) -> Self::Output {
-        let taken_over =
-            self.from.and_then(|from| from.taken_over(self.node.role, &component.service));
-        let state = self.from.and_then(|checkpoint| checkpoint.state(self.node.role));
-        self.connect(component, taken_over.as_deref().or(state), taken_over.is_some())
-    }
-}
-
 impl Connect<'_> {
-    /// From `state`, which `tracks` if it is a predecessor's of another kind.
-    fn connect<S: Service + 'static>(
-        self,
-        component: Component<S>,
-        state: Option<&[u8]>,
-        tracks: bool,
-    ) -> Result<Loop, InProcessError> {
+    /// Connects its ports and takes it to where the flight is.
+    pub(super) fn connect(self, component: Component) -> Result<Loop, InProcessError> {
         let Self { node, place: seat, generation, .. } = self;
         let place = Place { seat: seat.index, generation };
-        let mut executor = Executor::new(component.service, node, place, component.state_every);
+        // From a predecessor's state of another kind it tracks.
+        let taken_over = self.from.and_then(|from| from.taken_over(node.role, &component));
+        let state = self.from.and_then(|checkpoint| checkpoint.state(node.role));
+        let (state, tracks) = (taken_over.as_deref().or(state), taken_over.is_some());
+        let mut executor = Executor::new(component, node, place);
         self.wires.connect(self.graph, &mut executor);
         let observer = self.wires.observer();
         if observer.wants_states() {

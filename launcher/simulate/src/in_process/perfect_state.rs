@@ -1,7 +1,6 @@
 //! The truth in the estimator's place, for rigs and studies.
 
-use runtime::{Service, inputs, outputs};
-use scenario::components::Component;
+use runtime::{Component, Service, inputs, outputs};
 use shared_types::{Imu, StateEstimate, Truth, topics};
 
 inputs! {
@@ -38,8 +37,8 @@ pub struct PerfectState {
 }
 
 impl PerfectState {
-    pub(super) fn component() -> Component<Self> {
-        Component { service: Self::default(), state_every: 10 }
+    pub(super) fn component() -> Component {
+        Component::new(Self::default(), 10)
     }
 }
 

@@ -10,8 +10,8 @@ use crate::rehearse::{self, Snapshot, Verdict};
 use core::cell::RefCell;
 use runtime::clock::mono_now_ns;
 use runtime::{Graph, Node};
+use scenario::Scenario;
 use scenario::orders::Sent;
-use scenario::{Scenario, components};
 use shared_types::time::ns_from_s;
 use shared_types::{Flag, Handover, OwnerRecord, Role, Seat as Place, Seating, topics};
 use std::collections::BTreeMap;
@@ -148,10 +148,10 @@ impl Cabin {
             _ => None,
         };
         let wires = &mut self.wires;
-        let connect = Connect { graph, node, place, generation, wires, from: None };
         let scenario = own.as_ref().unwrap_or(&self.scenario);
-        let built = components::build_service(Some(&spec.name), scenario, connect);
-        built.map_err(|error| refused(error.to_string()))?
+        let built = components::build_service(Some(&spec.name), scenario);
+        let component = built.map_err(|error| refused(error.to_string()))?;
+        Connect { graph, node, place, generation, wires, from: None }.connect(component)
     }
 
     fn spawn(

@@ -4,9 +4,7 @@ use super::ExitReport;
 use super::checkpoint::Feed;
 use replay::Repeats;
 use runtime::executor::StepStamps;
-use runtime::input::InputSet as _;
-use runtime::service::{RestoreError, ports_layout, state_layout};
-use runtime::{Executor, Service};
+use runtime::{Executor, RestoreError};
 use shared_types::{Handover, Seat};
 
 /// What a loop is told of the flight when it is to step.
@@ -60,7 +58,7 @@ pub(super) trait Stepper: Repeats {
     fn feed(&mut self, feed: &mut Feed<'_>);
 }
 
-impl<S: Service> Stepper for Executor<S> {
+impl Stepper for Executor {
     fn begin(
         &mut self,
         order: &Handover,
@@ -70,10 +68,10 @@ impl<S: Service> Stepper for Executor<S> {
         Self::begin(self, order, state)
     }
     fn layout(&self) -> u64 {
-        state_layout::<S>()
+        self.component.layout().hash()
     }
     fn step(&mut self, context: &StepContext<'_>) -> bool {
-        self.inputs.receive();
+        self.component.receive();
         self.run_step(StepStamps::at_once(context.now_mono_ns));
         true
     }
@@ -84,12 +82,12 @@ impl<S: Service> Stepper for Executor<S> {
         Self::state(self).map(<[u8]>::to_vec)
     }
     fn ports(&self) -> u64 {
-        ports_layout::<S>()
+        self.component.layout().ports_hash()
     }
     fn reseed(&mut self, seed: u64) {
         Self::reseed(self, seed);
     }
     fn feed(&mut self, feed: &mut Feed<'_>) {
-        let Ok(()) = self.inputs.visit(feed);
+        let Ok(()) = self.component.visit_inputs(feed);
     }
 }

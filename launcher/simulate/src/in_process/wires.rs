@@ -4,9 +4,7 @@ use super::observer::{Ears, Listen, Overhear};
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
-use runtime::input::{Input, InputSet as _, InputVisitor};
-use runtime::output::{Output, OutputSet as _, OutputVisitor};
-use runtime::{Executor, Graph, Service, Sink, Source};
+use runtime::{Executor, Graph, Input, InputVisitor, Output, OutputVisitor, Sink, Source};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, topics};
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
@@ -155,11 +153,11 @@ impl Wires {
     }
 
     /// Connects every port of a component.
-    pub(super) fn connect<S: Service>(&mut self, graph: &Graph, executor: &mut Executor<S>) {
+    pub(super) fn connect(&mut self, graph: &Graph, executor: &mut Executor) {
         let role = executor.node().role;
         let mut connect = Connect { wires: self, graph, role };
-        let Ok(()) = executor.inputs.visit(&mut connect);
-        let Ok(()) = executor.outputs.visit(&mut connect);
+        let Ok(()) = executor.component.visit_inputs(&mut connect);
+        let Ok(()) = executor.component.visit_outputs(&mut connect);
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::LOOP_STATS, &mut executor.stats);
         let deviations = &mut executor.deviations;
         let Ok(()) = OutputVisitor::visit(&mut connect, &topics::DEVIATION, deviations);

@@ -90,7 +90,7 @@ impl Rehearsal {
     /// Name of the controller that commands the slot now.
     #[must_use]
     pub fn owner(&self) -> String {
-        let crew = scenario::components::Crew::of(self.scenario.settings());
+        let crew = scenario::services::Crew::of(self.scenario.settings());
         crew.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
     }
 

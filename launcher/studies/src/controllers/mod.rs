@@ -11,7 +11,7 @@ mod tests;
 
 use core::time::Duration;
 use flown::{Flown, fly_one};
-use scenario::components::names_for;
+use scenario::services::names_for;
 use scenario::{Override, Scenario, ScenarioError};
 use shared_types::Role;
 use simulate::fan_out::{Progress, fan_out};

@@ -5,7 +5,7 @@ use protocol::control::status::RunStatus;
 use protocol::topic::feed::{Ending, Flying};
 use record::read::{RecordVisitor as _, RecordedEvent};
 use scenario::candidate::Slot;
-use scenario::{Scenario, components};
+use scenario::{Scenario, services};
 use serde_json::{Value, json};
 use shared_types::time::{ns_from_s, s_from_ns};
 use shared_types::{Sample, Topic};
@@ -49,7 +49,7 @@ impl Picture {
             ["build", format!("{} ({})", env!("CARGO_PKG_VERSION"), record::build::declared().git)],
         ]);
         let slots = Slot::ALL.map(|slot| {
-            let controllers: Vec<&str> = components::names_for(slot.role()).collect();
+            let controllers: Vec<&str> = services::names_for(slot.role()).collect();
             json!({ "slot": slot.label(), "controllers": controllers })
         });
         Self {

@@ -5,7 +5,7 @@ use crate::{
     layout_hash,
 };
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
-use runtime::{Ending, Service};
+use runtime::{Component, Ending, Service};
 use shared_types::Role;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
@@ -42,7 +42,7 @@ pub fn controller<S, E>(
     build: impl FnOnce(&Flight, &Config) -> Result<S, E>,
 ) -> ExitCode
 where
-    S: Service,
+    S: Service + 'static,
     E: Into<BuildError>,
 {
     if std::env::args_os().nth(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
@@ -68,14 +68,14 @@ fn fly<S, E>(
     build: impl FnOnce(&Flight, &Config) -> Result<S, E>,
 ) -> Result<Ending, HostError>
 where
-    S: Service,
+    S: Service + 'static,
     E: Into<BuildError>,
 {
     let config = Config::new(arguments.place.config.clone());
     let joined = Joined::join(name, arguments.slot, arguments.place)?;
     let service =
         build(joined.flight(), &config).map_err(|error| HostError::Build(error.into()))?;
-    joined.fly(service, STATE_EVERY)
+    joined.fly(Component::new(service, STATE_EVERY))
 }
 
 #[cfg(test)]

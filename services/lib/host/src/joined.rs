@@ -7,10 +7,8 @@ use runtime::connect::connect;
 use runtime::ipc::Bus;
 use runtime::namespace::Membership;
 use runtime::watch::{LauncherNews, StopFlags};
-use runtime::{
-    Ending, Executor, Graph, Node, Output, OutputSet as _, OutputVisitor, Process, Service,
-};
-use shared_types::{Role, Sample, Topic};
+use runtime::{Component, Ending, Executor, Graph, Node, Process};
+use shared_types::Role;
 use std::io::{self, Write as _};
 
 /// Wall time that a realtime flight is given to land after the grace period \[s\].
@@ -77,13 +75,13 @@ impl Joined {
         &self.flight
     }
 
-    /// Flies a component, whose state is published every `state_every` steps, to its end.
+    /// Flies a component to its end.
     ///
     /// # Errors
     /// The component is of another slot, a port cannot be had, or the hand-over fails.
-    pub fn fly<S: Service>(self, service: S, state_every: u64) -> Result<Ending, HostError> {
+    pub fn fly(self, component: Component) -> Result<Ending, HostError> {
         let Self { bus, flight, graph, node, stop, arguments, .. } = &self;
-        let executor = Executor::new(service, *node, arguments.place(), state_every);
+        let executor = Executor::new(component, *node, arguments.place());
         // A processor that the command line has named stays.
         let setup = flight.setup(node.role).map(|setup| Setup {
             cpus: if arguments.cpu.is_some() { Vec::new() } else { setup.cpus },
@@ -98,7 +96,7 @@ impl Joined {
             }
         };
         let (graph, stop) = (graph.clone(), stop.clone());
-        fly_service(bus, graph, stop, executor, (arguments.await_handover, prepare))
+        fly_component(bus, graph, stop, executor, (arguments.await_handover, prepare))
     }
 }
 
@@ -128,14 +126,14 @@ fn of_launcher(
 ///
 /// # Errors
 /// As [`Joined::fly`].
-pub fn fly_service<S: Service>(
+pub fn fly_component(
     bus: &Bus,
     graph: Graph,
     stop: StopFlags,
-    mut executor: Executor<S>,
+    mut executor: Executor,
     (await_handover, prepare): (bool, impl FnOnce() -> Result<(), HostError>),
 ) -> Result<Ending, HostError> {
-    refuse_other_outputs(&mut executor, &graph)?;
+    refuse_other_outputs(&executor, &graph)?;
     connect(bus, &graph, &mut executor)?;
     let mut process = Process::open(bus, executor, graph, stop)?;
     prepare()?;
@@ -148,29 +146,10 @@ pub fn fly_service<S: Service>(
 }
 
 /// Nobody would hear what a component writes on a topic of another role.
-fn refuse_other_outputs<S: Service>(
-    executor: &mut Executor<S>,
-    graph: &Graph,
-) -> Result<(), HostError> {
-    struct Check<'a> {
-        role: Role,
-        graph: &'a Graph,
-    }
-    impl OutputVisitor for Check<'_> {
-        type Error = HostError;
-        fn visit<T: Sample>(
-            &mut self,
-            topic: &'static Topic<T>,
-            _output: &mut Output<T>,
-        ) -> Result<(), HostError> {
-            let owner = self.graph.producer(&topic.info);
-            if owner == self.role {
-                return Ok(());
-            }
-            let (topic, slot) = (topic.info.name, self.role.label());
-            Err(HostError::WrongSlot { topic, owner: owner.label(), slot })
-        }
-    }
+fn refuse_other_outputs(executor: &Executor, graph: &Graph) -> Result<(), HostError> {
     let role = executor.node().role;
-    executor.outputs.visit(&mut Check { role, graph })
+    let mut topics = executor.component.layout().writes();
+    let Some(topic) = topics.find(|topic| graph.producer(topic) != role) else { return Ok(()) };
+    let (owner, slot) = (graph.producer(topic).label(), role.label());
+    Err(HostError::WrongSlot { topic: topic.name, owner, slot })
 }

@@ -44,6 +44,6 @@ pub use config::Config;
 pub use controller::controller;
 pub use error::{BuildError, HostError, conclude};
 pub use flight::Flight;
-pub use joined::{Joined, LOCKSTEP_GRACE_S, fly_service};
+pub use joined::{Joined, LOCKSTEP_GRACE_S, fly_component};
 pub use layout::{LAYOUT_ARGUMENT, layout_hash};
 pub use thread::{name_thread, stay_on};

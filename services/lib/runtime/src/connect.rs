@@ -2,10 +2,9 @@
 
 use crate::executor::Executor;
 use crate::graph::{Edge, Graph};
-use crate::input::{Input, InputSet as _, InputVisitor};
+use crate::input::{Input, InputVisitor};
 use crate::ipc::{Bus, PortError};
-use crate::output::{Output, OutputSet as _, OutputVisitor};
-use crate::service::Service;
+use crate::output::{Output, OutputVisitor};
 use shared_types::{Role, Sample, Topic, topics};
 
 struct Readers<'a> {
@@ -50,14 +49,10 @@ impl OutputVisitor for Writers<'_> {
 ///
 /// # Errors
 /// The first port that cannot be had.
-pub fn connect<S: Service>(
-    bus: &Bus,
-    graph: &Graph,
-    executor: &mut Executor<S>,
-) -> Result<(), PortError> {
+pub fn connect(bus: &Bus, graph: &Graph, executor: &mut Executor) -> Result<(), PortError> {
     let role = executor.node().role;
-    executor.inputs.visit(&mut Readers { bus, graph, role })?;
-    executor.outputs.visit(&mut Writers { bus, graph })?;
+    executor.component.visit_inputs(&mut Readers { bus, graph, role })?;
+    executor.component.visit_outputs(&mut Writers { bus, graph })?;
     executor.stats.connect(Box::new(bus.writer(&topics::LOOP_STATS)?), 0);
     executor.deviations.connect(Box::new(bus.writer(&topics::DEVIATION)?), 0);
     Ok(())

@@ -1,12 +1,10 @@
 //! Runs the releases of one component, one after the other, and publishes all it owes.
 
+use crate::component::Component;
 use crate::deviations::{Pending, Report, ReportEnd, ReportInputs, loop_number};
 use crate::graph::{Edge, MissPolicy, Node};
-use crate::input::InputSet;
-use crate::output::{Output, OutputSet};
-use crate::service::{
-    RestoreError, Service, StateHeader, pack_state, state_layout, state_size, unpack_state,
-};
+use crate::output::Output;
+use crate::service::{RestoreError, StateHeader};
 use crate::upkeep::Costs;
 use shared_types::{Deviation, Handover, Header, LoopStats, Seat};
 
@@ -54,21 +52,17 @@ pub struct Place {
 }
 
 /// One component with its ports, at a place in its release grid.
-pub struct Executor<S: Service> {
-    service: S,
+pub struct Executor {
+    /// The service, whose ports the transport connects.
+    pub component: Component,
     node: Node,
     place: Place,
-    /// Inputs; connected by the transport.
-    pub inputs: S::Inputs,
-    /// Outputs; connected by the transport.
-    pub outputs: S::Outputs,
     /// Loop statistics; connected by the transport.
     pub stats: Output<LoopStats>,
     /// What the steps' inputs lacked; connected by the transport.
     pub deviations: Output<Deviation>,
     pending: Pending,
     state_sink: Option<Box<dyn StateSink>>,
-    state_every: u64,
     state_sequence: u64,
     state: Vec<u8>,
     next_index: u64,
@@ -89,7 +83,7 @@ pub struct Executor<S: Service> {
     catching_up: bool,
 }
 
-impl<S: Service> core::fmt::Debug for Executor<S> {
+impl core::fmt::Debug for Executor {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Executor")
             .field("node", &self.node)
@@ -98,27 +92,26 @@ impl<S: Service> core::fmt::Debug for Executor<S> {
     }
 }
 
-impl<S: Service> Executor<S> {
-    /// A component at the start of its grid. Its state is published every `state_every` releases.
+impl Executor {
+    /// A component at the start of its grid.
     #[must_use]
-    pub fn new(service: S, node: Node, place: Place, state_every: u64) -> Self {
+    pub fn new(component: Component, node: Node, place: Place) -> Self {
+        let layout = component.layout();
+        let (layout_hash, state) = (layout.hash(), vec![0; layout.state_size()]);
         Self {
-            service,
+            component,
             node,
             place,
-            inputs: S::Inputs::default(),
-            outputs: S::Outputs::default(),
             stats: Output::default(),
             deviations: Output::default(),
             pending: Pending::default(),
             state_sink: None,
-            state_every: state_every.max(1),
             state_sequence: 0,
-            state: vec![0; state_size::<S>()],
+            state,
             next_index: 0,
             mark_ns: node.rate.release_ns(0),
             previous_ns: None,
-            counts: StateHeader { layout_hash: state_layout::<S>(), ..StateHeader::default() },
+            counts: StateHeader { layout_hash, ..StateHeader::default() },
             before: (0, 0),
             rescued_waits: 0,
             costs: [Costs::default(); 2],
@@ -145,12 +138,6 @@ impl<S: Service> Executor<S> {
         self.place
     }
 
-    /// The component.
-    #[must_use]
-    pub fn service(&self) -> &S {
-        &self.service
-    }
-
     /// Instant of the next release: everything before it is final \[ns\].
     #[must_use]
     pub fn mark_ns(&self) -> u64 {
@@ -174,9 +161,9 @@ impl<S: Service> Executor<S> {
     /// # Errors
     /// [`RestoreError`] if the state is not one of this build's.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), RestoreError> {
-        let header = unpack_state(&mut self.service, &mut self.inputs, &mut self.outputs, state)?;
+        let header = self.component.parts().unpack(state)?;
         self.go_to(header.release_index + 1);
-        self.inputs.knows_until(header.release_ns);
+        self.component.parts().knows_until(header.release_ns);
         self.pending.resumed = Some(header.release_index);
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
@@ -245,7 +232,7 @@ impl<S: Service> Executor<S> {
 
     /// See [`Service::reseed`].
     pub fn reseed(&mut self, seed: u64) {
-        self.service.reseed(seed);
+        self.component.parts().reseed(seed);
     }
 
     /// The whole evolving state after the last release, as a keyframe of it would be; none before
@@ -260,12 +247,12 @@ impl<S: Service> Executor<S> {
         self.counts.state_sequence = self.state_sequence;
         self.counts.stats_sequence = self.stats.sequence();
         self.counts.deviation_sequence = self.deviations.sequence();
-        pack_state(&self.service, &self.counts, &self.inputs, &self.outputs, &mut self.state);
+        self.component.pack(&self.counts, &mut self.state);
     }
 
     /// Brings the counts of what the inputs lacked up to date.
     fn count_samples(&mut self) {
-        let inputs = self.inputs.counts();
+        let inputs = self.component.counts();
         self.counts.late_samples = self.before.0 + inputs.late;
         self.counts.lost_samples = self.before.1 + inputs.lost;
     }
@@ -274,24 +261,20 @@ impl<S: Service> Executor<S> {
     pub fn run_step(&mut self, stamps: StepStamps) {
         let now_ns = self.mark_ns();
         if let Some(before_ns) = self.joins_after_ns.take() {
-            self.inputs.skip_until(before_ns);
+            self.component.parts().skip_until(before_ns);
             self.previous_ns = Some(before_ns);
         }
-        self.inputs.accept(now_ns, self.previous_ns);
-        if now_ns < self.track_until_ns || self.service.is_displaced(&self.inputs) {
-            self.service.track(now_ns, &self.inputs);
-        }
-        self.service.step(now_ns, &self.inputs, &mut self.outputs);
-        let origin = self.inputs.origin();
+        let tracks = now_ns < self.track_until_ns;
+        let (origin, cause) = self.component.parts().step(now_ns, self.previous_ns, tracks);
         let header = Header {
             input_sequence: origin.sequence,
             receive_mono_ns: origin.receive_mono_ns,
             release_mono_ns: stamps.release_mono_ns,
             start_mono_ns: stamps.start_mono_ns,
             publish_mono_ns: (stamps.now_mono_ns)(),
-            ..self.header(now_ns, self.service.cause_sequence(&self.inputs))
+            ..self.header(now_ns, cause)
         };
-        self.outputs.flush(&header);
+        self.component.parts().flush(&header);
         self.counts.steps += 1;
         self.counts.release_index = self.next_index;
         self.counts.release_ns = now_ns;
@@ -379,7 +362,7 @@ impl<S: Service> Executor<S> {
 
     /// Lets readers that have just joined have the history of every output.
     pub fn serve_late_joiners(&mut self) {
-        self.outputs.serve_late_joiners();
+        self.component.parts().serve_late_joiners();
         self.stats.serve_late_joiners();
         self.deviations.serve_late_joiners();
         if let Some(sink) = &mut self.state_sink {
@@ -392,7 +375,7 @@ impl<S: Service> Executor<S> {
         let header = self.header(self.mark_ns(), 0);
         let mut report = Report::new(&mut self.deviations, &header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
-        let Ok(()) = self.inputs.visit(&mut ReportEnd(report));
+        self.component.parts().report_end(&mut ReportEnd(report));
         self.count_samples();
         let release_ns = self.previous_ns.unwrap_or(0);
         self.send_stats(&self.header(release_ns, 0));
@@ -402,7 +385,7 @@ impl<S: Service> Executor<S> {
         let mut report = Report::new(&mut self.deviations, header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
         let mut inputs = ReportInputs { report, previous_ns: self.previous_ns };
-        let Ok(()) = self.inputs.visit(&mut inputs);
+        self.component.parts().report(&mut inputs);
     }
 
     fn publish_stats(&mut self, header: &Header) {
@@ -437,7 +420,9 @@ impl<S: Service> Executor<S> {
     }
 
     fn publish_state(&mut self, header: &Header) {
-        if self.state_sink.is_none() || !self.next_index.is_multiple_of(self.state_every) {
+        if self.state_sink.is_none()
+            || !self.next_index.is_multiple_of(self.component.state_every())
+        {
             return;
         }
         self.state_sequence += 1;

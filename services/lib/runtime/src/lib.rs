@@ -6,6 +6,7 @@
 //! memory), [`namespace`] (a run's own corner of the machine).
 
 pub mod clock;
+pub mod component;
 pub mod connect;
 mod deviations;
 pub mod executor;
@@ -26,6 +27,7 @@ pub mod upkeep;
 mod wakes;
 pub mod watch;
 
+pub use component::Component;
 pub use deviations::{life_number, seat_of_loop};
 pub use executor::{Executor, Place, StateSink, StepStamps};
 pub use graph::{Graph, GraphError, Marks, MissPolicy, Node};
@@ -36,4 +38,4 @@ pub use output::{Output, OutputSet, OutputVisitor, Sink};
 pub use ownership::{MarkView, SeatMarks, Standing};
 pub use process::{Ending, Process, ProcessError};
 pub use rate::{Rate, RateError};
-pub use service::{RestoreError, Service, StateHeader};
+pub use service::{Layout, RestoreError, Service, StateHeader};

@@ -1,7 +1,8 @@
 //! One output of a service: at most one sample per step, stamped and sent by the runtime.
 
 use crate::clock::WallMap;
-use shared_types::{Header, Sample, Topic};
+use core::any::Any;
+use shared_types::{Header, Sample, Topic, TopicInfo};
 
 /// Where samples go: a shared-memory publisher, or a queue within one process.
 pub trait Sink<T> {
@@ -111,14 +112,18 @@ pub trait OutputVisitor {
 
 /// The outputs of a service; declared with [`outputs!`](crate::outputs).
 pub trait OutputSet: Default {
+    /// Topic of each output, in declaration order.
+    const TOPICS: &'static [&'static TopicInfo];
     /// Number of outputs.
-    const COUNT: usize;
+    const COUNT: usize = Self::TOPICS.len();
 
     /// Walks the outputs.
     ///
     /// # Errors
     /// The visitor's first error.
     fn visit<V: OutputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error>;
+    /// The [`Output`] of a topic, its sample's type forgotten; none if nothing is written on it.
+    fn by_topic(&mut self, name: &str) -> Option<&mut dyn Any>;
     /// Stamps and sends what the step wrote.
     fn flush(&mut self, step: &Header);
     /// Lets late joiners have their history.
@@ -142,7 +147,14 @@ macro_rules! outputs {
         }
 
         impl $crate::OutputSet for $name {
-            const COUNT: usize = [$(stringify!($field)),*].len();
+            const TOPICS: &'static [&'static ::shared_types::TopicInfo] = &[$(&$topic.info),*];
+            fn by_topic(&mut self, name: &str) -> Option<&mut dyn ::core::any::Any> {
+                $(if name == $topic.info.name {
+                    return Some(&mut self.$field);
+                })*
+                let _ = name;
+                None
+            }
             fn visit<V: $crate::OutputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error> {
                 $(visitor.visit(&$topic, &mut self.$field)?;)*
                 Ok(())

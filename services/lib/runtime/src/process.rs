@@ -14,7 +14,7 @@ use crate::ipc::{
 };
 use crate::output::Sink as _;
 use crate::ownership::SeatMarks;
-use crate::service::{RestoreError, Service, state_layout, state_size};
+use crate::service::RestoreError;
 use crate::upkeep::Upkeep;
 use crate::watch::StopFlags;
 use core::time::Duration;
@@ -56,9 +56,9 @@ pub enum ProcessError {
 }
 
 /// A component in its process, with every port open.
-pub struct Process<'a, S: Service> {
+pub struct Process<'a> {
     bus: &'a Bus,
-    executor: Executor<S>,
+    executor: Executor,
     graph: Graph,
     neighbours: Vec<Neighbour>,
     slots: Vec<SlotReader>,
@@ -79,26 +79,27 @@ pub struct Process<'a, S: Service> {
     timed_out: bool,
 }
 
-impl<S: Service> core::fmt::Debug for Process<'_, S> {
+impl core::fmt::Debug for Process<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("Process").field("executor", &self.executor).finish_non_exhaustive()
     }
 }
 
-impl<'a, S: Service> Process<'a, S> {
+impl<'a> Process<'a> {
     /// Opens what every process needs besides its topics: clock, progress, wake-ups and state.
     ///
     /// # Errors
     /// [`PortError`].
     pub fn open(
         bus: &'a Bus,
-        mut executor: Executor<S>,
+        mut executor: Executor,
         graph: Graph,
         stop: StopFlags,
     ) -> Result<Self, PortError> {
         let role = executor.node().role;
         let seat = Seat { role, index: executor.place().seat };
-        let state = StatePublisher::open(bus, ServiceKind::State(seat), state_size::<S>())?;
+        let size = executor.component.layout().state_size();
+        let state = StatePublisher::open(bus, ServiceKind::State(seat), size)?;
         executor.connect_state(Box::new(state));
         let neighbours = Neighbour::open_all(bus, &graph, role)?;
         let slots = SlotReader::open_all(bus, &graph, role)?;
@@ -130,7 +131,7 @@ impl<'a, S: Service> Process<'a, S> {
     pub fn say_hello(&self) -> Result<IpcSink<Hello>, PortError> {
         let mut hello = self.bus.open_writer::<Hello>(ServiceKind::Hello)?;
         hello.send(&Hello {
-            state_layout: state_layout::<S>(),
+            state_layout: self.executor.component.layout().hash(),
             period_ns: self.executor.node().rate.period_ns(),
             pid: self.pid,
             generation: self.executor.place().generation,
@@ -236,7 +237,7 @@ impl<'a, S: Service> Process<'a, S> {
 }
 
 /// Begins where a hand-over says.
-fn begin<S: Service>(executor: &mut Executor<S>, bytes: &[u8]) -> Result<(), RestoreError> {
+fn begin(executor: &mut Executor, bytes: &[u8]) -> Result<(), RestoreError> {
     let expected = Handover::PACKED_SIZE;
     if bytes.len() < expected {
         return Err(RestoreError::Size { actual: bytes.len(), expected });

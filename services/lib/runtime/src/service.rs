@@ -1,8 +1,9 @@
 //! What a process is made of: a pure step with a publishable, restorable memory.
 
-use crate::input::InputSet;
+use crate::input::{InputPort, InputSet};
 use crate::output::OutputSet;
-use shared_types::wire::{Value, Wire, hash_bytes};
+use shared_types::wire::{Schema, Value, Wire, hash_bytes};
+use shared_types::{TopicInfo, TopicVisitor, topics};
 use thiserror::Error;
 
 /// A flying component.
@@ -110,44 +111,116 @@ pub enum RestoreError {
     Refused(String),
 }
 
-/// Layout of the published state of `S`.
-#[must_use]
-pub fn state_layout<S: Service>() -> u64 {
-    let hash = hash_bytes(S::Inputs::LAYOUT_HASH, &S::Memory::SCHEMA.layout_hash.to_le_bytes());
-    let hash = hash_bytes(hash, &StateHeader::SCHEMA.layout_hash.to_le_bytes());
-    hash_bytes(hash, &(S::Outputs::COUNT as u64).to_le_bytes())
+/// What a service reads and writes, and how its published state is laid out.
+#[derive(Debug, Clone, Copy)]
+pub struct Layout {
+    /// Topic and sample of each input, in declaration order.
+    pub inputs: &'static [InputPort],
+    /// Topic of each output, in declaration order.
+    pub outputs: &'static [&'static TopicInfo],
+    /// What evolves besides latched inputs and output sequences.
+    pub memory: &'static Schema,
+    /// Bytes of the packed memory.
+    pub memory_size: usize,
+    latches_hash: u64,
 }
 
-/// What the ports of `S` are, whatever it remembers: services of one slot may have the same.
-#[must_use]
-pub fn ports_layout<S: Service>() -> u64 {
-    hash_bytes(S::Inputs::LAYOUT_HASH, &(S::Outputs::COUNT as u64).to_le_bytes())
+/// The parts of a published state.
+#[derive(Debug, Clone, Copy)]
+pub struct StateParts<'a> {
+    /// Where in the flight it was taken.
+    pub header: StateHeader,
+    /// Packed sequence of each output.
+    pub sequences: &'a [u8],
+    /// Of each input: whether it has a sample, and the sample, packed.
+    pub latches: &'a [u8],
+    /// The packed memory.
+    pub memory: &'a [u8],
 }
 
-/// The state of a predecessor with the same [`ports_layout`] and the memory of `service` in place of
-/// its own: where in the flight it was, what it had latched and sent last. `None` if it is too short.
-#[must_use]
-pub fn with_memory_of<S: Service>(service: &S, state: &[u8]) -> Option<Vec<u8>> {
-    let ports = state_size::<S>() - S::Memory::PACKED_SIZE;
-    let mut taken = state.get(..ports)?.to_vec();
-    let header = StateHeader::unpack(&taken[..StateHeader::PACKED_SIZE]);
-    let header = StateHeader { layout_hash: state_layout::<S>(), ..header };
-    header.pack(&mut taken[..StateHeader::PACKED_SIZE]);
-    taken.resize(state_size::<S>(), 0);
-    service.memory().pack(&mut taken[ports..]);
-    Some(taken)
+impl Layout {
+    /// Of a service.
+    #[must_use]
+    pub fn of<S: Service>() -> Self {
+        Self {
+            inputs: S::Inputs::PORTS,
+            outputs: S::Outputs::TOPICS,
+            memory: &S::Memory::SCHEMA,
+            memory_size: S::Memory::PACKED_SIZE,
+            latches_hash: S::Inputs::LAYOUT_HASH,
+        }
+    }
+
+    /// Tells the published states of different services, and of different builds, apart.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        let hash = hash_bytes(self.latches_hash, &self.memory.layout_hash.to_le_bytes());
+        let hash = hash_bytes(hash, &StateHeader::SCHEMA.layout_hash.to_le_bytes());
+        hash_bytes(hash, &(self.outputs.len() as u64).to_le_bytes())
+    }
+
+    /// Tells ports apart, whatever is remembered: services of one slot may have the same.
+    #[must_use]
+    pub fn ports_hash(&self) -> u64 {
+        hash_bytes(self.latches_hash, &(self.outputs.len() as u64).to_le_bytes())
+    }
+
+    /// Bytes of a published state.
+    #[must_use]
+    pub fn state_size(&self) -> usize {
+        let latches: usize = self.inputs.iter().map(|input| input.latch_size).sum();
+        StateHeader::PACKED_SIZE + 8 * self.outputs.len() + latches + self.memory_size
+    }
+
+    /// Takes a published state apart; none if it has another size.
+    #[must_use]
+    pub fn parts<'a>(&self, state: &'a [u8]) -> Option<StateParts<'a>> {
+        if state.len() != self.state_size() {
+            return None;
+        }
+        let (header, rest) = state.split_at(StateHeader::PACKED_SIZE);
+        let (sequences, rest) = rest.split_at(8 * self.outputs.len());
+        let (latches, memory) = rest.split_at(rest.len() - self.memory_size);
+        Some(StateParts { header: StateHeader::unpack(header), sequences, latches, memory })
+    }
+
+    /// Of each input the packed sample that was in effect, if there was one.
+    pub fn latches<'a>(
+        &self,
+        state: &StateParts<'a>,
+    ) -> impl Iterator<Item = (&'static InputPort, Option<&'a [u8]>)> + use<'a> {
+        let mut rest = state.latches;
+        self.inputs.iter().map(move |input| {
+            let latch;
+            (latch, rest) = rest.split_at(input.latch_size);
+            let (present, sample) = latch.split_at(8);
+            (input, (u64::unpack(present) != 0).then_some(sample))
+        })
+    }
+
+    /// Topics of the inputs, in declaration order.
+    pub fn reads(&self) -> impl Iterator<Item = &'static TopicInfo> + use<> {
+        self.inputs.iter().map(|input| input.topic)
+    }
+
+    /// Topics of the outputs, in declaration order.
+    pub fn writes(&self) -> impl Iterator<Item = &'static TopicInfo> + use<> {
+        self.outputs.iter().copied()
+    }
+
+    /// Shows these topics, typed, to a visitor.
+    ///
+    /// # Errors
+    /// The visitor's first error.
+    pub fn visit_topics<V: TopicVisitor>(
+        mut topics: impl Iterator<Item = &'static TopicInfo>,
+        visitor: &mut V,
+    ) -> Result<(), V::Error> {
+        topics.try_for_each(|topic| topics::visit_named(topic.name, visitor))
+    }
 }
 
-/// Bytes of the published state of `S`.
-#[must_use]
-pub fn state_size<S: Service>() -> usize {
-    StateHeader::PACKED_SIZE
-        + 8 * S::Outputs::COUNT
-        + S::Inputs::LATCH_SIZE
-        + S::Memory::PACKED_SIZE
-}
-
-/// Writes the whole evolving state; `out` holds [`state_size`] bytes.
+/// Writes the whole evolving state; `out` holds [`Layout::state_size`] bytes.
 pub fn pack_state<S: Service>(
     service: &S,
     header: &StateHeader,
@@ -174,13 +247,13 @@ pub fn unpack_state<S: Service>(
     outputs: &mut S::Outputs,
     from: &[u8],
 ) -> Result<StateHeader, RestoreError> {
-    let expected = state_size::<S>();
+    let expected = Layout::of::<S>().state_size();
     if from.len() < StateHeader::PACKED_SIZE {
         return Err(RestoreError::Size { actual: from.len(), expected });
     }
     let (head, rest) = from.split_at(StateHeader::PACKED_SIZE);
     let header = StateHeader::unpack(head);
-    let ours = state_layout::<S>();
+    let ours = Layout::of::<S>().hash();
     if header.layout_hash != ours {
         return Err(RestoreError::Layout { theirs: header.layout_hash, ours });
     }

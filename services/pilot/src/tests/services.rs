@@ -5,7 +5,8 @@ use crate::{
     AttitudeStep, Pilot, PilotConfig, PilotError, PilotInputs, PilotOutputs, RigPilot,
     RigPilotConfig, RigPilotOutputs, TrajectoryConfig,
 };
-use runtime::service::{pack_state, state_layout, state_size, unpack_state};
+use runtime::Layout;
+use runtime::service::{pack_state, unpack_state};
 use runtime::{OutputSet, Service, StateHeader};
 use shared_types::{Header, MorphCommand, Reference};
 use vehicle::VehicleParameters;
@@ -110,9 +111,9 @@ fn a_restored_pilot_continues_bit_for_bit() {
         for k in from..to {
             pilot.step(k * SPACING_NS, &PilotInputs::default(), outputs);
             outputs.flush(&Header { release_ns: k * SPACING_NS, ..Header::default() });
-            let mut state = vec![0; state_size::<Pilot>()];
+            let mut state = vec![0; Layout::of::<Pilot>().state_size()];
             let header =
-                StateHeader { layout_hash: state_layout::<Pilot>(), ..StateHeader::default() };
+                StateHeader { layout_hash: Layout::of::<Pilot>().hash(), ..StateHeader::default() };
             pack_state(pilot, &header, &PilotInputs::default(), outputs, &mut state);
             bytes.push(state);
         }

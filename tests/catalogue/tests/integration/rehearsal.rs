@@ -10,7 +10,7 @@
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use observe::Observer;
 use scenario::candidate::Slot;
-use scenario::components::names_for;
+use scenario::services::names_for;
 use scenario::{Override, Scenario};
 use shared_types::{MorphCommand, Reference, Sample, Topic, Truth};
 use simulate::in_process::{InProcess, StateSource};

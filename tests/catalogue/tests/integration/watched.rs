@@ -7,7 +7,7 @@ use catalogue::swapped::{
 };
 use catalogue::{Entry, Fault, entries};
 use scenario::candidate::Slot;
-use scenario::components::names_for;
+use scenario::services::names_for;
 use std::path::PathBuf;
 use tempfile::TempDir;
 

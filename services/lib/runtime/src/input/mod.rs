@@ -2,7 +2,7 @@
 
 mod set;
 
-pub use set::{InputSet, InputVisitor};
+pub use set::{InputPort, InputSet, InputVisitor};
 
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use crate::ownership::SlotBook;

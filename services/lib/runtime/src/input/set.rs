@@ -3,7 +3,20 @@
 use super::{Input, InputCounts, Origin};
 use crate::graph::Roles;
 use crate::ownership::SlotBook;
-use shared_types::{Role, Sample, Topic};
+use core::any::Any;
+use shared_types::wire::Schema;
+use shared_types::{Role, Sample, Topic, TopicInfo};
+
+/// What one input reads.
+#[derive(Debug, Clone, Copy)]
+pub struct InputPort {
+    /// The topic.
+    pub topic: &'static TopicInfo,
+    /// Its sample.
+    pub sample: &'static Schema,
+    /// Bytes of the latch in a published state: whether there is a sample, and the sample.
+    pub latch_size: usize,
+}
 
 /// Does something for every input of a service, with its type.
 pub trait InputVisitor {
@@ -26,12 +39,16 @@ pub trait InputSet: Default {
     const LATCH_SIZE: usize;
     /// Layout of the latches.
     const LAYOUT_HASH: u64;
+    /// Topic and sample of each input, in declaration order.
+    const PORTS: &'static [InputPort];
 
     /// Walks the inputs.
     ///
     /// # Errors
     /// The visitor's first error.
     fn visit<V: InputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error>;
+    /// The [`Input`] of a topic, its sample's type forgotten; none if nothing of it is read.
+    fn by_topic(&mut self, name: &str) -> Option<&mut dyn Any>;
     /// Takes what has arrived on every input.
     fn receive(&mut self);
     /// Takes what has arrived on the inputs whose producers are among `moved`, or step unwaited.
@@ -79,6 +96,18 @@ macro_rules! inputs {
                 );)*
                 hash
             };
+            const PORTS: &'static [$crate::input::InputPort] = &[$($crate::input::InputPort {
+                topic: &$topic.info,
+                sample: &<$sample as ::shared_types::wire::Wire>::SCHEMA,
+                latch_size: $crate::Input::<$sample>::LATCH_SIZE,
+            }),*];
+            fn by_topic(&mut self, name: &str) -> Option<&mut dyn ::core::any::Any> {
+                $(if name == $topic.info.name {
+                    return Some(&mut self.$field);
+                })*
+                let _ = name;
+                None
+            }
             fn visit<V: $crate::InputVisitor>(&mut self, visitor: &mut V) -> Result<(), V::Error> {
                 $(visitor.visit(&$topic, &mut self.$field)?;)*
                 let _ = visitor;

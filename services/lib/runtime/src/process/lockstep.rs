@@ -4,10 +4,8 @@ use super::{Ending, Process, WAIT_LIMIT};
 use crate::clock::mono_now_ns;
 use crate::executor::StepStamps;
 use crate::graph::Roles;
-use crate::input::InputSet as _;
-use crate::service::Service;
 
-impl<S: Service> Process<'_, S> {
+impl Process<'_> {
     pub(super) fn run_lockstep(&mut self) -> Ending {
         let mut clock = self.read_clock();
         let mut moved = Roles::ALL;
@@ -28,7 +26,7 @@ impl<S: Service> Process<'_, S> {
             }
             // Marks first, samples second: what a mark promises is then certainly here.
             self.read_marks(&mut moved);
-            self.executor.inputs.receive_if_moved(moved);
+            self.executor.component.parts().receive_if_moved(moved);
             moved = Roles::default();
             let allowed_ns = clock.allowed_ns.min(clock.end_ns).min(self.leave_ns);
             let node = self.executor.node();

@@ -4,10 +4,8 @@ use super::{Ending, Process, WAIT_LIMIT};
 use crate::clock::{WallMap, mono_now_ns, sleep_until};
 use crate::executor::StepStamps;
 use crate::graph::{Edge, Graph, Roles};
-use crate::input::InputSet as _;
-use crate::output::{Output, OutputSet as _, OutputVisitor};
+use crate::output::{Output, OutputVisitor};
 use crate::ownership::{MarkView as _, SeatMarks};
-use crate::service::Service;
 use crate::upkeep::count_stretch;
 use core::convert::Infallible;
 use core::time::Duration;
@@ -16,12 +14,13 @@ use shared_types::{Role, Sample, Topic};
 /// Longest rest without a look around \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;
 
-impl<S: Service> Process<'_, S> {
+impl Process<'_> {
     pub(super) fn run_realtime(&mut self, wall: WallMap) -> Ending {
-        let Ok(()) = self.executor.outputs.visit(&mut Hurry { graph: &self.graph, wall });
+        let hurry = &mut Hurry { graph: &self.graph, wall };
+        let Ok(()) = self.executor.component.visit_outputs(hurry);
         // Connections take a millisecond: they are made in the countdown, not in the first step.
         self.read_marks(&mut Roles::default());
-        self.executor.inputs.receive();
+        self.executor.component.receive();
         loop {
             let mut ending = None;
             let allocations = count_stretch(&mut || ending = self.pass(&wall));
@@ -77,7 +76,7 @@ impl<S: Service> Process<'_, S> {
                 return None;
             }
             let start_mono_ns = mono_now_ns();
-            self.executor.inputs.receive();
+            self.executor.component.receive();
             return Some(start_mono_ns);
         }
         if !self.inputs_decided(wall) {
@@ -108,7 +107,7 @@ impl<S: Service> Process<'_, S> {
                 return due_mono_ns <= limit_mono_ns;
             }
             if self.listener.wait(Duration::from_nanos(left_ns)) {
-                self.executor.inputs.receive();
+                self.executor.component.receive();
             }
         }
     }
@@ -129,7 +128,7 @@ impl<S: Service> Process<'_, S> {
     /// after a wait: look around and try again.
     fn inputs_decided(&mut self, wall: &WallMap) -> bool {
         self.read_marks(&mut Roles::default());
-        self.executor.inputs.receive();
+        self.executor.component.receive();
         let t_ns = self.executor.mark_ns();
         let lead_ns = self.executor.node().lead_ns;
         let role = self.executor.node().role;

@@ -5,7 +5,6 @@ use crate::graph::{Graph, Roles};
 use crate::input::Source as _;
 use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
 use crate::output::Sink as _;
-use crate::service::Service;
 use shared_types::wire::hash_bytes;
 use shared_types::{OwnerRecord, Progress, Role, RollEntry, Seat, TopicInfo, topics};
 
@@ -60,7 +59,7 @@ impl SlotReader {
     }
 }
 
-impl<S: Service> Process<'_, S> {
+impl Process<'_> {
     /// Learns who has come and gone, and who owns which slot from when.
     pub(super) fn look_around(&mut self) {
         let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);

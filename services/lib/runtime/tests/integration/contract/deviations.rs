@@ -4,7 +4,7 @@ use core::cell::RefCell;
 use runtime::executor::StepStamps;
 use runtime::graph::Edge;
 use runtime::{
-    Executor, InputSet as _, MissPolicy, Node, Place, Rate, Service, Sink, Source, inputs, outputs,
+    Component, Executor, MissPolicy, Node, Place, Rate, Service, Sink, Source, inputs, outputs,
 };
 use shared_types::{
     Deviation, DeviationKind, Header, Imu, PoseFix, Role, Sample, StateEstimate, topics,
@@ -80,7 +80,7 @@ impl Sink<Deviation> for Log {
 const MS: u64 = 1_000_000;
 
 struct Bench {
-    executor: Executor<Idle>,
+    executor: Executor,
     imu: Wire<Imu>,
     log: Log,
 }
@@ -90,9 +90,11 @@ impl Bench {
         let rate = Rate::from_hz(1000.0).expect("a possible rate");
         let role = Role::Estimator;
         let node = Node { role, rate, lead_ns: 0, input_deadline_ns: 0, miss_policy };
-        let mut executor = Executor::new(Idle::default(), node, Place { seat: 0, generation }, 1);
+        let component = Component::new(Idle::default(), 1);
+        let mut executor = Executor::new(component, node, Place { seat: 0, generation });
         let (imu, log) = (Wire::default(), Log::default());
-        executor.inputs.imu.connect(Box::new(Queue(Rc::clone(&imu))), None);
+        let input = executor.component.input(&topics::IMU).expect("it reads that");
+        input.connect(Box::new(Queue(Rc::clone(&imu))), None);
         executor.deviations.connect(Box::new(log.clone()), 0);
         Self { executor, imu, log }
     }
@@ -119,11 +121,12 @@ impl Bench {
     /// Lets the samples come along an arrow whose producers have numbers of their own.
     fn comes_from_a_slot(&mut self) {
         let edge = Edge::unwaited(&topics::WRENCH_COMMAND.info, Role::Estimator);
-        self.executor.inputs.imu.connect(Box::new(Queue(Rc::clone(&self.imu))), Some(edge));
+        let input = self.executor.component.input(&topics::IMU).expect("it reads that");
+        input.connect(Box::new(Queue(Rc::clone(&self.imu))), Some(edge));
     }
 
     fn step(&mut self) -> Vec<(DeviationKind, u64, u64)> {
-        self.executor.inputs.receive();
+        self.executor.component.receive();
         self.executor.run_step(StepStamps::UNTIMED);
         self.told().iter().map(|d| (d.kind, d.first, d.last)).collect()
     }
@@ -154,14 +157,14 @@ fn late_and_lost_samples_are_told_by_their_numbers_at_the_step_that_had_to_do_wi
     assert_eq!(bench.step(), [(DeviationKind::LateSamples, 2, 3)]);
     bench.arrives(8);
     (0..3).for_each(|_| assert_eq!(bench.step(), []));
-    bench.executor.inputs.receive();
+    bench.executor.component.receive();
     bench.executor.run_step(StepStamps::UNTIMED);
     let told = bench.told();
     assert_eq!((told[0].kind, told[0].first, told[0].last), (DeviationKind::LostSamples, 5, 7));
     assert_eq!(told[0].input_name(), "imu");
     assert_eq!(told[0].header.release_ns, 7 * MS);
     assert_eq!((told[0].role, told[0].header.seat), (Role::Estimator, Role::Estimator.0));
-    let counts = bench.executor.inputs.counts();
+    let counts = bench.executor.component.counts();
     assert_eq!((counts.late, counts.lost), (2, 3));
 }
 
@@ -170,7 +173,7 @@ fn a_late_sample_tells_since_when_it_was_due() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     (0..5).for_each(|_| drop(bench.step()));
     bench.arrives(3);
-    bench.executor.inputs.receive();
+    bench.executor.component.receive();
     bench.executor.run_step(StepStamps::UNTIMED);
     let told = bench.told();
     let late = told.iter().find(|d| d.kind == DeviationKind::LateSamples);
@@ -190,7 +193,7 @@ fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers
         bench.says((1, 0), 9 + instant_ms, instant_ms);
     }
     bench.says((1, 1), 500, 3);
-    bench.executor.inputs.receive();
+    bench.executor.component.receive();
     bench.executor.run_step(StepStamps::UNTIMED);
     let mut late: Vec<_> = bench
         .told()
@@ -200,7 +203,7 @@ fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers
         .collect();
     late.sort_unstable();
     assert_eq!(late, [((0, 0), 80, 81, 1), ((1, 0), 10, 11, 1), ((1, 1), 500, 500, 3)]);
-    assert_eq!(bench.executor.inputs.counts().late, 5);
+    assert_eq!(bench.executor.component.counts().late, 5);
 }
 
 #[test]
@@ -211,7 +214,7 @@ fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range_whoever_repe
         (0..5).for_each(|_| drop(bench.step()));
         bench.says((0, repeated_by), 4, 3);
         bench.says((0, 1), 5, 4);
-        bench.executor.inputs.receive();
+        bench.executor.component.receive();
         bench.executor.run_step(StepStamps::UNTIMED);
         bench.executor.finish();
         let told = bench.told();
@@ -262,15 +265,14 @@ fn each_life_of_a_process_numbers_its_deviations_for_itself() {
     let mut first = Bench::new(MissPolicy::CatchUp, 0);
     first.arrives(1);
     first.step();
-    let mut state = vec![0; runtime::service::state_size::<Idle>()];
+    let layout = *first.executor.component.layout();
+    let mut state = vec![0; layout.state_size()];
     let header = runtime::StateHeader {
-        layout_hash: runtime::service::state_layout::<Idle>(),
+        layout_hash: layout.hash(),
         release_index: 4,
         ..runtime::StateHeader::default()
     };
-    let executor = &first.executor;
-    let service = executor.service();
-    runtime::service::pack_state(service, &header, &executor.inputs, &executor.outputs, &mut state);
+    first.executor.component.pack(&header, &mut state);
     let mut second = Bench::new(MissPolicy::CatchUp, 3);
     second.executor.restore(&state).unwrap();
     second.executor.run_step(StepStamps::UNTIMED);

@@ -2,10 +2,9 @@
 
 use core::cell::RefCell;
 use proptest::prelude::*;
-use runtime::service::{state_layout, state_size};
 use runtime::{
-    Executor, InputSet as _, MissPolicy, Node, Place, Rate, RestoreError, Service, Sink, Source,
-    StateHeader, StateSink, StepStamps, inputs, outputs,
+    Component, Executor, Layout, MissPolicy, Node, Place, Rate, RestoreError, Service, Sink,
+    Source, StateHeader, StateSink, StepStamps, inputs, outputs,
 };
 use shared_types::wire::Value as _;
 use shared_types::{Header, Imu, LoopStats, PoseFix, Role, StateEstimate, WrenchCommand, topics};
@@ -136,31 +135,34 @@ fn node(hz: f64, miss_policy: MissPolicy) -> Node {
 }
 
 struct Bench {
-    executor: Executor<Sum>,
+    executor: Executor,
     until_ns: Rc<RefCell<u64>>,
     last: Rc<RefCell<(Header, Vec<u8>)>>,
 }
 
 impl Bench {
     fn new(hz: f64, state_every: u64) -> Self {
-        let mut executor = Executor::new(
-            Sum::default(),
-            node(hz, MissPolicy::CatchUp),
-            Place::default(),
-            state_every,
-        );
+        let component = Component::new(Sum::default(), state_every);
+        let mut executor =
+            Executor::new(component, node(hz, MissPolicy::CatchUp), Place::default());
         let until_ns = Rc::new(RefCell::new(0));
         let source = Endless { next: 0, until_ns: Rc::clone(&until_ns) };
-        executor.inputs.imu.connect(Box::new(source), None);
-        executor.outputs.state_estimate.connect(Box::new(Nowhere), 0);
-        let last = Rc::new(RefCell::new((Header::default(), vec![0; state_size::<Sum>()])));
+        executor
+            .component
+            .input(&topics::IMU)
+            .expect("it reads that")
+            .connect(Box::new(source), None);
+        let output = executor.component.output(&topics::STATE_ESTIMATE);
+        output.expect("it writes that").connect(Box::new(Nowhere), 0);
+        let last =
+            Rc::new(RefCell::new((Header::default(), vec![0; Layout::of::<Sum>().state_size()])));
         executor.connect_state(Box::new(Last(Rc::clone(&last))));
         Self { executor, until_ns, last }
     }
 
     fn step(&mut self) {
         *self.until_ns.borrow_mut() = self.executor.mark_ns();
-        self.executor.inputs.receive();
+        self.executor.component.receive();
         self.executor.run_step(StepStamps::UNTIMED);
     }
 
@@ -211,7 +213,8 @@ proptest! {
         let refused = matches!(fresh.executor.restore(&foreign), Err(RestoreError::Layout { .. }));
         prop_assert!(refused);
         prop_assert_eq!(fresh.executor.mark_ns(), 0);
-        prop_assert!(fresh.executor.inputs.imu.latest().is_none());
+        let imu = fresh.executor.component.input(&topics::IMU);
+        prop_assert!(imu.expect("it reads that").latest().is_none());
     }
 }
 
@@ -219,10 +222,10 @@ proptest! {
 fn another_service_refuses_the_state_and_names_both_layouts() {
     let mut bench = Bench::new(1000.0, 1);
     bench.step();
-    let mut other =
-        Executor::new(Other::default(), node(1000.0, MissPolicy::Hold), Place::default(), 1);
+    let other = Component::new(Other::default(), 1);
+    let mut other = Executor::new(other, node(1000.0, MissPolicy::Hold), Place::default());
     let error = other.restore(&bench.state()).unwrap_err();
-    let (theirs, ours) = (state_layout::<Sum>(), state_layout::<Other>());
+    let (theirs, ours) = (Layout::of::<Sum>().hash(), Layout::of::<Other>().hash());
     assert_eq!(error, RestoreError::Layout { theirs, ours });
     let text = error.to_string();
     assert!(text.contains(&format!("{theirs:016x}")) && text.contains(&format!("{ours:016x}")));
@@ -262,8 +265,10 @@ fn each_miss_policy_does_what_it_says() {
         (MissPolicy::CatchUp, 0, 0, 1),
     ];
     for (policy, mark_ns, skipped, caught_up) in expected {
-        let mut executor = Executor::new(Sum::default(), node(150.0, policy), Place::default(), 1);
-        let last = Rc::new(RefCell::new((Header::default(), vec![0; state_size::<Sum>()])));
+        let component = Component::new(Sum::default(), 1);
+        let mut executor = Executor::new(component, node(150.0, policy), Place::default());
+        let last =
+            Rc::new(RefCell::new((Header::default(), vec![0; Layout::of::<Sum>().state_size()])));
         executor.connect_state(Box::new(Last(Rc::clone(&last))));
         executor.apply_miss_policy(6_666_665);
         assert_eq!(executor.mark_ns(), 0, "not late before the next release");
@@ -278,7 +283,7 @@ fn each_miss_policy_does_what_it_says() {
 #[test]
 fn a_source_that_works_ahead_is_never_late() {
     let node = Node { lead_ns: 1, ..node(100.0, MissPolicy::Hold) };
-    let mut executor = Executor::new(Sum::default(), node, Place::default(), 1);
+    let mut executor = Executor::new(Component::new(Sum::default(), 1), node, Place::default());
     executor.apply_miss_policy(1_000_000_000);
     assert_eq!(executor.mark_ns(), 0);
 }

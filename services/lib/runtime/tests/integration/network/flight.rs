@@ -38,24 +38,24 @@ fn seats(plan: &Plan, network: &Network) -> Vec<Box<dyn Seat>> {
     let seat = |node: &Node| -> Box<dyn Seat> {
         let (node, every) = (*node, plan.state_every);
         match node.role {
-            Role::Plant => Box::new(Worker::<toys::plant::Toy>::new(graph, node, network, every)),
+            Role::Plant => Box::new(Worker::new::<toys::plant::Toy>(graph, node, network, every)),
             Role::Estimator => {
-                Box::new(Worker::<toys::estimator::Toy>::new(graph, node, network, every))
+                Box::new(Worker::new::<toys::estimator::Toy>(graph, node, network, every))
             }
             Role::Position => {
-                Box::new(Worker::<toys::position::Toy>::new(graph, node, network, every))
+                Box::new(Worker::new::<toys::position::Toy>(graph, node, network, every))
             }
             Role::Attitude => {
-                Box::new(Worker::<toys::attitude::Toy>::new(graph, node, network, every))
+                Box::new(Worker::new::<toys::attitude::Toy>(graph, node, network, every))
             }
             Role::Disturbance => {
-                Box::new(Worker::<toys::disturbance::Toy>::new(graph, node, network, every))
+                Box::new(Worker::new::<toys::disturbance::Toy>(graph, node, network, every))
             }
             Role::Monitor => {
-                Box::new(Worker::<toys::monitor::Toy>::new(graph, node, network, every))
+                Box::new(Worker::new::<toys::monitor::Toy>(graph, node, network, every))
             }
-            _ if rig => Box::new(Worker::<toys::rig_pilot::Toy>::new(graph, node, network, every)),
-            _ => Box::new(Worker::<toys::pilot::Toy>::new(graph, node, network, every)),
+            _ if rig => Box::new(Worker::new::<toys::rig_pilot::Toy>(graph, node, network, every)),
+            _ => Box::new(Worker::new::<toys::pilot::Toy>(graph, node, network, every)),
         }
     };
     graph.nodes().iter().map(seat).collect()

@@ -3,8 +3,8 @@
 use super::transport::{Network, Outbox, Shared, StateKeeper, StatsSink, shared};
 use core::convert::Infallible;
 use runtime::{
-    Executor, Graph, Input, InputCounts, InputSet as _, InputVisitor, Node, Output, OutputSet as _,
-    OutputVisitor, Place, Service, StepStamps,
+    Component, Executor, Graph, Input, InputCounts, InputVisitor, Node, Output, OutputVisitor,
+    Place, Service, StepStamps,
 };
 use shared_types::{Header, Role, Sample, Topic};
 use std::rc::Rc;
@@ -25,8 +25,10 @@ pub(crate) trait Seat {
     fn unseen(&self) -> usize;
 }
 
-pub(crate) struct Worker<S: Service + Default> {
-    executor: Executor<S>,
+pub(crate) struct Worker {
+    executor: Executor,
+    /// Makes a successor's component.
+    build: fn(u64) -> Component,
     graph: Graph,
     network: Network,
     outbox: Outbox,
@@ -35,10 +37,17 @@ pub(crate) struct Worker<S: Service + Default> {
     generation: u32,
 }
 
-impl<S: Service + Default> Worker<S> {
-    pub(crate) fn new(graph: &Graph, node: Node, network: &Network, state_every: u64) -> Self {
+impl Worker {
+    pub(crate) fn new<S: Service + Default + 'static>(
+        graph: &Graph,
+        node: Node,
+        network: &Network,
+        state_every: u64,
+    ) -> Self {
+        let build = |state_every| Component::new(S::default(), state_every);
         let mut worker = Self {
-            executor: Executor::new(S::default(), node, Place::default(), state_every),
+            executor: Executor::new(build(state_every), node, Place::default()),
+            build,
             graph: graph.clone(),
             network: network.clone(),
             outbox: shared(std::collections::VecDeque::new()),
@@ -54,15 +63,15 @@ impl<S: Service + Default> Worker<S> {
         let role = self.executor.node().role;
         let mut ports =
             Ports { network: &self.network, graph: &self.graph, role, outbox: &self.outbox };
-        let Ok(()) = self.executor.inputs.visit(&mut ports);
-        let Ok(()) = self.executor.outputs.visit(&mut ports);
+        let Ok(()) = self.executor.component.visit_inputs(&mut ports);
+        let Ok(()) = self.executor.component.visit_outputs(&mut ports);
         self.executor.stats.connect(Box::new(StatsSink { log: Rc::clone(&self.network.log) }), 0);
         let (outbox, last) = (Rc::clone(&self.outbox), Rc::clone(&self.last_state));
         self.executor.connect_state(Box::new(StateKeeper { outbox, last }));
     }
 }
 
-impl<S: Service + Default> Seat for Worker<S> {
+impl Seat for Worker {
     fn node(&self) -> Node {
         *self.executor.node()
     }
@@ -70,15 +79,16 @@ impl<S: Service + Default> Seat for Worker<S> {
         self.executor.mark_ns()
     }
     fn receive(&mut self) {
-        self.executor.inputs.receive();
+        self.executor.component.receive();
     }
     fn step(&mut self) {
         let role = self.executor.node().role;
-        let Ok(()) = self.executor.inputs.visit(&mut Measure { network: &self.network, role });
+        let mut measure = Measure { network: &self.network, role };
+        let Ok(()) = self.executor.component.visit_inputs(&mut measure);
         self.executor.run_step(StepStamps::UNTIMED);
     }
     fn counts(&self) -> InputCounts {
-        self.executor.inputs.counts()
+        self.executor.component.counts()
     }
     fn restart(&mut self, survivors: usize) {
         self.deliver(survivors);
@@ -87,7 +97,7 @@ impl<S: Service + Default> Seat for Worker<S> {
         self.network.log.borrow_mut().restarts += 1;
         let node = *self.executor.node();
         let place = Place { seat: 0, generation: self.generation };
-        self.executor = Executor::new(S::default(), node, place, self.state_every);
+        self.executor = Executor::new((self.build)(self.state_every), node, place);
         self.connect();
         if let Some((_, state)) = &*self.last_state.borrow() {
             self.executor.restore(state).expect("the state of the same build fits");

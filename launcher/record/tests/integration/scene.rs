@@ -1,9 +1,9 @@
 //! What viewers are told, taken apart again with descriptors alone.
 
-use super::{CHANNELS, LAYOUT, Scene};
 use core::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
+use record::scene::{CHANNELS, LAYOUT, Scene, plotjuggler_layout};
 use shared_types::wire::{Kind, Schema};
 use shared_types::{
     ActuatorState, Disturbance, Header, Quaternion, Reference, ReferencePoint, Sample, Topic,
@@ -270,19 +270,19 @@ fn schemas() -> BTreeMap<String, Schema> {
 
 #[test]
 fn the_layout_for_plotjuggler_asks_only_for_what_a_recording_has_and_names_it() {
-    let layout = super::plotjuggler_layout("/tmp/a & b/<x>.mcap");
+    let layout = plotjuggler_layout("/tmp/a & b/<x>.mcap");
     assert!(layout.contains("filename=\"/tmp/a &amp; b/&lt;x&gt;.mcap\""), "{layout}");
-    let quoted = |text: &'static str, key: &str| -> Vec<String> {
+    let quoted = |text: &str, key: &str| -> Vec<String> {
         let key = format!(" {key}=\"");
         let parts = text.split(key.as_str()).skip(1);
         parts.filter_map(|part| part.split('"').next()).map(str::to_owned).collect()
     };
-    let selected = quoted(super::PLOTJUGGLER_LAYOUT, "selected_topics").concat();
+    let selected = quoted(&layout, "selected_topics").concat();
     let schemas = schemas();
     for topic in selected.split(';') {
         assert!(schemas.contains_key(topic) || topic == "/events", "{topic}");
     }
-    let curves = ["name", "curve_x", "curve_y"].map(|key| quoted(super::PLOTJUGGLER_LAYOUT, key));
+    let curves = ["name", "curve_x", "curve_y"].map(|key| quoted(&layout, key));
     let paths: Vec<_> = curves.into_iter().flatten().filter(|name| name.starts_with('/')).collect();
     assert!(paths.len() > 15, "{paths:?}");
     for path in paths {

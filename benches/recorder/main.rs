@@ -1,14 +1,21 @@
-//! What a sample and a state cost the recorder, compression and file included, and how much of a disk a
-//! flight takes.
+//! What a sample and a state cost the recorder, compression and file included, how much of a disk a flight
+//! takes, and what the recorder takes through shared memory: a flight's samples at 200 000 a second, and in
+//! bursts that fill the rings.
 
+#[path = "../../tests/burst/mod.rs"]
+#[allow(dead_code, reason = "each user takes its own part")]
+mod burst;
+mod offered;
+#[path = "../tape/mod.rs"]
 #[allow(dead_code, reason = "each bench uses its own part")]
 mod tape;
 
 use core::time::Duration;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use offered::RecorderPlan;
 use record::{Clock, Facts, Machine, Recording};
 use runtime::clock::mono_now_ns;
-use scenario::Scenario;
+use scenario::{Override, Scenario};
 use shared_types::{Header, Role};
 use std::io::Write as _;
 use std::path::Path;
@@ -33,6 +40,20 @@ fn open(path: &Path) -> Recording {
         continues: None,
     };
     Recording::create(path, &facts).expect("room for a recording")
+}
+
+/// Through shared memory, before anything else: a process can do this once, as its first use of the transport.
+fn offered(_: &mut Criterion) {
+    let duration = Override::duration(Duration::from_secs(2));
+    let plan = RecorderPlan {
+        scenario: Scenario::load(SCENARIO, &[duration]).expect("it is shipped"),
+        per_s: 200_000,
+        for_ns: 2_000_000_000,
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let report = offered::measure(&plan, folder.path()).expect("room for its rings");
+    let _ = writeln!(std::io::stdout(), "{report}");
+    assert!(report.holds(), "{report:?}");
 }
 
 fn recorder(criterion: &mut Criterion) {
@@ -85,5 +106,5 @@ fn recorder(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, recorder);
+criterion_group!(benches, offered, recorder);
 criterion_main!(benches);

@@ -1,7 +1,7 @@
 //! Finished files, read back by the format's own reader.
 
-use crate::{Clock, Event, Facts, Machine, RecordError, Recording, Severity};
 use mcap::{MessageStream, Summary};
+use record::{Clock, Event, Facts, Machine, RecordError, Recording, Severity};
 use shared_types::{Header, Imu, Role, Truth, WrenchCommand, topics};
 use std::collections::BTreeMap;
 use std::fs;

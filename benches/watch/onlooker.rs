@@ -1,11 +1,11 @@
 //! Somebody who has a flight's live page open, and a viewer that shows every topic, for a measurement.
 
+use crate::flown;
 use core::sync::atomic::{AtomicU64, Ordering};
-use scenario::process::OWN_EXECUTABLE;
 use serde_json::{Value, json};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdout, Stdio};
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -20,7 +20,7 @@ const PROTOCOL: &str = "foxglove.sdk.v1";
 
 /// `morphquad live` beside a run, its page and its viewer.
 #[derive(Debug)]
-pub(super) struct Onlooker {
+pub(crate) struct Onlooker {
     child: Child,
     page: SocketAddr,
     received: Arc<AtomicU64>,
@@ -30,8 +30,8 @@ pub(super) struct Onlooker {
 
 impl Onlooker {
     /// Of a run by its name; none if it cannot be shown.
-    pub(super) fn of(run: &str) -> Option<Self> {
-        let mut child = Command::new(OWN_EXECUTABLE)
+    pub(crate) fn of(run: &str) -> Option<Self> {
+        let mut child = flown::morphquad()
             .args(["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -55,7 +55,7 @@ impl Onlooker {
     }
 
     /// Has the page ask for what is new, as it does five times a second; true if it was told.
-    pub(super) fn look(&self) -> bool {
+    pub(crate) fn look(&self) -> bool {
         let ask = format!(
             "GET /flight?since_s=1e9 HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n",
             self.page
@@ -72,7 +72,7 @@ impl Onlooker {
     }
 
     /// Messages that the viewer was sent.
-    pub(super) fn received(&self) -> u64 {
+    pub(crate) fn received(&self) -> u64 {
         self.received.load(Ordering::Relaxed)
     }
 }
@@ -124,27 +124,4 @@ fn subscription(text: &str) -> Option<String> {
 /// Address in a line that tells one.
 fn address(line: &str) -> Option<SocketAddr> {
     line.split_once("://")?.1.split(['/', ' ', '\n']).next()?.parse().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{address, subscription};
-
-    #[test]
-    fn addresses_are_taken_out_of_what_is_printed() {
-        let page = address("live  http://127.0.0.1:4321/#token=00ff\n");
-        assert_eq!(page, Some("127.0.0.1:4321".parse().unwrap()));
-        let socket = address("live  ws://127.0.0.1:8765 (Foxglove WebSocket)\n");
-        assert_eq!(socket, Some("127.0.0.1:8765".parse().unwrap()));
-        assert_eq!(address("morphquad: no run is in the air\n"), None);
-    }
-
-    #[test]
-    fn everything_that_is_advertised_is_subscribed_to() {
-        let wish =
-            subscription(r#"{"op":"advertise","channels":[{"id":7,"topic":"imu"},{"id":9}]}"#);
-        let wish: serde_json::Value = serde_json::from_str(&wish.unwrap()).unwrap();
-        assert_eq!(wish["subscriptions"][1], serde_json::json!({ "id": 9, "channelId": 9 }));
-        assert_eq!(subscription(r#"{"op":"serverInfo"}"#), None);
-    }
 }

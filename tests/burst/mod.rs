@@ -1,7 +1,7 @@
 //! What the recorder takes: samples and states of a flight, offered through shared memory faster than a
-//! flight publishes them, to what a launcher drains and records with.
+//! flight publishes them, to what a launcher drains and records with. Shared with `cargo bench --bench recorder`.
 
-use super::tap::Tap;
+use flight::tap::Tap;
 use observe::{Metrics, Observer};
 use protocol::control::runs::note_measurement;
 use record::{Clock, Facts, Recording};
@@ -191,7 +191,7 @@ impl Buses<'_> {
 }
 
 /// A recorder with a flight that is offered to it, on and on.
-pub struct Burst {
+pub(crate) struct Burst {
     tape: Tape,
     next: usize,
     round: u64,
@@ -221,10 +221,7 @@ impl Burst {
     /// Flies the scenario in this process, keeps what it publishes, and opens everything that a
     /// launcher drains; `id` names a run of its own. A process can do this once, as its first use of
     /// the transport.
-    ///
-    /// # Errors
-    /// [`RunError`].
-    pub fn prepare(options: RunOptions, id: &str) -> Result<Self, RunError> {
+    pub(crate) fn prepare(options: RunOptions, id: &str) -> Result<Self, RunError> {
         require_shared_memory()?;
         let not_ready =
             |error: simulate::in_process::InProcessError| RunError::NotReady(error.to_string());
@@ -285,14 +282,14 @@ impl Burst {
     }
 
     /// Publishes the next `count` samples and states of the flight as fast as it can.
-    pub fn offer(&mut self, count: u64) {
+    pub(crate) fn offer(&mut self, count: u64) {
         for _ in 0..count {
             self.offer_one();
         }
     }
 
     /// Publishes as many as the recorder's readers keep, and tells how many.
-    pub fn fill(&mut self) -> u64 {
+    pub(crate) fn fill(&mut self) -> u64 {
         let mut count = 0;
         loop {
             let lane = self.tape.order[self.next];
@@ -305,7 +302,7 @@ impl Burst {
     }
 
     /// As [`fill`](Self::fill), whatever waits to be drained: what has not been drained is pushed out.
-    pub fn fill_again(&mut self) -> u64 {
+    pub(crate) fn fill_again(&mut self) -> u64 {
         self.forget_waiting();
         self.fill()
     }
@@ -328,29 +325,24 @@ impl Burst {
     }
 
     /// What the launcher does every millisecond.
-    pub fn drain(&mut self) {
+    pub(crate) fn drain(&mut self) {
         self.tap.drain(mono_now_ns());
         self.forget_waiting();
     }
 
     /// Samples and states of the flight, once.
-    #[must_use]
-    pub fn per_flight(&self) -> usize {
+    pub(crate) fn per_flight(&self) -> usize {
         self.tape.order.len()
     }
 
     /// So many of each topic, and of each role's states under `state/`, so far.
-    #[must_use]
-    pub fn offered(&self) -> BTreeMap<String, u64> {
+    pub(crate) fn offered(&self) -> BTreeMap<String, u64> {
         let names = self.tape.lanes.iter().map(|lane| lane.name());
         names.zip(self.offered.iter().map(|(all, _)| *all)).collect()
     }
 
     /// Ends the recording as a flight does.
-    ///
-    /// # Errors
-    /// [`RunError::Wiring`].
-    pub fn finish(mut self) -> Result<Summary, RunError> {
+    pub(crate) fn finish(mut self) -> Result<Summary, RunError> {
         self.drain();
         let flown_ns = self.options.scenario.duration_ns();
         let ended = Ended {

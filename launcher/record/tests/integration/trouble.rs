@@ -1,9 +1,9 @@
 //! Full disks and abandoned recordings.
 
-use super::file::{facts, imu};
-use crate::{Clock, RecordError, Recording};
+use crate::file::{facts, imu};
 use mcap::MessageStream;
 use mcap::read::Options;
+use record::{Clock, RecordError, Recording};
 use shared_types::topics;
 use std::collections::BTreeMap;
 use std::io::{self, Write};

@@ -1,6 +1,5 @@
 //! Every field of every topic, through bytes and an independent protobuf reader and back.
 
-use crate::{decode, descriptor_set, encode, full_name};
 use proptest::prelude::{
     ProptestConfig, any, prop_assert, prop_assert_eq, prop_assert_ne, proptest,
 };
@@ -8,6 +7,7 @@ use proptest::test_runner::TestCaseError;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value as Read};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use record::{decode, descriptor_set, encode, full_name};
 use shared_types::topics::visit_all;
 use shared_types::wire::{Field, Kind, Schema, Value as _, Visitor, Wire};
 use shared_types::{Imu, Sample, Topic, TopicVisitor};

@@ -1,11 +1,12 @@
-//! `morphquad bench watch --live`: what viewers cost a flight. They come and go within one flight, so that
+//! What viewers of the live page cost a flight. They come and go within one flight, so that
 //! both kinds of stretch have the same processes in the same places, and nearly the same mood of the machine.
 
-use super::BenchError;
-use super::loops::{self, LoopsPlan, Measured};
-use super::measure::Moment;
-use super::onlooker::Onlooker;
-use super::watch::{Told, WatchReport};
+use crate::onlooker::Onlooker;
+use crate::report::{Told, WatchReport};
+use bench::BenchError;
+use bench::loops::{self, LoopsPlan, Measured};
+use bench::measure::Moment;
+use bench::series::Series;
 use core::time::Duration;
 use protocol::control::runs;
 use runtime::clock::mono_now_ns;
@@ -39,26 +40,21 @@ struct Turns {
 }
 
 /// How long the flight must be for so many rounds of two stretches.
-#[must_use]
-pub fn flight_for(rounds: usize, stretch: Duration) -> Duration {
+pub(crate) fn flight_for(rounds: usize, stretch: Duration) -> Duration {
     let stretches = u32::try_from(2 * rounds).unwrap_or(u32::MAX);
     // To start a server takes its time as well.
     2 * BEGIN + (stretch + 2 * SETTLE).saturating_mul(stretches)
 }
 
 /// Flies, and lets viewers come and go meanwhile.
-///
-/// # Errors
-/// [`BenchError`] if nothing was measured.
-pub fn measure(
+pub(crate) fn measure(
     plan: &LoopsPlan,
     rounds: usize,
     stretch: Duration,
-    done: &(dyn Fn() + Sync),
 ) -> Result<(WatchReport, Summary), BenchError> {
     let (flying, over) = mpsc::channel();
     let (measured, turns) = thread::scope(|scope| {
-        let turns = scope.spawn(move || take_turns(&over, rounds, stretch, done));
+        let turns = scope.spawn(move || take_turns(&over, rounds, stretch));
         let measured = loops::measure(plan);
         drop(flying);
         (measured, turns.join().unwrap_or_default())
@@ -80,12 +76,7 @@ pub fn measure(
 }
 
 /// Comes and goes until the rounds are done or the flight is over.
-fn take_turns(
-    over: &Receiver<()>,
-    rounds: usize,
-    stretch: Duration,
-    done: &(dyn Fn() + Sync),
-) -> Turns {
+fn take_turns(over: &Receiver<()>, rounds: usize, stretch: Duration) -> Turns {
     let mut turns = Turns::default();
     let waits = |time| over.recv_timeout(time) == Err(RecvTimeoutError::Timeout);
     let own = || {
@@ -115,7 +106,6 @@ fn take_turns(
             }
             turns.received += onlooker.as_ref().map_or(0, Onlooker::received);
             turns.stretches.push(Stretch { round, watched, span_ns: [from_ns, mono_now_ns()] });
-            done();
         }
     }
     turns
@@ -131,7 +121,7 @@ fn told(measured: &Measured, [from_ns, to_ns]: [u64; 2]) -> Vec<Told> {
     let mut all = Vec::new();
     for (name, steps) in &measured.steps {
         let moments = || steps.moments.iter().filter(|moment| within(moment.t_s));
-        let of = |figure: fn(&Moment) -> f64| p99(moments().map(figure).collect());
+        let of = |figure: fn(&Moment) -> f64| p99_us(moments().map(figure));
         let figures = [("lateness", of(|m| m.lateness_us)), ("compute", of(|m| m.compute_us))];
         all.extend(
             figures.into_iter().filter_map(|(figure, us)| Some((name.clone(), figure, us?))),
@@ -140,32 +130,13 @@ fn told(measured: &Measured, [from_ns, to_ns]: [u64; 2]) -> Vec<Told> {
     for (name, chains) in &measured.chains {
         let chains = chains.warm.iter().filter(|chain| within(chain.release_ns as f64 * 1e-9));
         let us = chains.map(|chain| chain.from_publication_ns() as f64 * 1e-3);
-        all.extend(p99(us.collect()).map(|us| (name.clone(), "path", us)));
+        all.extend(p99_us(us).map(|us| (name.clone(), "path", us)));
     }
     all
 }
 
-/// What 99 % of the values do not exceed; none of none.
-fn p99(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let rank = (values.len() * 99).div_ceil(100);
-    values.get(rank.checked_sub(1)?).copied()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ninety_nine_of_a_hundred_values_are_at_most_the_99_percent() {
-        assert_eq!(p99((1..=1000).rev().map(f64::from).collect()), Some(990.0));
-        assert_eq!(p99(vec![3.0, 5.0, 4.0]), Some(5.0));
-        assert_eq!(p99(Vec::new()), None);
-    }
-
-    #[test]
-    fn a_flight_is_long_enough_for_all_its_stretches() {
-        let flight = flight_for(20, Duration::from_secs(3));
-        assert_eq!(flight, Duration::from_secs(4 + 40 * 4));
-    }
+/// What 99 % of the durations do not exceed; none of none \[us\].
+fn p99_us(durations_us: impl Iterator<Item = f64>) -> Option<f64> {
+    let ns = |us: f64| shared_types::time::ns_from_s(us * 1e-6);
+    durations_us.map(ns).collect::<Series>().quantiles().map(|told| told.p99_us)
 }

@@ -1,12 +1,14 @@
 //! Recordings as they were written, cut, damaged, foreign and from other builds.
 
-use super::{ReadError, RecordVisitor, RecordedEvent, RecordedFlight, RecoverError, recover};
-use crate::{Branched, Clock, Continued, Event, Facts, Machine, Recording, Severity};
+use components::state_layouts;
 use mcap::Writer;
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use record::read::{
+    ReadError, RecordVisitor, RecordedEvent, RecordedFlight, RecoverError, recover,
+};
+use record::{Branched, Clock, Continued, Event, Facts, Machine, Recording, Severity};
 use scenario::Scenario;
-use scenario::components::state_layouts;
 use shared_types::wire::Value as _;
 use shared_types::{Header, Imu, Role, Sample, Topic, Truth, topics};
 use std::any::Any;

@@ -1,17 +1,16 @@
-//! `morphquad bench recorder`: samples and states of a flight, faster than a flight publishes them, through
-//! shared memory into what a launcher records with.
+//! Samples and states of a flight, faster than a flight publishes them, through shared memory into what a
+//! launcher records with.
 
-use super::{BenchError, run_id};
+use crate::burst::Burst;
 use core::fmt;
-use flight::Burst;
 use record::name_gaps;
 use record::read::{RecordVisitor, RecordedFlight};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::{RECORDER_CAPACITY, STATE_DEPTH};
 use scenario::Scenario;
-use serde::Serialize;
 use shared_types::{Header, Role, Sample, Topic};
 use simulate::{Pin, RunOptions, Speed};
+use std::error::Error;
 use std::path::Path;
 
 /// How often a launcher drains \[ns\].
@@ -21,50 +20,49 @@ const FILLS: u64 = 8;
 
 /// What is offered.
 #[derive(Debug, Clone)]
-pub struct RecorderPlan {
+pub(crate) struct RecorderPlan {
     /// The flight whose samples and states they are.
-    pub scenario: Scenario,
+    pub(crate) scenario: Scenario,
     /// So many a second.
-    pub per_s: u32,
+    pub(crate) per_s: u32,
     /// For so long \[ns\].
-    pub for_ns: u64,
+    pub(crate) for_ns: u64,
 }
 
 /// What became of it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RecorderReport {
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct RecorderReport {
     /// Asked for, per second.
-    pub per_s: u32,
+    pub(crate) per_s: u32,
     /// Offered at that rate.
-    pub paced: u64,
+    pub(crate) paced: u64,
     /// Time that took \[s\].
-    pub paced_s: f64,
+    pub(crate) paced_s: f64,
     /// Drained and recorded, of the time at that rate: the share of one processor.
-    pub busy_share: f64,
+    pub(crate) busy_share: f64,
     /// Each of them \[us\].
-    pub drain_us: f64,
+    pub(crate) drain_us: f64,
     /// Offered in bursts that fill the rings, each before anything is drained.
-    pub burst: u64,
+    pub(crate) burst: u64,
     /// In one of them.
-    pub per_burst: u64,
+    pub(crate) per_burst: u64,
     /// Of the flight's own time that one of them holds \[s\].
-    pub burst_holds_s: f64,
+    pub(crate) burst_holds_s: f64,
     /// Offered per second within a burst, and drained per second after it.
-    pub burst_per_s: [f64; 2],
+    pub(crate) burst_per_s: [f64; 2],
     /// Samples and states in the file.
-    pub in_file: u64,
+    pub(crate) in_file: u64,
     /// What is not, by topic; empty if all is.
-    pub missing: String,
+    pub(crate) missing: String,
     /// Size of the file.
-    pub bytes: u64,
+    pub(crate) bytes: u64,
     /// Why the recording stopped, if it did.
-    pub error: Option<String>,
+    pub(crate) error: Option<String>,
 }
 
 impl RecorderReport {
     /// True if everything that was offered is in the file.
-    #[must_use]
-    pub fn holds(&self) -> bool {
+    pub(crate) fn holds(&self) -> bool {
         self.in_file == self.paced + self.burst && self.missing.is_empty() && self.error.is_none()
     }
 }
@@ -82,10 +80,10 @@ impl RecordVisitor for Count {
 }
 
 /// Offers, drains and reads the file in `folder` again.
-///
-/// # Errors
-/// [`BenchError`].
-pub fn measure(plan: &RecorderPlan, folder: &Path) -> Result<RecorderReport, BenchError> {
+pub(crate) fn measure(
+    plan: &RecorderPlan,
+    folder: &Path,
+) -> Result<RecorderReport, Box<dyn Error>> {
     let flight_s = plan.scenario.duration_ns() as f64 * 1e-9;
     let options = RunOptions {
         scenario: plan.scenario.clone(),
@@ -96,7 +94,7 @@ pub fn measure(plan: &RecorderPlan, folder: &Path) -> Result<RecorderReport, Ben
         progress: false,
         live: None,
     };
-    let mut burst = Burst::prepare(options, &run_id())?;
+    let mut burst = Burst::prepare(options, "b0rec")?;
     let (paced, paced_ns, busy_ns) = pace(&mut burst, plan);
     let (mut filled, mut fill_ns, mut drain_ns) = (0, 0, 0);
     for _ in 0..FILLS {
@@ -110,9 +108,7 @@ pub fn measure(plan: &RecorderPlan, folder: &Path) -> Result<RecorderReport, Ben
     let per_flight = burst.per_flight();
     let summary = burst.finish()?;
     let path = summary.recording.clone().unwrap_or_default();
-    let unreadable =
-        |source| BenchError::System { action: format!("look at {}", path.display()), source };
-    let bytes = std::fs::metadata(&path).map_err(unreadable)?.len();
+    let bytes = std::fs::metadata(&path)?.len();
     let mut count = Count::default();
     let read = RecordedFlight::open(&path).and_then(|flight| flight.visit(&mut count));
     let error = summary.recording_error.clone().or(read.err().map(|error| error.to_string()));

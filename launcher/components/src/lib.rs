@@ -1,0 +1,159 @@
+//! The one table that turns a scenario into components: a new built-in service is a line here.
+//!
+//! It is a crate beside `scenario` because here each service is compiled into what its loop runs, which has to
+//! be fast, and there texts are read, which need not be.
+
+use ::pilot::{Pilot, RigPilot};
+use attitude_lqr::{AttitudeLqr, LqrLaw};
+use attitude_mpc::AttitudeMpc;
+use attitude_pid::{AttitudePid, PidLaw};
+use disturbance_injector::DisturbanceInjector;
+use estimator::Estimator;
+use monitor::Monitor;
+use plant::Plant;
+use position_mpc::{Landing, PositionMpc};
+use position_pid::PositionPid;
+use runtime::{Component, Service};
+use scenario::services::{Crew, names_for};
+use scenario::{Plan, Scenario};
+use shared_types::Role;
+
+/// The pilot is a function of time; its state is a counter.
+const PILOT_STATE_EVERY: u64 = 50;
+
+/// Does something with a service of whatever type.
+pub trait ServiceVisitor {
+    /// What comes of it.
+    type Output;
+    /// Called with the service and the number of steps from one published state to the next.
+    fn visit<S: Service + 'static>(self, service: S, state_every: u64) -> Self::Output;
+}
+
+/// Why a component cannot be built although its scenario is valid.
+pub type BuildError = Box<dyn std::error::Error>;
+
+/// Builds the component that fills `role` when `crew` flies a scenario.
+///
+/// # Errors
+/// The component refuses its configuration.
+pub fn build(crew: &Crew, role: Role, scenario: &Scenario) -> Result<Component, BuildError> {
+    build_service(crew.name(role), scenario)
+}
+
+/// Builds a service by name; the pilot has none.
+///
+/// # Errors
+/// The component refuses its configuration.
+pub fn build_service(name: Option<&str>, scenario: &Scenario) -> Result<Component, BuildError> {
+    struct Forget;
+    impl ServiceVisitor for Forget {
+        type Output = Component;
+        fn visit<S: Service + 'static>(self, service: S, state_every: u64) -> Component {
+            Component::new(service, state_every)
+        }
+    }
+    visit_service(name, scenario, Forget)
+}
+
+/// Builds a service by name, the pilot without one, and hands it to the visitor.
+///
+/// # Errors
+/// The component refuses its configuration.
+pub fn visit_service<V: ServiceVisitor>(
+    name: Option<&str>,
+    scenario: &Scenario,
+    visitor: V,
+) -> Result<V::Output, BuildError> {
+    let settings = scenario.settings();
+    let vehicle = scenario.modelled_vehicle();
+    let after_s = settings.launcher.launcher_grace_s;
+    let landing = Landing { after_s, ..Landing::default() };
+    let yaw_rad = scenario.start_yaw_rad();
+    Ok(match name {
+        Some("plant") => {
+            visitor.visit(Plant::new(&scenario.plant_config()?)?, settings.plant.state_every.into())
+        }
+        Some("estimator") => {
+            let (config, initial) = scenario.filter()?;
+            visitor.visit(Estimator::new(config, &initial)?, settings.estimator.state_every.into())
+        }
+        Some("position-mpc") => {
+            let service = PositionMpc::new(scenario.position_law()?, &vehicle, landing)?;
+            visitor.visit(service, 1)
+        }
+        Some("position-pid") => {
+            let service = PositionPid::new(scenario.position_pid()?, &vehicle, landing)?;
+            visitor.visit(service, 1)
+        }
+        Some("attitude-mpc") => {
+            let service = AttitudeMpc::new(scenario.attitude_law()?, &vehicle, yaw_rad)?;
+            visitor.visit(service, 1)
+        }
+        Some("attitude-lqr") => {
+            let config = scenario.attitude_lqr();
+            let law = LqrLaw::new(config, &vehicle)?;
+            let service = AttitudeLqr::new(law, &vehicle, config.timing, yaw_rad);
+            visitor.visit(service, 1)
+        }
+        Some("attitude-pid") => {
+            let config = scenario.attitude_pid();
+            let service = AttitudePid::new(PidLaw::new(config)?, &vehicle, config.timing, yaw_rad);
+            visitor.visit(service, 1)
+        }
+        Some("disturbance-injector") => {
+            let section = &settings.disturbance_injector;
+            let config = section.injector_config();
+            visitor.visit(
+                DisturbanceInjector::new(&config, settings.scenario.seed)?,
+                section.state_every.into(),
+            )
+        }
+        Some("monitor") => {
+            visitor.visit(Monitor::new(&scenario.monitor_config(landing), &vehicle), 1)
+        }
+        _ => match scenario.plan() {
+            Plan::Flight(config) => {
+                let service = Pilot::new(&config, &vehicle)?;
+                visitor.visit(service, PILOT_STATE_EVERY)
+            }
+            Plan::Rig(config) => {
+                let service = RigPilot::new(&config, &vehicle)?;
+                visitor.visit(service, PILOT_STATE_EVERY)
+            }
+        },
+    })
+}
+
+/// Layout of the published state of the component that fills a role.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StateLayout {
+    /// The role.
+    pub role: Role,
+    /// Type of the component's memory.
+    pub type_name: &'static str,
+    /// Hash of header, outputs, latches and memory.
+    pub hash: u64,
+}
+
+/// Layouts of the states that a scenario's components publish, and of those that others in their
+/// slots would.
+///
+/// # Errors
+/// A component refuses its configuration, or the loops cannot be wired.
+pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError> {
+    let layout = |role: Role, component: &Component| {
+        let layout = component.layout();
+        StateLayout { role, type_name: layout.memory.name, hash: layout.hash() }
+    };
+    let graph = scenario.graph()?;
+    let crew = Crew::of(scenario.settings());
+    let mut layouts = Vec::new();
+    for role in graph.nodes().iter().map(|node| node.role) {
+        layouts.push(layout(role, &build(&crew, role, scenario)?));
+        // Whoever does not fit the scenario has not flown in it.
+        let others = names_for(role).filter(|name| Some(*name) != crew.name(role));
+        let others = others.filter_map(|name| build_service(Some(name), scenario).ok());
+        layouts.extend(others.map(|component| layout(role, &component)));
+    }
+    Ok(layouts)
+}

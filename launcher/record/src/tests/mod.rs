@@ -1,3 +1,0 @@
-mod fields;
-mod file;
-mod trouble;
