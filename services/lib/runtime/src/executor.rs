@@ -230,7 +230,7 @@ impl Executor {
         self.catching_up = true;
     }
 
-    /// See [`Service::reseed`].
+    /// See [`Service::reseed`](crate::Service::reseed).
     pub fn reseed(&mut self, seed: u64) {
         self.component.parts().reseed(seed);
     }
