@@ -8,6 +8,9 @@ use crate::common::processes::{Running, kill};
 use crate::common::{Flown, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
 
@@ -68,6 +71,67 @@ fn a_candidate_that_is_never_ready_is_refused_and_no_bit_of_the_flight_changes()
     let scenario = ["figure8-morph", "--for", "3s", "--no-record"];
     let scenario = [&scenario[..], &limit].concat();
     assert_refused(&scenario, &[("never-ready", 0.0, 0.0, "ready in time")]);
+}
+
+/// Files that may be executed and that the system starts none of.
+fn unstartable(folder: &Path) -> Vec<PathBuf> {
+    // The header of an executable of a machine with another byte order.
+    let foreign = [&b"\x7fELF\x02\x02\x01"[..], &[0; 57]].concat();
+    let files: [(&str, &[u8]); 3] =
+        [("empty", b""), ("foreign", &foreign), ("marked", b"\xef\xbb\xbf#!/bin/sh\nexit 0\n")];
+    let make = |(name, bytes): (&str, &[u8])| {
+        let path = folder.join(name);
+        fs::write(&path, bytes).expect("room");
+        fs::set_permissions(&path, Permissions::from_mode(0o755)).expect("our own file");
+        path
+    };
+    files.into_iter().map(make).collect()
+}
+
+#[test]
+fn a_candidate_that_the_system_cannot_start_is_refused_and_no_bit_of_the_flight_changes() {
+    let folder = TempDir::new().expect("a folder");
+    let scenario = ["hover", "--for", "3s", "--no-record"];
+    let expected = fly(&scenario);
+    let files = unstartable(folder.path());
+    let plan = files.iter().enumerate().map(|(k, path)| {
+        let slot = if k % 2 == 0 { "attitude" } else { "position" };
+        format!("{slot}={}@{}ms,shadow=200ms", path.display(), 500 + 500 * k)
+    });
+    let flags: Vec<String> = plan.flat_map(|swap| ["--swap".to_owned(), swap]).collect();
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    for alone in [&[][..], &["--in-process"]] {
+        let flown = fly(&[&scenario[..], &flags, alone].concat());
+        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert_eq!(swaps_of(&flown).len(), files.len(), "{}", flown.said());
+        assert!(swaps_of(&flown).iter().all(|report| report["done"] == false), "{}", flown.said());
+        for path in &files {
+            let name = path.file_name().and_then(|name| name.to_str()).expect("a name");
+            let told = format!("{name} cannot be started: Exec format error");
+            assert!(flown.said().contains(&told), "{}", flown.said());
+        }
+        assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    }
+}
+
+/// The first start removes the file, so that the process that is killed cannot be started again.
+#[test]
+fn a_killed_owner_whose_file_is_gone_makes_room_for_the_initial_controller() {
+    let folder = TempDir::new().expect("a folder");
+    let config = config(&folder, "nothing", 0.0, 0.0);
+    let path = folder.path().join("gone");
+    let script = format!("#!/bin/sh\nrm -- \"$0\"\nexec {} \"$@\"\n", rogue());
+    let flight = ["hover", "--for", "6s", "--no-record", "--set", "watch.fallback=none"];
+    let swap =
+        format!("attitude={}@1s,shadow=500ms,rollback=100ms,config={config}", path.display());
+    let orders = ["--set", "rehearsal.enabled=false", "--swap", &swap, "--fault", "kill:gone@3s"];
+    fs::write(&path, script).expect("room");
+    fs::set_permissions(&path, Permissions::from_mode(0o755)).expect("our own file");
+    let flown = fly(&[&flight[..], &orders].concat());
+    assert!(!path.exists(), "{}", flown.said());
+    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert!(flown.stderr.contains("cannot be started"), "{}", flown.said());
+    assert!(flown.number("position_last_second_m") < 0.05, "{}", flown.said());
 }
 
 /// Time begins anew in a rehearsal, so that the instant of the crash comes there first.

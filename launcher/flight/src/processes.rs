@@ -21,8 +21,8 @@ pub(super) struct Processes<'a> {
 }
 
 impl Posts for Processes<'_> {
-    fn spawn(&mut self, place: Place, spec: ChildSpec) -> Result<(), FlightError> {
-        self.supervisor.spawn(self.bus, place, spec)
+    fn spawn(&mut self, place: Place, spec: ChildSpec) {
+        self.supervisor.spawn(self.bus, place, spec);
     }
     fn restart(&mut self, place: Place) -> Result<(), FlightError> {
         self.supervisor.restart(place, self.now_mono_ns)

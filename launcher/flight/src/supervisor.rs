@@ -182,7 +182,15 @@ impl Supervisor {
                 post.generation += 1;
                 // Without a state a process begins with the flight, or now if that is long ago.
                 let in_flight = has_state || !post.goes_on || self.wall.is_some();
-                start(post, &self.folder, in_flight)?;
+                let seat = post.seat;
+                match start(post, &self.folder, in_flight) {
+                    Err(error) if seat.role.seats() > 1 => {
+                        // Its file is gone, or no process can be had: who commands now is for the slot to say.
+                        self.leave_roll(seat, tap);
+                        self.never_started(seat, &error);
+                    }
+                    started => started?,
+                }
                 self.note();
             }
         }
@@ -214,23 +222,28 @@ impl Supervisor {
         core::mem::take(&mut self.events)
     }
 
-    /// Starts a process on a seat that is free.
-    pub(super) fn spawn(
-        &mut self,
-        bus: &Bus,
-        seat: Seat,
-        spec: ChildSpec,
-    ) -> Result<(), FlightError> {
+    /// Starts a process on a seat of a slot that is free. One that cannot be started has gone at once, and says
+    /// why: what is ordered in flight never ends the flight.
+    pub(super) fn spawn(&mut self, bus: &Bus, seat: Seat, spec: ChildSpec) {
+        let mut post = match Post::open(bus, seat, spec) {
+            Ok(post) => post,
+            Err(error) => return self.never_started(seat, &error.into()),
+        };
         let before = self.posts.iter().position(|post| post.seat == seat);
-        let mut post = Post::open(bus, seat, spec)?;
         if let Some(before) = before {
             post.generation = self.posts.swap_remove(before).generation + 1;
         }
         post.goes_on = false;
-        start(&mut post, &self.folder, true)?;
+        let started = start(&mut post, &self.folder, true);
         self.posts.push(post);
         self.note();
-        Ok(())
+        if let Err(error) = started {
+            self.never_started(seat, &error);
+        }
+    }
+
+    fn never_started(&mut self, place: Seat, why: &FlightError) {
+        self.events.push(PostEvent::Gone { place, obituary: Some(why.to_string()) });
     }
 
     /// Starts the process of a seat again; it will be told where to begin.

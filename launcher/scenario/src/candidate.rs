@@ -2,6 +2,7 @@
 
 use crate::services;
 use crate::suggestion;
+use rustix::fs::{Access, access};
 use serde::{Deserialize, Serialize};
 use shared_types::Role;
 use std::ffi::OsStr;
@@ -12,6 +13,9 @@ use std::path::{Path, PathBuf};
 
 /// As much of a script's first line as the system reads \[bytes\].
 const LONGEST_FIRST_LINE: u64 = 255;
+
+/// As much of a program as tells for which machine it is \[bytes\].
+const ELF_HEAD: u64 = 20;
 
 /// How executables begin that are services by their name alone.
 const PREFIX: &str = "morphquad-";
@@ -144,6 +148,33 @@ fn executable(path: &Path) -> Result<PathBuf, NoCandidate> {
     }
 }
 
+/// Why the system will not start a file that may be executed, as far as that can be seen without trying; none if
+/// nothing is in its way.
+#[must_use]
+pub fn unstartable(path: &Path) -> Option<&'static str> {
+    if access(path, Access::EXEC_OK).is_err() {
+        return Some("lies where nothing may be executed");
+    }
+    let head = |path: &Path| {
+        let mut head = Vec::new();
+        File::open(path).ok()?.take(ELF_HEAD).read_to_end(&mut head).ok()?;
+        Some(head)
+    };
+    let theirs = head(path)?;
+    // Class, byte order and machine.
+    let machine = |head: &[u8]| Some((head.get(4..6)?.to_vec(), head.get(18..20)?.to_vec()));
+    if theirs.is_empty() {
+        Some("is empty")
+    } else if theirs.starts_with(b"\xef\xbb\xbf#!") {
+        Some("begins with a byte-order mark, which hides the `#!` of its first line")
+    } else if theirs.starts_with(b"\x7fELF") {
+        let ours = head(Path::new("/proc/self/exe"))?;
+        (machine(&theirs) != machine(&ours)).then_some("is for another machine")
+    } else {
+        (!theirs.starts_with(b"#!")).then_some("is neither a program nor a script with a `#!`")
+    }
+}
+
 /// The program that has to run a script and cannot be found; none for what runs by itself.
 fn missing_interpreter(path: &Path) -> Option<String> {
     let mut head = Vec::new();
@@ -233,6 +264,31 @@ mod tests {
         }
         let folder_itself = folder.path().display().to_string();
         assert!(refusal(Slot::Position, &folder_itself).contains("is no file"));
+    }
+
+    #[test]
+    fn what_the_system_will_not_start_is_seen_without_trying() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("controller");
+        let own = fs::read("/proc/self/exe").unwrap();
+        let foreign = [&own[..18], &[0xff, 0xff], &own[20..64]].concat();
+        for (bytes, why) in [
+            (&b""[..], Some("empty")),
+            (b"\xef\xbb\xbf#!/bin/sh\n", Some("byte-order mark")),
+            (b"print(1)\n", Some("neither a program nor a script")),
+            (&foreign, Some("another machine")),
+            (&own[..64], None),
+            (b"#!/bin/sh\n", None),
+        ] {
+            fs::write(&path, bytes).unwrap();
+            fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
+            let told = unstartable(&path);
+            assert_eq!(told.is_some(), why.is_some(), "{told:?}");
+            assert!(why.is_none_or(|why| told.unwrap().contains(why)), "{told:?}");
+        }
+        // As on a mount that executes nothing.
+        fs::set_permissions(&path, Permissions::from_mode(0o644)).unwrap();
+        assert!(unstartable(&path).unwrap().contains("nothing may be executed"));
     }
 
     #[test]

@@ -5,7 +5,7 @@ mod tests;
 
 use super::settings::Settings;
 use super::suggest;
-use crate::candidate::{Candidate, NoCandidate, Slot, name_of};
+use crate::candidate::{Candidate, NoCandidate, Slot, name_of, unstartable};
 use crate::process::has_process;
 use crate::services::Crew;
 use garde::Validate;
@@ -131,7 +131,7 @@ impl FaultKind {
 }
 
 /// Key, what is wrong with it, and what to do.
-type Complaint = (String, String, String);
+pub(super) type Complaint = (String, String, String);
 
 /// What no flight can do, whatever executables there are.
 pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
@@ -228,13 +228,27 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     complaints
 }
 
-/// Candidates that this machine does not have, and configurations of theirs that cannot be read.
-pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
+/// Candidates that the system will not start: the order to start them will be refused.
+pub(super) fn doubtful(settings: &Settings) -> Vec<Complaint> {
+    let doubt = |(key, slot, name): (String, Slot, &String)| {
+        let Ok(Candidate::Executable(path)) = Candidate::find(slot, name) else { return None };
+        let what = format!("{} {}", path.display(), unstartable(&path)?);
+        Some((key, what, "the swap will be refused: give the path of an executable".to_owned()))
+    };
+    named(settings).filter_map(doubt).collect()
+}
+
+/// Key, slot and name of every candidate.
+fn named(settings: &Settings) -> impl Iterator<Item = (String, Slot, &String)> {
     let swaps = settings.swap.iter().enumerate();
     let swaps = swaps.map(|(index, swap)| (format!("swap[{index}].to"), swap.slot, &swap.to));
     let standbys = settings.standby.iter().enumerate();
-    let standbys = standbys.map(|(index, s)| (format!("standby[{index}].name"), s.slot, &s.name));
-    let absent = swaps.chain(standbys).filter_map(|(key, slot, name)| {
+    swaps.chain(standbys.map(|(index, s)| (format!("standby[{index}].name"), s.slot, &s.name)))
+}
+
+/// Candidates that this machine does not have, and configurations of theirs that cannot be read.
+pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
+    let absent = named(settings).filter_map(|(key, slot, name)| {
         let NoCandidate { what, remedy } = Candidate::find(slot, name).err()?;
         Some((key, what, remedy))
     });

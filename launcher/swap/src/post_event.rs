@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum FlightError {
     /// A process cannot be started.
-    #[error("cannot start {name}: {source}")]
+    #[error("{name} cannot be started: {source}")]
     Start {
         /// The process.
         name: String,

@@ -120,7 +120,7 @@ impl Director {
                 let done = self.act(graph, loops, marks, end_ns, run);
                 self.script = script;
                 done?;
-            } else if !self.cabin.start_all(graph, loops, marks)? && !self.cabin.has_news() {
+            } else if !self.cabin.start_all(graph, loops, marks) && !self.cabin.has_news() {
                 break;
             }
             self.act(graph, loops, marks, end_ns, Slots::tend)?;

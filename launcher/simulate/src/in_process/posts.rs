@@ -97,21 +97,27 @@ impl Cabin {
         graph: &Graph,
         loops: &mut Vec<Loop>,
         marks: &mut FlightMarks,
-    ) -> Result<bool, InProcessError> {
+    ) -> bool {
         let starting = core::mem::take(&mut self.starting);
         let mut processes = Vec::new();
         for &place in &starting {
             let Some(Post { spec, generation, .. }) = self.posts.get(&place) else { continue };
             let (spec, generation) = (spec.clone(), *generation);
             let Some(node) = graph.node(place.role).copied() else { continue };
-            marks.seat(place, generation, true);
-            if spec.executable == PathBuf::new() {
-                let l = self.build(graph, node, (place, generation), &spec)?;
-                self.events.push(l.joined());
-                loops.push(Loop { waits: true, ..l });
+            let started = if spec.executable == PathBuf::new() {
+                self.build(graph, node, (place, generation), &spec).map(|l| {
+                    self.events.push(l.joined());
+                    loops.push(Loop { waits: true, ..l });
+                })
             } else {
-                let process = self.spawn(graph, (place, generation), &spec)?;
-                processes.push(((node, place, generation), process));
+                self.spawn(graph, (place, generation), &spec)
+                    .map(|process| processes.push(((node, place, generation), process)))
+            };
+            // What is ordered in flight never ends the flight.
+            let obituary = started.err().map(|error| error.to_string());
+            marks.seat(place, generation, obituary.is_none());
+            if obituary.is_some() {
+                self.events.push(PostEvent::Gone { place, obituary });
             }
         }
         // They open their ports side by side.
@@ -123,7 +129,7 @@ impl Cabin {
             }
             loops.push(l);
         }
-        Ok(!starting.is_empty())
+        !starting.is_empty()
     }
 
     /// True if somebody has come or gone, or a candidate has been flown ahead, since the last time.
@@ -268,9 +274,8 @@ impl Seats<'_> {
 }
 
 impl Posts for Seats<'_> {
-    fn spawn(&mut self, place: Place, spec: ChildSpec) -> Result<(), FlightError> {
+    fn spawn(&mut self, place: Place, spec: ChildSpec) {
         self.start(place, spec);
-        Ok(())
     }
 
     fn restart(&mut self, place: Place) -> Result<(), FlightError> {

@@ -386,7 +386,7 @@ impl Slots {
                 let Some(spec) = self.spec(slot, program) else { return Ok(()) };
                 self.orders.seat(slot, seat, program);
                 self.expect(slot, seat, Expected::Hello, means);
-                means.posts.spawn(place(seat), spec)?;
+                means.posts.spawn(place(seat), spec);
             }
             Action::Restart(seat, _) => {
                 self.expect(slot, seat, Expected::Hello, means);

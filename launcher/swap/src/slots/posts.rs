@@ -10,11 +10,9 @@ use std::path::Path;
 
 /// Starts, ends and hears those who sit in slots.
 pub trait Posts {
-    /// Starts somebody on a seat that is free; it will be told where to begin.
-    ///
-    /// # Errors
-    /// [`FlightError`] if the process cannot be started.
-    fn spawn(&mut self, place: Place, spec: ChildSpec) -> Result<(), FlightError>;
+    /// Starts a process on a seat that is free; it will be told where to begin. One that cannot be started is
+    /// told as one that has gone.
+    fn spawn(&mut self, place: Place, spec: ChildSpec);
     /// Starts whoever had a seat again; it will be told where to begin.
     ///
     /// # Errors

@@ -89,12 +89,16 @@ impl OutsideLoop {
         };
         new.post.generation = generation;
         let started = new.post.start(new.namespace.folder(), true);
-        started.map_err(OutsideError::system("start the process"))?;
+        // It has failed then, as one that ends at once.
+        new.check(started.map_err(|error| format!("cannot be started: {error}")));
         Ok(new)
     }
 
     /// Waits until all ports of the process are open; false if they never will be.
     pub(in crate::in_process) fn await_ready(&mut self) -> bool {
+        if self.failure.is_some() {
+            return false;
+        }
         let limit = self.outside.startup_limit;
         let ready = self.wait(limit, LOOK_EVERY_AT_START, Self::take_hello);
         self.check(ready.map_err(|stop| match stop {
