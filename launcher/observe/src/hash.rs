@@ -180,7 +180,30 @@ impl LogHash {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{LoopStats, OwnerRecord, Truth, topics};
+    use core::convert::Infallible;
+    use shared_types::{LoopStats, OwnerRecord, Topic, TopicVisitor, Truth, topics};
+
+    /// Adds one sample of each topic to hashes of its own.
+    struct Each;
+
+    impl TopicVisitor for Each {
+        type Error = Infallible;
+        fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+            let (mut flight, mut log) = (FlightHash::default(), LogHash::default());
+            let nothing = (flight.hex(), log.hex());
+            flight.add(&topic.info, &T::default());
+            log.add(&topic.info, &T::default());
+            let name = topic.info.name;
+            assert_eq!(flight.hex() != nothing.0, topic.info.in_flight_hash, "{name}");
+            assert_ne!(log.hex(), nothing.1, "{name}");
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn each_hashed_topic_is_in_the_flight_hash_and_every_topic_in_the_log_hash() {
+        let Ok(()) = topics::visit_all(&mut Each);
+    }
 
     fn hash_of(change: impl Fn(&mut Truth)) -> (String, String) {
         let mut truth = Truth::default();
