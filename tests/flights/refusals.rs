@@ -89,7 +89,7 @@ fn unstartable(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_candidate_that_the_system_cannot_start_is_refused_and_no_bit_of_the_flight_changes() {
+fn a_candidate_that_cannot_be_started_is_refused_and_the_flight_stays_as_it_was() {
     let folder = TempDir::new().expect("a folder");
     let scenario = ["hover", "--for", "3s", "--no-record"];
     let expected = fly(&scenario);
