@@ -4,7 +4,7 @@
 mod common;
 
 use common::misdeeds::{config, rogue};
-use common::processes::{Process, Running, all_processes, kill};
+use common::processes::{Process, Running, all_processes, kill, make_executable};
 use common::time::wait_until;
 use common::{Flown, fly};
 use observe::Observer;
@@ -265,7 +265,6 @@ fn a_process_that_hangs_neither_ends_nor_changes_the_flight_and_is_named() {
 /// A script that is no controller: what it says last is told, whatever it was.
 #[test]
 fn the_last_words_of_an_executable_that_ends_are_told() {
-    use std::os::unix::fs::PermissionsExt as _;
     let _alone = alone();
     let folder = TempDir::new().expect("a folder");
     for (text, how) in [
@@ -273,8 +272,7 @@ fn the_last_words_of_an_executable_that_ends_are_told() {
         ("echo 'ValueError: no gains' >&2", "(exit status 0)"),
     ] {
         let path = folder.path().join("stumbles");
-        std::fs::write(&path, format!("#!/bin/sh\n{text}\n")).expect("room");
-        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).expect("ours");
+        make_executable(&path, format!("#!/bin/sh\n{text}\n").as_bytes());
         let swap = format!("attitude={}@300ms,shadow=100ms", path.display());
         let flown = fly(&["hover", "--for", "1s", "--no-record", "--in-process", "--swap", &swap]);
         assert_eq!(swaps(&flown)[0]["done"], false, "{}", flown.said());

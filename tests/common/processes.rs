@@ -6,12 +6,21 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Output};
+use std::process::{Child, Command, Output};
 use std::thread;
 use tempfile::TempDir;
 
 /// About what a second of a flight takes in its recording.
 const RECORDED_BYTES_PER_S: f64 = 1.7e6;
+
+/// Makes a file that may be executed. Another process writes it: a child that a test beside this one is starting
+/// would hold it open for writing for a moment, and the system starts no such file.
+pub(crate) fn make_executable(path: &Path, bytes: &[u8]) {
+    let content = path.with_extension("content");
+    fs::write(&content, bytes).expect("room");
+    let made = Command::new("install").args(["-m", "755"]).arg(&content).arg(path).status();
+    assert!(made.expect("it starts").success(), "{}", path.display());
+}
 
 /// Sends a signal to one process; false if it is gone.
 pub(crate) fn kill(pid: u32, signal: Signal) -> bool {

@@ -4,7 +4,9 @@
 //! `MORPHQUAD_ROUNDS=20 cargo test --release --test flights faults` strikes 20 times per victim; every
 //! round has a moment of its own, drawn from its number.
 
-use crate::common::processes::{Running, is_dead, kill, left_in_shared_memory, processes_of};
+use crate::common::processes::{
+    Running, is_dead, kill, left_in_shared_memory, make_executable, processes_of,
+};
 use crate::common::recording::Recording;
 use crate::common::time::wait_until;
 use crate::common::{Flown, fly, morphquad, rounds};
@@ -13,7 +15,6 @@ use rand_chacha::ChaCha8Rng;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;
@@ -321,9 +322,7 @@ fn another_build_that_hangs_is_ended_by_a_signal_and_leaves_nothing() {
     let flown = fly(&["hover", "--for", "100ms"]);
     let folder = TempDir::new().expect("a folder");
     let hanging = folder.path().join("hanging");
-    fs::write(&hanging, "#!/bin/sh\necho $$ > \"$0.pid\"\nexec sleep 600\n").expect("a script");
-    let executable = fs::Permissions::from_mode(0o755);
-    fs::set_permissions(&hanging, executable).expect("an executable");
+    make_executable(&hanging, b"#!/bin/sh\necho $$ > \"$0.pid\"\nexec sleep 600\n");
     let temporary = folder.path().join("tmp");
     fs::create_dir(&temporary).expect("a folder");
     for signal in [Signal::INT, Signal::TERM] {

@@ -4,12 +4,10 @@
 //! for users' controllers until its `--config` says otherwise.
 
 use crate::common::misdeeds::{config, rogue};
-use crate::common::processes::{Running, kill};
+use crate::common::processes::{Running, kill, make_executable};
 use crate::common::{Flown, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
-use std::fs::{self, Permissions};
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
@@ -75,14 +73,13 @@ fn a_candidate_that_is_never_ready_is_refused_and_no_bit_of_the_flight_changes()
 
 /// Files that may be executed and that the system starts none of.
 fn unstartable(folder: &Path) -> Vec<PathBuf> {
-    // The header of an executable of a machine with another byte order.
+    // The header of a program for a machine with the other byte order.
     let foreign = [&b"\x7fELF\x02\x02\x01"[..], &[0; 57]].concat();
     let files: [(&str, &[u8]); 3] =
         [("empty", b""), ("foreign", &foreign), ("marked", b"\xef\xbb\xbf#!/bin/sh\nexit 0\n")];
     let make = |(name, bytes): (&str, &[u8])| {
         let path = folder.join(name);
-        fs::write(&path, bytes).expect("room");
-        fs::set_permissions(&path, Permissions::from_mode(0o755)).expect("our own file");
+        make_executable(&path, bytes);
         path
     };
     files.into_iter().map(make).collect()
@@ -125,8 +122,7 @@ fn a_killed_owner_whose_file_is_gone_makes_room_for_the_initial_controller() {
     let swap =
         format!("attitude={}@1s,shadow=500ms,rollback=100ms,config={config}", path.display());
     let orders = ["--set", "rehearsal.enabled=false", "--swap", &swap, "--fault", "kill:gone@3s"];
-    fs::write(&path, script).expect("room");
-    fs::set_permissions(&path, Permissions::from_mode(0o755)).expect("our own file");
+    make_executable(&path, script.as_bytes());
     let flown = fly(&[&flight[..], &orders].concat());
     assert!(!path.exists(), "{}", flown.said());
     assert_eq!(flown.code, Some(0), "{}", flown.said());

@@ -148,38 +148,42 @@ fn executable(path: &Path) -> Result<PathBuf, NoCandidate> {
     }
 }
 
-/// Why the system will not start a file that may be executed, as far as that can be seen without trying; none if
-/// nothing is in its way.
+/// Why the system will hardly start a file that may be executed, as far as that can be seen without trying; none if
+/// nothing is in its way. A system can be taught to start more (`binfmt_misc`), so the last word is its own.
 #[must_use]
 pub fn unstartable(path: &Path) -> Option<&'static str> {
     if access(path, Access::EXEC_OK).is_err() {
         return Some("lies where nothing may be executed");
     }
-    let head = |path: &Path| {
-        let mut head = Vec::new();
-        File::open(path).ok()?.take(ELF_HEAD).read_to_end(&mut head).ok()?;
-        Some(head)
-    };
-    let theirs = head(path)?;
-    // Class, byte order and machine.
-    let machine = |head: &[u8]| Some((head.get(4..6)?.to_vec(), head.get(18..20)?.to_vec()));
+    let theirs = head(path, ELF_HEAD)?;
     if theirs.is_empty() {
         Some("is empty")
     } else if theirs.starts_with(b"\xef\xbb\xbf#!") {
         Some("begins with a byte-order mark, which hides the `#!` of its first line")
     } else if theirs.starts_with(b"\x7fELF") {
-        let ours = head(Path::new("/proc/self/exe"))?;
+        let ours = head(Path::new("/proc/self/exe"), ELF_HEAD)?;
         (machine(&theirs) != machine(&ours)).then_some("is for another machine")
     } else {
         (!theirs.starts_with(b"#!")).then_some("is neither a program nor a script with a `#!`")
     }
 }
 
+/// The first bytes of a file; none of one that cannot be read.
+fn head(path: &Path, bytes: u64) -> Option<Vec<u8>> {
+    let mut head = Vec::new();
+    File::open(path).ok()?.take(bytes).read_to_end(&mut head).ok()?;
+    Some(head)
+}
+
+/// Class and byte order, and machine, in the header of a program.
+fn machine(elf: &[u8]) -> Option<(&[u8], &[u8])> {
+    elf.get(4..6).zip(elf.get(18..20))
+}
+
 /// The program that has to run a script and cannot be found; none for what runs by itself.
 fn missing_interpreter(path: &Path) -> Option<String> {
-    let mut head = Vec::new();
     // What cannot be read is for the system to judge.
-    File::open(path).ok()?.take(LONGEST_FIRST_LINE).read_to_end(&mut head).ok()?;
+    let head = head(path, LONGEST_FIRST_LINE)?;
     let line = head.strip_prefix(b"#!")?.split(|byte| *byte == b'\n').next()?;
     let mut words = str::from_utf8(line).ok()?.split_whitespace();
     let interpreter = words.next()?;

@@ -1,6 +1,7 @@
 //! Rules for `[realtime]`: which edges have a deadline, how long it may be, and which may do without a
 //! latency.
 
+use super::problem::Complaint;
 use super::settings::{RealtimeSettings, topic_of};
 use super::{suggest, wiring};
 use runtime::graph::Edge;
@@ -9,9 +10,6 @@ use shared_types::{Role, topics};
 
 /// Longest deadline of an edge \[s\].
 const LONGEST_S: f64 = 1.0;
-
-/// Key, what is wrong with it, and what to do.
-pub(super) type Complaint = (String, String, String);
 
 /// Deadlines of edges that do not exist, or out of range.
 pub(super) fn of_unknown_edges(settings: &RealtimeSettings) -> Vec<Complaint> {

@@ -117,15 +117,16 @@ impl Scenario {
         let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
         let mut scenario = Self { settings, effective, warnings: Vec::new(), absent: Vec::new() };
         let (errors, warnings) = check::check(&scenario, &document);
-        let placed = |(key, what, remedy): script::Complaint| {
+        let placed = |(key, what, remedy): problem::Complaint| {
             let place = document.place_of(&key);
             Problem::new(key, what, remedy, place)
         };
-        scenario.absent = script::absent(&scenario.settings).into_iter().map(placed).collect();
+        let (absent, doubtful) = script::candidates(&scenario.settings);
+        scenario.absent = absent.into_iter().map(placed).collect();
         refuse(errors).map_or(Ok(()), Err)?;
-        let doubtful = script::doubtful(&scenario.settings).into_iter().map(placed);
         scenario.warnings = warnings;
-        scenario.warnings.extend(doubtful.map(Problem::into_warning));
+        let doubtful = doubtful.into_iter().map(placed).map(Problem::into_warning);
+        scenario.warnings.extend(doubtful);
         Ok(scenario)
     }
 

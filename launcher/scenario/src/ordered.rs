@@ -2,7 +2,7 @@
 
 use super::document::Edit;
 use super::overrides::{named_at, refusal, seconds};
-use super::problem::ScenarioError;
+use super::problem::{Complaint, ScenarioError};
 use super::{Override, Scenario};
 use crate::orders::{Calm, Disturb, Goto, Morph, Order, Planner};
 use garde::Validate;
@@ -45,9 +45,6 @@ impl OrderSettings {
         orders.next().filter(|_| orders.next().is_none())
     }
 }
-
-/// Key, what is wrong with it, and what to do.
-type Complaint = (String, String, String);
 
 /// Orders that cannot be carried out; all of them are given to a planner as the flight would.
 pub(super) fn check(scenario: &Scenario) -> Vec<Complaint> {

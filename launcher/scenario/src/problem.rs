@@ -3,6 +3,9 @@
 use core::fmt;
 use miette::{Diagnostic, LabeledSpan, NamedSource, Severity, SourceCode};
 
+/// Key, what is wrong with it, and what to do: a problem before its place is looked up.
+pub(super) type Complaint = (String, String, String);
+
 /// One thing that is wrong, or doubtful, at one place.
 #[derive(Debug, Clone)]
 pub struct Problem(Box<Facts>);

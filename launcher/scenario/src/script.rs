@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod tests;
 
+use super::problem::Complaint;
 use super::settings::Settings;
 use super::suggest;
 use crate::candidate::{Candidate, NoCandidate, Slot, name_of, unstartable};
@@ -130,9 +131,6 @@ impl FaultKind {
     }
 }
 
-/// Key, what is wrong with it, and what to do.
-pub(super) type Complaint = (String, String, String);
-
 /// What no flight can do, whatever executables there are.
 pub(super) fn check(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut complaints = Vec::new();
@@ -228,30 +226,27 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     complaints
 }
 
-/// Candidates that the system will not start: the order to start them will be refused.
-pub(super) fn doubtful(settings: &Settings) -> Vec<Complaint> {
-    let doubt = |(key, slot, name): (String, Slot, &String)| {
-        let Ok(Candidate::Executable(path)) = Candidate::find(slot, name) else { return None };
-        let what = format!("{} {}", path.display(), unstartable(&path)?);
-        Some((key, what, "the swap will be refused: give the path of an executable".to_owned()))
-    };
-    named(settings).filter_map(doubt).collect()
-}
-
-/// Key, slot and name of every candidate.
-fn named(settings: &Settings) -> impl Iterator<Item = (String, Slot, &String)> {
+/// Candidates that this machine does not have, with configurations of theirs that cannot be read; and those that
+/// are there and will hardly be started.
+pub(super) fn candidates(settings: &Settings) -> (Vec<Complaint>, Vec<Complaint>) {
+    let (mut absent, mut doubtful) = (Vec::new(), Vec::new());
     let swaps = settings.swap.iter().enumerate();
     let swaps = swaps.map(|(index, swap)| (format!("swap[{index}].to"), swap.slot, &swap.to));
     let standbys = settings.standby.iter().enumerate();
-    swaps.chain(standbys.map(|(index, s)| (format!("standby[{index}].name"), s.slot, &s.name)))
-}
-
-/// Candidates that this machine does not have, and configurations of theirs that cannot be read.
-pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
-    let absent = named(settings).filter_map(|(key, slot, name)| {
-        let NoCandidate { what, remedy } = Candidate::find(slot, name).err()?;
-        Some((key, what, remedy))
-    });
+    let standbys = standbys.map(|(index, s)| (format!("standby[{index}].name"), s.slot, &s.name));
+    for (key, slot, name) in swaps.chain(standbys) {
+        match Candidate::find(slot, name) {
+            Err(NoCandidate { what, remedy }) => absent.push((key, what, remedy)),
+            Ok(Candidate::Service(_)) => {}
+            Ok(Candidate::Executable(path)) => {
+                let doubt = unstartable(&path).map(|why| {
+                    let remedy = "it will be refused if the system does not start it: give the path of an executable";
+                    (key, format!("{} {why}", path.display()), remedy.to_owned())
+                });
+                doubtful.extend(doubt);
+            }
+        }
+    }
     let configs = settings.swap.iter().enumerate().filter_map(|(index, swap)| {
         let path = swap.config.as_ref()?;
         let error = std::fs::File::open(path).err()?;
@@ -259,5 +254,6 @@ pub(super) fn absent(settings: &Settings) -> Vec<Complaint> {
         let remedy = "give the path of the candidate's configuration".to_owned();
         Some((format!("swap[{index}].config"), what, remedy))
     });
-    absent.chain(configs).collect()
+    absent.extend(configs);
+    (absent, doubtful)
 }
