@@ -26,8 +26,8 @@ const CRASHED: i32 = 4;
 /// Exit code when the user ended the flight.
 const INTERRUPTED: i32 = 130;
 /// A flight with wind and morphing, slow enough to be hit in the air: four seconds at least.
-const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "45s"];
-const PACE: [&str; 2] = ["--speed", "10"];
+const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "20s"];
+const PACE: [&str; 2] = ["--speed", "5"];
 
 /// Hash of [`FLIGHT`] when nothing happens.
 fn undisturbed_hash() -> &'static str {
