@@ -118,7 +118,7 @@ floor_plan! {
         "delayed position and attitude from a tracker"
     MORPH_ANGLE "morph_angle": MorphAngle, Plant => [Estimator], ZeroLatency, history 64;
         "encoder reading of the deployable angle"
-    APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Attitude, Monitor], ZeroLatency, history 64, hashed;
+    APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
         "wrench and rotor thrusts the gate applied"
     TRUTH "truth": Truth, Plant => [], RecordOnly, history 1, hashed;
         "real state of the vehicle"
@@ -130,7 +130,7 @@ floor_plan! {
         "trajectory to follow, with preview"
     MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
         "commanded deployable angle, with its path"
-    ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude], Delayed, history 32;
+    ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude, Monitor], Delayed, history 32;
         "thrust and Euler angles for the attitude loop"
     APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position, Monitor], Delayed, history 32;
         "set point the attitude loop tracks"

@@ -28,6 +28,18 @@ crate::code! {
         SetpointBeyond = 8,
         /// The set point's tilt swings from side to side: `reversals` of more than `angle_limit_rad`.
         SetpointOscillates = 9,
+        /// The owner of the attitude slot reports another set point than the one of the sequence that it names, or one
+        /// that is long over. No number goes with it.
+        ReportFalse = 10,
+        /// The owner of the attitude slot still obeys the owner of the position slot, which has tripped. No number goes
+        /// with it.
+        TripIgnored = 11,
+        /// The set point asks for a thrust, `thrust_n`, that no position controller may ask for.
+        ThrustBeyond = 12,
+        /// The set point asks for another heading than the reference, by `angle_rad`, for `lasted_s`.
+        HeadingAstray = 13,
+        /// The commands have been more than the rotors give for `lasted_s` without a break.
+        RotorsClipped = 14,
     }
 }
 
@@ -57,6 +69,10 @@ sample! {
         pub speed_m_s: f64,
         /// Its limit \[m/s\].
         pub speed_limit_m_s: f64,
+        /// Thrust that tripped \[N\].
+        pub thrust_n: f64,
+        /// Its limit \[N\].
+        pub thrust_limit_n: f64,
         /// How long it has been so \[s\].
         pub lasted_s: f64,
         /// Changes of side counted.

@@ -7,7 +7,7 @@ import typing
 from . import process
 from .vehicle import Vehicle
 
-INPUTS = ("state_estimate", "reference", "applied_setpoint", "attitude_owner")
+INPUTS = ("state_estimate", "reference", "applied_setpoint", "applied_command", "attitude_owner")
 OUTPUTS = ("attitude_setpoint", "position_report")
 # Largest roll and pitch [rad]; least and largest thrust over the weight.
 TILT_MAX_RAD = 0.35
@@ -97,13 +97,17 @@ class Position:
         return (position, velocity, ahead), point.yaw_rad
 
     def _take_followed(self, loop):
-        """Notes what the attitude loop in command follows; its shadows say what they would, too."""
+        """Notes what the attitude loop that the plant obeys follows; shadows say what they would, too."""
         owners, applied = loop.inputs["attitude_owner"], loop.inputs["applied_setpoint"]
+        plant = loop.inputs["applied_command"].value
         known = [owners.value_of(one) for one in (owners.before, *owners.fresh) if one is not None]
         for standing in ("owner", "fallback"):
             for sample in reversed(applied.fresh):
                 judges = [record for record in known if record.header.valid_ns <= sample.valid_ns]
                 if judges and getattr(judges[-1], standing) == sample.seat:
+                    has_failed = plant is not None and plant.failed_over
+                    if standing == "owner" and has_failed and plant.epoch == judges[-1].epoch:
+                        break
                     said = applied.value_of(sample)
                     if said.setpoint_sequence > 0:
                         self._followed = (said.roll_rad, said.pitch_rad, said.thrust_n)

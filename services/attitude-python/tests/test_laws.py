@@ -106,6 +106,9 @@ class AttitudeLaw(unittest.TestCase):
 
 
 class PositionLaw(unittest.TestCase):
+    # What the plant says of whom it obeys.
+    plant = None
+
     def position(self):
         law = position_pd.PositionPd(VEHICLE, 0.02, position_pd.GAINS)
         return Position(law, VEHICLE, {"grace_s": 2.0})
@@ -114,12 +117,13 @@ class PositionLaw(unittest.TestCase):
         """Pitch, roll and thrust of the set point, from rest at the origin."""
         point = Fields(position_w_m=target_m, velocity_w_m_s=(0.0, 0.0, 0.0), yaw_rad=0.0)
         reference = Fields(header=Fields(valid_ns=0), spacing_ns=10**9, count=1, points=[point])
-        owner = Fields(value=Fields(header=Fields(valid_ns=0), owner=0, fallback=7))
+        owner = Fields(value=Fields(header=Fields(valid_ns=0), epoch=2, owner=0, fallback=7))
         applied = [] if followed is None else [Fields(valid_ns=0, seat=0, value=followed)]
         inputs = {
             "state_estimate": Taken(estimate()),
             "reference": Taken(reference),
             "applied_setpoint": Taken(fresh=applied),
+            "applied_command": Taken(self.plant),
             "attitude_owner": Taken(fresh=[owner]),
         }
         names = ("input", "previous_input", "input_min", "input_max", "increment_max")
@@ -146,6 +150,13 @@ class PositionLaw(unittest.TestCase):
         self.assertAlmostEqual(pitch, -0.1)
         self.assertAlmostEqual(roll, 0.05)
         self.assertAlmostEqual(thrust_n, 1.3)
+
+    def test_an_owner_that_the_plant_does_not_obey_any_more_is_not_followed(self):
+        followed = Fields(setpoint_sequence=1, roll_rad=0.05, pitch_rad=-0.1, thrust_n=1.3)
+        for epoch, failed_over, is_followed in ((2, True, False), (2, False, True), (1, True, True)):
+            self.plant = Fields(epoch=epoch, failed_over=failed_over)
+            thrust_n = self.step((0.0, 0.0, 0.0), followed)[2]
+            self.assertEqual(abs(thrust_n - 1.3) < 1e-6, is_followed)
 
     def test_a_parabola_of_the_reference_is_met_between_its_points(self):
         def point(t):

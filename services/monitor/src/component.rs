@@ -2,12 +2,13 @@
 
 use crate::judge::{Applied, Finding, Findings, Judge, JudgeMemory, Moment, Setpoint};
 use crate::limits::Limits;
+use crate::reports::{Asked, Reports, ReportsMemory, Said};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
-use runtime::{Link, Service, inputs, outputs};
+use runtime::{Input, Link, Service, Standing, inputs, outputs};
 use shared_types::{
-    AppliedCommand, AppliedSetpoint, GateMode, NO_SEAT, OwnerRecord, Reference, Role,
-    StateEstimate, Trip, TripCause, topics,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, NO_SEAT, OwnerRecord,
+    Reference, Role, StateEstimate, Trip, TripCause, topics,
 };
 use vehicle::{MorphAngle, VehicleParameters, rotation};
 
@@ -18,6 +19,10 @@ const STALE_NS: u64 = 20_000_000;
 /// a gap in the estimates is not mistaken for a motion.
 const LONGEST_STEP_S: f64 = 0.1;
 
+/// For how long after a fail-over the vehicle's place and tilt are taken for the doing of the owner that was replaced
+/// \[ns\].
+const RECOVERY_NS: u64 = 2_000_000_000;
+
 inputs! {
     /// What an owner is judged by. A trip is traced back to the state estimate, the primary input.
     pub struct Inputs {
@@ -27,6 +32,8 @@ inputs! {
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Set point that the attitude loop tracks.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
+        /// Set points of the position slot.
+        attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
         /// Trajectory to follow.
         reference: Reference = topics::REFERENCE,
         /// Owner of the attitude slot.
@@ -64,12 +71,26 @@ shared_types::memory! {
     pub struct Memory {
         /// State of the criteria.
         pub judge: JudgeMemory,
+        /// Set points, and what was reported of them.
+        pub reports: ReportsMemory,
         /// Set point that the attitude slot's owner tracks: φ, θ, ψ \[rad\] and T \[N\].
         pub setpoint: [f64; 4],
         /// Whether a set point has been received.
         pub has_setpoint: bool,
-        /// Owners of attitude and position slot at the last step, [`NO_SEAT`] for none.
-        pub owners: [u32; 2],
+        /// What the position slot's owner has asked for last, as `setpoint`.
+        pub asked: [f64; 4],
+        /// Whether it has asked for something.
+        pub has_asked: bool,
+        /// Since when commands have been clipped without a break \[ns\]; 0 if the last one was not.
+        pub clipped_from_ns: u64,
+        /// Seats that commanded the attitude and the position slot at the last step, [`NO_SEAT`] for none.
+        pub commanding: [u32; 2],
+        /// Whether it was the fallback in place of the owner.
+        pub replaced: [bool; 2],
+        /// Since when, or when it was so last \[ns\]; 0 for never.
+        pub replaced_ns: [u64; 2],
+        /// What the attitude slot's owner has reported of the position slot last.
+        pub position_failed_over: bool,
         /// Epochs of the last trips published for the attitude and the position slot; 0 for none.
         pub tripped: [u64; 2],
         /// Instant of the last step \[ns\].
@@ -77,20 +98,38 @@ shared_types::memory! {
     }
 }
 
-/// The owner of a slot, if it is to be judged.
+/// The owner of a slot that is to be judged.
 #[derive(Debug, Clone, Copy)]
 struct Watched {
     epoch: u64,
     instance: u32,
 }
 
+/// Who commands a slot.
+#[derive(Debug, Clone, Copy)]
+enum Hands {
+    /// An owner that has not proven itself.
+    Watched(Watched),
+    /// An owner that has.
+    Proven,
+    /// The fallback, in place of an owner that has tripped or failed.
+    Replaced,
+}
+
 /// The monitor between its ports.
 #[derive(Debug)]
 pub struct Monitor {
     judge: Judge,
+    reports: Reports,
     landing: Landing,
+    latency_ns: u64,
     stale_ns: u64,
     memory: Memory,
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+fn ns(s: f64) -> u64 {
+    (1e9 * s).ceil() as u64
 }
 
 impl Monitor {
@@ -98,46 +137,123 @@ impl Monitor {
     #[must_use]
     pub fn new(config: &MonitorConfig, vehicle: &VehicleParameters) -> Self {
         let command_s = config.period_s + config.latency_s;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
-        let period_ns = (1e9 * config.period_s).ceil() as u64;
         Self {
             judge: Judge::new(config.limits, vehicle, command_s),
+            reports: Reports::new(4.0 * vehicle.rotor_thrust_max_n),
             landing: config.landing,
-            stale_ns: STALE_NS.max(2 * period_ns),
-            memory: Memory { owners: [NO_SEAT; 2], ..Memory::default() },
+            latency_ns: ns(config.latency_s),
+            stale_ns: STALE_NS.max(2 * ns(config.period_s)),
+            memory: Memory { commanding: [NO_SEAT; 2], ..Memory::default() },
         }
     }
 
     fn take_setpoint(&mut self, inputs: &Inputs) {
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner);
+        let obeyed = inputs.applied_command.latest();
+        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed);
         if let Some(said) = said.filter(|said| said.setpoint_sequence > 0) {
             self.memory.setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
             self.memory.has_setpoint = true;
         }
     }
 
-    /// The owners to judge at `now_ns`, of the attitude and the position slot; `None` where the owner is not
-    /// watched, or the fallback commands in its place. A change of owner resets the criteria, since the new
-    /// owner is not to blame for the old one.
-    fn watched(&mut self, now_ns: u64, inputs: &Inputs) -> [Option<Watched>; 2] {
+    fn take_setpoints(&mut self, now_ns: u64, inputs: &Inputs) {
+        if let Some(record) = inputs.position_owner.in_effect_at(now_ns) {
+            let has_changed =
+                self.reports.take_hands([record.owner, record.fallback], record.header.valid_ns);
+            self.memory.has_asked &= !has_changed;
+        }
+        for sample in inputs.attitude_setpoint.fresh() {
+            let value = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
+            // What its consumers refuse, and what they do not listen to, is not tracked.
+            let standing = inputs.position_owner.standing_of(&sample.header);
+            if standing != Standing::Other && value.iter().all(|number| number.is_finite()) {
+                let Header { sequence, valid_ns, seat, .. } = sample.header;
+                self.reports.ask(Asked { value, sequence, valid_ns, seat });
+                if standing == Standing::Owner {
+                    self.memory.asked = value;
+                    self.memory.has_asked = true;
+                }
+            }
+        }
+    }
+
+    fn take_clipping(&mut self, inputs: &Inputs) {
+        for applied in inputs.applied_command.fresh() {
+            let is_clipped = applied.clipped.is_set() && applied.mode == GateMode::Normal;
+            self.memory.clipped_from_ns = match self.memory.clipped_from_ns {
+                _ if !is_clipped => 0,
+                0 => applied.header.release_ns,
+                from_ns => from_ns,
+            };
+        }
+    }
+
+    /// Who commands the attitude and the position slot at `now_ns`. Other hands reset the criteria, since they are not
+    /// to blame for what came before.
+    fn hands(&mut self, now_ns: u64, inputs: &Inputs) -> [Hands; 2] {
+        let command = inputs.applied_command.latest();
+        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, command);
+        if let Some(said) = said {
+            self.memory.position_failed_over = said.failed_over.is_set();
+        }
+        let failed_over = [
+            command.is_some_and(|applied| applied.failed_over.is_set()),
+            self.memory.position_failed_over,
+        ];
         let records = [&inputs.attitude_owner, &inputs.position_owner];
-        let records = records.map(|records| records.in_effect_at(now_ns));
-        let owners = records.map(|record| record.map_or(NO_SEAT, |record| record.owner));
-        if owners != self.memory.owners {
-            self.memory.owners = owners;
+        let mut hands = [Hands::Proven; 2];
+        let mut seats = [NO_SEAT; 2];
+        for slot in 0..2 {
+            let Some(record) = records[slot].in_effect_at(now_ns) else { continue };
+            // A trip is known here before it takes effect; without a fallback the owner goes on.
+            let has_tripped = self.memory.tripped[slot] == record.epoch;
+            let is_replaced = failed_over[slot] || has_tripped && record.fallback != NO_SEAT;
+            (hands[slot], seats[slot]) = if is_replaced {
+                (Hands::Replaced, record.fallback)
+            } else if record.watched.is_set() {
+                (
+                    Hands::Watched(Watched { epoch: record.epoch, instance: record.owner }),
+                    record.owner,
+                )
+            } else {
+                (Hands::Proven, record.owner)
+            };
+            let was_replaced = self.memory.replaced[slot];
+            self.memory.replaced[slot] = is_replaced;
+            if is_replaced && !was_replaced {
+                self.memory.replaced_ns[slot] = now_ns;
+            }
+        }
+        if seats[0] != self.memory.commanding[0] {
+            self.reports.forget();
+        }
+        if seats != self.memory.commanding {
+            self.memory.commanding = seats;
+            self.memory.clipped_from_ns = 0;
             self.judge.forget();
         }
-        let command = inputs.applied_command.latest();
-        let setpoint = inputs.applied_setpoint.latest();
-        let attitude_failed_over = command.is_some_and(|applied| applied.failed_over.is_set());
-        let position_failed_over = setpoint.is_some_and(|applied| applied.failed_over.is_set());
-        let mut watched = records.map(|record| {
-            let record = record.filter(|record| record.watched.is_set())?;
-            Some(Watched { epoch: record.epoch, instance: record.owner })
-        });
-        watched[0].take_if(|_| attitude_failed_over);
-        watched[1].take_if(|_| position_failed_over);
-        watched
+        hands
+    }
+
+    /// What is wrong with what the attitude slot's owner reports of its set point.
+    fn misreported(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Finding> {
+        let obeyed = inputs.applied_command.latest();
+        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed)?;
+        let period_ns = |records: &Input<OwnerRecord>, seat: u32| {
+            let seat = usize::try_from(seat).ok()?;
+            records.in_effect_at(now_ns)?.period_ns.get(seat).copied()
+        };
+        let position = inputs.position_owner.in_effect_at(now_ns)?;
+        let cause = self.reports.hear(&Said {
+            release_ns: said.header.release_ns,
+            seat: said.seat,
+            sequence: said.setpoint_sequence,
+            value: [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n],
+            period_ns: period_ns(&inputs.attitude_owner, said.header.seat)?,
+            asks_every_ns: period_ns(&inputs.position_owner, said.seat)?,
+            fallback: position.fallback,
+        })?;
+        Some(Finding { cause, value: 0.0, limit: 0.0, lasted_s: 0.0 })
     }
 
     fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {
@@ -146,16 +262,21 @@ impl Monitor {
         };
         let elapsed_s = now_ns.saturating_sub(self.memory.seen_ns) as f64 * 1e-9;
         self.memory.seen_ns = now_ns;
-        let [roll, pitch, yaw, thrust_n] = self.memory.setpoint;
-        let setpoint = Setpoint { gamma_rad: Vector3::new(roll, pitch, yaw), thrust_n };
+        let setpoint = |[roll, pitch, yaw, thrust_n]: [f64; 4]| Setpoint {
+            gamma_rad: Vector3::new(roll, pitch, yaw),
+            thrust_n,
+        };
+        let clipped_s = match self.memory.clipped_from_ns {
+            0 => 0.0,
+            from_ns => now_ns.saturating_sub(from_ns) as f64 * 1e-9,
+        };
         let applied = inputs.applied_command.latest().map(|applied| Applied {
+            clipped_s,
             thrust_n: applied.thrust_n,
             is_commanded: applied.mode == GateMode::Normal && applied.command_sequence > 0,
         });
-        let reference = inputs.reference.latest().map(|reference| {
-            let target = target(reference, now_ns, 0.0, &self.landing);
-            [target.position_w_m, target.velocity_w_m_s]
-        });
+        let reference = inputs.reference.latest();
+        let reference = reference.map(|reference| target(reference, now_ns, 0.0, &self.landing));
         Some(Moment {
             now_ns,
             elapsed_s: if elapsed_s > LONGEST_STEP_S { 0.0 } else { elapsed_s },
@@ -164,22 +285,29 @@ impl Monitor {
             rate_b_rad_s: estimate.body_rate_b_rad_s.into(),
             position_w_m: estimate.position_w_m.into(),
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
-            setpoint: self.memory.has_setpoint.then_some(setpoint),
+            setpoint: self.memory.has_setpoint.then(|| setpoint(self.memory.setpoint)),
+            asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
+            recovers: self
+                .memory
+                .replaced_ns
+                .map(|from_ns| from_ns > 0 && now_ns < from_ns.saturating_add(RECOVERY_NS)),
             applied,
             reference,
         })
     }
 }
 
-/// Assigns the findings to the watched owners. If only one slot is watched, its owner is blamed for all of
-/// them: the owner of the other slot is not watched any more because it has proven itself.
-fn blame(findings: Findings, watched: [bool; 2]) -> [Option<Finding>; 2] {
+/// Assigns the findings to the watched owners. If the other slot's owner has proven itself, the watched one is blamed for
+/// all of them. A slot whose owner was replaced has been to blame already: the other one answers for its own only.
+fn blame(findings: Findings, hands: &[Hands; 2]) -> [Option<Finding>; 2] {
     let Findings { attitude, position } = findings;
-    match watched {
-        [true, true] => [attitude, position],
-        [true, false] => [attitude.or(position), None],
-        [false, true] => [None, position.or(attitude)],
-        [false, false] => [None, None],
+    match hands {
+        [Hands::Watched(_), Hands::Watched(_)] => [attitude, position],
+        [Hands::Watched(_), Hands::Proven] => [attitude.or(position), None],
+        [Hands::Watched(_), Hands::Replaced] => [attitude, None],
+        [Hands::Proven, Hands::Watched(_)] => [None, position.or(attitude)],
+        [Hands::Replaced, Hands::Watched(_)] => [None, position],
+        _ => [None, None],
     }
 }
 
@@ -208,6 +336,7 @@ fn trip(slot: Role, owner: Watched, finding: &Finding) -> Trip {
             ..common
         },
         TripCause::ThrustAstray => Trip { speed_m_s: value, speed_limit_m_s: limit, ..common },
+        TripCause::ThrustBeyond => Trip { thrust_n: value, thrust_limit_n: limit, ..common },
         TripCause::PositionDeparts | TripCause::Sinks => {
             Trip { distance_m: value, distance_limit_m: limit, ..common }
         }
@@ -222,18 +351,27 @@ impl Service for Monitor {
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take_setpoint(inputs);
-        let watched = self.watched(now_ns, inputs);
-        if watched.iter().all(Option::is_none) {
+        self.take_setpoints(now_ns, inputs);
+        self.take_clipping(inputs);
+        let hands = self.hands(now_ns, inputs);
+        let misreported = self.misreported(now_ns, inputs);
+        if !hands.iter().any(|hands| matches!(hands, Hands::Watched(_))) {
             return;
         }
-        let Some(moment) = self.moment(now_ns, inputs) else { return };
-        let findings = self.judge.see(&moment);
-        let found = blame(findings, watched.map(|owner| owner.is_some()));
+        let moment = self.moment(now_ns, inputs);
+        let findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
+        let [attitude, position] = blame(findings, &hands);
+        let found = [misreported.or(attitude), position];
         for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
-            let (Some(owner), Some(finding)) = (watched[index], &found[index]) else { continue };
+            let (Hands::Watched(owner), Some(finding)) = (hands[index], &found[index]) else {
+                continue;
+            };
             // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
             if self.memory.tripped[index] < owner.epoch {
                 self.memory.tripped[index] = owner.epoch;
+                if slot == Role::Position {
+                    self.reports.trip(owner.instance, now_ns + self.latency_ns);
+                }
                 outputs.trip.write(trip(slot, owner, finding));
                 break;
             }
@@ -241,12 +379,42 @@ impl Service for Monitor {
     }
 
     fn memory(&self) -> Memory {
-        Memory { judge: self.judge.memory(), ..self.memory }
+        Memory { judge: self.judge.memory(), reports: self.reports.memory(), ..self.memory }
     }
 
     fn restore(&mut self, memory: &Memory) -> Result<(), String> {
         self.judge.restore(&memory.judge);
+        self.reports.restore(&memory.reports);
         self.memory = *memory;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(cause: TripCause) -> Option<Finding> {
+        Some(Finding { cause, value: 1.0, limit: 0.5, lasted_s: 0.0 })
+    }
+
+    #[test]
+    fn the_watched_owner_answers_for_a_proven_one_and_never_for_one_that_was_replaced() {
+        let watched = Hands::Watched(Watched { epoch: 1, instance: 0 });
+        let (turns, leaves) = (TripCause::AttitudeDeparts, TripCause::PositionDeparts);
+        let both = Findings { attitude: found(turns), position: found(leaves) };
+        let of_position = Findings { attitude: None, position: found(leaves) };
+        let of_attitude = Findings { attitude: found(turns), position: None };
+        let causes = |findings: Findings, hands: [Hands; 2]| {
+            blame(findings, &hands).map(|finding| finding.map(|finding| finding.cause))
+        };
+        assert_eq!(causes(both, [watched; 2]), [Some(turns), Some(leaves)]);
+        assert_eq!(causes(of_position, [watched, Hands::Proven]), [Some(leaves), None]);
+        assert_eq!(causes(of_attitude, [Hands::Proven, watched]), [None, Some(turns)]);
+        assert_eq!(causes(of_position, [watched, Hands::Replaced]), [None; 2]);
+        assert_eq!(causes(of_attitude, [Hands::Replaced, watched]), [None; 2]);
+        assert_eq!(causes(both, [watched, Hands::Replaced]), [Some(turns), None]);
+        assert_eq!(causes(both, [Hands::Replaced, watched]), [None, Some(leaves)]);
+        assert_eq!(causes(both, [Hands::Proven, Hands::Replaced]), [None; 2]);
     }
 }

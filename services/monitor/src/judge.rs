@@ -21,6 +21,7 @@
 
 use crate::limits::{Braking, Limits, stopping};
 use crate::swings::{REVERSALS, SwingMemory, Swings};
+use controller::preview::Target;
 use nalgebra::{UnitQuaternion, Vector3};
 use shared_types::TripCause;
 use vehicle::{
@@ -34,6 +35,8 @@ const BODY_WINDOW_NS: u64 = 1_000_000_000;
 const SETPOINT_WINDOW_NS: u64 = 4_000_000_000;
 /// Time constant of the leaky integrator of the thrust error \[s\].
 const THRUST_MEMORY_S: f64 = 0.5;
+/// How long a set point may ask for another heading than the reference \[s\]: it may be some periods older.
+const HEADING_S: f64 = 0.1;
 /// Depth below the reference from which the height above ground is checked \[m\]. A vehicle that lands stays
 /// close to its descending reference and is not checked.
 const SUNK_M: f64 = 0.3;
@@ -57,6 +60,8 @@ pub struct Applied {
     pub thrust_n: f64,
     /// True if a controller gave the command, false if the actuation guard replaced it.
     pub is_commanded: bool,
+    /// For how long commands have asked the rotors for more than they give, without a break \[s\].
+    pub clipped_s: f64,
 }
 
 /// Inputs of the criteria at one instant.
@@ -78,10 +83,15 @@ pub struct Moment {
     pub velocity_w_m_s: Vector3<f64>,
     /// Set point of the attitude loop; `None` before the first one.
     pub setpoint: Option<Setpoint>,
+    /// What the position slot's owner asks for, whatever the attitude loop makes of it; `None` before the first one.
+    pub asked: Option<Setpoint>,
     /// Command that the plant applied; `None` before the first one.
     pub applied: Option<Applied>,
-    /// Position \[m\] and velocity \[m/s\] of the reference in the world frame; `None` on a rig.
-    pub reference: Option<[Vector3<f64>; 2]>,
+    /// Whether the attitude and the position slot's owner have been replaced lately: where the vehicle is and how it
+    /// leans then is their doing.
+    pub recovers: [bool; 2],
+    /// What the reference asks for; `None` on a rig.
+    pub reference: Option<Target>,
 }
 
 /// A number beyond its limit. Its unit is that of the fields of `Trip` that belong to the cause.
@@ -110,6 +120,8 @@ shared_types::memory! {
         /// Time that the vehicle has lately been far from its reference \[s\]; it decreases at half speed
         /// while the vehicle is close.
         pub off_course_s: f64,
+        /// How long the set point has asked for another heading than the reference \[s\].
+        pub heading_astray_s: f64,
         /// How long the attitude error has been too large \[s\].
         pub astray_s: f64,
         /// Vertical speed gained by applying another thrust than the set point asks for \[m/s\].
@@ -210,10 +222,13 @@ impl Judge {
         // If the attitude followed its set point, the set point led the vehicle there, and the position
         // controller, which gave it, is to blame.
         let followed = self.memory.error_of_late_rad < self.limits.astray_rad;
-        let of_attitude = turned.or(swings).or(thrust);
+        let of_attitude = turned.or(swings).or(thrust).or(self.clipped(moment));
+        let [after_attitude, after_position] = moment.recovers;
+        let course = tilt.filter(|_| !after_attitude).or(moved).filter(|_| !after_position);
+        let of_position = followed || after_attitude;
         Findings {
-            attitude: of_attitude.or(tilt.or(moved).filter(|_| !followed)),
-            position: asked.or(tilt.or(moved).filter(|_| followed)),
+            attitude: of_attitude.or(course.filter(|_| !of_position)),
+            position: asked.or(course.filter(|_| of_position)),
         }
     }
 
@@ -276,6 +291,16 @@ impl Judge {
         found
     }
 
+    fn clipped(&self, moment: &Moment) -> Option<Finding> {
+        let lasted_s = moment.applied?.clipped_s;
+        (lasted_s > self.limits.clipped_s).then_some(Finding {
+            cause: TripCause::RotorsClipped,
+            value: 0.0,
+            limit: 0.0,
+            lasted_s,
+        })
+    }
+
     /// Integrates the difference between the commanded and the applied thrust to a vertical speed.
     fn thrust(&mut self, moment: &Moment) -> Option<Finding> {
         let (Some(setpoint), Some(applied)) = (moment.setpoint, moment.applied) else {
@@ -294,14 +319,37 @@ impl Judge {
         beyond(TripCause::ThrustAstray, speed, self.limits.thrust_speed_m_s)
     }
 
-    /// Checks the tilt of the set point and its oscillations.
+    /// Checks what the position slot's owner asks for: the tilt and its oscillations, the thrust, and the heading.
     fn asked(&mut self, moment: &Moment) -> Option<Finding> {
         // Only a flight with a reference has a position loop; on a rig any set point is permitted.
-        let _reference = moment.reference?;
-        let asked = moment.setpoint?.gamma_rad;
+        let reference = moment.reference?;
+        let Setpoint { gamma_rad: asked, thrust_n } = moment.asked?;
         let tilt = libm::acos(libm::cos(asked.x) * libm::cos(asked.y));
         let limit = self.limits.swing_tilt_rad;
-        let mut found = beyond(TripCause::SetpointBeyond, tilt, self.limits.setpoint_tilt_rad);
+        let [least_n, most_n] =
+            self.limits.setpoint_thrust_weights.map(|weights| weights * self.vehicle.weight_n());
+        let bound_n = if thrust_n < least_n { least_n } else { most_n };
+        let is_beyond = !(least_n..=most_n).contains(&thrust_n);
+        let thrust = Finding {
+            cause: TripCause::ThrustBeyond,
+            value: thrust_n,
+            limit: bound_n,
+            lasted_s: 0.0,
+        };
+        let turned = wrap_pi(asked.z - reference.yaw_rad).abs();
+        let is_astray = turned > self.limits.heading_rad;
+        let lasted_s =
+            if is_astray { self.memory.heading_astray_s + moment.elapsed_s } else { 0.0 };
+        self.memory.heading_astray_s = lasted_s;
+        let heading = Finding {
+            cause: TripCause::HeadingAstray,
+            value: turned,
+            limit: self.limits.heading_rad,
+            lasted_s,
+        };
+        let mut found = beyond(TripCause::SetpointBeyond, tilt, self.limits.setpoint_tilt_rad)
+            .or(is_beyond.then_some(thrust))
+            .or((lasted_s > HEADING_S).then_some(heading));
         for (swings, angle) in self.asked.iter_mut().zip([asked.x, asked.y]) {
             if swings.see(moment.now_ns, angle, limit, SETPOINT_WINDOW_NS) {
                 found = found.or(Some(Finding {
@@ -317,9 +365,9 @@ impl Judge {
 
     /// Compares the position with the reference and with the ground.
     fn moved(&mut self, moment: &Moment, braking: &Braking) -> Option<Finding> {
-        let [place, speed] = moment.reference?;
-        let error = moment.position_w_m - place;
-        let velocity = moment.velocity_w_m_s - speed;
+        let reference = moment.reference?;
+        let error = moment.position_w_m - reference.position_w_m;
+        let velocity = moment.velocity_w_m_s - reference.velocity_w_m_s;
         let distance = error.norm();
         let away = if distance > 1e-6 { velocity.dot(&error) / distance } else { velocity.norm() };
         let memory = &mut self.memory;

@@ -9,6 +9,7 @@
 //! have to be running for that.
 //!
 //! * [`judge`] holds the criteria, as a pure function of time and numbers. Start there.
+//! * [`reports`] compares what the attitude slot's owner says of its set point with the set points themselves.
 //! * [`limits`] derives their thresholds from the vehicle.
 //! * [`settings`] is the section `[watch]` of a scenario, which may replace each of them.
 //! * [`component`] is the process: it decides which owner is watched, and which of two is to blame.
@@ -16,6 +17,7 @@
 pub mod component;
 pub mod judge;
 pub mod limits;
+pub mod reports;
 pub mod settings;
 mod swings;
 

@@ -25,6 +25,10 @@ pub struct Limits {
     pub swing_tilt_rad: f64,
     /// Largest tilt of a set point \[rad\].
     pub setpoint_tilt_rad: f64,
+    /// Least and largest thrust of a set point, in weights of the vehicle.
+    pub setpoint_thrust_weights: [f64; 2],
+    /// How long the rotors may be clipped without a break \[s\].
+    pub clipped_s: f64,
     /// Largest vertical speed gained by applying another thrust than the set point asks for \[m/s\].
     pub thrust_speed_m_s: f64,
     /// How far the vehicle may move away from its reference, predicted \[m\].
@@ -49,6 +53,9 @@ impl Default for Limits {
     /// * `swing_rate_rad_s`: half of the rate from which the actuation guard levels the vehicle by itself.
     /// * `swing_tilt_rad`: half of the tilt bound.
     /// * `setpoint_tilt_rad`: 1.5 times the tilt bound.
+    /// * `setpoint_thrust_weights`: a tenth of the weight beyond what any shipped position controller may ask for, 0.3 to
+    ///   2 weights.
+    /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
     /// * `excursion_m`: the distance that a vehicle at the tilt bound covers in two thirds of a second,
     ///   g tan(0.35) t² / 2.
@@ -65,6 +72,8 @@ impl Default for Limits {
             swing_rate_rad_s: 2.0,
             swing_tilt_rad: 0.5 * TILT_BOUND_RAD,
             setpoint_tilt_rad: 1.5 * TILT_BOUND_RAD,
+            setpoint_thrust_weights: [0.2, 2.1],
+            clipped_s: 0.45,
             thrust_speed_m_s: 0.5,
             excursion_m: 0.75,
             off_course_m: 0.3,

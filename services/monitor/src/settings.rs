@@ -53,6 +53,15 @@ pub struct Settings {
     /// Largest tilt of a set point \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub setpoint_tilt_rad: Option<f64>,
+    /// Least thrust of a set point, in weights of the vehicle.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub setpoint_thrust_min_weights: Option<f64>,
+    /// Largest thrust of a set point, in weights of the vehicle.
+    #[garde(range(min = 1.0, max = 100.0))]
+    pub setpoint_thrust_max_weights: Option<f64>,
+    /// How long the rotors may be clipped without a break \[s\].
+    #[garde(range(min = 0.01, max = 60.0))]
+    pub clipped_s: Option<f64>,
     /// Largest vertical speed gained by applying another thrust than the set point asks for \[m/s\].
     #[garde(range(min = 0.01, max = 100.0))]
     pub thrust_speed_m_s: Option<f64>,
@@ -84,6 +93,9 @@ impl Default for Settings {
             swing_rate_rad_s: None,
             swing_tilt_rad: None,
             setpoint_tilt_rad: None,
+            setpoint_thrust_min_weights: None,
+            setpoint_thrust_max_weights: None,
+            clipped_s: None,
             thrust_speed_m_s: None,
             excursion_m: None,
             off_course_m: None,
@@ -98,6 +110,7 @@ impl Settings {
     #[must_use]
     pub fn limits(&self) -> Limits {
         let usual = Limits::default();
+        let [least, most] = usual.setpoint_thrust_weights;
         Limits {
             turn_away_rad: self.turn_away_rad.unwrap_or(usual.turn_away_rad),
             tilt_rad: self.tilt_rad.unwrap_or(usual.tilt_rad),
@@ -107,6 +120,11 @@ impl Settings {
             swing_rate_rad_s: self.swing_rate_rad_s.unwrap_or(usual.swing_rate_rad_s),
             swing_tilt_rad: self.swing_tilt_rad.unwrap_or(usual.swing_tilt_rad),
             setpoint_tilt_rad: self.setpoint_tilt_rad.unwrap_or(usual.setpoint_tilt_rad),
+            setpoint_thrust_weights: [
+                self.setpoint_thrust_min_weights.unwrap_or(least),
+                self.setpoint_thrust_max_weights.unwrap_or(most),
+            ],
+            clipped_s: self.clipped_s.unwrap_or(usual.clipped_s),
             thrust_speed_m_s: self.thrust_speed_m_s.unwrap_or(usual.thrust_speed_m_s),
             excursion_m: self.excursion_m.unwrap_or(usual.excursion_m),
             off_course_m: self.off_course_m.unwrap_or(usual.off_course_m),

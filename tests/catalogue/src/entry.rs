@@ -30,6 +30,12 @@ pub enum Fault {
     UntilMorph,
     /// A bias on roll and pitch grows by this share of the largest command per second.
     Leak,
+    /// Four weights of thrust from this many seconds after the first command on.
+    Climbs,
+    /// The heading turns by one radian per second from this many seconds after the first command on.
+    Spins,
+    /// The set point that is reported as tracked is zero from this many seconds after the first command on.
+    ReportsZero,
     /// Each step sleeps for this many periods; for realtime flights only.
     Slow,
     /// The first command comes this many seconds after the first step; for realtime flights only.
@@ -52,6 +58,9 @@ impl Fault {
             Self::Diverges => "diverges",
             Self::UntilMorph => "until-morph",
             Self::Leak => "leak",
+            Self::Climbs => "climbs",
+            Self::Spins => "spins",
+            Self::ReportsZero => "reports-zero",
             Self::Slow => "slow",
             Self::LateStart => "late-start",
         }
@@ -100,6 +109,9 @@ impl Entry {
             Fault::Diverges => format!("diverges beyond {amount} deg"),
             Fault::UntilMorph => "works until the arms fold".to_owned(),
             Fault::Leak => format!("leak {:.0} %/s", 1e2 * amount),
+            Fault::Climbs => format!("climbs after {amount} s"),
+            Fault::Spins => format!("spins after {amount} s"),
+            Fault::ReportsZero => format!("reports zero after {amount} s"),
             Fault::Slow => format!("steps of {:.0} % of the period", 1e2 * amount),
             Fault::LateStart => format!("first command after {amount} s"),
         }
@@ -110,6 +122,16 @@ impl Entry {
 #[must_use]
 pub fn late_entries() -> [Entry; 2] {
     [Entry::of(Fault::Slow, 0, 1.2), Entry::of(Fault::LateStart, 0, 10.0)]
+}
+
+/// Entries that are faultless for longer than a rehearsal and a rollback window.
+#[must_use]
+pub fn patient_entries(slot: Slot) -> Vec<Entry> {
+    let faults: &[Fault] = match slot {
+        Slot::Attitude => &[Fault::ReportsZero, Fault::NotANumber],
+        Slot::Position => &[Fault::Climbs, Fault::Spins, Fault::NotANumber],
+    };
+    faults.iter().map(|fault| Entry::of(*fault, 0, 4.0)).collect()
 }
 
 /// Every entry whose fault shows in lockstep too.

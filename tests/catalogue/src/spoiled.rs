@@ -7,7 +7,7 @@ use core::convert::Infallible;
 use host::{HostError, Joined};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::{Component, Ending, Output, OutputSet as _, OutputVisitor, Service};
-use shared_types::{AttitudeSetpoint, Sample, Topic, WrenchCommand};
+use shared_types::{AppliedSetpoint, AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 
 /// A service whose outputs pass through a [`Spoiler`].
@@ -65,6 +65,10 @@ impl OutputVisitor for Spoil<'_> {
             spoil_wrench(self.spoiler, self.now_ns, command, self.seen);
         } else if let Some(command) = any.downcast_mut::<AttitudeSetpoint>() {
             spoil_setpoint(self.spoiler, self.now_ns, command, self.seen);
+        } else if let Some(said) = any.downcast_mut::<AppliedSetpoint>()
+            && self.spoiler.misreports(self.now_ns)
+        {
+            (said.thrust_n, said.roll_rad, said.pitch_rad, said.yaw_rad) = (0.0, 0.0, 0.0, 0.0);
         } else {
             return Ok(());
         }

@@ -86,8 +86,19 @@ impl Spoiler {
             Fault::Diverges if seen.tilt_rad.to_degrees() > amount => turned,
             Fault::UntilMorph if self.morphed => turned,
             Fault::Leak => biased(amount * flown_s),
+            Fault::Climbs if flown_s >= amount => [4.0 * weight, roll, pitch, yaw],
+            Fault::Spins if flown_s >= amount => [thrust, roll, pitch, yaw + flown_s - amount],
             Fault::NotANumber | Fault::Diverges | Fault::UntilMorph => command,
+            Fault::Climbs | Fault::Spins | Fault::ReportsZero => command,
         }
+    }
+
+    /// True if a report of the step at `now_ns` \[ns\] is false.
+    #[must_use]
+    pub fn misreports(&self, now_ns: u64) -> bool {
+        let flown_s = |(first_ns, _)| now_ns.saturating_sub(first_ns) as f64 * 1e-9;
+        self.entry.fault == Fault::ReportsZero
+            && self.first.map(flown_s).is_some_and(|flown_s| flown_s >= self.entry.amount)
     }
 
     fn late(&mut self, now_ns: u64, command: [f64; 4], delay_s: f64) -> [f64; 4] {
@@ -145,6 +156,17 @@ mod tests {
         assert!(nan.spoil(700_000_000, COMMAND, still)[1].is_nan());
         let mut frozen = of(Fault::Frozen, 0.0);
         assert_eq!(frozen.spoil(0, COMMAND, still), frozen.spoil(5, [0.0; 4], still));
+        let mut lies = of(Fault::ReportsZero, 0.7);
+        assert_eq!(lies.spoil(0, COMMAND, still), COMMAND);
+        assert_eq!([699_999_999, 700_000_000].map(|t_ns| lies.misreports(t_ns)), [false, true]);
+        let mut climbs = of(Fault::Climbs, 0.5);
+        let mut spins = of(Fault::Spins, 0.5);
+        for t_ns in [0, 500_000_000, 1_500_000_000] {
+            let (up, round) =
+                (climbs.spoil(t_ns, COMMAND, still), spins.spoil(t_ns, COMMAND, still));
+            assert_eq!(up[0], if t_ns == 0 { COMMAND[0] } else { 4.0 });
+            assert!((round[3] - COMMAND[3] - (t_ns as f64 * 1e-9 - 0.5).max(0.0)).abs() < 1e-12);
+        }
         let mut leak = of(Fault::Leak, 0.05);
         assert_eq!(leak.spoil(0, COMMAND, still), COMMAND);
         assert!((leak.spoil(2_000_000_000, COMMAND, still)[1] - 0.02).abs() < 1e-12);

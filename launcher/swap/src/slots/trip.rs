@@ -46,6 +46,17 @@ impl fmt::Display for TripReason<'_> {
                 f,
                 "the vehicle sinks: {distance:.2} m of height are needed to stop it, and {distance_limit:.2} m are left"
             ),
+            _ => self.of_orders(f),
+        }
+    }
+}
+
+impl TripReason<'_> {
+    /// What the owner asked for, obeyed or reported.
+    fn of_orders(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let trip = self.0;
+        let (angle, limit) = (trip.angle_rad, trip.angle_limit_rad);
+        match trip.cause {
             TripCause::SetpointBeyond => {
                 write!(f, "its set point asks for {angle:.2} rad of tilt, limit {limit:.2} rad")
             }
@@ -54,6 +65,23 @@ impl fmt::Display for TripReason<'_> {
                 "the tilt of its set point has changed sides {} times at {angle:.2} rad, limit {limit:.2} rad",
                 trip.reversals
             ),
+            TripCause::ThrustBeyond => write!(
+                f,
+                "its set point asks for {:.2} N of thrust, limit {:.2} N",
+                trip.thrust_n, trip.thrust_limit_n
+            ),
+            TripCause::HeadingAstray => write!(
+                f,
+                "its set point asks for a heading {angle:.2} rad off the reference's for {:.2} s, limit {limit:.2} rad",
+                trip.lasted_s
+            ),
+            TripCause::RotorsClipped => {
+                write!(f, "it asks the rotors for more than they give for {:.2} s", trip.lasted_s)
+            }
+            TripCause::ReportFalse => f.write_str("it reports a set point that it was not given"),
+            TripCause::TripIgnored => {
+                f.write_str("it still obeys the position controller that has tripped")
+            }
             // A number that this build does not know, which no port of it lets through.
             _ => f.write_str("it was losing the vehicle"),
         }

@@ -9,8 +9,8 @@ use nalgebra::Vector3;
 use runtime::{Link, Service, inputs, outputs};
 use serde::Deserialize;
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, OwnerRecord, PositionReport, Reference, Role, StateEstimate,
-    topics,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, OwnerRecord, PositionReport, Reference,
+    Role, StateEstimate, topics,
 };
 use vehicle::VehicleParameters;
 
@@ -54,6 +54,8 @@ inputs! {
         reference: Reference = topics::REFERENCE,
         /// Set point that the attitude slot tracks, whoever gave it.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
+        /// Whose commands the plant obeys.
+        applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Who flies the attitude slot.
         attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
     }
@@ -190,7 +192,8 @@ impl Controller {
 
     /// Notes what the attitude slot's owner tracks; its shadows say what they would, too.
     fn take_applied(&mut self, inputs: &Inputs) {
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner);
+        let obeyed = inputs.applied_command.latest();
+        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed);
         if let Some(sample) = said.filter(|sample| sample.setpoint_sequence > 0) {
             self.memory.applied =
                 [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];

@@ -3,8 +3,8 @@
 use crate::Setpoint;
 use runtime::{Standing, inputs, outputs};
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, MorphCommand, OwnerRecord, PositionReport, Reference,
-    StateEstimate, topics,
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, MorphCommand, OwnerRecord, PositionReport,
+    Reference, StateEstimate, topics,
 };
 
 inputs! {
@@ -16,6 +16,8 @@ inputs! {
         reference: Reference = topics::REFERENCE,
         /// Set point in use at the attitude loop.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
+        /// Whose commands the plant obeys.
+        applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Planned path of the deployable angle.
         morph_command: MorphCommand = topics::MORPH_COMMAND,
         /// Owner of the attitude slot.
@@ -33,6 +35,11 @@ outputs! {
     }
 }
 
+/// What the controller that flies the attitude slot has said of its set point in this step.
+fn in_command(inputs: &Inputs) -> Option<&AppliedSetpoint> {
+    inputs.applied_setpoint.in_command(&inputs.attitude_owner, inputs.applied_command.latest())
+}
+
 /// The set point that the attitude slot's owner tracks; shadows say what they track, too.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Tracked {
@@ -45,7 +52,7 @@ pub struct Tracked {
 impl Tracked {
     /// Takes what the owner says in a step.
     pub fn take(&mut self, inputs: &Inputs) {
-        if let Some(sample) = inputs.applied_setpoint.in_command(&inputs.attitude_owner) {
+        if let Some(sample) = in_command(inputs) {
             self.set(sample);
         }
     }

@@ -22,8 +22,15 @@ fn rest(step: u64) -> Moment {
         position_w_m: place,
         velocity_w_m_s: Vector3::zeros(),
         setpoint: Some(Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight_n }),
-        applied: Some(Applied { thrust_n: weight_n, is_commanded: true }),
-        reference: Some([place, Vector3::zeros()]),
+        asked: Some(Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight_n }),
+        applied: Some(Applied { thrust_n: weight_n, is_commanded: true, clipped_s: 0.0 }),
+        recovers: [false; 2],
+        reference: Some(Target {
+            position_w_m: place,
+            velocity_w_m_s: Vector3::zeros(),
+            acceleration_w_m_s2: Vector3::zeros(),
+            yaw_rad: 0.0,
+        }),
     }
 }
 
@@ -127,8 +134,8 @@ fn an_oscillation_of_the_body_is_found_and_the_response_to_a_kick_is_not() {
 fn a_thrust_error_is_found_by_the_vertical_speed_that_it_causes() {
     let motion = |step: u64| {
         let moment = rest(step);
-        let applied =
-            Applied { thrust_n: 0.2 * moment.applied.unwrap().thrust_n, is_commanded: true };
+        let applied = moment.applied.unwrap();
+        let applied = Applied { thrust_n: 0.2 * applied.thrust_n, ..applied };
         Moment { applied: Some(applied), ..moment }
     };
     let (step, found) = first(200, motion).unwrap();
@@ -183,11 +190,74 @@ fn the_position_loop_is_blamed_for_a_set_point_beyond_its_bound_except_on_a_rig(
     let motion = |step: u64| {
         let moment = rolled(step, 0.6, 0.0);
         let gamma_rad = Vector3::new(0.6, 0.0, 0.0);
-        Moment { setpoint: Some(Setpoint { gamma_rad, thrust_n: 1.2 }), ..moment }
+        let setpoint = Some(Setpoint { gamma_rad, thrust_n: 1.2 });
+        Moment { setpoint, asked: setpoint, ..moment }
     };
     let (step, found) = first(10, motion).unwrap();
     assert_eq!((step, found.position.unwrap().cause), (0, TripCause::SetpointBeyond));
     assert_eq!(first(20, |step| Moment { reference: None, ..motion(step) }), None);
+}
+
+#[test]
+fn a_set_point_with_a_thrust_beyond_its_bounds_is_found_at_once_except_on_a_rig() {
+    let weight_n = VehicleParameters::default().weight_n();
+    let asking = |weights: f64| {
+        let moment = rest(0);
+        let asked = moment.asked.map(|asked| Setpoint { thrust_n: weights * weight_n, ..asked });
+        Moment { asked, ..moment }
+    };
+    for weights in [0.0, 0.19, 2.11, 4.0] {
+        let found = judge().see(&asking(weights));
+        assert_eq!(found.position.unwrap().cause, TripCause::ThrustBeyond, "{weights}");
+        let rig = Moment { reference: None, ..asking(weights) };
+        assert_eq!(judge().see(&rig), Findings::default());
+    }
+    for weights in [0.3, 1.0, 2.0] {
+        assert_eq!(judge().see(&asking(weights)), Findings::default(), "{weights}");
+    }
+}
+
+#[test]
+fn a_set_point_that_turns_the_heading_away_from_the_reference_is_found() {
+    // At one radian per second; the limit of 0.7 rad is reached after 0.7 s.
+    let (step, found) = first(200, |step| {
+        let moment = rest(step);
+        let gamma_rad = Vector3::new(0.0, 0.0, step as f64 * STEP_S);
+        let asked = moment.asked.map(|asked| Setpoint { gamma_rad, ..asked });
+        Moment { asked, ..moment }
+    })
+    .unwrap();
+    assert_eq!(found.position.unwrap().cause, TripCause::HeadingAstray);
+    assert!((80..=82).contains(&step), "{step}");
+}
+
+#[test]
+fn rotors_that_are_clipped_for_longer_than_the_limit_are_found() {
+    for (clipped_s, cause) in [(0.45, None), (0.46, Some(TripCause::RotorsClipped))] {
+        let moment = rest(0);
+        let applied = moment.applied.map(|applied| Applied { clipped_s, ..applied });
+        let found = judge().see(&Moment { applied, ..moment });
+        assert_eq!(found.attitude.map(|finding| finding.cause), cause);
+    }
+}
+
+#[test]
+fn after_a_fail_over_where_the_vehicle_is_and_how_it_leans_is_not_the_others_fault() {
+    // 0.9 m off, leaning by 50 degrees and on its way.
+    let thrown = |recovers: [bool; 2]| {
+        let moment = rolled(0, 0.87, 0.0);
+        let position_w_m = moment.position_w_m + Vector3::new(0.9, 0.0, 0.0);
+        let velocity_w_m_s = Vector3::new(4.0, 0.0, 0.0);
+        let gamma_rad = Vector3::new(0.87, 0.0, 0.0);
+        let setpoint = moment.setpoint.map(|setpoint| Setpoint { gamma_rad, ..setpoint });
+        Moment { position_w_m, velocity_w_m_s, setpoint, recovers, ..moment }
+    };
+    let found = judge().see(&thrown([false; 2]));
+    assert_eq!((found.position.unwrap().cause, found.attitude), (TripCause::PositionDeparts, None));
+    assert_eq!(judge().see(&thrown([false, true])), Findings::default());
+    // A position controller answers for where it leads the vehicle from then on.
+    let found = judge().see(&thrown([true, false]));
+    assert_eq!((found.position.unwrap().cause, found.attitude), (TripCause::PositionDeparts, None));
 }
 
 #[test]

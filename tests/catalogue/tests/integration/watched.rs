@@ -5,7 +5,7 @@ use catalogue::swapped::{
     Guard, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
     swapped_with_late_trips,
 };
-use catalogue::{Entry, Fault, entries};
+use catalogue::{Entry, Fault, entries, patient_entries};
 use scenario::candidate::Slot;
 use scenario::services::names_for;
 use std::path::PathBuf;
@@ -59,6 +59,29 @@ fn the_vehicle_survives_every_bad_controller_that_is_forced_in() {
     }
     // A forced swap is still refused if the candidate commands what no vehicle could follow.
     assert!(flipped + 2 >= flown, "{flipped} of {flown}");
+}
+
+/// No rehearsal sees such a fault, and no rollback window lasts until it shows.
+#[test]
+fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
+    let flights = Flights::new();
+    for slot in Slot::ALL {
+        for entry in patient_entries(slot) {
+            for (at, situation) in SITUATIONS.iter().enumerate().take(2) {
+                let flown = flights.fly(at, slot, &entry, (Guard::All, 0));
+                let name = format!("{} {}, {}", slot.label(), entry.name(), situation.name);
+                println!("{name}: {flown:?}");
+                assert!(
+                    flown.flipped && flown.recovered && flown.lost.is_none(),
+                    "{name}: {flown:?}"
+                );
+                assert!(flown.excursion_m <= 0.5 && flown.tilt_deg <= 60.0, "{name}: {flown:?}");
+                // Silence is followed without a trip.
+                let is_silent = entry.fault == Fault::NotANumber;
+                assert_eq!(flown.tripped_s.is_some(), !is_silent, "{name}: {flown:?}");
+            }
+        }
+    }
 }
 
 #[test]

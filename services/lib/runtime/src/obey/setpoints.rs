@@ -4,7 +4,9 @@ use super::{Obedience, ObedienceMemory};
 use crate::input::Input;
 use crate::ownership::Standing;
 use core::slice::Iter;
-use shared_types::{AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, Trip};
+use shared_types::{
+    AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, Trip,
+};
 use slot::{Command, Standing as Seated};
 
 /// Bound on the tilt that a position loop asks for, the unit in which steps of it are measured \[rad\].
@@ -150,14 +152,24 @@ impl SetpointSlot {
 }
 
 impl Input<AppliedSetpoint> {
-    /// The newest of this step that the attitude slot's owner has said; the fallback's if the owner
-    /// says nothing any more. Shadows say what they track too.
+    /// The newest of this step that the attitude slot's owner has said; the fallback's if the owner says nothing any
+    /// more, or the plant does not obey it any more, as `plant` says: what an owner that has tripped or failed reports
+    /// is not what flies. Shadows say what they track too.
     #[must_use]
-    pub fn in_command(&self, records: &Input<OwnerRecord>) -> Option<&AppliedSetpoint> {
+    pub fn in_command(
+        &self,
+        records: &Input<OwnerRecord>,
+        plant: Option<&AppliedCommand>,
+    ) -> Option<&AppliedSetpoint> {
         let newest = |standing| {
             self.fresh().iter().rev().find(|s| records.standing_of(&s.header) == standing)
         };
-        newest(Standing::Owner).or_else(|| newest(Standing::Fallback))
+        let has_failed = |said: &&AppliedSetpoint| {
+            let epoch = records.in_effect_at(said.header.valid_ns).map(|record| record.epoch);
+            plant.is_some_and(|plant| plant.failed_over.is_set() && Some(plant.epoch) == epoch)
+        };
+        let owners = newest(Standing::Owner).filter(|said| !has_failed(said));
+        owners.or_else(|| newest(Standing::Fallback))
     }
 }
 
@@ -171,7 +183,7 @@ mod tests {
         AppliedSetpoint { header, ..AppliedSetpoint::default() }
     }
 
-    fn in_command(samples: &[(u64, u32)]) -> Option<(u64, u32)> {
+    fn in_command(samples: &[(u64, u32)], plant: Option<&AppliedCommand>) -> Option<(u64, u32)> {
         let (mut records, mut setpoints) = (Input::default(), Input::default());
         for (epoch, valid_ns, owner, fallback) in [(1, 0, 0, 1), (2, 50, 2, 0)] {
             records.offer(OwnerRecord {
@@ -188,15 +200,33 @@ mod tests {
         }
         records.accept(100, None);
         setpoints.accept(100, None);
-        setpoints.in_command(&records).map(|s| (s.header.valid_ns, s.header.seat))
+        setpoints.in_command(&records, plant).map(|s| (s.header.valid_ns, s.header.seat))
     }
 
     #[test]
     fn the_owners_word_counts_and_the_fallbacks_only_without_it() {
-        assert_eq!(in_command(&[(10, 0), (20, 0), (20, 1), (30, 3)]), Some((20, 0)));
-        assert_eq!(in_command(&[(10, 1), (20, 1), (20, 3)]), Some((20, 1)));
-        assert_eq!(in_command(&[(10, 0), (60, 2), (70, 0)]), Some((60, 2)));
-        assert_eq!(in_command(&[(10, 3), (60, 1)]), None);
+        assert_eq!(in_command(&[(10, 0), (20, 0), (20, 1), (30, 3)], None), Some((20, 0)));
+        assert_eq!(in_command(&[(10, 1), (20, 1), (20, 3)], None), Some((20, 1)));
+        assert_eq!(in_command(&[(10, 0), (60, 2), (70, 0)], None), Some((60, 2)));
+        assert_eq!(in_command(&[(10, 3), (60, 1)], None), None);
+    }
+
+    #[test]
+    fn an_owner_that_the_plant_does_not_obey_any_more_is_not_believed() {
+        let plant = |epoch: u64, failed_over: bool| AppliedCommand {
+            epoch,
+            failed_over: Flag::from(failed_over),
+            ..AppliedCommand::default()
+        };
+        let both = [(60, 2), (60, 0)];
+        assert_eq!(in_command(&both, Some(&plant(2, false))), Some((60, 2)));
+        assert_eq!(in_command(&both, Some(&plant(2, true))), Some((60, 0)));
+        assert_eq!(in_command(&both[..1], Some(&plant(2, true))), None);
+        assert_eq!(
+            in_command(&both, Some(&plant(1, true))),
+            Some((60, 2)),
+            "of an epoch that is over"
+        );
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub enum Fault {
     #[error("its commands failed to come, or were refused")]
     Silent,
     /// The monitor found that it would lose the vehicle.
-    #[error("the monitor tripped: it was losing the vehicle")]
+    #[error("the monitor tripped it")]
     Tripped,
 }
 

@@ -141,7 +141,8 @@ toy!(estimator,
     [state_estimate: StateEstimate = STATE_ESTIMATE / 1]);
 toy!(position,
     [state_estimate: StateEstimate = STATE_ESTIMATE, reference: Reference = REFERENCE,
-     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, morph_command: MorphCommand = MORPH_COMMAND],
+     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, applied_command: AppliedCommand = APPLIED_COMMAND,
+     morph_command: MorphCommand = MORPH_COMMAND],
     [attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT / 1,
      position_report: PositionReport = POSITION_REPORT / 2]);
 toy!(attitude,
@@ -154,7 +155,8 @@ toy!(attitude,
 toy!(disturbance, [], [disturbance: Disturbance = DISTURBANCE / 2]);
 toy!(monitor,
     [state_estimate: StateEstimate = STATE_ESTIMATE, applied_command: AppliedCommand = APPLIED_COMMAND,
-     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, reference: Reference = REFERENCE],
+     applied_setpoint: AppliedSetpoint = APPLIED_SETPOINT, attitude_setpoint: AttitudeSetpoint = ATTITUDE_SETPOINT,
+     reference: Reference = REFERENCE],
     [trip: Trip = TRIP / 5]);
 toy!(pilot, [], [reference: Reference = REFERENCE / 1, morph_command: MorphCommand = MORPH_COMMAND / 1]);
 toy!(rig_pilot, [],
