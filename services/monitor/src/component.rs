@@ -1,6 +1,7 @@
 //! The monitor as a process: it reads what a real vehicle can measure or estimate, and publishes trips.
 
-use crate::judge::{Applied, Finding, Findings, Judge, JudgeMemory, Moment, Setpoint};
+use crate::blame::{Hands, Watched, blame};
+use crate::judge::{Applied, Finding, Judge, JudgeMemory, Moment, Setpoint};
 use crate::limits::Limits;
 use crate::reports::{Asked, Reports, ReportsMemory, Said};
 use controller::preview::{Landing, target};
@@ -96,24 +97,6 @@ shared_types::memory! {
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
     }
-}
-
-/// The owner of a slot that is to be judged.
-#[derive(Debug, Clone, Copy)]
-struct Watched {
-    epoch: u64,
-    instance: u32,
-}
-
-/// Who commands a slot.
-#[derive(Debug, Clone, Copy)]
-enum Hands {
-    /// An owner that has not proven itself.
-    Watched(Watched),
-    /// An owner that has.
-    Proven,
-    /// The fallback, in place of an owner that has tripped or failed.
-    Replaced,
 }
 
 /// The monitor between its ports.
@@ -297,20 +280,6 @@ impl Monitor {
     }
 }
 
-/// Assigns the findings to the watched owners. If the other slot's owner has proven itself, the watched one is blamed for
-/// all of them. A slot whose owner was replaced has been to blame already: the other one answers for its own only.
-fn blame(findings: Findings, hands: &[Hands; 2]) -> [Option<Finding>; 2] {
-    let Findings { attitude, position } = findings;
-    match hands {
-        [Hands::Watched(_), Hands::Watched(_)] => [attitude, position],
-        [Hands::Watched(_), Hands::Proven] => [attitude.or(position), None],
-        [Hands::Watched(_), Hands::Replaced] => [attitude, None],
-        [Hands::Proven, Hands::Watched(_)] => [None, position.or(attitude)],
-        [Hands::Replaced, Hands::Watched(_)] => [None, position],
-        _ => [None, None],
-    }
-}
-
 /// Builds the trip for a finding; the cause decides which of the sample's fields carry number and limit.
 fn trip(slot: Role, owner: Watched, finding: &Finding) -> Trip {
     let Finding { cause, value, limit, lasted_s } = *finding;
@@ -387,34 +356,5 @@ impl Service for Monitor {
         self.reports.restore(&memory.reports);
         self.memory = *memory;
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn found(cause: TripCause) -> Option<Finding> {
-        Some(Finding { cause, value: 1.0, limit: 0.5, lasted_s: 0.0 })
-    }
-
-    #[test]
-    fn the_watched_owner_answers_for_a_proven_one_and_never_for_one_that_was_replaced() {
-        let watched = Hands::Watched(Watched { epoch: 1, instance: 0 });
-        let (turns, leaves) = (TripCause::AttitudeDeparts, TripCause::PositionDeparts);
-        let both = Findings { attitude: found(turns), position: found(leaves) };
-        let of_position = Findings { attitude: None, position: found(leaves) };
-        let of_attitude = Findings { attitude: found(turns), position: None };
-        let causes = |findings: Findings, hands: [Hands; 2]| {
-            blame(findings, &hands).map(|finding| finding.map(|finding| finding.cause))
-        };
-        assert_eq!(causes(both, [watched; 2]), [Some(turns), Some(leaves)]);
-        assert_eq!(causes(of_position, [watched, Hands::Proven]), [Some(leaves), None]);
-        assert_eq!(causes(of_attitude, [Hands::Proven, watched]), [None, Some(turns)]);
-        assert_eq!(causes(of_position, [watched, Hands::Replaced]), [None; 2]);
-        assert_eq!(causes(of_attitude, [Hands::Replaced, watched]), [None; 2]);
-        assert_eq!(causes(both, [watched, Hands::Replaced]), [Some(turns), None]);
-        assert_eq!(causes(both, [Hands::Replaced, watched]), [None, Some(leaves)]);
-        assert_eq!(causes(both, [Hands::Proven, Hands::Replaced]), [None; 2]);
     }
 }

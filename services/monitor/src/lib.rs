@@ -12,8 +12,9 @@
 //! * [`reports`] compares what the attitude slot's owner says of its set point with the set points themselves.
 //! * [`limits`] derives their thresholds from the vehicle.
 //! * [`settings`] is the section `[watch]` of a scenario, which may replace each of them.
-//! * [`component`] is the process: it decides which owner is watched, and which of two is to blame.
+//! * [`component`] is the process: it decides which owner is watched; `blame.rs` which of two a finding is about.
 
+mod blame;
 pub mod component;
 pub mod judge;
 pub mod limits;
