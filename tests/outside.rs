@@ -76,6 +76,31 @@ fn an_executable_that_takes_over_makes_the_flight_of_the_processes() {
     }
 }
 
+/// When the launcher hears of it must not matter.
+#[test]
+fn an_executable_that_fails_after_its_window_makes_one_flight_however_it_is_run() {
+    let _alone = alone();
+    let folder = TempDir::new().expect("a folder");
+    for what in ["not-a-number", "crash"] {
+        let fails = config(&folder, what, 2.5, 0.0);
+        let how = format!("shadow=400ms,rollback=300ms,no-rehearsal,config={fails}");
+        let swap = format!("attitude={}@1s,{how}", rogue());
+        let flight = ["figure8-morph", "--for", "4s", "--swap", &swap];
+        let first = fly(&flight);
+        let outcome = swaps(&first)[0]["outcome"].as_str().unwrap_or_default();
+        assert!(outcome.starts_with("taken back: "), "{what}: {}", first.said());
+        for more in [&[][..], &["--in-process"]] {
+            let again = fly(&[&flight[..], more].concat());
+            assert_eq!(again.hash(), first.hash(), "{what} {more:?}: {}", again.said());
+            assert_eq!(swaps(&again), swaps(&first), "{what}: {}", again.said());
+            if what == "not-a-number" {
+                let [again_log, first_log] = [&again, &first].map(|flown| flown.word("log_hash"));
+                assert_eq!(again_log, first_log, "{more:?}: {}", again.said());
+            }
+        }
+    }
+}
+
 /// What came of a flight in this process.
 type Hashes = (String, String);
 

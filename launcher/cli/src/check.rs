@@ -149,7 +149,7 @@ fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
     if !settings.watch.enabled {
         return writeln!(out, "watch   off: an owner that loses the vehicle keeps the slot");
     }
-    let limits = settings.watch.limits();
+    let limits = settings.watch_limits();
     let Limits { turn_away_rad, tilt_rad, heading_rad, astray_rad, astray_s, .. } = limits;
     let Limits { swing_rate_rad_s, swing_tilt_rad, setpoint_tilt_rad, .. } = limits;
     let [least, most] = limits.setpoint_thrust_weights;

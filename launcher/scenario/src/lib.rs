@@ -328,7 +328,7 @@ impl Scenario {
     pub fn monitor_config(&self, landing: Landing) -> MonitorConfig {
         let Settings { watch, latency, .. } = &self.settings;
         MonitorConfig {
-            limits: watch.limits(),
+            limits: self.settings.watch_limits(),
             period_s: 1.0 / watch.rate_hz,
             latency_s: latency.trip_s,
             landing,

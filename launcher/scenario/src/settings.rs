@@ -77,6 +77,18 @@ impl Settings {
 }
 
 impl Settings {
+    /// Thresholds of the monitor for the position controllers as they are configured here.
+    #[must_use]
+    pub fn watch_limits(&self) -> ::monitor::Limits {
+        let (mpc, pid) = (&self.position_mpc, &self.position_pid);
+        let least = [mpc.thrust_min_weights, pid.thrust_min_weights].into_iter().flatten();
+        let most = [mpc.thrust_max_weights, pid.thrust_max_weights].into_iter().flatten();
+        // What is left to the laws is within the monitor's own thresholds.
+        self.watch.limits([least.fold(1.0, f64::min), most.fold(1.0, f64::max)])
+    }
+}
+
+impl Settings {
     /// Rate of the loop that `service` would run \[Hz\]; the controllers of a slot take that of its MPC
     /// unless they have their own.
     #[must_use]

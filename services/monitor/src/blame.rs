@@ -23,13 +23,13 @@ pub(crate) enum Hands {
 /// Assigns the findings to the watched owners. If the other slot's owner has proven itself, the watched one is blamed for
 /// all of them. A slot whose owner was replaced has been to blame already: the other one answers for its own only.
 pub(crate) fn blame(findings: Findings, hands: &[Hands; 2]) -> [Option<Finding>; 2] {
-    let Findings { attitude, position } = findings;
+    let Findings { attitude, position, asked } = findings;
     match hands {
-        [Hands::Watched(_), Hands::Watched(_)] => [attitude, position],
+        [Hands::Watched(_), Hands::Watched(_)] => [attitude, asked.or(position)],
         [Hands::Watched(_), Hands::Proven] => [attitude.or(position), None],
         [Hands::Watched(_), Hands::Replaced] => [attitude, None],
-        [Hands::Proven, Hands::Watched(_)] => [None, position.or(attitude)],
-        [Hands::Replaced, Hands::Watched(_)] => [None, position],
+        [Hands::Proven, Hands::Watched(_)] => [None, asked.or(position).or(attitude)],
+        [Hands::Replaced, Hands::Watched(_)] => [None, asked.or(position)],
         _ => [None, None],
     }
 }
@@ -47,9 +47,12 @@ mod tests {
     fn the_watched_owner_answers_for_a_proven_one_and_never_for_one_that_was_replaced() {
         let watched = Hands::Watched(Watched { epoch: 1, instance: 0 });
         let (turns, leaves) = (TripCause::AttitudeDeparts, TripCause::PositionDeparts);
-        let both = Findings { attitude: Some(found(turns)), position: Some(found(leaves)) };
-        let of_position = Findings { attitude: None, position: Some(found(leaves)) };
-        let of_attitude = Findings { attitude: Some(found(turns)), position: None };
+        let none = Findings::default();
+        let both = Findings { attitude: Some(found(turns)), position: Some(found(leaves)), ..none };
+        let of_position = Findings { position: Some(found(leaves)), ..none };
+        let of_attitude = Findings { attitude: Some(found(turns)), ..none };
+        let climbs = TripCause::ThrustBeyond;
+        let of_asked = Findings { asked: Some(found(climbs)), ..none };
         let causes = |findings: Findings, hands: [Hands; 2]| {
             blame(findings, &hands).map(|finding| finding.map(|finding| finding.cause))
         };
@@ -57,6 +60,8 @@ mod tests {
         assert_eq!(causes(of_position, [watched, Hands::Proven]), [Some(leaves), None]);
         assert_eq!(causes(of_attitude, [Hands::Proven, watched]), [None, Some(turns)]);
         assert_eq!(causes(of_position, [watched, Hands::Replaced]), [None; 2]);
+        assert_eq!(causes(of_asked, [Hands::Proven, watched]), [None, Some(climbs)]);
+        assert_eq!(causes(of_asked, [watched, Hands::Proven]), [None; 2], "its own alone");
         assert_eq!(causes(of_attitude, [Hands::Replaced, watched]), [None; 2]);
         assert_eq!(causes(both, [watched, Hands::Replaced]), [Some(turns), None]);
         assert_eq!(causes(both, [Hands::Replaced, watched]), [None, Some(leaves)]);

@@ -3,10 +3,10 @@
 use crate::blame::{Hands, Watched, blame};
 use crate::judge::{Applied, Finding, Judge, JudgeMemory, Moment, Setpoint};
 use crate::limits::Limits;
-use crate::reports::{Asked, Reports, ReportsMemory, Said};
+use crate::reports::{Asked, Record, Reports, ReportsMemory, Said};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
-use runtime::{Input, Link, Service, Standing, inputs, outputs};
+use runtime::{Link, Service, Standing, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, NO_SEAT, OwnerRecord,
     Reference, Role, StateEstimate, Trip, TripCause, topics,
@@ -86,9 +86,9 @@ shared_types::memory! {
         pub clipped_from_ns: u64,
         /// Seats that commanded the attitude and the position slot at the last step, [`NO_SEAT`] for none.
         pub commanding: [u32; 2],
-        /// Whether it was the fallback in place of the owner.
-        pub replaced: [bool; 2],
-        /// Since when, or when it was so last \[ns\]; 0 for never.
+        /// Epochs of their records in which the fallback commanded in place of the owner last; 0 for none.
+        pub replaced: [u64; 2],
+        /// Since when \[ns\]; 0 for never.
         pub replaced_ns: [u64; 2],
         /// What the attitude slot's owner has reported of the position slot last.
         pub position_failed_over: bool,
@@ -134,24 +134,30 @@ impl Monitor {
         let obeyed = inputs.applied_command.latest();
         let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed);
         if let Some(said) = said.filter(|said| said.setpoint_sequence > 0) {
-            self.memory.setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
-            self.memory.has_setpoint = true;
+            let setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
+            if setpoint.iter().all(|number| number.is_finite()) {
+                self.memory.setpoint = setpoint;
+                self.memory.has_setpoint = true;
+            }
         }
     }
 
     fn take_setpoints(&mut self, now_ns: u64, inputs: &Inputs) {
         if let Some(record) = inputs.position_owner.in_effect_at(now_ns) {
-            let has_changed =
-                self.reports.take_hands([record.owner, record.fallback], record.header.valid_ns);
-            self.memory.has_asked &= !has_changed;
+            let hands = [record.owner, record.fallback];
+            let record = Record { epoch: record.epoch, hands, at_ns: record.header.valid_ns };
+            self.memory.has_asked &= !self.reports.take_record(&record);
         }
-        for sample in inputs.attitude_setpoint.fresh() {
+        // A monitor that joins a flight begins with the one in effect.
+        let joins = self.reports.is_empty();
+        let known = inputs.attitude_setpoint.before_fresh().filter(|_| joins);
+        for sample in known.into_iter().chain(inputs.attitude_setpoint.fresh()) {
             let value = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
             // What its consumers refuse, and what they do not listen to, is not tracked.
             let standing = inputs.position_owner.standing_of(&sample.header);
             if standing != Standing::Other && value.iter().all(|number| number.is_finite()) {
                 let Header { sequence, valid_ns, seat, .. } = sample.header;
-                self.reports.ask(Asked { value, sequence, valid_ns, seat });
+                self.reports.ask(seat, Asked { value, sequence, valid_ns });
                 if standing == Standing::Owner {
                     self.memory.asked = value;
                     self.memory.has_asked = true;
@@ -190,20 +196,20 @@ impl Monitor {
             let Some(record) = records[slot].in_effect_at(now_ns) else { continue };
             // A trip is known here before it takes effect; without a fallback the owner goes on.
             let has_tripped = self.memory.tripped[slot] == record.epoch;
-            let is_replaced = failed_over[slot] || has_tripped && record.fallback != NO_SEAT;
+            // Once in an epoch is for all of it: what an attitude controller says of it is not taken back.
+            let is_replaced = failed_over[slot]
+                || has_tripped && record.fallback != NO_SEAT
+                || self.memory.replaced[slot] == record.epoch;
             (hands[slot], seats[slot]) = if is_replaced {
                 (Hands::Replaced, record.fallback)
             } else if record.watched.is_set() {
-                (
-                    Hands::Watched(Watched { epoch: record.epoch, instance: record.owner }),
-                    record.owner,
-                )
+                let watched = Watched { epoch: record.epoch, instance: record.owner };
+                (Hands::Watched(watched), record.owner)
             } else {
                 (Hands::Proven, record.owner)
             };
-            let was_replaced = self.memory.replaced[slot];
-            self.memory.replaced[slot] = is_replaced;
-            if is_replaced && !was_replaced {
+            if is_replaced && self.memory.replaced[slot] != record.epoch {
+                self.memory.replaced[slot] = record.epoch;
                 self.memory.replaced_ns[slot] = now_ns;
             }
         }
@@ -220,23 +226,36 @@ impl Monitor {
 
     /// What is wrong with what the attitude slot's owner reports of its set point.
     fn misreported(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Finding> {
-        let obeyed = inputs.applied_command.latest();
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed)?;
-        let period_ns = |records: &Input<OwnerRecord>, seat: u32| {
-            let seat = usize::try_from(seat).ok()?;
-            records.in_effect_at(now_ns)?.period_ns.get(seat).copied()
-        };
+        let attitude = inputs.attitude_owner.in_effect_at(now_ns)?;
         let position = inputs.position_owner.in_effect_at(now_ns)?;
-        let cause = self.reports.hear(&Said {
-            release_ns: said.header.release_ns,
-            seat: said.seat,
-            sequence: said.setpoint_sequence,
-            value: [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n],
-            period_ns: period_ns(&inputs.attitude_owner, said.header.seat)?,
-            asks_every_ns: period_ns(&inputs.position_owner, said.seat)?,
-            fallback: position.fallback,
-        })?;
-        Some(Finding { cause, value: 0.0, limit: 0.0, lasted_s: 0.0 })
+        let period_ns = |record: &OwnerRecord, seat: u32| {
+            let seat = usize::try_from(seat).ok();
+            seat.and_then(|seat| record.period_ns.get(seat)).copied().unwrap_or(0)
+        };
+        let mut cause = None;
+        for said in inputs.applied_setpoint.fresh() {
+            if inputs.attitude_owner.standing_of(&said.header) == Standing::Owner {
+                let found = self.reports.hear(&Said {
+                    release_ns: said.header.release_ns,
+                    seat: said.seat,
+                    sequence: said.setpoint_sequence,
+                    value: [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n],
+                    period_ns: period_ns(attitude, said.header.seat),
+                    asked_every_ns: [position.owner, position.fallback]
+                        .map(|seat| period_ns(position, seat)),
+                });
+                cause = cause.or(found);
+            }
+        }
+        Some(Finding { cause: cause?, value: 0.0, limit: 0.0, lasted_s: 0.0 })
+    }
+
+    /// Period of the position slot's owner \[s\]; 0 for none.
+    fn asked_every_s(now_ns: u64, inputs: &Inputs) -> f64 {
+        let record = inputs.position_owner.in_effect_at(now_ns);
+        let period_ns = record
+            .and_then(|record| record.period_ns.get(usize::try_from(record.owner).ok()?).copied());
+        period_ns.unwrap_or(0) as f64 * 1e-9
     }
 
     fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {
@@ -270,6 +289,7 @@ impl Monitor {
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
             setpoint: self.memory.has_setpoint.then(|| setpoint(self.memory.setpoint)),
             asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
+            asked_every_s: Self::asked_every_s(now_ns, inputs),
             recovers: self
                 .memory
                 .replaced_ns

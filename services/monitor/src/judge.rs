@@ -35,7 +35,8 @@ const BODY_WINDOW_NS: u64 = 1_000_000_000;
 const SETPOINT_WINDOW_NS: u64 = 4_000_000_000;
 /// Time constant of the leaky integrator of the thrust error \[s\].
 const THRUST_MEMORY_S: f64 = 0.5;
-/// How long a set point may ask for another heading than the reference \[s\]: it may be some periods older.
+/// How long a set point may ask for another heading than the reference \[s\], and three periods of its loop longer: it is
+/// as much older.
 const HEADING_S: f64 = 0.1;
 /// Depth below the reference from which the height above ground is checked \[m\]. A vehicle that lands stays
 /// close to its descending reference and is not checked.
@@ -85,6 +86,8 @@ pub struct Moment {
     pub setpoint: Option<Setpoint>,
     /// What the position slot's owner asks for, whatever the attitude loop makes of it; `None` before the first one.
     pub asked: Option<Setpoint>,
+    /// Period of the loop that asks \[s\].
+    pub asked_every_s: f64,
     /// Command that the plant applied; `None` before the first one.
     pub applied: Option<Applied>,
     /// Whether the attitude and the position slot's owner have been replaced lately: where the vehicle is and how it
@@ -142,6 +145,8 @@ pub struct Findings {
     pub attitude: Option<Finding>,
     /// What a position controller is to blame for.
     pub position: Option<Finding>,
+    /// What a position controller asks for and may not, for which nothing else is to blame.
+    pub asked: Option<Finding>,
 }
 
 /// Applies the criteria to one flight. It has a fixed size, and none of its functions allocates or panics,
@@ -228,7 +233,8 @@ impl Judge {
         let of_position = followed || after_attitude;
         Findings {
             attitude: of_attitude.or(course.filter(|_| !of_position)),
-            position: asked.or(course.filter(|_| of_position)),
+            position: course.filter(|_| of_position),
+            asked,
         }
     }
 
@@ -349,7 +355,7 @@ impl Judge {
         };
         let mut found = beyond(TripCause::SetpointBeyond, tilt, self.limits.setpoint_tilt_rad)
             .or(is_beyond.then_some(thrust))
-            .or((lasted_s > HEADING_S).then_some(heading));
+            .or((lasted_s > HEADING_S + 3.0 * moment.asked_every_s).then_some(heading));
         for (swings, angle) in self.asked.iter_mut().zip([asked.x, asked.y]) {
             if swings.see(moment.now_ns, angle, limit, SETPOINT_WINDOW_NS) {
                 found = found.or(Some(Finding {

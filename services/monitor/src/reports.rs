@@ -5,16 +5,16 @@
 //! themselves. An owner that reports the right set point and flies another one is found by its attitude.
 
 use runtime::obey::LIMITED_FOR_NS;
-use shared_types::{NO_SEAT, TripCause};
+use shared_types::{NO_SEAT, SEATS, TripCause};
 use vehicle::wrap_pi;
 
-/// Set points that are known, of all seats of the position slot that may command.
-const KNOWN: usize = 16;
-/// After a change of hands the limiter keeps the tracked set point near the old one; twice as long as it does so,
-/// because the new owner has yet to speak \[ns\].
-const SETTLES_NS: u64 = 2 * LIMITED_FOR_NS;
+/// Set points that are known of each seat.
+const KNOWN: usize = 8;
 /// Reports in a row that name no set point that there is, or one that is long over: one alone may be told late.
 const UNFOUND: u64 = 3;
+/// Time that a trip may take to be obeyed, if that is longer than two periods of the attitude loop: in realtime it may be
+/// told late \[ns\].
+const OBEYED_WITHIN_NS: u64 = 20_000_000;
 /// Rounding of values that are handed through \[rad, N\].
 const EQUAL: f64 = 1e-9;
 
@@ -28,8 +28,17 @@ shared_types::memory! {
         pub sequence: u64,
         /// When it takes effect \[ns\].
         pub valid_ns: u64,
-        /// Seat of its writer.
-        pub seat: u32,
+    }
+}
+
+shared_types::memory! {
+    /// Set points of one seat.
+    #[derive(PartialEq)]
+    pub struct AskedBySeat {
+        /// The latest, of which the oldest makes room.
+        pub asked: [Asked; KNOWN],
+        /// How many there have been.
+        pub count: u64,
     }
 }
 
@@ -37,10 +46,8 @@ shared_types::memory! {
     /// A [`Reports`] as plain numbers.
     #[derive(PartialEq)]
     pub struct ReportsMemory {
-        /// Latest set points, the oldest of which makes room.
-        pub asked: [Asked; KNOWN],
-        /// How many there have been.
-        pub count: u64,
+        /// Set points by the seat of their writer.
+        pub seats: [AskedBySeat; SEATS],
         /// Value of the last report that was found true.
         pub tracked: [f64; 4],
         /// By how much it differed from its set point: what the limiter takes out of a change of hands.
@@ -49,15 +56,28 @@ shared_types::memory! {
         pub has_tracked: bool,
         /// Reports in a row without a set point that they can mean.
         pub unfound: u64,
-        /// Owner and fallback of the position slot, [`NO_SEAT`] for none.
+        /// Epoch of the position slot, its owner and its fallback, [`NO_SEAT`] for none.
+        pub epoch: u64,
+        /// Its owner and its fallback, [`NO_SEAT`] for none.
         pub hands: [u32; 2],
-        /// Since when they are these \[ns\].
+        /// Since when that record is in effect \[ns\].
         pub changed_ns: u64,
         /// Owner of the position slot that has tripped; [`NO_SEAT`] for none.
         pub tripped: u32,
         /// Its trip's effective instant \[ns\].
         pub tripped_ns: u64,
     }
+}
+
+/// The record of the position slot that is in effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Record {
+    /// Its epoch.
+    pub epoch: u64,
+    /// Owner and fallback, [`NO_SEAT`] for none.
+    pub hands: [u32; 2],
+    /// Since when it is in effect \[ns\].
+    pub at_ns: u64,
 }
 
 /// What the attitude slot's owner reports of its set point in a step.
@@ -73,10 +93,8 @@ pub struct Said {
     pub value: [f64; 4],
     /// Period of its loop \[ns\].
     pub period_ns: u64,
-    /// Period of the position loop \[ns\].
-    pub asks_every_ns: u64,
-    /// Seat of the position slot's fallback; [`NO_SEAT`] for none.
-    pub fallback: u32,
+    /// Periods of the position slot's owner and fallback \[ns\]; 0 for none.
+    pub asked_every_ns: [u64; 2],
 }
 
 /// Compares reports with set points. Of fixed size; nothing here allocates or panics.
@@ -92,6 +110,12 @@ fn apart(one: &[f64; 4], other: &[f64; 4]) -> [f64; 4] {
     [roll, pitch, wrap_pi(yaw), thrust].map(f64::abs)
 }
 
+impl AskedBySeat {
+    fn known(&self) -> impl Iterator<Item = &Asked> + Clone {
+        self.asked.iter().filter(|asked| asked.sequence > 0)
+    }
+}
+
 impl Reports {
     /// Of a vehicle whose rotors give this thrust together \[N\].
     #[must_use]
@@ -101,25 +125,40 @@ impl Reports {
         Self { thrust_max_n, memory }
     }
 
-    /// Takes a set point of a controller that may command the position slot, all of it finite.
-    pub fn ask(&mut self, asked: Asked) {
+    /// Whether no set point is known yet.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.memory.seats.iter().all(|seat| seat.count == 0)
+    }
+
+    fn by_seat(&self, seat: u32) -> Option<&AskedBySeat> {
+        self.memory.seats.get(usize::try_from(seat).ok()?)
+    }
+
+    /// Takes a set point of the controller on `seat`, all of it finite.
+    pub fn ask(&mut self, seat: u32, asked: Asked) {
         let [roll, pitch, yaw, thrust_n] = asked.value;
         // What the rotors cannot give is not tracked.
         let value = [roll, pitch, yaw, thrust_n.clamp(0.0, self.thrust_max_n)];
+        let by_seat = usize::try_from(seat).ok().and_then(|seat| self.memory.seats.get_mut(seat));
+        let Some(by_seat) = by_seat else { return };
         #[expect(clippy::cast_possible_truncation, reason = "a remainder below KNOWN")]
-        let place = (self.memory.count % KNOWN as u64) as usize;
-        self.memory.asked[place] = Asked { value, ..asked };
-        self.memory.count += 1;
+        let place = (by_seat.count % KNOWN as u64) as usize;
+        by_seat.asked[place] = Asked { value, ..asked };
+        by_seat.count += 1;
     }
 
-    /// Takes owner and fallback of the position slot by the record that is in effect since `at_ns`; true if they are
-    /// others than before.
-    pub fn take_hands(&mut self, hands: [u32; 2], at_ns: u64) -> bool {
-        let has_changed = hands != self.memory.hands;
+    /// Takes the record of the position slot that is in effect; true if owner or fallback are others than before.
+    pub fn take_record(&mut self, record: &Record) -> bool {
+        let has_changed = record.hands != self.memory.hands;
         if has_changed {
-            self.memory.hands = hands;
-            self.memory.changed_ns = at_ns;
+            self.memory.hands = record.hands;
             self.memory.tripped = NO_SEAT;
+        }
+        if record.epoch != self.memory.epoch {
+            self.memory.epoch = record.epoch;
+            // A record that came too late is repeated, for a later instant.
+            self.memory.changed_ns = record.at_ns;
         }
         has_changed
     }
@@ -139,9 +178,6 @@ impl Reports {
 
     /// What is wrong with a report, if something is.
     pub fn hear(&mut self, said: &Said) -> Option<TripCause> {
-        if said.sequence == 0 {
-            return None;
-        }
         if self.ignores_trip(said) {
             return Some(TripCause::TripIgnored);
         }
@@ -151,52 +187,70 @@ impl Reports {
     /// The tripped owner is obeyed two periods after its trip, although the fallback is there.
     fn ignores_trip(&self, said: &Said) -> bool {
         let memory = &self.memory;
-        let due_ns = memory.tripped_ns.saturating_add(2 * said.period_ns);
-        let speaks = |asked: &Asked| {
-            asked.sequence > 0
-                && asked.seat == said.fallback
-                && asked.valid_ns + 2 * said.asks_every_ns > memory.tripped_ns
-                && asked.valid_ns <= due_ns
+        let [_, fallback] = memory.hands;
+        let [_, fallback_every_ns] = said.asked_every_ns;
+        let due_ns = memory.tripped_ns.saturating_add(OBEYED_WITHIN_NS.max(2 * said.period_ns));
+        // Usable in a step of the attitude loop between the trip and then.
+        let counts = |asked: &Asked| {
+            let from_ns = memory.tripped_ns.max(asked.valid_ns);
+            let until_ns = due_ns.min(asked.valid_ns.saturating_add(2 * fallback_every_ns));
+            from_ns.saturating_add(said.period_ns) <= until_ns
         };
         memory.tripped != NO_SEAT
             && said.seat == memory.tripped
             && said.release_ns > due_ns
-            && said.fallback != NO_SEAT
-            && memory.asked.iter().any(speaks)
+            && self.by_seat(fallback).is_some_and(|by_seat| by_seat.known().any(counts))
     }
 
     fn is_false(&mut self, said: &Said) -> bool {
-        let settles = said.release_ns < self.memory.changed_ns.saturating_add(SETTLES_NS);
-        let tracked = self.memory.has_tracked.then_some(self.memory.tracked);
-        // Before a new owner speaks, the one before is still obeyed, with a sequence of its own.
-        let mut meant =
-            self.memory.asked.iter().filter(|asked| asked.sequence == said.sequence).peekable();
-        if meant.peek().is_none() {
-            return self.is_unfound();
+        let longest_ns = said.asked_every_ns[0].max(said.asked_every_ns[1]);
+        // Until the new owner has spoken, and then until the limiter has given everything back.
+        let limited_ns =
+            LIMITED_FOR_NS.saturating_add(2 * longest_ns).saturating_add(said.period_ns);
+        let settles = said.release_ns < self.memory.changed_ns.saturating_add(limited_ns);
+        let overdue_ns = (2 * longest_ns).saturating_add(said.period_ns);
+        let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
+        let Some(of_seat) = self.by_seat(said.seat) else { return self.is_unfound() };
+        if said.sequence == 0 {
+            // Nothing is tracked before the first.
+            let is_late = of_seat.known().any(is_over);
+            return is_late && self.is_unfound();
         }
-        let left = meant.clone().find_map(|asked| {
-            let left = apart(&asked.value, &said.value);
-            // The limiter comes from what was tracked before, and never goes away from the set point. Without a report
-            // before this one it may come from anywhere.
-            let from = tracked.map_or([f64::INFINITY; 4], |from| apart(&asked.value, &from));
-            let may_be = |i: usize| {
-                let limited = if settles { from[i].max(self.memory.left[i]) } else { 0.0 };
-                left[i] <= limited + EQUAL
-            };
-            (0..4).all(may_be).then_some(left)
+        if of_seat.known().all(|asked| asked.sequence > said.sequence)
+            && of_seat.count > 0
+            && !settles
+        {
+            // Older than all that is known: it cannot be compared.
+            return of_seat.known().any(is_over) && self.is_unfound();
+        }
+        // Before a new owner speaks, the one before is still obeyed, with a sequence of its own.
+        let others = self.memory.seats.iter().enumerate().filter(|(seat, _)| {
+            settles && *seat != said.seat as usize && *seat != self.memory.tripped as usize
         });
-        let Some(left) = left else { return true };
+        let others = others.flat_map(|(_, by_seat)| by_seat.known());
+        let meant = |asked: &&Asked| asked.sequence == said.sequence;
+        let left = of_seat.known().chain(others).filter(meant).map(|asked| {
+            let left = apart(&asked.value, &said.value);
+            let limited = if settles { self.limited(asked) } else { [0.0; 4] };
+            let is_true = (0..4).all(|i| left[i] <= limited[i] + EQUAL);
+            (left, is_true)
+        });
+        // Of all that it can mean, the one that makes it true.
+        let best = left.fold(None, |best, (left, is_true)| match best {
+            Some((_, true)) => best,
+            _ => Some((left, is_true)),
+        });
+        let Some((left, is_true)) = best else { return self.is_unfound() };
+        if !is_true {
+            return true;
+        }
         // A newer one has been there for more than two periods, and it is not taken.
-        let limit_ns = 2 * said.asks_every_ns + said.period_ns;
-        let is_over = |asked: &Asked| {
-            self.memory.asked.iter().any(|newer| {
-                newer.seat == asked.seat
-                    && newer.sequence > asked.sequence
-                    && newer.valid_ns > asked.valid_ns
-                    && newer.valid_ns.saturating_add(limit_ns) < said.release_ns
-            })
-        };
-        if meant.all(is_over) {
+        let of_seat = self.by_seat(said.seat).into_iter().flat_map(AskedBySeat::known);
+        let named = of_seat.clone().find(meant).map_or(u64::MAX, |asked| asked.valid_ns);
+        if of_seat
+            .filter(|asked| asked.valid_ns > named && asked.sequence > said.sequence)
+            .any(is_over)
+        {
             return self.is_unfound();
         }
         self.memory.unfound = 0;
@@ -204,6 +258,19 @@ impl Reports {
         self.memory.left = left;
         self.memory.has_tracked = true;
         false
+    }
+
+    /// By how much the limiter may keep the tracked set point away from `asked` after a change of hands: it begins at
+    /// what was tracked or asked for before, and comes nearer from there. The heading is not limited.
+    fn limited(&self, asked: &Asked) -> [f64; 4] {
+        let tracked = self.memory.has_tracked.then_some(&self.memory.tracked);
+        let known = self.memory.seats.iter().flat_map(AskedBySeat::known).map(|other| &other.value);
+        let mut limited = known.chain(tracked).fold(self.memory.left, |most, from| {
+            let away = apart(&asked.value, from);
+            core::array::from_fn(|i| most[i].max(away[i]))
+        });
+        limited[2] = 0.0;
+        limited
     }
 
     fn is_unfound(&mut self) -> bool {
@@ -230,38 +297,44 @@ mod tests {
     const ASKS_EVERY_NS: u64 = 20_000_000;
     const PERIOD_NS: u64 = 10_000_000;
 
-    fn asked(seat: u32, sequence: u64, thrust_n: f64) -> Asked {
+    fn asked(sequence: u64, thrust_n: f64) -> Asked {
         let valid_ns = sequence * ASKS_EVERY_NS;
-        Asked { value: [0.1, -0.1, 3.0, thrust_n], sequence, valid_ns, seat }
+        Asked { value: [0.1, -0.1, 3.0, thrust_n], sequence, valid_ns }
     }
 
-    fn said(of: &Asked) -> Said {
+    fn said(seat: u32, of: &Asked) -> Said {
         Said {
             release_ns: of.valid_ns,
-            seat: of.seat,
+            seat,
             sequence: of.sequence,
             value: of.value,
             period_ns: PERIOD_NS,
-            asks_every_ns: ASKS_EVERY_NS,
-            fallback: 1,
+            asked_every_ns: [ASKS_EVERY_NS; 2],
         }
+    }
+
+    fn record(epoch: u64, hands: [u32; 2], at_ns: u64) -> Record {
+        Record { epoch, hands, at_ns }
     }
 
     /// Long after the last change of hands, with set points 101 to 110 of seat 0 and of its fallback on seat 1.
     fn reports() -> Reports {
         let mut reports = Reports::new(4.0);
-        assert!(reports.take_hands([0, 1], 0) && !reports.take_hands([0, 1], 9));
+        assert!(
+            reports.take_record(&record(1, [0, 1], 0))
+                && !reports.take_record(&record(1, [0, 1], 9))
+        );
         for sequence in 101..=110 {
-            reports.ask(asked(0, sequence, 1.0));
-            reports.ask(asked(1, sequence, 1.5));
-            assert_eq!(reports.hear(&said(&asked(0, sequence, 1.0))), None);
+            reports.ask(0, asked(sequence, 1.0));
+            reports.ask(1, asked(sequence, 1.5));
+            assert_eq!(reports.hear(&said(0, &asked(sequence, 1.0))), None);
         }
         reports
     }
 
     #[test]
     fn a_report_of_another_value_than_the_set_point_it_names_is_false() {
-        let truth = said(&asked(0, 110, 1.0));
+        let truth = said(0, &asked(110, 1.0));
         for axis in 0..4 {
             let mut value = truth.value;
             value[axis] += 1e-6;
@@ -277,16 +350,16 @@ mod tests {
     #[test]
     fn a_set_point_beyond_what_the_rotors_give_is_tracked_at_their_bound() {
         let mut reports = reports();
-        reports.ask(asked(0, 111, 9.0));
-        assert_eq!(reports.hear(&said(&asked(0, 111, 4.0))), None);
+        reports.ask(0, asked(111, 9.0));
+        assert_eq!(reports.hear(&said(0, &asked(111, 4.0))), None);
     }
 
     #[test]
     fn a_report_that_stays_at_a_set_point_that_is_over_is_false() {
         let mut reports = reports();
-        let frozen = said(&asked(0, 106, 1.0));
+        let frozen = said(0, &asked(106, 1.0));
         let found = (0..10).map(|step| {
-            let release_ns = asked(0, 108, 1.0).valid_ns + step * PERIOD_NS;
+            let release_ns = asked(108, 1.0).valid_ns + step * PERIOD_NS;
             reports.hear(&Said { release_ns, ..frozen })
         });
         // 107 has been there for two periods of the position loop and one of its own; then three in a row.
@@ -297,45 +370,102 @@ mod tests {
     #[test]
     fn a_set_point_that_nobody_has_given_is_forgiven_twice_and_not_three_times() {
         let mut reports = reports();
-        let forged = Said { sequence: 1000, ..said(&asked(0, 110, 1.0)) };
+        let forged = Said { sequence: 1000, ..said(0, &asked(110, 1.0)) };
         assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
-        assert_eq!(reports.hear(&said(&asked(0, 110, 1.0))), None);
+        assert_eq!(reports.hear(&said(0, &asked(110, 1.0))), None);
         assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
         assert_eq!(reports.hear(&forged), Some(TripCause::ReportFalse));
     }
 
     #[test]
     fn after_a_change_of_hands_a_report_may_lie_between_the_set_points_for_a_while() {
-        let change_ns = asked(0, 110, 1.0).valid_ns;
-        let between = Said { value: [0.1, -0.1, 3.0, 1.2], ..said(&asked(1, 110, 1.5)) };
+        let change_ns = asked(110, 1.0).valid_ns;
+        let between = Said { value: [0.1, -0.1, 3.0, 1.2], ..said(1, &asked(110, 1.5)) };
         assert_eq!(reports().hear(&between), Some(TripCause::ReportFalse));
         let mut changed = reports();
-        assert!(changed.take_hands([1, 0], change_ns));
+        assert!(changed.take_record(&record(2, [1, 0], change_ns)));
         assert_eq!(changed.hear(&between), None);
         let outside = Said { value: [0.0; 4], ..between };
         assert_eq!(changed.hear(&outside), Some(TripCause::ReportFalse));
-        let late = Said { release_ns: change_ns + SETTLES_NS, ..between };
+        // The limiter's time, and two periods of the position loop and one of this before the new owner has spoken.
+        let over_ns = LIMITED_FOR_NS + 2 * ASKS_EVERY_NS + PERIOD_NS;
+        let late = Said { release_ns: change_ns + over_ns, ..between };
         assert_eq!(changed.hear(&late), Some(TripCause::ReportFalse));
+        let mut repeated = reports();
+        assert!(repeated.take_record(&record(2, [1, 0], change_ns)));
+        assert!(!repeated.take_record(&record(3, [1, 0], late.release_ns)), "it came too late");
+        assert_eq!(repeated.hear(&late), None);
     }
 
     #[test]
     fn a_trip_has_to_be_obeyed_within_two_periods_if_there_is_a_fallback() {
         let mut reports = reports();
-        let owner = said(&asked(0, 110, 1.0));
+        let owner = said(0, &asked(110, 1.0));
         let trip_ns = owner.release_ns;
         reports.trip(0, trip_ns);
-        let at = |periods: u64, fallback: u32| Said {
-            release_ns: trip_ns + periods * PERIOD_NS,
-            fallback,
-            ..owner
-        };
-        assert_eq!(reports.hear(&at(2, 1)), None);
-        assert_eq!(reports.hear(&at(3, 1)), Some(TripCause::TripIgnored));
-        assert_eq!(reports.hear(&at(3, NO_SEAT)), None, "no fallback");
-        assert_eq!(reports.hear(&at(3, 2)), None, "a fallback that says nothing");
-        let obeys = Said { release_ns: at(3, 1).release_ns, ..said(&asked(1, 110, 1.5)) };
+        let at = |periods: u64| Said { release_ns: trip_ns + periods * PERIOD_NS, ..owner };
+        assert_eq!(reports.hear(&at(2)), None);
+        assert_eq!(reports.hear(&at(3)), Some(TripCause::TripIgnored));
+        let fast = Said { period_ns: 1_000_000, release_ns: trip_ns + OBEYED_WITHIN_NS, ..owner };
+        assert_eq!(reports.hear(&fast), None, "it may have been told late");
+        let unnamed = Said { sequence: 0, ..at(3) };
+        assert_eq!(reports.hear(&unnamed), Some(TripCause::TripIgnored));
+        let obeys = Said { release_ns: at(3).release_ns, ..said(1, &asked(110, 1.5)) };
         assert_eq!(reports.hear(&obeys), None);
-        assert!(reports.take_hands([1, 0], trip_ns));
-        assert_eq!(reports.hear(&at(3, 1)), None, "of an owner that is none any more");
+        let mut over = reports.clone();
+        assert!(over.take_record(&record(2, [1, 0], trip_ns)));
+        assert_eq!(over.hear(&at(3)), None, "of an owner that is none any more");
+        for (hands, why) in [([0, NO_SEAT], "no fallback"), ([0, 2], "one that says nothing")] {
+            assert!(reports.take_record(&record(2, hands, 0)));
+            reports.trip(0, trip_ns);
+            assert_eq!(reports.hear(&at(3)), None, "{why}");
+        }
+    }
+
+    #[test]
+    fn a_fallback_whose_last_word_was_over_before_the_trip_could_be_obeyed_is_none() {
+        let mut reports = Reports::new(4.0);
+        assert!(reports.take_record(&record(1, [0, 1], 0)));
+        reports.ask(0, asked(110, 1.0));
+        let spoke_ns = asked(110, 1.0).valid_ns - 300_000_000;
+        reports.ask(1, Asked { valid_ns: spoke_ns, ..asked(110, 1.0) });
+        let trip_ns = asked(110, 1.0).valid_ns;
+        reports.trip(0, trip_ns);
+        let owner = said(0, &asked(110, 1.0));
+        // The owner's period is long, the fallback's is not.
+        let said = Said { asked_every_ns: [200_000_000, 10_000_000], ..owner };
+        assert_eq!(reports.hear(&Said { release_ns: trip_ns + 30_000_000, ..said }), None);
+    }
+
+    #[test]
+    fn a_seat_that_there_is_not_and_a_set_point_of_nothing_are_no_way_out() {
+        let mut reports = reports();
+        let owner = said(0, &asked(110, 1.0));
+        let late = Said { release_ns: owner.release_ns + 100_000_000, ..owner };
+        for forged in [Said { seat: NO_SEAT, ..owner }, Said { sequence: 0, ..late }] {
+            assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);
+            assert_eq!(reports.hear(&forged), Some(TripCause::ReportFalse));
+            assert_eq!(reports.hear(&owner), None);
+        }
+        let other = Said { seat: 1, value: owner.value, ..owner };
+        assert_eq!(reports.hear(&other), Some(TripCause::ReportFalse), "the other one's set point");
+    }
+
+    #[test]
+    fn a_slow_loop_may_track_a_set_point_that_is_older_than_all_that_are_known() {
+        let mut reports = Reports::new(4.0);
+        assert!(reports.take_record(&record(1, [0, 1], 0)));
+        let fast = |sequence: u64| Asked { valid_ns: sequence * 1_000_000, ..asked(sequence, 1.0) };
+        for sequence in 1_000..=1_095 {
+            reports.ask(0, fast(sequence));
+        }
+        // At 10 Hz beside a position loop at 1 kHz.
+        let slow = Said {
+            release_ns: fast(1_095).valid_ns,
+            period_ns: 100_000_000,
+            asked_every_ns: [1_000_000; 2],
+            ..said(0, &fast(1_000))
+        };
+        assert_eq!([reports.hear(&slow), reports.hear(&slow), reports.hear(&slow)], [None; 3]);
     }
 }

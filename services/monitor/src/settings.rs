@@ -4,6 +4,12 @@ use crate::limits::Limits;
 use garde::Validate;
 use serde::Deserialize;
 
+/// Least and largest thrust that a shipped position controller may ask for unless the scenario says otherwise, in
+/// weights of the vehicle.
+const SHIPPED_WEIGHTS: [f64; 2] = [0.3, 2.0];
+/// How much thrust beyond what a position controller may ask for is none of a healthy one, in weights of the vehicle.
+const BEYOND_WEIGHTS: f64 = 0.1;
+
 /// Which controller is the fallback while an owner is watched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -106,11 +112,19 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The thresholds: those that the scenario sets, and the defaults for all others.
+    /// The thresholds: those that the scenario sets, and the defaults for all others. `asked_weights` are the least and
+    /// the largest thrust that its position controllers may ask for, in weights of the vehicle.
     #[must_use]
-    pub fn limits(&self) -> Limits {
+    pub fn limits(&self, asked_weights: [f64; 2]) -> Limits {
         let usual = Limits::default();
         let [least, most] = usual.setpoint_thrust_weights;
+        let [asked_least, asked_most] = asked_weights;
+        let least = if asked_least < SHIPPED_WEIGHTS[0] {
+            (asked_least - BEYOND_WEIGHTS).max(0.0)
+        } else {
+            least
+        };
+        let most = if asked_most > SHIPPED_WEIGHTS[1] { asked_most + BEYOND_WEIGHTS } else { most };
         Limits {
             turn_away_rad: self.turn_away_rad.unwrap_or(usual.turn_away_rad),
             tilt_rad: self.tilt_rad.unwrap_or(usual.tilt_rad),
@@ -142,13 +156,20 @@ mod tests {
     fn an_empty_section_enables_the_monitor_with_default_limits() {
         let settings: Settings = toml::from_str("").unwrap();
         assert!(settings.validate().is_ok() && settings.enabled);
-        assert_eq!(settings.limits(), Limits::default());
+        assert_eq!(settings.limits([0.3, 1.7]), Limits::default());
+    }
+
+    #[test]
+    fn a_position_controller_that_may_ask_for_more_thrust_is_not_tripped_for_it() {
+        let settings = Settings::default();
+        let [least, most] = settings.limits([0.0, 3.0]).setpoint_thrust_weights;
+        assert!(least <= 0.0 && (most - 3.1).abs() < 1e-12, "{least} {most}");
     }
 
     #[test]
     fn a_threshold_in_the_scenario_replaces_its_default_and_keeps_the_others() {
         let settings: Settings = toml::from_str("tilt_rad = 0.8\nfallback = \"none\"").unwrap();
         assert_eq!(settings.fallback, Fallback::None);
-        assert_eq!(settings.limits(), Limits { tilt_rad: 0.8, ..Limits::default() });
+        assert_eq!(settings.limits([0.3, 1.7]), Limits { tilt_rad: 0.8, ..Limits::default() });
     }
 }

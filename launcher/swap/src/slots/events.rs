@@ -100,7 +100,7 @@ impl Slots {
             if record.owner == seat { record.fallback } else { Some(record.owner) }
         });
         let then = match successor {
-            Some(successor) => format!("{} takes over", self.orders.name(slot, successor)),
+            Some(successor) => format!("{} is to take over", self.orders.name(slot, successor)),
             None => {
                 "there is no fallback: the vehicle is levelled, and the initial controller started"
                     .to_owned()

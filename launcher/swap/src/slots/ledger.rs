@@ -37,9 +37,9 @@ pub struct SwapReport {
     /// Difference of the two commands for the instant of the change, as far as it is applied at once,
     /// worst axis over the largest command.
     pub bump: Option<f64>,
-    /// How it ended, in words.
+    /// How it ended, in words; of one whose candidate has lost the slot since, why.
     pub outcome: String,
-    /// It ended as asked for.
+    /// It ended as asked for, whatever has become of the candidate since.
     pub done: bool,
 }
 

@@ -68,6 +68,8 @@ struct Around {
     expected: Vec<(Seat, Expected, u64)>,
     /// Index of the swap that is going on.
     current: Option<usize>,
+    /// Index of the swap by which the owner has come to command.
+    commanding: Option<usize>,
     /// Of the consumer, as far as it has been told to the protocol.
     acknowledged: u64,
     refused_epoch: u64,

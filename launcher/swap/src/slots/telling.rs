@@ -23,6 +23,9 @@ impl Slots {
                 true
             }
             Report::Done(_, outcome) => {
+                if let (Outcome::RolledBack, Some(around)) = (outcome, self.around.get_mut(&slot)) {
+                    around.commanding = None;
+                }
                 if *outcome != Outcome::Retired {
                     self.end(slot, &text, true);
                 }
@@ -53,6 +56,13 @@ impl Slots {
         if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
             gate.flips_at(*at_ns);
         }
+        match step {
+            Step::Flipped { .. } => around.commanding = around.current,
+            Step::TookOver { fault, .. } => self.take_back(slot, &fault.to_string()),
+            Step::Replaced(..) => self.take_back(slot, "it was lost again at once"),
+            _ => {}
+        }
+        let Some(around) = self.around.get_mut(&slot) else { return };
         let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
         match step {
             Step::Joined { same_kind, at_ns, .. } => {
@@ -68,6 +78,15 @@ impl Slots {
                 report.epoch = Some(*epoch);
             }
             _ => {}
+        }
+    }
+
+    /// Writes down that the owner has lost the slot after its swap had ended well.
+    fn take_back(&mut self, slot: Slot, why: &str) {
+        let commanding = self.around.get_mut(&slot).and_then(|around| around.commanding.take());
+        let report = commanding.and_then(|at| self.reports.get_mut(at));
+        if let Some(report) = report.filter(|report| report.done) {
+            report.outcome = format!("taken back: {why}");
         }
     }
 

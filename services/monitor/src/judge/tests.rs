@@ -24,6 +24,7 @@ fn rest(step: u64) -> Moment {
         setpoint: Some(Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight_n }),
         asked: Some(Setpoint { gamma_rad: Vector3::zeros(), thrust_n: weight_n }),
         applied: Some(Applied { thrust_n: weight_n, is_commanded: true, clipped_s: 0.0 }),
+        asked_every_s: 0.0,
         recovers: [false; 2],
         reference: Some(Target {
             position_w_m: place,
@@ -194,7 +195,7 @@ fn the_position_loop_is_blamed_for_a_set_point_beyond_its_bound_except_on_a_rig(
         Moment { setpoint, asked: setpoint, ..moment }
     };
     let (step, found) = first(10, motion).unwrap();
-    assert_eq!((step, found.position.unwrap().cause), (0, TripCause::SetpointBeyond));
+    assert_eq!((step, found.asked.unwrap().cause), (0, TripCause::SetpointBeyond));
     assert_eq!(first(20, |step| Moment { reference: None, ..motion(step) }), None);
 }
 
@@ -208,7 +209,7 @@ fn a_set_point_with_a_thrust_beyond_its_bounds_is_found_at_once_except_on_a_rig(
     };
     for weights in [0.0, 0.19, 2.11, 4.0] {
         let found = judge().see(&asking(weights));
-        assert_eq!(found.position.unwrap().cause, TripCause::ThrustBeyond, "{weights}");
+        assert_eq!(found.asked.unwrap().cause, TripCause::ThrustBeyond, "{weights}");
         let rig = Moment { reference: None, ..asking(weights) };
         assert_eq!(judge().see(&rig), Findings::default());
     }
@@ -227,7 +228,7 @@ fn a_set_point_that_turns_the_heading_away_from_the_reference_is_found() {
         Moment { asked, ..moment }
     })
     .unwrap();
-    assert_eq!(found.position.unwrap().cause, TripCause::HeadingAstray);
+    assert_eq!(found.asked.unwrap().cause, TripCause::HeadingAstray);
     assert!((80..=82).contains(&step), "{step}");
 }
 

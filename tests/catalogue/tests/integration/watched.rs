@@ -79,6 +79,7 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
                 // Silence is followed without a trip.
                 let is_silent = entry.fault == Fault::NotANumber;
                 assert_eq!(flown.tripped_s.is_some(), !is_silent, "{name}: {flown:?}");
+                assert!(flown.outcome.starts_with("taken back: "), "{name}: {flown:?}");
             }
         }
     }

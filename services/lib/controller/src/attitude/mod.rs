@@ -151,7 +151,7 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         let bound = &sample.bound_nm;
         let torque = Limited::new(&wish, &sample.applied_nm, [&-bound, bound], bound);
         self.common.actuators.command(&torque.input);
-        self.common.thrust_n = self.thrust(setpoint);
+        self.common.thrust_n = self.thrust_n(setpoint);
         self.common.primed = true;
         Output { torque, thrust_n: self.common.thrust_n, is_new: true }
     }
@@ -176,7 +176,7 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         let now = gamma + rate * age_s.clamp(0.0, self.timing.period_s);
         let mut error = now - setpoint.gamma_rad;
         error.z = wrap_pi(error.z);
-        let thrust = self.thrust(setpoint);
+        let thrust = self.thrust_n(setpoint);
         Some(Sample {
             gamma_rad: now,
             gamma_rate_rad_s: rate,
@@ -192,7 +192,8 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
         })
     }
 
-    fn thrust(&self, setpoint: &Setpoint) -> f64 {
+    /// Thrust of a set point, as far as the rotors can give it \[N\].
+    pub(super) fn thrust_n(&self, setpoint: &Setpoint) -> f64 {
         setpoint.thrust_n.clamp(0.0, 4.0 * self.vehicle.rotor_thrust_max_n)
     }
 

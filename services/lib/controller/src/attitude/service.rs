@@ -142,7 +142,8 @@ impl<L: AttitudeLaw> Service for AttitudeController<L> {
         });
         outputs.applied_setpoint.write(AppliedSetpoint {
             setpoint_sequence: self.inner.common().setpoint_sequence,
-            thrust_n: output.thrust_n,
+            // Of the set point that is named, also in a step that holds the last command.
+            thrust_n: self.inner.thrust_n(&setpoint),
             roll_rad: setpoint.gamma_rad.x,
             pitch_rad: setpoint.gamma_rad.y,
             yaw_rad: setpoint.gamma_rad.z,

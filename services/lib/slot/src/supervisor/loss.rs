@@ -53,13 +53,19 @@ impl Slot {
         }
     }
 
-    /// The consumer left the owner of `epoch` for the fallback.
+    /// The consumer left the owner of `epoch` for the fallback. The owner may still run, as one that commands what is no
+    /// number does: it leaves in order, so that what it says until then is the same in every flight.
     pub(super) fn fell_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
         let Some(seat) = self.ledger.owner_of(epoch) else { return };
         // Whoever sits there since has nothing to do with it.
         let there = self.chairs.is_seated(seat) && self.chairs.since(seat) <= epoch;
         if there {
-            self.kill(seat, out);
+            if self.fallback(seat).is_some() {
+                self.dismiss(seat, out);
+            } else {
+                // By its record it stays the owner, and would not leave.
+                self.kill(seat, out);
+            }
             self.lost(now, seat, Fault::Silent, at_ns, out);
         }
     }
