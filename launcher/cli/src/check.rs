@@ -151,10 +151,9 @@ fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
     }
     let limits = settings.watch_limits();
     let Limits { turn_away_rad, tilt_rad, heading_rad, astray_rad, astray_s, .. } = limits;
-    let Limits { swing_rate_rad_s, swing_tilt_rad, setpoint_tilt_rad, .. } = limits;
+    let Limits { swing_rate_rad_s, swing_tilt_rad, setpoint_tilt_rad, clipped_s, .. } = limits;
     let [least, most] = limits.setpoint_thrust_weights;
     let Limits { thrust_speed_m_s, excursion_m, off_course_m, off_course_s, height_m, .. } = limits;
-    let clipped_s = limits.clipped_s;
     let standby = match settings.watch.fallback {
         Fallback::Auto => "the owner before it",
         Fallback::None => "nothing, so that the actuation guard levels the vehicle,",
@@ -166,8 +165,9 @@ fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
          \x20       {turn_away_rad:.3} rad away from its set point, {tilt_rad:.3} rad of tilt, {heading_rad:.3} rad of heading,\n\
          \x20       {excursion_m} m away from its reference, {height_m} m above the ground, or when it is\n\
          \x20       {astray_rad:.3} rad off for {astray_s} s or {off_course_m} m for {off_course_s} s, swings by {swing_rate_rad_s} rad/s or is swung by {swing_tilt_rad:.3} rad,\n\
-         \x20       asks for {setpoint_tilt_rad:.3} rad of tilt, for less thrust than {least} weights or more than {most} or for a\n\
-         \x20       heading {heading_rad:.3} rad off the reference, reports a set point that it was not given, clips the rotors for {clipped_s} s, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
+         \x20       asks for {setpoint_tilt_rad:.3} rad of tilt, for less thrust than {least} weights or more than {most},\n\
+         \x20       or for a heading {heading_rad:.3} rad off the reference, reports a set point that it was not given,\n\
+         \x20       clips the rotors for {clipped_s} s, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
          \x20       beyond {} rad or {} rad/s the gate levels first, to {} rad and {} rad/s",
         gate.recover_tilt_rad,
         gate.recover_rate_rad_s,

@@ -74,9 +74,7 @@ impl Settings {
         let slots = self.swap.is_empty() && self.standby.is_empty() && self.fault.is_empty();
         !(slots && self.order.is_empty())
     }
-}
 
-impl Settings {
     /// Thresholds of the monitor for the position controllers as they are configured here.
     #[must_use]
     pub fn watch_limits(&self) -> ::monitor::Limits {

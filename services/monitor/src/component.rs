@@ -90,8 +90,8 @@ shared_types::memory! {
         pub replaced: [u64; 2],
         /// Since when \[ns\]; 0 for never.
         pub replaced_ns: [u64; 2],
-        /// What the attitude slot's owner has reported of the position slot last.
-        pub position_failed_over: bool,
+        /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
+        pub failed_over: u64,
         /// Epochs of the last trips published for the attitude and the position slot; 0 for none.
         pub tripped: [u64; 2],
         /// Instant of the last step \[ns\].
@@ -115,6 +115,12 @@ fn ns(s: f64) -> u64 {
     (1e9 * s).ceil() as u64
 }
 
+/// Period of the controller on a seat, by its slot's record \[ns\]; 0 for none.
+fn period_ns(record: &OwnerRecord, seat: u32) -> u64 {
+    let seat = usize::try_from(seat).ok();
+    seat.and_then(|seat| record.period_ns.get(seat)).copied().unwrap_or(0)
+}
+
 impl Monitor {
     /// A monitor at the beginning of a flight, for a vehicle with these parameters.
     #[must_use]
@@ -130,19 +136,21 @@ impl Monitor {
         }
     }
 
-    fn take_setpoint(&mut self, inputs: &Inputs) {
+    /// Takes what the controller that the plant obeys reports of its set point.
+    fn take_tracked(&mut self, inputs: &Inputs) {
         let obeyed = inputs.applied_command.latest();
         let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed);
-        if let Some(said) = said.filter(|said| said.setpoint_sequence > 0) {
-            let setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
-            if setpoint.iter().all(|number| number.is_finite()) {
-                self.memory.setpoint = setpoint;
-                self.memory.has_setpoint = true;
-            }
+        let Some(said) = said else { return };
+        self.memory.failed_over = if said.failed_over.is_set() { said.epoch } else { 0 };
+        let setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
+        if said.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
+            self.memory.setpoint = setpoint;
+            self.memory.has_setpoint = true;
         }
     }
 
-    fn take_setpoints(&mut self, now_ns: u64, inputs: &Inputs) {
+    /// Takes what the controllers that may command the position slot ask for.
+    fn take_asked(&mut self, now_ns: u64, inputs: &Inputs) {
         if let Some(record) = inputs.position_owner.in_effect_at(now_ns) {
             let hands = [record.owner, record.fallback];
             let record = Record { epoch: record.epoch, hands, at_ns: record.header.valid_ns };
@@ -166,6 +174,7 @@ impl Monitor {
         }
     }
 
+    /// Takes since when the rotors have been clipped.
     fn take_clipping(&mut self, inputs: &Inputs) {
         for applied in inputs.applied_command.fresh() {
             let is_clipped = applied.clipped.is_set() && applied.mode == GateMode::Normal;
@@ -180,15 +189,10 @@ impl Monitor {
     /// Who commands the attitude and the position slot at `now_ns`. Other hands reset the criteria, since they are not
     /// to blame for what came before.
     fn hands(&mut self, now_ns: u64, inputs: &Inputs) -> [Hands; 2] {
+        // What is told of an epoch that is over does not hold for the next one.
         let command = inputs.applied_command.latest();
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, command);
-        if let Some(said) = said {
-            self.memory.position_failed_over = said.failed_over.is_set();
-        }
-        let failed_over = [
-            command.is_some_and(|applied| applied.failed_over.is_set()),
-            self.memory.position_failed_over,
-        ];
+        let command = command.filter(|applied| applied.failed_over.is_set());
+        let failed_over = [command.map_or(0, |applied| applied.epoch), self.memory.failed_over];
         let records = [&inputs.attitude_owner, &inputs.position_owner];
         let mut hands = [Hands::Proven; 2];
         let mut seats = [NO_SEAT; 2];
@@ -197,7 +201,7 @@ impl Monitor {
             // A trip is known here before it takes effect; without a fallback the owner goes on.
             let has_tripped = self.memory.tripped[slot] == record.epoch;
             // Once in an epoch is for all of it: what an attitude controller says of it is not taken back.
-            let is_replaced = failed_over[slot]
+            let is_replaced = failed_over[slot] == record.epoch
                 || has_tripped && record.fallback != NO_SEAT
                 || self.memory.replaced[slot] == record.epoch;
             (hands[slot], seats[slot]) = if is_replaced {
@@ -228,10 +232,6 @@ impl Monitor {
     fn misreported(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Finding> {
         let attitude = inputs.attitude_owner.in_effect_at(now_ns)?;
         let position = inputs.position_owner.in_effect_at(now_ns)?;
-        let period_ns = |record: &OwnerRecord, seat: u32| {
-            let seat = usize::try_from(seat).ok();
-            seat.and_then(|seat| record.period_ns.get(seat)).copied().unwrap_or(0)
-        };
         let mut cause = None;
         for said in inputs.applied_setpoint.fresh() {
             if inputs.attitude_owner.standing_of(&said.header) == Standing::Owner {
@@ -248,14 +248,6 @@ impl Monitor {
             }
         }
         Some(Finding { cause: cause?, value: 0.0, limit: 0.0, lasted_s: 0.0 })
-    }
-
-    /// Period of the position slot's owner \[s\]; 0 for none.
-    fn asked_every_s(now_ns: u64, inputs: &Inputs) -> f64 {
-        let record = inputs.position_owner.in_effect_at(now_ns);
-        let period_ns = record
-            .and_then(|record| record.period_ns.get(usize::try_from(record.owner).ok()?).copied());
-        period_ns.unwrap_or(0) as f64 * 1e-9
     }
 
     fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {
@@ -277,6 +269,8 @@ impl Monitor {
             thrust_n: applied.thrust_n,
             is_commanded: applied.mode == GateMode::Normal && applied.command_sequence > 0,
         });
+        let record = inputs.position_owner.in_effect_at(now_ns);
+        let asked_every_ns = record.map_or(0, |record| period_ns(record, record.owner));
         let reference = inputs.reference.latest();
         let reference = reference.map(|reference| target(reference, now_ns, 0.0, &self.landing));
         Some(Moment {
@@ -289,7 +283,7 @@ impl Monitor {
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
             setpoint: self.memory.has_setpoint.then(|| setpoint(self.memory.setpoint)),
             asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
-            asked_every_s: Self::asked_every_s(now_ns, inputs),
+            asked_every_s: asked_every_ns as f64 * 1e-9,
             recovers: self
                 .memory
                 .replaced_ns
@@ -339,8 +333,8 @@ impl Service for Monitor {
     type Memory = Memory;
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
-        self.take_setpoint(inputs);
-        self.take_setpoints(now_ns, inputs);
+        self.take_tracked(inputs);
+        self.take_asked(now_ns, inputs);
         self.take_clipping(inputs);
         let hands = self.hands(now_ns, inputs);
         let misreported = self.misreported(now_ns, inputs);
@@ -376,5 +370,38 @@ impl Service for Monitor {
         self.reports.restore(&memory.reports);
         self.memory = *memory;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::Flag;
+
+    #[test]
+    fn what_is_told_of_an_epoch_that_is_over_replaces_no_owner_of_the_next() {
+        let hands = |of_epoch: u64| {
+            let mut inputs = Inputs::default();
+            let watched = Flag::from(true);
+            inputs.attitude_owner.offer(OwnerRecord { epoch: 2, watched, ..Default::default() });
+            inputs.attitude_owner.accept(0, None);
+            let failed_over = Flag::from(true);
+            inputs.applied_command.offer(AppliedCommand {
+                header: Header { sequence: 1, ..Header::default() },
+                epoch: of_epoch,
+                failed_over,
+                ..AppliedCommand::default()
+            });
+            inputs.applied_command.accept(0, None);
+            let config = MonitorConfig {
+                limits: Limits::default(),
+                period_s: 0.01,
+                latency_s: 0.001,
+                landing: Landing::default(),
+            };
+            Monitor::new(&config, &VehicleParameters::default()).hands(0, &inputs)
+        };
+        assert!(matches!(hands(1), [Hands::Watched(Watched { epoch: 2, .. }), Hands::Proven]));
+        assert!(matches!(hands(2), [Hands::Replaced, Hands::Proven]));
     }
 }

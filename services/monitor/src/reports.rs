@@ -56,11 +56,11 @@ shared_types::memory! {
         pub has_tracked: bool,
         /// Reports in a row without a set point that they can mean.
         pub unfound: u64,
-        /// Epoch of the position slot, its owner and its fallback, [`NO_SEAT`] for none.
+        /// Epoch of the position slot's record.
         pub epoch: u64,
         /// Its owner and its fallback, [`NO_SEAT`] for none.
         pub hands: [u32; 2],
-        /// Since when that record is in effect \[ns\].
+        /// Since when it is in effect \[ns\].
         pub changed_ns: u64,
         /// Owner of the position slot that has tripped; [`NO_SEAT`] for none.
         pub tripped: u32,
@@ -104,6 +104,18 @@ pub struct Reports {
     memory: ReportsMemory,
 }
 
+/// What the known set points say of a report.
+enum Judged {
+    /// It cannot be compared yet, or not any more.
+    Open,
+    /// It is right, but for what the limiter takes out of a change of hands.
+    True { left: [f64; 4] },
+    /// There is no set point that it can mean, or that one is long over.
+    Unfound,
+    /// It names a set point that has another value.
+    False,
+}
+
 /// Difference of two set points in magnitude, component by component.
 fn apart(one: &[f64; 4], other: &[f64; 4]) -> [f64; 4] {
     let [roll, pitch, yaw, thrust] = core::array::from_fn(|i| one[i] - other[i]);
@@ -111,7 +123,7 @@ fn apart(one: &[f64; 4], other: &[f64; 4]) -> [f64; 4] {
 }
 
 impl AskedBySeat {
-    fn known(&self) -> impl Iterator<Item = &Asked> + Clone {
+    fn known(&self) -> impl Iterator<Item = &Asked> {
         self.asked.iter().filter(|asked| asked.sequence > 0)
     }
 }
@@ -181,10 +193,24 @@ impl Reports {
         if self.ignores_trip(said) {
             return Some(TripCause::TripIgnored);
         }
-        self.is_false(said).then_some(TripCause::ReportFalse)
+        match self.judge(said) {
+            Judged::Open => None,
+            Judged::True { left } => {
+                self.memory.unfound = 0;
+                self.memory.tracked = said.value;
+                self.memory.left = left;
+                self.memory.has_tracked = true;
+                None
+            }
+            Judged::Unfound => {
+                self.memory.unfound += 1;
+                (self.memory.unfound >= UNFOUND).then_some(TripCause::ReportFalse)
+            }
+            Judged::False => Some(TripCause::ReportFalse),
+        }
     }
 
-    /// The tripped owner is obeyed two periods after its trip, although the fallback is there.
+    /// The tripped owner is still obeyed when it should not be any more, although the fallback is there.
     fn ignores_trip(&self, said: &Said) -> bool {
         let memory = &self.memory;
         let [_, fallback] = memory.hands;
@@ -202,7 +228,8 @@ impl Reports {
             && self.by_seat(fallback).is_some_and(|by_seat| by_seat.known().any(counts))
     }
 
-    fn is_false(&mut self, said: &Said) -> bool {
+    /// Compares a report with the set points that it can mean.
+    fn judge(&self, said: &Said) -> Judged {
         let longest_ns = said.asked_every_ns[0].max(said.asked_every_ns[1]);
         // Until the new owner has spoken, and then until the limiter has given everything back.
         let limited_ns =
@@ -210,18 +237,17 @@ impl Reports {
         let settles = said.release_ns < self.memory.changed_ns.saturating_add(limited_ns);
         let overdue_ns = (2 * longest_ns).saturating_add(said.period_ns);
         let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
-        let Some(of_seat) = self.by_seat(said.seat) else { return self.is_unfound() };
+        let Some(of_seat) = self.by_seat(said.seat) else { return Judged::Unfound };
         if said.sequence == 0 {
             // Nothing is tracked before the first.
-            let is_late = of_seat.known().any(is_over);
-            return is_late && self.is_unfound();
+            return if of_seat.known().any(is_over) { Judged::Unfound } else { Judged::Open };
         }
         if of_seat.known().all(|asked| asked.sequence > said.sequence)
             && of_seat.count > 0
             && !settles
         {
             // Older than all that is known: it cannot be compared.
-            return of_seat.known().any(is_over) && self.is_unfound();
+            return if of_seat.known().any(is_over) { Judged::Unfound } else { Judged::Open };
         }
         // Before a new owner speaks, the one before is still obeyed, with a sequence of its own.
         let others = self.memory.seats.iter().enumerate().filter(|(seat, _)| {
@@ -229,35 +255,24 @@ impl Reports {
         });
         let others = others.flat_map(|(_, by_seat)| by_seat.known());
         let meant = |asked: &&Asked| asked.sequence == said.sequence;
-        let left = of_seat.known().chain(others).filter(meant).map(|asked| {
+        let mut all = of_seat.known().chain(others).filter(meant).peekable();
+        if all.peek().is_none() {
+            return Judged::Unfound;
+        }
+        // One of those that it can mean makes it true.
+        let left = all.find_map(|asked| {
             let left = apart(&asked.value, &said.value);
             let limited = if settles { self.limited(asked) } else { [0.0; 4] };
-            let is_true = (0..4).all(|i| left[i] <= limited[i] + EQUAL);
-            (left, is_true)
+            (0..4).all(|i| left[i] <= limited[i] + EQUAL).then_some(left)
         });
-        // Of all that it can mean, the one that makes it true.
-        let best = left.fold(None, |best, (left, is_true)| match best {
-            Some((_, true)) => best,
-            _ => Some((left, is_true)),
-        });
-        let Some((left, is_true)) = best else { return self.is_unfound() };
-        if !is_true {
-            return true;
-        }
+        let Some(left) = left else { return Judged::False };
         // A newer one has been there for more than two periods, and it is not taken.
-        let of_seat = self.by_seat(said.seat).into_iter().flat_map(AskedBySeat::known);
-        let named = of_seat.clone().find(meant).map_or(u64::MAX, |asked| asked.valid_ns);
-        if of_seat
-            .filter(|asked| asked.valid_ns > named && asked.sequence > said.sequence)
-            .any(is_over)
-        {
-            return self.is_unfound();
+        let named_ns = of_seat.known().find(meant).map_or(u64::MAX, |asked| asked.valid_ns);
+        let is_newer = |asked: &&Asked| asked.valid_ns > named_ns && asked.sequence > said.sequence;
+        if of_seat.known().filter(is_newer).any(is_over) {
+            return Judged::Unfound;
         }
-        self.memory.unfound = 0;
-        self.memory.tracked = said.value;
-        self.memory.left = left;
-        self.memory.has_tracked = true;
-        false
+        Judged::True { left }
     }
 
     /// By how much the limiter may keep the tracked set point away from `asked` after a change of hands: it begins at
@@ -271,11 +286,6 @@ impl Reports {
         });
         limited[2] = 0.0;
         limited
-    }
-
-    fn is_unfound(&mut self) -> bool {
-        self.memory.unfound += 1;
-        self.memory.unfound >= UNFOUND
     }
 
     /// State between two steps.

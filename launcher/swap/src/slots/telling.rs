@@ -52,17 +52,18 @@ impl Slots {
 
     /// Writes a step into the report of the swap that is going on.
     pub(super) fn note(&mut self, slot: Slot, step: &Step) {
+        match step {
+            Step::TookOver { fault, .. } => return self.take_back(slot, &fault.to_string()),
+            Step::Replaced(..) => return self.take_back(slot, "it was lost again at once"),
+            _ => {}
+        }
         let Some(around) = self.around.get_mut(&slot) else { return };
         if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
             gate.flips_at(*at_ns);
         }
-        match step {
-            Step::Flipped { .. } => around.commanding = around.current,
-            Step::TookOver { fault, .. } => self.take_back(slot, &fault.to_string()),
-            Step::Replaced(..) => self.take_back(slot, "it was lost again at once"),
-            _ => {}
+        if matches!(step, Step::Flipped { .. }) {
+            around.commanding = around.current;
         }
-        let Some(around) = self.around.get_mut(&slot) else { return };
         let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
         match step {
             Step::Joined { same_kind, at_ns, .. } => {
