@@ -1,15 +1,15 @@
 //! A run's own corner of the machine: a folder in memory, a prefix, and locks that tell who lives.
 //!
 //! Every process of a run holds a shared lock on the folder's `run.lock`; the launcher also holds
-//! `launcher.lock` exclusively. Whoever gets `run.lock` exclusively may wipe: the last process to
-//! leave, or the next run that finds a dead one. Whoever gets `launcher.lock` leads, see
-//! [`leader`](crate::leader).
+//! `launcher.lock` exclusively. The process that gets `run.lock` exclusively may wipe: the last one to
+//! leave, or the next run that finds a dead one. A look at a run only asks whether the lock is held.
+//! The process that gets `launcher.lock` leads, see [`leader`](crate::leader).
 
 pub use crate::namespace_error::NamespaceError;
 
 use crate::leader::{LeadError, LeaderLock};
+use crate::member_lock::{Hold, held, try_lock, unlock};
 use crate::namespace_error::failed;
-use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt as _, OpenOptionsExt};
@@ -38,11 +38,14 @@ impl Membership {
     /// # Errors
     /// The folder cannot be created or locked.
     pub fn found(id: &str) -> Result<Self, LeadError> {
-        let base = Path::new(BASE);
+        Self::found_in(Path::new(BASE), id)
+    }
+
+    fn found_in(base: &Path, id: &str) -> Result<Self, LeadError> {
         let unborn = base.join(format!("{UNBORN_PREFIX}{id}"));
         let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
         DirBuilder::new().mode(0o700).create(&unborn).map_err(failed("create", &unborn))?;
-        let run_lock = lock_file(&unborn.join("run.lock"), FlockOperation::LockShared)?;
+        let run_lock = join_lock(OpenOptions::new().create(true), &unborn)?;
         let mut leader_lock = LeaderLock::take(&unborn)?;
         leader_lock.announce(&unborn)?;
         let ipc = unborn.join("ipc");
@@ -78,7 +81,7 @@ impl Membership {
     /// # Errors
     /// There is no such run, or it is being wiped.
     pub fn join(folder: &Path) -> Result<Self, NamespaceError> {
-        let run_lock = lock_file(&folder.join("run.lock"), FlockOperation::NonBlockingLockShared)?;
+        let run_lock = join_lock(&mut OpenOptions::new(), folder)?;
         Ok(Self { folder: folder.to_path_buf(), run_lock, leader_lock: None })
     }
 
@@ -103,56 +106,76 @@ impl Membership {
 
 impl Drop for Membership {
     fn drop(&mut self) {
-        // Converting the lock is not atomic, but two last ones both try and one of them wins.
-        if flock(&self.run_lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
+        // Left first, then tried for: of the last two to leave at once, one gets it.
+        if unlock(&self.run_lock).is_ok()
+            && matches!(try_lock(&self.run_lock, Hold::Exclusive), Ok(true))
+        {
             wipe(&self.folder);
         }
     }
 }
 
-/// A run that nobody is in any more.
-struct Dead {
-    folder: PathBuf,
-    /// Keeps others from taking it for dead too while it is wiped.
-    _lock: Option<File>,
+/// What a folder among those of the runs is.
+enum Found {
+    /// A run that has members.
+    Alive,
+    /// A run without members. Its lock, if there is one, is not taken.
+    Dead { lock: Option<File> },
+    /// Something else, or a run that is being founded.
+    Other,
 }
 
-impl Dead {
-    /// The run of a folder, if it is dead.
-    fn of(folder: PathBuf) -> Option<Self> {
-        let name = folder.file_name()?.to_str()?;
+impl Found {
+    fn in_folder(folder: &Path) -> Self {
+        let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         let unborn = name.starts_with(UNBORN_PREFIX);
-        if !folder.is_dir() || !(unborn || name.starts_with(FOLDER_PREFIX)) {
-            return None;
-        }
         // A folder about to be born has no lock for an instant; a minute makes it a dead one.
-        if unborn && !older_than_a_minute(&folder) {
-            return None;
+        if !folder.is_dir()
+            || !(unborn || name.starts_with(FOLDER_PREFIX))
+            || (unborn && !older_than_a_minute(folder))
+        {
+            return Self::Other;
         }
-        let lock = OpenOptions::new().read(true).write(true).open(folder.join("run.lock"));
-        let (dead, lock) = match lock {
-            Ok(file) => {
-                (flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok(), Some(file))
+        match OpenOptions::new().read(true).write(true).open(folder.join("run.lock")) {
+            Ok(lock) => match held(&lock) {
+                Ok(Some(Hold::Shared)) => Self::Alive,
+                Ok(Some(Hold::Exclusive) | None) => Self::Dead { lock: Some(lock) },
+                Err(_) => Self::Other,
+            },
+            Err(error)
+                if error.kind() == io::ErrorKind::NotFound && older_than_a_minute(folder) =>
+            {
+                Self::Dead { lock: None }
             }
-            Err(error) => {
-                (error.kind() == io::ErrorKind::NotFound && older_than_a_minute(&folder), None)
-            }
-        };
-        dead.then_some(Self { folder, _lock: lock })
+            Err(_) => Self::Other,
+        }
     }
+}
 
-    fn all() -> impl Iterator<Item = Self> {
-        let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
-        entries.filter_map(|entry| Self::of(entry.path()))
-    }
+fn folders(base: &Path) -> impl Iterator<Item = (PathBuf, Found)> + use<> {
+    let entries = fs::read_dir(base).into_iter().flatten().flatten().map(|entry| entry.path());
+    entries.map(|folder| {
+        let found = Found::in_folder(&folder);
+        (folder, found)
+    })
 }
 
 /// Removes what dead runs left behind and returns their folders.
 #[must_use]
 pub fn sweep_dead_runs() -> Vec<PathBuf> {
-    let swept = Dead::all().map(|dead| {
-        wipe(&dead.folder);
-        dead.folder
+    sweep(Path::new(BASE))
+}
+
+fn sweep(base: &Path) -> Vec<PathBuf> {
+    let swept = folders(base).filter_map(|(folder, found)| {
+        let Found::Dead { lock } = found else { return None };
+        // Held until it is wiped, so that of two sweeps one wipes it.
+        let is_taken =
+            lock.as_ref().is_none_or(|lock| matches!(try_lock(lock, Hold::Exclusive), Ok(true)));
+        is_taken.then(|| {
+            wipe(&folder);
+            folder
+        })
     });
     swept.collect()
 }
@@ -160,14 +183,23 @@ pub fn sweep_dead_runs() -> Vec<PathBuf> {
 /// Folders of dead runs, without touching them.
 #[must_use]
 pub fn dead_runs() -> Vec<PathBuf> {
-    Dead::all().map(|dead| dead.folder).collect()
+    dead(Path::new(BASE))
 }
 
-/// Shared-memory objects of runs that have no folder any more. Whoever founds a run makes the folder
-/// first, whoever wipes one removes it last; what is older than a minute is nobody's.
+fn dead(base: &Path) -> Vec<PathBuf> {
+    let dead = folders(base).filter(|(_, found)| matches!(found, Found::Dead { .. }));
+    dead.map(|(folder, _)| folder).collect()
+}
+
+/// Shared-memory objects of runs that have no folder any more. The process that founds a run makes the
+/// folder first, the one that wipes it removes it last; what is older than a minute belongs to no run.
 #[must_use]
 pub fn orphans() -> Vec<PathBuf> {
-    let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
+    orphans_in(Path::new(BASE))
+}
+
+fn orphans_in(base: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let orphans = entries.filter(|entry| {
         let name = entry.file_name();
         let id = name.to_str().and_then(|name| name.strip_prefix(OBJECT_PREFIX));
@@ -175,25 +207,27 @@ pub fn orphans() -> Vec<PathBuf> {
         let has_folder = |id: &str| {
             [FOLDER_PREFIX, UNBORN_PREFIX]
                 .iter()
-                .any(|prefix| Path::new(BASE).join(format!("{prefix}{id}")).is_dir())
+                .any(|prefix| base.join(format!("{prefix}{id}")).is_dir())
         };
         id.is_some_and(|id| !has_folder(id)) && older_than_a_minute(&entry.path())
     });
     orphans.map(|entry| entry.path()).collect()
 }
 
-/// Name and folder of every run of this user that somebody is in.
+/// Name and folder of every run of this user that has members.
 #[must_use]
 pub fn runs_in_the_air() -> Vec<(String, PathBuf)> {
+    alive(Path::new(BASE))
+}
+
+fn alive(base: &Path) -> Vec<(String, PathBuf)> {
     let own = rustix::process::geteuid().as_raw();
-    let dead = dead_runs();
-    let entries = fs::read_dir(BASE).into_iter().flatten().flatten();
-    let living = entries.filter_map(|entry| {
-        let id = entry.file_name().to_str()?.strip_prefix(FOLDER_PREFIX)?.to_owned();
-        let is_own = entry.metadata().is_ok_and(|m| m.is_dir() && m.uid() == own);
-        (is_own && !dead.contains(&entry.path())).then(|| (id, entry.path()))
+    let alive = folders(base).filter_map(|(folder, found)| {
+        let id = folder.file_name()?.to_str()?.strip_prefix(FOLDER_PREFIX)?.to_owned();
+        let is_own = fs::metadata(&folder).is_ok_and(|m| m.uid() == own);
+        (is_own && matches!(found, Found::Alive)).then_some((id, folder))
     });
-    living.collect()
+    alive.collect()
 }
 
 /// As [`runs_in_the_air`], after a sweep of the dead ones.
@@ -215,7 +249,7 @@ fn older_than_a_minute(path: &Path) -> bool {
 pub fn remove_unborn_objects(folder: &Path) {
     let prefix = ipc_prefix(&run_id(folder));
     let empty = || {
-        fs::read_dir(BASE).into_iter().flatten().flatten().filter(|entry| {
+        fs::read_dir(base_of(folder)).into_iter().flatten().flatten().filter(|entry| {
             entry.file_name().to_string_lossy().starts_with(&prefix)
                 && entry.metadata().is_ok_and(|m| m.len() == 0)
         })
@@ -230,6 +264,11 @@ pub fn remove_unborn_objects(folder: &Path) {
     }
 }
 
+/// Where the run's shared-memory objects are, beside its folder.
+fn base_of(folder: &Path) -> &Path {
+    folder.parent().unwrap_or_else(|| Path::new(BASE))
+}
+
 fn run_id(folder: &Path) -> String {
     let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     name.trim_start_matches('.').trim_start_matches(FOLDER_PREFIX).to_owned()
@@ -238,7 +277,7 @@ fn run_id(folder: &Path) -> String {
 /// Removes a run's shared-memory objects, then its folder (lock file last, with the folder).
 fn wipe(folder: &Path) {
     let prefix = ipc_prefix(&run_id(folder));
-    if let Ok(entries) = fs::read_dir(BASE) {
+    if let Ok(entries) = fs::read_dir(base_of(folder)) {
         for entry in entries.flatten() {
             if entry.file_name().to_string_lossy().starts_with(&prefix) {
                 // Best effort: another user's file stays, and is not of this run.
@@ -253,17 +292,16 @@ fn ipc_prefix(id: &str) -> String {
     format!("{OBJECT_PREFIX}{id}_")
 }
 
-fn lock_file(path: &Path, operation: FlockOperation) -> Result<File, NamespaceError> {
-    let file = OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(!matches!(operation, FlockOperation::NonBlockingLockShared))
-        .truncate(false)
-        .mode(0o600)
-        .open(path)
-        .map_err(failed("open", path))?;
-    flock(&file, operation).map_err(|e| failed("lock", path)(e.into()))?;
-    Ok(file)
+/// Opens the lock of a run and holds it as a member.
+fn join_lock(options: &mut OpenOptions, folder: &Path) -> Result<File, NamespaceError> {
+    let path = folder.join("run.lock");
+    let file =
+        options.read(true).write(true).mode(0o600).open(&path).map_err(failed("open", &path))?;
+    match try_lock(&file, Hold::Shared) {
+        Ok(true) => Ok(file),
+        Ok(false) => Err(failed("lock", &path)(io::ErrorKind::WouldBlock.into())),
+        Err(error) => Err(failed("lock", &path)(error)),
+    }
 }
 
 /// Transport settings: sweeping dead peers is the launcher's business alone. A reader keeps room
@@ -286,13 +324,19 @@ mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt;
 
-    fn id(name: &str) -> String {
-        format!("test-{name}-{}", std::process::id())
+    /// A place of its own for the runs of a test: no other test sweeps it.
+    fn base() -> tempfile::TempDir {
+        tempfile::tempdir_in(BASE).unwrap()
+    }
+
+    fn object(base: &Path, id: &str, name: &str) -> PathBuf {
+        base.join(format!("{}{name}", ipc_prefix(id)))
     }
 
     #[test]
     fn the_last_to_leave_wipes_and_not_the_first() {
-        let launcher = Membership::found(&id("leave")).unwrap();
+        let base = base();
+        let launcher = Membership::found_in(base.path(), "leave").unwrap();
         let folder = launcher.folder().to_path_buf();
         let child = Membership::join(&folder).unwrap();
         drop(launcher);
@@ -303,28 +347,25 @@ mod tests {
 
     #[test]
     fn a_living_run_is_never_swept_and_a_dead_one_is() {
-        let living = Membership::found(&id("living")).unwrap();
-        let dead = Membership::found(&id("dead")).unwrap();
-        let dead_folder = dead.folder().to_path_buf();
-        let stray = Path::new(BASE).join(format!("{}stray", ipc_prefix(&id("dead"))));
-        fs::write(&stray, "left behind").unwrap();
+        let base = base();
+        let living = Membership::found_in(base.path(), "living").unwrap();
+        let killed = Membership::found_in(base.path(), "killed").unwrap();
+        let left = object(base.path(), "killed", "left");
+        fs::write(&left, "left behind").unwrap();
         // Closing the files without leaving is what SIGKILL does.
-        let Membership { run_lock, .. } = &dead;
-        flock(run_lock, FlockOperation::Unlock).unwrap();
-        let swept = sweep_dead_runs();
-        assert!(swept.contains(&dead_folder) || !dead_folder.exists());
-        assert!(!stray.exists());
-        assert!(living.folder().exists());
-        let listed: Vec<_> = living_runs().into_iter().map(|(_, folder)| folder).collect();
-        assert!(listed.contains(&living.folder().to_path_buf()) && !listed.contains(&dead_folder));
+        unlock(&killed.run_lock).unwrap();
+        assert_eq!(sweep(base.path()), [killed.folder()]);
+        assert!(!left.exists() && !killed.folder().exists());
+        assert_eq!(alive(base.path()), [("living".to_owned(), living.folder().to_path_buf())]);
     }
 
     #[test]
     fn looking_for_the_dead_removes_nothing_and_finds_objects_without_a_run() {
-        let dead = Membership::found(&id("look")).unwrap();
-        flock(&dead.run_lock, FlockOperation::Unlock).unwrap();
-        let object = |id: &str| Path::new(BASE).join(format!("{}left", ipc_prefix(id)));
-        let [of_run, orphan, young] = [id("look"), id("orphan"), id("young")].map(|id| object(&id));
+        let base = base();
+        let killed = Membership::found_in(base.path(), "killed").unwrap();
+        unlock(&killed.run_lock).unwrap();
+        let [of_run, orphan, young] =
+            ["killed", "orphan", "young"].map(|id| object(base.path(), id, "left"));
         let long_ago = std::time::UNIX_EPOCH;
         for (path, old) in [(&of_run, true), (&orphan, true), (&young, false)] {
             let file = File::create(path).unwrap();
@@ -332,36 +373,44 @@ mod tests {
                 file.set_modified(long_ago).unwrap();
             }
         }
-        let (found, left) = (dead_runs(), orphans());
-        assert!(found.contains(&dead.folder().to_path_buf()) || !dead.folder().exists());
-        assert!(left.contains(&orphan) && !left.contains(&young));
-        assert!(!left.contains(&of_run) || !dead.folder().exists());
-        assert!(!runs_in_the_air().iter().any(|(_, folder)| folder == dead.folder()));
-        for path in [&of_run, &orphan, &young] {
-            let _ = fs::remove_file(path);
-        }
+        assert_eq!(dead(base.path()), [killed.folder()]);
+        assert_eq!(orphans_in(base.path()), [orphan.as_path()]);
+        assert_eq!(alive(base.path()), []);
+        assert!([&of_run, &orphan, &young].iter().all(|path| path.exists()));
+        assert!(killed.folder().exists());
+    }
+
+    #[test]
+    fn a_dead_run_that_is_being_swept_or_looked_at_is_not_taken_for_a_living_one() {
+        let base = base();
+        let run = Membership::found_in(base.path(), "swept").unwrap();
+        assert!(dead(base.path()).is_empty());
+        // As a sweep holds it.
+        assert!(try_lock(&run.run_lock, Hold::Exclusive).unwrap());
+        assert_eq!(dead(base.path()), [run.folder()]);
+        assert_eq!(alive(base.path()), []);
+        assert!(sweep(base.path()).is_empty() && run.folder().exists());
+        assert!(Membership::join(run.folder()).is_err());
     }
 
     /// The transport waits for ever for an object whose maker died before giving it a size.
     #[test]
     fn an_object_that_stays_empty_is_removed_and_a_filled_one_and_another_runs_stay() {
-        let run = Membership::found(&id("unborn")).unwrap();
-        let other = id("unborn-other");
-        let object = |id: &str, name| Path::new(BASE).join(format!("{}{name}", ipc_prefix(id)));
-        let [empty, filled] = ["empty", "filled"].map(|name| object(&id("unborn"), name));
-        let foreign = object(&other, "empty");
+        let base = base();
+        let run = Membership::found_in(base.path(), "unborn").unwrap();
+        let [empty, filled] = ["empty", "filled"].map(|name| object(base.path(), "unborn", name));
+        let foreign = object(base.path(), "unborn-other", "empty");
         fs::write(&empty, "").unwrap();
         fs::write(&filled, "segment").unwrap();
         fs::write(&foreign, "").unwrap();
         remove_unborn_objects(run.folder());
-        let left = [&empty, &filled, &foreign].map(|path| path.exists());
-        fs::remove_file(&foreign).unwrap();
-        assert_eq!(left, [false, true, true]);
+        assert_eq!([&empty, &filled, &foreign].map(|path| path.exists()), [false, true, true]);
     }
 
     #[test]
     fn nobody_else_may_look_into_a_run() {
-        let run = Membership::found(&id("private")).unwrap();
+        let base = base();
+        let run = Membership::found_in(base.path(), "private").unwrap();
         let mode = fs::metadata(run.folder()).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o700);
     }
