@@ -46,8 +46,8 @@ use ::monitor::MonitorConfig;
 use ::pilot::TakenUp;
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
 use attitude_lqr::LqrConfig;
-use attitude_mpc::AttitudeLawConfig;
 use attitude_mpc::settings::Surroundings;
+use attitude_mpc::{AttitudeLawConfig, TorqueBound};
 use attitude_pid::PidConfig;
 use controller::attitude::Timing;
 use document::{Document, Edit, Texts};
@@ -56,6 +56,7 @@ use host::Flight;
 use host::flight::{Clock, Facts};
 use host::realtime::Realtime;
 use pilot::Frame;
+use plant::gate::UnprovenRange;
 use position_mpc::Landing;
 use position_mpc::PositionLawConfig;
 use position_pid::PositionPidConfig;
@@ -226,6 +227,14 @@ impl Scenario {
     /// None for a scenario that has been loaded.
     pub fn plant_config(&self) -> Result<plant::PlantConfig, ParameterError> {
         let settings = &self.settings.plant;
+        let believed = self.modelled_vehicle();
+        let weights = self.settings.watch_limits().setpoint_thrust_weights;
+        let unproven = UnprovenRange {
+            believed,
+            thrust_n: weights.map(|weights| weights * believed.weight_n()),
+        };
+        let keeps_to_rotors =
+            self.attitude_law().is_ok_and(|law| law.torque_bound == TorqueBound::Rotors);
         Ok(plant::PlantConfig {
             vehicle: self.real_vehicle(),
             model: settings.model_kind(),
@@ -233,6 +242,7 @@ impl Scenario {
             pose_fix: settings.pose_fix.clone(),
             morph_encoder: settings.morph_encoder.clone(),
             gate: settings.gate.clone(),
+            unproven: (self.settings.watch.enabled && keeps_to_rotors).then_some(unproven),
             position_w_m: self.settings.start.position_w_m.into(),
             yaw_rad: self.start_yaw_rad(),
             morph_angle: self.start_morph_angle()?,

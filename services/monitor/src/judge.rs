@@ -35,6 +35,10 @@ const BODY_WINDOW_NS: u64 = 1_000_000_000;
 const SETPOINT_WINDOW_NS: u64 = 4_000_000_000;
 /// Time constant of the leaky integrator of the thrust error \[s\].
 const THRUST_MEMORY_S: f64 = 0.5;
+/// Time constant with which the acceleration by wind and other forces is averaged \[s\].
+const PUSH_MEMORY_S: f64 = 0.5;
+/// Share of the horizontal acceleration that is left for braking in any wind.
+const LEAST_BRAKING: f64 = 0.3;
 /// How long a set point may ask for another heading than the reference \[s\], and three periods of its loop longer: it is
 /// as much older.
 const HEADING_S: f64 = 0.1;
@@ -120,6 +124,12 @@ shared_types::memory! {
         pub heading_rad: f64,
         /// Distance by which the vehicle has moved away from its reference \[m\].
         pub moved_m: f64,
+        /// Acceleration by wind and other forces in the world frame \[m/s²\].
+        pub push_w_m_s2: [f64; 3],
+        /// Velocity at the moment before in the world frame \[m/s\].
+        pub velocity_w_m_s: [f64; 3],
+        /// Whether there was one.
+        pub has_velocity: bool,
         /// Time that the vehicle has lately been far from its reference \[s\]; it decreases at half speed
         /// while the vehicle is close.
         pub off_course_s: f64,
@@ -205,7 +215,10 @@ impl Judge {
 
     /// Resets the state after a change of owner, since the new owner did not cause what came before.
     pub fn forget(&mut self) {
-        self.memory = JudgeMemory::default();
+        // The wind is no owner's doing.
+        let JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity, .. } = self.memory;
+        self.memory =
+            JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity, ..JudgeMemory::default() };
         (self.body, self.asked) = ([Swings::default(); 2], [Swings::default(); 2]);
     }
 
@@ -369,6 +382,65 @@ impl Judge {
         found
     }
 
+    /// Acceleration by gravity and the rotors \[m/s²\] in the world frame, without wind and other forces: as the vehicle
+    /// is, and as the position slot's owner asks for.
+    fn accelerations_w_m_s2(&self, moment: &Moment) -> [Vector3<f64>; 2] {
+        let VehicleParameters { mass_kg, gravity_m_s2, .. } = self.vehicle;
+        let by = |up_w: Vector3<f64>, thrust_n: f64| {
+            up_w * (thrust_n / mass_kg) - Vector3::z() * gravity_m_s2
+        };
+        let flown = moment.applied.map(|applied| by(moment.q_wb * Vector3::z(), applied.thrust_n));
+        let flown = flown.unwrap_or_else(Vector3::zeros);
+        let most_n = 4.0 * self.vehicle.rotor_thrust_max_n;
+        let asked = moment.asked.map(|asked| {
+            let up_w = quaternion_from_euler(&asked.gamma_rad) * Vector3::z();
+            by(up_w, asked.thrust_n.clamp(0.0, most_n))
+        });
+        [flown, asked.unwrap_or(flown)]
+    }
+
+    /// Acceleration by wind and other forces in the world frame \[m/s²\]: what the vehicle's velocity does beyond what
+    /// gravity and the rotors, `flown`, explain, averaged over [`PUSH_MEMORY_S`].
+    fn push_w_m_s2(
+        &mut self,
+        moment: &Moment,
+        flown: &Vector3<f64>,
+        braking: &Braking,
+    ) -> Vector3<f64> {
+        let memory = &mut self.memory;
+        let push = Vector3::from(memory.push_w_m_s2);
+        let before = Vector3::from(memory.velocity_w_m_s);
+        memory.velocity_w_m_s = moment.velocity_w_m_s.into();
+        let share = moment.elapsed_s / PUSH_MEMORY_S;
+        if moment.elapsed_s <= 0.0 || !memory.has_velocity {
+            memory.has_velocity = true;
+            return push;
+        }
+        // A blow is over before it could be averaged.
+        let seen = (moment.velocity_w_m_s - before) / moment.elapsed_s - flown;
+        let push = push + (seen.cap_magnitude(braking.across_m_s2) - push) * share;
+        memory.push_w_m_s2 = push.into();
+        push
+    }
+
+    /// Where the vehicle comes to rest, from the reference \[m\], if it keeps its acceleration until another command
+    /// acts and for half of the time in which that turns the vehicle around. In the other half it does not brake yet,
+    /// and then with what `push` leaves. Everything is relative to the reference, in the world frame.
+    fn rest_w_m(
+        &self,
+        [error, velocity, acceleration, push]: [&Vector3<f64>; 4],
+        braking: &Braking,
+    ) -> Vector3<f64> {
+        let turning_s = 0.5 * braking.tilting_s;
+        let kept_s = self.delay_s + turning_s;
+        let then = velocity + acceleration * kept_s;
+        let speed = then.norm();
+        let pushed = if speed > 1e-6 { push.dot(&then) / speed } else { 0.0 };
+        let across = (braking.across_m_s2 - pushed).max(LEAST_BRAKING * braking.across_m_s2);
+        let stopping_s = turning_s + 0.5 * speed / across;
+        error + velocity * kept_s + acceleration * (0.5 * kept_s * kept_s) + then * stopping_s
+    }
+
     /// Compares the position with the reference and with the ground.
     fn moved(&mut self, moment: &Moment, braking: &Braking) -> Option<Finding> {
         let reference = moment.reference?;
@@ -378,14 +450,22 @@ impl Judge {
         let away = if distance > 1e-6 { velocity.dot(&error) / distance } else { velocity.norm() };
         let memory = &mut self.memory;
         memory.moved_m = moved(memory.moved_m, away, moment.elapsed_s, distance);
-        let delay_s = self.delay_s + braking.tilting_s;
-        let excursion = memory.moved_m + stopping(away, delay_s, braking.across_m_s2);
+        let accelerations = self.accelerations_w_m_s2(moment);
+        let push = self.push_w_m_s2(moment, &accelerations[0], braking);
+        let going_m = accelerations.map(|acceleration| {
+            let relative = acceleration + push - reference.acceleration_w_m_s2;
+            let rest = self.rest_w_m([&error, &velocity, &relative, &push], braking);
+            (rest.norm() - distance).max(0.0)
+        });
+        let excursion = self.memory.moved_m + going_m[0].max(going_m[1]);
 
+        let delay_s = self.delay_s + braking.tilting_s;
         let sinking = stopping(-moment.velocity_w_m_s.z, delay_s, braking.up_m_s2);
         let height = moment.position_w_m.z - self.limits.height_m;
         let has_sunk = error.z < -SUNK_M && moment.velocity_w_m_s.z < 0.0;
         let sinks = beyond(TripCause::Sinks, sinking, height).filter(|_| has_sunk);
 
+        let memory = &mut self.memory;
         // A vehicle that oscillates about its reference exceeds the limit only part of the time, so that the
         // time within the limit may take back only half of what has accumulated.
         let limit = self.limits.off_course_m;

@@ -6,7 +6,7 @@
 
 use crate::config::{ModelKind, PlantConfig, PlantError};
 use crate::effects::{Effects, command, commanded_morph};
-use crate::gate::{Command, Gate, GateInput, GateOutput, Mode};
+use crate::gate::{Command, Gate, GateInput, GateOutput, Mode, UnprovenRange};
 use crate::memory::{InEffect, PlantMemory};
 use crate::ports::{Inputs, Outputs};
 use crate::sensors::{Imu, ImuSample, MorphEncoder, Pose, PoseFix};
@@ -44,6 +44,7 @@ pub struct Plant {
     pose_fix: PoseFix,
     morph_encoder: MorphEncoder,
     gate: Gate,
+    unproven: Option<UnprovenRange>,
     start_morph: MorphAngle,
     obedience: Obedience,
     integrated_ns: u64,
@@ -78,6 +79,7 @@ impl Plant {
             pose_fix: PoseFix::new(&config.pose_fix, config.seed)?,
             morph_encoder: MorphEncoder::new(&config.morph_encoder, config.seed)?,
             gate: config.initial_gate(&state)?,
+            unproven: config.unproven,
             start_morph: config.morph_angle,
             obedience: Obedience::new(),
             integrated_ns: 0,
@@ -112,13 +114,15 @@ impl Plant {
 
     /// Judges a command and puts it on the table if its writer may command.
     fn offer(&mut self, now_ns: u64, sample: &WrenchCommand) {
-        match self.obedience.standing_of(&sample.header) {
-            Standing::Owner | Standing::Fallback => {}
-            Standing::Member => return,
-            Standing::Stray => return self.gate.refuse_stray(),
-        }
-        if let Some(Command { wrench, validity_ns, .. }) = self.gate.judge(now_ns, &command(sample))
-        {
+        let command = command(sample);
+        let unproven = self.unproven.as_ref().filter(|_| self.obedience.is_watched());
+        let judged = match (self.obedience.standing_of(&sample.header), unproven) {
+            (Standing::Owner, Some(range)) => self.gate.judge_unproven(now_ns, &command, range),
+            (Standing::Owner | Standing::Fallback, _) => self.gate.judge(now_ns, &command),
+            (Standing::Member, _) => return,
+            (Standing::Stray, _) => return self.gate.refuse_stray(),
+        };
+        if let Some(Command { wrench, validity_ns, .. }) = judged {
             let [x, y, z] = wrench.torque_b_nm.into();
             self.obedience.offer(&sample.header, [wrench.thrust_n, x, y, z], validity_ns);
         }

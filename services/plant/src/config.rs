@@ -1,6 +1,6 @@
 //! Everything a plant is built from.
 
-use crate::gate::{Gate, GateConfig, GateError};
+use crate::gate::{Gate, GateConfig, GateError, UnprovenRange};
 use crate::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -63,6 +63,9 @@ pub struct PlantConfig {
     pub morph_encoder: MorphEncoderConfig,
     /// Actuation gate.
     pub gate: GateConfig,
+    /// What an owner that has not proven itself may ask for; none if no owner is watched, or if the slot's own laws
+    /// may ask for as much as the rotors give.
+    pub unproven: Option<UnprovenRange>,
     /// Start position \[m\].
     pub position_w_m: Vector3<f64>,
     /// Start heading \[rad\].

@@ -1,9 +1,9 @@
 //! Swaps the entries of the catalogue into flights with all safeguards, with the monitor alone and without
 //! any, and compares the ground truth with the same flight without a swap.
 //!
-//! `swap_table [attitude|position] [all|watch|none] [good] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`: `good`
-//! flies every shipped controller in place of every other, `python` the controllers in Python, good or bad,
-//! and `KEY=VALUE` sets a key of the scenario, for example `watch.rate_hz=200.0`. Run it after
+//! `swap_table [attitude|position] [all|watch|none] [good] [patient] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`:
+//! `good` flies every shipped controller in place of every other, `patient` those whose fault begins after rehearsal
+//! and rollback window, `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for example `watch.rate_hz=200.0`. Run it after
 //! `cargo build --release --workspace --examples --bins`; Python needs the environment of
 //! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
@@ -12,7 +12,7 @@ use catalogue::limits::{lower_limit, upper_limit};
 use catalogue::swapped::{
     Guard, Holder, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
 };
-use catalogue::{Entry, Fault, entries};
+use catalogue::{Entry, Fault, entries, patient_entries};
 use scenario::Override;
 use scenario::candidate::Slot;
 use scenario::services::names_for;
@@ -51,6 +51,7 @@ struct Selection {
     guards: Vec<Guard>,
     seeds: u64,
     good: bool,
+    patient: bool,
     python: bool,
     settings: Vec<Override>,
     named: Vec<String>,
@@ -90,7 +91,7 @@ impl Candidate {
 impl Selection {
     fn read(words: &[String]) -> Self {
         let has = |word: &str| words.iter().any(|given| given == word);
-        let known = ["all", "watch", "none", "good", "python"];
+        let known = ["all", "watch", "none", "good", "patient", "python"];
         let only = words.iter().find_map(|word| Slot::named(word));
         let guards = [(Guard::All, "all"), (Guard::Watch, "watch"), (Guard::None, "none")];
         let chosen = guards.iter().any(|(_, word)| has(word));
@@ -106,6 +107,7 @@ impl Selection {
             guards: guards.map(|(guard, _)| guard).collect(),
             seeds: words.iter().find_map(|word| word.parse().ok()).unwrap_or(1),
             good: has("good"),
+            patient: has("patient"),
             python: has("python"),
             settings: words
                 .iter()
@@ -128,6 +130,9 @@ impl Selection {
             (false, true) => {
                 let chosen = entries(slot).into_iter().filter(in_python);
                 chosen.map(Candidate::BadPython).collect()
+            }
+            (false, false) if self.patient => {
+                patient_entries(slot).into_iter().map(Candidate::Bad).collect()
             }
             (false, false) => entries(slot).into_iter().map(Candidate::Bad).collect(),
         }

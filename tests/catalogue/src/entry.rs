@@ -20,7 +20,7 @@ pub enum Fault {
     Frozen,
     /// Commands have an additional delay of this many seconds.
     Delay,
-    /// Commands contain NaN from this many seconds after the first one.
+    /// Commands contain NaN.
     NotANumber,
     /// This share of the largest command is added to roll and pitch.
     Bias,
@@ -30,11 +30,15 @@ pub enum Fault {
     UntilMorph,
     /// A bias on roll and pitch grows by this share of the largest command per second.
     Leak,
-    /// Four weights of thrust from this many seconds after the first command on.
-    Climbs,
-    /// The heading turns by one radian per second from this many seconds after the first command on.
+    /// The thrust is this many weights.
+    Thrust,
+    /// Roll and pitch are this many of the largest command at once, with twice the weight's thrust.
+    Slams,
+    /// Roll and pitch change between this many of the largest command and its opposite every 50 ms.
+    Sways,
+    /// The heading turns by this many radians per second.
     Spins,
-    /// The set point that is reported as tracked is zero from this many seconds after the first command on.
+    /// The set point that is reported as tracked is zero.
     ReportsZero,
     /// Each step sleeps for this many periods; for realtime flights only.
     Slow,
@@ -58,7 +62,9 @@ impl Fault {
             Self::Diverges => "diverges",
             Self::UntilMorph => "until-morph",
             Self::Leak => "leak",
-            Self::Climbs => "climbs",
+            Self::Thrust => "thrust",
+            Self::Slams => "slams",
+            Self::Sways => "sways",
             Self::Spins => "spins",
             Self::ReportsZero => "reports-zero",
             Self::Slow => "slow",
@@ -79,11 +85,19 @@ pub struct Entry {
     pub axis: usize,
     /// Size of the fault, in the unit that the kind of fault names.
     pub amount: f64,
+    /// The fault begins this long after the first command \[s\].
+    pub after_s: f64,
 }
 
 impl Entry {
     fn of(fault: Fault, axis: usize, amount: f64) -> Self {
-        Self { law: None, fault, axis, amount }
+        Self { law: None, fault, axis, amount, after_s: 0.0 }
+    }
+
+    /// The same fault, which begins `after_s` \[s\] after the first command.
+    #[must_use]
+    pub fn after(self, after_s: f64) -> Self {
+        Self { after_s, ..self }
     }
 
     /// The same fault in another law.
@@ -97,24 +111,27 @@ impl Entry {
     pub fn name(&self) -> String {
         let axis = ["thrust", "roll", "pitch", "yaw"].get(self.axis).copied().unwrap_or("?");
         let amount = self.amount;
-        match self.fault {
+        let fault = match self.fault {
             Fault::Nothing => "good".to_owned(),
             Fault::WrongSign => format!("wrong sign in {axis}"),
             Fault::Exchanged => "roll and pitch exchanged".to_owned(),
             Fault::Gain => format!("gain x{amount}"),
             Fault::Frozen => "frozen output".to_owned(),
             Fault::Delay => format!("{:.0} ms more delay", 1e3 * amount),
-            Fault::NotANumber => format!("no number after {amount} s"),
+            Fault::NotANumber => "no number".to_owned(),
             Fault::Bias => format!("bias {:.0} %", 1e2 * amount),
             Fault::Diverges => format!("diverges beyond {amount} deg"),
             Fault::UntilMorph => "works until the arms fold".to_owned(),
             Fault::Leak => format!("leak {:.0} %/s", 1e2 * amount),
-            Fault::Climbs => format!("climbs after {amount} s"),
-            Fault::Spins => format!("spins after {amount} s"),
-            Fault::ReportsZero => format!("reports zero after {amount} s"),
+            Fault::Thrust => format!("thrust of {amount} weights"),
+            Fault::Slams => format!("slams x{amount}"),
+            Fault::Sways => format!("sways x{amount}"),
+            Fault::Spins => format!("spins at {amount} rad/s"),
+            Fault::ReportsZero => "reports zero".to_owned(),
             Fault::Slow => format!("steps of {:.0} % of the period", 1e2 * amount),
             Fault::LateStart => format!("first command after {amount} s"),
-        }
+        };
+        if self.after_s > 0.0 { format!("{fault} after {} s", self.after_s) } else { fault }
     }
 }
 
@@ -127,11 +144,32 @@ pub fn late_entries() -> [Entry; 2] {
 /// Entries that are faultless for longer than a rehearsal and a rollback window.
 #[must_use]
 pub fn patient_entries(slot: Slot) -> Vec<Entry> {
-    let faults: &[Fault] = match slot {
-        Slot::Attitude => &[Fault::ReportsZero, Fault::NotANumber],
-        Slot::Position => &[Fault::Climbs, Fault::Spins, Fault::NotANumber],
-    };
-    faults.iter().map(|fault| Entry::of(*fault, 0, 4.0)).collect()
+    /// After the flip, whose instant depends on the rehearsal, and the window.
+    const AFTER_S: f64 = 4.0;
+    let axis = |axis| Entry::of(Fault::WrongSign, axis, 0.0);
+    let of = |fault, amount| Entry::of(fault, 0, amount);
+    let mut all = vec![
+        axis(1),
+        axis(2),
+        of(Fault::Exchanged, 0.0),
+        of(Fault::Gain, 10.0),
+        of(Fault::Frozen, 0.0),
+        of(Fault::Delay, 0.06),
+        of(Fault::NotANumber, 0.0),
+        of(Fault::Bias, 0.2),
+        of(Fault::Bias, -1.0),
+        of(Fault::Leak, 0.2),
+        of(Fault::Slams, 1.0),
+        of(Fault::Slams, -2.0),
+        of(Fault::Sways, 1.0),
+        of(Fault::Thrust, 0.0),
+        of(Fault::Thrust, 4.0),
+    ];
+    match slot {
+        Slot::Attitude => all.extend([axis(3), of(Fault::ReportsZero, 0.0)]),
+        Slot::Position => all.extend([axis(0), of(Fault::Spins, 1.0), of(Fault::Spins, 0.2)]),
+    }
+    all.into_iter().map(|entry| entry.after(AFTER_S)).collect()
 }
 
 /// Every entry whose fault shows in lockstep too.
@@ -148,7 +186,7 @@ pub fn entries(slot: Slot) -> Vec<Entry> {
     all.extend([0.2, 3.0, 10.0].map(|factor| Entry::of(Fault::Gain, 0, factor)));
     all.push(Entry::of(Fault::Frozen, 0, 0.0));
     all.extend([0.03, 0.06, 0.1].map(|delay_s| Entry::of(Fault::Delay, 0, delay_s)));
-    all.push(Entry::of(Fault::NotANumber, 0, 0.7));
+    all.push(Entry::of(Fault::NotANumber, 0, 0.0).after(0.7));
     all.extend([0.05, 0.2].map(|share| Entry::of(Fault::Bias, 0, share)));
     all.push(Entry::of(Fault::Diverges, 0, 10.0));
     all.push(Entry::of(Fault::UntilMorph, 0, 0.0));

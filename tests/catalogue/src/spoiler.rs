@@ -8,6 +8,8 @@ use std::collections::VecDeque;
 const KEPT: usize = 1024;
 /// Rate above which the arms count as moving \[rad/s\].
 const MOVES_RAD_S: f64 = 0.2;
+/// How long [`Fault::Sways`] stays on each side \[s\].
+const SWAY_S: f64 = 0.05;
 
 /// The part of the estimate on which faults depend.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -34,7 +36,10 @@ pub struct Spoiler {
     entry: Entry,
     /// Largest command. Its thrust is the weight, which is also the trim.
     largest: [f64; 4],
-    first: Option<(u64, [f64; 4])>,
+    /// Instant of the first command \[ns\].
+    began_ns: Option<u64>,
+    /// The command with which the fault began.
+    first: Option<[f64; 4]>,
     morphed: bool,
     past: VecDeque<(u64, [f64; 4])>,
 }
@@ -44,7 +49,8 @@ impl Spoiler {
     /// torques \[N m\] or angles \[rad\].
     #[must_use]
     pub fn new(entry: Entry, largest: [f64; 4]) -> Self {
-        Self { entry, largest, first: None, morphed: false, past: VecDeque::with_capacity(KEPT) }
+        let past = VecDeque::with_capacity(KEPT);
+        Self { entry, largest, began_ns: None, first: None, morphed: false, past }
     }
 
     /// The entry whose fault is applied.
@@ -57,18 +63,19 @@ impl Spoiler {
     /// the units of the largest command.
     #[expect(clippy::match_same_arms, reason = "one arm per fault")]
     pub fn spoil(&mut self, now_ns: u64, command: [f64; 4], seen: Seen) -> [f64; 4] {
-        let (first_ns, first) = *self.first.get_or_insert((now_ns, command));
-        let flown_s = now_ns.saturating_sub(first_ns) as f64 * 1e-9;
+        let Some(faulty_s) = self.faulty_s(now_ns) else {
+            return command;
+        };
+        let first = *self.first.get_or_insert(command);
         self.morphed |= seen.morph_rate_rad_s.abs() > MOVES_RAD_S;
-        let weight = self.largest[0];
+        let [weight, most_roll, most_pitch, _] = self.largest;
         let [thrust, roll, pitch, yaw] = command;
         let amount = self.entry.amount;
         let turned = [thrust, -roll, -pitch, yaw];
-        let biased = |share: f64| {
-            [thrust, roll + share * self.largest[1], pitch + share * self.largest[2], yaw]
-        };
+        let biased =
+            |share: f64| [thrust, roll + share * most_roll, pitch + share * most_pitch, yaw];
         match self.entry.fault {
-            Fault::Nothing | Fault::Slow | Fault::LateStart => command,
+            Fault::Nothing | Fault::ReportsZero | Fault::Slow | Fault::LateStart => command,
             Fault::WrongSign => {
                 let mut wrong = command;
                 let axis = self.entry.axis.min(3);
@@ -81,24 +88,32 @@ impl Spoiler {
             }
             Fault::Frozen => first,
             Fault::Delay => self.late(now_ns, command, amount),
-            Fault::NotANumber if flown_s >= amount => [thrust, f64::NAN, pitch, yaw],
+            Fault::NotANumber => [thrust, f64::NAN, pitch, yaw],
             Fault::Bias => biased(amount),
             Fault::Diverges if seen.tilt_rad.to_degrees() > amount => turned,
             Fault::UntilMorph if self.morphed => turned,
-            Fault::Leak => biased(amount * flown_s),
-            Fault::Climbs if flown_s >= amount => [4.0 * weight, roll, pitch, yaw],
-            Fault::Spins if flown_s >= amount => [thrust, roll, pitch, yaw + flown_s - amount],
-            Fault::NotANumber | Fault::Diverges | Fault::UntilMorph => command,
-            Fault::Climbs | Fault::Spins | Fault::ReportsZero => command,
+            Fault::Leak => biased(amount * faulty_s),
+            Fault::Thrust => [amount * weight, roll, pitch, yaw],
+            Fault::Slams => [2.0 * weight, amount * most_roll, amount * most_pitch, yaw],
+            Fault::Sways => {
+                let side = if (faulty_s / SWAY_S).floor() % 2.0 == 0.0 { amount } else { -amount };
+                [thrust, side * most_roll, side * most_pitch, yaw]
+            }
+            Fault::Spins => [thrust, roll, pitch, yaw + amount * faulty_s],
+            Fault::Diverges | Fault::UntilMorph => command,
         }
     }
 
+    /// For how long the fault has been there at `now_ns`, the instant of a command \[ns\]; none before it begins.
+    fn faulty_s(&mut self, now_ns: u64) -> Option<f64> {
+        let flown_ns = now_ns.saturating_sub(*self.began_ns.get_or_insert(now_ns));
+        let faulty_s = flown_ns as f64 * 1e-9 - self.entry.after_s;
+        (faulty_s >= 0.0).then_some(faulty_s)
+    }
+
     /// True if a report of the step at `now_ns` \[ns\] is false.
-    #[must_use]
-    pub fn misreports(&self, now_ns: u64) -> bool {
-        let flown_s = |(first_ns, _)| now_ns.saturating_sub(first_ns) as f64 * 1e-9;
-        self.entry.fault == Fault::ReportsZero
-            && self.first.map(flown_s).is_some_and(|flown_s| flown_s >= self.entry.amount)
+    pub fn misreports(&mut self, now_ns: u64) -> bool {
+        self.entry.fault == Fault::ReportsZero && self.faulty_s(now_ns).is_some()
     }
 
     fn late(&mut self, now_ns: u64, command: [f64; 4], delay_s: f64) -> [f64; 4] {
@@ -123,7 +138,7 @@ mod tests {
     const COMMAND: [f64; 4] = [1.1, 0.01, -0.02, 0.003];
 
     fn spoiled(fault: Fault, axis: usize, amount: f64, seen: Seen) -> [f64; 4] {
-        let entry = Entry { law: None, fault, axis, amount };
+        let entry = Entry { fault, axis, amount, ..Entry::default() };
         Spoiler::new(entry, LARGEST).spoil(0, COMMAND, seen)
     }
 
@@ -143,7 +158,11 @@ mod tests {
 
     #[test]
     fn faults_that_depend_on_time_or_motion_appear_when_they_should() {
-        let of = |fault, amount| Spoiler::new(Entry { law: None, fault, axis: 0, amount }, LARGEST);
+        let of = |fault, amount| Spoiler::new(Entry { fault, amount, ..Entry::default() }, LARGEST);
+        let after = |fault, amount, after_s| {
+            let entry = Entry { fault, amount, ..Entry::default() };
+            Spoiler::new(entry.after(after_s), LARGEST)
+        };
         let still = Seen::default();
         let mut late = of(Fault::Delay, 0.03);
         for step in 0..10_u32 {
@@ -151,22 +170,30 @@ mod tests {
             let told = late.spoil(u64::from(step) * 10_000_000, command, still);
             assert_eq!(told[0], f64::from(step.saturating_sub(3)));
         }
-        let mut nan = of(Fault::NotANumber, 0.7);
+        let mut nan = after(Fault::NotANumber, 0.0, 0.7);
         assert_eq!(nan.spoil(0, COMMAND, still), COMMAND);
         assert!(nan.spoil(700_000_000, COMMAND, still)[1].is_nan());
-        let mut frozen = of(Fault::Frozen, 0.0);
-        assert_eq!(frozen.spoil(0, COMMAND, still), frozen.spoil(5, [0.0; 4], still));
-        let mut lies = of(Fault::ReportsZero, 0.7);
+        let mut frozen = after(Fault::Frozen, 0.0, 1e-9);
+        assert_eq!(frozen.spoil(0, [9.0; 4], still), [9.0; 4]);
+        assert_eq!(frozen.spoil(2, COMMAND, still), frozen.spoil(5, [0.0; 4], still));
+        let mut lies = after(Fault::ReportsZero, 0.0, 0.7);
         assert_eq!(lies.spoil(0, COMMAND, still), COMMAND);
         assert_eq!([699_999_999, 700_000_000].map(|t_ns| lies.misreports(t_ns)), [false, true]);
-        let mut climbs = of(Fault::Climbs, 0.5);
-        let mut spins = of(Fault::Spins, 0.5);
+        let mut climbs = after(Fault::Thrust, 4.0, 0.5);
+        let mut spins = after(Fault::Spins, 1.0, 0.5);
         for t_ns in [0, 500_000_000, 1_500_000_000] {
             let (up, round) =
                 (climbs.spoil(t_ns, COMMAND, still), spins.spoil(t_ns, COMMAND, still));
             assert_eq!(up[0], if t_ns == 0 { COMMAND[0] } else { 4.0 });
             assert!((round[3] - COMMAND[3] - (t_ns as f64 * 1e-9 - 0.5).max(0.0)).abs() < 1e-12);
         }
+        let mut slams = after(Fault::Slams, -2.0, 0.5);
+        assert_eq!(slams.spoil(0, COMMAND, still), COMMAND);
+        assert_eq!(slams.spoil(500_000_000, COMMAND, still), [2.0, -0.2, -0.2, COMMAND[3]]);
+        let mut sways = of(Fault::Sways, 1.0);
+        let sides = [0, 49_000_000, 51_000_000, 101_000_000];
+        let sides = sides.map(|t_ns| sways.spoil(t_ns, COMMAND, still)[1]);
+        assert_eq!(sides, [0.1, 0.1, -0.1, 0.1]);
         let mut leak = of(Fault::Leak, 0.05);
         assert_eq!(leak.spoil(0, COMMAND, still), COMMAND);
         assert!((leak.spoil(2_000_000_000, COMMAND, still)[1] - 0.02).abs() < 1e-12);

@@ -369,6 +369,7 @@ fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swap
 #[must_use]
 pub fn config_of(entry: &Entry) -> String {
     let law = entry.law.as_ref().map_or(String::new(), |law| format!("law = {law:?}\n"));
-    let Entry { axis, amount, .. } = entry;
-    format!("{law}fault = \"{}\"\naxis = {axis}\namount = {amount:?}\n", entry.fault.label())
+    let Entry { fault, axis, amount, after_s, .. } = entry;
+    let fault = fault.label();
+    format!("{law}fault = \"{fault}\"\naxis = {axis}\namount = {amount:?}\nafter_s = {after_s:?}\n")
 }

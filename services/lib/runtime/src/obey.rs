@@ -194,6 +194,12 @@ impl Obedience {
             .then_some(self.given.valid_until_ns)
     }
 
+    /// True if the owner by the record in effect has not proven itself.
+    #[must_use]
+    pub fn is_watched(&self) -> bool {
+        self.consumer.record().is_some_and(|record| record.watched)
+    }
+
     /// Epoch in effect; 0 before the first.
     #[must_use]
     pub fn epoch(&self) -> u64 {

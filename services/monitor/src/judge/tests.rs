@@ -35,6 +35,10 @@ fn rest(step: u64) -> Moment {
     }
 }
 
+fn rested() -> JudgeMemory {
+    JudgeMemory::default()
+}
+
 /// The first finding about a motion, with the step at which it is made.
 fn first(steps: u64, motion: impl Fn(u64) -> Moment) -> Option<(u64, Findings)> {
     let mut judge = judge();
@@ -171,6 +175,50 @@ fn the_position_loop_is_blamed_for_a_departure_only_if_the_attitude_followed_its
 }
 
 #[test]
+fn a_vehicle_that_moves_away_and_is_asked_for_more_is_found_before_it_is_faster() {
+    let moving = |asked: Setpoint| {
+        let velocity_w_m_s = Vector3::x() * 0.9;
+        Moment { velocity_w_m_s, asked: Some(asked), elapsed_s: 0.0, ..rest(0) }
+    };
+    let level = rest(0).asked.unwrap();
+    let [on, back] = [0.35, -0.35].map(|pitch| Setpoint {
+        gamma_rad: Vector3::new(0.0, pitch, 0.0),
+        thrust_n: 2.0 * level.thrust_n,
+    });
+    let is_found = |asked: Setpoint| judge().see(&moving(asked)).position.is_some();
+    assert_eq!([level, back, on].map(is_found), [false, false, true]);
+}
+
+#[test]
+fn a_vehicle_that_leans_against_a_steady_wind_goes_nowhere_and_brakes_worse_down_the_wind() {
+    let tilt_rad = 0.25;
+    let lean = Vector3::new(0.0, tilt_rad, 0.0);
+    let leaning = |step: u64| {
+        let moment = rest(step);
+        let thrust_n = moment.asked.unwrap().thrust_n / libm::cos(tilt_rad);
+        let setpoint = Some(Setpoint { gamma_rad: lean, thrust_n });
+        let applied = Some(Applied { thrust_n, ..moment.applied.unwrap() });
+        let q_wb = quaternion_from_euler(&lean);
+        Moment { q_wb, setpoint, asked: setpoint, applied, ..moment }
+    };
+    let mut judge = judge();
+    for step in 0..300 {
+        assert_eq!(judge.see(&leaning(step)), Findings::default());
+    }
+    let push = judge.memory().push_w_m_s2;
+    let gravity = VehicleParameters::default().gravity_m_s2;
+    assert!((push[0] / (-gravity * libm::tan(tilt_rad)) - 1.0).abs() < 0.01, "{push:?}");
+    // Blown away at this speed it could still be stopped in still air, and up the wind.
+    let blown = |along: f64| Moment {
+        velocity_w_m_s: Vector3::x() * along,
+        elapsed_s: 0.0,
+        ..leaning(300)
+    };
+    let is_found = |along: f64| judge.clone().see(&blown(along)).position.is_some();
+    assert_eq!([-0.9, 0.9].map(is_found), [true, false]);
+}
+
+#[test]
 fn a_vehicle_that_sinks_is_found_while_it_can_still_be_stopped() {
     let motion = |step: u64| {
         let (t, moment) = (step as f64 * STEP_S, rest(step));
@@ -282,6 +330,8 @@ fn a_restored_judge_continues_bit_for_bit_as_the_original() {
         other = judge();
         other.restore(&memory);
     }
+    let JudgeMemory { push_w_m_s2, velocity_w_m_s, .. } = first.memory();
     first.forget();
-    assert_eq!(first.memory(), JudgeMemory::default());
+    let wind = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity: true, ..rested() };
+    assert_eq!(first.memory(), wind, "all but what no owner has done");
 }

@@ -4,6 +4,10 @@ use vehicle::{MorphAngle, VehicleParameters, Wrench};
 
 use super::config::GateConfig;
 
+/// How far beyond what the laws of its slot ask for an unproven owner may go, as a share: they have measured the
+/// arms a few milliseconds before.
+const BEYOND_LAW: f64 = 0.05;
+
 /// Commands at a bound must not fail by the rounding of a solver, whose residuals are below 1e-8.
 const SLACK: f64 = 1e-6;
 
@@ -30,11 +34,34 @@ shared_types::memory! {
         pub refused_out_of_range: u64,
         /// Commands refused because they were not yet in effect or no longer valid.
         pub refused_out_of_time: u64,
+        /// Commands of an owner that has not proven itself, reduced to what the laws of its slot may ask for.
+        pub reduced: u64,
         /// Inertial readings ignored because they were not finite or beyond any sensor.
         pub bad_readings: u64,
         /// Times the gate left [`Mode::Normal`](super::Mode::Normal), each counted once however long it
         /// lasted.
         pub safe_mode_episodes: u64,
+    }
+}
+
+/// What an owner that has not proven itself may ask of the rotors: what the laws of its slot may. Before its monitor can
+/// trip it, such a command turns the vehicle less than half as far as the rotors could.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnprovenRange {
+    /// The vehicle as its controllers believe it to be.
+    pub believed: VehicleParameters,
+    /// Least and largest thrust \[N\].
+    pub thrust_n: [f64; 2],
+}
+
+impl UnprovenRange {
+    /// A finite wrench within the range at `beta`; one that is in it keeps its bits.
+    pub(super) fn within(&self, wrench: &Wrench, beta: MorphAngle) -> Wrench {
+        let [least_n, most_n] = self.thrust_n;
+        let thrust_n = wrench.thrust_n.clamp(least_n, most_n);
+        let most_nm = self.believed.torque_bound_nm(beta, thrust_n) * (1.0 + BEYOND_LAW);
+        let within = wrench.torque_b_nm.zip_map(&most_nm, |torque, most| torque.clamp(-most, most));
+        Wrench { thrust_n, torque_b_nm: within }
     }
 }
 

@@ -45,6 +45,13 @@ pub struct GateConfig {
     /// of the weight, so that one half is what roll and pitch can have at once without clipping.
     #[garde(custom(finite_in(0.0, 1.0)))]
     pub recover_torque_fraction: f64,
+    /// Undamped frequency of RECOVER's attitude loop: as fast as the rotors' lag lets it be, because the vehicle gains
+    /// speed while it is tilted.
+    #[garde(custom(finite_in(0.1, 100.0)))]
+    pub recover_bandwidth_rad_s: f64,
+    /// Damping ratio of that loop; its slowest pole is then close to the undamped frequency.
+    #[garde(custom(finite_in(0.1, 5.0)))]
+    pub recover_damping: f64,
     /// Undamped frequency of LEVEL's attitude loop; far below 1 / rotor lag.
     #[garde(custom(finite_in(0.1, 50.0)))]
     pub level_bandwidth_rad_s: f64,
@@ -76,10 +83,12 @@ impl Default for GateConfig {
             level_torque_fraction: 0.25,
             recover_tilt_rad: 0.35,
             recover_rate_rad_s: 4.0,
-            recovered_tilt_rad: 0.25,
-            recovered_rate_rad_s: 1.5,
+            recovered_tilt_rad: 0.3,
+            recovered_rate_rad_s: 3.0,
             recover_max_s: 2.0,
             recover_torque_fraction: 0.5,
+            recover_bandwidth_rad_s: 20.0,
+            recover_damping: 0.7,
             level_bandwidth_rad_s: 10.0,
             level_damping: 1.0,
             filter_time_constant_s: 3.0,

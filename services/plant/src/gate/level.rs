@@ -91,12 +91,26 @@ pub(super) struct LevelLaw {
 }
 
 impl LevelLaw {
-    /// With torques up to a share of m g L(β).
-    pub(super) fn new(config: &GateConfig, torque_fraction: f64) -> Self {
-        let bandwidth = config.level_bandwidth_rad_s;
+    /// That of LEVEL.
+    pub(super) fn level(config: &GateConfig) -> Self {
+        let GateConfig { level_bandwidth_rad_s, level_damping, level_torque_fraction, .. } =
+            *config;
+        Self::new(level_bandwidth_rad_s, level_damping, level_torque_fraction)
+    }
+
+    /// That of RECOVER.
+    pub(super) fn recover(config: &GateConfig) -> Self {
+        let GateConfig {
+            recover_bandwidth_rad_s, recover_damping, recover_torque_fraction, ..
+        } = *config;
+        Self::new(recover_bandwidth_rad_s, recover_damping, recover_torque_fraction)
+    }
+
+    /// With the undamped frequency `bandwidth_rad_s` and torques up to a share of m g L(β).
+    fn new(bandwidth_rad_s: f64, damping: f64, torque_fraction: f64) -> Self {
         Self {
-            stiffness: bandwidth * bandwidth,
-            damping: 2.0 * config.level_damping * bandwidth,
+            stiffness: bandwidth_rad_s * bandwidth_rad_s,
+            damping: 2.0 * damping * bandwidth_rad_s,
             torque_fraction,
         }
     }
@@ -143,7 +157,7 @@ mod tests {
     }
 
     fn torque(filter: &UpFilter, beta: MorphAngle) -> Vector3<f64> {
-        let law = LevelLaw::new(&GateConfig::default(), 0.25);
+        let law = LevelLaw::level(&GateConfig::default());
         law.wrench(&VehicleParameters::default(), filter, beta, 0).torque_b_nm
     }
 
@@ -208,7 +222,7 @@ mod tests {
 
     #[test]
     fn without_a_recent_reading_there_is_thrust_but_no_torque() {
-        let law = LevelLaw::new(&GateConfig::default(), 0.25);
+        let law = LevelLaw::level(&GateConfig::default());
         let (vehicle, filter) = (VehicleParameters::default(), up_at(0.3, 0.0));
         let at = |now_ns| law.wrench(&vehicle, &filter, MorphAngle::MIN, now_ns);
         assert!(at(MAX_READING_AGE_NS).torque_b_nm.norm() > 0.0);

@@ -13,7 +13,7 @@ use garde::Validate;
 use thiserror::Error;
 use vehicle::{MorphAngle, ParameterError, VehicleParameters, Wrench};
 
-pub use command::{Command, GateCounters};
+pub use command::{Command, GateCounters, UnprovenRange};
 pub use config::GateConfig;
 pub use mode::Mode;
 
@@ -148,8 +148,8 @@ impl Gate {
                 tip_over_ns: config.tip_over_ns(),
                 recover_max_ns: config.recover_max_ns(),
             },
-            law: LevelLaw::new(config, config.level_torque_fraction),
-            recovery: LevelLaw::new(config, config.recover_torque_fraction),
+            law: LevelLaw::level(config),
+            recovery: LevelLaw::recover(config),
             bounds: RecoverBounds {
                 enter: [config.recover_tilt_rad, config.recover_rate_rad_s],
                 leave: [config.recovered_tilt_rad, config.recovered_rate_rad_s],
@@ -169,6 +169,22 @@ impl Gate {
     /// The command as it may be obeyed at `now_ns`; what may not is counted.
     pub fn judge(&mut self, now_ns: u64, command: &Command) -> Option<Command> {
         self.range.judge(command, now_ns).map_err(|refusal| self.counters.refuse(refusal)).ok()
+    }
+
+    /// As [`judge`](Self::judge), for an owner that has not proven itself: what it asks for beyond `range` is not
+    /// refused but reduced.
+    pub fn judge_unproven(
+        &mut self,
+        now_ns: u64,
+        command: &Command,
+        range: &UnprovenRange,
+    ) -> Option<Command> {
+        let is_finite = command.wrench.is_finite();
+        let wrench =
+            if is_finite { range.within(&command.wrench, self.beta) } else { command.wrench };
+        let judged = self.judge(now_ns, &Command { wrench, ..*command });
+        self.counters.reduced += u64::from(judged.is_some() && wrench != command.wrench);
+        judged
     }
 
     /// Counts a command whose writer has no seat in the slot.

@@ -118,10 +118,41 @@ fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
         refused_not_finite: 59,
         refused_out_of_range: 59,
         refused_out_of_time: 59,
+        reduced: 0,
         bad_readings: 0,
         safe_mode_episodes: 1,
     };
     assert_eq!(last.counters, expected);
+}
+
+#[test]
+fn an_unproven_owner_gets_what_the_laws_of_its_slot_may_ask_for() {
+    let vehicle = VehicleParameters::default();
+    let weight_n = vehicle.weight_n();
+    let range = UnprovenRange { believed: vehicle, thrust_n: [0.2 * weight_n, 2.1 * weight_n] };
+    let mut gate = gate();
+    let mut judge = |thrust_n: f64, torque_b_nm: [f64; 3]| {
+        let wrench = Wrench { thrust_n, torque_b_nm: torque_b_nm.into() };
+        let judged = gate.judge_unproven(0, &Command { wrench, ..command(0) }, &range);
+        (judged.map(|judged| judged.wrench), gate.counters)
+    };
+    let lawful = vehicle.torque_bound_nm(MorphAngle::MIN, weight_n);
+    let (kept, counters) = judge(weight_n, lawful.into());
+    assert_eq!(kept, Some(Wrench { thrust_n: weight_n, torque_b_nm: lawful }));
+    assert_eq!(counters, GateCounters::default());
+
+    // More than rotors give, on every axis: nothing is refused.
+    let (reduced, counters) = judge(9.0 * weight_n, [1.0, -1.0, 1.0]);
+    let reduced = reduced.unwrap();
+    assert!((reduced.thrust_n / weight_n - 2.1).abs() < 1e-12);
+    let shares = reduced.torque_b_nm.component_div(&lawful);
+    assert!((shares - Vector3::new(1.05, -1.05, 1.05)).amax() < 1e-12, "{shares}");
+    assert_eq!(counters, GateCounters { reduced: 1, ..GateCounters::default() });
+
+    for not_finite in [f64::NAN, f64::INFINITY] {
+        assert_eq!(judge(not_finite, [0.0; 3]).0, None);
+        assert_eq!(judge(weight_n, [0.0, not_finite, 0.0]).0, None);
+    }
 }
 
 #[test]

