@@ -14,7 +14,6 @@ pub mod graph;
 pub mod input;
 pub mod ipc;
 pub mod leader;
-mod member_lock;
 pub mod namespace;
 mod namespace_error;
 pub mod obey;

@@ -2,14 +2,17 @@
 //!
 //! Every process of a run holds a shared lock on the folder's `run.lock`; the launcher also holds
 //! `launcher.lock` exclusively. The process that gets `run.lock` exclusively may wipe: the last one to
-//! leave, or the next run that finds a dead one. A look at a run only asks whether the lock is held.
+//! leave, or the next run that finds a dead one. Whether a run is dead can only be found out by trying for
+//! that lock, so those who look take turns, by a lock on the folder itself: two at once would each take
+//! the other for a member.
 //! The process that gets `launcher.lock` leads, see [`leader`](crate::leader).
 
 pub use crate::namespace_error::NamespaceError;
 
+use crate::clock::{mono_now_ns, sleep_until};
 use crate::leader::{LeadError, LeaderLock};
-use crate::member_lock::{Hold, held, try_lock, unlock};
 use crate::namespace_error::failed;
+use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt as _, OpenOptionsExt};
@@ -20,6 +23,8 @@ pub const BASE: &str = "/dev/shm";
 const FOLDER_PREFIX: &str = "mq-";
 const UNBORN_PREFIX: &str = ".mq-";
 const OBJECT_PREFIX: &str = "mqshm-";
+/// How long another process may look at a run, or wipe it, before it is passed over \[ns\].
+const TURN_NS: u64 = 1_000_000_000;
 
 /// Membership of a run. Dropping it leaves; the last to leave wipes.
 #[derive(Debug)]
@@ -106,10 +111,8 @@ impl Membership {
 
 impl Drop for Membership {
     fn drop(&mut self) {
-        // Left first, then tried for: of the last two to leave at once, one gets it.
-        if unlock(&self.run_lock).is_ok()
-            && matches!(try_lock(&self.run_lock, Hold::Exclusive), Ok(true))
-        {
+        // Converting the lock is not atomic, but two last ones both try and one of them wins.
+        if flock(&self.run_lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
             wipe(&self.folder);
         }
     }
@@ -119,8 +122,9 @@ impl Drop for Membership {
 enum Found {
     /// A run that has members.
     Alive,
-    /// A run without members. Its lock, if there is one, is not taken.
-    Dead { lock: Option<File> },
+    /// A run without members, which no other process can join, look at or wipe as long as this is kept. The lock
+    /// is given back before the turn.
+    Dead { _lock: Option<File>, _turn: File },
     /// Something else, or a run that is being founded.
     Other,
 }
@@ -136,20 +140,34 @@ impl Found {
         {
             return Self::Other;
         }
+        let Some(turn) = take_turn(folder) else { return Self::Other };
         match OpenOptions::new().read(true).write(true).open(folder.join("run.lock")) {
-            Ok(lock) => match held(&lock) {
-                Ok(Some(Hold::Shared)) => Self::Alive,
-                Ok(Some(Hold::Exclusive) | None) => Self::Dead { lock: Some(lock) },
-                Err(_) => Self::Other,
-            },
+            Ok(lock) if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok() => {
+                Self::Dead { _lock: Some(lock), _turn: turn }
+            }
+            Ok(_) => Self::Alive,
             Err(error)
                 if error.kind() == io::ErrorKind::NotFound && older_than_a_minute(folder) =>
             {
-                Self::Dead { lock: None }
+                Self::Dead { _lock: None, _turn: turn }
             }
             Err(_) => Self::Other,
         }
     }
+}
+
+/// The right to look at a run, for as long as it is kept; none if another process keeps it for too long,
+/// or the folder is gone.
+fn take_turn(folder: &Path) -> Option<File> {
+    let file = File::open(folder).ok()?;
+    let give_up_ns = mono_now_ns() + TURN_NS;
+    while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        if mono_now_ns() > give_up_ns {
+            return None;
+        }
+        sleep_until(mono_now_ns() + 100_000);
+    }
+    Some(file)
 }
 
 fn folders(base: &Path) -> impl Iterator<Item = (PathBuf, Found)> + use<> {
@@ -168,11 +186,7 @@ pub fn sweep_dead_runs() -> Vec<PathBuf> {
 
 fn sweep(base: &Path) -> Vec<PathBuf> {
     let swept = folders(base).filter_map(|(folder, found)| {
-        let Found::Dead { lock } = found else { return None };
-        // Held until it is wiped, so that of two sweeps one wipes it.
-        let is_taken =
-            lock.as_ref().is_none_or(|lock| matches!(try_lock(lock, Hold::Exclusive), Ok(true)));
-        is_taken.then(|| {
+        matches!(found, Found::Dead { .. }).then(|| {
             wipe(&folder);
             folder
         })
@@ -258,7 +272,7 @@ pub fn remove_unborn_objects(folder: &Path) {
     if suspects.is_empty() {
         return;
     }
-    crate::clock::sleep_until(crate::clock::mono_now_ns() + 20_000_000);
+    sleep_until(mono_now_ns() + 20_000_000);
     for entry in empty().filter(|entry| suspects.contains(&entry.path())) {
         let _ = fs::remove_file(entry.path());
     }
@@ -297,11 +311,9 @@ fn join_lock(options: &mut OpenOptions, folder: &Path) -> Result<File, Namespace
     let path = folder.join("run.lock");
     let file =
         options.read(true).write(true).mode(0o600).open(&path).map_err(failed("open", &path))?;
-    match try_lock(&file, Hold::Shared) {
-        Ok(true) => Ok(file),
-        Ok(false) => Err(failed("lock", &path)(io::ErrorKind::WouldBlock.into())),
-        Err(error) => Err(failed("lock", &path)(error)),
-    }
+    flock(&file, FlockOperation::NonBlockingLockShared)
+        .map_err(|e| failed("lock", &path)(e.into()))?;
+    Ok(file)
 }
 
 /// Transport settings: sweeping dead peers is the launcher's business alone. A reader keeps room
@@ -353,7 +365,7 @@ mod tests {
         let left = object(base.path(), "killed", "left");
         fs::write(&left, "left behind").unwrap();
         // Closing the files without leaving is what SIGKILL does.
-        unlock(&killed.run_lock).unwrap();
+        flock(&killed.run_lock, FlockOperation::Unlock).unwrap();
         assert_eq!(sweep(base.path()), [killed.folder()]);
         assert!(!left.exists() && !killed.folder().exists());
         assert_eq!(alive(base.path()), [("living".to_owned(), living.folder().to_path_buf())]);
@@ -363,7 +375,7 @@ mod tests {
     fn looking_for_the_dead_removes_nothing_and_finds_objects_without_a_run() {
         let base = base();
         let killed = Membership::found_in(base.path(), "killed").unwrap();
-        unlock(&killed.run_lock).unwrap();
+        flock(&killed.run_lock, FlockOperation::Unlock).unwrap();
         let [of_run, orphan, young] =
             ["killed", "orphan", "young"].map(|id| object(base.path(), id, "left"));
         let long_ago = std::time::UNIX_EPOCH;
@@ -381,16 +393,26 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_run_that_is_being_swept_or_looked_at_is_not_taken_for_a_living_one() {
+    fn two_looks_at_a_dead_run_do_not_take_each_other_for_members() {
         let base = base();
-        let run = Membership::found_in(base.path(), "swept").unwrap();
-        assert!(dead(base.path()).is_empty());
-        // As a sweep holds it.
-        assert!(try_lock(&run.run_lock, Hold::Exclusive).unwrap());
-        assert_eq!(dead(base.path()), [run.folder()]);
-        assert_eq!(alive(base.path()), []);
-        assert!(sweep(base.path()).is_empty() && run.folder().exists());
-        assert!(Membership::join(run.folder()).is_err());
+        let killed = Membership::found_in(base.path(), "killed").unwrap();
+        flock(&killed.run_lock, FlockOperation::Unlock).unwrap();
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..200 {
+                        assert_eq!(dead(base.path()), [killed.folder()]);
+                        assert_eq!(alive(base.path()), []);
+                    }
+                });
+            }
+        });
+        // Of several sweeps one wipes it.
+        let sweeps = std::thread::scope(|scope| {
+            let sweeps: Vec<_> = (0..4).map(|_| scope.spawn(|| sweep(base.path()).len())).collect();
+            sweeps.into_iter().map(|swept| swept.join().unwrap()).sum::<usize>()
+        });
+        assert_eq!((sweeps, killed.folder().exists()), (1, false));
     }
 
     /// The transport waits for ever for an object whose maker died before giving it a size.
