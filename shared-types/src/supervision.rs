@@ -392,8 +392,9 @@ sample! {
         pub mark_ns: u64,
         /// Steps run.
         pub steps: u64,
-        /// `CLOCK_MONOTONIC` when the mark was published \[ns\].
-        pub publish_mono_ns: u64,
+        /// `CLOCK_MONOTONIC` before every reader that had its ports open was given what had been published \[ns\]. A
+        /// reader that has opened its own later does not have what this mark promises.
+        pub served_mono_ns: u64,
         /// Restarts of the process.
         pub generation: u32,
         /// Process id.

@@ -9,8 +9,8 @@ import time
 
 import iceoryx2 as iox2
 
-# Generation of a progress mark, behind three numbers; seat and generation of a header.
-MARK = struct.Struct("<Q16xI")
+# Of a progress mark: the mark, when readers were served before it, and generation; of a header, seat and generation.
+MARK = struct.Struct("<Q8xQI")
 SEATED = struct.Struct("<72xII")
 
 
@@ -172,11 +172,12 @@ class Bus:
         return self._read(name, sample_type, 1024, None if producer == "supervisor" else passes)
 
     def marks(self, role, seat):
-        """How far the processes on a seat have got: pairs of generation and mark, as they come."""
+        """How far the processes on a seat have got, as they come: mark, instant at which readers had been served
+        [ns of CLOCK_MONOTONIC], and generation."""
 
         def passes(node, packed):
             line = self._line(node)
-            return line is not None and line[:2] == (role, seat) and line[2] == MARK.unpack_from(packed)[1]
+            return line is not None and line[:2] == (role, seat) and line[2] == MARK.unpack_from(packed)[2]
 
         label = self.label(role, seat)
         reader = self._read(f"progress/{label}", self.samples.Progress, 2, passes)

@@ -101,6 +101,7 @@ class Process:
         label = self._bus.label(self.slot, options.seat)
         self._progress = self._bus.writer(f"progress/{label}", self.samples.Progress)
         self._mark = self.samples.Progress(generation=options.generation, pid=os.getpid())
+        self._has_told = False
         self._pipe = self._open_pipe(label)
         self._poll = select.poll()
         self._poll.register(self._pipe, select.POLLIN)
@@ -154,6 +155,7 @@ class Process:
         """Says hello with all ports open and, if told to, waits for the instant at which to begin."""
         options = self.options
         self.loop = Loop(self._bus, self.graph, self.marks, self.slot, options, topics)
+        self._opened_mono_ns = now_ns()
         # It publishes no state, so nobody is of its kind, and nobody's state is for it.
         identity = f"{self.slot} {options.seat} {options.generation}".encode()
         self._hello = self._bus.writer("hello", self.samples.Hello)
@@ -220,7 +222,7 @@ class Process:
         self.timed_out = not self._poll.poll(max(0.0, limit_s) * 1e3)
         if self.timed_out:
             # Idle long enough to look after readers that have just joined.
-            self.serve_late_joiners()
+            self.serve_again()
         else:
             try:
                 while len(os.read(self._pipe, 128)) == 128:
@@ -260,17 +262,20 @@ class Process:
         came = any(one is not None and one != self._present[at] for at, one in present.items())
         self._present = present
         if came:
-            # Its ports are open and empty.
-            self.serve_late_joiners()
+            # Its ports are open and empty, and what was said before it does not believe.
+            self.serve_again()
+            self._wake(lambda _role, _period_ns: True)
 
     def read_marks(self):
         """Reads how far those have got that this loop waits for; gives the roles that have moved."""
         moved = set()
         for role, seat, read in self._mark_readers:
             if self.marks.concerns(role, seat):
-                for mark_ns, generation in read():
-                    self.marks.advance(role, seat, generation, mark_ns)
-                    moved.add(role)
+                for mark_ns, served_mono_ns, generation in read():
+                    # What was said before all ports were open here may promise samples that have not come.
+                    if served_mono_ns >= self._opened_mono_ns:
+                        self.marks.advance(role, seat, generation, mark_ns)
+                        moved.add(role)
         return moved
 
     def announce(self, before_ns, mark_ns):
@@ -294,19 +299,22 @@ class Process:
                     pass  # A full pipe wakes just as well.
 
     def _tell_mark(self, mark_ns):
+        self._mark.served_mono_ns = now_ns()
         if self.loop is not None:
             # A reader that has just joined must have the history before it learns of the mark.
             self.loop.serve_late_joiners()
             self._mark.steps = self.loop.steps
         self._mark.mark_ns = mark_ns
-        self._mark.publish_mono_ns = now_ns()
+        self._has_told = True
         self._progress.send(self._mark)
 
-    def serve_late_joiners(self):
-        """Lets readers that have just joined have what was published before."""
-        if self.loop is not None:
+    def serve_again(self):
+        """Lets readers that have just joined have what was published before, and repeats the mark: what was
+        said before their ports were open they do not believe."""
+        if self._has_told:
+            self._tell_mark(self._mark.mark_ns)
+        elif self.loop is not None:
             self.loop.serve_late_joiners()
-        self._progress.serve_late_joiners()
 
     # Leaving.
 

@@ -71,6 +71,10 @@ pub struct Process<'a> {
     pid: u32,
     /// Instant from which the seat is no longer this process's \[ns\].
     leave_ns: u64,
+    /// The mark that was published last \[ns\].
+    told_ns: Option<u64>,
+    /// `CLOCK_MONOTONIC` when all ports were open \[ns\].
+    opened_mono_ns: u64,
     /// Generation of the pilot that died with the launcher.
     lost_pilot: Option<u32>,
     upkeep: Upkeep,
@@ -117,6 +121,9 @@ impl<'a> Process<'a> {
             seat,
             pid: std::process::id(),
             leave_ns: u64::MAX,
+            told_ns: None,
+            // The executor has opened its own before, and fields are made in their order here.
+            opened_mono_ns: mono_now_ns(),
             lost_pilot: None,
             upkeep: Upkeep::of_this_thread(),
             crew: 0,
@@ -206,11 +213,13 @@ impl<'a> Process<'a> {
     /// A reader that has just joined must not learn of the mark before it has the history of
     /// topics that were not sent in this interval.
     fn serve_and_send(&mut self, mark_ns: u64) {
+        let served_mono_ns = mono_now_ns();
         self.executor.serve_late_joiners();
+        self.told_ns = Some(mark_ns);
         self.progress.send(&Progress {
             mark_ns,
             steps: self.executor.steps(),
-            publish_mono_ns: mono_now_ns(),
+            served_mono_ns,
             generation: self.executor.place().generation,
             pid: self.pid,
         });
@@ -220,8 +229,16 @@ impl<'a> Process<'a> {
         self.timed_out = !self.listener.wait(limit);
         if self.timed_out {
             // Idle long enough to look after peers that have just (re)joined.
-            self.executor.serve_late_joiners();
-            self.progress.serve_late_joiners();
+            self.serve_again();
+        }
+    }
+
+    /// Lets readers that have just joined have what was published before, and repeats the mark: what was said before
+    /// their ports were open they do not believe.
+    fn serve_again(&mut self) {
+        match self.told_ns {
+            Some(mark_ns) => self.serve_and_send(mark_ns),
+            None => self.executor.serve_late_joiners(),
         }
     }
 

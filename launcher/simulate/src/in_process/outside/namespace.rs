@@ -5,6 +5,7 @@ use crate::setup::{require_shared_memory, run_id};
 use core::sync::atomic::{AtomicU32, Ordering};
 use host::flight::Clock;
 use protocol::control::runs::note_measurement;
+use runtime::clock::mono_now_ns;
 use runtime::graph::ROLES;
 use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::leader::LeadError;
@@ -58,10 +59,15 @@ impl Neighbour {
     fn fall_silent(&mut self) {
         let (mark_ns, generation) = (u64::MAX, self.generation);
         if let Some(progress) = self.progress.as_mut().filter(|_| self.mark_ns < mark_ns) {
-            progress.send(&Progress { mark_ns, generation, ..Progress::default() });
+            progress.send(&mark(mark_ns, generation));
         }
         self.mark_ns = mark_ns;
     }
+}
+
+/// All ports of the process are open before the first of these.
+fn mark(mark_ns: u64, generation: u32) -> Progress {
+    Progress { mark_ns, generation, served_mono_ns: mono_now_ns(), ..Progress::default() }
 }
 
 /// A run with one process, and the flight's thread for everybody else.
@@ -158,7 +164,7 @@ impl Namespace {
                 && neighbour.mark_ns < mark_ns
             {
                 neighbour.mark_ns = mark_ns;
-                progress.send(&Progress { mark_ns, generation, ..Progress::default() });
+                progress.send(&mark(mark_ns, generation));
             }
         }
         let flies = |n: &Neighbour| {

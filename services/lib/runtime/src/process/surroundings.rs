@@ -4,7 +4,6 @@ use super::Process;
 use crate::graph::{Graph, Roles};
 use crate::input::Source as _;
 use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
-use crate::output::Sink as _;
 use shared_types::wire::hash_bytes;
 use shared_types::{OwnerRecord, Progress, Role, RollEntry, Seat, TopicInfo, topics};
 
@@ -105,8 +104,8 @@ impl Process<'_> {
         }
         if somebody_came {
             // Its ports are open and empty.
-            self.executor.serve_late_joiners();
-            self.progress.serve_late_joiners();
+            self.serve_again();
+            self.wake_present();
         }
     }
 
@@ -118,11 +117,14 @@ impl Process<'_> {
                 && self.marks.concerns(role, index)
             {
                 // A restarted producer starts again below what its predecessor finished, and the
-                // words of both may be waiting here in any order.
-                let marks = &mut self.marks;
+                // words of both may be waiting here in any order. What was said before all ports were open
+                // here may promise samples that have not come.
+                let (marks, opened_mono_ns) = (&mut self.marks, self.opened_mono_ns);
                 progress.for_each_new(|p| {
-                    marks.advance(role, index, p.generation, p.mark_ns);
-                    moved.insert(role);
+                    if p.served_mono_ns >= opened_mono_ns {
+                        marks.advance(role, index, p.generation, p.mark_ns);
+                        moved.insert(role);
+                    }
                 });
             }
         }
@@ -162,6 +164,10 @@ impl Process<'_> {
     /// what the predecessor had already announced.
     pub(super) fn publish_progress(&mut self) {
         self.serve_and_send(self.executor.mark_ns());
+        self.wake_present();
+    }
+
+    fn wake_present(&self) {
         let present = self.neighbours.iter().filter(|n| n.present.is_some());
         present.filter_map(|n| n.wake.as_ref()).for_each(WakeNotifier::wake);
     }
