@@ -6,7 +6,7 @@ mod common;
 use common::misdeeds::{config, rogue};
 use common::processes::{Process, Running, all_processes, kill, make_executable};
 use common::time::wait_until;
-use common::{Flown, fly};
+use common::{Flown, SWAP_FAILED, fly};
 use observe::Observer;
 use observe::{FlightHash, LogHash};
 use rustix::process::Signal;
@@ -262,7 +262,7 @@ fn assert_without_effect(misdeeds: &[Misdeed], limits: &[&str]) {
     let flags = plan.iter().flat_map(|swap| ["--swap", swap]);
     let limits = limits.iter().flat_map(|limit| ["--set", *limit]);
     let flown = fly(&scenario.into_iter().chain(limits).chain(flags).collect::<Vec<_>>());
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
     assert_eq!(swaps(&flown).len(), misdeeds.len(), "{}", flown.said());
     for (report, (what, _, _, words)) in swaps(&flown).iter().zip(misdeeds) {
         let outcome = report["outcome"].as_str().unwrap_or_default();

@@ -393,7 +393,7 @@ sample! {
         /// Steps run.
         pub steps: u64,
         /// `CLOCK_MONOTONIC` before every reader that had its ports open was given what had been published \[ns\]. A
-        /// reader that has opened its own later does not have what this mark promises.
+        /// reader that has opened its own later may not have what this mark promises. 0 if the writer does not tell.
         pub served_mono_ns: u64,
         /// Restarts of the process.
         pub generation: u32,

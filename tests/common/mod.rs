@@ -20,6 +20,9 @@ use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 use time::start_stopwatch;
 
+/// Exit code of a flight that passed without a swap that it was to make.
+pub(crate) const SWAP_FAILED: i32 = 5;
+
 /// One of the files by whose locks tests wait for one another, whichever executable they are in.
 fn lock_file(name: &str) -> File {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);

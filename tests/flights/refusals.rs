@@ -5,7 +5,7 @@
 
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill, make_executable};
-use crate::common::{Flown, fly, morphquad};
+use crate::common::{Flown, SWAP_FAILED, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -46,7 +46,7 @@ fn assert_refused(scenario: &[&str], misdeeds: &[(&str, f64, f64, &str)]) {
         .collect();
     let flags = plan.iter().flat_map(|swap| ["--swap", swap]);
     let flown = fly(&scenario.iter().copied().chain(flags).collect::<Vec<_>>());
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
     assert_eq!(swaps_of(&flown).len(), misdeeds.len(), "{}", flown.said());
     for (report, (what, _, _, words)) in swaps_of(&flown).iter().zip(misdeeds) {
         let outcome = report["outcome"].as_str().unwrap_or_default();
@@ -99,7 +99,7 @@ fn a_candidate_that_cannot_be_started_is_refused_and_the_flight_stays_as_it_was(
     let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
     for alone in [&[][..], &["--in-process"]] {
         let flown = fly(&[&scenario[..], &flags, alone].concat());
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
         assert_eq!(swaps_of(&flown).len(), files.len(), "{}", flown.said());
         assert!(swaps_of(&flown).iter().all(|report| report["done"] == false), "{}", flown.said());
         for path in &files {
@@ -137,7 +137,7 @@ fn a_candidate_that_crashes_in_its_rehearsal_is_refused_and_the_crash_is_named()
     let config = config(&folder, "crash", 2.0, 0.0);
     let swap = format!("attitude={}@100ms,shadow=300ms,rollback=100ms,config={config}", rogue());
     let flown = fly(&["hover", "--for", "1500ms", "--no-record", "--swap", &swap]);
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
     let outcome = swaps_of(&flown)[0]["outcome"].as_str().unwrap_or_default();
     for words in ["cannot be rehearsed: rogue", "signal 6"] {
         assert!(outcome.contains(words), "no `{words}` in {outcome}");

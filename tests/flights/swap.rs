@@ -6,7 +6,7 @@
 //! `MORPHQUAD_REHEARSE=1` every candidate is flown ahead, a null swap's too.
 
 use crate::common::misdeeds::{config, rogue};
-use crate::common::{Flown, fly};
+use crate::common::{Flown, SWAP_FAILED, fly};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde_json::Value;
@@ -179,7 +179,11 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
             .collect();
         let flown = fly_scripted(&scenario, &plan.swaps, &plan.faults);
         let scripted = format!("{:?} {:?}", plan.swaps, plan.faults);
-        assert_eq!(flown.code, Some(0), "{scripted}\n{}", flown.said());
+        let has_failed =
+            |report: &&Value| report["ended"] == "refused" || report["ended"] == "taken-back";
+        let code =
+            if reports(&flown).iter().any(|report| has_failed(&report)) { SWAP_FAILED } else { 0 };
+        assert_eq!(flown.code, Some(code), "{scripted}\n{}", flown.said());
         for report in reports(&flown).iter().filter(|report| !report["flipped_s"].is_null()) {
             let limit = if report["same_kind"] == true { 0.01 } else { 0.10 };
             let bump = report["bump"].as_f64().unwrap_or(0.0);
@@ -256,7 +260,7 @@ fn a_killed_owner_without_a_fallback_is_started_again_and_the_vehicle_comes_back
 fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller() {
     let folder = TempDir::new().expect("a folder");
     // What is no number leaves the vehicle to itself for so long that the flight has not passed.
-    let cases = [("crash", 500.0, 0.5, 0), ("not-a-number", 900.0, 1.0, 1)];
+    let cases = [("crash", 500.0, 0.5, SWAP_FAILED), ("not-a-number", 900.0, 1.0, 1)];
     for (what, unguided, furthest_m, code) in cases {
         let config = config(&folder, what, 4.0, 0.0);
         let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
@@ -278,7 +282,7 @@ fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed
         let config = config(&folder, what, 4.0, 0.0);
         let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
         let flown = fly_scripted(&["figure8-morph", "--for", "8s"], &[swap], &[]);
-        assert_eq!(flown.code, Some(0), "{}", flown.said());
+        assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
         assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.said());
         assert!(flown.number("position_max_m") <= 0.1, "{}", flown.said());
     }

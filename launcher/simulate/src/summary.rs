@@ -2,6 +2,7 @@
 
 use ::verdict::{End, Verdict};
 use hdrhistogram::Histogram;
+use host::exit;
 use observe::{
     Closing, CommandTally, ENDED, Effort, FLOWN_NS, Metrics, Upkeep, exit_code, seat_name, told_end,
 };
@@ -79,11 +80,14 @@ pub struct Misses {
 }
 
 impl Summary {
-    /// Exit code: 0 if the flight passed, 1 if not, 3 for an incomplete recording, 4 for a crash, 130 for an
-    /// interrupt.
+    /// Exit code: 0 if the flight passed, 1 if not, 3 for an incomplete recording, 4 for a crash, 5 if it passed
+    /// without a swap that it was to make, 130 for an interrupt.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
-        exit_code(&self.closing(), &self.verdict())
+        match exit_code(&self.closing(), &self.verdict()) {
+            exit::PASS if self.swaps.iter().any(SwapReport::has_failed) => exit::SWAP_FAILED,
+            code => code,
+        }
     }
 
     /// What is to be said of the flight.

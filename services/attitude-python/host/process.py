@@ -273,7 +273,7 @@ class Process:
             if self.marks.concerns(role, seat):
                 for mark_ns, served_mono_ns, generation in read():
                     # What was said before all ports were open here may promise samples that have not come.
-                    if served_mono_ns >= self._opened_mono_ns:
+                    if served_mono_ns == 0 or served_mono_ns >= self._opened_mono_ns:
                         self.marks.advance(role, seat, generation, mark_ns)
                         moved.add(role)
         return moved

@@ -7,6 +7,23 @@ use shared_types::time::s_from_ns;
 use slot::gate::GateFigures;
 use std::fmt::{self, Write as _};
 
+/// How a swap ended.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SwapEnd {
+    /// It had not when the flight did.
+    #[default]
+    Open,
+    /// The candidate did what was asked of it, and has kept what it was given.
+    Kept,
+    /// The candidate never commanded: it was refused, or failed before.
+    Refused,
+    /// The candidate has lost the slot, by a fault of its own or a trip.
+    TakenBack,
+    /// The user ended it, or a fault that is part of the script.
+    Withdrawn,
+}
+
 /// One request to change who commands a slot, and what came of it.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SwapReport {
@@ -41,11 +58,22 @@ pub struct SwapReport {
     pub outcome: String,
     /// It ended as asked for, whatever has become of the candidate since.
     pub done: bool,
+    /// How it ended.
+    pub ended: SwapEnd,
+    /// It was part of the flight's script.
+    pub scripted: bool,
 }
 
 impl SwapReport {
-    pub(super) fn new(slot: Slot, from: &str, to: &str, at_ns: u64) -> Self {
+    /// True if the flight was to show that this swap can be made, and has not.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.scripted && matches!(self.ended, SwapEnd::Refused | SwapEnd::TakenBack)
+    }
+
+    pub(super) fn new(slot: Slot, from: &str, to: &str, at_ns: u64, scripted: bool) -> Self {
         Self {
+            scripted,
             slot: slot.label(),
             to: to.to_owned(),
             from: from.to_owned(),

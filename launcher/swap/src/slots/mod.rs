@@ -17,8 +17,8 @@ mod telling;
 mod trip;
 mod watch;
 
-pub use ledger::SwapReport;
 pub use ledger::write_table;
+pub use ledger::{SwapEnd, SwapReport};
 pub use posts::Posts;
 pub use script::FAULT;
 pub use script::Script;
@@ -266,6 +266,15 @@ impl Slots {
             Ok(None) => Ok(()),
             Ok(Some(ordered)) => self.request(&ordered, None, means),
             Err(refusal) => {
+                if let Asked::Swap(order) = asked
+                    && let Some(slot) = Slot::named(&order.slot)
+                {
+                    let mut report =
+                        SwapReport::new(slot, "", &order.to, means.now.logical_ns, true);
+                    report.outcome = format!("refused: {}", refusal.text);
+                    report.ended = SwapEnd::Refused;
+                    self.reports.push(report);
+                }
                 self.say(refusal.text, true);
                 Ok(())
             }
@@ -298,7 +307,8 @@ impl Slots {
                     Target::Seated(seat) => self.orders.name(slot, seat),
                 };
                 let from = from.map_or(String::new(), |seat| self.orders.name(slot, seat));
-                self.reports.push(SwapReport::new(slot, &from, &to, means.now.logical_ns));
+                let at_ns = means.now.logical_ns;
+                self.reports.push(SwapReport::new(slot, &from, &to, at_ns, answer.is_none()));
             }
             if refused {
                 self.end_last(&actions);

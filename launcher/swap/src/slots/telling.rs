@@ -1,6 +1,6 @@
 //! What is told of a slot: sentences for the flight's log, answers to whoever asked, the table of swaps.
 
-use super::{News, Slots};
+use super::{News, Slots, SwapEnd};
 use scenario::candidate::Slot;
 use shared_types::time::s_from_ns;
 use slot::{Action, Outcome, Reason, Report, Step};
@@ -19,15 +19,21 @@ impl Slots {
                 if let Reason::Rehearsal(refusal) = reason {
                     self.refuse_rehearsed(slot, &refusal.to_string());
                 }
-                self.end(slot, &reason.to_string(), false);
+                let asked = *reason == Reason::RolledBack;
+                let ended = if asked { SwapEnd::Withdrawn } else { SwapEnd::Refused };
+                self.end(slot, &reason.to_string(), (ended, false));
                 true
             }
             Report::Done(_, outcome) => {
                 if let (Outcome::RolledBack, Some(around)) = (outcome, self.around.get_mut(&slot)) {
                     around.commanding = None;
                 }
+                let ended = match outcome {
+                    Outcome::RolledBack => SwapEnd::Withdrawn,
+                    _ => SwapEnd::Kept,
+                };
                 if *outcome != Outcome::Retired {
-                    self.end(slot, &text, true);
+                    self.end(slot, &text, (ended, true));
                 }
                 false
             }
@@ -88,6 +94,9 @@ impl Slots {
         let report = commanding.and_then(|at| self.reports.get_mut(at));
         if let Some(report) = report.filter(|report| report.done) {
             report.outcome = format!("taken back: {why}");
+            if report.ended != SwapEnd::Withdrawn {
+                report.ended = SwapEnd::TakenBack;
+            }
         }
     }
 
@@ -99,7 +108,7 @@ impl Slots {
     }
 
     /// Writes down how what was going on ended.
-    pub(super) fn end(&mut self, slot: Slot, outcome: &str, done: bool) {
+    pub(super) fn end(&mut self, slot: Slot, outcome: &str, (ended, done): (SwapEnd, bool)) {
         let Some(around) = self.around.get_mut(&slot) else { return };
         let gate = around.gate.take();
         let report = around.current.take().and_then(|at| self.reports.get_mut(at));
@@ -109,6 +118,20 @@ impl Slots {
         }
         outcome.clone_into(&mut report.outcome);
         report.done = done;
+        if report.ended != SwapEnd::Withdrawn {
+            report.ended = ended;
+        }
+    }
+
+    /// A fault of the script strikes `name`: what becomes of a swap to it is meant to.
+    pub(super) fn spoil(&mut self, slot: Slot, name: &str) {
+        let bare = name.rsplit_once('@').map_or(name, |(bare, _)| bare);
+        let Some(around) = self.around.get(&slot) else { return };
+        for at in [around.current, around.commanding].into_iter().flatten() {
+            if let Some(report) = self.reports.get_mut(at).filter(|report| report.to == bare) {
+                report.ended = SwapEnd::Withdrawn;
+            }
+        }
     }
 
     pub(super) fn say(&mut self, text: String, warning: bool) {
@@ -123,13 +146,14 @@ impl Slots {
         });
         if let (Some(report), Some(reason)) = (self.reports.last_mut(), reason) {
             report.outcome = format!("refused: {reason}");
+            report.ended = SwapEnd::Refused;
         }
     }
 
     /// The flight is over: what is still going on ends as it is.
     pub fn finish(&mut self) {
         for slot in Slot::ALL {
-            self.end(slot, "the flight ended first", false);
+            self.end(slot, "the flight ended first", (SwapEnd::Open, false));
         }
     }
 }

@@ -10,5 +10,7 @@ pub const USAGE: u8 = 2;
 pub const UNFIT: u8 = 3;
 /// A process under test crashed.
 pub const CRASHED: u8 = 4;
+/// The flight passed, but a swap of its script was refused or taken back.
+pub const SWAP_FAILED: u8 = 5;
 /// Interrupted by the user.
 pub const INTERRUPTED: u8 = 130;

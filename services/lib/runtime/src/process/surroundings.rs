@@ -121,7 +121,7 @@ impl Process<'_> {
                 // here may promise samples that have not come.
                 let (marks, opened_mono_ns) = (&mut self.marks, self.opened_mono_ns);
                 progress.for_each_new(|p| {
-                    if p.served_mono_ns >= opened_mono_ns {
+                    if p.served_mono_ns == 0 || p.served_mono_ns >= opened_mono_ns {
                         marks.advance(role, index, p.generation, p.mark_ns);
                         moved.insert(role);
                     }
