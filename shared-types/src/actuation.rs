@@ -47,6 +47,8 @@ sample! {
         pub refused_out_of_range: u64,
         /// Commands refused because their writer has no seat in the attitude slot any more.
         pub refused_wrong_owner: u64,
+        /// Commands of an owner that has not proven itself, reduced to what the laws of its slot may ask for.
+        pub reduced: u64,
         /// Times the gate left `Normal`.
         pub safe_mode_episodes: u64,
         /// Moves from owner to fallback so far.

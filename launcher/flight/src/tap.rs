@@ -1,6 +1,7 @@
 //! Drains every topic and state of the run, off the loops.
 
 use record::Stream;
+use runtime::clock::mono_now_ns;
 use runtime::ipc::{
     Bus, IpcSource, LatestPort, PortError, ServiceKind, StateSubscriber, recorder_capacity,
 };
@@ -75,6 +76,8 @@ pub struct Tap {
     promised: Vec<(Seat, Progress)>,
     /// Marks as far as everything they promise has been drained.
     pub(super) marks: SeatMarks,
+    /// `CLOCK_MONOTONIC` when all readers were open \[ns\].
+    opened_mono_ns: u64,
     /// What is done with it.
     pub consumers: Consumers,
 }
@@ -104,7 +107,8 @@ impl Tap {
         };
         let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
         let seats = seats.map(open).collect::<Result<_, PortError>>()?;
-        Ok(Self { ports, seats, promised: Vec::new(), marks: SeatMarks::default(), consumers })
+        let (promised, marks) = (Vec::new(), SeatMarks::default());
+        Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), consumers })
     }
 
     /// Last complete state published from a seat; none before the first.
@@ -145,8 +149,8 @@ impl Tap {
                 consumers.take_state(seat.role, header, bytes, now_mono_ns);
             }) {}
         }
-        for (Seat { role, index }, progress) in self.promised.drain(..) {
-            self.marks.advance(role, index, progress.generation, progress.mark_ns);
+        for (seat, progress) in self.promised.drain(..) {
+            self.marks.hear(seat, &progress, self.opened_mono_ns);
         }
         self.consumers.flush_if_due(now_mono_ns);
         count

@@ -1,4 +1,4 @@
-//! Distances from the path, in bins of a tenth of a second that wait until it is known what they count for.
+//! Distances from the path and errors of the heading, in bins of a tenth of a second that wait until it is known what they count for.
 
 use ::verdict::{Tracking, worst};
 use std::collections::VecDeque;
@@ -7,6 +7,15 @@ use std::collections::VecDeque;
 const BIN_NS: u64 = 100_000_000;
 /// Bins of a second.
 const SECOND: usize = 10;
+
+/// How far off its path a vehicle is at an instant.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Off {
+    /// Distance \[m\].
+    pub(super) distance_m: f64,
+    /// Error of the heading, without its sign \[rad\].
+    pub(super) heading_rad: f64,
+}
 
 /// Errors of a tenth of a second.
 #[derive(Debug, Clone, Copy)]
@@ -17,6 +26,8 @@ pub(super) struct Bin {
     squares_m2: f64,
     max_m: f64,
     max_at_ns: u64,
+    heading_rad: f64,
+    heading_at_ns: u64,
 }
 
 impl Bin {
@@ -44,13 +55,21 @@ pub(super) struct Errors {
 
 impl Errors {
     /// Takes an error; they come in the order of time.
-    pub(super) fn add(&mut self, t_ns: u64, error_m: f64) {
+    pub(super) fn add(&mut self, t_ns: u64, off: Off) {
+        let Off { distance_m: error_m, heading_rad } = off;
         self.total += 1;
         let index = t_ns / BIN_NS;
         if self.waiting.back().is_none_or(|bin| bin.index < index) {
-            let bin =
-                Bin { index, count: 0, sum_m: 0.0, squares_m2: 0.0, max_m: 0.0, max_at_ns: t_ns };
-            self.waiting.push_back(bin);
+            self.waiting.push_back(Bin {
+                index,
+                count: 0,
+                sum_m: 0.0,
+                squares_m2: 0.0,
+                max_m: 0.0,
+                max_at_ns: t_ns,
+                heading_rad: 0.0,
+                heading_at_ns: t_ns,
+            });
         }
         let Some(bin) = self.waiting.back_mut() else { return };
         bin.count += 1;
@@ -58,6 +77,9 @@ impl Errors {
         bin.squares_m2 += error_m * error_m;
         if exceeds(error_m, bin.max_m) {
             (bin.max_m, bin.max_at_ns) = (error_m, t_ns);
+        }
+        if exceeds(heading_rad, bin.heading_rad) {
+            (bin.heading_rad, bin.heading_at_ns) = (heading_rad, t_ns);
         }
     }
 
@@ -76,6 +98,10 @@ impl Errors {
             }
             if exceeds(bin.max_m, tracking.max_m) {
                 (tracking.max_m, tracking.max_at_s) = (bin.max_m, bin.max_at_ns as f64 * 1e-9);
+            }
+            if exceeds(bin.heading_rad, tracking.heading_rad) {
+                tracking.heading_rad = bin.heading_rad;
+                tracking.heading_at_s = bin.heading_at_ns as f64 * 1e-9;
             }
             self.squares_m2 += bin.squares_m2;
             self.calm += bin.count;
@@ -125,7 +151,7 @@ mod tests {
     fn errors(of: impl Fn(u64) -> f64, until_ms: u64) -> Errors {
         let mut errors = Errors::default();
         for t_ms in 0..until_ms {
-            errors.add(t_ms * MS, of(t_ms));
+            errors.add(t_ms * MS, Off { distance_m: of(t_ms), heading_rad: 0.1 * of(t_ms) });
         }
         errors
     }
@@ -138,6 +164,7 @@ mod tests {
         assert!((tracking.recovering_m - 0.7).abs() < 1e-12, "{tracking:?}");
         assert!((tracking.recovering_at_s - 1.25).abs() < 1e-9, "{tracking:?}");
         assert!((tracking.max_m - 0.01).abs() < 1e-12, "{tracking:?}");
+        assert!((tracking.heading_rad - 0.001).abs() < 1e-12, "{tracking:?}");
         assert!((tracking.rms_m - 0.01).abs() < 1e-12, "{tracking:?}");
     }
 
@@ -160,6 +187,8 @@ mod tests {
         let tracking = errors.tracking(0.1).unwrap();
         assert!(tracking.max_m.is_nan() && tracking.rms_m.is_nan(), "{tracking:?}");
         assert!((tracking.max_at_s - 0.5).abs() < 1e-9, "{tracking:?}");
+        assert!(tracking.heading_rad.is_nan(), "{tracking:?}");
+        assert!((tracking.heading_at_s - 0.5).abs() < 1e-9, "{tracking:?}");
     }
 
     #[test]

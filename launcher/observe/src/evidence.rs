@@ -2,7 +2,7 @@
 //!
 //! Errors and safe-mode episodes wait for some seconds, until it is known whether somebody was lost about then.
 
-use super::course_bins::{Bin, Errors};
+use super::course_bins::{Bin, Errors, Off};
 use ::verdict::{Clipping, Contact, SafeMode, Thresholds, Tracking, worst};
 use scenario::Scenario;
 use shared_types::time::{ns_from_s, s_from_ns};
@@ -146,10 +146,10 @@ impl Evidence {
         self.now(truth.header.valid_ns);
     }
 
-    /// Takes note of how far from its path the vehicle was, and how high the path was there.
-    pub(super) fn error(&mut self, t_ns: u64, error_m: f64, wanted_z_m: f64) {
+    /// Takes note of how far off its path the vehicle was, and how high the path was there.
+    pub(super) fn error(&mut self, t_ns: u64, off: Off, wanted_z_m: f64) {
         self.land(t_ns, wanted_z_m <= LANDED_M, usize::MAX);
-        self.errors.add(t_ns, error_m);
+        self.errors.add(t_ns, off);
     }
 
     /// Counts what touched the ground until an instant, `count` of it at most; what touched it at that instant

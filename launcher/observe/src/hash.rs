@@ -17,12 +17,13 @@ pub struct FlightHash(Chains);
 pub struct LogHash(Chains);
 
 /// Fields of hashed samples that tell who commanded, not what happened.
-const IDENTITY_FIELDS: [&str; 11] = [
+const IDENTITY_FIELDS: [&str; 12] = [
     "command_seat",
     "command_sequence",
     "command_cause_sequence",
     "epoch",
     "refused_wrong_owner",
+    "reduced",
     "fail_overs",
     "refused_epoch",
     "refused_records",

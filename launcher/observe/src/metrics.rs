@@ -160,7 +160,7 @@ impl Metrics {
             response.observe_truth(truth);
             return;
         }
-        self.tracker.observe_position(truth.header.valid_ns, truth.position_w_m);
+        self.tracker.observe_truth(truth);
         self.tracker.compare(false, &mut self.evidence);
     }
 

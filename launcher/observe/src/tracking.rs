@@ -1,11 +1,13 @@
 //! How far the vehicle was from its reference.
 
+use super::course_bins::Off;
 use super::evidence::Evidence;
 use ::verdict::worst;
-use shared_types::Reference;
+use shared_types::{Reference, Truth};
 use std::collections::VecDeque;
+use vehicle::{euler_from_quaternion, rotation, wrap_pi};
 
-/// Positions that wait for their reference.
+/// Poses that wait for their reference.
 const WAITING_CAPACITY: usize = 1 << 16;
 
 /// Position error against the reference.
@@ -25,10 +27,18 @@ pub struct Tracking {
 #[derive(Debug, Clone, Default)]
 pub struct Course {
     references: VecDeque<Reference>,
-    waiting: VecDeque<(u64, [f64; 3])>,
+    waiting: VecDeque<Pose>,
 }
 
-/// A position and the reference in effect at its instant.
+/// Where the vehicle was, and where it pointed.
+#[derive(Debug, Clone, Copy)]
+struct Pose {
+    t_ns: u64,
+    position_w_m: [f64; 3],
+    yaw_rad: f64,
+}
+
+/// A pose and the reference in effect at its instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Logical instant \[ns\].
@@ -37,6 +47,8 @@ pub struct Point {
     pub was_w_m: [f64; 3],
     /// Where it was to be \[m\].
     pub wanted_w_m: [f64; 3],
+    /// How far its heading was counter-clockwise of where it was to point, from −π to π \[rad\].
+    pub turned_rad: f64,
 }
 
 impl Course {
@@ -45,17 +57,17 @@ impl Course {
         self.references.push_back(*reference);
     }
 
-    /// Takes note of where it is.
-    pub fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
+    /// Takes note of where it is, and of its heading \[rad\].
+    pub fn observe_pose(&mut self, t_ns: u64, position_w_m: [f64; 3], yaw_rad: f64) {
         if self.waiting.len() < WAITING_CAPACITY {
-            self.waiting.push_back((t_ns, position_w_m));
+            self.waiting.push_back(Pose { t_ns, position_w_m, yaw_rad });
         }
     }
 
-    /// The next position whose reference is known; `finished` says that no reference will follow.
+    /// The next pose whose reference is known; `finished` says that no reference will follow.
     pub fn next(&mut self, finished: bool) -> Option<Point> {
         loop {
-            let &(t_ns, was_w_m) = self.waiting.front()?;
+            let &Pose { t_ns, position_w_m: was_w_m, yaw_rad } = self.waiting.front()?;
             while self.references.get(1).is_some_and(|r| r.header.valid_ns <= t_ns) {
                 self.references.pop_front();
             }
@@ -71,9 +83,10 @@ impl Course {
             if !settled {
                 return None;
             }
-            let wanted_w_m = reference_at(reference, t_ns);
+            let (wanted_w_m, wanted_rad) = reference_at(reference, t_ns);
             self.waiting.pop_front();
-            return Some(Point { t_ns, was_w_m, wanted_w_m });
+            let turned_rad = wrap_pi(yaw_rad - wanted_rad);
+            return Some(Point { t_ns, was_w_m, wanted_w_m, turned_rad });
         }
     }
 }
@@ -100,16 +113,18 @@ impl Tracker {
     }
 
     /// Takes note of where it is.
-    pub(super) fn observe_position(&mut self, t_ns: u64, position_w_m: [f64; 3]) {
-        self.course.observe_position(t_ns, position_w_m);
+    pub(super) fn observe_truth(&mut self, truth: &Truth) {
+        let yaw_rad = euler_from_quaternion(&rotation(truth.q_wb.to_array())).z;
+        self.course.observe_pose(truth.header.valid_ns, truth.position_w_m, yaw_rad);
     }
 
     /// Compares waiting truths with the reference in effect at their instant.
     pub(super) fn compare(&mut self, finished: bool, evidence: &mut Evidence) {
-        while let Some(Point { t_ns, was_w_m, wanted_w_m }) = self.course.next(finished) {
-            let error_m = distance(&wanted_w_m, &was_w_m);
-            self.add_error(t_ns, error_m);
-            evidence.error(t_ns, error_m, wanted_w_m[2]);
+        while let Some(point) = self.course.next(finished) {
+            let Point { t_ns, was_w_m, wanted_w_m, turned_rad } = point;
+            let distance_m = distance(&wanted_w_m, &was_w_m);
+            self.add_error(t_ns, distance_m);
+            evidence.error(t_ns, Off { distance_m, heading_rad: turned_rad.abs() }, wanted_w_m[2]);
         }
     }
 
@@ -138,7 +153,8 @@ impl Tracker {
     }
 }
 
-fn reference_at(reference: &Reference, t_ns: u64) -> [f64; 3] {
+/// Position \[m\] and heading \[rad\] that a reference asks for.
+fn reference_at(reference: &Reference, t_ns: u64) -> ([f64; 3], f64) {
     let ahead_ns = t_ns.saturating_sub(reference.header.valid_ns);
     let spacing_ns = reference.spacing_ns.max(1);
     let count = usize::try_from(reference.count).unwrap_or(1).clamp(1, reference.points.len());
@@ -146,7 +162,8 @@ fn reference_at(reference: &Reference, t_ns: u64) -> [f64; 3] {
     let point = &reference.points[index];
     let rest_ns = ahead_ns.saturating_sub(index as u64 * spacing_ns).min(spacing_ns);
     let rest_s = if index + 1 == count { 0.0 } else { rest_ns as f64 * 1e-9 };
-    core::array::from_fn(|i| point.position_w_m[i] + point.velocity_w_m_s[i] * rest_s)
+    let [position, velocity] = [point.position_w_m, point.velocity_w_m_s];
+    (core::array::from_fn(|i| position[i] + velocity[i] * rest_s), point.yaw_rad)
 }
 
 fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
@@ -168,7 +185,7 @@ mod tests {
     }
 
     fn be(tracker: &mut Tracker, t_ms: u64, x_m: f64) {
-        tracker.observe_position(t_ms * 1_000_000, [x_m, 0.0, 0.0]);
+        tracker.course.observe_pose(t_ms * 1_000_000, [x_m, 0.0, 0.0], 0.0);
         tracker.compare(false, &mut Evidence::default());
     }
 
@@ -193,6 +210,17 @@ mod tests {
             assert!((tracking.rms_m - 0.01).abs() < 1e-12);
             assert!((tracking.max_m - 0.01).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn the_heading_is_compared_with_that_of_the_reference_across_its_seam() {
+        let mut course = Course::default();
+        let mut turned = reference(0, 0.0, 0.0);
+        turned.points[0].yaw_rad = 3.1;
+        course.observe_reference(&turned);
+        course.observe_pose(0, [0.0; 3], -3.1);
+        let point = course.next(true).unwrap();
+        assert!((point.turned_rad - (core::f64::consts::TAU - 6.2)).abs() < 1e-12, "{point:?}");
     }
 
     #[test]

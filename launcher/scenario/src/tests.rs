@@ -380,3 +380,19 @@ fn a_report_shows_file_line_caret_key_and_remedy() {
         assert!(text.contains(part), "`{part}` in\n{text}");
     }
 }
+
+#[test]
+fn an_unproven_owner_is_held_to_the_laws_of_its_slot_unless_those_may_ask_for_more() {
+    let range = |edits: &[&str]| {
+        let edits: Vec<_> = edits.iter().map(|edit| Override::set(edit).unwrap()).collect();
+        let scenario = Scenario::load("hover", &edits).unwrap();
+        scenario.plant_config().unwrap().unproven.map(|range| range.thrust_n)
+    };
+    let weight_n = Scenario::load("hover", &[]).unwrap().modelled_vehicle().weight_n();
+    let [least_n, most_n] = range(&[]).unwrap();
+    assert!((least_n / weight_n - 0.2).abs() < 1e-12 && (most_n / weight_n - 2.1).abs() < 1e-12);
+    // The vehicle's real mass is not known on board.
+    assert_eq!(range(&["plant.mismatch.mass_scale=1.2"]), range(&[]));
+    assert_eq!(range(&["watch.enabled=false"]), None);
+    assert_eq!(range(&["attitude_mpc.torque_bound=\"rotor-thrusts\""]), None);
+}

@@ -28,6 +28,9 @@ pub struct VerdictSettings {
     /// Largest root mean square of the tracking error \[m\].
     #[garde(inner(range(min = 0.0, max = 1e6)))]
     pub tracking_rms_max_m: Option<f64>,
+    /// Largest error of the heading along a path, apart from recoveries \[rad\].
+    #[garde(inner(range(min = 0.0, max = 3.2)))]
+    pub heading_max_rad: Option<f64>,
     /// Largest tracking error while the flight recovers from a fault or a restart \[m\].
     #[garde(inner(range(min = 0.0, max = 1e6)))]
     pub recovery_max_m: Option<f64>,
@@ -75,6 +78,7 @@ impl Default for VerdictSettings {
             tracking_max_m: None,
             tracking_sustained_max_m: None,
             tracking_rms_max_m: None,
+            heading_max_rad: None,
             recovery_max_m: None,
             recovery_s: 3.0,
             lost_m: None,
@@ -99,6 +103,7 @@ impl VerdictSettings {
             ("tracking_max_m", self.tracking_max_m),
             ("tracking_sustained_max_m", self.tracking_sustained_max_m),
             ("tracking_rms_max_m", self.tracking_rms_max_m),
+            ("heading_max_rad", self.heading_max_rad),
             ("recovery_max_m", self.recovery_max_m),
             ("lost_m", self.lost_m),
             ("lost_rad", self.lost_rad),
@@ -285,7 +290,7 @@ mod tests {
             }
         }
         let settings = VerdictSettings::default();
-        assert_eq!((settable, settings.limits().count()), (15, 0));
+        assert_eq!((settable, settings.limits().count()), (16, 0));
         let refused = Scenario::from_text("a.toml", "[verdict]\ntracking_maxi_m = 1.0\n", &[]);
         let refused = refused.unwrap_err();
         let problem = refused.problems().next().unwrap();

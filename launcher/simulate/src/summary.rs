@@ -80,8 +80,8 @@ pub struct Misses {
 }
 
 impl Summary {
-    /// Exit code: 0 if the flight passed, 1 if not, 3 for an incomplete recording, 4 for a crash, 5 if it passed
-    /// without a swap that it was to make, 130 for an interrupt.
+    /// Exit code: 0 if the flight passed, 1 if not, 3 for an incomplete recording, 4 for a crash, 5 if it passed but a
+    /// swap of its script was refused or taken back, 130 for an interrupt.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match exit_code(&self.closing(), &self.verdict()) {

@@ -53,7 +53,7 @@ fn of(name: &str) -> String {
 }
 
 /// Every check, in the order in which reasons of the same grade are listed.
-pub const CHECKS: [Check; 21] = [
+pub const CHECKS: [Check; 22] = [
     Check {
         key: "cut_max_s",
         name: "rotors cut",
@@ -117,6 +117,14 @@ pub const CHECKS: [Check; 21] = [
         grade: Grade::Failed,
         measure: |o| o.tracking.map(|t| t.rms_m),
         detail: nowhere,
+    },
+    Check {
+        key: "heading_max_rad",
+        name: "heading error",
+        unit: Unit::Radian,
+        grade: Grade::Failed,
+        measure: |o| o.tracking.map(|t| t.heading_rad),
+        detail: |o| o.tracking.map_or_else(String::new, |t| at(t.heading_at_s)),
     },
     Check {
         key: "attitude_end_max_rad",

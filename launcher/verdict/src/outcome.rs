@@ -60,7 +60,7 @@ pub enum End {
     Crashed(String),
 }
 
-/// Distance of the vehicle from its path.
+/// Distance of the vehicle from its path, and of its heading from that of the path.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tracking {
     /// Root mean square outside recoveries \[m\].
@@ -79,6 +79,10 @@ pub struct Tracking {
     pub sustained_at_s: f64,
     /// Mean over the last second of the flight \[m\].
     pub end_m: f64,
+    /// Largest error of the heading outside recoveries \[rad\].
+    pub heading_rad: f64,
+    /// Instant of that error \[s\].
+    pub heading_at_s: f64,
 }
 
 /// Time during which a foot of the vehicle touched the ground while its path was above it.

@@ -20,6 +20,9 @@ const BEHIND_S: f64 = 0.05;
 const YIELD_S2: f64 = 0.03;
 /// Limit on the mean error over a second, as a share of the limit on the largest error.
 const SUSTAINED_SHARE: f64 = 0.6;
+/// Permitted error of the heading along a path, apart from recoveries \[rad\]; shipped controllers keep to 0.08 rad in
+/// turns by half a circle.
+const HEADING_RAD: f64 = 0.5;
 /// Permitted tilt in excess of twice the largest commanded angle \[rad\].
 const TILT_MARGIN_RAD: f64 = 0.2;
 /// Time that a vehicle on a rig needs to answer its step \[s\]; after a shorter flight the error at the end
@@ -138,6 +141,7 @@ impl Thresholds {
         self.put("tracking_sustained_max_m", SUSTAINED_SHARE * tracking_m, why);
         self.put("tracking_rms_max_m", tracking_m, "that of tracking_max_m");
         self.put("recovery_max_m", LOST_M, "as far as a vehicle that is not lost");
+        self.put("heading_max_rad", HEADING_RAD, "several times what any turn of a path takes");
     }
 
     /// Adds the limits on the attitude.

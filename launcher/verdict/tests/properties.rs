@@ -24,9 +24,11 @@ fn count() -> impl Strategy<Value = u64> {
 }
 
 fn tracking() -> impl Strategy<Value = Option<Tracking>> {
-    let numbers = (number(), number(), number(), number(), number());
-    prop::option::of(numbers.prop_map(|(rms_m, max_m, recovering_m, sustained_m, end_m)| {
-        Tracking { rms_m, max_m, recovering_m, sustained_m, end_m, ..Tracking::default() }
+    let numbers = [number(), number(), number(), number(), number(), number()];
+    prop::option::of(numbers.prop_map(|numbers| {
+        let [rms_m, max_m, recovering_m, sustained_m, end_m, heading_rad] = numbers;
+        let errors = Tracking { rms_m, max_m, recovering_m, sustained_m, ..Tracking::default() };
+        Tracking { end_m, heading_rad, ..errors }
     }))
 }
 
@@ -112,12 +114,13 @@ fn of_tracking(outcome: &mut Outcome, by: f64, field: fn(&mut Tracking) -> &mut 
     }
 }
 
-const WORSE: [Worsen; 23] = [
+const WORSE: [Worsen; 24] = [
     |o, by| of_tracking(o, by, |t| &mut t.rms_m),
     |o, by| of_tracking(o, by, |t| &mut t.max_m),
     |o, by| of_tracking(o, by, |t| &mut t.recovering_m),
     |o, by| of_tracking(o, by, |t| &mut t.sustained_m),
     |o, by| of_tracking(o, by, |t| &mut t.end_m),
+    |o, by| of_tracking(o, by, |t| &mut t.heading_rad),
     |o, by| o.turned_rad = o.turned_rad.map(|turned| turned + by),
     |o, by| more(&mut o.contact.total_s, by),
     |o, by| more(&mut o.tilt_rad, by),
@@ -139,7 +142,7 @@ const WORSE: [Worsen; 23] = [
 ];
 
 /// Replaces one measurement each by NaN; the last entry ends the flight early.
-const NO_NUMBER: [fn(&mut Outcome); 17] = [
+const NO_NUMBER: [fn(&mut Outcome); 18] = [
     |o| o.flown_s = f64::NAN,
     |o| o.planned_s = f64::NAN,
     |o| of_tracking(o, f64::NAN, |t| &mut t.rms_m),
@@ -147,6 +150,7 @@ const NO_NUMBER: [fn(&mut Outcome); 17] = [
     |o| of_tracking(o, f64::NAN, |t| &mut t.recovering_m),
     |o| of_tracking(o, f64::NAN, |t| &mut t.sustained_m),
     |o| of_tracking(o, f64::NAN, |t| &mut t.end_m),
+    |o| of_tracking(o, f64::NAN, |t| &mut t.heading_rad),
     |o| o.turned_rad = Some(f64::NAN),
     |o| o.contact.total_s = f64::NAN,
     |o| o.tilt_rad = f64::NAN,

@@ -418,9 +418,12 @@ impl Judge {
         }
         // A blow is over before it could be averaged.
         let seen = (moment.velocity_w_m_s - before) / moment.elapsed_s - flown;
-        let push = push + (seen.cap_magnitude(braking.across_m_s2) - push) * share;
-        memory.push_w_m_s2 = push.into();
-        push
+        let next = push + (seen.cap_magnitude(braking.across_m_s2) - push) * share;
+        if !next.iter().all(|number| number.is_finite()) {
+            return push;
+        }
+        memory.push_w_m_s2 = next.into();
+        next
     }
 
     /// Where the vehicle comes to rest, from the reference \[m\], if it keeps its acceleration until another command
@@ -436,7 +439,9 @@ impl Judge {
         let then = velocity + acceleration * kept_s;
         let speed = then.norm();
         let pushed = if speed > 1e-6 { push.dot(&then) / speed } else { 0.0 };
-        let across = (braking.across_m_s2 - pushed).max(LEAST_BRAKING * braking.across_m_s2);
+        // A head wind may drop.
+        let most = braking.across_m_s2;
+        let across = (most - pushed).clamp(LEAST_BRAKING * most, most);
         let stopping_s = turning_s + 0.5 * speed / across;
         error + velocity * kept_s + acceleration * (0.5 * kept_s * kept_s) + then * stopping_s
     }

@@ -297,6 +297,7 @@ impl Plant {
             refused_out_of_range: gate.counters.refused_out_of_range
                 + gate.counters.refused_out_of_time,
             refused_wrong_owner: gate.counters.refused_wrong_owner,
+            reduced: gate.counters.reduced,
             safe_mode_episodes: gate.counters.safe_mode_episodes,
             mode: GateMode(applied.mode.code()),
             clipped: Flag::from(applied.clipped),

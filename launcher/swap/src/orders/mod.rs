@@ -138,6 +138,12 @@ impl Orders {
         self.ends.insert((slot, seat), how.trim_end().to_owned());
     }
 
+    /// How the process on a seat has ended, without what it said; none if nothing is known of it.
+    #[must_use]
+    pub fn end_of(&self, slot: Slot, seat: Seat) -> Option<&str> {
+        self.ends.get(&(slot, seat))?.lines().next()
+    }
+
     /// `NAME@SEAT`.
     #[must_use]
     pub fn name(&self, slot: Slot, seat: Seat) -> String {

@@ -70,6 +70,8 @@ struct Around {
     current: Option<usize>,
     /// Index of the swap by which the owner has come to command.
     commanding: Option<usize>,
+    /// Seats whose processes a fault of the script has struck.
+    struck: Vec<Seat>,
     /// Of the consumer, as far as it has been told to the protocol.
     acknowledged: u64,
     refused_epoch: u64,
@@ -397,6 +399,9 @@ impl Slots {
             Action::Spawn(seat, program) => {
                 let Some(spec) = self.spec(slot, program) else { return Ok(()) };
                 self.orders.seat(slot, seat, program);
+                if let Some(around) = self.around.get_mut(&slot) {
+                    around.struck.retain(|struck| *struck != seat);
+                }
                 self.expect(slot, seat, Expected::Hello, means);
                 means.posts.spawn(place(seat), spec);
             }

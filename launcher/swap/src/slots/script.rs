@@ -113,9 +113,7 @@ fn afflict(
     let deed = if matches!(fault.kind, FaultKind::Kill) { "killed" } else { "stopped" };
     let text = format!("{FAULT}{} is {deed} on purpose", fault.name);
     slots.news.push(News { text, warning: false });
-    if let Some(slot) = slots.slot_of(place.role) {
-        slots.spoil(slot, &fault.name);
-    }
+    slots.strike(place);
     match fault.kind {
         FaultKind::Kill => {
             slots.killed(place, means);

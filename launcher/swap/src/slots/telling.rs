@@ -1,9 +1,9 @@
 //! What is told of a slot: sentences for the flight's log, answers to whoever asked, the table of swaps.
 
-use super::{News, Slots, SwapEnd};
+use super::{News, Place, Slots, SwapEnd};
 use scenario::candidate::Slot;
 use shared_types::time::s_from_ns;
-use slot::{Action, Outcome, Reason, Report, Step};
+use slot::{Action, Outcome, Reason, Report, Seat, Step};
 
 impl Slots {
     pub(super) fn report(&mut self, slot: Slot, report: &Report) {
@@ -15,13 +15,16 @@ impl Slots {
         }
         let warning = match report {
             Report::Refused(_) => true,
-            Report::Aborted(_, reason) => {
+            Report::Aborted(seat, reason) => {
                 if let Reason::Rehearsal(refusal) = reason {
                     self.refuse_rehearsed(slot, &refusal.to_string());
                 }
-                let asked = *reason == Reason::RolledBack;
-                let ended = if asked { SwapEnd::Withdrawn } else { SwapEnd::Refused };
-                self.end(slot, &reason.to_string(), (ended, false));
+                let ended = self.how_aborted(slot, *seat, reason);
+                let outcome = match (reason, self.orders.end_of(slot, *seat)) {
+                    (Reason::Fault(_), Some(how)) => format!("{reason}: {how}"),
+                    _ => reason.to_string(),
+                };
+                self.end(slot, &outcome, (ended, false));
                 true
             }
             Report::Done(_, outcome) => {
@@ -59,8 +62,12 @@ impl Slots {
     /// Writes a step into the report of the swap that is going on.
     pub(super) fn note(&mut self, slot: Slot, step: &Step) {
         match step {
-            Step::TookOver { fault, .. } => return self.take_back(slot, &fault.to_string()),
-            Step::Replaced(..) => return self.take_back(slot, "it was lost again at once"),
+            Step::TookOver { from, fault, .. } => {
+                return self.take_back(slot, *from, &fault.to_string());
+            }
+            Step::Replaced(seat, _) => {
+                return self.take_back(slot, *seat, "it was lost again at once");
+            }
             _ => {}
         }
         let Some(around) = self.around.get_mut(&slot) else { return };
@@ -88,15 +95,32 @@ impl Slots {
         }
     }
 
-    /// Writes down that the owner has lost the slot after its swap had ended well.
-    fn take_back(&mut self, slot: Slot, why: &str) {
-        let commanding = self.around.get_mut(&slot).and_then(|around| around.commanding.take());
-        let report = commanding.and_then(|at| self.reports.get_mut(at));
+    /// How a swap to the process on a seat has ended that came to nothing.
+    fn how_aborted(&self, slot: Slot, seat: Seat, reason: &Reason) -> SwapEnd {
+        let around = self.around.get(&slot);
+        let struck = around.map_or(&[][..], |around| &around.struck);
+        let is_meant = match reason {
+            Reason::RolledBack | Reason::Retired => true,
+            Reason::OwnerLost => !struck.is_empty(),
+            Reason::Fault(_) => struck.contains(&seat),
+            _ => false,
+        };
+        let report = around.and_then(|around| self.reports.get(around.current?));
+        match report {
+            _ if is_meant => SwapEnd::Withdrawn,
+            Some(report) if report.flipped_s.is_some() => SwapEnd::TakenBack,
+            _ => SwapEnd::Refused,
+        }
+    }
+
+    /// Writes down that the owner on `seat` has lost the slot after its swap had ended well.
+    fn take_back(&mut self, slot: Slot, seat: Seat, why: &str) {
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        let is_meant = around.struck.contains(&seat);
+        let report = around.commanding.take().and_then(|at| self.reports.get_mut(at));
         if let Some(report) = report.filter(|report| report.done) {
             report.outcome = format!("taken back: {why}");
-            if report.ended != SwapEnd::Withdrawn {
-                report.ended = SwapEnd::TakenBack;
-            }
+            report.ended = if is_meant { SwapEnd::Withdrawn } else { SwapEnd::TakenBack };
         }
     }
 
@@ -117,20 +141,14 @@ impl Slots {
             report.measured(gate);
         }
         outcome.clone_into(&mut report.outcome);
-        report.done = done;
-        if report.ended != SwapEnd::Withdrawn {
-            report.ended = ended;
-        }
+        (report.ended, report.done) = (ended, done);
     }
 
-    /// A fault of the script strikes `name`: what becomes of a swap to it is meant to.
-    pub(super) fn spoil(&mut self, slot: Slot, name: &str) {
-        let bare = name.rsplit_once('@').map_or(name, |(bare, _)| bare);
-        let Some(around) = self.around.get(&slot) else { return };
-        for at in [around.current, around.commanding].into_iter().flatten() {
-            if let Some(report) = self.reports.get_mut(at).filter(|report| report.to == bare) {
-                report.ended = SwapEnd::Withdrawn;
-            }
+    /// A fault of the script strikes the process on a seat: what becomes of a swap by that is meant to.
+    pub(super) fn strike(&mut self, place: Place) {
+        let slot = self.slot_of(place.role).and_then(|slot| self.around.get_mut(&slot));
+        if let (Some(around), Some(seat)) = (slot, Seat::new(place.index)) {
+            around.struck.push(seat);
         }
     }
 

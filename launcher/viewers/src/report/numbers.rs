@@ -146,6 +146,8 @@ fn of_flight(
         numbers.judged(names, mm(tracking.sustained_m), "tracking_sustained_max_m");
         let names = ("position_recovering_m", "tracking error, largest during a recovery");
         numbers.judged(names, mm(tracking.recovering_m), "recovery_max_m");
+        let heading = format!("{:.3} rad", tracking.heading_rad);
+        numbers.judged(("heading_max_rad", "heading error, largest"), heading, "heading_max_rad");
         let names = ("position_last_second_m", "error in the last second, mean");
         numbers.judged(names, mm(tracking.end_m), "lost_m");
     }

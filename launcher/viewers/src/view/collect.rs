@@ -103,7 +103,7 @@ impl Collect {
         let [x, y, z] = truth.position_w_m;
         let body = [x, y, z, q.w, q.x, q.y, q.z, truth.morph_angle_rad];
         self.frames.body.put(t_ns.saturating_sub(from_ns), body);
-        self.course.observe_position(t_ns, truth.position_w_m);
+        self.course.observe_pose(t_ns, truth.position_w_m, euler.z);
         self.truth = Some((t_ns, truth.position_w_m));
         self.compare(false);
         self.loop_step(0, &truth.header);

@@ -120,11 +120,11 @@ impl Drop for Membership {
 
 /// What a folder among those of the runs is.
 enum Found {
-    /// A run that has members.
+    /// A run that has members, or that another process has looked at for so long that nothing else is known.
     Alive,
     /// A run without members, which no other process can join, look at or wipe as long as this is kept. The lock
     /// is given back before the turn.
-    Dead { _lock: Option<File>, _turn: File },
+    Dead { _lock: Option<Held>, _turn: Held },
     /// Something else, or a run that is being founded.
     Other,
 }
@@ -140,12 +140,15 @@ impl Found {
         {
             return Self::Other;
         }
-        let Some(turn) = take_turn(folder) else { return Self::Other };
-        match OpenOptions::new().read(true).write(true).open(folder.join("run.lock")) {
-            Ok(lock) if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok() => {
-                Self::Dead { _lock: Some(lock), _turn: turn }
-            }
-            Ok(_) => Self::Alive,
+        let turn = match File::open(folder).map(Held::within_a_turn) {
+            Ok(Some(turn)) => turn,
+            Ok(None) => return Self::Alive,
+            Err(_) => return Self::Other,
+        };
+        match OpenOptions::new().read(true).write(true).open(folder.join("run.lock")).map(Held::now)
+        {
+            Ok(Some(lock)) => Self::Dead { _lock: Some(lock), _turn: turn },
+            Ok(None) => Self::Alive,
             Err(error)
                 if error.kind() == io::ErrorKind::NotFound && older_than_a_minute(folder) =>
             {
@@ -156,18 +159,34 @@ impl Found {
     }
 }
 
-/// The right to look at a run, for as long as it is kept; none if another process keeps it for too long,
-/// or the folder is gone.
-fn take_turn(folder: &Path) -> Option<File> {
-    let file = File::open(folder).ok()?;
-    let give_up_ns = mono_now_ns() + TURN_NS;
-    while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-        if mono_now_ns() > give_up_ns {
-            return None;
-        }
-        sleep_until(mono_now_ns() + 100_000);
+/// An exclusive lock that is given back when this is dropped, also if a process that is being started has the file
+/// open as well.
+struct Held(File);
+
+impl Held {
+    /// None if another process holds the lock.
+    fn now(file: File) -> Option<Self> {
+        flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok().then_some(Self(file))
     }
-    Some(file)
+
+    /// None if another process holds the lock for too long.
+    fn within_a_turn(file: File) -> Option<Self> {
+        let give_up_ns = mono_now_ns() + TURN_NS;
+        while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if mono_now_ns() > give_up_ns {
+                return None;
+            }
+            sleep_until(mono_now_ns() + 100_000);
+        }
+        Some(Self(file))
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        // The kernel does it too, with the last descriptor.
+        let _ = flock(&self.0, FlockOperation::Unlock);
+    }
 }
 
 fn folders(base: &Path) -> impl Iterator<Item = (PathBuf, Found)> + use<> {

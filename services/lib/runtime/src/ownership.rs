@@ -6,7 +6,7 @@
 
 use crate::graph::{Edge, Marks, ROLES};
 use crate::input::Input;
-use shared_types::{NO_SEAT, OwnerRecord, Role, RollEntry, SEATS, Seat};
+use shared_types::{NO_SEAT, OwnerRecord, Progress, Role, RollEntry, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.
 const MOST_TENURES: usize = 8;
@@ -217,6 +217,17 @@ impl SeatMarks {
         }
     }
 
+    /// Takes in what a process has said of how far it has got. What it said before the reader's ports were open, at
+    /// `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come; returns false then.
+    pub fn hear(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
+        let Progress { mark_ns, served_mono_ns, generation, .. } = *progress;
+        let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
+        if is_believed {
+            self.advance(seat.role, seat.index, generation, mark_ns);
+        }
+        is_believed
+    }
+
     /// Generation of whoever has, or last had, a seat.
     #[must_use]
     pub fn generation(&self, Seat { role, index }: Seat) -> Option<u32> {
@@ -309,6 +320,23 @@ mod tests {
         assert_eq!(of(&marks([500, 110, 0, 0], &records), 1), 110);
         // On an arrow without latency it concerns what is released from 101 ms on.
         assert_eq!(of(&marks([100, 120, 0, 0], &records), 0), 100);
+    }
+
+    #[test]
+    fn a_mark_from_before_the_readers_ports_were_open_is_not_believed_until_it_is_repeated() {
+        let mut marks = marks([0; SEATS], &[record(1, 0, 0, NO_SEAT)]);
+        let said = |served_mono_ns, mark_ms: u64| Progress {
+            mark_ns: mark_ms * MS,
+            served_mono_ns,
+            ..Progress::default()
+        };
+        let owner = Seat::first(Role::Attitude);
+        assert!(!marks.hear(owner, &said(999, 90), 1000));
+        assert_eq!(of(&marks, 1), 0);
+        assert!(marks.hear(owner, &said(1000, 90), 1000));
+        assert_eq!(of(&marks, 1), 90);
+        assert!(marks.hear(owner, &said(0, 100), 1000), "a writer that does not tell");
+        assert_eq!(of(&marks, 1), 100);
     }
 
     #[test]

@@ -35,10 +35,6 @@ fn rest(step: u64) -> Moment {
     }
 }
 
-fn rested() -> JudgeMemory {
-    JudgeMemory::default()
-}
-
 /// The first finding about a motion, with the step at which it is made.
 fn first(steps: u64, motion: impl Fn(u64) -> Moment) -> Option<(u64, Findings)> {
     let mut judge = judge();
@@ -216,6 +212,10 @@ fn a_vehicle_that_leans_against_a_steady_wind_goes_nowhere_and_brakes_worse_down
     };
     let is_found = |along: f64| judge.clone().see(&blown(along)).position.is_some();
     assert_eq!([-0.9, 0.9].map(is_found), [true, false]);
+    let still =
+        |along: f64| Moment { velocity_w_m_s: Vector3::x() * along, elapsed_s: 0.0, ..rest(300) };
+    let calm = Judge::new(Limits::default(), &VehicleParameters::default(), 0.011);
+    assert_eq!([-0.9, 0.9].map(|along| calm.clone().see(&still(along)).position), [None; 2]);
 }
 
 #[test]
@@ -332,6 +332,7 @@ fn a_restored_judge_continues_bit_for_bit_as_the_original() {
     }
     let JudgeMemory { push_w_m_s2, velocity_w_m_s, .. } = first.memory();
     first.forget();
-    let wind = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity: true, ..rested() };
+    let none = JudgeMemory::default();
+    let wind = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity: true, ..none };
     assert_eq!(first.memory(), wind, "all but what no owner has done");
 }

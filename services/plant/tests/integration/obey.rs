@@ -1,7 +1,7 @@
 //! Whose commands the plant obeys: flips, records that come too late, fail-over, the limiter.
 
 use nalgebra::Vector3;
-use plant::gate::GateConfig;
+use plant::gate::{GateConfig, UnprovenRange};
 use plant::ports::{Inputs, Outputs};
 use plant::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
 use plant::{ModelKind, Motion, Plant, PlantConfig};
@@ -28,6 +28,10 @@ impl<T> Source<T> for Silent {
 }
 
 fn plant() -> Plant {
+    plant_with(None)
+}
+
+fn plant_with(unproven: Option<UnprovenRange>) -> Plant {
     Plant::new(&PlantConfig {
         vehicle: VehicleParameters::default(),
         model: ModelKind::Linear,
@@ -35,7 +39,7 @@ fn plant() -> Plant {
         pose_fix: PoseFixConfig::default(),
         morph_encoder: MorphEncoderConfig::default(),
         gate: GateConfig::default(),
-        unproven: None,
+        unproven,
         position_w_m: Vector3::new(0.0, 0.0, 1.5),
         yaw_rad: 0.0,
         morph_angle: MorphAngle::MIN,
@@ -193,6 +197,34 @@ fn an_owner_whose_commands_are_garbage_is_silent() {
     assert_eq!((after.mode, after.safe_mode_episodes), (GateMode::Normal, 0));
 }
 
+#[test]
+fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallbacks_is_not() {
+    let believed = VehicleParameters::default();
+    let weight_n = believed.weight_n();
+    let range = UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n] };
+    let lawful_nm = believed.torque_bound_nm(MorphAngle::MIN, weight_n).x;
+    let asked_nm = 1.5 * lawful_nm;
+    // By seat, and whether the plant knows a range: the torque that is applied.
+    let torque_nm = |seat: u32, unproven: Option<UnprovenRange>| {
+        let (mut plant, mut inputs) = (plant_with(unproven), inputs());
+        tell(&mut inputs, 1, 0, A, B, false);
+        inputs.wrench_command.offer(WrenchCommand {
+            header: Header { sequence: 1, seat, ..Header::default() },
+            thrust_n: weight_n,
+            torque_b_nm: [asked_nm, 0.0, 0.0],
+            validity_ns: 2 * PERIOD_NS,
+        });
+        let applied = applied(&fly(&mut plant, &mut inputs, 0, 1));
+        (applied.torque_b_nm[0] / lawful_nm, applied.reduced)
+    };
+    let (reduced, count) = torque_nm(A, Some(range));
+    assert!((reduced - 1.05).abs() < 1e-3 && count == 1, "{reduced} {count}");
+    for (seat, unproven) in [(A, None), (B, Some(range))] {
+        let (kept, count) = torque_nm(seat, unproven);
+        assert!((kept - 1.5).abs() < 1e-9 && count == 0, "{kept} {count}");
+    }
+}
+
 /// Torque about x over the tick that ends at each of these milliseconds, with a flip at 20 ms.
 fn torques_after_a_flip(kind_changed: bool, at_ms: [u64; 3]) -> [f64; 3] {
     let (mut plant, mut inputs) = (plant(), inputs());
@@ -307,7 +339,8 @@ fn a_trip_in_a_fast_turn_is_answered_by_the_gate_and_then_by_the_fallback() {
         }
     }
     assert_eq!((applied(&calm).mode, applied(&calm).command_seat), (GateMode::Normal, A));
-    assert!(roll_rate(&calm).abs() < 1.6, "{}", roll_rate(&calm));
+    let GateConfig { recovered_rate_rad_s, .. } = GateConfig::default();
+    assert!(roll_rate(&calm).abs() < recovered_rate_rad_s + 0.1, "{}", roll_rate(&calm));
 }
 
 #[test]

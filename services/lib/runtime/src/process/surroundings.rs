@@ -117,12 +117,10 @@ impl Process<'_> {
                 && self.marks.concerns(role, index)
             {
                 // A restarted producer starts again below what its predecessor finished, and the
-                // words of both may be waiting here in any order. What was said before all ports were open
-                // here may promise samples that have not come.
+                // words of both may be waiting here in any order.
                 let (marks, opened_mono_ns) = (&mut self.marks, self.opened_mono_ns);
-                progress.for_each_new(|p| {
-                    if p.served_mono_ns == 0 || p.served_mono_ns >= opened_mono_ns {
-                        marks.advance(role, index, p.generation, p.mark_ns);
+                progress.for_each_new(|progress| {
+                    if marks.hear(neighbour.seat, progress, opened_mono_ns) {
                         moved.insert(role);
                     }
                 });
