@@ -138,10 +138,13 @@ impl Orders {
         self.ends.insert((slot, seat), how.trim_end().to_owned());
     }
 
-    /// How the process on a seat has ended, without what it said; none if nothing is known of it.
+    /// How the process on a seat has ended and the last line that it said, in one line; none if nothing is known of it.
     #[must_use]
-    pub fn end_of(&self, slot: Slot, seat: Seat) -> Option<&str> {
-        self.ends.get(&(slot, seat))?.lines().next()
+    pub fn end_of(&self, slot: Slot, seat: Seat) -> Option<String> {
+        let mut lines = self.ends.get(&(slot, seat))?.lines();
+        let how = lines.next()?.to_owned();
+        let last = lines.map(str::trim).rfind(|line| !line.is_empty());
+        Some(last.map_or_else(|| how.clone(), |last| format!("{how} {last}")))
     }
 
     /// `NAME@SEAT`.
