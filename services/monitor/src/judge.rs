@@ -326,8 +326,7 @@ impl Judge {
             return None;
         };
         let lacking = if applied.is_commanded && setpoint.thrust_n.is_finite() {
-            let most = 4.0 * self.vehicle.rotor_thrust_max_n;
-            setpoint.thrust_n.clamp(0.0, most) - applied.thrust_n
+            self.possible_n(setpoint.thrust_n) - applied.thrust_n
         } else {
             0.0
         };
@@ -382,6 +381,11 @@ impl Judge {
         found
     }
 
+    /// What the rotors can give of a thrust \[N\].
+    fn possible_n(&self, thrust_n: f64) -> f64 {
+        thrust_n.clamp(0.0, 4.0 * self.vehicle.rotor_thrust_max_n)
+    }
+
     /// Acceleration by gravity and the rotors \[m/s²\] in the world frame, without wind and other forces: as the vehicle
     /// is, and as the position slot's owner asks for.
     fn accelerations_w_m_s2(&self, moment: &Moment) -> [Vector3<f64>; 2] {
@@ -391,10 +395,9 @@ impl Judge {
         };
         let flown = moment.applied.map(|applied| by(moment.q_wb * Vector3::z(), applied.thrust_n));
         let flown = flown.unwrap_or_else(Vector3::zeros);
-        let most_n = 4.0 * self.vehicle.rotor_thrust_max_n;
         let asked = moment.asked.map(|asked| {
             let up_w = quaternion_from_euler(&asked.gamma_rad) * Vector3::z();
-            by(up_w, asked.thrust_n.clamp(0.0, most_n))
+            by(up_w, self.possible_n(asked.thrust_n))
         });
         [flown, asked.unwrap_or(flown)]
     }

@@ -58,7 +58,8 @@ impl Default for Limits {
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
     /// * `excursion_m`: so that with the fallback's return the vehicle stays within half a metre of where it would have
-    ///   been. No shipped controller gets to 0.25 m in the shipped scenarios, nor in gusts of 5 m/s.
+    ///   been (`swap_table patient` of the catalogue). No shipped controller gets to 0.25 m (`swap_table good all
+    ///   watch.excursion_m=0.25`).
     /// * `off_course_m`, `off_course_s`: a little less than `excursion_m`, for longer than the vehicle needs to cover
     ///   that distance.
     /// * `height_m`: the length of an arm, with the arms spread.

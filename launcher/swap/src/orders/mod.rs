@@ -142,9 +142,11 @@ impl Orders {
     #[must_use]
     pub fn end_of(&self, slot: Slot, seat: Seat) -> Option<String> {
         let mut lines = self.ends.get(&(slot, seat))?.lines();
-        let how = lines.next()?.to_owned();
-        let last = lines.map(str::trim).rfind(|line| !line.is_empty());
-        Some(last.map_or_else(|| how.clone(), |last| format!("{how} {last}")))
+        let how = lines.next()?;
+        Some(match lines.map(str::trim).rfind(|line| !line.is_empty()) {
+            Some(last) => format!("{how} {last}"),
+            None => how.to_owned(),
+        })
     }
 
     /// `NAME@SEAT`.

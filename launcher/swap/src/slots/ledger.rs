@@ -82,6 +82,12 @@ impl SwapReport {
         }
     }
 
+    /// It was refused at once.
+    pub(super) fn refuse(&mut self, reason: &dyn fmt::Display) {
+        self.outcome = format!("refused: {reason}");
+        self.ended = SwapEnd::Refused;
+    }
+
     /// Takes over what was measured.
     pub(super) fn measured(&mut self, gate: &Gatekeeper) {
         let figures: GateFigures = gate.figures();

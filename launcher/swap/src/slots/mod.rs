@@ -273,8 +273,7 @@ impl Slots {
                 {
                     let mut report =
                         SwapReport::new(slot, "", &order.to, means.now.logical_ns, true);
-                    report.outcome = format!("refused: {}", refusal.text);
-                    report.ended = SwapEnd::Refused;
+                    report.refuse(&refusal.text);
                     self.reports.push(report);
                 }
                 self.say(refusal.text, true);

@@ -159,12 +159,11 @@ impl Slots {
     /// A swap that has been refused at once ends there.
     pub(super) fn end_last(&mut self, actions: &[Action]) {
         let reason = actions.iter().find_map(|action| match action {
-            Action::Report(Report::Refused(reason)) => Some(reason.to_string()),
+            Action::Report(Report::Refused(reason)) => Some(reason),
             _ => None,
         });
         if let (Some(report), Some(reason)) = (self.reports.last_mut(), reason) {
-            report.outcome = format!("refused: {reason}");
-            report.ended = SwapEnd::Refused;
+            report.refuse(reason);
         }
     }
 

@@ -45,7 +45,7 @@ shared_types::memory! {
 }
 
 /// What an owner that has not proven itself may ask of the rotors: what the laws of its slot may. Before its monitor can
-/// trip it, such a command turns the vehicle less than half as far as the rotors could.
+/// trip it, such a command turns the vehicle about half as far as the rotors could.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnprovenRange {
     /// The vehicle as its controllers believe it to be.

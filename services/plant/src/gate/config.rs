@@ -45,11 +45,11 @@ pub struct GateConfig {
     /// of the weight, so that one half is what roll and pitch can have at once without clipping.
     #[garde(custom(finite_in(0.0, 1.0)))]
     pub recover_torque_fraction: f64,
-    /// Undamped frequency of RECOVER's attitude loop: as fast as the rotors' lag lets it be, because the vehicle gains
-    /// speed while it is tilted.
+    /// Undamped frequency of RECOVER's attitude loop, if rotors had no lag. It is fast, because the vehicle gains speed
+    /// while it is tilted; with a lag of 20 ms its slowest time constant is less than a tenth of a second.
     #[garde(custom(finite_in(0.1, 100.0)))]
     pub recover_bandwidth_rad_s: f64,
-    /// Damping ratio of that loop; its slowest pole is then close to the undamped frequency.
+    /// Damping ratio of that loop, if rotors had no lag.
     #[garde(custom(finite_in(0.1, 5.0)))]
     pub recover_damping: f64,
     /// Undamped frequency of LEVEL's attitude loop; far below 1 / rotor lag.
