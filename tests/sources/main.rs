@@ -4,4 +4,5 @@ mod architecture;
 mod circles;
 mod docs;
 mod new_controller;
+mod scripts;
 mod time;

@@ -1,0 +1,42 @@
+//! The scripts of the gate decide nothing by luck.
+
+use std::fs;
+use std::path::Path;
+
+/// Commands that may end before they have read all of their input. What writes to them then ends by SIGPIPE, or does
+/// not, as the two happen to be scheduled, and with `pipefail` so does the script.
+const EARLY: [&str; 4] = ["head", "grep -q", "grep -m", "grep --quiet"];
+
+/// Commands of a line behind a pipe that may end before what writes to them.
+fn ended_early(line: &str) -> Vec<&str> {
+    // One command instead of another, `||`, reads nothing of it.
+    let pipelines = line.split("||");
+    let readers = pipelines.flat_map(|pipeline| pipeline.split('|').skip(1)).map(str::trim_start);
+    readers.filter(|reader| EARLY.iter().any(|early| reader.starts_with(early))).collect()
+}
+
+#[test]
+fn no_script_ends_a_pipe_before_its_writer_has_written() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let gate = fs::read_dir(root.join(".ci"))
+        .expect("readable")
+        .map(|entry| entry.expect("readable").path());
+    let helpers = ["javascript/setup.sh", "page/browser.sh", "python/setup.sh"];
+    let scripts: Vec<_> =
+        gate.chain(helpers.iter().map(|name| root.join("tests").join(name))).collect();
+    assert!(scripts.len() > helpers.len());
+    for script in scripts {
+        let text = fs::read_to_string(&script).expect("readable");
+        for (number, line) in text.lines().enumerate() {
+            let found = ended_early(line);
+            assert!(
+                found.is_empty(),
+                "{}:{}: {found:?} may end by luck",
+                script.display(),
+                number + 1
+            );
+        }
+    }
+    assert_eq!(ended_early("sort -rn times | head -n 10 | awk '{ print }'"), ["head -n 10 "]);
+    assert!(ended_early("head -n 1 log || grep -q word log").is_empty());
+}
