@@ -95,6 +95,7 @@ const ALLOWED: [(&str, &[&str]); 43] = [
         &[
             "components",
             "host",
+            "monitor",
             "observe",
             "pilot",
             "protocol",

@@ -54,6 +54,18 @@ pub enum RehearsalRefusal {
         /// Everything that was measured.
         figures: RehearsalFigures,
     },
+    /// An attitude controller goes on obeying an owner of the position slot that has tripped.
+    #[error(
+        "would still obey a position controller {:.0} ms after it has tripped, limit {:.0} ms",
+        1e3 * .after_s,
+        1e3 * .limit_s
+    )]
+    TripIgnored {
+        /// Time from the trip to a step in which it was still obeyed \[s\].
+        after_s: f64,
+        /// Time within which it has to obey the fallback \[s\].
+        limit_s: f64,
+    },
     /// The candidate failed to start or to take over.
     #[error("cannot be rehearsed: {why}")]
     Failed {

@@ -14,7 +14,7 @@ const KNOWN: usize = 8;
 const UNFOUND: u64 = 3;
 /// Time that a trip may take to be obeyed, if that is longer than two periods of the attitude loop: in realtime it may be
 /// told late \[ns\].
-const OBEYED_WITHIN_NS: u64 = 20_000_000;
+pub const OBEYED_WITHIN_NS: u64 = 20_000_000;
 /// Rounding of values that are handed through \[rad, N\].
 const EQUAL: f64 = 1e-9;
 

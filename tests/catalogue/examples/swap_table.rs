@@ -1,18 +1,20 @@
 //! Swaps the entries of the catalogue into flights with all safeguards, with the monitor alone and without
 //! any, and compares the ground truth with the same flight without a swap.
 //!
-//! `swap_table [attitude|position] [all|watch|none] [good] [patient] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`:
+//! `swap_table [attitude|position] [all|watch|none] [good] [patient] [pairs] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`:
 //! `good` flies every shipped controller in place of every other, `patient` those whose fault begins after rehearsal
-//! and rollback window, `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for example `watch.rate_hz=200.0`. Run it after
+//! and rollback window, `pairs` each of those in the position slot after an attitude controller of `entries_of_pairs`,
+//! `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for example `watch.rate_hz=200.0`. Run it after
 //! `cargo build --release --workspace --examples --bins`; Python needs the environment of
 //! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 
 use catalogue::limits::{lower_limit, upper_limit};
 use catalogue::swapped::{
-    Guard, Holder, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
+    Guard, Holder, Plain, SITUATIONS, Situation, Swapped, config_of, pair_settings, paired, plain,
+    swapped,
 };
-use catalogue::{Entry, Fault, entries, patient_entries};
+use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
 use scenario::Override;
 use scenario::candidate::Slot;
 use scenario::services::names_for;
@@ -26,6 +28,8 @@ use std::sync::{Arc, Mutex};
 enum Candidate {
     /// A shipped law with a fault.
     Bad(Entry),
+    /// The first in the attitude slot, then the second in the position slot.
+    Pair(Box<[Entry; 2]>),
     /// The law in Python with a fault.
     BadPython(Entry),
     /// A shipped controller.
@@ -45,13 +49,24 @@ struct Case {
     guard: Guard,
 }
 
+/// Which faults are flown.
+#[derive(Clone, Copy, PartialEq)]
+enum Bad {
+    /// Those that a rehearsal can see.
+    Early,
+    /// Those that begin after rehearsal and rollback window.
+    Patient,
+    /// Those of the position slot, after an attitude controller that is swapped in first.
+    Pairs,
+}
+
 /// The flights that the command line selects.
 struct Selection {
     slots: Vec<Slot>,
     guards: Vec<Guard>,
     seeds: u64,
     good: bool,
-    patient: bool,
+    bad: Bad,
     python: bool,
     settings: Vec<Override>,
     named: Vec<String>,
@@ -81,6 +96,7 @@ impl Candidate {
     fn name(&self) -> String {
         match self {
             Self::Bad(entry) => entry.name(),
+            Self::Pair(entries) => format!("{}, then {}", entries[0].name(), entries[1].name()),
             Self::BadPython(entry) => format!("Python, {}", entry.name()),
             Self::Shipped(name) => format!("good {name}"),
             Self::Python => "good in Python".to_owned(),
@@ -91,7 +107,7 @@ impl Candidate {
 impl Selection {
     fn read(words: &[String]) -> Self {
         let has = |word: &str| words.iter().any(|given| given == word);
-        let known = ["all", "watch", "none", "good", "patient", "python"];
+        let known = ["all", "watch", "none", "good", "patient", "pairs", "python"];
         let only = words.iter().find_map(|word| Slot::named(word));
         let guards = [(Guard::All, "all"), (Guard::Watch, "watch"), (Guard::None, "none")];
         let chosen = guards.iter().any(|(_, word)| has(word));
@@ -102,17 +118,22 @@ impl Selection {
                 && Slot::named(word).is_none()
                 && !known.contains(&word.as_str())
         });
+        let given = words.iter().filter(|word| word.contains('='));
+        let given = given.map(|word| Override::set(word).expect("a setting"));
         Self {
             slots: Slot::ALL.into_iter().filter(|slot| only.is_none_or(|o| o == *slot)).collect(),
             guards: guards.map(|(guard, _)| guard).collect(),
             seeds: words.iter().find_map(|word| word.parse().ok()).unwrap_or(1),
             good: has("good"),
-            patient: has("patient"),
+            bad: match (has("pairs"), has("patient")) {
+                (true, _) => Bad::Pairs,
+                (false, true) => Bad::Patient,
+                (false, false) => Bad::Early,
+            },
             python: has("python"),
-            settings: words
-                .iter()
-                .filter(|word| word.contains('='))
-                .map(|word| Override::set(word).expect("a setting"))
+            settings: (if has("pairs") { pair_settings() } else { Vec::new() })
+                .into_iter()
+                .chain(given)
                 .collect(),
             named: named.cloned().collect(),
         }
@@ -131,10 +152,18 @@ impl Selection {
                 let chosen = entries(slot).into_iter().filter(in_python);
                 chosen.map(Candidate::BadPython).collect()
             }
-            (false, false) if self.patient => {
-                patient_entries(slot).into_iter().map(Candidate::Bad).collect()
-            }
-            (false, false) => entries(slot).into_iter().map(Candidate::Bad).collect(),
+            (false, false) => match self.bad {
+                Bad::Early => entries(slot).into_iter().map(Candidate::Bad).collect(),
+                Bad::Patient => patient_entries(slot).into_iter().map(Candidate::Bad).collect(),
+                Bad::Pairs if slot == Slot::Attitude => Vec::new(),
+                Bad::Pairs => {
+                    let pairs = entries_of_pairs().into_iter().flat_map(|attitude| {
+                        let with = move |position| Box::new([attitude.clone(), position]);
+                        patient_entries(slot).into_iter().map(with)
+                    });
+                    pairs.map(Candidate::Pair).collect()
+                }
+            },
         }
     }
 
@@ -158,7 +187,8 @@ impl Selection {
                     for situation in &SITUATIONS {
                         for seed in 1..=self.seeds {
                             for &guard in &self.guards {
-                                if !candidate.is_good() || guard == Guard::All {
+                                let all_alone = candidate.is_good() || self.bad == Bad::Pairs;
+                                if !all_alone || guard == Guard::All {
                                     let candidate = candidate.clone();
                                     cases.push(Case {
                                         situation,
@@ -223,10 +253,21 @@ fn executable() -> PathBuf {
 fn fly(case: &Case, unswapped: &Plain) -> Swapped {
     let Case { situation, seed, slot, candidate, guard, .. } = case;
     let folder = tempfile::TempDir::new().expect("a folder");
-    let config = folder.path().join("entry.toml");
+    let write = |name: &str, entry: &Entry| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, config_of(entry)).expect("a file");
+        path
+    };
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let faulty = executable().display().to_string();
     let (to, entry) = match candidate {
-        Candidate::Bad(entry) => (executable().display().to_string(), Some(entry)),
+        Candidate::Bad(entry) => (faulty, Some(entry)),
+        Candidate::Pair(entries) => {
+            let configs = ["first.toml", "second.toml"];
+            let [first, second] = core::array::from_fn(|i| write(configs[i], &entries[i]));
+            let pair = [first.as_path(), second.as_path()].map(|config| (&*faulty, Some(config)));
+            return paired((situation, *seed), pair, unswapped).unwrap_or_else(not_flown);
+        }
         Candidate::BadPython(entry) => {
             let file = format!("python/bad_{}.py", slot.label());
             (here.join(file).display().to_string(), Some(entry))
@@ -237,12 +278,14 @@ fn fly(case: &Case, unswapped: &Plain) -> Swapped {
             (here.join(file).display().to_string(), None)
         }
     };
-    let config = entry.map(|entry| {
-        std::fs::write(&config, config_of(entry)).expect("a file");
-        config.as_path()
-    });
-    let flown = swapped((situation, *seed), *slot, (&to, config), *guard, unswapped);
-    flown.unwrap_or_else(|error| Swapped {
+    let config = entry.map(|entry| write("entry.toml", entry));
+    let flown = swapped((situation, *seed), *slot, (&to, config.as_deref()), *guard, unswapped);
+    flown.unwrap_or_else(not_flown)
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "as an error is given")]
+fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
+    Swapped {
         recovered: false,
         lost: Some(format!("not flown: {error}")),
         excursion_m: f64::INFINITY,
@@ -250,7 +293,8 @@ fn fly(case: &Case, unswapped: &Plain) -> Swapped {
         flipped: false,
         tripped_s: None,
         outcome: String::new(),
-    })
+        untold: Vec::new(),
+    }
 }
 
 fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
@@ -267,9 +311,10 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     let is_refused = case.candidate.is_good() && !flown.flipped;
     let hurts = flown.lost.is_some()
         || case.guard == Guard::All && (flown.excursion_m > 0.5 || flown.tilt_deg > 60.0);
-    if is_refused || case.guard != Guard::None && hurts {
+    let is_untold = !flown.untold.is_empty();
+    if is_refused || is_untold || case.guard != Guard::None && hurts {
         println!(
-            "{} {name} {} seed {} {}: {}, {:.2} m, {:.0} deg, trip {:?}; {}",
+            "{} {name} {} seed {} {}: {}, {:.2} m, {:.0} deg, trip {:?}; untold {:?}; {}",
             case.slot.label(),
             case.situation.name,
             case.seed,
@@ -278,6 +323,7 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
             flown.excursion_m,
             flown.tilt_deg,
             flown.tripped_s,
+            flown.untold,
             flown.outcome
         );
     }

@@ -40,6 +40,8 @@ pub enum Fault {
     Spins,
     /// The set point that is reported as tracked is zero.
     ReportsZero,
+    /// Trips of the other slot's owner are not heard, from the first step on; of an attitude controller alone.
+    IgnoresTrips,
     /// Each step sleeps for this many periods; for realtime flights only.
     Slow,
     /// The first command comes this many seconds after the first step; for realtime flights only.
@@ -67,6 +69,7 @@ impl Fault {
             Self::Sways => "sways",
             Self::Spins => "spins",
             Self::ReportsZero => "reports-zero",
+            Self::IgnoresTrips => "ignores-trips",
             Self::Slow => "slow",
             Self::LateStart => "late-start",
         }
@@ -128,11 +131,19 @@ impl Entry {
             Fault::Sways => format!("sways x{amount}"),
             Fault::Spins => format!("spins at {amount} rad/s"),
             Fault::ReportsZero => "reports zero".to_owned(),
+            Fault::IgnoresTrips => "ignores trips".to_owned(),
             Fault::Slow => format!("steps of {:.0} % of the period", 1e2 * amount),
             Fault::LateStart => format!("first command after {amount} s"),
         };
         if self.after_s > 0.0 { format!("{fault} after {} s", self.after_s) } else { fault }
     }
+}
+
+/// Attitude controllers that are good or bad in ways that a position controller's fault finds out.
+#[must_use]
+pub fn entries_of_pairs() -> [Entry; 3] {
+    let of = |fault| Entry::of(fault, 0, 0.0);
+    [of(Fault::Nothing), of(Fault::IgnoresTrips), of(Fault::ReportsZero).after(9.0)]
 }
 
 /// Entries whose fault shows only in realtime.

@@ -12,6 +12,6 @@ mod spoiler;
 pub mod swapped;
 
 pub use altering::Altering;
-pub use entry::{Entry, Fault, entries, late_entries, patient_entries};
+pub use entry::{Entry, Fault, entries, entries_of_pairs, late_entries, patient_entries};
 pub use spoiled::{Builder, Spoiled};
 pub use spoiler::{Seen, Spoiler};

@@ -3,27 +3,30 @@
 use crate::altering::{spoil_setpoint, spoil_wrench};
 use crate::{Entry, Fault, Seen, Spoiler};
 use components::ServiceVisitor;
+use controller::attitude::Inputs as AttitudeInputs;
 use core::convert::Infallible;
 use host::{HostError, Joined};
 use runtime::clock::{mono_now_ns, sleep_until};
-use runtime::{Component, Ending, Output, OutputSet as _, OutputVisitor, Service};
+use runtime::{Component, Ending, Input, Output, OutputSet as _, OutputVisitor, Service};
 use shared_types::{AppliedSetpoint, AttitudeSetpoint, Sample, Topic, WrenchCommand};
 use std::any::Any;
 
 /// A service whose outputs pass through a [`Spoiler`].
 #[derive(Debug)]
-pub struct Spoiled<S> {
+pub struct Spoiled<S: Service> {
     inner: S,
     spoiler: Spoiler,
     period_ns: u64,
     /// Monotonic wall-clock instant of the first command, for [`Fault::LateStart`] \[ns\].
     speaks_mono_ns: Option<u64>,
+    /// What the controller hears of its inputs with [`Fault::IgnoresTrips`].
+    heard: S::Inputs,
 }
 
 impl<S: Service> Spoiled<S> {
     /// Wraps a controller with the period `period_ns` \[ns\].
     pub fn new(inner: S, spoiler: Spoiler, period_ns: u64) -> Self {
-        Self { inner, spoiler, period_ns, speaks_mono_ns: None }
+        Self { inner, spoiler, period_ns, speaks_mono_ns: None, heard: S::Inputs::default() }
     }
 
     /// Sleeps as the timing faults require.
@@ -84,7 +87,12 @@ impl<S: Service + 'static> Service for Spoiled<S> {
 
     fn step(&mut self, now_ns: u64, inputs: &S::Inputs, outputs: &mut S::Outputs) {
         self.dawdle();
-        self.inner.step(now_ns, inputs, outputs);
+        if self.spoiler.entry().fault == Fault::IgnoresTrips {
+            pass_on_but_trips(now_ns, inputs, &mut self.heard);
+            self.inner.step(now_ns, &self.heard, outputs);
+        } else {
+            self.inner.step(now_ns, inputs, outputs);
+        }
         let seen = seen(inputs);
         let Ok(()) = outputs.visit(&mut Spoil { spoiler: &mut self.spoiler, now_ns, seen });
     }
@@ -102,9 +110,30 @@ impl<S: Service + 'static> Service for Spoiled<S> {
     }
 }
 
+/// Passes on what an attitude controller has received in a step, except trips.
+fn pass_on_but_trips(now_ns: u64, from: &dyn Any, to: &mut dyn Any) {
+    fn pass_on<T: Sample>(now_ns: u64, from: &Input<T>, to: &mut Input<T>) {
+        if let (None, Some(before)) = (to.latest(), from.before_fresh()) {
+            to.offer(*before);
+            to.accept(now_ns, None);
+        }
+        from.fresh().iter().for_each(|sample| to.offer(*sample));
+        to.accept(now_ns, None);
+    }
+    if let (Some(from), Some(to)) =
+        (from.downcast_ref::<AttitudeInputs>(), to.downcast_mut::<AttitudeInputs>())
+    {
+        pass_on(now_ns, &from.state_estimate, &mut to.state_estimate);
+        pass_on(now_ns, &from.attitude_setpoint, &mut to.attitude_setpoint);
+        pass_on(now_ns, &from.applied_command, &mut to.applied_command);
+        pass_on(now_ns, &from.morph_command, &mut to.morph_command);
+        pass_on(now_ns, &from.position_owner, &mut to.position_owner);
+    }
+}
+
 /// Tilt and morph rate of the latest estimate; zero before the first one.
 fn seen(inputs: &dyn Any) -> Seen {
-    let attitude = inputs.downcast_ref::<controller::attitude::Inputs>();
+    let attitude = inputs.downcast_ref::<AttitudeInputs>();
     let attitude = attitude.and_then(|inputs| inputs.state_estimate.latest());
     let position = inputs.downcast_ref::<controller::position::Inputs>();
     let position = position.and_then(|inputs| inputs.state_estimate.latest());

@@ -75,7 +75,11 @@ impl Spoiler {
         let biased =
             |share: f64| [thrust, roll + share * most_roll, pitch + share * most_pitch, yaw];
         match self.entry.fault {
-            Fault::Nothing | Fault::ReportsZero | Fault::Slow | Fault::LateStart => command,
+            Fault::Nothing
+            | Fault::ReportsZero
+            | Fault::IgnoresTrips
+            | Fault::Slow
+            | Fault::LateStart => command,
             Fault::WrongSign => {
                 let mut wrong = command;
                 let axis = self.entry.axis.min(3);

@@ -10,6 +10,7 @@ use shared_types::{GateMode, Sample, Topic, Trip, Truth, topics};
 use simulate::in_process::{Conclusion, InProcess, InProcessError, Outside, StateSource};
 use std::any::Any;
 use std::path::Path;
+use swap::{SwapEnd, SwapReport};
 
 /// Tilt beyond which a vehicle counts as lost \[rad\].
 const LOST_TILT_RAD: f64 = core::f64::consts::FRAC_PI_2;
@@ -23,6 +24,9 @@ const BACK_M: f64 = 0.35;
 const BACK_NS: u64 = 300_000_000;
 /// Instant at which the candidate joins \[s\]: after the start, before the arms move.
 const JOIN_S: f64 = 1.5;
+/// For how long after that, in a flight with two swaps, the first candidate has been there when the second joins \[s\]:
+/// its rollback window is over.
+const PAIRED_S: f64 = 3.0;
 /// Duration of the shadow phase \[s\].
 const SHADOW_S: f64 = 1.0;
 /// Duration of the shadow phase of a forced swap \[s\]; it is shorter than 0.7 s, so that the NaN of that
@@ -133,6 +137,8 @@ pub struct Swapped {
     pub tripped_s: Option<f64>,
     /// How the swap ended, as a sentence of the launcher.
     pub outcome: String,
+    /// Slots of trips after which no report of a swap says that the slot was taken back.
+    pub untold: Vec<&'static str>,
 }
 
 /// The scenario of a situation in lockstep, with a seed and further settings.
@@ -237,22 +243,47 @@ pub fn swapped_with_late_trips(
     plain: &Plain,
 ) -> Result<Swapped, Box<dyn std::error::Error>> {
     let mut more = plain.edits.clone();
-    more.extend(swap(slot, (to, config), guard)?);
+    more.extend(swap(slot, (to, config), JOIN_S, guard)?);
     let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, trips_later_ns)?;
-    let swap = conclusion.swaps.first();
-    let flipped = swap.is_some_and(|swap| swap.flipped_s.is_some());
-    let outcome = swap.map_or_else(String::new, |swap| swap.outcome.clone());
-    Ok(judge(&course, plain, flipped, outcome))
+    Ok(judge(&course, plain, &told(&conclusion)))
 }
 
-/// The settings that script this swap.
+/// Flies a situation in which first an attitude controller is forced in, which may be one that no rehearsal would let
+/// pass, and then a position controller is swapped in with all safeguards. The flight without a swap must have been flown
+/// with [`pair_settings`].
+///
+/// # Errors
+/// If it cannot be flown.
+pub fn paired(
+    (situation, seed): (&Situation, u64),
+    [attitude, position]: [(&str, Option<&Path>); 2],
+    plain: &Plain,
+) -> Result<Swapped, Box<dyn std::error::Error>> {
+    let mut more = plain.edits.clone();
+    more.extend(swap(Slot::Attitude, attitude, JOIN_S, Guard::Watch)?);
+    more.extend(swap(Slot::Position, position, JOIN_S + PAIRED_S, Guard::All)?);
+    let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, 0)?;
+    Ok(judge(&course, plain, &told(&conclusion)))
+}
+
+/// Settings with which a flight lasts long enough for two swaps.
+///
+/// # Panics
+/// Never: the setting exists.
+#[must_use]
+pub fn pair_settings() -> Vec<Override> {
+    vec![Override::set("scenario.duration_s=14.0").expect("a setting")]
+}
+
+/// The settings that script a swap whose candidate joins at `join_s` \[s\].
 fn swap(
     slot: Slot,
     (to, config): (&str, Option<&Path>),
+    join_s: f64,
     guard: Guard,
 ) -> Result<Vec<Override>, ScenarioError> {
     let shadow_s = if guard == Guard::All { SHADOW_S } else { FORCED_SHADOW_S };
-    let mut swap = format!("{}={to}@{JOIN_S}s,shadow={shadow_s}s,rollback=500ms", slot.label());
+    let mut swap = format!("{}={to}@{join_s}s,shadow={shadow_s}s,rollback=500ms", slot.label());
     if let Some(config) = config {
         swap = format!("{swap},config={}", config.display());
     }
@@ -283,7 +314,7 @@ pub fn swapped_in_realtime(
 ) -> Result<(Swapped, u64), Box<dyn std::error::Error>> {
     let folder = tempfile::TempDir::new()?;
     let mut more = plain.edits.clone();
-    more.extend(swap(slot, (to, config), guard)?);
+    more.extend(swap(slot, (to, config), JOIN_S, guard)?);
     more.push(Override::clock("realtime"));
     let file = folder.path().join("flight.toml");
     std::fs::write(&file, scenario(situation, seed, &more)?.to_toml())?;
@@ -306,11 +337,15 @@ pub fn swapped_in_realtime(
         cut: applied.iter().any(|applied| applied.mode == GateMode::Cut),
         trips_later_ns: 0,
     };
-    let swap = &summary["swaps"][0];
-    let flipped = swap["flipped_s"].is_number();
-    let outcome = swap["outcome"].as_str().unwrap_or_default().to_owned();
+    let of = |swap: &serde_json::Value| Told {
+        slot: swap["slot"].as_str().and_then(Slot::named),
+        flipped: swap["flipped_s"].is_number(),
+        taken_back: swap["ended"] == "taken-back",
+        outcome: swap["outcome"].as_str().unwrap_or_default().to_owned(),
+    };
+    let told: Vec<Told> = summary["swaps"].as_array().into_iter().flatten().map(of).collect();
     let missed = summary["missed_ticks"].as_u64().unwrap_or_default();
-    Ok((judge(&course, plain, flipped, outcome), missed))
+    Ok((judge(&course, plain, &told), missed))
 }
 
 fn tilt_rad(truth: &Truth) -> f64 {
@@ -319,7 +354,35 @@ fn tilt_rad(truth: &Truth) -> f64 {
     q_wb.transform_vector(&Vector3::z()).angle(&Vector3::z())
 }
 
-fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swapped {
+/// What the launcher reports of a swap.
+struct Told {
+    slot: Option<Slot>,
+    flipped: bool,
+    taken_back: bool,
+    outcome: String,
+}
+
+fn told(conclusion: &Conclusion) -> Vec<Told> {
+    let of = |swap: &SwapReport| Told {
+        slot: Slot::named(swap.slot),
+        flipped: swap.flipped_s.is_some(),
+        taken_back: swap.ended == SwapEnd::TakenBack,
+        outcome: swap.outcome.clone(),
+    };
+    conclusion.swaps.iter().map(of).collect()
+}
+
+/// Slots of trips after which no swap is reported as taken back.
+fn untold(trips: &[Trip], told: &[Told]) -> Vec<&'static str> {
+    let slots = Slot::ALL.into_iter().filter(|slot| {
+        let has_tripped = trips.iter().any(|trip| trip.slot == slot.role());
+        has_tripped && !told.iter().any(|swap| swap.slot == Some(*slot) && swap.taken_back)
+    });
+    slots.map(Slot::label).collect()
+}
+
+/// Judges a flight; flip and outcome are those of its last swap.
+fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
     let mut lost = course.cut.then(|| "its rotors were cut".to_owned());
     let (mut excursion_m, mut more_tilt_rad) = (0.0_f64, 0.0_f64);
     let last_ns = |truths: &[Truth]| truths.last().map(|truth| truth.header.release_ns);
@@ -359,9 +422,10 @@ fn judge(course: &Course, plain: &Plain, flipped: bool, outcome: String) -> Swap
         recovered,
         excursion_m,
         tilt_deg: more_tilt_rad.to_degrees(),
-        flipped,
+        flipped: told.last().is_some_and(|swap| swap.flipped),
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
-        outcome,
+        outcome: told.last().map_or_else(String::new, |swap| swap.outcome.clone()),
+        untold: untold(&course.trips, told),
     }
 }
 

@@ -8,6 +8,7 @@ use rehearsal::{Challenge, Draw, Facts, Guidance, Schedule, Snapshot, Turn, Way}
 use scenario::candidate::Slot;
 use scenario::orders::{FLOOR_M, REACH_M};
 use scenario::pilot::Manoeuvre;
+use scenario::services::Crew;
 use scenario::start::GuidanceSettings;
 use scenario::{Plan, Scenario};
 use std::path::PathBuf;
@@ -30,7 +31,13 @@ pub enum Role {
     Candidate,
     /// The owner alone.
     Owner,
+    /// The candidate for the attitude slot, while the owner of the position slot trips.
+    Obeying,
 }
+
+/// Time that a flight with a trip goes on after the position slot has changed hands \[s\]: the monitor needs some of it
+/// to find what is wrong, and the candidate some to obey.
+const TRIP_S: f64 = 0.2;
 
 fn shadow_s(facts: &Facts, slot: Slot) -> f64 {
     let period_s = match slot {
@@ -84,7 +91,10 @@ pub(super) fn scenario(
     for list in ["swap", "standby", "fault", "order"] {
         root.remove(list);
     }
-    let duration_s = flown.settings().rehearsal.duration_s;
+    let duration_s = match who {
+        Role::Obeying => trip_from_s(facts) + TRIP_S,
+        Role::Candidate | Role::Owner => flown.settings().rehearsal.duration_s,
+    };
     let name = format!("rehearsal-{}", draw.index);
     let header = section(&mut root, "scenario");
     header.remove("speed");
@@ -104,17 +114,25 @@ pub(super) fn scenario(
     believe(&mut root, snapshot);
     challenges(&mut root, snapshot, schedule);
     orders(&mut root, flown, snapshot, schedule)?;
-    // The monitor and a fallback would take command from a bad candidate and hide its errors.
+    // Unless it is about a trip, the monitor and a fallback would take command from a bad candidate and hide its errors.
+    let (watched, fallback) = if who == Role::Obeying { (true, "auto") } else { (false, "none") };
     set(
         section(&mut root, "watch"),
-        [("enabled", Value::Boolean(false)), ("fallback", Value::String("none".to_owned()))],
+        [("enabled", Value::Boolean(watched)), ("fallback", Value::String(fallback.to_owned()))],
     );
     let taken_over = match who {
-        Role::Candidate => Some((&spec.candidate, spec.config.as_ref())),
+        Role::Candidate | Role::Obeying => Some((&spec.candidate, spec.config.as_ref())),
         Role::Owner => spec.owner.as_ref().map(|(name, config)| (name, config.as_ref())),
     };
-    if let Some(by) = taken_over {
-        swap(&mut root, spec.slot, by, facts);
+    let by = taken_over.map(|by| swap(spec.slot, by, JOIN_S, facts));
+    let mut swaps: Vec<Value> = by.into_iter().collect();
+    if who == Role::Obeying {
+        let owner = Crew::of(flown.settings()).name(Slot::Position.role()).map(ToOwned::to_owned);
+        let owner = owner.ok_or("there is no position slot")?;
+        swaps.push(swap(Slot::Position, (&owner, None), flip_s(facts, Slot::Attitude), facts));
+    }
+    if !swaps.is_empty() {
+        root.insert("swap".to_owned(), Value::Array(swaps));
     }
     let text = toml::to_string(&root).map_err(|error| error.to_string())?;
     Scenario::from_text("the rehearsal's scenario", &text, &[]).map_err(|error| {
@@ -341,14 +359,18 @@ fn guidance_order(told: &Guidance) -> Option<shared_types::GuidanceOrder> {
     settings.order()
 }
 
-/// Writes a swap in which a controller joins at once and takes over the slot, even if the admission check
-/// rejects it.
-fn swap(root: &mut Table, slot: Slot, by: (&String, Option<&PathBuf>), facts: &Facts) {
+/// Latest instant at which, in a flight with a trip, the position slot changes hands \[s\].
+fn trip_from_s(facts: &Facts) -> f64 {
+    flip_s(facts, Slot::Attitude) + flip_s(facts, Slot::Position)
+}
+
+/// A swap in which a controller joins at `at_s` \[s\] and takes over the slot, even if the admission check rejects it.
+fn swap(slot: Slot, by: (&String, Option<&PathBuf>), at_s: f64, facts: &Facts) -> Value {
     let (to, config) = by;
     let mut entry = table([
         ("slot", Value::String(slot.label().to_owned())),
         ("to", Value::String(to.clone())),
-        ("at_s", Value::Float(JOIN_S)),
+        ("at_s", Value::Float(at_s)),
         ("shadow_s", Value::Float(shadow_s(facts, slot))),
         ("rollback_s", Value::Float(0.0)),
         ("force", Value::Boolean(true)),
@@ -357,5 +379,5 @@ fn swap(root: &mut Table, slot: Slot, by: (&String, Option<&PathBuf>), facts: &F
     if let Some(config) = config {
         entry.insert("config".to_owned(), Value::String(config.display().to_string()));
     }
-    root.insert("swap".to_owned(), Value::Array(vec![Value::Table(entry)]));
+    Value::Table(entry)
 }

@@ -6,6 +6,7 @@ use crate::in_process::{InProcess, InProcessError, StateSource};
 use observe::Observer;
 use rehearsal::{RehearsalRefusal, Track};
 use scenario::Scenario;
+use shared_types::time::s_from_ns;
 
 /// Flies to the end, or until the vehicle is lost and the rest of the flight shows nothing more.
 pub(super) fn fly<E: Observer + Default>(
@@ -25,11 +26,7 @@ pub(super) fn fly<E: Observer + Default>(
             break;
         }
         if !go_on() {
-            let flown_s = t_ns as f64 / 1e9;
-            return Err(not_rehearsed(format!(
-                "the time for it was over after {flown_s:.2} s of a flight of {:.2} s: raise rehearsal.wall_max_s, or swap when the machine has time",
-                end_ns as f64 / 1e9
-            )));
+            return Err(not_rehearsed(out_of_time(t_ns, end_ns)));
         }
     }
     let exits = flight.conclude().exits;
@@ -46,9 +43,18 @@ pub(super) fn fly<E: Observer + Default>(
     Ok(look.track)
 }
 
+/// Why a flight was not flown to its end.
+pub(super) fn out_of_time(flown_ns: u64, end_ns: u64) -> String {
+    format!(
+        "the time for it was over after {:.2} s of a flight of {:.2} s: raise rehearsal.wall_max_s, or swap when the machine has time",
+        s_from_ns(flown_ns),
+        s_from_ns(end_ns)
+    )
+}
+
 /// Classifies an error. A component that fails must be the candidate, because all others already run in the
 /// real flight.
-fn not_flown(error: InProcessError) -> Box<RehearsalRefusal> {
+pub(super) fn not_flown(error: InProcessError) -> Box<RehearsalRefusal> {
     match error {
         InProcessError::Component { .. } | InProcessError::Panicked { .. } => {
             Box::new(RehearsalRefusal::Failed { why: error.to_string() })

@@ -8,6 +8,7 @@ mod derive;
 mod facts;
 mod fly;
 mod look;
+mod trip;
 pub mod watch;
 
 pub use derive::Role;
@@ -82,7 +83,9 @@ impl Rehearsal {
     /// # Panics
     /// If `draw` is not less than [`rehearsal::DRAWS`].
     pub fn scenario(&self, draw: usize, who: Role) -> Result<Scenario, Box<RehearsalRefusal>> {
-        let (draw, schedule) = (&self.draws[draw], &self.schedules[draw]);
+        let none = Schedule::default();
+        let schedule = if who == Role::Obeying { &none } else { &self.schedules[draw] };
+        let draw = &self.draws[draw];
         derive::scenario(&self.spec, &self.scenario, &self.facts, (draw, schedule), who)
             .map_err(not_rehearsed)
     }
@@ -138,7 +141,11 @@ impl Rehearsal {
                 .collect();
             let judged = rehearsal::judge(slot, &self.facts, &tube, &flights);
             if judged.is_err() || draw + 1 == self.draws.len() {
-                return judged;
+                let figures = judged?;
+                if self.spec.slot == Slot::Attitude && !self.facts.is_rig {
+                    trip::fly_tripped(self, extra(), go_on)?;
+                }
+                return Ok(figures);
             }
         }
         Err(not_rehearsed("there is no start to fly from"))

@@ -1,5 +1,6 @@
 //! Slots that are found in flight: as the last record has them, with whoever is still there.
 
+use super::consumers::Consumers;
 use super::facts::{command_latency_ns, millihertz};
 use super::rehearsal::Rehearsing;
 use super::{Around, Machines, Means, Slots, slot_config};
@@ -26,6 +27,7 @@ impl Slots {
         Self {
             machines: Machines::new(),
             around: BTreeMap::new(),
+            consumers: Consumers::default(),
             orders,
             pattern: pattern.map(|spec| ChildSpec { pause_ns: 0, ..spec.clone() }),
             vehicle: scenario.modelled_vehicle(),

@@ -58,7 +58,11 @@ impl Slots {
                 *slot
             }
         };
+        if let Seen::Obeys { slot: Role::Position, by_seat, obeyed } = *seen {
+            self.consumers.tells(by_seat, obeyed);
+        }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
+        let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));
         let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
         match *seen {
             Seen::Angle { .. } | Seen::Trip(_) => Ok(()),
@@ -76,13 +80,19 @@ impl Slots {
                 }
                 Ok(())
             }
-            // Of several attitude controllers the one that commands decides whom it obeys.
             Seen::Obeys { by_seat, .. } | Seen::Unguided { by_seat, .. }
-                if role == Role::Position && self.owner_seat(Role::Attitude) != Some(by_seat) =>
+                if role == Role::Position && decides != Some(by_seat) =>
             {
                 Ok(())
             }
-            Seen::Obeys { obeyed, .. } => self.consumer_says(slot, &obeyed, means),
+            Seen::Obeys { obeyed, .. } => {
+                self.consumer_says(slot, &obeyed, means)?;
+                let told = (role == Role::Attitude).then(|| self.consumers.plant_tells(&obeyed));
+                match (told.flatten(), self.slot_of(Role::Position)) {
+                    (Some(told), Some(slot)) => self.consumer_says(slot, &told, means),
+                    _ => Ok(()),
+                }
+            }
             Seen::Unguided { epoch, since_ns, at_ns, .. } => {
                 self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, means)
             }

@@ -4,6 +4,7 @@
 //! events (hellos, deaths, what consumers say, time, requests) and does what it wants done.
 
 mod adoption;
+mod consumers;
 mod events;
 mod facts;
 mod gatekeeper;
@@ -27,6 +28,7 @@ pub use watch::{Seen, SlotWatch};
 use crate::FlightError;
 use crate::child::{ChildSpec, Launch};
 use crate::orders::{Executable, Machines, Ordered, Orders};
+use consumers::Consumers;
 use facts::Yardstick;
 use gatekeeper::{Gatekeeper, Tracks};
 use monitor::settings::Fallback;
@@ -40,7 +42,7 @@ use scenario::orders::Planner;
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
 use slot::supervisor::{Event, Fault, Now, SlotConfig};
-use slot::{Action, Program, Report, Request, Seat, Target};
+use slot::{Action, Program, Report, Request, SEATS, Seat, Target};
 use std::collections::BTreeMap;
 use vehicle::VehicleParameters;
 
@@ -68,8 +70,8 @@ struct Around {
     expected: Vec<(Seat, Expected, u64)>,
     /// Index of the swap that is going on.
     current: Option<usize>,
-    /// Index of the swap by which the owner has come to command.
-    commanding: Option<usize>,
+    /// By seat, index of the swap by which the process there has come to command.
+    commanding: [Option<usize>; SEATS],
     /// Seats whose processes a fault of the script has struck.
     struck: Vec<Seat>,
     /// Of the consumer, as far as it has been told to the protocol.
@@ -112,6 +114,7 @@ impl core::fmt::Debug for Means<'_> {
 pub struct Slots {
     machines: Machines,
     around: BTreeMap<Slot, Around>,
+    consumers: Consumers,
     orders: Orders,
     /// How a service of this executable is started.
     pattern: Option<ChildSpec>,
@@ -156,6 +159,7 @@ impl Slots {
         Self {
             machines,
             around,
+            consumers: Consumers::default(),
             orders,
             pattern,
             vehicle,

@@ -28,9 +28,6 @@ impl Slots {
                 true
             }
             Report::Done(_, outcome) => {
-                if let (Outcome::RolledBack, Some(around)) = (outcome, self.around.get_mut(&slot)) {
-                    around.commanding = None;
-                }
                 let ended = match outcome {
                     Outcome::RolledBack => SwapEnd::Withdrawn,
                     _ => SwapEnd::Kept,
@@ -74,8 +71,11 @@ impl Slots {
         if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
             gate.flips_at(*at_ns);
         }
-        if matches!(step, Step::Flipped { .. }) {
-            around.commanding = around.current;
+        match step {
+            Step::Flipped { seat, .. } => around.commanding[seat.index()] = around.current,
+            // Another process has the seat next.
+            Step::Left(seat) | Step::Joined { seat, .. } => around.commanding[seat.index()] = None,
+            _ => {}
         }
         let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
         match step {
@@ -117,7 +117,8 @@ impl Slots {
     fn take_back(&mut self, slot: Slot, seat: Seat, why: &str) {
         let Some(around) = self.around.get_mut(&slot) else { return };
         let is_meant = around.struck.contains(&seat);
-        let report = around.commanding.take().and_then(|at| self.reports.get_mut(at));
+        let commanding = around.commanding[seat.index()].take();
+        let report = commanding.and_then(|at| self.reports.get_mut(at));
         if let Some(report) = report.filter(|report| report.done) {
             report.outcome = format!("taken back: {why}");
             report.ended = if is_meant { SwapEnd::Withdrawn } else { SwapEnd::TakenBack };

@@ -7,6 +7,7 @@
     reason = "what fails here fails the test; instants are small, and bits are what is compared"
 )]
 
+use catalogue::swapped::config_of;
 use catalogue::{Altering, Entry, Fault, Spoiler, entries};
 use observe::Observer;
 use scenario::candidate::Slot;
@@ -171,6 +172,23 @@ fn a_rehearsal_refuses_controllers_that_would_lose_the_vehicle() {
             assert!(told.words.contains("after "), "{}", told.words);
         }
     }
+}
+
+/// Whether a trip of the position slot's owner is executed is up to the attitude controller.
+#[test]
+fn a_rehearsal_refuses_an_attitude_controller_that_ignores_trips() {
+    let scenario = load("hover", &[]);
+    let folder = tempfile::TempDir::new().unwrap();
+    let config = folder.path().join("entry.toml");
+    let flown_with = |fault: Fault| {
+        std::fs::write(&config, config_of(&Entry { fault, ..Entry::default() })).unwrap();
+        let spec = spec(&scenario, 2.0, Slot::Attitude, env!("CARGO_BIN_EXE_catalogue"));
+        verdict(RehearsalSpec { config: Some(config.clone()), ..spec }, &mut || true)
+    };
+    let deaf = flown_with(Fault::IgnoresTrips);
+    assert!(matches!(deaf.refusal, Some(RehearsalRefusal::TripIgnored { .. })), "{}", deaf.words);
+    let good = flown_with(Fault::Nothing);
+    assert!(good.accepted, "{}", good.words);
 }
 
 #[test]

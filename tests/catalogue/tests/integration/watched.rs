@@ -2,10 +2,10 @@
 //! shipped one.
 
 use catalogue::swapped::{
-    Guard, Plain, SITUATIONS, Situation, Swapped, config_of, plain, swapped,
+    Guard, Plain, SITUATIONS, Situation, Swapped, config_of, pair_settings, paired, plain, swapped,
     swapped_with_late_trips,
 };
-use catalogue::{Entry, Fault, entries, patient_entries};
+use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
 use scenario::candidate::Slot;
 use scenario::services::names_for;
 use std::path::PathBuf;
@@ -28,14 +28,14 @@ impl Flights {
         Self { folder: TempDir::new().expect("a folder"), plains }
     }
 
-    fn configure(&self, entry: &Entry) -> PathBuf {
-        let path = self.folder.path().join("entry.toml");
+    fn configure_as(&self, name: &str, entry: &Entry) -> PathBuf {
+        let path = self.folder.path().join(name);
         std::fs::write(&path, config_of(entry)).expect("a file");
         path
     }
 
     fn fly(&self, at: usize, slot: Slot, entry: &Entry, guard: (Guard, u64)) -> Swapped {
-        let config = self.configure(entry);
+        let config = self.configure_as("entry.toml", entry);
         let to = (env!("CARGO_BIN_EXE_catalogue"), Some(config.as_path()));
         let situation: &Situation = &SITUATIONS[at];
         swapped_with_late_trips((situation, SEED), slot, to, guard, &self.plains[at])
@@ -79,6 +79,37 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
         assert!(flown.tripped_s.is_some() != is_silent || is_bearable, "{name}: {flown:?}");
         let is_taken_back = flown.outcome.starts_with("taken back: ");
         assert!(is_taken_back || is_bearable, "{name}: {flown:?}");
+        assert!(flown.untold.is_empty(), "{name}: {flown:?}");
+    }
+}
+
+/// An attitude controller may leave it to others to obey a trip of the position controller, or fail together with it.
+#[test]
+fn a_pair_of_bad_controllers_is_taken_back_and_told_of_slot_by_slot() {
+    let flights = Flights::new();
+    let plains = SITUATIONS
+        .map(|situation| plain(&situation, SEED, None, &pair_settings()).expect("a flight"));
+    let bad = patient_entries(Slot::Position).into_iter().filter(|entry| {
+        matches!((entry.fault, entry.amount), (Fault::Thrust, 4.0) | (Fault::Slams, -2.0))
+            || entry.fault == Fault::WrongSign && entry.axis == 0
+    });
+    let pairs = entries_of_pairs().into_iter().flat_map(|attitude| {
+        bad.clone().map(move |position| (attitude.clone(), position)).collect::<Vec<_>>()
+    });
+    for (nth, (attitude, position)) in pairs.enumerate() {
+        let at = nth % SITUATIONS.len();
+        let first = flights.configure_as("attitude.toml", &attitude);
+        let second = flights.configure_as("position.toml", &position);
+        let faulty = env!("CARGO_BIN_EXE_catalogue");
+        let pair = [first.as_path(), second.as_path()].map(|config| (faulty, Some(config)));
+        let flown = paired((&SITUATIONS[at], SEED), pair, &plains[at]);
+        let flown = flown.expect("a flight");
+        let name =
+            format!("{}, then {}, {}", attitude.name(), position.name(), SITUATIONS[at].name);
+        println!("{name}: {flown:?}");
+        assert!(flown.flipped && flown.recovered && flown.lost.is_none(), "{name}: {flown:?}");
+        assert!(flown.excursion_m <= 0.5 && flown.tilt_deg <= 60.0, "{name}: {flown:?}");
+        assert!(flown.tripped_s.is_some() && flown.untold.is_empty(), "{name}: {flown:?}");
     }
 }
 

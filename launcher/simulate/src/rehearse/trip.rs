@@ -1,0 +1,112 @@
+//! A rehearsed flight in which the owner of the position slot trips: the candidate for the attitude slot, which consumes
+//! its set points, has to obey the fallback from then on.
+
+use super::derive::Role;
+use super::{LOOK_EVERY_NS, Rehearsal, fly, not_rehearsed};
+use crate::in_process::{InProcess, StateSource};
+use monitor::reports::OBEYED_WITHIN_NS;
+use observe::Observer;
+use rehearsal::RehearsalRefusal;
+use shared_types::time::s_from_ns;
+use shared_types::{
+    AppliedSetpoint, AttitudeSetpoint, OwnerRecord, Role as LoopRole, Sample, Topic, Trip,
+};
+use std::any::Any;
+
+/// Seat of a controller that is swapped in; the owner has seat 0.
+const SWAPPED_SEAT: u32 = 1;
+
+/// Makes the new owner of the position slot ask for more thrust than a law may, and sees what becomes of the trip.
+#[derive(Debug, Default)]
+struct Tripping {
+    /// Thrust that trips \[N\].
+    thrust_n: f64,
+    /// From when on the new owner commands \[ns\].
+    owner_from_ns: Option<u64>,
+    /// When its trip takes effect \[ns\].
+    tripped_ns: Option<u64>,
+    /// Releases of the candidate since then, and whom it obeyed in each \[ns\].
+    obeyed: Vec<(u64, u32)>,
+}
+
+impl Observer for Tripping {
+    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+        let any: &dyn Any = sample;
+        if let Some(record) = any.downcast_ref::<OwnerRecord>() {
+            if record.slot == LoopRole::Position && record.owner == SWAPPED_SEAT {
+                self.owner_from_ns.get_or_insert(record.header.valid_ns);
+            }
+        } else if let Some(trip) = any.downcast_ref::<Trip>() {
+            if trip.slot == LoopRole::Position {
+                self.tripped_ns.get_or_insert(trip.header.valid_ns);
+            }
+        } else if let Some(said) = any.downcast_ref::<AppliedSetpoint>()
+            && said.header.seat == SWAPPED_SEAT
+            && self.tripped_ns.is_some()
+        {
+            self.obeyed.push((said.header.release_ns, said.seat));
+        }
+    }
+
+    fn alter<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &mut T) {
+        let any: &mut dyn Any = sample;
+        if let Some(asked) = any.downcast_mut::<AttitudeSetpoint>()
+            && asked.header.seat == SWAPPED_SEAT
+            && self.owner_from_ns.is_some_and(|from_ns| asked.header.valid_ns >= from_ns)
+        {
+            asked.thrust_n = self.thrust_n;
+        }
+    }
+}
+
+impl Tripping {
+    /// The candidate's first step more than `within_ns` after the trip: how long after it \[ns\], and whom it obeys.
+    fn due(&self, within_ns: u64) -> Option<(u64, u32)> {
+        let tripped_ns = self.tripped_ns?;
+        let since =
+            |(release_ns, seat): &(u64, u32)| (release_ns.saturating_sub(tripped_ns), *seat);
+        self.obeyed.iter().map(since).find(|(after_ns, _)| *after_ns > within_ns)
+    }
+}
+
+/// Flies the candidate of a rehearsal while the owner of the position slot trips.
+///
+/// # Errors
+/// If the candidate goes on obeying the owner that has tripped, or could not be flown.
+pub(super) fn fly_tripped<E: Observer>(
+    rehearsal: &Rehearsal,
+    extra: E,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<(), Box<RehearsalRefusal>> {
+    let scenario = rehearsal.scenario(0, Role::Obeying)?;
+    let facts = &rehearsal.facts;
+    let thrust_n = 4.0 * facts.vehicle.rotor_thrust_max_n;
+    let observer = (Tripping { thrust_n, ..Tripping::default() }, extra);
+    let mut flight =
+        InProcess::new(&scenario, StateSource::Estimator, observer).map_err(fly::not_flown)?;
+    let mut t_ns = 0;
+    while t_ns < scenario.duration_ns() {
+        t_ns += LOOK_EVERY_NS;
+        let until_ns = if t_ns < scenario.duration_ns() { t_ns } else { u64::MAX };
+        flight.fly_until(until_ns).map_err(fly::not_flown)?;
+        if !go_on() {
+            return Err(not_rehearsed(fly::out_of_time(t_ns, scenario.duration_ns())));
+        }
+    }
+    let exits = flight.conclude().exits;
+    if let Some(exit) = exits.first() {
+        let why = exit.to_string().trim_end().to_owned();
+        return Err(Box::new(RehearsalRefusal::Failed { why }));
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+    let two_periods_ns = (2e9 * facts.attitude_period_s).ceil() as u64;
+    let within_ns = OBEYED_WITHIN_NS.max(two_periods_ns);
+    match flight.seen(|(tripping, _)| tripping.due(within_ns)) {
+        Some((after_ns, SWAPPED_SEAT)) => Err(Box::new(RehearsalRefusal::TripIgnored {
+            after_s: s_from_ns(after_ns),
+            limit_s: s_from_ns(within_ns),
+        })),
+        Some(_) => Ok(()),
+        None => Err(not_rehearsed("the position controller that was to trip has not")),
+    }
+}

@@ -1,0 +1,59 @@
+//! Which of several attitude controllers tells whom the consumer of the position slot obeys.
+
+use super::watch::Obeyed;
+use slot::{SEATS, Seat};
+
+/// Every attitude controller that runs consumes set points, also one that shadows, and tells whom it obeys; the one that
+/// the plant obeys decides. It may have told before the plant has come to obey it, so that the last word of each is kept.
+#[derive(Debug, Default)]
+pub(super) struct Consumers {
+    told: [Option<Obeyed>; SEATS],
+    flying: Option<u32>,
+}
+
+impl Consumers {
+    /// Seat of the attitude controller that the plant obeys; `None` until the plant has told.
+    pub(super) fn flying(&self) -> Option<u32> {
+        self.flying
+    }
+
+    /// Keeps what the attitude controller on a seat tells.
+    pub(super) fn tells(&mut self, by_seat: u32, obeyed: Obeyed) {
+        if let Some(seat) = Seat::new(by_seat) {
+            self.told[seat.index()] = Some(obeyed);
+        }
+    }
+
+    /// The plant tells whom it obeys. If that is another one than before, its last word counts from now on.
+    pub(super) fn plant_tells(&mut self, obeyed: &Obeyed) -> Option<Obeyed> {
+        if self.flying.replace(obeyed.seat) == Some(obeyed.seat) {
+            return None;
+        }
+        let told = self.told[Seat::new(obeyed.seat)?.index()]?;
+        Some(Obeyed { at_ns: told.at_ns.max(obeyed.at_ns), ..told })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn obeys(seat: u32, at_ns: u64) -> Obeyed {
+        Obeyed { at_ns, epoch: 1, seat, ..Obeyed::default() }
+    }
+
+    #[test]
+    fn the_last_word_of_a_controller_counts_from_when_the_plant_obeys_it() {
+        let mut consumers = Consumers::default();
+        consumers.tells(1, Obeyed { tripped: true, ..obeys(3, 20) });
+        assert_eq!(consumers.plant_tells(&obeys(0, 10)), None, "it has told nothing");
+        assert_eq!(consumers.flying(), Some(0));
+        assert_eq!(consumers.plant_tells(&obeys(0, 30)), None);
+        let told = consumers.plant_tells(&obeys(1, 40));
+        assert_eq!(told, Some(Obeyed { tripped: true, ..obeys(3, 40) }));
+        assert_eq!(consumers.plant_tells(&obeys(1, 50)), None, "once");
+        consumers.tells(0, obeys(2, 60));
+        assert_eq!(consumers.plant_tells(&obeys(0, 50)), Some(obeys(2, 60)));
+        assert_eq!(consumers.plant_tells(&obeys(9, 70)), None, "of a seat that there is not");
+    }
+}
