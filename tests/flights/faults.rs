@@ -26,8 +26,10 @@ const CRASHED: i32 = 4;
 /// Exit code when the user ended the flight.
 const INTERRUPTED: i32 = 130;
 /// A flight with wind and morphing, slow enough to be hit in the air: four seconds at least.
-const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "20s"];
-const PACE: [&str; 2] = ["--speed", "5"];
+const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "8s"];
+const PACE: [&str; 2] = ["--speed", "2"];
+/// Part of it in which it is struck \[s\].
+const STRUCK_S: f64 = 5.0;
 
 /// Hash of [`FLIGHT`] when nothing happens.
 fn undisturbed_hash() -> &'static str {
@@ -94,7 +96,7 @@ fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
 fn strike_in_lockstep(victim: &str) {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);
-        random_moment(&running, round * 7 + victim.len(), 12.0);
+        random_moment(&running, round * 7 + victim.len(), STRUCK_S);
         running.signal(victim, Signal::KILL);
         let flown = running.wait();
         assert_recovered(&flown, victim, "killed by signal 9");
@@ -127,7 +129,7 @@ fn a_killed_injector_leaves_no_trace_in_a_lockstep_flight() {
 fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);
-        random_moment(&running, round, 12.0);
+        random_moment(&running, round, STRUCK_S);
         for victim in MORTALS {
             running.signal(victim, Signal::KILL);
         }
@@ -142,7 +144,7 @@ fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
 #[test]
 fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
     let mut running = lockstep(&[]);
-    random_moment(&running, 11, 12.0);
+    random_moment(&running, 11, STRUCK_S);
     running.signal("attitude-mpc", Signal::TERM);
     let flown = running.wait();
     assert_recovered(&flown, "attitude-mpc", "exit status 130");
@@ -153,7 +155,7 @@ fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
 fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
     for (round, victim) in ["attitude-mpc", "position-mpc", "estimator"].into_iter().enumerate() {
         let mut running = lockstep(&["--set", "launcher.stall_timeout_s=2"]);
-        random_moment(&running, round, 12.0);
+        random_moment(&running, round, STRUCK_S);
         running.signal(victim, Signal::STOP);
         let flown = running.wait();
         assert_recovered(&flown, victim, "made no progress");

@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 use std::process::{Child, Command};
 
 /// How long the flights last unless a number of rounds is asked for \[s\].
-const SHORT_S: u32 = 6;
+const SHORT_S: u32 = 4;
 
 /// Rounds after which a long series says how far it has got.
 const TOLD_EVERY: usize = 10;

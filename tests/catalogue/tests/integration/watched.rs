@@ -12,8 +12,6 @@ use std::path::PathBuf;
 use tempfile::TempDir;
 
 const SEED: u64 = 3;
-/// Steps of the search for the point of no return \[ns\].
-const STEP_NS: u64 = 10_000_000;
 
 /// Flies entries of the catalogue with its executable.
 struct Flights {
@@ -132,12 +130,13 @@ fn no_shipped_controller_trips() {
     }
 }
 
-/// The point of no return is the last instant at which a trip still saves the vehicle. The test finds it by
-/// delaying trips in a bisection.
+/// The point of no return is the last instant at which a trip still saves the vehicle; here of half of the faults it has to
+/// lie at least so much later than the trip.
 #[test]
 fn trips_come_well_before_the_point_of_no_return() {
+    const MARGIN_NS: u64 = 50_000_000;
     let flights = Flights::new();
-    let mut margins_ms = Vec::new();
+    let (mut survived, mut flown) = (0, 0);
     let wanted = |entry: &Entry| match entry.fault {
         Fault::WrongSign => entry.axis != 3,
         fault => matches!(fault, Fault::Exchanged | Fault::Frozen),
@@ -150,19 +149,10 @@ fn trips_come_well_before_the_point_of_no_return() {
                 continue;
             }
             assert!(fly(Guard::Watch, 0).recovered, "{}", entry.name());
-            let [mut survived, mut lost] = [0, 64];
-            while lost - survived > 1 {
-                let middle = u64::midpoint(survived, lost);
-                let recovered = fly(Guard::Watch, middle * STEP_NS).recovered;
-                *(if recovered { &mut survived } else { &mut lost }) = middle;
-            }
-            let margin_ms = survived * STEP_NS / 1_000_000;
-            println!("{} {}: margin {margin_ms} ms", entry.name(), SITUATIONS[at].name);
-            margins_ms.push(margin_ms);
+            let survives = fly(Guard::Watch, MARGIN_NS).recovered;
+            println!("{} {}: {survives}", entry.name(), SITUATIONS[at].name);
+            (survived, flown) = (survived + u32::from(survives), flown + 1);
         }
     }
-    margins_ms.sort_unstable();
-    let median_ms = margins_ms[margins_ms.len() / 2];
-    println!("median {median_ms} ms of {margins_ms:?}");
-    assert!(margins_ms.len() >= 6 && median_ms >= 50, "{margins_ms:?}");
+    assert!(flown >= 6 && 2 * survived >= flown, "{survived} of {flown}");
 }
