@@ -156,7 +156,7 @@ pub(crate) fn fly(arguments: &[&str]) -> Flown {
 
 /// What the verdict asks of flying well, and how soon the gate gives a vehicle up, for flights by the wall clock that a
 /// busy machine may disturb. That a promise was broken fails them all the same.
-const UNDISTURBED: [&str; 18] = [
+const UNDISTURBED: [&str; 19] = [
     "plant.gate.level_max_s=60.0",
     "plant.gate.tip_over_s=10.0",
     "verdict.attitude_end_max_rad=3.0",
@@ -175,6 +175,7 @@ const UNDISTURBED: [&str; 18] = [
     "verdict.tracking_max_m=100.0",
     "verdict.tracking_rms_max_m=100.0",
     "verdict.tracking_sustained_max_m=100.0",
+    "verdict.unsolved_max_share=1.0",
 ];
 
 /// The limits of wall time within which the launcher expects processes to start, to step and to be

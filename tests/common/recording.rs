@@ -1,6 +1,6 @@
 //! A recording, read by field name with a reader that shares no code with the writer.
 
-use mcap::MessageStream;
+use mcap::{MAGIC, MessageStream};
 use prost_reflect::bytes::Bytes;
 use prost_reflect::prost::Message as _;
 use prost_reflect::{
@@ -216,4 +216,27 @@ fn flatten(value: &Value, into: &mut Vec<f64>) {
         }
         other => panic!("no number: {other:?}"),
     }
+}
+
+/// Length of the record at `at`, its opcode and length included.
+pub(crate) fn record_at(bytes: &[u8], at: usize) -> usize {
+    let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().expect("eight bytes"));
+    9 + usize::try_from(length).expect("a short record")
+}
+
+/// Places of the first records of a kind.
+pub(crate) fn places(bytes: &[u8], opcode: u8) -> Vec<usize> {
+    let next = |at: &usize| Some(at + record_at(bytes, *at)).filter(|at| *at + 9 < bytes.len() - 8);
+    let all = std::iter::successors(Some(MAGIC.len()), next);
+    all.filter(|at| bytes[*at] == opcode).collect()
+}
+
+/// Opcode of a chunk.
+pub(crate) const CHUNK: u8 = 0x06;
+
+/// A place in the middle of a chunk in the middle: damage there is found, in an index between two chunks it may not be.
+pub(crate) fn middle_of_a_chunk(bytes: &[u8]) -> usize {
+    let chunks = places(bytes, CHUNK);
+    let chunk = chunks[chunks.len() / 2];
+    chunk + record_at(bytes, chunk) / 2
 }

@@ -1,6 +1,7 @@
 //! Files that are no recordings, parts of one, or made to do harm, given to every command that reads one: each
 //! is named, none makes a command panic, hang or fill the memory.
 
+use crate::common::recording::{CHUNK, middle_of_a_chunk, places, record_at};
 use crate::common::{fly, morphquad};
 use std::collections::BTreeMap;
 use std::fs;
@@ -60,20 +61,6 @@ fn assert_refused(file: &Path, words: &str) {
     }
 }
 
-/// Length of the record at `at`, its opcode and length included.
-fn record_at(bytes: &[u8], at: usize) -> usize {
-    let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().expect("eight bytes"));
-    9 + usize::try_from(length).expect("a short record")
-}
-
-/// Places of the first records of a kind.
-fn places(bytes: &[u8], opcode: u8) -> Vec<usize> {
-    let next = |at: &usize| Some(at + record_at(bytes, *at)).filter(|at| *at + 9 < bytes.len() - 8);
-    let all = std::iter::successors(Some(MAGIC.len()), next);
-    all.filter(|at| bytes[*at] == opcode).collect()
-}
-
-const CHUNK: u8 = 0x06;
 const METADATA: u8 = 0x0c;
 const ATTACHMENT: u8 = 0x09;
 
@@ -259,10 +246,8 @@ fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
 fn around_damage_everything_is_recovered_and_whoever_reads_it_says_that_there_are_holes() {
     let flown = fly(&["figure8-morph", "--for", "4s"]);
     let mut bytes = fs::read(flown.recording_path()).expect("the recording");
-    // Many bytes, and of a chunk: one may decode to the same samples, and between chunks lie none.
-    let chunks = places(&bytes, CHUNK);
-    let chunk = chunks[chunks.len() / 2];
-    let middle = chunk + record_at(&bytes, chunk) / 2;
+    // Many bytes: one may decode to the same samples.
+    let middle = middle_of_a_chunk(&bytes);
     bytes[middle..middle + 64].iter_mut().for_each(|byte| *byte ^= 0x55);
     let folder = tempfile::tempdir().expect("a folder");
     let damaged = written(folder.path(), "damaged.mcap", &bytes);

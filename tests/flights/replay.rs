@@ -5,7 +5,7 @@
 use super::trace::assert_all_trace;
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill};
-use crate::common::recording::Recording;
+use crate::common::recording::{CHUNK, Recording, middle_of_a_chunk, places};
 use crate::common::time::{pause_ms, wait_until};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rustix::process::Signal;
@@ -219,7 +219,7 @@ fn one_changed_bit_is_found_and_named() {
 
     // A byte changed behind the back of the checksums.
     let mut bytes = fs::read(flown.recording_path()).expect("the recording");
-    let middle = bytes.len() / 2;
+    let middle = middle_of_a_chunk(&bytes);
     bytes[middle] ^= 0x10;
     fs::write(&copy, bytes).expect("a copy");
     for flags in [["--verify"], ["--hash"]] {
@@ -284,8 +284,8 @@ fn a_recording_of_a_killed_launcher_is_verified_up_to_the_cut() {
     let to_s = told["compared_to_s"].as_f64();
     assert!(to_s > Some(0.1) && to_s < Some(2.0), "{told}");
 
-    // So near to the start that there is no sample yet is no success.
-    fs::write(&cut, &bytes[..bytes.len() / 40]).expect("a copy");
+    // Before the first sample is no success.
+    fs::write(&cut, &bytes[..places(&bytes, CHUNK)[0] / 2]).expect("a copy");
     let said = replay(&cut, &["--verify"]);
     assert_eq!(said.code, Some(2), "{}", said.stderr);
     assert!(said.json["error"].as_str().is_some_and(|told| told.contains("is cut in its head")));

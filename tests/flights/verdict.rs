@@ -16,7 +16,7 @@ use tempfile::TempDir;
 type Flight = (&'static str, &'static str, i32, &'static str, &'static str);
 
 /// The vehicle hovers in still air unless the scenario says otherwise.
-const FLIGHTS: [Flight; 8] = [
+const FLIGHTS: [Flight; 9] = [
     (
         "good",
         "[[disturbance_injector.script]]\nkind = \"wind\"\nmean_w_m_s = [1.0, 0.0, 0.0]\n",
@@ -74,6 +74,14 @@ const FLIGHTS: [Flight; 8] = [
         1,
         "FAILED",
         "rotors clipped without a break ",
+    ),
+    (
+        // The noise of the estimated velocity alone is more than that.
+        "unsolvable",
+        "[position_mpc]\nspeed_max_m_s = 0.01\n",
+        1,
+        "FAILED",
+        "steps without a solved optimum 99.6 % of position, limit 5 %",
     ),
     (
         "blind",
@@ -179,10 +187,12 @@ fn assert_one_verdict(flight: &Flight, bench: &Bench) {
     let campaign = format!("scenario = {:?}\n", scenario.display().to_string());
     let campaign = bench.write("campaign.toml", &campaign);
     let out = bench.path(&format!("{name}-campaign"));
-    let command = ["campaign", "--format", "json", "--out", out.to_str().expect("UTF-8")];
-    let campaign = ask(&command, &campaign);
+    let command = ["campaign", "--out", out.to_str().expect("UTF-8"), "--format"];
+    let of_format = |format| ask(&[&command[..], &[format]].concat(), &campaign);
+    let (campaign, in_words) = (of_format("json"), of_format("text"));
     let told = json(&campaign);
     assert_eq!(campaign.status.code(), Some(code), "{told}");
+    assert_eq!(told["line"], first_line(&in_words));
     let worst = &told["worst"][0];
     assert_eq!(worst["outcome"], word, "{told}");
     let case_reason = worst["reason"].as_str().expect("a reason");
@@ -191,7 +201,7 @@ fn assert_one_verdict(flight: &Flight, bench: &Bench) {
 }
 
 #[test]
-fn all_outputs_agree_on_the_verdicts_of_eight_flights() {
+fn all_outputs_agree_on_the_verdicts_of_nine_flights() {
     let bench = Bench::new();
     for flight in &FLIGHTS {
         assert_one_verdict(flight, &bench);
