@@ -66,20 +66,20 @@ fn fly(arguments: &CampaignArguments) -> Result<(String, u8), Trouble> {
     let campaign = flown?;
     report::write("cases", &campaign.table(), &mut folder)?;
     let code = report::exit_code(&campaign.flown);
+    let line = report::line(&format!("campaign {stem}"), &campaign.flown);
     let text = match arguments.format {
-        Format::Json => in_json(&campaign, plan.worst, &folder),
-        Format::Text => in_words(&stem, &campaign, plan.worst, &folder),
+        Format::Json => in_json(line, &campaign, plan.worst, &folder),
+        Format::Text => in_words(&line, &campaign, plan.worst, &folder),
     };
     Ok((text, code))
 }
 
-fn in_words(name: &str, campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String {
+fn in_words(line: &str, campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String {
     let Campaign { base, axes, flown, resumed } = campaign;
     let command = |case: &campaign::Case| campaign.command(case);
     let files = folder.written().iter().map(|path| format!("wrote {}\n", path.display()));
     format!(
-        "{}\n  scenario      {}, {} cases, {resumed} of them flown before\n{}\n{}\n{}",
-        report::line(&format!("campaign {name}"), flown),
+        "{line}\n  scenario      {}, {} cases, {resumed} of them flown before\n{}\n{}\n{}",
         base.name,
         flown.len(),
         report::figures(flown),
@@ -88,11 +88,11 @@ fn in_words(name: &str, campaign: &Campaign, worst: usize, folder: &ResultsFolde
     )
 }
 
-fn in_json(campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String {
+fn in_json(line: String, campaign: &Campaign, worst: usize, folder: &ResultsFolder) -> String {
     let command = |case: &campaign::Case| campaign.command(case);
     let mut json = report::to_json(&campaign.axes, &campaign.flown, worst, &command);
     let files: Vec<_> = folder.written().iter().map(|path| path.display().to_string()).collect();
-    json["line"] = report::line("campaign", &campaign.flown).into();
+    json["line"] = line.into();
     json["resumed"] = campaign.resumed.into();
     json["files"] = files.into();
     json.to_string()

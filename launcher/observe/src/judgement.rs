@@ -107,6 +107,7 @@ impl Metrics {
             cut_s,
             cut_at_s,
             violations: self.violations(),
+            unsolved: self.unsolved(),
             missed: worst_of(&loops, |stats| stats.skipped + stats.input_deadline_misses),
             late: worst_of(&loops, |stats| stats.late_samples),
             wrong_owner: commands.wrong_owner,

@@ -18,6 +18,7 @@ use shared_types::{
 };
 use std::any::Any;
 use std::collections::BTreeMap;
+use verdict::Misses;
 
 /// An event that follows from the samples.
 #[derive(Debug, Clone)]
@@ -287,6 +288,18 @@ impl Metrics {
     #[must_use]
     pub fn violations(&self) -> u64 {
         self.effort().violations
+    }
+
+    /// Steps without a solved optimum, of the controller with the largest share of them.
+    #[must_use]
+    pub fn unsolved(&self) -> Misses {
+        let by_controller = self.efforts.iter().filter(|(_, effort)| effort.unsolved > 0);
+        let misses = by_controller.map(|(topic, effort)| Misses {
+            count: effort.unsolved,
+            share: effort.unsolved as f64 / effort.steps as f64,
+            of: topic.trim_end_matches("_report").to_owned(),
+        });
+        misses.max_by(|a, b| a.share.total_cmp(&b.share)).unwrap_or_default()
     }
 
     /// Effort and verdicts of all controllers together.

@@ -64,6 +64,9 @@ pub struct VerdictSettings {
     /// Largest share of ticks with clipped rotors.
     #[garde(inner(range(min = 0.0, max = 1.0)))]
     pub clipped_max_share: Option<f64>,
+    /// Largest share of its steps in which a controller may have no solved optimum.
+    #[garde(inner(range(min = 0.0, max = 1.0)))]
+    pub unsolved_max_share: Option<f64>,
     /// Largest share of its releases that a loop may miss, or run without final inputs.
     #[garde(inner(range(min = 0.0, max = 1.0)))]
     pub missed_max_share: Option<f64>,
@@ -90,6 +93,7 @@ impl Default for VerdictSettings {
             safe_mode_max_s: None,
             clipped_max_s: None,
             clipped_max_share: None,
+            unsolved_max_share: None,
             missed_max_share: None,
             late_max_share: None,
         }
@@ -114,6 +118,7 @@ impl VerdictSettings {
             ("safe_mode_max_s", self.safe_mode_max_s),
             ("clipped_max_s", self.clipped_max_s),
             ("clipped_max_share", self.clipped_max_share),
+            ("unsolved_max_share", self.unsolved_max_share),
             ("missed_max_share", self.missed_max_share),
             ("late_max_share", self.late_max_share),
         ];
@@ -290,7 +295,7 @@ mod tests {
             }
         }
         let settings = VerdictSettings::default();
-        assert_eq!((settable, settings.limits().count()), (16, 0));
+        assert_eq!((settable, settings.limits().count()), (17, 0));
         let refused = Scenario::from_text("a.toml", "[verdict]\ntracking_maxi_m = 1.0\n", &[]);
         let refused = refused.unwrap_err();
         let problem = refused.problems().next().unwrap();

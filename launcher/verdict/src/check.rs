@@ -53,7 +53,7 @@ fn of(name: &str) -> String {
 }
 
 /// Every check, in the order in which reasons of the same grade are listed.
-pub const CHECKS: [Check; 22] = [
+pub const CHECKS: [Check; 23] = [
     Check {
         key: "cut_max_s",
         name: "rotors cut",
@@ -181,6 +181,14 @@ pub const CHECKS: [Check; 22] = [
         grade: Grade::Failed,
         measure: |o| Some(o.violations as f64),
         detail: nowhere,
+    },
+    Check {
+        key: "unsolved_max_share",
+        name: "steps without a solved optimum",
+        unit: Unit::Share,
+        grade: Grade::Failed,
+        measure: |o| Some(o.unsolved.share),
+        detail: |o| of(&o.unsolved.of),
     },
     Check {
         key: "wrong_owner_max",

@@ -28,6 +28,8 @@ pub struct Outcome {
     pub cut_at_s: f64,
     /// Number of commands outside their bounds.
     pub violations: u64,
+    /// Steps without a solved optimum, of the controller that has most of them.
+    pub unsolved: Misses,
     /// Missed releases and deadlines of the loop that missed most.
     pub missed: Misses,
     /// Samples that arrived after the step that needed them, of the loop that received most of them.
@@ -120,14 +122,14 @@ pub struct Clipping {
     pub longest_from_s: f64,
 }
 
-/// Missed or late items of the loop that has most of them.
+/// Missed, late or unsolved items of the loop that has most of them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Misses {
-    /// Number of missed or late items.
+    /// Number of such items.
     pub count: u64,
     /// The same relative to the number of releases of the loop.
     pub share: f64,
-    /// Name of the loop; empty if nothing was missed or late.
+    /// Name of the loop; empty if it has none.
     pub of: String,
 }
 
@@ -147,6 +149,7 @@ impl Default for Outcome {
             cut_s: 0.0,
             cut_at_s: 0.0,
             violations: 0,
+            unsolved: Misses::default(),
             missed: Misses::default(),
             late: Misses::default(),
             wrong_owner: 0,

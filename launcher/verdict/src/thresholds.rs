@@ -37,6 +37,9 @@ const STEP_LEAST_RAD: f64 = 0.02;
 const CLIPPED_S: f64 = 0.5;
 /// Permitted share of ticks with clipped rotors; a vehicle above it flies at its bounds as a rule.
 const CLIPPED_SHARE: f64 = 0.25;
+/// Permitted share of a controller's steps without a solved optimum: such a step flies what the one before has planned,
+/// which is no control law if it is the rule.
+const UNSOLVED_SHARE: f64 = 0.05;
 /// Permitted share of missed releases of a loop in realtime: a command is valid for two periods, so that a
 /// loop that misses every other release still commands.
 const MISSED_SHARE: f64 = 0.5;
@@ -115,6 +118,7 @@ impl Thresholds {
         all.put("lost_rad", LOST_RAD, "several times what a controller answers linearly");
         all.put("contact_max_s", 0.0, "only where the path itself is on the ground");
         all.put("clipped_max_s", CLIPPED_S, "as long as a position loop can do without authority");
+        all.put("unsolved_max_share", UNSOLVED_SHARE, "a step without one flies an older plan");
         all.put("clipped_max_share", CLIPPED_SHARE, "bounds are the exception");
         for key in
             ["violations_max", "wrong_owner_max", "duplicated_max", "dropped_max", "altered_max"]

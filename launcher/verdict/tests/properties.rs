@@ -53,7 +53,7 @@ prop_compose! {
         turned_rad in prop::option::of(number()),
         numbers in [number(), number(), number(), number(), number(), number()],
         counts in [count(), count(), count(), count(), count(), count()],
-        (missed, late) in (misses(), misses()),
+        (missed, late, unsolved) in (misses(), misses(), misses()),
         unrecorded in prop::option::weighted(0.1, Just("disk full".to_owned())),
     ) -> Outcome {
         let [contact, tilt_rad, longest_s, share, clipped_s, cut_s] = numbers;
@@ -70,6 +70,7 @@ prop_compose! {
             clipping: Clipping { share, longest_s: clipped_s, longest_from_s: 2.0 },
             cut_s,
             violations,
+            unsolved,
             missed,
             late,
             wrong_owner,
@@ -114,7 +115,7 @@ fn of_tracking(outcome: &mut Outcome, by: f64, field: fn(&mut Tracking) -> &mut 
     }
 }
 
-const WORSE: [Worsen; 24] = [
+const WORSE: [Worsen; 25] = [
     |o, by| of_tracking(o, by, |t| &mut t.rms_m),
     |o, by| of_tracking(o, by, |t| &mut t.max_m),
     |o, by| of_tracking(o, by, |t| &mut t.recovering_m),
@@ -130,6 +131,7 @@ const WORSE: [Worsen; 24] = [
     |o, by| more(&mut o.clipping.longest_s, by),
     |o, by| more(&mut o.cut_s, by),
     |o, by| more_of(&mut o.violations, by),
+    |o, by| more(&mut o.unsolved.share, by),
     |o, by| more(&mut o.missed.share, by),
     |o, by| more(&mut o.late.share, by),
     |o, by| more_of(&mut o.wrong_owner, by),
@@ -142,7 +144,7 @@ const WORSE: [Worsen; 24] = [
 ];
 
 /// Replaces one measurement each by NaN; the last entry ends the flight early.
-const NO_NUMBER: [fn(&mut Outcome); 18] = [
+const NO_NUMBER: [fn(&mut Outcome); 19] = [
     |o| o.flown_s = f64::NAN,
     |o| o.planned_s = f64::NAN,
     |o| of_tracking(o, f64::NAN, |t| &mut t.rms_m),
@@ -158,6 +160,7 @@ const NO_NUMBER: [fn(&mut Outcome); 18] = [
     |o| o.clipping.share = f64::NAN,
     |o| o.clipping.longest_s = f64::NAN,
     |o| o.cut_s = f64::NAN,
+    |o| o.unsolved.share = f64::NAN,
     |o| o.missed.share = f64::NAN,
     |o| o.late.share = f64::NAN,
     |o| o.end = End::Cut(String::new()),

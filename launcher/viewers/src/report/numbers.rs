@@ -220,6 +220,9 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
     numbers.tell(("relaxed_steps", "steps with a relaxed increment bound"), relaxed.to_string());
     numbers.tell(("yielded_steps", "steps that left a soft bound"), yielded.to_string());
     numbers.tell(("unsolved_steps", "steps without a solved optimum"), unsolved.to_string());
+    let share = format!("{:.2} %", 100.0 * observed.outcome.unsolved.share);
+    let names = ("unsolved_share", "such steps, of the controller with most");
+    numbers.judged(names, share, "unsolved_max_share");
     numbers.tell(("most_iterations", "most iterations in a step"), most_iterations.to_string());
     let clipping = observed.outcome.clipping;
     let share = format!("{:.2} %", 100.0 * clipping.share);
