@@ -95,7 +95,7 @@ fn whatever_fits_the_rings_is_recorded_at_any_rate_and_what_does_not_is_named() 
         .expect("totals in JSON");
     assert_eq!(audit["gaps"], count);
     let report = Report::of(&RecordedFlight::open(&path).expect("a recording")).expect("flown");
-    assert!(report.sentence == summary.line() && report.to_string().contains(&named), "{report}");
+    assert!(report.line == summary.line() && report.to_string().contains(&named), "{report}");
     let output = morphquad(["replay"]).arg(&path).arg("--hash").output().expect("it starts");
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
 }

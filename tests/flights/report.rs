@@ -1,6 +1,7 @@
 //! A report says what the samples say, fails by a gate that does not hold, and names what it cannot read.
 
 use crate::common::{Flown, fly, morphquad};
+use observe::FACTS;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -41,6 +42,10 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
 
     let (_, out, _) = report(&flown.recording_path(), &["--format", "json"]);
     let told: Value = serde_json::from_str(&out).expect("JSON");
+    for key in FACTS.iter().map(|fact| fact.key).chain(["line", "verdict", "hash", "log_hash"]) {
+        assert_eq!(told[key], flown.summary()[key], "{key}");
+    }
+    assert!(told["position_max_m"].is_number() && told["restarts"].is_u64(), "{told}");
     let value = |key: &str| number(&told, key)["value"].as_str().expect("a value").to_owned();
     assert_eq!(value("hash"), flown.hash());
     assert_eq!(value("position_max_m"), format!("{:.1} mm", flown.number("position_max_m") * 1e3));
@@ -133,9 +138,9 @@ fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
     let flown = fly(&[path.to_str().expect("UTF-8")]);
     let (code, out, _) = report(&flown.recording_path(), &["--format", "json"]);
     let told: Value = serde_json::from_str(&out).expect("JSON");
-    let largest = number(&told, "position_max_m");
+    let largest = number(&told, "tracking_max_m");
     assert_eq!((code, &largest["holds"]), (Some(1), &Value::from(false)), "{largest}");
-    let sentence = told["sentence"].as_str().expect("a sentence");
+    let sentence = told["line"].as_str().expect("a sentence");
     assert!(sentence.starts_with("FAILED  shove: tracking error "), "{sentence}");
     let what: Vec<_> = told["responses"].as_array().expect("responses").iter().collect();
     let began = "wind of (14.000, 0.000, 0.000) m/s on average begins";

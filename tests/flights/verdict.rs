@@ -144,7 +144,7 @@ fn assert_all_readers_say(recording: &Path, expected: &Value, bench: &Bench) {
     assert_eq!(first_line(&report), line);
     assert_eq!(report.status.code(), Some(i32::from(!passed)), "{line}");
     let report = json(&ask(&["report", "--format", "json"], recording));
-    assert_eq!((&report["verdict"], &report["sentence"]), (verdict, &line.into()));
+    assert_eq!((&report["verdict"], &report["line"]), (verdict, &line.into()));
     assert_eq!(report["pass"], passed, "{line}");
     let page = bench.path("page.html");
     let viewed = morphquad(["view"]).arg(recording).arg("--out").arg(&page).output();
@@ -302,7 +302,7 @@ fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
     assert_eq!((code, &said["verdict"]["verdict"]), (Some(0), &"PASSED".into()), "{said}");
     let told = |path: &Path| -> Value {
         let report = json(&ask(&["report", "--format", "json"], path));
-        serde_json::json!({ "line": report["sentence"], "verdict": report["verdict"] })
+        serde_json::json!({ "line": report["line"], "verdict": report["verdict"] })
     };
 
     let whole = fs::read(&recording).expect("the recording");

@@ -203,6 +203,7 @@ const ALLOWED: [(&str, &[&str]); 43] = [
             "scenario",
             "shared-types",
             "simulate",
+            "swap",
             "vehicle",
         ],
     ),

@@ -1,5 +1,6 @@
 //! The documents name what the code has, no more and no less.
 
+use observe::{FACTS, Fact};
 use scenario::services;
 use scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
@@ -62,6 +63,19 @@ fn the_architecture_explains_every_limit_that_a_scenario_can_set() {
         }
     }
     assert!(settable > 10, "{settable}");
+}
+
+#[test]
+fn the_table_of_what_is_told_of_a_flight_is_the_one_of_the_code() {
+    let row = |fact: &Fact| {
+        let unit = if fact.key.ends_with("_share") { "1" } else { fact.unit.symbol() };
+        let check = fact.check.map_or_else(String::new, |key| format!("`{key}`"));
+        format!("| `{}` | {} | {unit} | {check} |", fact.key, fact.name)
+    };
+    let (_, section) = ARCHITECTURE.split_once("## What is told of a flight").expect("there");
+    let rows = section.lines().skip_while(|line| !line.starts_with("| `"));
+    let rows: Vec<_> = rows.take_while(|line| line.starts_with("| `")).collect();
+    assert_eq!(rows, FACTS.iter().map(row).collect::<Vec<_>>());
 }
 
 #[test]

@@ -109,7 +109,7 @@ fn tell(
         (Format::Text, reports) if is_folder => {
             writeln!(out, "{}", folder.sentence())?;
             for report in reports {
-                writeln!(out, "{}: {}", report.file, report.sentence)?;
+                writeln!(out, "{}: {}", report.file, report.line)?;
             }
             for (_, why) in &folder.unread {
                 writeln!(out, "{why}")?;

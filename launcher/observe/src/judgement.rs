@@ -1,6 +1,7 @@
 //! From what was measured to a verdict, for a flight in the air, a recording and a case of a campaign alike.
 
-use super::loops::seat_name;
+use super::facts::Facts;
+use super::loops::{missed, seat_name};
 use super::metrics::Metrics;
 use ::verdict::{End, Grade, Misses, Outcome, Verdict, judge, worst};
 use host::exit;
@@ -83,6 +84,12 @@ impl Metrics {
         verdict.line(&self.rules().scenario)
     }
 
+    /// What is told of the flight; call [`Metrics::finish`] first.
+    #[must_use]
+    pub fn facts(&self, closing: &Closing) -> Facts {
+        Facts::of(self, &self.outcome(closing))
+    }
+
     /// What has been measured; call [`Metrics::finish`] first.
     #[must_use]
     pub fn outcome(&self, closing: &Closing) -> Outcome {
@@ -108,7 +115,7 @@ impl Metrics {
             cut_at_s,
             violations: self.violations(),
             unsolved: self.unsolved(),
-            missed: worst_of(&loops, |stats| stats.skipped + stats.input_deadline_misses),
+            missed: worst_of(&loops, missed),
             late: worst_of(&loops, |stats| stats.late_samples),
             wrong_owner: commands.wrong_owner,
             duplicated: commands.duplicated,

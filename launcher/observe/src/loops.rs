@@ -65,7 +65,39 @@ impl LoopLedger {
     #[must_use]
     pub fn missed(&self, role: Role) -> u64 {
         let seats = self.seats().into_iter().filter(|stats| stats.role == role);
-        seats.map(|stats| stats.skipped + stats.input_deadline_misses).sum()
+        seats.map(|stats| missed(&stats)).sum()
+    }
+}
+
+/// Releases that a loop left out, and steps that it made without its inputs.
+#[must_use]
+pub fn missed(stats: &LoopStats) -> u64 {
+    stats.skipped + stats.input_deadline_misses
+}
+
+/// What all loops together counted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// Releases left out, and steps without final inputs.
+    pub missed: u64,
+    /// Samples that came after the step they were for.
+    pub late: u64,
+    /// Samples that a loop never saw, most of them while it was being restarted.
+    pub unseen: u64,
+    /// Processes that were started again.
+    pub restarts: u64,
+}
+
+impl Totals {
+    /// Of the loops of a flight.
+    #[must_use]
+    pub fn of(loops: &[LoopStats]) -> Self {
+        loops.iter().fold(Self::default(), |all, stats| Self {
+            missed: all.missed + missed(stats),
+            late: all.late + stats.late_samples,
+            unseen: all.unseen + stats.lost_samples,
+            restarts: all.restarts + stats.generation,
+        })
     }
 }
 

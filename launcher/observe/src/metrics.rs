@@ -3,7 +3,7 @@
 use super::command_audit::{CommandAudit, CommandTally};
 use super::estimate_log::EstimateLog;
 use super::evidence::{Evidence, Rules};
-use super::loops::LoopLedger;
+use super::loops::{LoopLedger, Totals};
 use super::misses::{MissLog, TIMING};
 use super::response::{AxisResponse, StepResponse};
 use super::tracking::{Tracker, Tracking};
@@ -216,6 +216,17 @@ impl Metrics {
     #[must_use]
     pub fn tracking(&self) -> Tracking {
         self.tracker.tracking()
+    }
+
+    /// The same; none for a rig.
+    pub(super) fn tracked(&self) -> Option<Tracking> {
+        Some(self.tracking()).filter(|tracking| tracking.samples > 0)
+    }
+
+    /// What all loops together counted.
+    #[must_use]
+    pub fn totals(&self) -> Totals {
+        Totals::of(&self.loops())
     }
 
     /// Efforts by report topic.

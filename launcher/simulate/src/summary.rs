@@ -8,6 +8,7 @@ use observe::{
 };
 use record::{SequenceAudit, name_gaps};
 use scenario::orders::OrderReport;
+use serde_json::{Map, Value, json};
 use shared_types::{ClockMode, Role};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
@@ -66,19 +67,6 @@ pub struct Summary {
     pub recording_error: Option<String>,
 }
 
-/// Counters that must be zero in a good flight.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Misses {
-    /// Releases skipped, and steps without final inputs.
-    pub ticks: u64,
-    /// Commands and set points that came after the step they were for.
-    pub late: u64,
-    /// Samples that a loop never saw, most of them while it was being restarted.
-    pub unseen: u64,
-    /// Samples and states that the recorder never saw.
-    pub dropped: u64,
-}
-
 impl Summary {
     /// Exit code: 0 if the flight passed, 1 if not, 3 for an incomplete recording, 4 for a crash, 5 if it passed but a
     /// swap of its script was refused or taken back, 130 for an interrupt.
@@ -126,19 +114,6 @@ impl Summary {
         self.metrics.violations()
     }
 
-    /// Totals over all loops and topics.
-    #[must_use]
-    pub fn misses(&self) -> Misses {
-        let mut misses = Misses::default();
-        for stats in self.metrics.loops() {
-            misses.ticks += stats.skipped + stats.input_deadline_misses;
-            misses.late += stats.late_samples;
-            misses.unseen += stats.lost_samples;
-        }
-        misses.dropped = self.audit.gaps().iter().map(|(_, gaps)| gaps).sum();
-        misses
-    }
-
     /// Samples that the recorder took.
     #[must_use]
     pub fn recorded(&self) -> u64 {
@@ -151,82 +126,62 @@ impl Summary {
         self.flown_ns.saturating_sub(self.from_ns) as f64 / self.wall_ns.max(1) as f64
     }
 
-    /// Key figures as text, for the recording and for machines.
+    /// Key figures as text, for the recording.
     #[must_use]
     pub fn to_metadata(&self) -> BTreeMap<String, String> {
-        let tracking = self.metrics.tracking();
-        let misses = self.misses();
-        let mut map = BTreeMap::new();
-        let mut put = |key: &str, value: String| {
-            map.insert(key.to_owned(), value);
-        };
-        put("hash", self.hash.clone());
-        put("log_hash", self.log_hash.clone());
-        put("verdict", self.line());
-        put(ENDED, told_end(&self.closing().end));
-        put(FLOWN_NS, self.flown_ns.to_string());
-        put("flown_s", format!("{:.3}", self.flown_ns as f64 * 1e-9));
-        put("real_time_factor", format!("{:.2}", self.real_time_factor()));
-        put("position_rms_m", format!("{:.6}", tracking.rms_m));
-        put("position_max_m", format!("{:.6}", tracking.max_m));
-        put("position_last_second_m", format!("{:.6}", tracking.last_second_m));
+        let facts = self.metrics.facts(&self.closing());
+        let facts = facts.iter().map(|(fact, value)| (fact.key.to_owned(), fact.text(value)));
+        let mut map: BTreeMap<String, String> = facts.collect();
+        for (key, value) in self.of_the_run() {
+            let text = value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned);
+            map.insert(key, text);
+        }
+        map.insert("verdict".to_owned(), self.line());
+        let lists = [
+            ("misses", self.metrics.misses().to_json()),
+            ("swaps", json!(self.swaps)),
+            ("orders", json!(self.orders)),
+        ];
+        let told = lists.into_iter().filter(|(key, list)| *key == "misses" || *list != json!([]));
+        map.extend(told.map(|(key, list)| (key.to_owned(), list.to_string())));
+        map
+    }
+
+    /// What no measurement of the vehicle or its loops tells, by key.
+    fn of_the_run(&self) -> Map<String, Value> {
+        // To as many digits as are told.
+        let rounded = |value: f64, scale: f64| (value * scale).round() / scale;
+        let mut map = Map::new();
+        let mut put = |key: &str, value: Value| map.insert(key.to_owned(), value);
+        put("hash", self.hash.clone().into());
+        put("log_hash", self.log_hash.clone().into());
+        put(ENDED, told_end(&self.closing().end).into());
+        put(FLOWN_NS, self.flown_ns.into());
+        put("flown_s", rounded(self.flown_ns as f64 * 1e-9, 1e3).into());
+        put("real_time_factor", rounded(self.real_time_factor(), 1e2).into());
         for (name, axis) in AXES.iter().zip(self.metrics.step_response().into_iter().flatten()) {
-            let settled = axis.settling_s.map_or("never".to_owned(), |s| format!("{s:.4}"));
+            let settled =
+                axis.settling_s.map_or_else(|| "never".into(), |s| rounded(s, 1e4).into());
             put(&format!("{name}_settling_s"), settled);
-            put(&format!("{name}_peak_rad"), format!("{:.5}", axis.peak_rad));
-            put(&format!("{name}_final_error_rad"), format!("{:.3e}", axis.final_error_rad));
+            put(&format!("{name}_peak_rad"), rounded(axis.peak_rad, 1e5).into());
+            put(&format!("{name}_final_error_rad"), rounded(axis.final_error_rad, 1e9).into());
         }
-        put("constraint_violations", self.violations().to_string());
-        let effort = self.metrics.effort();
-        put("relaxed_steps", effort.relaxed.to_string());
-        put("yielded_steps", effort.yielded.to_string());
-        put("unsolved_steps", effort.unsolved.to_string());
-        put("clipped_share", format!("{:.6}", self.metrics.clipped_share()));
-        put("missed_ticks", misses.ticks.to_string());
-        put("late_samples", misses.late.to_string());
-        put("unseen_samples", misses.unseen.to_string());
-        put("dropped_samples", misses.dropped.to_string());
-        if misses.dropped > 0 {
-            put("dropped", name_gaps(&self.audit.gaps()));
+        let gaps = self.audit.gaps();
+        if !gaps.is_empty() {
+            put("dropped", name_gaps(&gaps).into());
         }
-        put("misses", self.metrics.misses().to_json().to_string());
-        put("recorded_samples", self.recorded().to_string());
-        put("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string());
-        let estimates = self.metrics.estimates();
-        put("imu_overdue_steps", estimates.imu_overdue().steps.to_string());
-        put("fix_overdue_steps", estimates.fix_overdue().steps.to_string());
-        put("unguided_ticks", self.metrics.ticks().2.to_string());
-        let commands = self.metrics.commands();
-        put("duplicated_ticks", commands.duplicated.to_string());
-        put("wrong_owner_ticks", commands.wrong_owner.to_string());
-        put("recovered_crashes", self.recovered.to_string());
-        if !self.swaps.is_empty() {
-            put("swaps", serde_json::json!(self.swaps).to_string());
-        }
-        if !self.orders.is_empty() {
-            put("orders", serde_json::json!(self.orders).to_string());
-        }
+        put("recorded_samples", self.recorded().into());
+        put("recovered_crashes", self.recovered.into());
         map
     }
 
     /// The summary as one JSON object.
     #[must_use]
-    pub fn to_json(&self) -> serde_json::Value {
-        let mut object: BTreeMap<String, serde_json::Value> = self
-            .to_metadata()
-            .into_iter()
-            .map(|(key, text)| {
-                let value = match (text.parse::<u64>(), text.parse::<f64>()) {
-                    _ if key.ends_with("hash") => text.into(),
-                    (Ok(count), _) => count.into(),
-                    (_, Ok(number)) => number.into(),
-                    _ => text.into(),
-                };
-                (key, value)
-            })
-            .collect();
+    pub fn to_json(&self) -> Value {
+        let mut object = self.metrics.facts(&self.closing()).to_json();
+        object.extend(self.of_the_run());
         object.insert("line".to_owned(), self.line().into());
-        object.insert("verdict".to_owned(), serde_json::json!(self.verdict()));
+        object.insert("verdict".to_owned(), json!(self.verdict()));
         object.insert("misses".to_owned(), self.metrics.misses().to_json());
         if self.clock == ClockMode::Realtime {
             let upkeep = Upkeep::of(&self.metrics.loops());
@@ -239,9 +194,9 @@ impl Summary {
         object.insert("recording".to_owned(), recording.into());
         object.insert("recording_error".to_owned(), self.recording_error.clone().into());
         object.insert("notices".to_owned(), self.notices.clone().into());
-        object.insert("swaps".to_owned(), serde_json::json!(self.swaps));
-        object.insert("orders".to_owned(), serde_json::json!(self.orders));
-        serde_json::Value::from_iter(object)
+        object.insert("swaps".to_owned(), json!(self.swaps));
+        object.insert("orders".to_owned(), json!(self.orders));
+        object.into()
     }
 
     fn write_loops(&self, out: &mut String) -> fmt::Result {
@@ -327,7 +282,8 @@ impl Summary {
 
     fn write_all(&self, out: &mut String) -> fmt::Result {
         let clock = if self.clock == ClockMode::Realtime { "realtime" } else { "lockstep" };
-        let misses = self.misses();
+        let totals = self.metrics.totals();
+        let (dropped, dropped_of) = self.closing().dropped;
         let verdict = self.verdict();
         writeln!(out, "{}", self.metrics.line(&verdict))?;
         for reason in verdict.reasons().iter().skip(1) {
@@ -350,14 +306,14 @@ impl Summary {
         writeln!(
             out,
             "  timing       {} missed ticks, {} late samples, {} samples unseen by a loop",
-            misses.ticks, misses.late, misses.unseen
+            totals.missed, totals.late, totals.unseen
         )?;
         for (place, missed) in self.metrics.misses().places() {
             writeln!(out, "  missed       {place}: {missed}")?;
         }
-        writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), misses.dropped)?;
-        if misses.dropped > 0 {
-            writeln!(out, "  dropped      {}", name_gaps(&self.audit.gaps()))?;
+        writeln!(out, "  samples      {} taken, {} dropped", self.recorded(), dropped)?;
+        if dropped > 0 {
+            writeln!(out, "  dropped      {dropped_of}")?;
         }
         self.write_loops(out)?;
         if self.clock == ClockMode::Realtime {

@@ -1,9 +1,9 @@
 //! What came of one flight of many, as a row.
 
-use ::verdict::{End, Grade};
+use ::verdict::{End, Grade, Unit};
 use core::fmt;
 use figures::results::{Kind, Value};
-use observe::{Closing, FlightHash, Metrics};
+use observe::{Closing, FACTS, Fact, FlightHash, Metrics};
 use scenario::Scenario;
 use simulate::in_process::{InProcess, InProcessError, StateSource};
 
@@ -55,26 +55,14 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// What is known of every flight, in this order.
-const COLUMNS: [(&str, Kind); 17] = [
-    ("outcome", Kind::Text),
-    ("reason", Kind::Text),
-    ("flown_s", Kind::Number),
-    ("violations", Kind::Whole),
-    ("relaxed_steps", Kind::Whole),
-    ("yielded_steps", Kind::Whole),
-    ("unsolved_steps", Kind::Whole),
-    ("position_rms_m", Kind::Number),
-    ("position_max_m", Kind::Number),
-    ("position_last_second_m", Kind::Number),
-    ("settling_s", Kind::Number),
-    ("final_error_rad", Kind::Number),
-    ("tilt_max_rad", Kind::Number),
-    ("clipped_share", Kind::Number),
-    ("safe_mode_episodes", Kind::Whole),
-    ("most_iterations", Kind::Whole),
-    ("hash", Kind::Text),
-];
+/// What is known of every flight: what became of it, every fact, and of a rig how it settled.
+fn columns() -> impl Iterator<Item = (&'static str, Kind)> {
+    let head = [("outcome", Kind::Text), ("reason", Kind::Text), ("flown_s", Kind::Number)];
+    let kind = |fact: &Fact| if fact.unit == Unit::Count { Kind::Whole } else { Kind::Number };
+    let facts = FACTS.iter().map(move |fact| (fact.key, kind(fact)));
+    let rig = [("settling_s", Kind::Number), ("final_error_rad", Kind::Number)];
+    head.into_iter().chain(facts).chain(rig).chain([("hash", Kind::Text)])
+}
 
 /// Columns by which cases are ranked; a flight has the first, a rig the others.
 pub(super) const RANKING: [&str; 3] = ["position_max_m", "settling_s", "final_error_rad"];
@@ -90,7 +78,7 @@ impl Outcome {
     /// Heading and kind of each cell.
     #[must_use]
     pub fn headings() -> Vec<(String, Kind)> {
-        COLUMNS.iter().map(|(name, kind)| ((*name).to_owned(), *kind)).collect()
+        columns().map(|(name, kind)| (name.to_owned(), kind)).collect()
     }
 
     /// Of a flight that never began.
@@ -101,7 +89,7 @@ impl Outcome {
 
     fn without_flight(verdict: Verdict, reason: &impl fmt::Display) -> Self {
         let mut cells = vec![Value::from(verdict.word()), Value::from(first_line(reason).as_str())];
-        cells.resize(COLUMNS.len(), Value::Missing);
+        cells.resize(columns().count(), Value::Missing);
         Self(cells)
     }
 
@@ -115,34 +103,25 @@ impl Outcome {
     ) -> Self {
         metrics.finish();
         let end = failure.map_or(End::Planned, |error| End::Crashed(first_line(error)));
-        let judged = metrics.judge(&Closing { end, flown_ns, ..Closing::default() });
+        let closing = Closing { end, flown_ns, ..Closing::default() };
+        let (judged, facts) = (metrics.judge(&closing), metrics.facts(&closing));
         let verdict = Verdict::from(judged.grade());
-        let tracking = metrics.tracking();
-        let tracked = |value: f64| (tracking.samples > 0).then_some(value);
         let axes = metrics.step_response();
         let worst = |of: fn(&observe::AxisResponse) -> f64| {
             axes.map(|axes| axes.iter().map(of).fold(0.0, f64::max))
         };
-        let effort = metrics.effort();
-        Self(vec![
-            verdict.word().into(),
-            judged.reason().as_str().into(),
-            (flown_ns as f64 * 1e-9).into(),
-            effort.violations.into(),
-            effort.relaxed.into(),
-            effort.yielded.into(),
-            effort.unsolved.into(),
-            tracked(tracking.rms_m).into(),
-            tracked(tracking.max_m).into(),
-            tracked(tracking.last_second_m).into(),
-            worst(|axis| axis.settling_s.unwrap_or(f64::INFINITY)).into(),
-            worst(|axis| axis.final_error_rad.abs()).into(),
-            metrics.tilt_max_rad().into(),
-            metrics.clipped_share().into(),
-            metrics.gate().safe_mode_episodes.into(),
-            effort.most_iterations.into(),
-            hash.hex().as_str().into(),
-        ])
+        let cell = |name: &str, kind: Kind| match (name, kind) {
+            ("outcome", _) => verdict.word().into(),
+            ("reason", _) => judged.reason().as_str().into(),
+            ("flown_s", _) => (flown_ns as f64 * 1e-9).into(),
+            ("settling_s", _) => worst(|axis| axis.settling_s.unwrap_or(f64::INFINITY)).into(),
+            ("final_error_rad", _) => worst(|axis| axis.final_error_rad.abs()).into(),
+            ("hash", _) => hash.hex().as_str().into(),
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count")]
+            (key, Kind::Whole) => facts.number(key).map(|count| count as u64).into(),
+            (key, _) => facts.number(key).into(),
+        };
+        Self(columns().map(|(name, kind)| cell(name, kind)).collect())
     }
 
     /// Cells in the order of the headings.
@@ -154,7 +133,7 @@ impl Outcome {
     /// One cell.
     #[must_use]
     pub fn cell(&self, heading: &str) -> &Value {
-        let place = COLUMNS.iter().position(|(name, _)| *name == heading);
+        let place = columns().position(|(name, _)| name == heading);
         place.and_then(|place| self.0.get(place)).unwrap_or(&Value::Missing)
     }
 
@@ -182,11 +161,7 @@ impl Outcome {
             Value::Number(_) => NEVER.into(),
             Value::Text(text) => text.as_str().into(),
         };
-        COLUMNS
-            .iter()
-            .zip(&self.0)
-            .map(|((name, _), cell)| ((*name).to_owned(), value(cell)))
-            .collect()
+        columns().zip(&self.0).map(|((name, _), cell)| (name.to_owned(), value(cell))).collect()
     }
 
     /// As text, cell by cell.
@@ -198,8 +173,10 @@ impl Outcome {
     /// Reads [`Outcome::to_text`] back, bit for bit; `None` for anything else.
     #[must_use]
     pub fn from_text(cells: &[String]) -> Option<Self> {
-        let read = || COLUMNS.iter().zip(cells).map(|((_, kind), cell)| kind.read(cell));
-        (cells.len() == COLUMNS.len()).then(|| read().collect::<Option<_>>().map(Self)).flatten()
+        let read = || columns().zip(cells).map(|((_, kind), cell)| kind.read(cell));
+        (cells.len() == columns().count())
+            .then(|| read().collect::<Option<_>>().map(Self))
+            .flatten()
     }
 }
 

@@ -153,7 +153,7 @@ pub fn in_a_line(outcome: &Outcome) -> String {
         };
         Some(format!(", {name} {told}"))
     });
-    let counts = ["violations", "unsolved_steps"].map(|heading| {
+    let counts = ["constraint_violations", "unsolved_steps"].map(|heading| {
         format!(", {} {}", outcome.cell(heading).to_cell(), heading.replace('_', " "))
     });
     format!("{}{}{}", outcome.verdict(), spreads.collect::<String>(), counts.concat())
@@ -257,12 +257,16 @@ impl Campaign {
 mod tests {
     use super::*;
 
+    fn place(heading: &str) -> usize {
+        Outcome::headings().iter().position(|(name, _)| name == heading).unwrap()
+    }
+
     fn flown() -> Vec<(Case, Outcome)> {
         let case = |seed, value: &str| Case { seed, values: vec![value.to_owned()] };
         let outcome = |word: &str, max: f64| {
             let mut cells = Outcome::refused(&"").to_text();
             cells[0] = word.to_owned();
-            cells[8] = max.to_string();
+            cells[place("position_max_m")] = max.to_string();
             Outcome::from_text(&cells).unwrap()
         };
         vec![
@@ -287,8 +291,8 @@ mod tests {
         let rig = |seed, settling: &str, error: &str| {
             let mut cells = Outcome::refused(&"").to_text();
             cells[0] = "PASSED".to_owned();
-            cells[10] = settling.to_owned();
-            cells[11] = error.to_owned();
+            cells[place("settling_s")] = settling.to_owned();
+            cells[place("final_error_rad")] = error.to_owned();
             (Case { seed, values: Vec::new() }, Outcome::from_text(&cells).unwrap())
         };
         let flown = [rig(1, "0.2", "0.001"), rig(2, "inf", "0.1"), rig(3, "inf", "0.2")];

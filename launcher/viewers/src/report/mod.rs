@@ -27,6 +27,7 @@ use ::verdict::Verdict;
 use pictures::Tails;
 use record::read::RecordedFlight;
 use serde::Serialize;
+use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
 /// Everything that is told of one recording.
@@ -36,8 +37,10 @@ pub struct Report {
     pub file: String,
     /// What was flown.
     pub scenario: String,
-    /// In one line: the verdict, and why.
-    pub sentence: String,
+    /// The verdict, and why: the line that every output about this flight begins with.
+    pub line: String,
+    /// Everything that the summary of a flight tells too, under the same keys.
+    measured: Map<String, Value>,
     /// The same for machines, with every reason and limit.
     pub verdict: Verdict,
     /// What the file lacks, in a sentence; empty if it is all of its flight.
@@ -51,7 +54,7 @@ pub struct Report {
     /// What was ordered, and what came of it.
     pub orders: Vec<Ordered>,
     /// Changes of who commands, as the flight told them.
-    pub swaps: serde_json::Value,
+    pub swaps: Value,
     /// Samples by topic and seat.
     pub audit: Vec<AuditRow>,
     /// Where the commands' time went.
@@ -103,7 +106,8 @@ impl Report {
             gathered.closing.summary.get("swaps").and_then(|t| serde_json::from_str(t).ok());
         Ok(Self {
             file: flight.path().display().to_string(),
-            sentence: observed.line(),
+            line: observed.line(),
+            measured: observed.measured(),
             verdict: observed.verdict().clone(),
             scenario,
             lacks: lacks(&gathered),
@@ -111,7 +115,7 @@ impl Report {
             numbers,
             responses,
             orders,
-            swaps: swaps.unwrap_or_else(|| serde_json::json!([])),
+            swaps: swaps.unwrap_or_else(|| json!([])),
             audit: observed.audit_rows(),
             latency,
             facts: flight.facts().clone(),
@@ -134,16 +138,18 @@ impl Report {
 
     /// For machines.
     #[must_use]
-    pub fn to_json(&self) -> serde_json::Value {
-        let Self { file, scenario, sentence, lacks, again, numbers, responses, .. } = self;
+    pub fn to_json(&self) -> Value {
+        let Self { file, scenario, line, lacks, again, numbers, responses, .. } = self;
         let Self { orders, swaps, audit, facts, verdict, .. } = self;
-        serde_json::json!({
-            "file": file, "scenario": scenario, "pass": self.passes(), "sentence": sentence,
-            "verdict": verdict,
+        let mut all = self.measured.clone();
+        let of_the_file = json!({
+            "file": file, "scenario": scenario, "pass": self.passes(), "line": line, "verdict": verdict,
             "lacks": lacks, "again": again, "numbers": numbers, "responses": responses, "orders": orders,
             "swaps": swaps, "audit": audit, "latency": self.latency.to_json(),
             "latency_is_of_lockstep": self.is_lockstep(), "facts": facts,
-        })
+        });
+        all.extend(of_the_file.as_object().cloned().unwrap_or_default());
+        all.into()
     }
 }
 

@@ -4,7 +4,7 @@ use super::observe::Observed;
 use crate::trace;
 use crate::view::Gathered;
 use ::verdict::CHECKS;
-use observe::Effort;
+use observe::{Fact, Part};
 use record::Clock;
 use record::read::{Closing, RecordedFlight};
 use scenario::{Override, Scenario};
@@ -58,21 +58,40 @@ impl Numbers<'_> {
         self.add(names, value, None);
     }
 
-    /// A number that the verdict rests on, with its limit.
-    fn judged(&mut self, names: (&'static str, &'static str), value: String, key: &str) {
+    /// Every fact of a part, with the limit of the check that judges it.
+    fn facts(&mut self, part: Part) {
+        for (fact, value) in self.observed.facts.iter().filter(|(fact, _)| fact.part == part) {
+            let gate = fact.check.and_then(|key| self.gate(key));
+            self.add((fact.key, fact.name), self.in_words(fact, value), gate);
+        }
+    }
+
+    /// A fact for people, with the loop or the topics that it is about.
+    fn in_words(&self, fact: &Fact, value: f64) -> String {
+        let outcome = &self.observed.outcome;
+        let of = match fact.key {
+            "unsolved_share" => &outcome.unsolved.of,
+            "missed_share" => &outcome.missed.of,
+            "late_share" => &outcome.late.of,
+            "dropped_samples" => &outcome.dropped_of,
+            _ => "",
+        };
+        let told = fact.told(value);
+        if of.is_empty() { told } else { format!("{told} of {of}") }
+    }
+
+    /// The limit of a check, and whether it is kept.
+    fn gate(&self, key: &str) -> Option<(String, bool)> {
         let verdict = self.observed.verdict();
-        let check = CHECKS.iter().find(|check| check.key == key);
-        let gate = check.zip(verdict.thresholds().limit(key)).map(|(check, limit)| {
-            let holds =
-                verdict.reasons().iter().all(|reason| reason.key != key || verdict.passed());
-            let gate = if limit > 0.0 {
-                format!("at most {}", check.unit.tell(limit))
-            } else {
-                "0".to_owned()
-            };
-            (gate, holds)
-        });
-        self.add(names, value, gate);
+        let check = CHECKS.iter().find(|check| check.key == key)?;
+        let limit = verdict.thresholds().limit(key)?;
+        let holds = verdict.reasons().iter().all(|reason| reason.key != key || verdict.passed());
+        let gate = if limit > 0.0 {
+            format!("at most {}", check.unit.tell(limit))
+        } else {
+            "0".to_owned()
+        };
+        Some((gate, holds))
     }
 }
 
@@ -91,8 +110,7 @@ pub(super) fn numbers(
     numbers.section("constraints", &again);
     of_constraints(gathered, observed, &mut numbers);
     numbers.section("timing", &again);
-    of_timing(observed, &mut numbers);
-    of_commands(observed, &mut numbers);
+    numbers.facts(Part::Timing);
     numbers.section("latency", &format!("morphquad trace {file}"));
     of_latency(latency, &mut numbers);
     numbers.section("recording", &format!("morphquad replay {file} --hash"));
@@ -122,10 +140,6 @@ pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String 
     format!("morphquad replay {} --verify", flight.path().display())
 }
 
-fn mm(metres: f64) -> String {
-    format!("{:.1} mm", metres * 1e3)
-}
-
 fn of_flight(
     flight: &RecordedFlight,
     gathered: &Gathered,
@@ -135,22 +149,10 @@ fn of_flight(
     let metrics = &observed.metrics;
     numbers.tell(("ended", "ended"), observe::told_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
-    let flown_s = gathered.closing.summary.get("flown_s").cloned();
-    let flown_s = flown_s.unwrap_or_else(|| format!("{:.3}", gathered.span_ns.1 as f64 * 1e-9));
-    numbers.tell(("flown_s", "flown"), format!("{flown_s} s of {planned_s:.3} s"));
-    if let Some(tracking) = observed.outcome.tracking {
-        numbers.tell(("position_rms_m", "tracking error, rms"), mm(metrics.tracking().rms_m));
-        let names = ("position_max_m", "tracking error, largest");
-        numbers.judged(names, mm(tracking.max_m), "tracking_max_m");
-        let names = ("position_sustained_m", "tracking error, largest mean over a second");
-        numbers.judged(names, mm(tracking.sustained_m), "tracking_sustained_max_m");
-        let names = ("position_recovering_m", "tracking error, largest during a recovery");
-        numbers.judged(names, mm(tracking.recovering_m), "recovery_max_m");
-        let heading = format!("{:.3} rad", tracking.heading_rad);
-        numbers.judged(("heading_max_rad", "heading error, largest"), heading, "heading_max_rad");
-        let names = ("position_last_second_m", "error in the last second, mean");
-        numbers.judged(names, mm(tracking.end_m), "lost_m");
-    }
+    let flown_s = gathered.closing.summary.get("flown_s").and_then(|text| text.parse::<f64>().ok());
+    let flown_s = flown_s.unwrap_or(gathered.span_ns.1 as f64 * 1e-9);
+    numbers.tell(("flown_s", "flown"), format!("{flown_s:.3} s of {planned_s:.3} s"));
+    numbers.facts(Part::Flight);
     for (axis, response) in
         ["roll", "pitch", "yaw"].iter().zip(metrics.step_response().into_iter().flatten())
     {
@@ -166,36 +168,16 @@ fn of_flight(
         };
         numbers.tell(names, value);
     }
-    if let Some(turned_rad) = observed.outcome.turned_rad {
-        let names = ("attitude_end_rad", "error of an angle at the end, largest");
-        numbers.judged(names, format!("{turned_rad:.4} rad"), "attitude_end_max_rad");
-    }
-    let tilt = format!("{:.3} rad", observed.outcome.tilt_rad);
-    numbers.judged(("tilt_max_rad", "largest tilt"), tilt, "tilt_max_rad");
-    let contact = format!("{:.3} s", observed.outcome.contact.total_s);
-    numbers.judged(
-        ("contact_s", "time on the ground where its path is not"),
-        contact,
-        "contact_max_s",
-    );
     let wind = gathered.uses.wind_max_m_s;
     numbers.tell(("wind_max_m_s", "strongest wind"), format!("{wind:.2} m/s"));
-    let cut = format!("{:.3} s", observed.outcome.cut_s);
-    numbers.judged(("rotors_cut_s", "time with the rotors cut"), cut, "cut_max_s");
 }
 
 fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
-    let metrics = &observed.metrics;
-    let Effort { steps, violations, worst_violation, relaxed, yielded, unsolved, most_iterations } =
-        metrics.effort();
-    let names = ("constraint_violations", "commands outside their bounds");
-    numbers.judged(names, violations.to_string(), "violations_max");
-    numbers.tell(("controller_steps", "of controller steps"), steps.to_string());
+    numbers.facts(Part::Constraints);
     // Below the tolerance it is rounding.
-    numbers.tell(
-        ("worst_violation", "furthest outside, rounding included"),
-        format!("{:.1e}", worst_violation.max(0.0)),
-    );
+    let worst = observed.metrics.effort().worst_violation.max(0.0);
+    let names = ("worst_violation", "furthest outside a bound, rounding included");
+    numbers.tell(names, format!("{worst:.1e}"));
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let uses = &gathered.uses;
     let names = [
@@ -217,58 +199,6 @@ fn of_constraints(gathered: &Gathered, observed: &Observed, numbers: &mut Number
     numbers.tell(("thrust_use", "most of the bound on the thrust used"), percent(uses.thrust));
     numbers.tell(("tilt_use", "most of the bound on the tilt used"), percent(uses.tilt));
     numbers.tell(("rotor_use", "most of a rotor's largest thrust used"), percent(uses.rotor));
-    numbers.tell(("relaxed_steps", "steps with a relaxed increment bound"), relaxed.to_string());
-    numbers.tell(("yielded_steps", "steps that left a soft bound"), yielded.to_string());
-    numbers.tell(("unsolved_steps", "steps without a solved optimum"), unsolved.to_string());
-    let share = format!("{:.2} %", 100.0 * observed.outcome.unsolved.share);
-    let names = ("unsolved_share", "such steps, of the controller with most");
-    numbers.judged(names, share, "unsolved_max_share");
-    numbers.tell(("most_iterations", "most iterations in a step"), most_iterations.to_string());
-    let clipping = observed.outcome.clipping;
-    let share = format!("{:.2} %", 100.0 * clipping.share);
-    numbers.judged(("clipped_share", "ticks with clipped rotors"), share, "clipped_max_share");
-    let longest = format!("{:.3} s", clipping.longest_s);
-    numbers.judged(("clipped_s", "longest stretch with clipped rotors"), longest, "clipped_max_s");
-}
-
-fn of_timing(observed: &Observed, numbers: &mut Numbers<'_>) {
-    let loops = observed.metrics.loops();
-    let stats = || loops.iter();
-    let outcome = &observed.outcome;
-    let missed = stats().map(|s| s.skipped + s.input_deadline_misses).sum::<u64>();
-    let late = stats().map(|s| s.late_samples).sum::<u64>();
-    let unseen = stats().map(|s| s.lost_samples).sum::<u64>();
-    numbers.tell(("missed_ticks", "missed deadlines and skipped releases"), missed.to_string());
-    let of_worst = |misses: &::verdict::Misses| match misses.of.as_str() {
-        "" => "0 %".to_owned(),
-        of => format!("{:.2} % of {of}", 100.0 * misses.share),
-    };
-    let names = ("missed_share", "the same, of the loop that missed most");
-    numbers.judged(names, of_worst(&outcome.missed), "missed_max_share");
-    numbers.tell(("late_samples", "samples after their step"), late.to_string());
-    let names = ("late_share", "the same, of the loop that got most");
-    numbers.judged(names, of_worst(&outcome.late), "late_max_share");
-    numbers.tell(("unseen_samples", "samples that a loop never saw"), unseen.to_string());
-    let safe_mode = outcome.safe_mode;
-    let names = ("safe_mode_episodes", "safe-mode episodes that nothing explains");
-    numbers.judged(names, safe_mode.unexplained.to_string(), "safe_mode_max");
-    let names =
-        ("safe_mode_explained", "those that a fault, a trip or the loss of a process explains");
-    numbers.tell(names, safe_mode.explained.to_string());
-    let longest = format!("{:.3} s", safe_mode.longest_s);
-    numbers.judged(("safe_mode_s", "longest safe-mode episode"), longest, "safe_mode_max_s");
-    let restarts = stats().map(|s| s.generation).sum::<u64>().to_string();
-    numbers.tell(("restarts", "processes started again"), restarts);
-}
-
-/// Who commanded: where a file is cut, up to where nothing about a tick is missing.
-fn of_commands(observed: &Observed, numbers: &mut Numbers<'_>) {
-    let (outcome, commands) = (&observed.outcome, observed.metrics.commands());
-    let names = ("wrong_owner_ticks", "ticks commanded by a wrong owner");
-    numbers.judged(names, outcome.wrong_owner.to_string(), "wrong_owner_max");
-    let names = ("duplicated_ticks", "ticks with two commands");
-    numbers.judged(names, outcome.duplicated.to_string(), "duplicated_max");
-    numbers.tell(("missed_commands", "ticks without a valid command"), commands.missed.to_string());
 }
 
 fn of_latency(latency: &trace::Report, numbers: &mut Numbers<'_>) {
@@ -291,9 +221,6 @@ fn of_latency(latency: &trace::Report, numbers: &mut Numbers<'_>) {
 
 fn of_recording(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
     numbers.tell(("samples", "samples in the file"), observed.samples().to_string());
-    let (gaps, named) = observed.gaps();
-    let named = if gaps == 0 { "0".to_owned() } else { named };
-    numbers.judged(("gaps", "samples and states lost"), named, "dropped_max");
     let stored = |key: &str| gathered.closing.summary.get(key);
     for (names, key, hash) in [
         (("hash", "flight hash"), "hash", &observed.flight_hash),

@@ -3,9 +3,10 @@
 use super::AuditRow;
 use super::pursuits::Pursuits;
 use ::verdict::{End, Outcome, Verdict};
-use observe::{ENDED, FLOWN_NS, FlightHash, LogHash, Metrics, read_end};
+use observe::{ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, read_end, told_end};
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use record::{STATES, SequenceAudit, Stream, name_gaps};
+use serde_json::{Map, Value};
 use shared_types::{Header, Role, Sample, Topic, Truth, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -16,6 +17,8 @@ pub(crate) struct Observed {
     pub(super) metrics: Metrics,
     /// What it is judged by.
     pub(super) outcome: Outcome,
+    /// What is told of it.
+    pub(super) facts: Facts,
     verdict: Verdict,
     pub(super) flight_hash: String,
     pub(super) log_hash: String,
@@ -87,7 +90,8 @@ impl Observed {
         let lost = gaps.iter().map(|(_, count)| count).sum();
         ending.dropped = (lost, if lost > 0 { name_gaps(&gaps) } else { String::new() });
         let (outcome, verdict) = (metrics.outcome(&ending), metrics.judge(&ending));
-        Ok(Self { metrics, outcome, verdict, flight_hash, log_hash, pursuits, audit })
+        let facts = Facts::of(&metrics, &outcome);
+        Ok(Self { metrics, outcome, facts, verdict, flight_hash, log_hash, pursuits, audit })
     }
 
     /// What is to be said of the flight: the words that it had for itself, if it was recorded to its end.
@@ -119,31 +123,20 @@ impl Observed {
         self.audit.samples()
     }
 
-    /// Sequence numbers missing between those in the file, and whose they are.
-    pub(super) fn gaps(&self) -> (u64, String) {
-        let gaps = self.audit.gaps();
-        (gaps.iter().map(|(_, count)| count).sum(), name_gaps(&gaps))
+    /// What the summary of a flight tells too, as numbers.
+    pub(super) fn measured(&self) -> Map<String, Value> {
+        let mut measured = self.facts.to_json();
+        measured.insert("hash".to_owned(), self.flight_hash.clone().into());
+        measured.insert("log_hash".to_owned(), self.log_hash.clone().into());
+        measured.insert(ENDED.to_owned(), told_end(&self.outcome.end).into());
+        measured.insert("flown_s".to_owned(), self.outcome.flown_s.into());
+        measured
     }
 
     /// What a summary would say of these samples, under the same names.
     pub(crate) fn summary(&self) -> BTreeMap<String, String> {
-        let tracking = self.metrics.tracking();
-        let loops = self.metrics.loops();
-        let stats = || loops.iter();
-        let entries = [
-            ("position_rms_m", format!("{:.6}", tracking.rms_m)),
-            ("position_max_m", format!("{:.6}", tracking.max_m)),
-            ("constraint_violations", self.metrics.violations().to_string()),
-            (
-                "missed_ticks",
-                stats().map(|s| s.skipped + s.input_deadline_misses).sum::<u64>().to_string(),
-            ),
-            ("late_samples", stats().map(|s| s.late_samples).sum::<u64>().to_string()),
-            ("dropped_samples", self.gaps().0.to_string()),
-            ("safe_mode_episodes", self.metrics.gate().safe_mode_episodes.to_string()),
-            ("hash", self.flight_hash.clone()),
-        ];
-        entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+        let facts = self.facts.iter().map(|(fact, value)| (fact.key.to_owned(), fact.text(value)));
+        facts.chain([("hash".to_owned(), self.flight_hash.clone())]).collect()
     }
 }
 

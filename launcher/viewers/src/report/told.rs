@@ -106,7 +106,7 @@ impl Report {
     }
 
     fn part(&self, document: Document) -> Document {
-        let mut document = document.verdict(self.passes(), &self.sentence);
+        let mut document = document.verdict(self.passes(), &self.line);
         for reason in self.verdict.reasons().iter().skip(1) {
             document = document.paragraph(&format!("Also: {}.", reason.text));
         }
@@ -209,7 +209,7 @@ impl Folder {
     fn overview(&self) -> Table {
         let mut table = Table::new(["file", ""]);
         for report in &self.reports {
-            table.push([&report.file, &report.sentence]);
+            table.push([&report.file, &report.line]);
         }
         for (file, why) in self.unread.iter().chain(&self.left_out) {
             table.push([file, why]);
@@ -244,7 +244,7 @@ pub fn document(folder: &Folder) -> String {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.sentence)?;
+        writeln!(f, "{}", self.line)?;
         for reason in self.verdict.reasons().iter().skip(1) {
             writeln!(f, "  also  {}", reason.text)?;
         }
