@@ -4,8 +4,9 @@
 //! `MORPHQUAD_ROUNDS=20 cargo test --release --test flights faults` strikes 20 times per victim; every
 //! round has a moment of its own, drawn from its number.
 
+use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{
-    Running, is_dead, kill, left_in_shared_memory, make_executable, processes_of,
+    Running, all_processes, is_dead, kill, left_in_shared_memory, make_executable, processes_of,
 };
 use crate::common::recording::Recording;
 use crate::common::time::wait_until;
@@ -161,6 +162,30 @@ fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
         assert_recovered(&flown, victim, "made no progress");
         assert_eq!(flown.hash(), undisturbed_hash(), "{victim}: {}", flown.said());
     }
+}
+
+/// A script that starts the controller and waits for it is no more than its name, in processes and in one.
+#[test]
+fn a_controller_that_a_script_has_started_flies_and_ends_with_the_script() {
+    let folder = TempDir::new().expect("a folder");
+    let script = folder.path().join("wrapped");
+    let content = format!("#!/bin/sh\n'{}' \"$@\" &\nwait $!\n", rogue());
+    make_executable(&script, content.as_bytes());
+    let config = config(&folder, "nothing", 0.0, 0.0);
+    let swap =
+        format!("attitude={}@500ms,shadow=500ms,rollback=400ms,config={config}", script.display());
+    let flight = ["hover", "--for", "4s", "--swap", &swap];
+    let apart = fly(&[&flight[..], &["--fault", "kill:wrapped@3s"]].concat());
+    assert_eq!((apart.code, apart.verdict()), (Some(0), "PASSED"), "{}", apart.said());
+    assert_eq!(apart.summary()["swaps"][0]["done"], true, "{}", apart.said());
+    let told = "attitude-mpc@0 takes over from wrapped@1: its process ended";
+    assert!(apart.stderr.contains(told), "{}", apart.said());
+    assert_nothing_left(&apart);
+    let alone = fly(&[&flight[..], &["--in-process"]].concat());
+    assert_eq!(alone.verdict(), "PASSED", "{}", alone.said());
+    assert_eq!(alone.summary()["swaps"][0]["done"], true, "{}", alone.said());
+    let left: Vec<_> = all_processes().filter(|p| p.arguments.contains(&config)).collect();
+    assert!(left.is_empty(), "{left:?}");
 }
 
 /// However long a busy machine takes for the restarts, the flight lasts until it is told to end.

@@ -5,7 +5,10 @@ use crate::last_words::LastWords;
 use runtime::Place;
 use runtime::leader::process_start;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open, pidfd_send_signal};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, WaitIdStatus, getpgid, kill_process_group,
+    pidfd_open, pidfd_send_signal, waitid,
+};
 use scenario::candidate::Slot;
 use serde::{Deserialize, Serialize};
 use std::io;
@@ -75,8 +78,8 @@ enum Hold {
 }
 
 impl RunningChild {
-    /// Starts the process with its own process group, so that a Ctrl-C at the terminal
-    /// reaches the launcher alone.
+    /// Starts the process with its own process group, so that a Ctrl-C at the terminal reaches the launcher alone, and
+    /// that what it starts in turn can be ended with it: the executable may be a script around the controller.
     ///
     /// # Errors
     /// If the executable cannot be started.
@@ -144,23 +147,48 @@ impl RunningChild {
         }
     }
 
-    /// How it has ended, once it has.
+    /// True of the process itself and of what it has started.
+    #[must_use]
+    pub fn has(&self, pid: u32) -> bool {
+        let own = self.pid();
+        pid == own || raw(pid).is_some_and(|pid| getpgid(Some(pid)).ok() == raw(own))
+    }
+
+    /// How it has ended, once it has; what it has started ends with it.
     pub fn exited(&mut self) -> Option<Death> {
         match &mut self.hold {
-            Hold::Child(child) => child.try_wait().ok().flatten().map(Death::Status),
+            Hold::Child(child) => {
+                match look(child.id()) {
+                    Ok(None) => return None,
+                    Ok(Some(_)) => signal_group(child.id(), Signal::KILL),
+                    // It has been waited for already.
+                    Err(_) => {}
+                }
+                child.try_wait().ok().flatten().map(Death::Status)
+            }
             Hold::TakenOver { pidfd, .. } => is_gone(pidfd, 0).then_some(Death::Unseen),
         }
     }
 
-    /// Ends the process at once.
+    /// Ends the process at once, and what it has started.
     pub fn kill(&mut self) {
-        // It may have ended by itself in the meantime.
-        let _ = match &mut self.hold {
-            Hold::Child(child) => child.kill(),
-            Hold::TakenOver { pidfd, .. } => {
-                pidfd_send_signal(pidfd, Signal::KILL).map_err(io::Error::from)
+        self.signal(Signal::KILL);
+    }
+
+    fn signal(&self, signal: Signal) {
+        match &self.hold {
+            // Once it has been waited for, or has gone, its number may be another's.
+            Hold::Child(child) => {
+                if look(child.id()).is_ok() {
+                    signal_group(child.id(), signal);
+                }
             }
-        };
+            Hold::TakenOver { pid, pidfd } => {
+                if pidfd_send_signal(pidfd, signal).is_ok() {
+                    signal_group(*pid, signal);
+                }
+            }
+        }
     }
 
     /// Ends the process, and waits until it is gone.
@@ -171,13 +199,9 @@ impl RunningChild {
         }
     }
 
-    /// Stops the process where it is, without ending it.
+    /// Stops the process where it is, without ending it, and what it has started.
     pub fn stop(&mut self) {
-        // It may have ended by itself in the meantime.
-        let _ = match &self.hold {
-            Hold::Child(child) => raw(child.id()).map(|pid| kill_process(pid, Signal::STOP)),
-            Hold::TakenOver { pidfd, .. } => Some(pidfd_send_signal(pidfd, Signal::STOP)),
-        };
+        self.signal(Signal::STOP);
     }
 
     /// What a child said last; call after it has exited.
@@ -197,7 +221,9 @@ impl RunningChild {
 impl Drop for RunningChild {
     fn drop(&mut self) {
         if let Hold::Child(child) = &mut self.hold {
-            let _ = child.kill();
+            if look(child.id()).is_ok() {
+                signal_group(child.id(), Signal::KILL);
+            }
             let _ = child.wait();
         }
     }
@@ -205,6 +231,19 @@ impl Drop for RunningChild {
 
 fn raw(pid: u32) -> Option<Pid> {
     i32::try_from(pid).ok().and_then(Pid::from_raw)
+}
+
+/// Whether a child has ended, without waiting for it: so long nothing else can have its number, which is its group's too.
+fn look(pid: u32) -> rustix::io::Result<Option<WaitIdStatus>> {
+    let pid = raw(pid).ok_or(rustix::io::Errno::SRCH)?;
+    let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+    waitid(WaitId::Pid(pid), options)
+}
+
+/// Sends a signal to a process that has not been waited for, and to what it has started.
+fn signal_group(pid: u32, signal: Signal) {
+    // All of them may have ended in the meantime.
+    let _ = raw(pid).map(|pid| kill_process_group(pid, signal));
 }
 
 fn is_gone(pidfd: &OwnedFd, limit_s: i64) -> bool {

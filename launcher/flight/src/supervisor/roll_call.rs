@@ -27,9 +27,9 @@ impl Supervisor {
         let mut joined = Vec::new();
         while let Some((hello, node, pid)) = self.hello.receive_from() {
             let seat = Seat { role: hello.role, index: hello.seat };
-            // The process that the transport names must be the one that was started for the seat.
+            // The process that the transport names must be the one that was started for the seat, or of its making.
             let own = |post: &&mut Post| {
-                let started = post.child.as_ref().is_some_and(|child| child.pid() == pid);
+                let started = post.child.as_ref().is_some_and(|child| child.has(pid));
                 post.seat == seat && post.generation == hello.generation && started
             };
             if let Some(post) = self.posts.iter_mut().find(own) {

@@ -150,7 +150,7 @@ impl OutsideLoop {
         while let Some((hello, node, pid)) = self.hello.receive_from() {
             let Post { seat, generation, child, .. } = &self.post;
             let said = (Seat { role: hello.role, index: hello.seat }, hello.generation);
-            let is_own = child.as_ref().is_some_and(|child| child.pid() == pid);
+            let is_own = child.as_ref().is_some_and(|child| child.has(pid));
             if is_own && said == (*seat, *generation) {
                 (self.layout, self.period_ns) = (hello.state_layout, hello.period_ns);
                 self.namespace.enter(node, *seat, hello.generation, hello.period_ns);
