@@ -2,12 +2,13 @@
 
 use crate::common::processes::{Process, Running, kill, processes_of};
 use crate::common::time::wait_until;
-use crate::common::{Flown, judged};
+use crate::common::{Flown, fly, judged};
 use runtime::ipc::Bus;
 use rustix::process::Signal;
 use shared_types::topics;
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::Write as _;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -123,4 +124,41 @@ fn a_restarted_process_keeps_its_name_and_changes_its_number() {
     let of_successor = |p: &Process| p.arguments.windows(2).any(|w| w == ["--generation", "1"]);
     assert!(running.process("attitude-mpc").is_some_and(|p| of_successor(&p)));
     end(running);
+}
+
+/// What a flight says in a terminal of its own in which `key` is pressed once it flies; after a flight that is stopped,
+/// `then`.
+fn in_a_terminal(arguments: &str, key: u8, then: &str) -> String {
+    let folder = TempDir::new().expect("a folder");
+    let run = format!("{} run {arguments}", env!("CARGO_BIN_EXE_morphquad"));
+    let told = "echo \"code $?.\"";
+    let shell = format!("{run} --record {}; {told}; {then}", folder.path().display());
+    // With job control, as at a prompt.
+    let command = format!("bash -m -c '{shell}'");
+    let mut terminal = Command::new("script")
+        .args(["-qfec", &command, "/dev/null"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("a terminal");
+    let recorded = || {
+        let mut files = fs::read_dir(folder.path()).expect("a folder").flatten();
+        files.any(|file| file.metadata().is_ok_and(|file| file.len() > 1_000_000))
+    };
+    wait_until("it flies", recorded);
+    terminal.stdin.as_mut().expect("a keyboard").write_all(&[key]).expect("it hears");
+    let said = terminal.wait_with_output().expect("it ends").stdout;
+    String::from_utf8_lossy(&said).into_owned()
+}
+
+#[test]
+fn control_c_ends_a_flight_at_its_terminal_and_control_z_stops_it_until_it_is_taken_up() {
+    let flight = "hover --for 6s --speed 2";
+    let said = in_a_terminal(flight, 0x1a, "fg; echo \"code $?.\"");
+    assert!(said.contains("code 148.") && said.contains("code 0."), "{said}");
+    let undisturbed = fly(&["hover", "--for", "6s"]);
+    assert!(said.contains(&format!("hash {}", undisturbed.hash())), "{said}");
+
+    let said = in_a_terminal("hover --for 600s --speed 2", 0x03, ":");
+    assert!(said.contains("code 130.") && said.contains("interrupted"), "{said}");
 }
