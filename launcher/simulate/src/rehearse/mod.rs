@@ -93,6 +93,9 @@ impl Rehearsal {
     /// Name of the controller that commands the slot now.
     #[must_use]
     pub fn owner(&self) -> String {
+        if let Some((executable, _)) = &self.spec.owner {
+            return name_of(executable).to_owned();
+        }
         let crew = scenario::services::Crew::of(self.scenario.settings());
         crew.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
     }

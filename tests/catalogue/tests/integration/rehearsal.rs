@@ -189,6 +189,12 @@ fn a_rehearsal_refuses_an_attitude_controller_that_ignores_trips() {
     assert!(matches!(deaf.refusal, Some(RehearsalRefusal::TripIgnored { .. })), "{}", deaf.words);
     let good = flown_with(Fault::Nothing);
     assert!(good.accepted, "{}", good.words);
+
+    // The one that flies may be an executable too.
+    let spec = spec(&scenario, 2.0, Slot::Attitude, "attitude-mpc");
+    let owner = Some((env!("CARGO_BIN_EXE_catalogue").to_owned(), Some(config.clone())));
+    let told = verdict(RehearsalSpec { owner, ..spec }, &mut || true);
+    assert!(told.words.starts_with("attitude-mpc can fly in place of catalogue"), "{}", told.words);
 }
 
 #[test]
