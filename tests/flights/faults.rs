@@ -331,6 +331,24 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
 }
 
 #[test]
+fn an_interrupted_flight_ends_in_order_however_slow_one_of_its_loops_is() {
+    let folder = TempDir::new().expect("a folder");
+    let slow = config(&folder, "late", 1.5, 0.4);
+    let swap = format!("attitude={}@500ms,shadow=500ms,config={slow},no-rehearsal", rogue());
+    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--swap", &swap]);
+    running.fly_on(1.5);
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!(
+        (flown.code, flown.verdict()),
+        (Some(INTERRUPTED), "INCOMPLETE"),
+        "{}",
+        flown.said()
+    );
+    assert_nothing_left(&flown);
+}
+
+#[test]
 fn a_second_interrupt_does_not_wait_for_anybody() {
     let mut running = lockstep(&["--set", "launcher.stall_timeout_s=600"]);
     // With this one stopped, there is no orderly end to wait for.
