@@ -164,6 +164,16 @@ fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
     }
 }
 
+/// Nobody else can do its work, so that it is dealt with as if it had been stopped from outside.
+#[test]
+fn a_monitor_that_the_script_stops_is_restarted_and_leaves_no_trace() {
+    let flight = ["hover", "--for", "3s"];
+    let stop = ["--set", "launcher.stall_timeout_s=1", "--fault", "stop:monitor@1s"];
+    let flown = fly(&[&flight[..], &stop].concat());
+    assert_recovered(&flown, "monitor", "made no progress");
+    assert_eq!(flown.hash(), fly(&flight).hash(), "{}", flown.said());
+}
+
 /// A script that starts the controller and waits for it is no more than its name, in processes and in one.
 #[test]
 fn a_controller_that_a_script_has_started_flies_and_ends_with_the_script() {

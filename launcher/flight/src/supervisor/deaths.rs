@@ -133,13 +133,16 @@ impl Supervisor {
         post.map(Post::words_so_far).unwrap_or_default()
     }
 
-    /// Stops a process without ending it, and lets nobody wait for it any more.
+    /// Stops a process without ending it. In a slot nobody waits for it any more, since another can command; whoever is
+    /// alone in its role is found to hang, killed and started again, as if it had been stopped from outside.
     pub(crate) fn stop(&mut self, seat: Seat, tap: &mut Tap) {
         if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat)
             && let Some(child) = &mut post.child
         {
             child.stop();
-            self.leave_roll(seat, tap);
+            if seat.role.seats() > 1 {
+                self.leave_roll(seat, tap);
+            }
         }
     }
 

@@ -32,7 +32,7 @@ pub trait Posts {
     fn kill(&mut self, place: Place);
     /// Ends somebody before time goes on; that is told as an event.
     fn kill_at_once(&mut self, place: Place);
-    /// Stops somebody without ending it, and lets nobody wait for it any more.
+    /// Stops somebody without ending it; in a slot nobody waits for it any more.
     fn stop(&mut self, place: Place);
     /// What a process has said on its standard error until now, for the end of a sentence.
     fn words_so_far(&self, place: Place) -> String;
