@@ -44,8 +44,9 @@ fn a_report_opens_with_its_verdict_and_its_numbers_are_those_of_the_flight() {
     let told: Value = serde_json::from_str(&out).expect("JSON");
     for key in FACTS.iter().map(|fact| fact.key).chain(["line", "verdict", "hash", "log_hash"]) {
         assert_eq!(told[key], flown.summary()[key], "{key}");
+        // Of a rig alone.
+        assert_eq!(told[key].is_null(), key == "attitude_end_rad", "{key}");
     }
-    assert!(told["position_max_m"].is_number() && told["restarts"].is_u64(), "{told}");
     let value = |key: &str| number(&told, key)["value"].as_str().expect("a value").to_owned();
     assert_eq!(value("hash"), flown.hash());
     assert_eq!(value("position_max_m"), format!("{:.1} mm", flown.number("position_max_m") * 1e3));
@@ -140,8 +141,8 @@ fn a_vehicle_that_is_blown_away_and_comes_back_has_not_passed() {
     let told: Value = serde_json::from_str(&out).expect("JSON");
     let largest = number(&told, "tracking_max_m");
     assert_eq!((code, &largest["holds"]), (Some(1), &Value::from(false)), "{largest}");
-    let sentence = told["line"].as_str().expect("a sentence");
-    assert!(sentence.starts_with("FAILED  shove: tracking error "), "{sentence}");
+    let line = told["line"].as_str().expect("a line");
+    assert!(line.starts_with("FAILED  shove: tracking error "), "{line}");
     let what: Vec<_> = told["responses"].as_array().expect("responses").iter().collect();
     let began = "wind of (14.000, 0.000, 0.000) m/s on average begins";
     assert!(what[0]["what"] == began && what[0]["at_s"] == 2.0, "{what:?}");

@@ -206,8 +206,11 @@ impl Flight {
             if leave_by_ns != u64::MAX && self.supervisor.is_restarting() {
                 // One that was being restarted leaves once it has caught up.
                 leave_by_ns = leave_by_ns.max(now_ns + LEAVE_LIMIT_NS);
-            } else if leave_by_ns != u64::MAX && drained < self.conductor.end_ns() {
-                // In lockstep all fly up to the end, which takes as long as the slowest of them makes it.
+            } else if leave_by_ns != u64::MAX
+                && self.conductor.mode() == ClockMode::Lockstep
+                && drained < self.conductor.end_ns()
+            {
+                // All fly up to the end, which takes as long as the slowest of them makes it.
                 leave_by_ns = leave_by_ns.max(self.progress_at.0.saturating_add(LEAVE_LIMIT_NS));
             }
             if now_ns > leave_by_ns {

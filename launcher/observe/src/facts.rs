@@ -48,6 +48,7 @@ macro_rules! facts {
 
 /// Every fact, in the order told.
 pub const FACTS: &[Fact] = facts! {
+    Flight "flown_s", "flown", Second => |_m, o| Some(o.flown_s);
     Flight "position_rms_m", "tracking error, rms", Metre => |m, _o| m.tracked().map(|t| t.rms_m);
     Flight "position_max_m", "tracking error, largest", Metre => |m, _o| m.tracked().map(|t| t.max_m);
     Flight "tracking_rms_m", "tracking error outside recoveries, rms", Metre ["tracking_rms_max_m"] =>
@@ -74,24 +75,24 @@ pub const FACTS: &[Fact] = facts! {
     Constraints "relaxed_steps", "steps with a relaxed increment bound", Count => |m, _o| Some(m.effort().relaxed as f64);
     Constraints "yielded_steps", "steps that left a soft bound", Count => |m, _o| Some(m.effort().yielded as f64);
     Constraints "unsolved_steps", "steps without a solved optimum", Count => |m, _o| Some(m.effort().unsolved as f64);
-    Constraints "unsolved_share", "the same, of the controller with most", Share ["unsolved_max_share"] =>
+    Constraints "unsolved_share", "steps without a solved optimum, of the controller with most", Share ["unsolved_max_share"] =>
         |_m, o| Some(o.unsolved.share);
     Constraints "most_iterations", "most iterations in a step", Count => |m, _o| Some(m.effort().most_iterations as f64);
     Constraints "clipped_share", "ticks with clipped rotors", Share ["clipped_max_share"] => |_m, o| Some(o.clipping.share);
     Constraints "clipped_s", "longest stretch with clipped rotors", Second ["clipped_max_s"] =>
         |_m, o| Some(o.clipping.longest_s);
     Timing "missed_ticks", "missed deadlines and skipped releases", Count => |m, _o| Some(m.totals().missed as f64);
-    Timing "missed_share", "the same, of the loop that missed most", Share ["missed_max_share"] =>
+    Timing "missed_share", "missed deadlines and skipped releases, of the loop with most", Share ["missed_max_share"] =>
         |_m, o| Some(o.missed.share);
     Timing "late_samples", "samples after their step", Count => |m, _o| Some(m.totals().late as f64);
-    Timing "late_share", "the same, of the loop that got most", Share ["late_max_share"] => |_m, o| Some(o.late.share);
+    Timing "late_share", "samples after their step, of the loop with most", Share ["late_max_share"] => |_m, o| Some(o.late.share);
     Timing "unseen_samples", "samples that a loop never saw", Count => |m, _o| Some(m.totals().unseen as f64);
     Timing "imu_overdue_steps", "estimates without IMU samples", Count =>
         |m, _o| Some(m.estimates().imu_overdue().steps as f64);
     Timing "fix_overdue_steps", "estimates without pose fixes", Count =>
         |m, _o| Some(m.estimates().fix_overdue().steps as f64);
     Timing "safe_mode_episodes", "safe-mode episodes", Count => |m, _o| Some(m.gate().safe_mode_episodes as f64);
-    Timing "safe_mode_unexplained", "those that no fault, trip or loss of a process explains", Count ["safe_mode_max"] =>
+    Timing "safe_mode_unexplained", "safe-mode episodes that no fault, trip or loss of a process explains", Count ["safe_mode_max"] =>
         |_m, o| Some(o.safe_mode.unexplained as f64);
     Timing "safe_mode_s", "longest safe-mode episode", Second ["safe_mode_max_s"] => |_m, o| Some(o.safe_mode.longest_s);
     Timing "unguided_ticks", "ticks in which the actuation guard flew", Count => |m, _o| Some(m.ticks().2 as f64);
@@ -126,11 +127,15 @@ impl Fact {
     /// A number as JSON; null for what is no number.
     #[must_use]
     pub fn json(&self, value: f64) -> Value {
-        self.text(value).parse::<f64>().map_or(Value::Null, |value| match self.unit {
+        if !value.is_finite() {
+            return Value::Null;
+        }
+        match self.unit {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count")]
             Unit::Count => (value as u64).into(),
-            _ => value.into(),
-        })
+            // As many digits as the text has.
+            _ => ((value * 1e6).round() / 1e6).into(),
+        }
     }
 }
 
@@ -208,5 +213,6 @@ mod tests {
         );
         assert_eq!((steps.text(3.0), steps.json(3.0)), ("3".into(), 3.into()));
         assert_eq!((error.json(0.5), error.json(f64::NAN)), (0.5.into(), Value::Null));
+        assert_eq!(steps.json(f64::NAN), Value::Null);
     }
 }

@@ -157,7 +157,6 @@ impl Summary {
         put("log_hash", self.log_hash.clone().into());
         put(ENDED, told_end(&self.closing().end).into());
         put(FLOWN_NS, self.flown_ns.into());
-        put("flown_s", rounded(self.flown_ns as f64 * 1e-9, 1e3).into());
         put("real_time_factor", rounded(self.real_time_factor(), 1e2).into());
         for (name, axis) in AXES.iter().zip(self.metrics.step_response().into_iter().flatten()) {
             let settled =

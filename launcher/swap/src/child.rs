@@ -6,8 +6,8 @@ use runtime::Place;
 use runtime::leader::process_start;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{
-    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, WaitIdStatus, getpgid, kill_process_group,
-    pidfd_open, pidfd_send_signal, waitid,
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, getpgid, kill_process_group, pidfd_open,
+    pidfd_send_signal, waitid,
 };
 use scenario::candidate::Slot;
 use serde::{Deserialize, Serialize};
@@ -67,14 +67,37 @@ pub enum Death {
 #[derive(Debug)]
 pub struct RunningChild {
     hold: Hold,
+    /// The controller, if what was started is a script that has started it.
+    inner: Option<Caught>,
     last_words: LastWords,
 }
 
 /// What a process is held by.
 #[derive(Debug)]
 enum Hold {
-    Child(Child),
-    TakenOver { pid: u32, pidfd: OwnedFd },
+    /// With its status once it has been waited for: its number may be another's then.
+    Child(Child, Option<ExitStatus>),
+    TakenOver(Caught),
+}
+
+/// A process that is no child of this one.
+#[derive(Debug)]
+struct Caught {
+    pid: u32,
+    pidfd: OwnedFd,
+}
+
+impl Caught {
+    fn of(pid: u32) -> Option<Self> {
+        Some(Self { pid, pidfd: pidfd_open(raw(pid)?, PidfdFlags::empty()).ok()? })
+    }
+
+    /// Waits until the process is gone, at most so many seconds.
+    fn is_gone(&self, limit_s: i64) -> bool {
+        let limit = Timespec { tv_sec: limit_s, tv_nsec: 0 };
+        poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&limit))
+            .is_ok_and(|ready| ready > 0)
+    }
 }
 
 impl RunningChild {
@@ -125,48 +148,53 @@ impl RunningChild {
         let mut child = command.spawn()?;
         let pipe = child.stderr.take().map(|pipe| LastWords::of(pipe.into()));
         let last_words = pipe.transpose()?.unwrap_or_default();
-        Ok(Self { hold: Hold::Child(child), last_words })
+        Ok(Self { hold: Hold::Child(child, None), inner: None, last_words })
     }
 
     /// A process that another launcher has started; none if it is gone.
     #[must_use]
     pub fn take_over(pid: u32, started: u64) -> Option<Self> {
-        let pidfd = pidfd_open(raw(pid)?, PidfdFlags::empty()).ok()?;
         // Looked at after it has been caught: whoever has its number since is another one.
-        let hold = Hold::TakenOver { pid, pidfd };
-        let same = process_start(pid) == Some(started);
-        same.then(|| Self { hold, last_words: LastWords::default() })
+        let caught = Caught::of(pid).filter(|_| process_start(pid) == Some(started))?;
+        let hold = Hold::TakenOver(caught);
+        Some(Self { hold, inner: None, last_words: LastWords::default() })
     }
 
-    /// Process number.
+    /// Process number of the controller.
     #[must_use]
     pub fn pid(&self) -> u32 {
+        self.inner.as_ref().map_or_else(|| self.first_pid(), |inner| inner.pid)
+    }
+
+    /// Process number of what was started.
+    fn first_pid(&self) -> u32 {
         match &self.hold {
-            Hold::Child(child) => child.id(),
-            Hold::TakenOver { pid, .. } => *pid,
+            Hold::Child(child, _) => child.id(),
+            Hold::TakenOver(caught) => caught.pid,
         }
     }
 
-    /// True of the process itself and of what it has started.
-    #[must_use]
-    pub fn has(&self, pid: u32) -> bool {
-        let own = self.pid();
-        pid == own || raw(pid).is_some_and(|pid| getpgid(Some(pid)).ok() == raw(own))
+    /// True of the process itself and of one that it has started, which is then known to be the controller.
+    pub fn is_controller(&mut self, pid: u32) -> bool {
+        let first = self.first_pid();
+        if pid != first && raw(pid).and_then(|pid| getpgid(Some(pid)).ok()) == raw(first) {
+            self.inner = Caught::of(pid);
+        }
+        pid == self.pid()
     }
 
     /// How it has ended, once it has; what it has started ends with it.
     pub fn exited(&mut self) -> Option<Death> {
         match &mut self.hold {
-            Hold::Child(child) => {
-                match look(child.id()) {
-                    Ok(None) => return None,
-                    Ok(Some(_)) => signal_group(child.id(), Signal::KILL),
-                    // It has been waited for already.
-                    Err(_) => {}
-                }
-                child.try_wait().ok().flatten().map(Death::Status)
+            Hold::Child(_, Some(status)) => Some(Death::Status(*status)),
+            Hold::Child(child, status) => {
+                has_ended(child.id()).then(|| signal_group(child.id(), Signal::KILL))?;
+                // It must not say anything more when its death is told.
+                let _ = self.inner.take().is_none_or(|inner| inner.is_gone(END_LIMIT_S));
+                *status = child.try_wait().ok().flatten();
+                status.map(Death::Status)
             }
-            Hold::TakenOver { pidfd, .. } => is_gone(pidfd, 0).then_some(Death::Unseen),
+            Hold::TakenOver(caught) => caught.is_gone(0).then_some(Death::Unseen),
         }
     }
 
@@ -177,16 +205,11 @@ impl RunningChild {
 
     fn signal(&self, signal: Signal) {
         match &self.hold {
-            // Once it has been waited for, or has gone, its number may be another's.
-            Hold::Child(child) => {
-                if look(child.id()).is_ok() {
-                    signal_group(child.id(), signal);
-                }
-            }
-            Hold::TakenOver { pid, pidfd } => {
-                if pidfd_send_signal(pidfd, signal).is_ok() {
-                    signal_group(*pid, signal);
-                }
+            Hold::Child(child, None) => signal_group(child.id(), signal),
+            Hold::Child(_, Some(_)) => {}
+            // A script around it has nothing to wait for any more when it has ended.
+            Hold::TakenOver(caught) => {
+                let _ = pidfd_send_signal(&caught.pidfd, signal);
             }
         }
     }
@@ -194,8 +217,8 @@ impl RunningChild {
     /// Ends the process, and waits until it is gone.
     pub fn end(mut self) {
         self.kill();
-        if let Hold::TakenOver { pidfd, .. } = &self.hold {
-            is_gone(pidfd, END_LIMIT_S);
+        if let Hold::TakenOver(caught) = &self.hold {
+            caught.is_gone(END_LIMIT_S);
         }
     }
 
@@ -220,10 +243,8 @@ impl RunningChild {
 /// A child ends with its launcher; whoever has been taken over can be taken over again.
 impl Drop for RunningChild {
     fn drop(&mut self) {
-        if let Hold::Child(child) = &mut self.hold {
-            if look(child.id()).is_ok() {
-                signal_group(child.id(), Signal::KILL);
-            }
+        if let Hold::Child(child, None) = &mut self.hold {
+            signal_group(child.id(), Signal::KILL);
             let _ = child.wait();
         }
     }
@@ -233,22 +254,17 @@ fn raw(pid: u32) -> Option<Pid> {
     i32::try_from(pid).ok().and_then(Pid::from_raw)
 }
 
-/// Whether a child has ended, without waiting for it: so long nothing else can have its number, which is its group's too.
-fn look(pid: u32) -> rustix::io::Result<Option<WaitIdStatus>> {
-    let pid = raw(pid).ok_or(rustix::io::Errno::SRCH)?;
+/// Whether a child has ended. It is not waited for: until then nothing else gets its number, which is its group's too.
+fn has_ended(pid: u32) -> bool {
     let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
-    waitid(WaitId::Pid(pid), options)
+    let seen = raw(pid).and_then(|pid| waitid(WaitId::Pid(pid), options).ok());
+    seen.flatten().is_some()
 }
 
 /// Sends a signal to a process that has not been waited for, and to what it has started.
 fn signal_group(pid: u32, signal: Signal) {
     // All of them may have ended in the meantime.
     let _ = raw(pid).map(|pid| kill_process_group(pid, signal));
-}
-
-fn is_gone(pidfd: &OwnedFd, limit_s: i64) -> bool {
-    let limit = Timespec { tv_sec: limit_s, tv_nsec: 0 };
-    poll(&mut [PollFd::new(pidfd, PollFlags::IN)], Some(&limit)).is_ok_and(|ready| ready > 0)
 }
 
 /// For words that must reach the user even when the launcher no longer can.

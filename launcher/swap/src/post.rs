@@ -94,6 +94,15 @@ impl Post {
         Ok(())
     }
 
+    /// True if a process is the controller that was started for the seat, itself or by a script around it.
+    pub fn is_controller(&mut self, pid: u32) -> bool {
+        let is_own = self.child.as_mut().is_some_and(|child| child.is_controller(pid));
+        if is_own {
+            self.started = process_start(pid).unwrap_or(0);
+        }
+        is_own
+    }
+
     /// Lets a process that waits for it begin.
     pub fn hand_over(&mut self, order: Handover, state: &[u8]) {
         let header = Header { generation: self.generation, ..Header::default() };

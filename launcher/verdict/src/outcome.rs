@@ -28,7 +28,7 @@ pub struct Outcome {
     pub cut_at_s: f64,
     /// Number of commands outside their bounds.
     pub violations: u64,
-    /// Steps without a solved optimum, of the controller that has most of them.
+    /// Steps without a solved optimum, of the controller with the largest share of them.
     pub unsolved: Misses,
     /// Missed releases and deadlines of the loop that missed most.
     pub missed: Misses,
@@ -127,9 +127,9 @@ pub struct Clipping {
 pub struct Misses {
     /// Number of such items.
     pub count: u64,
-    /// The same relative to the number of releases of the loop.
+    /// The same relative to the releases of the loop, or to the steps of a controller in command.
     pub share: f64,
-    /// Name of the loop; empty if it has none.
+    /// Name of the loop or controller; empty if there are none.
     pub of: String,
 }
 

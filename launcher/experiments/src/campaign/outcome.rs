@@ -57,7 +57,7 @@ impl fmt::Display for Verdict {
 
 /// What is known of every flight: what became of it, every fact, and of a rig how it settled.
 fn columns() -> impl Iterator<Item = (&'static str, Kind)> {
-    let head = [("outcome", Kind::Text), ("reason", Kind::Text), ("flown_s", Kind::Number)];
+    let head = [("outcome", Kind::Text), ("reason", Kind::Text)];
     let kind = |fact: &Fact| if fact.unit == Unit::Count { Kind::Whole } else { Kind::Number };
     let facts = FACTS.iter().map(move |fact| (fact.key, kind(fact)));
     let rig = [("settling_s", Kind::Number), ("final_error_rad", Kind::Number)];
@@ -113,7 +113,6 @@ impl Outcome {
         let cell = |name: &str, kind: Kind| match (name, kind) {
             ("outcome", _) => verdict.word().into(),
             ("reason", _) => judged.reason().as_str().into(),
-            ("flown_s", _) => (flown_ns as f64 * 1e-9).into(),
             ("settling_s", _) => worst(|axis| axis.settling_s.unwrap_or(f64::INFINITY)).into(),
             ("final_error_rad", _) => worst(|axis| axis.final_error_rad.abs()).into(),
             ("hash", _) => hash.hex().as_str().into(),

@@ -27,12 +27,13 @@ impl Supervisor {
         let mut joined = Vec::new();
         while let Some((hello, node, pid)) = self.hello.receive_from() {
             let seat = Seat { role: hello.role, index: hello.seat };
-            // The process that the transport names must be the one that was started for the seat, or of its making.
-            let own = |post: &&mut Post| {
-                let started = post.child.as_ref().is_some_and(|child| child.has(pid));
-                post.seat == seat && post.generation == hello.generation && started
-            };
-            if let Some(post) = self.posts.iter_mut().find(own) {
+            let of_seat =
+                |post: &&mut Post| post.seat == seat && post.generation == hello.generation;
+            // The process that the transport names must be the one that was started for the seat, or one that this has
+            // started.
+            if let Some(post) = self.posts.iter_mut().find(of_seat)
+                && post.is_controller(pid)
+            {
                 post.ready = true;
                 post.layout = hello.state_layout;
                 post.period_ns = hello.period_ns;

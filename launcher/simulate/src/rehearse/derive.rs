@@ -35,9 +35,11 @@ pub enum Role {
     Obeying,
 }
 
-/// Time that a flight with a trip goes on after the position slot has changed hands \[s\]: the monitor needs some of it
-/// to find what is wrong, and the candidate some to obey.
-const TRIP_S: f64 = 0.2;
+/// Time that a flight with a trip goes on after the position slot has changed hands \[s\], beside some periods of both
+/// loops: the monitor needs some of it to find what is wrong, and the candidate some to obey.
+const TRIP_S: f64 = 0.1;
+/// Periods of both loops.
+const TRIP_PERIODS: f64 = 5.0;
 
 fn shadow_s(facts: &Facts, slot: Slot) -> f64 {
     let period_s = match slot {
@@ -92,7 +94,10 @@ pub(super) fn scenario(
         root.remove(list);
     }
     let duration_s = match who {
-        Role::Obeying => trip_from_s(facts) + TRIP_S,
+        Role::Obeying => {
+            let period_s = facts.attitude_period_s + facts.position_period_s;
+            trip_from_s(facts) + TRIP_S + TRIP_PERIODS * period_s
+        }
         Role::Candidate | Role::Owner => flown.settings().rehearsal.duration_s,
     };
     let name = format!("rehearsal-{}", draw.index);
@@ -116,8 +121,11 @@ pub(super) fn scenario(
     orders(&mut root, flown, snapshot, schedule)?;
     // Unless it is about a trip, the monitor and a fallback would take command from a bad candidate and hide its errors.
     let (watched, fallback) = if who == Role::Obeying { (true, "auto") } else { (false, "none") };
+    let watch = section(&mut root, "watch");
+    // How soon and by which limits the flight's own monitor trips does not matter.
+    watch.clear();
     set(
-        section(&mut root, "watch"),
+        watch,
         [("enabled", Value::Boolean(watched)), ("fallback", Value::String(fallback.to_owned()))],
     );
     let taken_over = match who {

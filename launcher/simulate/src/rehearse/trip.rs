@@ -7,13 +7,14 @@ use crate::in_process::{InProcess, StateSource};
 use monitor::reports::OBEYED_WITHIN_NS;
 use observe::Observer;
 use rehearsal::RehearsalRefusal;
+use scenario::candidate::name_of;
 use shared_types::time::s_from_ns;
 use shared_types::{
     AppliedSetpoint, AttitudeSetpoint, OwnerRecord, Role as LoopRole, Sample, Topic, Trip,
 };
 use std::any::Any;
 
-/// Seat of a controller that is swapped in; the owner has seat 0.
+/// Seat of a controller that is swapped in, in either slot; the owner has seat 0.
 const SWAPPED_SEAT: u32 = 1;
 
 /// Makes the new owner of the position slot ask for more thrust than a law may, and sees what becomes of the trip.
@@ -80,7 +81,8 @@ pub(super) fn fly_tripped<E: Observer>(
 ) -> Result<(), Box<RehearsalRefusal>> {
     let scenario = rehearsal.scenario(0, Role::Obeying)?;
     let facts = &rehearsal.facts;
-    let thrust_n = 4.0 * facts.vehicle.rotor_thrust_max_n;
+    let [_, limit_weights] = scenario.settings().watch_limits().setpoint_thrust_weights;
+    let thrust_n = 2.0 * limit_weights * facts.vehicle.weight_n();
     let observer = (Tripping { thrust_n, ..Tripping::default() }, extra);
     let mut flight =
         InProcess::new(&scenario, StateSource::Estimator, observer).map_err(fly::not_flown)?;
@@ -93,20 +95,26 @@ pub(super) fn fly_tripped<E: Observer>(
             return Err(not_rehearsed(fly::out_of_time(t_ns, scenario.duration_ns())));
         }
     }
+    let failed = |why: &str| Box::new(RehearsalRefusal::Failed { why: why.trim_end().to_owned() });
+    let candidate = name_of(&rehearsal.spec.candidate);
     let exits = flight.conclude().exits;
-    if let Some(exit) = exits.first() {
-        let why = exit.to_string().trim_end().to_owned();
-        return Err(Box::new(RehearsalRefusal::Failed { why }));
+    if let Some(exit) = exits.iter().find(|exit| exit.name == candidate) {
+        return Err(failed(&exit.to_string()));
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
     let two_periods_ns = (2e9 * facts.attitude_period_s).ceil() as u64;
     let within_ns = OBEYED_WITHIN_NS.max(two_periods_ns);
-    match flight.seen(|(tripping, _)| tripping.due(within_ns)) {
+    let (has_tripped, due) =
+        flight.seen(|(tripping, _)| (tripping.tripped_ns.is_some(), tripping.due(within_ns)));
+    match due {
         Some((after_ns, SWAPPED_SEAT)) => Err(Box::new(RehearsalRefusal::TripIgnored {
             after_s: s_from_ns(after_ns),
             limit_s: s_from_ns(within_ns),
         })),
         Some(_) => Ok(()),
+        None if has_tripped => {
+            Err(failed("it said nothing more after a position controller had tripped"))
+        }
         None => Err(not_rehearsed("the position controller that was to trip has not")),
     }
 }

@@ -9,6 +9,8 @@ use slot::{SEATS, Seat};
 pub(super) struct Consumers {
     told: [Option<Obeyed>; SEATS],
     flying: Option<u32>,
+    /// Since when the plant has obeyed that one \[ns\].
+    since_ns: u64,
 }
 
 impl Consumers {
@@ -17,11 +19,13 @@ impl Consumers {
         self.flying
     }
 
-    /// Keeps what the attitude controller on a seat tells.
-    pub(super) fn tells(&mut self, by_seat: u32, obeyed: Obeyed) {
+    /// Keeps what the attitude controller on a seat tells. What the one that flies has told before counts from when it has
+    /// flown, whichever of the two samples came first.
+    pub(super) fn tells(&mut self, by_seat: u32, obeyed: Obeyed) -> Obeyed {
         if let Some(seat) = Seat::new(by_seat) {
             self.told[seat.index()] = Some(obeyed);
         }
+        Obeyed { at_ns: obeyed.at_ns.max(self.since_ns), ..obeyed }
     }
 
     /// The plant tells whom it obeys. If that is another one than before, its last word counts from now on.
@@ -29,6 +33,7 @@ impl Consumers {
         if self.flying.replace(obeyed.seat) == Some(obeyed.seat) {
             return None;
         }
+        self.since_ns = obeyed.at_ns;
         let told = self.told[Seat::new(obeyed.seat)?.index()]?;
         Some(Obeyed { at_ns: told.at_ns.max(obeyed.at_ns), ..told })
     }
@@ -55,5 +60,15 @@ mod tests {
         consumers.tells(0, obeys(2, 60));
         assert_eq!(consumers.plant_tells(&obeys(0, 50)), Some(obeys(2, 60)));
         assert_eq!(consumers.plant_tells(&obeys(9, 70)), None, "of a seat that there is not");
+    }
+
+    #[test]
+    fn it_does_not_matter_which_of_the_two_is_heard_first() {
+        let tripped = Obeyed { tripped: true, ..obeys(3, 20) };
+        let (mut before, mut after) = (Consumers::default(), Consumers::default());
+        let _ = before.tells(1, tripped);
+        let told = before.plant_tells(&obeys(1, 40));
+        assert_eq!(after.plant_tells(&obeys(1, 40)), None);
+        assert_eq!(told, Some(after.tells(1, tripped)));
     }
 }

@@ -58,13 +58,14 @@ impl Slots {
                 *slot
             }
         };
-        if let Seen::Obeys { slot: Role::Position, by_seat, obeyed } = *seen {
-            self.consumers.tells(by_seat, obeyed);
+        let mut seen = *seen;
+        if let Seen::Obeys { slot: Role::Position, by_seat, obeyed } = &mut seen {
+            *obeyed = self.consumers.tells(*by_seat, *obeyed);
         }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));
         let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
-        match *seen {
+        match seen {
             Seen::Angle { .. } | Seen::Trip(_) => Ok(()),
             Seen::Command(command) => {
                 let judged = around.gate.as_mut().map(|gate| gate.take(&command));

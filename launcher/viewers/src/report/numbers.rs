@@ -77,7 +77,7 @@ impl Numbers<'_> {
             _ => "",
         };
         let told = fact.told(value);
-        if of.is_empty() { told } else { format!("{told} of {of}") }
+        if of.is_empty() { told } else { format!("{told} ({of})") }
     }
 
     /// The limit of a check, and whether it is kept.
@@ -149,9 +149,7 @@ fn of_flight(
     let metrics = &observed.metrics;
     numbers.tell(("ended", "ended"), observe::told_end(&observed.outcome.end));
     let planned_s = flight.scenario().duration_ns() as f64 * 1e-9;
-    let flown_s = gathered.closing.summary.get("flown_s").and_then(|text| text.parse::<f64>().ok());
-    let flown_s = flown_s.unwrap_or(gathered.span_ns.1 as f64 * 1e-9);
-    numbers.tell(("flown_s", "flown"), format!("{flown_s:.3} s of {planned_s:.3} s"));
+    numbers.tell(("planned_s", "planned"), format!("{planned_s:.3} s"));
     numbers.facts(Part::Flight);
     for (axis, response) in
         ["roll", "pitch", "yaw"].iter().zip(metrics.step_response().into_iter().flatten())

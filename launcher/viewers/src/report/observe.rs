@@ -129,7 +129,6 @@ impl Observed {
         measured.insert("hash".to_owned(), self.flight_hash.clone().into());
         measured.insert("log_hash".to_owned(), self.log_hash.clone().into());
         measured.insert(ENDED.to_owned(), told_end(&self.outcome.end).into());
-        measured.insert("flown_s".to_owned(), self.outcome.flown_s.into());
         measured
     }
 

@@ -148,12 +148,11 @@ impl OutsideLoop {
     /// Takes in the hello of the process that was started, and nobody else's.
     fn take_hello(&mut self) -> bool {
         while let Some((hello, node, pid)) = self.hello.receive_from() {
-            let Post { seat, generation, child, .. } = &self.post;
             let said = (Seat { role: hello.role, index: hello.seat }, hello.generation);
-            let is_own = child.as_ref().is_some_and(|child| child.has(pid));
-            if is_own && said == (*seat, *generation) {
+            let seat = self.post.seat;
+            if said == (seat, self.post.generation) && self.post.is_controller(pid) {
                 (self.layout, self.period_ns) = (hello.state_layout, hello.period_ns);
-                self.namespace.enter(node, *seat, hello.generation, hello.period_ns);
+                self.namespace.enter(node, seat, hello.generation, hello.period_ns);
                 return true;
             }
         }
