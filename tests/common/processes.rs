@@ -6,7 +6,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use tempfile::TempDir;
 
@@ -59,6 +59,13 @@ pub(crate) fn all_processes() -> impl Iterator<Item = Process> {
         let arguments = line.split_terminator('\0').map(str::to_owned).collect::<Vec<_>>();
         (!arguments.is_empty()).then_some(Process { pid, comm, arguments })
     })
+}
+
+/// A command in a terminal of its own, with what is typed and shown as pipes.
+pub(crate) fn in_a_terminal(command: &str) -> Child {
+    let mut script = Command::new("script");
+    script.args(["-qfc", command, "/dev/null"]).stdin(Stdio::piped()).stdout(Stdio::piped());
+    script.spawn().expect("a terminal")
 }
 
 /// What `ps` tells of a run; none while its launcher does not answer.

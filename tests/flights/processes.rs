@@ -1,6 +1,6 @@
 //! What the machine sees of a run: separate, named processes whose memory is nobody else's.
 
-use crate::common::processes::{Process, Running, kill, processes_of};
+use crate::common::processes::{Process, Running, in_a_terminal, kill, processes_of};
 use crate::common::time::wait_until;
 use crate::common::{Flown, fly, judged};
 use runtime::ipc::Bus;
@@ -128,7 +128,7 @@ fn a_restarted_process_keeps_its_name_and_changes_its_number() {
 
 /// What a flight says in a terminal of its own in which `key` is pressed once it flies; after a flight that is stopped,
 /// `then`.
-fn in_a_terminal(arguments: &str, key: u8, then: &str) -> String {
+fn flown_at_a_terminal(arguments: &str, key: u8, then: &str) -> String {
     let folder = TempDir::new().expect("a folder");
     // A busy machine may take its time.
     let patience = judged(&[]).join(" ");
@@ -137,12 +137,7 @@ fn in_a_terminal(arguments: &str, key: u8, then: &str) -> String {
     let shell = format!("{run} --record {}; {told}; {then}", folder.path().display());
     // With job control, as at a prompt.
     let command = format!("bash -m -c '{shell}'");
-    let mut terminal = Command::new("script")
-        .args(["-qfec", &command, "/dev/null"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("a terminal");
+    let mut terminal = in_a_terminal(&command);
     let recorded = || {
         let mut files = fs::read_dir(folder.path()).expect("a folder").flatten();
         files.any(|file| file.metadata().is_ok_and(|file| file.len() > 1_000_000))
@@ -155,7 +150,7 @@ fn in_a_terminal(arguments: &str, key: u8, then: &str) -> String {
 
 #[test]
 fn control_z_stops_a_flight_at_its_terminal_and_fg_takes_it_up() {
-    let said = in_a_terminal("hover --for 20s --speed 2", 0x1a, "fg; echo \"code $?.\"");
+    let said = flown_at_a_terminal("hover --for 20s --speed 2", 0x1a, "fg; echo \"code $?.\"");
     assert!(said.contains("code 148.") && said.contains("code 0."), "{said}");
     let undisturbed = fly(&["hover", "--for", "20s"]);
     assert!(said.contains(&format!("hash {}", undisturbed.hash())), "{said}");
@@ -163,6 +158,6 @@ fn control_z_stops_a_flight_at_its_terminal_and_fg_takes_it_up() {
 
 #[test]
 fn control_c_at_its_terminal_ends_a_flight_in_order() {
-    let said = in_a_terminal("hover --for 600s --speed 2", 0x03, ":");
+    let said = flown_at_a_terminal("hover --for 600s --speed 2", 0x03, ":");
     assert!(said.contains("code 130.") && said.contains("interrupted"), "{said}");
 }

@@ -1,6 +1,8 @@
 //! `morphquad topic`: what is shown of a run in the air and of a recording, beside independent readers.
 
-use crate::common::processes::{Running, all_processes, kill, left_in_shared_memory, processes_of};
+use crate::common::processes::{
+    Running, all_processes, in_a_terminal, kill, left_in_shared_memory, processes_of,
+};
 use crate::common::time::wait_until;
 use crate::common::{fly, morphquad};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
@@ -8,7 +10,6 @@ use rustix::process::Signal;
 use serde_json::Value;
 use shared_types::topics;
 use std::io::Read as _;
-use std::process::{Command, Stdio};
 
 fn topic(arguments: &[&str]) -> (Option<i32>, String, String) {
     let output = morphquad([&["topic"], arguments].concat()).output();
@@ -235,12 +236,7 @@ fn top_ends_with_its_terminal() {
     let top = format!("{} top --run {}", env!("CARGO_BIN_EXE_morphquad"), running.id());
     let is_up = || all_processes().any(|process| process.arguments.join(" ") == top);
     let command = format!("stty rows 30 columns 100; exec {top}");
-    let mut terminal = Command::new("script")
-        .args(["-qfc", &command, "/dev/null"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("a terminal");
+    let mut terminal = in_a_terminal(&command);
     let mut shown = terminal.stdout.take().expect("its picture");
     let mut picture = Vec::new();
     while !String::from_utf8_lossy(&picture).contains("attitude-mpc") {

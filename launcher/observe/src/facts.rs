@@ -94,6 +94,8 @@ pub const FACTS: &[Fact] = facts! {
     Timing "safe_mode_episodes", "safe-mode episodes", Count => |m, _o| Some(m.gate().safe_mode_episodes as f64);
     Timing "safe_mode_unexplained", "safe-mode episodes that no fault, trip or loss of a process explains", Count ["safe_mode_max"] =>
         |_m, o| Some(o.safe_mode.unexplained as f64);
+    Timing "safe_mode_explained", "safe-mode episodes that one of these explains", Count =>
+        |_m, o| Some(o.safe_mode.explained as f64);
     Timing "safe_mode_s", "longest safe-mode episode", Second ["safe_mode_max_s"] => |_m, o| Some(o.safe_mode.longest_s);
     Timing "unguided_ticks", "ticks in which the actuation guard flew", Count => |m, _o| Some(m.ticks().2 as f64);
     Timing "restarts", "processes started again", Count => |m, _o| Some(m.totals().restarts as f64);

@@ -32,7 +32,7 @@ pub struct Check {
     /// Takes the measurement from an outcome; `None` if the outcome has no such measurement.
     pub measure: fn(&Outcome) -> Option<f64>,
     /// Text that says when or where the measurement was taken.
-    pub(crate) detail: fn(&Outcome) -> String,
+    pub detail: fn(&Outcome) -> String,
 }
 
 /// The detail of a measurement without place or instant.

@@ -17,18 +17,8 @@ pub(super) fn fly<E: Observer + Default>(
 ) -> Result<Track, Box<RehearsalRefusal>> {
     let mut flight =
         InProcess::new(scenario, StateSource::Estimator, (look, extra)).map_err(not_flown)?;
-    let end_ns = scenario.duration_ns();
-    let mut t_ns = 0;
-    while t_ns < end_ns {
-        t_ns += LOOK_EVERY_NS;
-        flight.fly_until(if t_ns >= end_ns { u64::MAX } else { t_ns }).map_err(not_flown)?;
-        if flight.seen(|(look, _)| look.is_over) {
-            break;
-        }
-        if !go_on() {
-            return Err(not_rehearsed(out_of_time(t_ns, end_ns)));
-        }
-    }
+    let is_over = |(look, _): &mut (Look, E)| look.is_over;
+    to_the_end(&mut flight, scenario.duration_ns(), is_over, go_on)?;
     let exits = flight.conclude().exits;
     let (look, _) = flight.seen(core::mem::take);
     if let Some(exit) = exits.first().filter(|_| look.has_candidate()) {
@@ -43,8 +33,29 @@ pub(super) fn fly<E: Observer + Default>(
     Ok(look.track)
 }
 
+/// Flies to the end \[ns\], or until it is over before, unless the time for the rehearsal is.
+pub(super) fn to_the_end<O: Observer>(
+    flight: &mut InProcess<O>,
+    end_ns: u64,
+    is_over: impl Fn(&mut O) -> bool,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<(), Box<RehearsalRefusal>> {
+    let mut t_ns = 0;
+    while t_ns < end_ns {
+        t_ns += LOOK_EVERY_NS;
+        flight.fly_until(if t_ns >= end_ns { u64::MAX } else { t_ns }).map_err(not_flown)?;
+        if flight.seen(&is_over) {
+            break;
+        }
+        if !go_on() {
+            return Err(not_rehearsed(out_of_time(t_ns, end_ns)));
+        }
+    }
+    Ok(())
+}
+
 /// Why a flight was not flown to its end.
-pub(super) fn out_of_time(flown_ns: u64, end_ns: u64) -> String {
+fn out_of_time(flown_ns: u64, end_ns: u64) -> String {
     format!(
         "the time for it was over after {:.2} s of a flight of {:.2} s: raise rehearsal.wall_max_s, or swap when the machine has time",
         s_from_ns(flown_ns),

@@ -2,7 +2,7 @@
 //! its set points, has to obey the fallback from then on.
 
 use super::derive::Role;
-use super::{LOOK_EVERY_NS, Rehearsal, fly, not_rehearsed};
+use super::{Rehearsal, fly, not_rehearsed};
 use crate::in_process::{InProcess, StateSource};
 use monitor::reports::OBEYED_WITHIN_NS;
 use observe::Observer;
@@ -86,15 +86,7 @@ pub(super) fn fly_tripped<E: Observer>(
     let observer = (Tripping { thrust_n, ..Tripping::default() }, extra);
     let mut flight =
         InProcess::new(&scenario, StateSource::Estimator, observer).map_err(fly::not_flown)?;
-    let mut t_ns = 0;
-    while t_ns < scenario.duration_ns() {
-        t_ns += LOOK_EVERY_NS;
-        let until_ns = if t_ns < scenario.duration_ns() { t_ns } else { u64::MAX };
-        flight.fly_until(until_ns).map_err(fly::not_flown)?;
-        if !go_on() {
-            return Err(not_rehearsed(fly::out_of_time(t_ns, scenario.duration_ns())));
-        }
-    }
+    fly::to_the_end(&mut flight, scenario.duration_ns(), |_| false, go_on)?;
     let failed = |why: &str| Box::new(RehearsalRefusal::Failed { why: why.trim_end().to_owned() });
     let candidate = name_of(&rehearsal.spec.candidate);
     let exits = flight.conclude().exits;

@@ -66,18 +66,11 @@ impl Numbers<'_> {
         }
     }
 
-    /// A fact for people, with the loop or the topics that it is about.
+    /// A fact for people, with when or where it was so as its check says.
     fn in_words(&self, fact: &Fact, value: f64) -> String {
-        let outcome = &self.observed.outcome;
-        let of = match fact.key {
-            "unsolved_share" => &outcome.unsolved.of,
-            "missed_share" => &outcome.missed.of,
-            "late_share" => &outcome.late.of,
-            "dropped_samples" => &outcome.dropped_of,
-            _ => "",
-        };
-        let told = fact.told(value);
-        if of.is_empty() { told } else { format!("{told} ({of})") }
+        let check = CHECKS.iter().find(|check| Some(check.key) == fact.check && value > 0.0);
+        let detail = check.map(|check| (check.detail)(&self.observed.outcome));
+        fact.told(value) + &detail.unwrap_or_default()
     }
 
     /// The limit of a check, and whether it is kept.
