@@ -345,7 +345,7 @@ fn an_interrupted_flight_ends_in_order_however_slow_one_of_its_loops_is() {
     let folder = TempDir::new().expect("a folder");
     let slow = config(&folder, "late", 1.2, 0.6);
     let swap = format!("attitude={}@500ms,shadow=500ms,config={slow},no-rehearsal", rogue());
-    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--swap", &swap]);
+    let mut running = Running::start(&["hover", "--for", "600s", "--swap", &swap]);
     wait_until("it is slow", || running.flown_s() > Some(1.25));
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
