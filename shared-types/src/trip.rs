@@ -40,6 +40,8 @@ crate::code! {
         HeadingAstray = 13,
         /// The commands have been more than the rotors give for `lasted_s` without a break.
         RotorsClipped = 14,
+        /// The actuation gate has had to level the vehicle, whose tilt would else have passed `angle_limit_rad`.
+        Overturns = 15,
     }
 }
 

@@ -174,7 +174,7 @@ impl Evidence {
         let count =
             applied.safe_mode_episodes.saturating_sub(before.unwrap_or(applied.safe_mode_episodes));
         if applied.mode == GateMode::Recover {
-            // The trip that it follows is its explanation.
+            // The trip that it follows, or that follows it, is its explanation.
             self.safe_mode.explained += count;
         } else if count > 0 {
             self.episodes.push_back(Episode { from_ns: t_ns, count });

@@ -228,10 +228,12 @@ impl Scenario {
     pub fn plant_config(&self) -> Result<plant::PlantConfig, ParameterError> {
         let settings = &self.settings.plant;
         let believed = self.modelled_vehicle();
-        let weights = self.settings.watch_limits().setpoint_thrust_weights;
+        let limits = self.settings.watch_limits();
+        let weights = limits.setpoint_thrust_weights;
         let unproven = UnprovenRange {
             believed,
             thrust_n: weights.map(|weights| weights * believed.weight_n()),
+            tilt_rad: limits.tilt_rad,
         };
         let keeps_to_rotors =
             self.attitude_law().is_ok_and(|law| law.torque_bound == TorqueBound::Rotors);

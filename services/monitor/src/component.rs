@@ -250,6 +250,25 @@ impl Monitor {
         Some(Finding { cause: cause?, value: 0.0, limit: 0.0, lasted_s: 0.0 })
     }
 
+    /// Whether the owners of the attitude and the position slot have been replaced lately.
+    fn recovers(&self, now_ns: u64) -> [bool; 2] {
+        let lately = |from_ns: u64| from_ns > 0 && now_ns < from_ns.saturating_add(RECOVERY_NS);
+        self.memory.replaced_ns.map(lately)
+    }
+
+    /// Whether the actuation gate levels the vehicle because the attitude slot's owner was about to overturn it, and not
+    /// for a trip.
+    fn overturns(&self, now_ns: u64, inputs: &Inputs) -> Option<Finding> {
+        let applied = inputs.applied_command.latest()?;
+        let is_for_trip = applied.tripped.is_set() || self.recovers(now_ns)[0];
+        (applied.mode == GateMode::Recover && !is_for_trip).then(|| Finding {
+            cause: TripCause::Overturns,
+            value: 0.0,
+            limit: self.judge.tilt_limit_rad(),
+            lasted_s: 0.0,
+        })
+    }
+
     fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {
         let Link::Fresh(estimate) = inputs.state_estimate.link(now_ns, self.stale_ns) else {
             return None;
@@ -284,10 +303,7 @@ impl Monitor {
             setpoint: self.memory.has_setpoint.then(|| setpoint(self.memory.setpoint)),
             asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
             asked_every_s: asked_every_ns as f64 * 1e-9,
-            recovers: self
-                .memory
-                .replaced_ns
-                .map(|from_ns| from_ns > 0 && now_ns < from_ns.saturating_add(RECOVERY_NS)),
+            recovers: self.recovers(now_ns),
             applied,
             reference,
         })
@@ -344,7 +360,7 @@ impl Service for Monitor {
         let moment = self.moment(now_ns, inputs);
         let findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
         let [attitude, position] = blame(findings, &hands);
-        let found = [misreported.or(attitude), position];
+        let found = [misreported.or(self.overturns(now_ns, inputs)).or(attitude), position];
         for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
             let (Hands::Watched(owner), Some(finding)) = (hands[index], &found[index]) else {
                 continue;
@@ -378,6 +394,44 @@ mod tests {
     use super::*;
     use shared_types::Flag;
 
+    fn monitor() -> Monitor {
+        let config = MonitorConfig {
+            limits: Limits::default(),
+            period_s: 0.01,
+            latency_s: 0.001,
+            landing: Landing::default(),
+        };
+        Monitor::new(&config, &VehicleParameters::default())
+    }
+
+    #[test]
+    fn a_watched_owner_that_the_gate_keeps_from_overturning_the_vehicle_trips() {
+        let trip = |mode: GateMode, tripped: bool| {
+            let mut inputs = Inputs::default();
+            let watched = Flag::from(true);
+            inputs.attitude_owner.offer(OwnerRecord { epoch: 1, watched, ..Default::default() });
+            inputs.attitude_owner.accept(0, None);
+            inputs.position_owner.offer(OwnerRecord { epoch: 1, ..Default::default() });
+            inputs.position_owner.accept(0, None);
+            inputs.applied_command.offer(AppliedCommand {
+                header: Header { sequence: 1, ..Header::default() },
+                epoch: 1,
+                mode,
+                tripped: Flag::from(tripped),
+                ..AppliedCommand::default()
+            });
+            inputs.applied_command.accept(0, None);
+            let mut outputs = Outputs::default();
+            monitor().step(0, &inputs, &mut outputs);
+            outputs.trip.written().map(|trip| (trip.slot, trip.cause, trip.angle_limit_rad))
+        };
+        let limit_rad = Limits::default().tilt_rad;
+        let overturns = (Role::Attitude, TripCause::Overturns, limit_rad);
+        assert_eq!(trip(GateMode::Recover, false), Some(overturns), "without any estimate");
+        assert_eq!(trip(GateMode::Recover, true), None, "the gate answers a trip");
+        assert_eq!(trip(GateMode::Normal, false), None);
+    }
+
     #[test]
     fn what_is_told_of_an_epoch_that_is_over_replaces_no_owner_of_the_next() {
         let hands = |of_epoch: u64| {
@@ -393,13 +447,7 @@ mod tests {
                 ..AppliedCommand::default()
             });
             inputs.applied_command.accept(0, None);
-            let config = MonitorConfig {
-                limits: Limits::default(),
-                period_s: 0.01,
-                latency_s: 0.001,
-                landing: Landing::default(),
-            };
-            Monitor::new(&config, &VehicleParameters::default()).hands(0, &inputs)
+            monitor().hands(0, &inputs)
         };
         assert!(matches!(hands(1), [Hands::Watched(Watched { epoch: 2, .. }), Hands::Proven]));
         assert!(matches!(hands(2), [Hands::Replaced, Hands::Proven]));

@@ -490,6 +490,11 @@ impl Judge {
         sinks.or(departs).or(is_off)
     }
 
+    /// Largest tilt, predicted \[rad\].
+    pub(crate) fn tilt_limit_rad(&self) -> f64 {
+        self.limits.tilt_rad
+    }
+
     /// Number of reversals that count as an oscillation.
     #[must_use]
     pub fn reversals() -> u64 {

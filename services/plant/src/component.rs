@@ -166,6 +166,7 @@ impl Plant {
             now_ns,
             command,
             tripped,
+            unproven: self.unproven.as_ref().filter(|_| self.obedience.is_watched()),
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,
         });

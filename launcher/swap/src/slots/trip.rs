@@ -78,6 +78,10 @@ impl TripReason<'_> {
             TripCause::RotorsClipped => {
                 write!(f, "it asks the rotors for more than they give for {:.2} s", trip.lasted_s)
             }
+            TripCause::Overturns => write!(
+                f,
+                "the actuation gate had to level the vehicle, or its tilt would have passed {limit:.2} rad"
+            ),
             TripCause::ReportFalse => f.write_str("it reports a set point that it was not given"),
             TripCause::TripIgnored => {
                 f.write_str("it still obeys the position controller that has tripped")

@@ -223,7 +223,9 @@ impl World {
             GateMode::Normal => "the gate lets commands through again",
             GateMode::Hold => "no valid command: the gate holds the last one",
             GateMode::Level => "still no valid command: the gate levels the vehicle",
-            GateMode::Recover => "the owner has tripped: the gate levels the vehicle first",
+            GateMode::Recover => {
+                "the gate levels the vehicle: its owner has tripped, or was about to overturn it"
+            }
             _ => "the gate has cut the rotors",
         };
         let mut told = Happening::mark(at_ns, Kind::Fault, "plant", text.to_owned());

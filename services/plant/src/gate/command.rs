@@ -6,7 +6,7 @@ use super::config::GateConfig;
 
 /// How far beyond what the laws of its slot ask for an unproven owner may go, as a share: they have measured the
 /// arms a few milliseconds before.
-const BEYOND_LAW: f64 = 0.05;
+pub(super) const BEYOND_LAW: f64 = 0.05;
 
 /// Commands at a bound must not fail by the rounding of a solver, whose residuals are below 1e-8.
 const SLACK: f64 = 1e-6;
@@ -44,14 +44,16 @@ shared_types::memory! {
     }
 }
 
-/// What an owner that has not proven itself may ask of the rotors: what the laws of its slot may. Before its monitor can
-/// trip it, such a command turns the vehicle about half as far as the rotors could.
+/// What an owner that has not proven itself is held to, until its monitor can trip it: what the laws of its slot may ask
+/// of the rotors, which turns the vehicle about half as far as the rotors could, and a tilt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnprovenRange {
     /// The vehicle as its controllers believe it to be.
     pub believed: VehicleParameters,
     /// Least and largest thrust \[N\].
     pub thrust_n: [f64; 2],
+    /// Tilt beyond which it may not take the vehicle \[rad\]: the gate levels it while that still keeps it below.
+    pub tilt_rad: f64,
 }
 
 impl UnprovenRange {

@@ -23,6 +23,7 @@ struct Flight {
     gate: Gate,
     beta: MorphAngle,
     tick: u64,
+    unproven: Option<UnprovenRange>,
 }
 
 impl Flight {
@@ -35,6 +36,7 @@ impl Flight {
             gate: Gate::new(config, &vehicle).unwrap(),
             beta,
             tick: 0,
+            unproven: None,
         }
     }
 
@@ -55,6 +57,7 @@ impl Flight {
             now_ns,
             command,
             tripped: false,
+            unproven: self.unproven.as_ref(),
             reading: self.imu.sample(now_ns, &omega, &force),
             morph_angle_rad: self.beta.rad(),
         });
@@ -103,6 +106,50 @@ fn level_recovers_from_0_3_rad_and_2_rad_s_at_every_size() {
                 assert!(moment.tilt_rad < 0.08, "tilt {}", moment.tilt_rad);
                 assert!(moment.rate_rad_s < 0.1, "rate {}", moment.rate_rad_s);
             }
+        }
+    }
+}
+
+/// Largest tilt within 0.5 s of full torque \[rad\], for `first_ms` about an axis `between_rad` from the later one.
+fn tilt_by_full_torque(
+    unproven: Option<UnprovenRange>,
+    beta: MorphAngle,
+    first_ms: u32,
+    between_rad: f64,
+) -> f64 {
+    let mut worst_rad: f64 = 0.0;
+    for (direction_rad, seed) in [0.0, -1.6, 0.9].into_iter().zip(1..) {
+        let mut flight = Flight { unproven, ..Flight::new(&GateConfig::default(), beta, seed) };
+        let vehicle = flight.gate.vehicle;
+        let thrust_n = vehicle.weight_n();
+        let most_nm = 1.05 * vehicle.torque_bound_nm(beta, thrust_n).x;
+        for ms in 0..500 {
+            let is_first = ms < first_ms;
+            let (sin, cos) = libm::sincos(direction_rad + if is_first { between_rad } else { 0.0 });
+            let torque_b_nm = Vector3::new(cos, sin, 0.0) * most_nm;
+            worst_rad = worst_rad.max(flight.step(Some(Wrench { thrust_n, torque_b_nm })).tilt_rad);
+        }
+    }
+    worst_rad
+}
+
+#[test]
+fn no_torque_of_an_unproven_owner_tilts_the_vehicle_beyond_its_range() {
+    let vehicle = VehicleParameters::default();
+    let tilt_rad = core::f64::consts::FRAC_PI_3;
+    let weight_n = vehicle.weight_n();
+    let range =
+        UnprovenRange { believed: vehicle, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad };
+    for beta in [MorphAngle::MIN, MorphAngle::MEDIUM, MorphAngle::MAX] {
+        // At once, against itself first, and crosswise first, so that it tilts as it turns.
+        for (first_ms, between_rad) in
+            [(0, 0.0), (10, 3.1), (20, 3.1), (40, 3.1), (20, 1.5), (30, 1.5)]
+        {
+            let unbounded_rad = tilt_by_full_torque(None, beta, first_ms, between_rad);
+            assert!(unbounded_rad > 2.0, "{unbounded_rad}");
+            let worst_rad = tilt_by_full_torque(Some(range), beta, first_ms, between_rad);
+            let case = format!("{beta:?} {first_ms} ms {between_rad} rad");
+            assert!((0.7..tilt_rad + 0.01).contains(&worst_rad), "{case}: {worst_rad}");
         }
     }
 }

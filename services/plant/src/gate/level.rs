@@ -31,6 +31,11 @@ pub(super) struct UpFilter {
     pub(super) reading_ns: u64,
 }
 
+/// Angle between body z and `up_b`, which need not have length one \[rad\].
+fn tilt_rad(up_b: &Vector3<f64>) -> f64 {
+    libm::atan2(libm::hypot(up_b.x, up_b.y), up_b.z)
+}
+
 impl UpFilter {
     /// Level and at rest.
     pub(super) fn new() -> Self {
@@ -68,7 +73,21 @@ impl UpFilter {
 
     /// Angle between body z and up \[rad\].
     pub(super) fn tilt_rad(&self) -> f64 {
-        libm::atan2(libm::hypot(self.up_b.x, self.up_b.y), self.up_b.z)
+        tilt_rad(&self.up_b)
+    }
+
+    /// Rate about roll and pitch \[rad/s\].
+    pub(super) fn turning_rad_s(&self) -> f64 {
+        libm::hypot(self.rate_b.x, self.rate_b.y)
+    }
+
+    /// Tilt once the vehicle has turned further by `angle_rad` in the direction in which it turns about roll and pitch;
+    /// one at rest may turn in any.
+    pub(super) fn tilt_after_rad(&self, angle_rad: f64) -> f64 {
+        let axis = Vector3::new(self.rate_b.x, self.rate_b.y, 0.0).try_normalize(1e-9);
+        let Some(axis) = axis else { return self.tilt_rad() + angle_rad };
+        let turned = UnitQuaternion::from_scaled_axis(axis * -angle_rad) * self.up_b;
+        tilt_rad(&turned)
     }
 
     /// Rotation vector that brings body z onto up: angle times ẑ × up / |ẑ × up|.
@@ -113,6 +132,13 @@ impl LevelLaw {
             damping: 2.0 * damping * bandwidth_rad_s,
             torque_fraction,
         }
+    }
+
+    /// Angular acceleration with which it brakes a turn about roll or pitch \[rad/s²\].
+    pub(super) fn braking_rad_s2(&self, vehicle: &VehicleParameters, beta: MorphAngle) -> f64 {
+        let torque_nm =
+            self.torque_fraction * vehicle.weight_n() * vehicle.geometry.arm_length_m(beta);
+        torque_nm / vehicle.inertia_kg_m2(beta).xy().max()
     }
 
     /// |τ| ≤ fraction · m g L(β), and of it yaw at most fraction · m g k; no torque while the filter

@@ -18,7 +18,7 @@ pub use config::GateConfig;
 pub use mode::Mode;
 
 use crate::sensors::ImuSample;
-use command::{CommandRange, Refusal};
+use command::{BEYOND_LAW, CommandRange, Refusal};
 use level::{LevelLaw, UpFilter};
 use mode::{ModeLimits, Observation};
 
@@ -38,7 +38,7 @@ pub enum GateError {
 
 /// What the gate sees at one plant tick.
 #[derive(Debug, Clone, Copy)]
-pub struct GateInput {
+pub struct GateInput<'a> {
     /// The tick's logical instant \[ns\].
     pub now_ns: u64,
     /// The command that counts from now on, if it is another than at the last tick; one that
@@ -46,6 +46,8 @@ pub struct GateInput {
     pub command: Option<Command>,
     /// The owner of the attitude slot trips now: what it has commanded until here is not to be trusted.
     pub tripped: bool,
+    /// What the owner of the attitude slot is held to, if it has not proven itself.
+    pub unproven: Option<&'a UnprovenRange>,
     /// The plant's own inertial reading, if there is a new one.
     pub reading: Option<ImuSample>,
     /// Measured β \[rad\]; the last usable one stands in for a NaN.
@@ -196,7 +198,8 @@ impl Gate {
     /// through.
     pub fn tick(&mut self, input: &GateInput) -> GateOutput {
         self.beta = MorphAngle::saturating_from_rad(input.morph_angle_rad).unwrap_or(self.beta);
-        self.estimate_up(input);
+        let tick_s = input.now_ns.saturating_sub(self.tick_ns) as f64 * 1e-9;
+        self.estimate_up(input, tick_s);
         let command = input.command.filter(|command| command.wrench.is_finite());
         if let Some(command) = &command {
             self.held = Held {
@@ -205,7 +208,7 @@ impl Gate {
                 hold_ns: command.validity_ns.min(self.hold_max_ns),
             };
         }
-        self.change_mode(input, command.is_some());
+        self.change_mode(input, tick_s, command.is_some());
 
         let mut wrench = match self.mode {
             Mode::Normal | Mode::Hold { .. } => self.held.wrench,
@@ -225,9 +228,8 @@ impl Gate {
         GateOutput { wrench, mode: self.mode, counters: self.counters }
     }
 
-    fn estimate_up(&mut self, input: &GateInput) {
-        let since_s = |then_ns: u64| input.now_ns.saturating_sub(then_ns) as f64 * 1e-9;
-        let (tick_s, reading_s) = (since_s(self.tick_ns), since_s(self.filter.reading_ns));
+    fn estimate_up(&mut self, input: &GateInput, tick_s: f64) {
+        let reading_s = input.now_ns.saturating_sub(self.filter.reading_ns) as f64 * 1e-9;
         self.tick_ns = input.now_ns;
         // Over the step that ends now the rate was the last one read.
         self.filter.predict(tick_s);
@@ -241,14 +243,15 @@ impl Gate {
         }
     }
 
-    fn change_mode(&mut self, input: &GateInput, fresh: bool) {
+    fn change_mode(&mut self, input: &GateInput, tick_s: f64, fresh: bool) {
         let seen = Observation {
             now_ns: input.now_ns,
             fresh,
             valid_until_ns: self.held.valid_until_ns,
             hold_ns: self.held.hold_ns,
             tilted: self.filter.tilt_rad() > self.tip_over_tilt_rad,
-            out_of_hand: input.tripped && !self.is_within(self.bounds.enter),
+            out_of_hand: input.tripped && !self.is_within(self.bounds.enter)
+                || input.unproven.is_some_and(|range| self.overturns(range, tick_s)),
             calm: self.is_within(self.bounds.leave),
         };
         let next = self.mode.next(&seen, &self.limits);
@@ -257,12 +260,23 @@ impl Gate {
         self.mode = next;
     }
 
+    /// True if the vehicle will tilt beyond what an unproven owner may, unless RECOVER begins at this tick: braked by it
+    /// from the next tick on, after the owner has turned it on as hard as its range allows. The rotors follow with a
+    /// lag, which costs such a vehicle twice that time.
+    fn overturns(&self, range: &UnprovenRange, tick_s: f64) -> bool {
+        let braking_rad_s2 = self.recovery.braking_rad_s2(&range.believed, self.beta);
+        let rate_rad_s = self.filter.turning_rad_s() + braking_rad_s2 * tick_s;
+        let delayed_s = tick_s + (2.0 + BEYOND_LAW) * range.believed.rotor_lag_s;
+        let further_rad = rate_rad_s * (delayed_s + 0.5 * rate_rad_s / braking_rad_s2);
+        !self.filter.is_blind(self.tick_ns)
+            && self.filter.tilt_after_rad(further_rad) > range.tilt_rad
+    }
+
     /// True if tilt \[rad\] and rate about roll and pitch \[rad/s\] are within these, by the gate's own
     /// readings; without any there is nothing that it could bring back.
     fn is_within(&self, [tilt_rad, rate_rad_s]: [f64; 2]) -> bool {
-        let rate_b = &self.filter.rate_b;
         self.filter.is_blind(self.tick_ns)
-            || self.filter.tilt_rad() <= tilt_rad && libm::hypot(rate_b.x, rate_b.y) <= rate_rad_s
+            || self.filter.tilt_rad() <= tilt_rad && self.filter.turning_rad_s() <= rate_rad_s
     }
 
     /// Everything that evolves.

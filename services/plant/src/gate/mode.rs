@@ -10,10 +10,11 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
-//! When the owner trips while the vehicle is tilted or turns fast, all but CUT give way to RECOVER:
+//! When the owner trips while the vehicle is tilted or turns fast, or one that has not proven itself is about to tilt it
+//! too far, all but CUT give way to RECOVER:
 //!
 //! ```text
-//!   any ── trip ──▶ RECOVER ── calm, or recover_max passed ──▶ NORMAL, or LEVEL without a valid command
+//!   any ───▶ RECOVER ── calm, or recover_max passed ──▶ NORMAL, or LEVEL without a valid command
 //! ```
 //!
 //! At most one arrow is taken per tick.
@@ -37,8 +38,8 @@ pub enum Mode {
     },
     /// Rotors off, for good.
     Cut,
-    /// The owner has tripped and left the vehicle in a state that no controller is made for: the gate
-    /// levels it, whoever commands. This mode never cuts the rotors by itself.
+    /// The owner has tripped and left the vehicle in a state that no controller is made for, or would have taken it to
+    /// one: the gate levels it, whoever commands. This mode never cuts the rotors by itself.
     Recover {
         /// First tick in this mode \[ns\].
         since_ns: u64,
@@ -66,7 +67,8 @@ pub(super) struct Observation {
     pub(super) hold_ns: u64,
     /// The tilt is beyond the limit.
     pub(super) tilted: bool,
-    /// The owner trips now, and tilt or rate are beyond what a controller is made for.
+    /// The owner trips now, and tilt or rate are beyond what a controller is made for, or the tilt of an unproven owner
+    /// is about to be.
     pub(super) out_of_hand: bool,
     /// Tilt and rate are such that a controller can go on.
     pub(super) calm: bool,

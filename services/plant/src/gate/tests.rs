@@ -34,6 +34,7 @@ fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
         now_ns,
         command,
         tripped: false,
+        unproven: None,
         reading: Some(reading),
         morph_angle_rad: 1.0,
     })
@@ -129,7 +130,11 @@ fn refused_commands_are_counted_by_kind_and_do_not_prolong_anything() {
 fn an_unproven_owner_gets_what_the_laws_of_its_slot_may_ask_for() {
     let vehicle = VehicleParameters::default();
     let weight_n = vehicle.weight_n();
-    let range = UnprovenRange { believed: vehicle, thrust_n: [0.2 * weight_n, 2.1 * weight_n] };
+    let range = UnprovenRange {
+        believed: vehicle,
+        thrust_n: [0.2 * weight_n, 2.1 * weight_n],
+        tilt_rad: 1.0,
+    };
     let mut gate = gate();
     let mut judge = |thrust_n: f64, torque_b_nm: [f64; 3]| {
         let wrench = Wrench { thrust_n, torque_b_nm: torque_b_nm.into() };
@@ -173,6 +178,7 @@ fn between_two_commands_in_range_nothing_is_refused_and_nothing_leaves_the_range
         now_ns: 0,
         command,
         tripped: false,
+        unproven: None,
         reading: None,
         morph_angle_rad: 1.0,
     });
@@ -247,6 +253,7 @@ proptest! {
     fn no_garbage_reaches_a_rotor(ticks in prop::collection::vec(any_tick(), 1..40)) {
         let vehicle = VehicleParameters::default();
         let (mut gate, mut twin) = (gate(), gate());
+        let range = UnprovenRange { believed: vehicle, thrust_n: [0.2, 2.4], tilt_rad: 1.0 };
         let (mut now_ns, mut was_cut) = (0, false);
         for (commands, reading, morph_angle_rad, step_ns) in &ticks {
             now_ns += step_ns;
@@ -257,6 +264,7 @@ proptest! {
                 now_ns,
                 command,
                 tripped: now_ns % 7 == 0,
+                unproven: Some(&range).filter(|_| now_ns % 3 == 0),
                 reading: *reading,
                 morph_angle_rad: *morph_angle_rad,
             };

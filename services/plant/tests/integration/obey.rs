@@ -201,7 +201,8 @@ fn an_owner_whose_commands_are_garbage_is_silent() {
 fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallbacks_is_not() {
     let believed = VehicleParameters::default();
     let weight_n = believed.weight_n();
-    let range = UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n] };
+    let range =
+        UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad: 1.0 };
     let lawful_nm = believed.torque_bound_nm(MorphAngle::MIN, weight_n).x;
     let asked_nm = 1.5 * lawful_nm;
     // By seat, and whether the plant knows a range: the torque that is applied.
@@ -222,6 +223,40 @@ fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallba
     for (seat, unproven) in [(A, None), (B, Some(range))] {
         let (kept, count) = torque_nm(seat, unproven);
         assert!((kept - 1.5).abs() < 1e-9 && count == 0, "{kept} {count}");
+    }
+}
+
+#[test]
+fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle_and_no_other_owner() {
+    let believed = VehicleParameters::default();
+    let weight_n = believed.weight_n();
+    let range =
+        UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad: 1.0 };
+    for (unproven, watched, levels) in
+        [(Some(range), true, true), (Some(range), false, false), (None, true, false)]
+    {
+        let (mut plant, mut inputs) = (plant_with(unproven), inputs());
+        inputs.attitude_owner.offer(OwnerRecord {
+            header: Header { sequence: 1, ..Header::default() },
+            epoch: 1,
+            period_ns: [0, PERIOD_NS, PERIOD_NS, 0],
+            owner: B,
+            fallback: A,
+            slot: Role::Attitude,
+            watched: Flag::from(watched),
+            ..OwnerRecord::default()
+        });
+        say(&mut inputs, B, 0, 150 * MS, 2 * PERIOD_NS);
+        let first = (0..150).find_map(|t_ms| {
+            let now = applied(&fly(&mut plant, &mut inputs, t_ms, t_ms));
+            (now.mode == GateMode::Recover).then_some((t_ms, now))
+        });
+        assert_eq!(first.is_some(), levels, "{watched}");
+        if let Some((t_ms, now)) = first {
+            assert!(!now.tripped.is_set() && now.torque_b_nm[0] < 0.0, "{now:?}");
+            // 200 rad/s² make 57° in 100 ms; braked with 559 rad/s² they must be stopped well before.
+            assert!((40..95).contains(&t_ms), "{t_ms}");
+        }
     }
 }
 
