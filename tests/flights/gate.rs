@@ -95,9 +95,9 @@ fn owner(run: &Running) -> String {
 }
 
 #[test]
-fn a_standby_of_another_kind_shadows_for_a_minute_takes_over_when_asked_and_goes_back_when_told() {
+fn a_standby_of_another_kind_shadows_takes_over_when_asked_and_goes_back_when_told() {
     let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "15"]);
-    let standby = ["standby", "attitude", "attitude-lqr", "--shadow", "60s"];
+    let standby = ["standby", "attitude", "attitude-lqr", "--shadow", "20s"];
     let (code, said) = say(&standby, &running);
     assert_eq!(code, Some(0), "{said}");
     // There it is, and it has been running free since.
