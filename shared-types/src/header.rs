@@ -9,6 +9,7 @@ sample! {
     ///
     /// Host stamps never influence a step; they exist so that a recording alone gives age, wait,
     /// compute time and latency of every sample, measured from the intended release.
+    #[derive(PartialEq)]
     pub struct Header {
         /// Counts up by one per topic and producer seat, from 1.
         pub sequence: u64,

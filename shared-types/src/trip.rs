@@ -49,7 +49,9 @@ sample! {
     /// The monitor's word that the owner of a slot is not to be obeyed any more. Said once per epoch.
     ///
     /// From its effective instant on whoever obeys the slot obeys the fallback of this epoch's record,
-    /// if it has one. A trip of another epoch, or of a seat that is not its owner's, means nothing.
+    /// if it has one. A trip of a seat that is not its owner's, or of an epoch before the first that names owner and
+    /// fallback of now, means nothing.
+    #[derive(PartialEq)]
     pub struct Trip {
         /// Identity and time.
         pub header: Header,

@@ -40,3 +40,28 @@ fn no_script_ends_a_pipe_before_its_writer_has_written() {
     assert_eq!(ended_early("sort -rn times | head -n 10 | awk '{ print }'"), ["head -n 10 "]);
     assert!(ended_early("head -n 1 log || grep -q word log").is_empty());
 }
+
+#[test]
+fn the_gate_runs_every_test_executable_of_the_root_package() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let script = fs::read_to_string(root.join(".ci/tests")).expect("readable");
+    let named: Vec<&str> = script.split("--test ").skip(1).filter_map(first_word).collect();
+    let entries = fs::read_dir(root.join("tests")).expect("readable");
+    let mut targets: Vec<String> = entries
+        .map(|entry| entry.expect("readable").path())
+        .filter(|path| {
+            path.extension().is_some_and(|end| end == "rs") || path.join("main.rs").is_file()
+        })
+        .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
+        .collect();
+    targets.sort();
+    assert!(targets.len() > 3);
+    let mut told = named.clone();
+    told.sort_unstable();
+    assert_eq!(told, targets);
+}
+
+/// The word with which a text begins.
+fn first_word(text: &str) -> Option<&str> {
+    text.split(|c: char| !c.is_ascii_alphanumeric() && c != '-' && c != '_').next()
+}

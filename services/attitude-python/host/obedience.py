@@ -15,6 +15,8 @@ TILT_BOUND_RAD = 0.35
 # which the rest comes back [ns].
 STEP_SHARE = 0.1
 LIMITED_FOR_NS = 100_000_000
+# For how long an owner that has tripped is not followed although there is no fallback [ns].
+DISBELIEVED_NS = 1_500_000_000
 
 
 class Command(typing.NamedTuple):
@@ -88,6 +90,7 @@ class Obedience:
         self.failed_over = self.tripped = False
         # Epoch of the first of the records in a row that name the owner and the fallback of now.
         self._hands_epoch = 0
+        self._tripped_ns = self._tripped_epoch = 0
         self.open_ns = 0
         # By seat the newest set point of owner and fallback; those in effect at the last turn and at the
         # last decision.
@@ -117,12 +120,15 @@ class Obedience:
         turned = False
         while self._announced and self._announced[0].effective_ns <= t_ns:
             self._previous, self.record = self.record, self._announced.pop(0)
-            hands = self.record.hands()
-            if self._previous is None or self._previous.hands() != hands:
+            hands, before = self.record.hands(), self._previous
+            is_same = before is not None and before.hands() == hands
+            if not is_same:
                 self._hands_epoch = self.record.epoch
-                self.tripped = False
-            # Without a fallback the owner that tripped may have been started again since.
-            self.tripped = self.tripped and hands[1] is not None
+            # Without a fallback the owner that tripped may have been started again since, unless it was judged by
+            # this record already, which has come late.
+            has_same_owner = before is not None and before.owner == self.record.owner
+            is_meant = has_same_owner and self._tripped_epoch >= self.record.epoch
+            self.tripped = self.tripped and (is_meant or (is_same and hands[1] is not None))
             self.failed_over = self.failed_over and self.tripped
             turned = True
         if turned:
@@ -130,14 +136,17 @@ class Obedience:
             self._carried = self._last
             self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
 
-    def trip(self, epoch, instance):
+    def trip(self, epoch, instance, at_ns):
         """Takes the monitor's word that the owner of an epoch is not to be followed any more: from now on
-        the fallback counts as soon as it has a valid set point. A record that has left owner and fallback in
-        place since does not outdate it."""
+        the fallback counts as soon as it has a valid set point, and nobody until then. A record that has left
+        owner and fallback in place since does not outdate it; and the epoch may be one that was refused here or is
+        yet to come, while the owner is the same."""
         record = self.record
-        is_current = record and self._hands_epoch <= epoch <= record.epoch
-        if is_current and record.watched and record.owner == instance:
-            self.tripped = self.tripped or not self.failed_over
+        is_current = record and self._hands_epoch <= epoch
+        is_meant = is_current and record.watched and record.owner == instance
+        if is_meant and not self.tripped and not self.failed_over:
+            self.tripped, self._tripped_epoch = True, epoch
+            self._tripped_ns = max(at_ns, self.open_ns)
 
     @property
     def seat(self):
@@ -176,14 +185,25 @@ class Obedience:
         owners, fallbacks = self._valid(record.owner, t_ns), self._valid(record.fallback, t_ns)
         if owners is None and self._carried and self._carried.is_valid(t_ns):
             owners = self._carried
-        has_to_move = self.tripped and fallbacks is not None
-        if owners is not None and not self.failed_over and not has_to_move:
+        is_late = t_ns >= self._tripped_ns + DISBELIEVED_NS
+        is_believed = not self.tripped or (is_late and fallbacks is None)
+        if owners is not None and not self.failed_over and is_believed:
             choice = owners
         else:
             choice = fallbacks
             self.failed_over = self.failed_over or choice is not None
         self._last = choice
         return None if choice is None else self._limited(choice, t_ns)
+
+    def level(self, weight_n):
+        """What to follow in place of an owner that has tripped while there is no fallback, if that is so: it
+        carries the weight and keeps the heading."""
+        if not self.tripped or self.failed_over:
+            return None
+        yaw_rad = self._given.value[3] if self._given else 0.0
+        self._given = self._given and self._given._replace(seat=None)
+        self._limiter.reset()
+        return Command((weight_n, 0.0, 0.0, yaw_rad), 0, None, 0, 0)
 
     def _valid(self, seat, t_ns):
         held = self._held.get(seat)
@@ -193,7 +213,8 @@ class Obedience:
         by_owner = not self.failed_over and choice.seat == self.record.owner
         given = self._given
         if given is None or choice.seat != given.seat:
-            if given is not None and by_owner and self._kind_changes:
+            is_continued = given is not None and given.seat is not None
+            if is_continued and by_owner and self._kind_changes:
                 old = self._valid(given.seat, t_ns)
                 old = given.value if old is None else self._limiter.apply(t_ns, old.value)
                 self._limiter.engage(t_ns, old, choice.value)
@@ -209,14 +230,15 @@ class SetPoints:
     """The set point that an attitude loop has to follow."""
 
     def __init__(self, weight_n, role):
-        self._role = role
+        self._weight_n, self._role = weight_n, role
         tilt_rad = STEP_SHARE * TILT_BOUND_RAD
         # The heading comes from the reference whoever owns the slot, and it wraps: never limited.
         self._obedience = Obedience((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
 
     def take(self, t_ns, owners, setpoints, trips):
         """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`;
-        None if nobody's is valid, which is for two control periods of its writer."""
+        None if nobody's is valid, which is for two control periods of its writer. If the owner has tripped and
+        no fallback has taken over, it is to be level, with the sequence 0 of no set point."""
         obedience = self._obedience
         joins = obedience.record is None
         records = [owners.before] if joins and owners.before else []
@@ -244,7 +266,7 @@ class SetPoints:
                 obedience.decide(at_ns)
         self._take_trips(t_ns, trips, waiting)
         obedience.advance(t_ns)
-        return obedience.decide(t_ns)
+        return obedience.decide(t_ns) or obedience.level(self._weight_n)
 
     def _take_trips(self, until_ns, trips, waiting):
         """Takes the trips in effect until an instant, each at its own, ahead of the set points then."""
@@ -260,7 +282,7 @@ class SetPoints:
     def _trip(self, trips, sample):
         trip = trips.value_of(sample)
         if trip.slot == self._role:
-            self._obedience.trip(trip.epoch, trip.instance)
+            self._obedience.trip(trip.epoch, trip.instance, sample.valid_ns)
 
     def _judge(self, setpoints, sample):
         """A set point that is fit to be followed; one that is not finite is its writer's silence."""

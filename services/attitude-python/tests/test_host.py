@@ -299,26 +299,34 @@ class ObedienceRules(unittest.TestCase):
         for watched, epoch, seat, expected in (
             (True, 1, 0, 1),
             (False, 1, 0, 0),
-            (True, 2, 0, 0),
+            (True, 0, 0, 0),
+            (True, 2, 0, 1),
             (True, 1, 1, 0),
         ):
             obedience = self.obedience(self.record(1, 0, 0, 1, watched=watched))
             self.at(obedience, 0, 0, 1)
-            obedience.trip(epoch, seat)
+            obedience.trip(epoch, seat, 10 * MS)
             self.assertEqual(self.at(obedience, 10, 0, 1), (expected, 10))
             self.assertEqual(obedience.tripped, bool(expected))
         obedience = self.obedience(self.record(1, 0, 0, 1, watched=True))
         self.at(obedience, 0, 0)
-        obedience.trip(1, 0)
-        self.assertEqual(self.at(obedience, 10, 0), (0, 10), "whom nobody can follow goes on")
+        obedience.trip(1, 0, 10 * MS)
+        self.assertIsNone(self.at(obedience, 10, 0), "the fallback has not spoken yet")
+        self.assertEqual(obedience.level(2.0).value, (2.0, 0.0, 0.0, 0.0))
         obedience.hear(self.record(2, 20, 0, 1, watched=True))
         self.assertEqual(self.at(obedience, 20, 0, 1), (1, 20), "the same two: the trip still counts")
         obedience.hear(self.record(3, 30, 0, 2, watched=True))
         self.assertEqual(self.at(obedience, 30, 0, 1), (0, 30), "another fallback: it begins anew")
         obedience.hear(self.record(4, 40, 0, 2, watched=True))
         obedience.advance(40 * MS)
-        obedience.trip(3, 0)
+        obedience.trip(3, 0, 40 * MS)
         self.assertEqual(self.at(obedience, 40, 0, 2), (2, 40), "a trip of before names the same two")
+        obedience = self.obedience(self.record(1, 0, 0, watched=True))
+        self.assertEqual(self.at(obedience, 0, 0), (0, 0))
+        self.assertIsNone(obedience.level(2.0))
+        obedience.trip(1, 0, 10 * MS)
+        self.assertIsNone(self.at(obedience, 1500, 0))
+        self.assertEqual(self.at(obedience, 1510, 0), (0, 1510), "nobody has come")
 
 
 class Setpoint(ctypes.Structure):

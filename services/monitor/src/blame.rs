@@ -7,6 +7,8 @@ use crate::judge::{Finding, Findings};
 pub(crate) struct Watched {
     pub(crate) epoch: u64,
     pub(crate) instance: u32,
+    /// Seat of its fallback, `NO_SEAT` if nobody is there.
+    pub(crate) fallback: u32,
 }
 
 /// Who commands a slot.
@@ -37,7 +39,7 @@ pub(crate) fn blame(findings: Findings, hands: &[Hands; 2]) -> [Option<Finding>;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::TripCause;
+    use shared_types::{NO_SEAT, TripCause};
 
     fn found(cause: TripCause) -> Finding {
         Finding { cause, value: 1.0, limit: 0.5, lasted_s: 0.0 }
@@ -45,7 +47,7 @@ mod tests {
 
     #[test]
     fn the_watched_owner_answers_for_a_proven_one_and_never_for_one_that_was_replaced() {
-        let watched = Hands::Watched(Watched { epoch: 1, instance: 0 });
+        let watched = Hands::Watched(Watched { epoch: 1, instance: 0, fallback: NO_SEAT });
         let (turns, leaves) = (TripCause::AttitudeDeparts, TripCause::PositionDeparts);
         let none = Findings::default();
         let both = Findings { attitude: Some(found(turns)), position: Some(found(leaves)), ..none };

@@ -92,8 +92,13 @@ shared_types::memory! {
         pub replaced_ns: [u64; 2],
         /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
         pub failed_over: u64,
-        /// Epochs of the last trips published for the attitude and the position slot; 0 for none.
-        pub tripped: [u64; 2],
+        /// Last trips published for the attitude and the position slot, of epoch 0 for none; [`NO_SEAT`] for their owner
+        /// once another one commands.
+        pub trips: [Trip; 2],
+        /// When they were published \[ns\].
+        pub tripped_ns: [u64; 2],
+        /// Seats of the fallbacks then, [`NO_SEAT`] for none.
+        pub tripped_to: [u32; 2],
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
     }
@@ -198,16 +203,27 @@ impl Monitor {
         let mut seats = [NO_SEAT; 2];
         for slot in 0..2 {
             let Some(record) = records[slot].in_effect_at(now_ns) else { continue };
-            // A trip is known here before it takes effect; without a fallback the owner goes on.
-            let has_tripped = self.memory.tripped[slot] == record.epoch;
+            // A trip is known here before it takes effect. Without a fallback the slot's consumer levels.
+            let is_there = period_ns(record, record.fallback) > 0;
+            let fallback = if is_there { record.fallback } else { NO_SEAT };
+            let last = &mut self.memory.trips[slot];
+            if record.owner != last.instance {
+                last.instance = NO_SEAT;
+            }
+            // A record that leaves owner and fallback in place undoes no trip.
+            let is_kept = last.instance == record.owner
+                && fallback != NO_SEAT
+                && fallback == self.memory.tripped_to[slot];
+            let has_tripped = last.epoch > 0 && (last.epoch == record.epoch || is_kept);
             // Once in an epoch is for all of it: what an attitude controller says of it is not taken back.
             let is_replaced = failed_over[slot] == record.epoch
-                || has_tripped && record.fallback != NO_SEAT
+                || has_tripped
                 || self.memory.replaced[slot] == record.epoch;
             (hands[slot], seats[slot]) = if is_replaced {
                 (Hands::Replaced, record.fallback)
             } else if record.watched.is_set() {
-                let watched = Watched { epoch: record.epoch, instance: record.owner };
+                let OwnerRecord { epoch, owner, .. } = *record;
+                let watched = Watched { epoch, instance: owner, fallback };
                 (Hands::Watched(watched), record.owner)
             } else {
                 (Hands::Proven, record.owner)
@@ -254,6 +270,33 @@ impl Monitor {
     fn recovers(&self, now_ns: u64) -> [bool; 2] {
         let lately = |from_ns: u64| from_ns > 0 && now_ns < from_ns.saturating_add(RECOVERY_NS);
         self.memory.replaced_ns.map(lately)
+    }
+
+    /// The trip of a slot's owner once more, if a record names it again that was written before its trip was known: its
+    /// consumer takes it for one that may have been started again.
+    fn trip_again(&self, now_ns: u64, slot: usize, hands: &Hands) -> Option<Trip> {
+        let (last, tripped_ns) = (self.memory.trips[slot], self.memory.tripped_ns[slot]);
+        match hands {
+            Hands::Watched(Watched { epoch, instance, .. })
+                if last.instance == *instance
+                    && (1..*epoch).contains(&last.epoch)
+                    && now_ns < tripped_ns.saturating_add(RECOVERY_NS) =>
+            {
+                Some(Trip { epoch: *epoch, ..last })
+            }
+            _ => None,
+        }
+    }
+
+    /// Takes note of a trip, of an owner with this fallback, that is published.
+    fn noted(&mut self, now_ns: u64, (slot, fallback): (usize, u32), trip: Trip) -> Trip {
+        self.memory.trips[slot] = trip;
+        self.memory.tripped_ns[slot] = now_ns;
+        self.memory.tripped_to[slot] = fallback;
+        if trip.slot == Role::Position {
+            self.reports.trip(trip.instance, now_ns + self.latency_ns);
+        }
+        trip
     }
 
     /// Whether the actuation gate levels the vehicle because the attitude slot's owner was about to overturn it, and not
@@ -362,16 +405,12 @@ impl Service for Monitor {
         let [attitude, position] = blame(findings, &hands);
         let found = [misreported.or(self.overturns(now_ns, inputs)).or(attitude), position];
         for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
-            let (Hands::Watched(owner), Some(finding)) = (hands[index], &found[index]) else {
-                continue;
-            };
+            let Hands::Watched(owner) = hands[index] else { continue };
+            let found = found[index].map(|finding| trip(slot, owner, &finding));
+            let due = self.trip_again(now_ns, index, &hands[index]).or(found);
             // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
-            if self.memory.tripped[index] < owner.epoch {
-                self.memory.tripped[index] = owner.epoch;
-                if slot == Role::Position {
-                    self.reports.trip(owner.instance, now_ns + self.latency_ns);
-                }
-                outputs.trip.write(trip(slot, owner, finding));
+            if let Some(due) = due.filter(|_| self.memory.trips[index].epoch < owner.epoch) {
+                outputs.trip.write(self.noted(now_ns, (index, owner.fallback), due));
                 break;
             }
         }
@@ -430,6 +469,57 @@ mod tests {
         assert_eq!(trip(GateMode::Recover, false), Some(overturns), "without any estimate");
         assert_eq!(trip(GateMode::Recover, true), None, "the gate answers a trip");
         assert_eq!(trip(GateMode::Normal, false), None);
+    }
+
+    #[test]
+    fn an_owner_that_a_later_record_names_again_trips_again_at_once_and_no_other_owner_does() {
+        let mut monitor = monitor();
+        let mut inputs = Inputs::default();
+        inputs.position_owner.offer(OwnerRecord { epoch: 1, ..Default::default() });
+        inputs.position_owner.accept(0, None);
+        let name = |inputs: &mut Inputs, epoch: u64, hands: [u32; 2], at_ns: u64| {
+            let header = Header { sequence: epoch, valid_ns: at_ns, ..Header::default() };
+            let ([owner, fallback], watched, period_ns) = (hands, Flag::Yes, [10; 4]);
+            let record = OwnerRecord {
+                header,
+                epoch,
+                owner,
+                fallback,
+                watched,
+                period_ns,
+                ..Default::default()
+            };
+            inputs.attitude_owner.offer(record);
+            inputs.attitude_owner.accept(at_ns, at_ns.checked_sub(1));
+        };
+        let mut step = |inputs: &Inputs, now_ns: u64| {
+            let mut outputs = Outputs::default();
+            monitor.step(now_ns, inputs, &mut outputs);
+            outputs.trip.written().map(|trip| (trip.epoch, trip.instance, trip.cause))
+        };
+        inputs.applied_command.offer(AppliedCommand {
+            header: Header { sequence: 1, ..Header::default() },
+            mode: GateMode::Recover,
+            ..AppliedCommand::default()
+        });
+        inputs.applied_command.accept(0, None);
+        let overturns = |epoch: u64| Some((epoch, 2, TripCause::Overturns));
+        for (epoch, hands, trip) in [
+            (1, [2, 0], overturns(1)),
+            // The trip holds by this record too.
+            (2, [2, 0], None),
+            // The fallback has died, and this was written before the trip was known.
+            (3, [2, NO_SEAT], overturns(3)),
+            (4, [2, NO_SEAT], overturns(4)),
+            (5, [1, NO_SEAT], None),
+            // It has been another one's meanwhile.
+            (6, [2, NO_SEAT], None),
+        ] {
+            let at_ns = 20 * (epoch - 1);
+            name(&mut inputs, epoch, hands, at_ns);
+            assert_eq!(step(&inputs, at_ns), trip, "epoch {epoch}");
+            assert_eq!(step(&inputs, at_ns + 10), None, "once in an epoch");
+        }
     }
 
     #[test]

@@ -238,6 +238,10 @@ impl Reports {
         let overdue_ns = (2 * longest_ns).saturating_add(said.period_ns);
         let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
         let Some(of_seat) = self.by_seat(said.seat) else { return Judged::Unfound };
+        if said.sequence == 0 && said.seat == self.memory.tripped {
+            // Without a fallback it is level, and nobody's set point is tracked.
+            return Judged::Open;
+        }
         if said.sequence == 0 {
             // Nothing is tracked before the first.
             return if of_seat.known().any(is_over) { Judged::Unfound } else { Judged::Open };
@@ -429,6 +433,9 @@ mod tests {
             assert!(reports.take_record(&record(2, hands, 0)));
             reports.trip(0, trip_ns);
             assert_eq!(reports.hear(&at(3)), None, "{why}");
+            let level = Said { sequence: 0, ..at(20) };
+            let heard = [level; 4].map(|said| reports.hear(&said));
+            assert_eq!(heard, [None; 4], "{why}: it is level");
         }
     }
 

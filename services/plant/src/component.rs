@@ -128,20 +128,20 @@ impl Plant {
         }
     }
 
-    /// The command that counts from now on, if it is another than before.
-    fn obey(&mut self, now_ns: u64) -> Option<Command> {
+    /// The command that counts from now on, if it is another than before, and whether none may be held any more.
+    fn obey(&mut self, now_ns: u64) -> (Option<Command>, bool) {
         let largest = self.vehicle.largest_wrench(self.measured_morph());
         let limit = largest.map(|most| STEP_SHARE * most);
-        let order = self.obedience.decide(now_ns, &limit).filter(|order| order.is_new)?;
+        let order = self.obedience.decide(now_ns, &limit);
+        let is_disowned = order.is_none() && self.obedience.is_disowned();
+        let Some(order) = order.filter(|order| order.is_new) else { return (None, is_disowned) };
         let slot::Command { value, sequence, cause_sequence, effective_ns, valid_until_ns } =
             order.command;
         self.in_effect = InEffect { seat: order.seat.into(), sequence, cause_sequence };
         let [thrust_n, x, y, z] = value;
-        Some(Command {
-            wrench: Wrench { thrust_n, torque_b_nm: Vector3::new(x, y, z) },
-            effective_ns,
-            validity_ns: valid_until_ns - effective_ns,
-        })
+        let wrench = Wrench { thrust_n, torque_b_nm: Vector3::new(x, y, z) };
+        let validity_ns = valid_until_ns - effective_ns;
+        (Some(Command { wrench, effective_ns, validity_ns }), false)
     }
 
     fn measured_morph(&self) -> MorphAngle {
@@ -158,13 +158,14 @@ impl Plant {
         for sample in &inputs.wrench_command.fresh()[effects.commands_from..effects.commands_to] {
             self.offer(now_ns, sample);
         }
-        let command = self.obey(now_ns);
+        let (command, is_disowned) = self.obey(now_ns);
         if let Some(kick) = effects.take_kick(inputs) {
             self.kick_b_rad_s += kick;
         }
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
+            is_disowned,
             tripped,
             unproven: self.unproven.as_ref().filter(|_| self.obedience.is_watched()),
             reading: self.reading.take(),

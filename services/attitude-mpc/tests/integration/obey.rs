@@ -7,7 +7,7 @@ use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
 use shared_types::{
     AppliedSetpoint, AttitudeSetpoint, Flag, Header, NO_SEAT, OwnerRecord, Role, StateEstimate,
-    topics,
+    Trip, topics,
 };
 use vehicle::VehicleParameters;
 
@@ -39,6 +39,7 @@ fn inputs() -> Inputs {
     inputs.position_owner.connect(Box::new(Silent), edge(&topics::POSITION_OWNER.info));
     inputs.attitude_setpoint.connect(Box::new(Silent), edge(&topics::ATTITUDE_SETPOINT.info));
     inputs.state_estimate.connect(Box::new(Silent), edge(&topics::STATE_ESTIMATE.info));
+    inputs.trip.connect(Box::new(Silent), edge(&topics::TRIP.info));
     inputs
 }
 
@@ -152,6 +153,33 @@ fn the_fallbacks_set_points_count_two_periods_after_the_owners_last_one() {
     tell(&mut inputs, 2, 191, A, NO_SEAT, false);
     let back = applied(&fly(&mut attitude, &mut inputs, 200, 200));
     assert_eq!((back.seat, back.failed_over, back.setpoint_sequence), (A, Flag::No, 191));
+}
+
+#[test]
+fn after_a_trip_without_a_fallback_the_loop_is_level_and_then_takes_what_there_is() {
+    let (mut attitude, mut inputs) = (controller(), inputs());
+    tell(&mut inputs, 1, 0, B, NO_SEAT, false);
+    say(&mut inputs, B, 0, 1600);
+    inputs.trip.offer(Trip {
+        header: Header { sequence: 1, valid_ns: 100 * MS, ..Header::default() },
+        epoch: 1,
+        slot: Role::Position,
+        instance: B,
+        ..Trip::default()
+    });
+    let before = applied(&fly(&mut attitude, &mut inputs, 0, 90));
+    assert_roll(&before, ROLL_RAD);
+    for (from_ms, until_ms) in [(100, 100), (110, 1590)] {
+        let level = applied(&fly(&mut attitude, &mut inputs, from_ms, until_ms));
+        assert_eq!((level.setpoint_sequence, level.seat, level.tripped), (0, B, Flag::Yes));
+        assert_roll(&level, 0.0);
+        let weight_n = VehicleParameters::default().weight_n();
+        let off = [level.thrust_n - weight_n, level.yaw_rad - 3.0].map(f64::abs);
+        assert!(off.iter().all(|off| *off < 1e-12), "{level:?}");
+    }
+    let again = applied(&fly(&mut attitude, &mut inputs, 1600, 1600));
+    assert_eq!(again.setpoint_sequence, 1581);
+    assert_roll(&again, ROLL_RAD);
 }
 
 #[test]

@@ -226,6 +226,13 @@ impl Obedience {
         self.consumer.tripped()
     }
 
+    /// True if the owner has tripped and no fallback has taken over: where nothing is to be applied then, what the owner
+    /// has commanded before is not to be held either.
+    #[must_use]
+    pub fn is_disowned(&self) -> bool {
+        self.tripped() && !self.failed_over()
+    }
+
     /// What happened since the start.
     #[must_use]
     pub fn counters(&self) -> Counters {

@@ -20,6 +20,11 @@ use crate::record::{Record, RecordMemory, Seat, Standing};
 /// Records that may wait for their instant.
 pub const PENDING: usize = 4;
 
+/// For how long an owner that has tripped is not obeyed although there is no fallback: the consumer levels by itself until
+/// the supervisor's next epoch. After that even a bad owner is better than none, and the actuation gate would cut the
+/// rotors in half a second \[ns\].
+pub const DISBELIEVED_NS: u64 = 1_500_000_000;
+
 /// What became of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Taken {
@@ -49,7 +54,7 @@ pub enum Source {
 pub enum Tripped {
     /// The owner is not obeyed any more as soon as the fallback has a usable command.
     ToFallback,
-    /// The record has no fallback to move to: the owner goes on.
+    /// The record has no fallback to move to: nobody commands for a while.
     NoFallback,
     /// It is of another epoch, of a seat that is not the owner's, of an owner that nobody watches, of
     /// one that is not obeyed any more, or a repetition.
@@ -108,6 +113,8 @@ shared_types::memory! {
         pub failed_over: bool,
         /// Whether the owner has tripped, under these records.
         pub tripped: bool,
+        /// Epoch by which it was judged, once it has tripped.
+        pub tripped_epoch: u64,
     }
 }
 
@@ -122,6 +129,7 @@ pub struct Consumer {
     hands_epoch: u64,
     failed_over: bool,
     tripped: bool,
+    tripped_epoch: u64,
 }
 
 impl Consumer {
@@ -178,8 +186,11 @@ impl Consumer {
             if !same_hands {
                 self.hands_epoch = due.epoch;
             }
-            // Without a fallback the owner that tripped may have been started again since.
-            self.tripped &= same_hands && Self::has_fallback(&due);
+            // Without a fallback the owner that tripped may have been started again since, unless it was judged by this
+            // record already, which has come late.
+            let same_owner = self.previous.is_some_and(|before| before.owner == due.owner);
+            let is_meant = same_owner && self.tripped_epoch >= due.epoch;
+            self.tripped &= is_meant || same_hands && Self::has_fallback(&due);
             self.failed_over &= self.tripped;
             self.pending.rotate_left(1);
             self.pending[PENDING - 1] = None;
@@ -192,19 +203,21 @@ impl Consumer {
 
     /// Takes the monitor's word, in effect at `at_ns`, that the owner on `seat` by the record of `epoch`
     /// is not to be obeyed any more. A record that has left owner and fallback in place since does not
-    /// outdate it.
+    /// outdate it; and the epoch may be one that this consumer has refused or not heard of yet, while the owner is the
+    /// same.
     ///
     /// One that came late counts from the next decision on, like a late command: what has been decided
     /// stays decided, and an owner that has to go had better go late than not at all.
     pub fn trip(&mut self, epoch: u64, seat: Seat, at_ns: u64) -> Tripped {
         let judged = |record: &Record| {
-            let epochs = self.hands_epoch..=record.epoch;
-            record.watched && epochs.contains(&epoch) && record.owner == seat && !self.failed_over
+            let is_of_these = epoch >= self.hands_epoch;
+            record.watched && is_of_these && record.owner == seat && !self.failed_over
         };
         let Some(record) = self.current.filter(|record| judged(record) && !self.tripped) else {
             return Tripped::Ignored;
         };
         self.tripped = true;
+        self.tripped_epoch = epoch;
         self.counters.trips += 1;
         self.counters.trip_ns = at_ns.max(self.open_ns);
         if Self::has_fallback(&record) { Tripped::ToFallback } else { Tripped::NoFallback }
@@ -233,12 +246,14 @@ impl Consumer {
 
     /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, until the
     /// next epoch, if only it has one; and until a record names another owner or fallback, if it has one
-    /// and the owner has tripped.
+    /// and the owner has tripped. An owner that has tripped is not obeyed for [`DISBELIEVED_NS`] even if
+    /// there is no fallback.
     pub fn decide(&mut self, now_ns: u64, owner_valid: bool, fallback_valid: bool) -> Source {
         self.open_ns = self.open_ns.max(now_ns.saturating_add(1));
         let fallback_valid = fallback_valid && self.current.is_some_and(|r| r.fallback.is_some());
-        let must_move = self.tripped && fallback_valid;
-        if owner_valid && !self.failed_over && !must_move {
+        let disbelieved_until_ns = self.counters.trip_ns.saturating_add(DISBELIEVED_NS);
+        let is_believed = !self.tripped || now_ns >= disbelieved_until_ns && !fallback_valid;
+        if owner_valid && !self.failed_over && is_believed {
             return Source::Owner;
         }
         if !fallback_valid {
@@ -321,6 +336,7 @@ impl Consumer {
             hands_epoch: self.hands_epoch,
             failed_over: self.failed_over,
             tripped: self.tripped,
+            tripped_epoch: self.tripped_epoch,
         }
     }
 
@@ -335,6 +351,7 @@ impl Consumer {
             hands_epoch: memory.hands_epoch,
             failed_over: memory.failed_over,
             tripped: memory.tripped,
+            tripped_epoch: memory.tripped_epoch,
         };
     }
 }

@@ -56,6 +56,7 @@ impl Flight {
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
+            is_disowned: false,
             tripped: false,
             unproven: self.unproven.as_ref(),
             reading: self.imu.sample(now_ns, &omega, &force),

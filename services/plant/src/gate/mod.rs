@@ -44,6 +44,8 @@ pub struct GateInput<'a> {
     /// The command that counts from now on, if it is another than at the last tick; one that
     /// [`Gate::judge`] has let through, or lies between such.
     pub command: Option<Command>,
+    /// The command that is held is that of an owner that has tripped, and nobody takes its place.
+    pub is_disowned: bool,
     /// The owner of the attitude slot trips now: what it has commanded until here is not to be trusted.
     pub tripped: bool,
     /// What the owner of the attitude slot is held to, if it has not proven itself.
@@ -207,6 +209,10 @@ impl Gate {
                 valid_until_ns: self.range.valid_until_ns(command),
                 hold_ns: command.validity_ns.min(self.hold_max_ns),
             };
+        }
+        if input.is_disowned {
+            self.held.valid_until_ns = self.held.valid_until_ns.min(input.now_ns);
+            self.held.hold_ns = 0;
         }
         self.change_mode(input, tick_s, command.is_some());
 

@@ -6,6 +6,7 @@ use catalogue::swapped::{
     swapped_with_late_trips,
 };
 use catalogue::{Entry, Fault, entries, entries_of_pairs, patient_entries};
+use scenario::Override;
 use scenario::candidate::Slot;
 use scenario::services::names_for;
 use std::path::PathBuf;
@@ -78,6 +79,30 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
         let is_taken_back = flown.outcome.starts_with("taken back: ");
         assert!(is_taken_back || is_bearable, "{name}: {flown:?}");
         assert!(flown.untold.is_empty(), "{name}: {flown:?}");
+    }
+}
+
+/// As if the fallback had died: until the initial controller flies, the vehicle is level.
+#[test]
+fn without_a_fallback_a_trip_costs_a_metre_at_most() {
+    let flights = Flights::new();
+    let alone = Override::set("watch.fallback=none").expect("a setting");
+    let situation = &SITUATIONS[0];
+    let plain = plain(situation, SEED, None, &[alone]).expect("a flight");
+    for slot in Slot::ALL {
+        let bad = patient_entries(slot).into_iter().filter(|entry| {
+            matches!(entry.fault, Fault::Slams | Fault::Gain)
+                || matches!((entry.fault, entry.amount), (Fault::Thrust, 0.0))
+        });
+        for entry in bad {
+            let config = flights.configure_as("alone.toml", &entry);
+            let to = (env!("CARGO_BIN_EXE_catalogue"), Some(config.as_path()));
+            let flown = swapped((situation, SEED), slot, to, Guard::All, &plain).expect("a flight");
+            let name = format!("{} {}", slot.label(), entry.name());
+            println!("{name}: {flown:?}");
+            assert!(flown.tripped_s.is_some() && flown.recovered, "{name}: {flown:?}");
+            assert!(flown.excursion_m <= 1.0 && flown.tilt_deg <= 60.0, "{name}: {flown:?}");
+        }
     }
 }
 

@@ -31,6 +31,7 @@ pub struct SetpointSlot {
     obedience: Obedience,
     refused: u64,
     limit: [f64; 4],
+    weight_n: f64,
 }
 
 impl SetpointSlot {
@@ -40,11 +41,12 @@ impl SetpointSlot {
         let tilt = STEP_SHARE * TILT_BOUND_RAD;
         // The heading comes from the reference whoever owns the slot, and it wraps: never limited.
         let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
-        Self { obedience: Obedience::new(), refused: 0, limit }
+        Self { obedience: Obedience::new(), refused: 0, limit, weight_n }
     }
 
     /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if nobody's is
-    /// valid, which is for two control periods of its writer.
+    /// valid, which is for two control periods of its writer. If the owner has tripped and no fallback has taken over, it
+    /// is to be level and carry the weight, with the sequence 0 of no set point.
     pub fn take(
         &mut self,
         now_ns: u64,
@@ -82,7 +84,17 @@ impl SetpointSlot {
         }
         self.take_trips(now_ns, &mut trips);
         self.obedience.advance(now_ns);
-        self.obedience.decide(now_ns, &self.limit).map(|order| order.command)
+        let order = self.obedience.decide(now_ns, &self.limit);
+        order.map(|order| order.command).or_else(|| self.level())
+    }
+
+    /// What is tracked in place of an owner that has tripped without a fallback. The heading stays.
+    fn level(&mut self) -> Option<Command> {
+        let [.., yaw_rad] = self.obedience.given.value;
+        self.obedience.is_disowned().then(|| {
+            self.obedience.forget_order();
+            Command { value: [self.weight_n, 0.0, 0.0, yaw_rad], ..Command::default() }
+        })
     }
 
     /// Takes the trips in effect until `until_ns`, each at its own instant, ahead of the set points then.

@@ -280,17 +280,52 @@ fn a_late_trip_counts_from_the_next_decision_on_and_what_was_decided_stays() {
 }
 
 #[test]
-fn without_a_fallback_a_trip_is_told_and_the_owner_goes_on() {
+fn without_a_fallback_an_owner_that_has_tripped_is_not_obeyed_while_another_can_be_started() {
     let mut alone = consumer(&[record(1, 0, 0, None), record(2, 50, 0, Some(1))]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
-    assert_eq!(alone.decide(10, true, true), Source::Owner);
+    assert_eq!(alone.decide(10, true, true), Source::Nobody);
     assert!(alone.tripped() && !alone.failed_over());
-    // A fallback that has not spoken yet takes over with its first command, and not before.
+    // A fallback that has not spoken yet takes over with its first command, and nothing is obeyed before.
     alone.advance(50);
+    assert_eq!(alone.decide(50, true, false), Source::Owner, "it may be another process");
     assert_eq!(alone.trip(2, A, 51), Tripped::ToFallback);
-    assert_eq!(alone.decide(51, true, false), Source::Owner);
+    assert_eq!(alone.decide(51, true, false), Source::Nobody);
     assert_eq!(alone.decide(60, true, true), Source::Fallback);
+}
+
+#[test]
+fn a_trip_by_a_record_that_was_refused_or_comes_later_counts_if_the_owner_is_the_same() {
+    let mut late = consumer(&[record(1, 0, 0, Some(1))]);
+    late.advance(0);
+    assert_eq!(late.decide(10, true, false), Source::Owner);
+    // The fallback has died, and the record that says so comes too late.
+    assert_eq!(late.take_record(&record(2, 5, 0, None)), Taken::Late);
+    assert_eq!(late.trip(2, A, 11), Tripped::ToFallback);
+    assert_eq!(late.decide(11, true, false), Source::Nobody);
+    assert_eq!(late.take_record(&record(3, 20, 0, None)), Taken::Accepted);
+    late.advance(20);
+    assert!(!late.tripped(), "who has been judged by an older record may have been started again");
+
+    let mut early = consumer(&[record(1, 0, 0, Some(1))]);
+    early.advance(10);
+    assert_eq!(early.trip(2, A, 10), Tripped::ToFallback);
+    assert_eq!(early.take_record(&record(2, 20, 0, None)), Taken::Accepted);
+    early.advance(20);
+    assert!(early.tripped(), "it was judged by this one");
+    assert_eq!(early.decide(20, true, false), Source::Nobody);
+    assert_eq!(early.take_record(&record(3, 30, 1, None)), Taken::Accepted);
+    early.advance(30);
+    assert!(!early.tripped(), "another owner");
+}
+
+#[test]
+fn an_owner_that_has_tripped_is_obeyed_again_if_nobody_has_come_in_time() {
+    let mut alone = consumer(&[record(1, 0, 0, None)]);
+    alone.advance(10);
+    assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
+    assert_eq!(alone.decide(9 + DISBELIEVED_NS, true, false), Source::Nobody);
+    assert_eq!(alone.decide(10 + DISBELIEVED_NS, true, false), Source::Owner);
 }
 
 #[test]

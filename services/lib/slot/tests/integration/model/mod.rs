@@ -51,17 +51,16 @@ impl Model for Search {
                 |_, world: &World| world.broken != Some(Broken::WrongWriter),
             ),
             Property::always(
-                "a command in effect at each tick at which one was there to obey",
+                "a command in effect at each tick at which one was there to obey, but for one of an owner that has tripped",
                 |_, world: &World| world.broken != Some(Broken::Missed),
             ),
             Property::always(
                 "what has failed over does not go back within the epoch, nor after a trip to the same owner",
                 |_, world: &World| world.broken != Some(Broken::Unlatched),
             ),
-            Property::always(
-                "an owner that has tripped is not obeyed once its fallback speaks",
-                |_, world: &World| world.broken != Some(Broken::TripForgotten),
-            ),
+            Property::always("an owner that has tripped is not obeyed", |_, world: &World| {
+                world.broken != Some(Broken::TripForgotten)
+            }),
             Property::always("epochs grow and instants do not go back", |_, world: &World| {
                 world.broken != Some(Broken::Backwards)
             }),

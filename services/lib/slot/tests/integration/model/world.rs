@@ -418,8 +418,7 @@ impl World {
                 if self.latched == record.epoch {
                     self.broken = Some(Broken::Unlatched);
                 }
-                let fallback = record.fallback.filter(|seat| self.spoke(&record, *seat));
-                if self.tripped == record.epoch && seat == record.owner && fallback.is_some() {
+                if self.tripped == record.epoch && seat == record.owner {
                     self.broken = Some(Broken::TripForgotten);
                 }
                 // Around a flip it may be what was obeyed before, while it is valid.
@@ -433,7 +432,8 @@ impl World {
                 }
             }
             None => {
-                let owner = self.latched != record.epoch && self.spoke(&record, record.owner);
+                let is_out = [self.latched, self.tripped].contains(&record.epoch);
+                let owner = !is_out && self.spoke(&record, record.owner);
                 if owner || record.fallback.is_some_and(|seat| self.spoke(&record, seat)) {
                     self.broken = Some(Broken::Missed);
                 }
@@ -441,10 +441,17 @@ impl World {
         }
     }
 
-    /// What was so in `epoch` is so under `record` if no record since has named another owner or fallback.
+    /// What was so in `epoch` is so under `record` if no record since has named another owner or fallback. Without a
+    /// fallback the owner may have been started again.
     fn carried(&self, epoch: u64, record: &Record) -> u64 {
         let mut since = self.accepted.iter().filter(|r| (epoch..=record.epoch).contains(&r.epoch));
-        if epoch > 0 && since.all(|between| between.same_hands(record)) { record.epoch } else { 0 }
+        let is_followed = record.fallback.is_some_and(|fallback| record.is_taken(fallback));
+        let is_same = since.all(|between| between.same_hands(record));
+        if epoch > 0 && (epoch == record.epoch || is_same && is_followed) {
+            record.epoch
+        } else {
+            0
+        }
     }
 
     /// True if the process that `record` seats there has a valid command under it.

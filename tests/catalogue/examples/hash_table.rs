@@ -1,0 +1,103 @@
+//! Swaps each entry of the catalogue into the same flight several times in processes and once in one process, and compares
+//! the hashes: whatever a candidate does, if it follows from its inputs, so does the flight.
+//!
+//! `hash_table [attitude|position] [FLIGHTS] [ENTRY...]`: 5 flights in processes by default, of the entries whose names
+//! contain one of these words. Run it after `cargo build --release --workspace --examples --bins`. It ends with 1 if an
+//! entry has two hashes.
+#![expect(clippy::print_stdout, reason = "its table is for people")]
+
+use catalogue::swapped::config_of;
+use catalogue::{Entry, entries, late_entries, patient_entries};
+use scenario::candidate::Slot;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Long enough for faults that begin after rehearsal and rollback window.
+const DURATION: &str = "9s";
+
+/// What is compared: the hash of the flight and how its swap ended.
+type Outcome = (String, String);
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let flights: usize = words.iter().find_map(|word| word.parse().ok()).unwrap_or(5);
+    let only = words.iter().find_map(|word| Slot::named(word));
+    let is_name = |word: &&String| word.parse::<u64>().is_err() && Slot::named(word).is_none();
+    let named: Vec<&String> = words.iter().filter(is_name).collect();
+    let slots = Slot::ALL.into_iter().filter(|slot| only.is_none_or(|only| only == *slot));
+    let all = slots.flat_map(|slot| {
+        let every = entries(slot).into_iter().chain(late_entries()).chain(patient_entries(slot));
+        every.map(move |entry| (slot, entry))
+    });
+    let is_wanted = |(_, entry): &(Slot, Entry)| {
+        named.is_empty() || named.iter().any(|word| entry.name().contains(word.as_str()))
+    };
+    let all: Vec<(Slot, Entry)> = all.filter(is_wanted).collect();
+    let (next, differing) = (AtomicUsize::new(0), Mutex::new(0));
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some((slot, entry)) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let found = outcomes(*slot, entry, flights);
+                    let name = format!("{} {}", slot.label(), entry.name());
+                    let mut differing = differing.lock().expect("no panic");
+                    *differing += usize::from(found.len() != 1);
+                    let told = match found.first() {
+                        Some((hash, ended)) if found.len() == 1 => format!("{ended}, {hash}"),
+                        _ => format!("DIFFERS: {found:?}"),
+                    };
+                    println!("{name}: {told}");
+                }
+            });
+        }
+    });
+    let differing = differing.into_inner().expect("no panic");
+    println!(
+        "{} entries, {flights} times in processes and once in one: {differing} with more than one hash",
+        all.len()
+    );
+    ExitCode::from(u8::from(differing > 0))
+}
+
+/// The different outcomes of the flights of one entry.
+fn outcomes(slot: Slot, entry: &Entry, flights: usize) -> BTreeSet<Outcome> {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let config = folder.path().join("entry.toml");
+    std::fs::write(&config, config_of(entry)).expect("a file");
+    let hows = (0..flights).map(|_| None).chain([Some("--in-process")]);
+    hows.map(|how| fly(slot, &config, how)).collect()
+}
+
+fn fly(slot: Slot, config: &Path, how: Option<&str>) -> Outcome {
+    let built = built();
+    let swap = format!(
+        "{}={}@1.5s,shadow=1s,config={}",
+        slot.label(),
+        built.join("catalogue").display(),
+        config.display()
+    );
+    let flags = ["run", "figure8-morph", "--for", DURATION, "--no-record", "--format", "json"];
+    // A busy machine must not decide about a flight in lockstep.
+    let limits = ["stall_timeout_s", "startup_timeout_s"].map(|key| format!("launcher.{key}=600"));
+    let limits = limits.iter().map(String::as_str).chain(["rehearsal.wall_max_s=600"]);
+    let output = Command::new(built.join("morphquad"))
+        .args(flags)
+        .args(["--swap", &swap])
+        .args(limits.flat_map(|limit| ["--set", limit]))
+        .args(how)
+        .output()
+        .expect("the executable of this build");
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let word = |value: &Value| value.as_str().unwrap_or("not flown").to_owned();
+    (word(&told["hash"]), word(&told["swaps"][0]["ended"]))
+}
+
+/// The folder with the executables of this build.
+fn built() -> PathBuf {
+    let own = std::env::current_exe().expect("the own executable");
+    own.parent().and_then(Path::parent).expect("a target folder").to_owned()
+}
