@@ -72,13 +72,15 @@ impl Supervisor {
         if post.seat.role == Role::Plant {
             return Err(lost(PLANT_GONE.to_owned()));
         }
+        let mark_ns = tap.marks.of_seat(post.seat, post.generation);
         if post.seat.role.seats() > 1 {
             // Whoever dies of what it meets there would do so again and again.
-            let mark_ns = tap.marks.of_seat(post.seat, post.generation);
             let (times, there_ns) = post.died;
             post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         }
-        let incurable = post.died.0 > DEATHS_MAX;
+        // What publishes no state cannot go on from it, as a controller in Python.
+        let is_stateless = mark_ns > 0 && tap.last_state(post.seat).is_none();
+        let incurable = post.died.0 > DEATHS_MAX || is_stateless;
         if post.seat.role.seats() > 1 && (post.scripted || incurable || !keeps(post.seat)) {
             // Who commands the slot now is not decided here.
             let place = post.seat;
