@@ -173,7 +173,7 @@ impl Evidence {
         // A part of a flight begins with what was counted before it.
         let count =
             applied.safe_mode_episodes.saturating_sub(before.unwrap_or(applied.safe_mode_episodes));
-        if applied.mode == GateMode::Recover {
+        if applied.mode == GateMode::Recover || applied.tripped.is_set() {
             // The trip that it follows, or that follows it, is its explanation.
             self.safe_mode.explained += count;
         } else if count > 0 {
@@ -330,23 +330,30 @@ fn touches(truth: &Truth, geometry: Option<&Geometry>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shared_types::Flag;
 
     #[test]
     fn a_safe_mode_episode_is_explained_by_the_trip_that_it_follows() {
         let mut evidence = Evidence::default();
         let modes = [
-            (GateMode::Normal, 0),
-            (GateMode::Recover, 1),
-            (GateMode::Normal, 1),
-            (GateMode::Level, 2),
+            (GateMode::Normal, 0, false),
+            (GateMode::Recover, 1, false),
+            (GateMode::Normal, 1, false),
+            (GateMode::Level, 2, true),
+            (GateMode::Normal, 2, true),
+            (GateMode::Level, 3, false),
         ];
-        for (t_ns, (mode, safe_mode_episodes)) in (0..).zip(modes) {
-            let header = Header { valid_ns: t_ns, ..Header::default() };
-            let applied = AppliedCommand { header, mode, safe_mode_episodes, ..Default::default() };
-            evidence.applied(&applied);
+        for (t_ns, (mode, safe_mode_episodes, tripped)) in (0..).zip(modes) {
+            evidence.applied(&AppliedCommand {
+                header: Header { valid_ns: t_ns, ..Header::default() },
+                mode,
+                safe_mode_episodes,
+                tripped: Flag::from(tripped),
+                ..AppliedCommand::default()
+            });
         }
         evidence.finish();
         let SafeMode { explained, unexplained, .. } = evidence.safe_mode();
-        assert_eq!((explained, unexplained), (1, 1));
+        assert_eq!((explained, unexplained), (2, 1));
     }
 }

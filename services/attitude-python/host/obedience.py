@@ -16,7 +16,7 @@ TILT_BOUND_RAD = 0.35
 STEP_SHARE = 0.1
 LIMITED_FOR_NS = 100_000_000
 # For how long an owner that has tripped is not followed although there is no fallback [ns].
-DISBELIEVED_NS = 1_500_000_000
+REJECTED_AFTER_TRIP_NS = 1_500_000_000
 
 
 class Command(typing.NamedTuple):
@@ -129,7 +129,7 @@ class Obedience:
             has_same_owner = before is not None and before.owner == self.record.owner
             is_meant = has_same_owner and self._tripped_epoch >= self.record.epoch
             self.tripped = self.tripped and (is_meant or (is_same and hands[1] is not None))
-            self.failed_over = self.failed_over and self.tripped
+            self.failed_over = self.failed_over and self.tripped and is_same
             turned = True
         if turned:
             self._kind_changes = self.record.kind_changed and self.seat != obeyed
@@ -185,9 +185,9 @@ class Obedience:
         owners, fallbacks = self._valid(record.owner, t_ns), self._valid(record.fallback, t_ns)
         if owners is None and self._carried and self._carried.is_valid(t_ns):
             owners = self._carried
-        is_late = t_ns >= self._tripped_ns + DISBELIEVED_NS
-        is_believed = not self.tripped or (is_late and fallbacks is None)
-        if owners is not None and not self.failed_over and is_believed:
+        is_late = t_ns >= self._tripped_ns + REJECTED_AFTER_TRIP_NS
+        owner_counts = not self.tripped or (is_late and fallbacks is None)
+        if owners is not None and not self.failed_over and owner_counts:
             choice = owners
         else:
             choice = fallbacks
@@ -197,11 +197,11 @@ class Obedience:
 
     def level(self, weight_n):
         """What to follow in place of an owner that has tripped while there is no fallback, if that is so: it
-        carries the weight and keeps the heading."""
-        if not self.tripped or self.failed_over:
+        carries the weight and keeps the heading. Who has followed none keeps what it began with."""
+        if not self.tripped or self.failed_over or self._given is None:
             return None
-        yaw_rad = self._given.value[3] if self._given else 0.0
-        self._given = self._given and self._given._replace(seat=None)
+        yaw_rad = self._given.value[3]
+        self._given = self._given._replace(seat=None)
         self._limiter.reset()
         return Command((weight_n, 0.0, 0.0, yaw_rad), 0, None, 0, 0)
 

@@ -151,6 +151,9 @@ impl Monitor {
         if said.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
             self.memory.setpoint = setpoint;
             self.memory.has_setpoint = true;
+        } else if said.setpoint_sequence == 0 && said.tripped.is_set() {
+            // Level in place of an owner that has tripped: there is no set point to compare with.
+            self.memory.has_setpoint = false;
         }
     }
 
@@ -212,6 +215,7 @@ impl Monitor {
             }
             // A record that leaves owner and fallback in place undoes no trip.
             let is_kept = last.instance == record.owner
+                && now_ns < self.memory.tripped_ns[slot].saturating_add(RECOVERY_NS)
                 && fallback != NO_SEAT
                 && fallback == self.memory.tripped_to[slot];
             let has_tripped = last.epoch > 0 && (last.epoch == record.epoch || is_kept);
@@ -289,7 +293,7 @@ impl Monitor {
     }
 
     /// Takes note of a trip, of an owner with this fallback, that is published.
-    fn noted(&mut self, now_ns: u64, (slot, fallback): (usize, u32), trip: Trip) -> Trip {
+    fn noted(&mut self, now_ns: u64, slot: usize, fallback: u32, trip: Trip) -> Trip {
         self.memory.trips[slot] = trip;
         self.memory.tripped_ns[slot] = now_ns;
         self.memory.tripped_to[slot] = fallback;
@@ -299,12 +303,14 @@ impl Monitor {
         trip
     }
 
-    /// Whether the actuation gate levels the vehicle because the attitude slot's owner was about to overturn it, and not
-    /// for a trip.
-    fn overturns(&self, now_ns: u64, inputs: &Inputs) -> Option<Finding> {
+    /// Whether the actuation gate levels the vehicle because the attitude slot's watched owner was about to overturn it: no
+    /// set point that it should follow asks for so much. After a trip of either slot that is nobody's fault.
+    fn overturns(&self, now_ns: u64, inputs: &Inputs, hands: &Hands) -> Option<Finding> {
+        let Hands::Watched(owner) = hands else { return None };
         let applied = inputs.applied_command.latest()?;
-        let is_for_trip = applied.tripped.is_set() || self.recovers(now_ns)[0];
-        (applied.mode == GateMode::Recover && !is_for_trip).then(|| Finding {
+        let is_its_own = applied.epoch == owner.epoch && !applied.tripped.is_set();
+        let is_after_trip = self.recovers(now_ns).contains(&true);
+        (applied.mode == GateMode::Recover && is_its_own && !is_after_trip).then(|| Finding {
             cause: TripCause::Overturns,
             value: 0.0,
             limit: self.judge.tilt_limit_rad(),
@@ -403,14 +409,15 @@ impl Service for Monitor {
         let moment = self.moment(now_ns, inputs);
         let findings = moment.map(|moment| self.judge.see(&moment)).unwrap_or_default();
         let [attitude, position] = blame(findings, &hands);
-        let found = [misreported.or(self.overturns(now_ns, inputs)).or(attitude), position];
+        let found =
+            [misreported.or(self.overturns(now_ns, inputs, &hands[0])).or(attitude), position];
         for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
             let Hands::Watched(owner) = hands[index] else { continue };
             let found = found[index].map(|finding| trip(slot, owner, &finding));
             let due = self.trip_again(now_ns, index, &hands[index]).or(found);
             // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
             if let Some(due) = due.filter(|_| self.memory.trips[index].epoch < owner.epoch) {
-                outputs.trip.write(self.noted(now_ns, (index, owner.fallback), due));
+                outputs.trip.write(self.noted(now_ns, index, owner.fallback, due));
                 break;
             }
         }
@@ -497,12 +504,6 @@ mod tests {
             monitor.step(now_ns, inputs, &mut outputs);
             outputs.trip.written().map(|trip| (trip.epoch, trip.instance, trip.cause))
         };
-        inputs.applied_command.offer(AppliedCommand {
-            header: Header { sequence: 1, ..Header::default() },
-            mode: GateMode::Recover,
-            ..AppliedCommand::default()
-        });
-        inputs.applied_command.accept(0, None);
         let overturns = |epoch: u64| Some((epoch, 2, TripCause::Overturns));
         for (epoch, hands, trip) in [
             (1, [2, 0], overturns(1)),
@@ -517,6 +518,13 @@ mod tests {
         ] {
             let at_ns = 20 * (epoch - 1);
             name(&mut inputs, epoch, hands, at_ns);
+            inputs.applied_command.offer(AppliedCommand {
+                header: Header { sequence: epoch, valid_ns: at_ns, ..Header::default() },
+                epoch,
+                mode: if epoch == 1 { GateMode::Recover } else { GateMode::Normal },
+                ..AppliedCommand::default()
+            });
+            inputs.applied_command.accept(at_ns, at_ns.checked_sub(1));
             assert_eq!(step(&inputs, at_ns), trip, "epoch {epoch}");
             assert_eq!(step(&inputs, at_ns + 10), None, "once in an epoch");
         }

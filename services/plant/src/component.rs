@@ -133,8 +133,8 @@ impl Plant {
         let largest = self.vehicle.largest_wrench(self.measured_morph());
         let limit = largest.map(|most| STEP_SHARE * most);
         let order = self.obedience.decide(now_ns, &limit);
-        let is_disowned = order.is_none() && self.obedience.is_disowned();
-        let Some(order) = order.filter(|order| order.is_new) else { return (None, is_disowned) };
+        let is_revoked = order.is_none() && self.obedience.is_revoked();
+        let Some(order) = order.filter(|order| order.is_new) else { return (None, is_revoked) };
         let slot::Command { value, sequence, cause_sequence, effective_ns, valid_until_ns } =
             order.command;
         self.in_effect = InEffect { seat: order.seat.into(), sequence, cause_sequence };
@@ -158,16 +158,20 @@ impl Plant {
         for sample in &inputs.wrench_command.fresh()[effects.commands_from..effects.commands_to] {
             self.offer(now_ns, sample);
         }
-        let (command, is_disowned) = self.obey(now_ns);
+        let (command, is_revoked) = self.obey(now_ns);
         if let Some(kick) = effects.take_kick(inputs) {
             self.kick_b_rad_s += kick;
         }
+        // Neither its fallback, nor what levels in its place.
+        let commands_unproven = self.obedience.is_watched()
+            && !self.obedience.failed_over()
+            && !self.obedience.tripped();
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
-            is_disowned,
+            is_revoked,
             tripped,
-            unproven: self.unproven.as_ref().filter(|_| self.obedience.is_watched()),
+            unproven: self.unproven.as_ref().filter(|_| commands_unproven),
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,
         });

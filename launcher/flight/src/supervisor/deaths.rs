@@ -78,7 +78,7 @@ impl Supervisor {
             let (times, there_ns) = post.died;
             post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         }
-        // What publishes no state cannot go on from it, as a controller in Python.
+        // One that has stepped and published no state, such as a controller in Python, has nothing to go on from.
         let is_stateless = mark_ns > 0 && tap.last_state(post.seat).is_none();
         let incurable = post.died.0 > DEATHS_MAX || is_stateless;
         if post.seat.role.seats() > 1 && (post.scripted || incurable || !keeps(post.seat)) {

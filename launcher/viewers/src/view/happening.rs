@@ -222,7 +222,7 @@ impl World {
         let text = match mode {
             GateMode::Normal => "the gate lets commands through again",
             GateMode::Hold => "no valid command: the gate holds the last one",
-            GateMode::Level => "still no valid command: the gate levels the vehicle",
+            GateMode::Level => "no command that counts: the gate levels the vehicle",
             GateMode::Recover => {
                 "the gate levels the vehicle: its owner has tripped, or was about to overturn it"
             }

@@ -220,7 +220,7 @@ impl Obedience {
         self.consumer.failed_over()
     }
 
-    /// True once the owner has tripped, until a record names another owner or fallback.
+    /// True once the owner has tripped, until a record names another owner or fallback, or none for one that is gone.
     #[must_use]
     pub fn tripped(&self) -> bool {
         self.consumer.tripped()
@@ -229,7 +229,7 @@ impl Obedience {
     /// True if the owner has tripped and no fallback has taken over: where nothing is to be applied then, what the owner
     /// has commanded before is not to be held either.
     #[must_use]
-    pub fn is_disowned(&self) -> bool {
+    pub fn is_revoked(&self) -> bool {
         self.tripped() && !self.failed_over()
     }
 

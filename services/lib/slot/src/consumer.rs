@@ -23,7 +23,7 @@ pub const PENDING: usize = 4;
 /// For how long an owner that has tripped is not obeyed although there is no fallback: the consumer levels by itself until
 /// the supervisor's next epoch. After that even a bad owner is better than none, and the actuation gate would cut the
 /// rotors in half a second \[ns\].
-pub const DISBELIEVED_NS: u64 = 1_500_000_000;
+pub const REJECTED_AFTER_TRIP_NS: u64 = 1_500_000_000;
 
 /// What became of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -52,11 +52,11 @@ pub enum Source {
 /// What became of a trip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Tripped {
-    /// The owner is not obeyed any more as soon as the fallback has a usable command.
+    /// The owner is not obeyed any more, and the fallback is as soon as it has a usable command.
     ToFallback,
     /// The record has no fallback to move to: nobody commands for a while.
     NoFallback,
-    /// It is of another epoch, of a seat that is not the owner's, of an owner that nobody watches, of
+    /// It is of an older epoch, of a seat that is not the owner's, of an owner that nobody watches, of
     /// one that is not obeyed any more, or a repetition.
     Ignored,
 }
@@ -191,7 +191,7 @@ impl Consumer {
             let same_owner = self.previous.is_some_and(|before| before.owner == due.owner);
             let is_meant = same_owner && self.tripped_epoch >= due.epoch;
             self.tripped &= is_meant || same_hands && Self::has_fallback(&due);
-            self.failed_over &= self.tripped;
+            self.failed_over &= self.tripped && same_hands;
             self.pending.rotate_left(1);
             self.pending[PENDING - 1] = None;
             turned = true;
@@ -246,14 +246,14 @@ impl Consumer {
 
     /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, until the
     /// next epoch, if only it has one; and until a record names another owner or fallback, if it has one
-    /// and the owner has tripped. An owner that has tripped is not obeyed for [`DISBELIEVED_NS`] even if
+    /// and the owner has tripped. An owner that has tripped is not obeyed for [`REJECTED_AFTER_TRIP_NS`] even if
     /// there is no fallback.
     pub fn decide(&mut self, now_ns: u64, owner_valid: bool, fallback_valid: bool) -> Source {
         self.open_ns = self.open_ns.max(now_ns.saturating_add(1));
         let fallback_valid = fallback_valid && self.current.is_some_and(|r| r.fallback.is_some());
-        let disbelieved_until_ns = self.counters.trip_ns.saturating_add(DISBELIEVED_NS);
-        let is_believed = !self.tripped || now_ns >= disbelieved_until_ns && !fallback_valid;
-        if owner_valid && !self.failed_over && is_believed {
+        let rejected_until_ns = self.counters.trip_ns.saturating_add(REJECTED_AFTER_TRIP_NS);
+        let owner_counts = !self.tripped || now_ns >= rejected_until_ns && !fallback_valid;
+        if owner_valid && !self.failed_over && owner_counts {
             return Source::Owner;
         }
         if !fallback_valid {
@@ -299,7 +299,7 @@ impl Consumer {
         self.failed_over
     }
 
-    /// True once the owner has tripped, until a record names another owner or fallback.
+    /// True once the owner has tripped, until a record names another owner or fallback, or none for one that is gone.
     #[must_use]
     pub fn tripped(&self) -> bool {
         self.tripped

@@ -6,7 +6,7 @@ use super::config::GateConfig;
 
 /// How far beyond what the laws of its slot ask for an unproven owner may go, as a share: they have measured the
 /// arms a few milliseconds before.
-pub(super) const BEYOND_LAW: f64 = 0.05;
+const BEYOND_LAW: f64 = 0.05;
 
 /// Commands at a bound must not fail by the rounding of a solver, whose residuals are below 1e-8.
 const SLACK: f64 = 1e-6;
@@ -57,6 +57,13 @@ pub struct UnprovenRange {
 }
 
 impl UnprovenRange {
+    /// Largest angular acceleration that it allows about an axis across z \[rad/s²\]: roll and pitch at their bounds.
+    pub(super) fn turning_rad_s2(&self, beta: MorphAngle) -> f64 {
+        let most_nm = self.believed.torque_bound_nm(beta, self.believed.weight_n()).xy();
+        let alpha = most_nm.component_div(&self.believed.inertia_kg_m2(beta).xy());
+        (1.0 + BEYOND_LAW) * libm::hypot(alpha.x, alpha.y)
+    }
+
     /// A finite wrench within the range at `beta`; one that is in it keeps its bits.
     pub(super) fn within(&self, wrench: &Wrench, beta: MorphAngle) -> Wrench {
         let [least_n, most_n] = self.thrust_n;

@@ -56,7 +56,7 @@ impl Flight {
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
-            is_disowned: false,
+            is_revoked: false,
             tripped: false,
             unproven: self.unproven.as_ref(),
             reading: self.imu.sample(now_ns, &omega, &force),
@@ -127,7 +127,9 @@ fn tilt_by_full_torque(
         for ms in 0..500 {
             let is_first = ms < first_ms;
             let (sin, cos) = libm::sincos(direction_rad + if is_first { between_rad } else { 0.0 });
-            let torque_b_nm = Vector3::new(cos, sin, 0.0) * most_nm;
+            // Roll and pitch may both be at their bounds.
+            let within = |share: f64| (1.5 * share).clamp(-1.0, 1.0) * most_nm;
+            let torque_b_nm = Vector3::new(within(cos), within(sin), 0.0);
             worst_rad = worst_rad.max(flight.step(Some(Wrench { thrust_n, torque_b_nm })).tilt_rad);
         }
     }
@@ -163,6 +165,26 @@ fn a_vehicle_that_cannot_be_turned_back_is_cut_after_the_tip_over_time() {
     let modes: Vec<Mode> = (0..1000).map(|_| flight.step(None).output.mode).collect();
     let level = modes.iter().filter(|mode| matches!(mode, Mode::Level { .. })).count();
     assert_eq!((level, modes.last()), (200, Some(&Mode::Cut)));
+}
+
+#[test]
+fn a_silent_unproven_owners_vehicle_that_cannot_be_turned_back_is_cut_too() {
+    let feeble = GateConfig {
+        level_torque_fraction: 0.0,
+        recover_torque_fraction: 1e-3,
+        ..GateConfig::default()
+    };
+    let vehicle = VehicleParameters::default();
+    let range = UnprovenRange { believed: vehicle, thrust_n: [0.2, 2.4], tilt_rad: 1.0 };
+    let mut flight =
+        Flight { unproven: Some(range), ..Flight::new(&feeble, MorphAngle::MEDIUM, 1) };
+    let thrust_n = vehicle.weight_n();
+    for _ in 0..30 {
+        let torque_b_nm = Vector3::new(0.05, 0.0, 0.0);
+        flight.step(Some(Wrench { thrust_n, torque_b_nm }));
+    }
+    let last = (0..5000).map(|_| flight.step(None).output.mode).last();
+    assert_eq!(last, Some(Mode::Cut));
 }
 
 #[test]

@@ -18,7 +18,7 @@ pub use config::GateConfig;
 pub use mode::Mode;
 
 use crate::sensors::ImuSample;
-use command::{BEYOND_LAW, CommandRange, Refusal};
+use command::{CommandRange, Refusal};
 use level::{LevelLaw, UpFilter};
 use mode::{ModeLimits, Observation};
 
@@ -45,7 +45,7 @@ pub struct GateInput<'a> {
     /// [`Gate::judge`] has let through, or lies between such.
     pub command: Option<Command>,
     /// The command that is held is that of an owner that has tripped, and nobody takes its place.
-    pub is_disowned: bool,
+    pub is_revoked: bool,
     /// The owner of the attitude slot trips now: what it has commanded until here is not to be trusted.
     pub tripped: bool,
     /// What the owner of the attitude slot is held to, if it has not proven itself.
@@ -210,7 +210,7 @@ impl Gate {
                 hold_ns: command.validity_ns.min(self.hold_max_ns),
             };
         }
-        if input.is_disowned {
+        if input.is_revoked {
             self.held.valid_until_ns = self.held.valid_until_ns.min(input.now_ns);
             self.held.hold_ns = 0;
         }
@@ -267,15 +267,27 @@ impl Gate {
     }
 
     /// True if the vehicle will tilt beyond what an unproven owner may, unless RECOVER begins at this tick: braked by it
-    /// from the next tick on, after the owner has turned it on as hard as its range allows. The rotors follow with a
-    /// lag, which costs such a vehicle twice that time.
+    /// from the next tick on, after the owner has turned it on as hard as its range allows. The rotors follow with the
+    /// lag τ, so that a turn of ω that is accelerated by a until then and braked by b from then on goes on by
+    /// ω (1 + a/b) τ + ω²/2b + τ² (a² − b²)/2b. Only while a command is applied: what levels the vehicle is not begun anew.
     fn overturns(&self, range: &UnprovenRange, tick_s: f64) -> bool {
-        let braking_rad_s2 = self.recovery.braking_rad_s2(&range.believed, self.beta);
-        let rate_rad_s = self.filter.turning_rad_s() + braking_rad_s2 * tick_s;
-        let delayed_s = tick_s + (2.0 + BEYOND_LAW) * range.believed.rotor_lag_s;
-        let further_rad = rate_rad_s * (delayed_s + 0.5 * rate_rad_s / braking_rad_s2);
-        !self.filter.is_blind(self.tick_ns)
-            && self.filter.tilt_after_rad(further_rad) > range.tilt_rad
+        if !matches!(self.mode, Mode::Normal | Mode::Hold { .. })
+            || self.filter.is_blind(self.tick_ns)
+        {
+            return false;
+        }
+        let lag_s = range.believed.rotor_lag_s;
+        let faster_rad_s2 = range.turning_rad_s2(self.beta);
+        let slower_rad_s2 = self.recovery.braking_rad_s2(&range.believed, self.beta);
+        if slower_rad_s2 <= 0.0 {
+            return false;
+        }
+        let ratio = faster_rad_s2 / slower_rad_s2;
+        let rate_rad_s = self.filter.turning_rad_s() + faster_rad_s2 * tick_s;
+        let lagging_s = tick_s + (1.0 + ratio) * lag_s;
+        let lagging_rad = 0.5 * slower_rad_s2 * (ratio * ratio - 1.0).max(0.0) * lag_s * lag_s;
+        let further_rad = rate_rad_s * (lagging_s + 0.5 * rate_rad_s / slower_rad_s2) + lagging_rad;
+        self.filter.tilt_after_rad(further_rad.min(core::f64::consts::PI)) > range.tilt_rad
     }
 
     /// True if tilt \[rad\] and rate about roll and pitch \[rad/s\] are within these, by the gate's own

@@ -33,7 +33,7 @@ fn tick(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> GateOutput {
     gate.tick(&GateInput {
         now_ns,
         command,
-        is_disowned: false,
+        is_revoked: false,
         tripped: false,
         unproven: None,
         reading: Some(reading),
@@ -178,7 +178,7 @@ fn between_two_commands_in_range_nothing_is_refused_and_nothing_leaves_the_range
     let output = gate.tick(&GateInput {
         now_ns: 0,
         command,
-        is_disowned: false,
+        is_revoked: false,
         tripped: false,
         unproven: None,
         reading: None,
@@ -265,7 +265,7 @@ proptest! {
             let input = GateInput {
                 now_ns,
                 command,
-                is_disowned: now_ns % 11 == 0,
+                is_revoked: now_ns % 11 == 0,
                 tripped: now_ns % 7 == 0,
                 unproven: Some(&range).filter(|_| now_ns % 3 == 0),
                 reading: *reading,

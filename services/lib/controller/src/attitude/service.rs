@@ -106,7 +106,7 @@ pub fn applied(inputs: &Inputs) -> Option<&AppliedCommand> {
     inputs.applied_command.latest().filter(|applied| applied.command_sequence > 0)
 }
 
-/// True while the plant brings the vehicle back by itself after a trip.
+/// True while the plant brings the vehicle back by itself, for a trip.
 #[must_use]
 pub fn is_recovering(inputs: &Inputs) -> bool {
     inputs.applied_command.latest().is_some_and(|applied| applied.mode == GateMode::Recover)

@@ -88,10 +88,11 @@ impl SetpointSlot {
         order.map(|order| order.command).or_else(|| self.level())
     }
 
-    /// What is tracked in place of an owner that has tripped without a fallback. The heading stays.
+    /// What is tracked in place of a set point of an owner that has tripped without a fallback. The heading stays. Who has
+    /// tracked none keeps what it began with.
     fn level(&mut self) -> Option<Command> {
-        let [.., yaw_rad] = self.obedience.given.value;
-        self.obedience.is_disowned().then(|| {
+        let Command { value: [.., yaw_rad], sequence, .. } = self.obedience.given;
+        (self.obedience.is_revoked() && sequence > 0).then(|| {
             self.obedience.forget_order();
             Command { value: [self.weight_n, 0.0, 0.0, yaw_rad], ..Command::default() }
         })

@@ -324,8 +324,8 @@ fn an_owner_that_has_tripped_is_obeyed_again_if_nobody_has_come_in_time() {
     let mut alone = consumer(&[record(1, 0, 0, None)]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
-    assert_eq!(alone.decide(9 + DISBELIEVED_NS, true, false), Source::Nobody);
-    assert_eq!(alone.decide(10 + DISBELIEVED_NS, true, false), Source::Owner);
+    assert_eq!(alone.decide(9 + REJECTED_AFTER_TRIP_NS, true, false), Source::Nobody);
+    assert_eq!(alone.decide(10 + REJECTED_AFTER_TRIP_NS, true, false), Source::Owner);
 }
 
 #[test]
