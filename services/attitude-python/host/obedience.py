@@ -138,7 +138,7 @@ class Obedience:
 
     def trip(self, epoch, instance, at_ns):
         """Takes the monitor's word that the owner of an epoch is not to be followed any more: from now on
-        the fallback counts as soon as it has a valid set point, and nobody until then. A record that has left
+        the fallback counts as soon as it has a valid set point, and no set point until then. A record that has left
         owner and fallback in place since does not outdate it; and the epoch may be one that was refused here or is
         yet to come, while the owner is the same."""
         record = self.record
@@ -197,7 +197,7 @@ class Obedience:
 
     def level(self, weight_n):
         """What to follow in place of an owner that has tripped while there is no fallback, if that is so: it
-        carries the weight and keeps the heading. Who has followed none keeps what it began with."""
+        carries the weight and keeps the heading. A loop that has followed none keeps its first one."""
         if not self.tripped or self.failed_over or self._given is None:
             return None
         yaw_rad = self._given.value[3]

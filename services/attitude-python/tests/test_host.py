@@ -326,7 +326,7 @@ class ObedienceRules(unittest.TestCase):
         self.assertIsNone(obedience.level(2.0))
         obedience.trip(1, 0, 10 * MS)
         self.assertIsNone(self.at(obedience, 1500, 0))
-        self.assertEqual(self.at(obedience, 1510, 0), (0, 1510), "nobody has come")
+        self.assertEqual(self.at(obedience, 1510, 0), (0, 1510), "no other owner is there")
 
 
 class Setpoint(ctypes.Structure):

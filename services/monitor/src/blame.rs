@@ -7,7 +7,7 @@ use crate::judge::{Finding, Findings};
 pub(crate) struct Watched {
     pub(crate) epoch: u64,
     pub(crate) instance: u32,
-    /// Seat of its fallback, `NO_SEAT` if nobody is there.
+    /// Seat of its fallback, `NO_SEAT` for none.
     pub(crate) fallback: u32,
 }
 

@@ -304,7 +304,7 @@ impl Monitor {
     }
 
     /// Whether the actuation gate levels the vehicle because the attitude slot's watched owner was about to overturn it: no
-    /// set point that it should follow asks for so much. After a trip of either slot that is nobody's fault.
+    /// set point that it should follow asks for so much. After a trip of either slot it is not its fault.
     fn overturns(&self, now_ns: u64, inputs: &Inputs, hands: &Hands) -> Option<Finding> {
         let Hands::Watched(owner) = hands else { return None };
         let applied = inputs.applied_command.latest()?;

@@ -239,7 +239,7 @@ impl Reports {
         let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
         let Some(of_seat) = self.by_seat(said.seat) else { return Judged::Unfound };
         if said.sequence == 0 && said.seat == self.memory.tripped {
-            // Without a fallback it is level, and nobody's set point is tracked.
+            // Without a fallback it is level and tracks no set point.
             return Judged::Open;
         }
         if said.sequence == 0 {

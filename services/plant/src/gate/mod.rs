@@ -44,7 +44,7 @@ pub struct GateInput<'a> {
     /// The command that counts from now on, if it is another than at the last tick; one that
     /// [`Gate::judge`] has let through, or lies between such.
     pub command: Option<Command>,
-    /// The command that is held is that of an owner that has tripped, and nobody takes its place.
+    /// The command that is held is that of an owner that has tripped, and no other command takes its place.
     pub is_revoked: bool,
     /// The owner of the attitude slot trips now: what it has commanded until here is not to be trusted.
     pub tripped: bool,

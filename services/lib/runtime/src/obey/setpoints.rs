@@ -88,8 +88,8 @@ impl SetpointSlot {
         order.map(|order| order.command).or_else(|| self.level())
     }
 
-    /// What is tracked in place of a set point of an owner that has tripped without a fallback. The heading stays. Who has
-    /// tracked none keeps what it began with.
+    /// What is tracked in place of a set point of an owner that has tripped without a fallback. The heading stays. A loop
+    /// that has tracked none keeps its first one.
     fn level(&mut self) -> Option<Command> {
         let Command { value: [.., yaw_rad], sequence, .. } = self.obedience.given;
         (self.obedience.is_revoked() && sequence > 0).then(|| {

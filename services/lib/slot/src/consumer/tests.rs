@@ -305,7 +305,7 @@ fn a_trip_by_a_record_that_was_refused_or_comes_later_counts_if_the_owner_is_the
     assert_eq!(late.decide(11, true, false), Source::Nobody);
     assert_eq!(late.take_record(&record(3, 20, 0, None)), Taken::Accepted);
     late.advance(20);
-    assert!(!late.tripped(), "who has been judged by an older record may have been started again");
+    assert!(!late.tripped(), "it may have been started again since");
 
     let mut early = consumer(&[record(1, 0, 0, Some(1))]);
     early.advance(10);
@@ -320,7 +320,7 @@ fn a_trip_by_a_record_that_was_refused_or_comes_later_counts_if_the_owner_is_the
 }
 
 #[test]
-fn an_owner_that_has_tripped_is_obeyed_again_if_nobody_has_come_in_time() {
+fn an_owner_that_has_tripped_is_obeyed_again_if_it_is_not_replaced_in_time() {
     let mut alone = consumer(&[record(1, 0, 0, None)]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
