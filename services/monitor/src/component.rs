@@ -4,6 +4,7 @@ use crate::blame::{Hands, Watched, blame};
 use crate::judge::{Applied, Finding, Judge, JudgeMemory, Moment, Setpoint};
 use crate::limits::Limits;
 use crate::reports::{Asked, Record, Reports, ReportsMemory, Said};
+use crate::trips::{LastTrip, is_recovering};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
 use runtime::{Link, Service, Standing, inputs, outputs};
@@ -19,10 +20,6 @@ const STALE_NS: u64 = 20_000_000;
 /// Longest step over which motion is integrated \[s\]. After a longer pause the step counts as zero, so that
 /// a gap in the estimates is not mistaken for a motion.
 const LONGEST_STEP_S: f64 = 0.1;
-
-/// For how long after a fail-over the vehicle's place and tilt are taken for the doing of the owner that was replaced
-/// \[ns\].
-const RECOVERY_NS: u64 = 2_000_000_000;
 
 inputs! {
     /// What an owner is judged by. A trip is traced back to the state estimate, the primary input.
@@ -92,13 +89,8 @@ shared_types::memory! {
         pub replaced_ns: [u64; 2],
         /// Epoch of the position slot in which the attitude slot has last reported the fallback in command; 0 for none.
         pub failed_over: u64,
-        /// Last trips published for the attitude and the position slot, of epoch 0 for none; [`NO_SEAT`] for their owner
-        /// once another one commands.
-        pub trips: [Trip; 2],
-        /// When they were published \[ns\].
-        pub tripped_ns: [u64; 2],
-        /// Seats of the fallbacks then, [`NO_SEAT`] for none.
-        pub tripped_to: [u32; 2],
+        /// Last trips published for the attitude and the position slot.
+        pub trips: [LastTrip; 2],
         /// Instant of the last step \[ns\].
         pub seen_ns: u64,
     }
@@ -209,16 +201,7 @@ impl Monitor {
             // A trip is known here before it takes effect. Without a fallback the slot's consumer levels.
             let is_there = period_ns(record, record.fallback) > 0;
             let fallback = if is_there { record.fallback } else { NO_SEAT };
-            let last = &mut self.memory.trips[slot];
-            if record.owner != last.instance {
-                last.instance = NO_SEAT;
-            }
-            // A record that leaves owner and fallback in place undoes no trip.
-            let is_kept = last.instance == record.owner
-                && now_ns < self.memory.tripped_ns[slot].saturating_add(RECOVERY_NS)
-                && fallback != NO_SEAT
-                && fallback == self.memory.tripped_to[slot];
-            let has_tripped = last.epoch > 0 && (last.epoch == record.epoch || is_kept);
+            let has_tripped = self.memory.trips[slot].holds(record, fallback, now_ns);
             // Once in an epoch is for all of it: what an attitude controller says of it is not taken back.
             let is_replaced = failed_over[slot] == record.epoch
                 || has_tripped
@@ -272,35 +255,7 @@ impl Monitor {
 
     /// Whether the owners of the attitude and the position slot have been replaced lately.
     fn recovers(&self, now_ns: u64) -> [bool; 2] {
-        let lately = |from_ns: u64| from_ns > 0 && now_ns < from_ns.saturating_add(RECOVERY_NS);
-        self.memory.replaced_ns.map(lately)
-    }
-
-    /// The trip of a slot's owner once more, if a record names it again that was written before its trip was known: its
-    /// consumer takes it for one that may have been started again.
-    fn trip_again(&self, now_ns: u64, slot: usize, hands: &Hands) -> Option<Trip> {
-        let (last, tripped_ns) = (self.memory.trips[slot], self.memory.tripped_ns[slot]);
-        match hands {
-            Hands::Watched(Watched { epoch, instance, .. })
-                if last.instance == *instance
-                    && (1..*epoch).contains(&last.epoch)
-                    && now_ns < tripped_ns.saturating_add(RECOVERY_NS) =>
-            {
-                Some(Trip { epoch: *epoch, ..last })
-            }
-            _ => None,
-        }
-    }
-
-    /// Takes note of a trip, of an owner with this fallback, that is published.
-    fn noted(&mut self, now_ns: u64, slot: usize, fallback: u32, trip: Trip) -> Trip {
-        self.memory.trips[slot] = trip;
-        self.memory.tripped_ns[slot] = now_ns;
-        self.memory.tripped_to[slot] = fallback;
-        if trip.slot == Role::Position {
-            self.reports.trip(trip.instance, now_ns + self.latency_ns);
-        }
-        trip
+        self.memory.replaced_ns.map(|from_ns| is_recovering(from_ns, now_ns))
     }
 
     /// Whether the actuation gate levels the vehicle because the attitude slot's watched owner was about to overturn it: no
@@ -414,10 +369,15 @@ impl Service for Monitor {
         for (index, slot) in [Role::Attitude, Role::Position].into_iter().enumerate() {
             let Hands::Watched(owner) = hands[index] else { continue };
             let found = found[index].map(|finding| trip(slot, owner, &finding));
-            let due = self.trip_again(now_ns, index, &hands[index]).or(found);
+            let last = &mut self.memory.trips[index];
+            let due = last.again(&owner, now_ns).or(found);
             // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
-            if let Some(due) = due.filter(|_| self.memory.trips[index].epoch < owner.epoch) {
-                outputs.trip.write(self.noted(now_ns, index, owner.fallback, due));
+            if let Some(trip) = due.filter(|_| last.trip.epoch < owner.epoch) {
+                *last = LastTrip { trip, at_ns: now_ns, fallback: owner.fallback };
+                if slot == Role::Position {
+                    self.reports.trip(owner.instance, now_ns + self.latency_ns);
+                }
+                outputs.trip.write(trip);
                 break;
             }
         }

@@ -12,7 +12,8 @@
 //! * [`reports`] compares what the attitude slot's owner says of its set point with the set points themselves.
 //! * [`limits`] derives their thresholds from the vehicle.
 //! * [`settings`] is the section `[watch]` of a scenario, which may replace each of them.
-//! * [`component`] is the process: it decides which owner is watched; `blame.rs` which of two a finding is about.
+//! * [`component`] is the process: it decides which owner is watched; `blame.rs` which of two a finding is about,
+//!   `trips.rs` whether a trip still counts.
 
 mod blame;
 pub mod component;
@@ -21,6 +22,7 @@ pub mod limits;
 pub mod reports;
 pub mod settings;
 mod swings;
+mod trips;
 
 pub use component::{Monitor, MonitorConfig};
 pub use judge::{Applied, Finding, Judge, Moment, Setpoint};

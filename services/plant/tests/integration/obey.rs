@@ -58,8 +58,19 @@ fn inputs() -> Inputs {
     inputs
 }
 
+/// What the laws of the slot may ask of the default vehicle, and a tilt.
+fn range() -> UnprovenRange {
+    let believed = VehicleParameters::default();
+    let weight_n = believed.weight_n();
+    UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad: 1.0 }
+}
+
 fn tell(inputs: &mut Inputs, epoch: u64, from_ns: u64, owner: u32, fallback: u32, other: bool) {
-    inputs.attitude_owner.offer(OwnerRecord {
+    inputs.attitude_owner.offer(record(epoch, from_ns, owner, fallback, other));
+}
+
+fn record(epoch: u64, from_ns: u64, owner: u32, fallback: u32, other: bool) -> OwnerRecord {
+    OwnerRecord {
         header: Header { sequence: epoch, valid_ns: from_ns, ..Header::default() },
         epoch,
         period_ns: [0, PERIOD_NS, PERIOD_NS, 0],
@@ -69,7 +80,7 @@ fn tell(inputs: &mut Inputs, epoch: u64, from_ns: u64, owner: u32, fallback: u32
         kind_changed: Flag::from(other),
         watched: Flag::Yes,
         ..OwnerRecord::default()
-    });
+    }
 }
 
 /// Commands of one writer, one per period, effective from `from_ns` until before `until_ns`.
@@ -201,8 +212,6 @@ fn an_owner_whose_commands_are_garbage_is_silent() {
 fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallbacks_is_not() {
     let believed = VehicleParameters::default();
     let weight_n = believed.weight_n();
-    let range =
-        UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad: 1.0 };
     let lawful_nm = believed.torque_bound_nm(MorphAngle::MIN, weight_n).x;
     let asked_nm = 1.5 * lawful_nm;
     // By seat, and whether the plant knows a range: the torque that is applied.
@@ -218,9 +227,9 @@ fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallba
         let applied = applied(&fly(&mut plant, &mut inputs, 0, 1));
         (applied.torque_b_nm[0] / lawful_nm, applied.reduced)
     };
-    let (reduced, count) = torque_nm(A, Some(range));
+    let (reduced, count) = torque_nm(A, Some(range()));
     assert!((reduced - 1.05).abs() < 1e-3 && count == 1, "{reduced} {count}");
-    for (seat, unproven) in [(A, None), (B, Some(range))] {
+    for (seat, unproven) in [(A, None), (B, Some(range()))] {
         let (kept, count) = torque_nm(seat, unproven);
         assert!((kept - 1.5).abs() < 1e-9 && count == 0, "{kept} {count}");
     }
@@ -228,24 +237,12 @@ fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallba
 
 #[test]
 fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle_and_no_other_owner() {
-    let believed = VehicleParameters::default();
-    let weight_n = believed.weight_n();
-    let range =
-        UnprovenRange { believed, thrust_n: [0.2 * weight_n, 2.1 * weight_n], tilt_rad: 1.0 };
     for (unproven, watched, levels) in
-        [(Some(range), true, true), (Some(range), false, false), (None, true, false)]
+        [(Some(range()), true, true), (Some(range()), false, false), (None, true, false)]
     {
         let (mut plant, mut inputs) = (plant_with(unproven), inputs());
-        inputs.attitude_owner.offer(OwnerRecord {
-            header: Header { sequence: 1, ..Header::default() },
-            epoch: 1,
-            period_ns: [0, PERIOD_NS, PERIOD_NS, 0],
-            owner: B,
-            fallback: A,
-            slot: Role::Attitude,
-            watched: Flag::from(watched),
-            ..OwnerRecord::default()
-        });
+        let record = OwnerRecord { watched: Flag::from(watched), ..record(1, 0, B, A, false) };
+        inputs.attitude_owner.offer(record);
         say(&mut inputs, B, 0, 150 * MS, 2 * PERIOD_NS);
         let first = (0..150).find_map(|t_ms| {
             let now = applied(&fly(&mut plant, &mut inputs, t_ms, t_ms));
