@@ -221,11 +221,11 @@ impl SeatMarks {
     /// `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come; returns false then.
     pub fn hear(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
         let Progress { mark_ns, served_mono_ns, generation, .. } = *progress;
-        let owner_counts = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
-        if owner_counts {
+        let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
+        if is_believed {
             self.advance(seat.role, seat.index, generation, mark_ns);
         }
-        owner_counts
+        is_believed
     }
 
     /// Generation of whoever has, or last had, a seat.
