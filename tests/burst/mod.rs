@@ -15,7 +15,7 @@ use shared_types::{Header, Role, Roll, Sample, Seat, Topic};
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, require_shared_memory, system};
-use simulate::{Consumers, Summary};
+use simulate::{Sinks, Summary};
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -245,8 +245,8 @@ impl Burst {
             recording.set_start(mono_now_ns());
         }
         let roles: Vec<Role> = graph.nodes().iter().map(|node| node.role).collect();
-        let consumers = Consumers::new(&roles, Metrics::of(scenario), recording);
-        let tap = Tap::open(&bus, &graph, consumers)?;
+        let sinks = Sinks::new(&roles, Metrics::of(scenario), recording);
+        let tap = Tap::open(&bus, &graph, sinks)?;
         let mut others = BTreeMap::new();
         let mut roll = Roll::default();
         for (entry, &role) in roll.entries.iter_mut().zip(&roles) {
@@ -354,6 +354,6 @@ impl Burst {
             end: Ok(End::Flown),
             told: Conclusion::default(),
         };
-        sum_up(self.tap.consumers, &self.options, ended)
+        sum_up(self.tap.sinks, &self.options, ended)
     }
 }

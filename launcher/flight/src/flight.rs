@@ -121,7 +121,7 @@ fn fly(
     };
     let notebook = Notebook::open(membership.folder(), of, clock_of(&options.scenario));
     let mut flight = Flight::prepare(options, &membership, stop, recording, (live, notebook))?;
-    flight.tap.consumers.stopwatch = stopwatch;
+    flight.tap.sinks.stopwatch = stopwatch;
     let started = flight.start(&membership, options, &grants);
     let outcome = match started {
         Ok(()) => flight.fly(),
@@ -316,7 +316,7 @@ impl Flight {
     fn pass_on_news(&mut self, logical_ns: u64) {
         for news in core::mem::take(&mut self.slots.news) {
             let severity = if news.warning { Severity::Warning } else { Severity::Info };
-            self.tap.consumers.note(logical_ns, severity, "launcher", &news.text);
+            self.tap.sinks.note(logical_ns, severity, "launcher", &news.text);
             if news.warning {
                 self.notice(&news.text);
             }

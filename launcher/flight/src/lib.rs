@@ -1,7 +1,7 @@
 //! A flight of processes: `morphquad run`, from a scenario to a flown flight, a summary and a recording.
 //!
 //! [`run`] starts the processes, publishes the clock, supervises and records them and sums the flight up; [`adopt`]
-//! goes on with a flight whose launcher has died. `supervisor.rs` has what happens when a process dies.
+//! goes on with a flight whose launcher has died. `supervisor/deaths.rs` has what happens when a process dies.
 
 mod audience;
 mod conductor;

@@ -64,13 +64,13 @@ impl Posts for Processes<'_> {
         self.supervisor.take_events()
     }
     fn take_seen(&mut self) -> Vec<Seen> {
-        self.tap.consumers.slot_watch.as_mut().map(SlotWatch::take).unwrap_or_default()
+        self.tap.sinks.slot_watch.as_mut().map(SlotWatch::take).unwrap_or_default()
     }
     fn snapshot(&self, at_ns: u64) -> Option<Snapshot> {
-        self.tap.consumers.slot_watch.as_ref()?.snapshot(at_ns)
+        self.tap.sinks.slot_watch.as_ref()?.snapshot(at_ns)
     }
     fn tracking_error_m(&self, at_ns: u64) -> Option<f64> {
-        self.tap.consumers.slot_watch.as_ref()?.tracking_error_m(at_ns)
+        self.tap.sinks.slot_watch.as_ref()?.tracking_error_m(at_ns)
     }
     fn rehearse(
         &mut self,
@@ -91,10 +91,10 @@ impl Posts for Processes<'_> {
         self.supervisor.send_order(sent);
     }
     fn tell_seating(&mut self, seating: &Seating, config: Option<&Path>) {
-        self.tap.consumers.tell_seating(seating, self.now_mono_ns);
+        self.tap.sinks.tell_seating(seating, self.now_mono_ns);
         // What cannot be read any more, the process could not read either.
         if let Some(text) = config.and_then(|path| std::fs::read_to_string(path).ok()) {
-            self.tap.consumers.attach_config(seating, &text);
+            self.tap.sinks.attach_config(seating, &text);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Drains every topic and state of the run, off the loops.
+//! The recorder: drains every topic and state of the run, off the loops, into the sinks, of which the recording is one.
 
 use record::Stream;
 use runtime::clock::mono_now_ns;
@@ -7,12 +7,12 @@ use runtime::ipc::{
 };
 use runtime::{Graph, SeatMarks, Source as _};
 use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
-use simulate::Consumers;
+use simulate::Sinks;
 
 /// One topic's reader with its type forgotten.
 trait TapPort {
     /// Takes everything that has arrived; the number of samples.
-    fn drain(&mut self, consumers: &mut Consumers, receipt_mono_ns: u64) -> usize;
+    fn drain(&mut self, sinks: &mut Sinks, receipt_mono_ns: u64) -> usize;
 }
 
 struct TypedTap<T: Sample> {
@@ -22,10 +22,10 @@ struct TypedTap<T: Sample> {
 }
 
 impl<T: Sample> TapPort for TypedTap<T> {
-    fn drain(&mut self, consumers: &mut Consumers, receipt_mono_ns: u64) -> usize {
+    fn drain(&mut self, sinks: &mut Sinks, receipt_mono_ns: u64) -> usize {
         let mut count = 0;
         while let Some(sample) = self.source.receive() {
-            consumers.take(self.topic, self.stream, &sample, receipt_mono_ns);
+            sinks.take(self.topic, self.stream, &sample, receipt_mono_ns);
             count += 1;
         }
         count
@@ -35,14 +35,14 @@ impl<T: Sample> TapPort for TypedTap<T> {
 struct Opener<'a> {
     bus: &'a Bus,
     graph: &'a Graph,
-    consumers: &'a Consumers,
+    sinks: &'a Sinks,
     ports: Vec<Box<dyn TapPort>>,
 }
 
 impl TopicVisitor for Opener<'_> {
     type Error = PortError;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), PortError> {
-        if let Some(stream) = self.consumers.stream(&topic.info) {
+        if let Some(stream) = self.sinks.stream(&topic.info) {
             let from = self.graph.producer(&topic.info);
             let source = self.bus.reader_of(topic, from, recorder_capacity(&topic.info))?;
             self.ports.push(Box::new(TypedTap { topic, stream, source }));
@@ -79,7 +79,7 @@ pub struct Tap {
     /// `CLOCK_MONOTONIC` when all readers were open \[ns\].
     opened_mono_ns: u64,
     /// What is done with it.
-    pub consumers: Consumers,
+    pub sinks: Sinks,
 }
 
 impl core::fmt::Debug for Tap {
@@ -93,8 +93,8 @@ impl Tap {
     ///
     /// # Errors
     /// The first port that cannot be had.
-    pub fn open(bus: &Bus, graph: &Graph, consumers: Consumers) -> Result<Self, PortError> {
-        let mut opener = Opener { bus, graph, consumers: &consumers, ports: Vec::new() };
+    pub fn open(bus: &Bus, graph: &Graph, sinks: Sinks) -> Result<Self, PortError> {
+        let mut opener = Opener { bus, graph, sinks: &sinks, ports: Vec::new() };
         topics::visit_all(&mut opener)?;
         let ports = opener.ports;
         let open = |seat| {
@@ -108,7 +108,7 @@ impl Tap {
         let seats = graph.nodes().iter().flat_map(|node| Seat::all(node.role));
         let seats = seats.map(open).collect::<Result<_, PortError>>()?;
         let (promised, marks) = (Vec::new(), SeatMarks::default());
-        Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), consumers })
+        Ok(Self { ports, seats, promised, marks, opened_mono_ns: mono_now_ns(), sinks })
     }
 
     /// Last complete state published from a seat; none before the first.
@@ -132,11 +132,11 @@ impl Tap {
         }
         let mut count = 0;
         for port in &mut self.ports {
-            count += port.drain(&mut self.consumers, now_mono_ns);
+            count += port.drain(&mut self.sinks, now_mono_ns);
         }
         for tap in &mut self.seats {
             let SeatTap { seat, states, last_state: last, .. } = tap;
-            let consumers = &mut self.consumers;
+            let sinks = &mut self.sinks;
             while states.receive(|header, bytes| {
                 let place = (header.release_ns, header.sequence);
                 if place <= last.place {
@@ -146,13 +146,13 @@ impl Tap {
                 last.generation = header.generation;
                 last.bytes.clear();
                 last.bytes.extend_from_slice(bytes);
-                consumers.take_state(seat.role, header, bytes, now_mono_ns);
+                sinks.take_state(seat.role, header, bytes, now_mono_ns);
             }) {}
         }
         for (seat, progress) in self.promised.drain(..) {
             self.marks.hear(seat, &progress, self.opened_mono_ns);
         }
-        self.consumers.flush_if_due(now_mono_ns);
+        self.sinks.flush_if_due(now_mono_ns);
         count
     }
 }

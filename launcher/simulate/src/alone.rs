@@ -2,12 +2,12 @@
 //! recorded one.
 
 use super::RunOptions;
-use super::consumers::Consumers;
 use super::setup::Speed;
 use super::setup::{
     RunError, clock_of, facts, pinned_cpu, progress_bar, recording_path, require_processor, run_id,
     system,
 };
+use super::sinks::Sinks;
 use super::summary::Summary;
 use crate::in_process::{
     Conclusion, InProcess, InProcessError, Outside, StateSource, joins_executable,
@@ -43,9 +43,9 @@ pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
         outside.cpu = Some(cpu);
     }
     outside.cpu.into_iter().for_each(stay_on);
-    let begin = |consumers| {
+    let begin = |sinks| {
         let state = StateSource::Estimator;
-        InProcess::with_processes(scenario, state, (consumers, ()), &outside).map_err(not_ready)
+        InProcess::with_processes(scenario, state, (sinks, ()), &outside).map_err(not_ready)
     };
     Ok(fly_alone(options, None, 0, begin)?.summary)
 }
@@ -71,7 +71,7 @@ pub struct FlownAlone<O> {
     pub error: Option<InProcessError>,
 }
 
-/// Flies what `begin` makes of the consumers of a flight, from `from_ns` to its end, in the calling thread.
+/// Flies what `begin` makes of the sinks of a flight, from `from_ns` to its end, in the calling thread.
 /// `branched` tells in the recording from where on its scenario holds.
 ///
 /// # Errors
@@ -80,40 +80,36 @@ pub fn fly_alone<O: Observer + Default>(
     options: &RunOptions,
     branched: Option<record::Branched>,
     from_ns: u64,
-    begin: impl FnOnce(Consumers) -> Result<InProcess<(Consumers, O)>, RunError>,
+    begin: impl FnOnce(Sinks) -> Result<InProcess<(Sinks, O)>, RunError>,
 ) -> Result<FlownAlone<O>, RunError> {
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
     let facts = Facts { branch: branched, ..facts(&id, options) };
-    let mut flight = begin(consumers(&facts, path.as_deref(), options)?)?;
+    let mut flight = begin(sinks(&facts, path.as_deref(), options)?)?;
     flight.stamp_by(mono_now_ns);
     let start_ns = mono_now_ns();
     let end = fly(&mut flight, options, &stop, from_ns);
     let wall_ns = mono_now_ns().saturating_sub(start_ns);
     let flown_ns = flight.flown_ns();
     let told = conclude(&mut flight);
-    let (consumers, observer) = flight.seen(core::mem::take);
-    let hash = consumers.hash.clone();
+    let (sinks, observer) = flight.seen(core::mem::take);
+    let hash = sinks.hash.clone();
     let (end, error) = match end {
         Ok(end) => (Ok(end), None),
         Err(error) => (Err(error.to_string()), Some(error)),
     };
     let ended = Ended { id, path, wall_ns, from_ns, flown_ns, end, told };
-    let summary = sum_up(consumers, options, ended)?;
+    let summary = sum_up(sinks, options, ended)?;
     Ok(FlownAlone { summary, observer, hash, error })
 }
 
 /// Everything that takes the samples of a flight, with a recording at `path`.
-fn consumers(
-    facts: &Facts,
-    path: Option<&Path>,
-    options: &RunOptions,
-) -> Result<Consumers, RunError> {
+fn sinks(facts: &Facts, path: Option<&Path>, options: &RunOptions) -> Result<Sinks, RunError> {
     let graph = options.scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
     let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
     let recording = path.map(|path| Recording::create(path, facts)).transpose()?;
-    Ok(Consumers::new(&roles, Metrics::of(&options.scenario), recording))
+    Ok(Sinks::new(&roles, Metrics::of(&options.scenario), recording))
 }
 
 /// A flight that is over.
@@ -148,15 +144,11 @@ fn conclude<O: Observer>(flight: &mut InProcess<O>) -> Conclusion {
 ///
 /// # Errors
 /// [`RunError`] if the scenario cannot be wired.
-pub fn sum_up(
-    mut consumers: Consumers,
-    options: &RunOptions,
-    ended: Ended,
-) -> Result<Summary, RunError> {
+pub fn sum_up(mut sinks: Sinks, options: &RunOptions, ended: Ended) -> Result<Summary, RunError> {
     let scenario = &options.scenario;
     let graph = scenario.graph().map_err(|error| RunError::Wiring(error.to_string()))?;
     let Ended { id, path, wall_ns, from_ns, flown_ns, end, told } = ended;
-    consumers.metrics.finish();
+    sinks.metrics.finish();
     let mut summary = Summary {
         run_id: id,
         scenario: scenario.settings().scenario.name.clone(),
@@ -167,10 +159,10 @@ pub fn sum_up(
         planned_ns: scenario.duration_ns(),
         wall_ns,
         processes: graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
-        hash: consumers.hash.hex(),
-        log_hash: consumers.log_hash.hex(),
-        metrics: core::mem::take(&mut consumers.metrics),
-        audit: consumers.audit.clone(),
+        hash: sinks.hash.hex(),
+        log_hash: sinks.log_hash.hex(),
+        metrics: core::mem::take(&mut sinks.metrics),
+        audit: sinks.audit.clone(),
         recovered: told.recovered,
         swaps: told.swaps,
         orders: told.orders,
@@ -179,9 +171,9 @@ pub fn sum_up(
         interrupted: end.as_ref().is_ok_and(|end| *end == End::Interrupted),
         cut_short: flown_ns < scenario.duration_ns(),
         recording: path,
-        recording_error: consumers.recording_error.take(),
+        recording_error: sinks.recording_error.take(),
     };
-    consumers.finish(&mut summary);
+    sinks.finish(&mut summary);
     Ok(summary)
 }
 
@@ -196,7 +188,7 @@ pub enum End {
 
 /// Flies from `from_ns` to the end, or to the present instant of every loop once the user asks.
 fn fly<O: Observer>(
-    flight: &mut InProcess<(Consumers, O)>,
+    flight: &mut InProcess<(Sinks, O)>,
     options: &RunOptions,
     stop: &StopFlags,
     from_ns: u64,
@@ -214,7 +206,7 @@ fn fly<O: Observer>(
         }
         t_ns = next_look(options.speed, t_ns, start_ns).min(duration_ns);
         end = flight.fly_until(t_ns).map(|()| End::Flown);
-        flight.seen(|(consumers, _)| consumers.flush_if_due(mono_now_ns()));
+        flight.seen(|(sinks, _)| sinks.flush_if_due(mono_now_ns()));
         if let Some(bar) = &bar {
             bar.set_position(t_ns / 1_000_000);
         }

@@ -3,7 +3,7 @@
 use super::{Branch, Changed};
 use crate::campaign::Outcome;
 use simulate::in_process::{Compare, Difference, Likeness};
-use simulate::{Consumers, FlownAlone, RunError, RunOptions, Summary, fly_alone};
+use simulate::{FlownAlone, RunError, RunOptions, Sinks, Summary, fly_alone};
 use std::sync::Arc;
 
 /// A branch that has been flown.
@@ -31,14 +31,14 @@ pub fn run_branch(
     origin: &str,
     branched: Option<record::Branched>,
 ) -> Result<FlownBranch, RunError> {
-    let begin = |mut consumers: Consumers| {
-        consumers.tell(branch.at_ns(), origin);
-        branch.show_before(&mut consumers);
-        let mut since = consumers.metrics.clone();
+    let begin = |mut sinks: Sinks| {
+        sinks.tell(branch.at_ns(), origin);
+        branch.show_before(&mut sinks);
+        let mut since = sinks.metrics.clone();
         since.judge_from_here();
         let compare = Compare::with(Arc::clone(branch.tape()), branch.recorded_ns());
         branch
-            .resume(changed, (consumers, (compare, since)))
+            .resume(changed, (sinks, (compare, since)))
             .map_err(|error| RunError::NotReady(error.to_string()))
     };
     let flown = fly_alone(options, branched, branch.at_ns(), begin)?;

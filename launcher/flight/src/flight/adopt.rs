@@ -277,7 +277,7 @@ impl Flight {
         let give_up_ns = mono_now_ns() + HEAR_LIMIT_NS;
         while mono_now_ns() < give_up_ns {
             self.tap.drain(mono_now_ns());
-            let watch = self.tap.consumers.slot_watch.as_ref();
+            let watch = self.tap.sinks.slot_watch.as_ref();
             if watch.is_none_or(|watch: &SlotWatch| watch.has_heard(position_too)) {
                 return;
             }

@@ -43,7 +43,7 @@ impl Flight {
             bar.finish_and_clear();
         }
         let flown_ns = self.drained_ns().max(from_ns).min(self.conductor.end_ns());
-        self.tap.consumers.metrics.finish();
+        self.tap.sinks.metrics.finish();
         self.slots.finish();
         let ignored: u64 = self.bus.strays().iter().map(|stray| stray.samples).sum();
         if ignored > 0 {
@@ -59,10 +59,10 @@ impl Flight {
             planned_ns: options.scenario.duration_ns(),
             wall_ns,
             processes: self.graph.nodes().iter().map(|n| (n.role, n.rate.hz())).collect(),
-            hash: self.tap.consumers.hash.hex(),
-            log_hash: self.tap.consumers.log_hash.hex(),
-            metrics: core::mem::take(&mut self.tap.consumers.metrics),
-            audit: self.tap.consumers.audit.clone(),
+            hash: self.tap.sinks.hash.hex(),
+            log_hash: self.tap.sinks.log_hash.hex(),
+            metrics: core::mem::take(&mut self.tap.sinks.metrics),
+            audit: self.tap.sinks.audit.clone(),
             recovered: self.supervisor.recovered,
             swaps: core::mem::take(&mut self.slots.reports),
             orders: core::mem::take(&mut self.orders.reports),
@@ -71,14 +71,14 @@ impl Flight {
             interrupted: false,
             cut_short: self.conductor.is_cut_short(),
             recording: recording_path,
-            recording_error: self.tap.consumers.recording_error.take(),
+            recording_error: self.tap.sinks.recording_error.take(),
         };
         match outcome {
             Outcome::Flown => {}
             Outcome::Interrupted | Outcome::Killed => summary.interrupted = true,
             Outcome::Lost(reason) => summary.lost = Some(reason),
         }
-        self.tap.consumers.finish(&mut summary);
-        (summary, self.tap.consumers.stopwatch.take())
+        self.tap.sinks.finish(&mut summary);
+        (summary, self.tap.sinks.stopwatch.take())
     }
 }

@@ -24,7 +24,7 @@ use scenario::process::has_process;
 use scenario::services::Crew;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
-use simulate::Consumers;
+use simulate::Sinks;
 use simulate::setup::{
     RunError, RunOptions, allowed_processors, clock_of, pinned_cpu, progress_bar, system,
 };
@@ -115,11 +115,11 @@ impl Flight {
         } = crewed;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
-        let mut consumers = Consumers::new(&roles, Metrics::of(&options.scenario), recording);
-        consumers.slot_watch = Some(SlotWatch::new(&options.scenario.modelled_vehicle()));
-        consumers.feed = live.take_feed();
+        let mut sinks = Sinks::new(&roles, Metrics::of(&options.scenario), recording);
+        sinks.slot_watch = Some(SlotWatch::new(&options.scenario.modelled_vehicle()));
+        sinks.feed = live.take_feed();
         Ok(Self {
-            tap: Tap::open(&bus, &graph, consumers)?,
+            tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
             wakers: Wakers::open(&bus, &roles)?,
             supervisor,
@@ -191,13 +191,13 @@ impl Flight {
         }
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let start_ns = mono_now_ns() + if realtime { COUNTDOWN_NS } else { 0 };
-        if let Some(recording) = &mut self.tap.consumers.recording {
+        if let Some(recording) = &mut self.tap.sinks.recording {
             recording.set_start(start_ns);
         }
         let cap_ns = self.cap_ns(u64::MAX);
         self.conductor.start(start_ns, cap_ns);
         self.begun = (0, start_ns);
-        if let Some(stopwatch) = &mut self.tap.consumers.stopwatch {
+        if let Some(stopwatch) = &mut self.tap.sinks.stopwatch {
             stopwatch.started(start_ns);
         }
         self.supervisor.note_clock(self.conductor.record());

@@ -62,7 +62,7 @@ impl Flight {
     /// Lets who measures see what each process takes, while nobody has left yet.
     pub(super) fn look_at_processes(&mut self, now_ns: u64) {
         let over = self.drained_ns >= self.conductor.end_ns();
-        let Some(stopwatch) = self.tap.consumers.stopwatch.as_mut() else { return };
+        let Some(stopwatch) = self.tap.sinks.stopwatch.as_mut() else { return };
         if over || !stopwatch.wants_look(now_ns) {
             return;
         }
@@ -75,8 +75,8 @@ impl Flight {
 
     pub(super) fn publish_notices(&mut self, logical_ns: u64) {
         for notice in core::mem::take(&mut self.supervisor.notices) {
-            let consumers = &mut self.tap.consumers;
-            consumers.note(logical_ns, Severity::Warning, &notice.source, &notice.text);
+            let sinks = &mut self.tap.sinks;
+            sinks.note(logical_ns, Severity::Warning, &notice.source, &notice.text);
             self.notice(&notice.text);
         }
     }

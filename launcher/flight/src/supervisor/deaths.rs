@@ -92,13 +92,15 @@ impl Supervisor {
             self.events.push(PostEvent::Gone { place, obituary });
             return Ok(());
         }
+        let place = post.seat;
         post.goes_on = true;
         let delay_ns = self.pause_before_restart(index, now_ns).map_err(lost)?;
         let post = &mut self.posts[index];
         post.restart_at_ns = Some(now_ns + delay_ns);
         post.ready = false;
         self.recovered += 1;
-        let text = format!("{name} {how}{words}; restarting it from its last state");
+        let from = if tap.last_state(place).is_some() { " from its last state" } else { "" };
+        let text = format!("{name} {how}{words}; restarting it{from}");
         self.notices.push(Notice { source: name, text });
         Ok(())
     }

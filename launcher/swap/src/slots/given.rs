@@ -1,4 +1,4 @@
-//! Orders to pilot and injector, which no slot has to do with: they only come the same way.
+//! Orders to pilot and injector, which concern no slot: they only come the same way.
 
 use super::{Means, News, Slots};
 use protocol::control::server::Answer;

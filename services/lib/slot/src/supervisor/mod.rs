@@ -4,16 +4,16 @@
 //! [`Event::Time`] is due. In lockstep allowed time must stop exactly there, and stand still while
 //! [`Slot::holds_time`]; then every instant in a record follows from script and flight alone.
 //!
-//! Start with `Phase`, then [`message`]. `shadow.rs` is the way of a candidate to the flip,
+//! Start with `Phase`, then [`message`]. `candidate.rs` is the way of a candidate to the flip,
 //! `loss.rs` what happens when somebody is lost, `publish.rs` how instants are chosen.
 
+mod candidate;
 mod chairs;
 mod ledger;
 mod loss;
 pub mod message;
 mod publish;
 mod request;
-mod shadow;
 
 pub use message::{
     Action, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, RehearsalRefusal,
@@ -161,7 +161,7 @@ impl SlotConfig {
 ///                       ┌──────────── refused, lost, or dry run ────────────┐
 ///                       ▼                                                   │
 ///   Ownerless ──Ready─▶ Steady ──Swap, Standby─▶ Joining ──Ready─▶ Shadowing┤
-///       ▲               ▲ ▲ ▲                                               │ gate passed
+///       ▲               ▲ ▲ ▲                                               │ gate passed, rehearsed
 ///       │               │ │ └────────── a standby: it is the fallback ──────┤
 ///       │ owner lost,   │ │                                                 ▼
 ///       │ nobody else   │ └─window over─ Window ◀──────confirmed──────── Flipping

@@ -1,4 +1,4 @@
-//! What is fed with everything that a flight publishes: hash, sequence audit, metrics, recording.
+//! Where everything goes that a flight publishes: hash, sequence audit, metrics, recording.
 
 use super::summary::Summary;
 use observe::stopwatch::Stopwatch;
@@ -19,7 +19,7 @@ const LAUNCHER: &str = "launcher";
 
 /// Takes every sample and every state of a flight, in whatever order topics are drained.
 #[derive(Debug, Default)]
-pub struct Consumers {
+pub struct Sinks {
     /// Hash of what was flown.
     pub hash: FlightHash,
     /// Hash of every sample.
@@ -44,7 +44,7 @@ pub struct Consumers {
     states: Vec<(Role, Stream)>,
 }
 
-impl Consumers {
+impl Sinks {
     /// For a flight in which `roles` take part.
     #[must_use]
     pub fn new(roles: &[Role], metrics: Metrics, recording: Option<Recording>) -> Self {
@@ -181,7 +181,7 @@ impl Consumers {
 }
 
 /// A flight in one process is drained as it is published.
-impl Observer for Consumers {
+impl Observer for Sinks {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         if let Some(stream) = self.stream(&topic.info) {
             self.take(topic, stream, sample, NO_RECEIPT_NS);
