@@ -7,16 +7,17 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates of this workspace that each of them may depend on.
-const ALLOWED: [(&str, &[&str]); 43] = [
+const ALLOWED: [(&str, &[&str]); 44] = [
     (FEATURES, &[]),
     ("shared-types", &[]),
     ("qp", &[]),
     ("mpc", &["qp"]),
     ("vehicle", &[]),
+    ("noise", &["shared-types"]),
     ("slot", &["shared-types"]),
     ("runtime", &["shared-types", "slot"]),
     ("host", &["runtime", "shared-types", "vehicle"]),
-    ("plant", &["runtime", "shared-types", "slot", "vehicle"]),
+    ("plant", &["noise", "runtime", "shared-types", "slot", "vehicle"]),
     ("estimator", &["runtime", "shared-types", "vehicle"]),
     ("controller", &["runtime", "shared-types", "vehicle", "mpc"]),
     ("position-mpc", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
@@ -24,7 +25,7 @@ const ALLOWED: [(&str, &[&str]); 43] = [
     ("attitude-mpc", &["runtime", "shared-types", "slot", "vehicle", "mpc", "controller"]),
     ("attitude-lqr", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
     ("attitude-pid", &["runtime", "shared-types", "vehicle", "mpc", "controller"]),
-    ("disturbance-injector", &["runtime", "shared-types"]),
+    ("disturbance-injector", &["noise", "runtime", "shared-types"]),
     ("monitor", &["runtime", "shared-types", "vehicle", "controller"]),
     ("pilot", &["runtime", "shared-types", "vehicle"]),
     ("rehearsal", &["shared-types", "vehicle"]),

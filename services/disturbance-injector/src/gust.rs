@@ -4,7 +4,7 @@
 //! Dryden's longitudinal spectrum [MIL-F-8785C, 3.7]. The textbook takes V from the airspeed alone,
 //! so that at hover the gusts freeze; here V = max(|mean wind|, 1 m/s), for the vehicle is not seen.
 
-use crate::noise::Noise;
+use noise::Noise;
 
 /// Least airspeed in the correlation time \[m/s\].
 const LEAST_AIRSPEED: f64 = 1.0;

@@ -1,10 +1,10 @@
 //! A script, played.
 
 use crate::config::{InjectorConfig, InjectorError, MAX_EVENTS};
-use crate::noise::NoiseMemory;
 use crate::ordered::{Ordered, OrderedMemory};
 use crate::player::{Disturbance, EventMemory, Player};
 use garde::Validate;
+use noise::NoiseMemory;
 use shared_types::{DISTURBANCE_ORDERS, DisturbanceOrder};
 
 shared_types::memory! {
@@ -69,7 +69,7 @@ impl Injector {
     /// Everything that evolves.
     #[must_use]
     pub fn memory(&self) -> InjectorMemory {
-        let noise = NoiseMemory { seed: 0, stream: NO_EVENT, word_position: 0 };
+        let noise = NoiseMemory { key: [0; 4], stream: NO_EVENT, word_position: 0 };
         let mut events = [EventMemory { emitted: 0, values: [0.0; 3], noise }; MAX_EVENTS];
         for (slot, player) in events.iter_mut().zip(&self.players) {
             *slot = player.memory();

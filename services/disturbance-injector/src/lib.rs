@@ -10,7 +10,6 @@ mod config;
 mod event;
 mod gust;
 mod injector;
-mod noise;
 mod ordered;
 mod player;
 mod ranges;
@@ -22,6 +21,5 @@ pub use event::{
     Constant, Event, Kick, Load, Payload, Pulse, Ramp, Rd, RotorEfficiency, Sine, Step, Wind,
 };
 pub use injector::{Injector, InjectorMemory};
-pub use noise::NoiseMemory;
 pub use ordered::OrderedMemory;
 pub use player::{Disturbance, EventMemory};

@@ -133,7 +133,7 @@ impl Ordered {
     pub(crate) fn reseed(&mut self, seed: u64) {
         self.seed = seed;
         for remembered in &mut self.remembered {
-            remembered.event.noise.seed = seed;
+            remembered.event.noise = remembered.event.noise.with_seed(seed);
         }
         self.holding.iter_mut().flatten().for_each(|holding| holding.player.reseed(seed));
     }

@@ -6,9 +6,9 @@
 
 use garde::Validate;
 use nalgebra::Vector3;
+use noise::{Noise, NoiseMemory};
 
 use super::config::{BiasStep, ImuConfig, SensorError};
-use super::noise::{Noise, NoiseMemory};
 use super::schedule::Schedule;
 use shared_types::time::ns_from_s;
 
@@ -54,8 +54,8 @@ impl Triad {
         samples_passed: f64,
         noise: &mut Noise,
     ) -> Vector3<f64> {
-        self.bias += noise.normal3() * (self.walk * samples_passed.sqrt());
-        truth + self.bias + noise.normal3() * self.white
+        self.bias += Vector3::from(noise.normal3()) * (self.walk * samples_passed.sqrt());
+        truth + self.bias + Vector3::from(noise.normal3()) * self.white
     }
 
     fn clip(&self, reading: Vector3<f64>) -> (Vector3<f64>, bool) {
@@ -83,14 +83,14 @@ impl Imu {
     /// [`SensorError::Config`] for a value out of its range.
     pub fn new(config: &ImuConfig, seed: u64) -> Result<Self, SensorError> {
         config.validate()?;
-        let mut noise = Noise::new(seed, "imu");
+        let mut noise = Noise::new(seed, "imu", 0);
         let root_rate = f64::from(config.rate_hz).sqrt();
         let level = if config.noise_free { 0.0 } else { 1.0 };
         let mut triad = |density: f64, walk: f64, initial: f64, range: f64| Triad {
             white: level * density * root_rate,
             walk: level * walk / root_rate,
             range,
-            bias: noise.normal3() * (level * initial),
+            bias: Vector3::from(noise.normal3()) * (level * initial),
         };
         let gyro = triad(
             config.gyro_noise_density_rad_s_sqrt_hz,

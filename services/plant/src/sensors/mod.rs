@@ -9,7 +9,6 @@
 mod config;
 mod imu;
 mod morph_encoder;
-mod noise;
 mod pose_fix;
 mod schedule;
 
@@ -20,5 +19,4 @@ pub use config::{
 };
 pub use imu::{Imu, ImuMemory, ImuSample};
 pub use morph_encoder::{MorphEncoder, MorphEncoderMemory};
-pub use noise::NoiseMemory;
 pub use pose_fix::{Pose, PoseFix, PoseFixMemory, PoseSample};

@@ -2,9 +2,9 @@
 
 use garde::Validate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use noise::{Noise, NoiseMemory};
 
 use super::config::{DELAY_LINE_LEN, PoseFixConfig, SensorError};
-use super::noise::{Noise, NoiseMemory};
 use super::schedule::Schedule;
 use shared_types::time::ns_from_s;
 
@@ -83,7 +83,7 @@ impl PoseFix {
         let spans = config.drop_outs.iter();
         Ok(Self {
             schedule: Schedule::new(rate_hz),
-            noise: Noise::new(seed, "pose_fix"),
+            noise: Noise::new(seed, "pose_fix", 0),
             latency_ns,
             sigma_position: level * config.position_noise_m,
             sigma_attitude: level * config.attitude_noise_rad,
@@ -115,8 +115,11 @@ impl PoseFix {
             return;
         }
         // Drawn whether lost or not, so that a drop-out leaves every other fix as it was.
-        let position = truth.position_w_m + self.noise.normal3() * self.sigma_position;
-        let turn = UnitQuaternion::from_scaled_axis(self.noise.normal3() * self.sigma_attitude);
+        let position =
+            truth.position_w_m + Vector3::from(self.noise.normal3()) * self.sigma_position;
+        let turn = UnitQuaternion::from_scaled_axis(
+            Vector3::from(self.noise.normal3()) * self.sigma_attitude,
+        );
         let unlucky = self.noise.uniform() < self.drop_out_probability;
         let lost = unlucky || self.drop_outs.iter().any(|(a, b)| (*a..*b).contains(&now_ns));
         let q = vehicle::canonical(truth.q_wb * turn);

@@ -4,11 +4,9 @@
 //! come from Box and Muller's transform through `libm`: the same bits on every machine, and always
 //! the same number of words per draw, which a rejection method does not give.
 
-use std::f64::consts::TAU;
-
-use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
 
 /// Bytes of the key: eight of the seed, the rest for the source's name.
 const KEY_BYTES: usize = 32;
@@ -19,71 +17,100 @@ shared_types::memory! {
     pub struct NoiseMemory {
         /// Key: the seed and the source's name.
         pub key: [u64; 4],
+        /// One of the key's independent streams.
+        pub stream: u64,
         /// Words already drawn.
         pub word_position: u64,
     }
 }
 
-/// One source of noise: independent of every source of another name or another seed.
+impl NoiseMemory {
+    /// The same place in the stream of another seed.
+    #[must_use]
+    pub fn with_seed(self, seed: u64) -> Self {
+        let [_, name @ ..] = self.key;
+        let [a, b, c] = name;
+        Self { key: [seed, a, b, c], ..self }
+    }
+}
+
+/// One source of noise: independent of every source of another name, stream or seed.
 #[derive(Debug, Clone)]
-pub(super) struct Noise {
+pub struct Noise {
     generator: ChaCha8Rng,
 }
 
 impl Noise {
-    /// `source` names the stream, in at most 24 bytes.
-    pub(super) fn new(seed: u64, source: &str) -> Self {
+    /// `source` names the source, in at most 24 bytes; a source has 2⁶⁴ streams.
+    #[must_use]
+    pub fn new(seed: u64, source: &str, stream: u64) -> Self {
         let mut key = [0; KEY_BYTES];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         for (slot, byte) in key[8..].iter_mut().zip(source.bytes()) {
             *slot = byte;
         }
-        Self { generator: ChaCha8Rng::from_seed(key) }
+        let mut generator = ChaCha8Rng::from_seed(key);
+        generator.set_stream(stream);
+        Self { generator }
     }
 
     /// Uniform in [0, 1), 53 bits.
-    pub(super) fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         (self.generator.next_u64() >> 11) as f64 * f64::EPSILON * 0.5
     }
 
     /// Three independent numbers from N(0, 1).
-    pub(super) fn normal3(&mut self) -> Vector3<f64> {
+    pub fn normal3(&mut self) -> [f64; 3] {
         let ([x, y], [z, _]) = (self.normal2(), self.normal2());
-        Vector3::new(x, y, z)
+        [x, y, z]
     }
 
     /// Two independent numbers from N(0, 1) [Box, Muller 1958].
-    pub(super) fn normal2(&mut self) -> [f64; 2] {
+    pub fn normal2(&mut self) -> [f64; 2] {
         // 1 − u lies in (0, 1], so the logarithm is finite.
         let radius = (-2.0 * libm::log(1.0 - self.uniform())).sqrt();
         let (sin, cos) = libm::sincos(TAU * self.uniform());
         [radius * cos, radius * sin]
     }
 
-    pub(super) fn memory(&self) -> NoiseMemory {
+    /// Stream of the source.
+    #[must_use]
+    pub fn stream(&self) -> u64 {
+        self.generator.get_stream()
+    }
+
+    /// Back to the first word.
+    pub fn rewind(&mut self) {
+        self.generator.set_word_pos(0);
+    }
+
+    /// The generator as plain numbers.
+    #[must_use]
+    pub fn memory(&self) -> NoiseMemory {
         let seed = self.generator.get_seed();
         let key = std::array::from_fn(|i| {
             u64::from_le_bytes(std::array::from_fn(|byte| seed[8 * i + byte]))
         });
         // A draw takes two words of 32 bits, so 2⁶⁴ of them outlast any flight.
         let position = self.generator.get_word_pos();
-        NoiseMemory { key, word_position: u64::try_from(position).unwrap_or(u64::MAX) }
+        let word_position = u64::try_from(position).unwrap_or(u64::MAX);
+        NoiseMemory { key, stream: self.stream(), word_position }
     }
 
-    pub(super) fn restore(&mut self, memory: &NoiseMemory) {
+    /// Goes on from a memory, bit for bit.
+    pub fn restore(&mut self, memory: &NoiseMemory) {
         let mut key = [0; KEY_BYTES];
         for (slot, word) in key.chunks_exact_mut(8).zip(memory.key) {
             slot.copy_from_slice(&word.to_le_bytes());
         }
         self.generator = ChaCha8Rng::from_seed(key);
+        self.generator.set_stream(memory.stream);
         self.generator.set_word_pos(u128::from(memory.word_position));
     }
 
     /// Goes on in the stream of another seed, at the place reached in this one.
-    pub(super) fn reseed(&mut self, seed: u64) {
-        let mut memory = self.memory();
-        memory.key[0] = seed;
-        self.restore(&memory);
+    pub fn reseed(&mut self, seed: u64) {
+        self.restore(&self.memory().with_seed(seed));
     }
 }
 
@@ -95,39 +122,41 @@ mod tests {
 
     #[test]
     fn a_restored_stream_continues_bit_for_bit_from_every_position() {
-        let mut noise = Noise::new(7, "imu");
-        let mut other = Noise::new(1, "x");
+        let mut noise = Noise::new(7, "imu", 3);
+        let mut other = Noise::new(1, "x", 0);
         // 200 draws cross the generator's block and buffer borders several times.
         for _ in 0..200 {
             other.restore(&noise.memory());
             assert_eq!(other.memory(), noise.memory());
-            assert_eq!(other.clone().normal3(), noise.clone().normal3());
+            let next = |noise: &Noise| noise.clone().normal3().map(f64::to_bits);
+            assert_eq!(next(&other), next(&noise));
             noise.uniform();
         }
     }
 
     #[test]
     fn a_reseeded_stream_is_the_other_seeds_from_the_place_reached() {
-        let (mut noise, mut other) = (Noise::new(1, "imu"), Noise::new(2, "imu"));
+        let (mut noise, mut other) = (Noise::new(1, "imu", 0), Noise::new(2, "imu", 0));
         noise.normal3();
         other.normal3();
         assert_ne!(noise.memory(), other.memory());
         noise.reseed(2);
         assert_eq!(noise.memory(), other.memory());
-        assert_eq!(noise.normal3(), other.normal3());
+        assert_eq!(noise.normal3().map(f64::to_bits), other.normal3().map(f64::to_bits));
     }
 
     #[test]
-    fn other_seeds_and_other_names_give_other_streams() {
-        let first = |seed, name| Noise::new(seed, name).uniform();
-        assert!((first(1, "imu") - first(1, "imu")).abs() < f64::EPSILON);
-        assert!((first(1, "imu") - first(2, "imu")).abs() > 1e-6);
-        assert!((first(1, "imu") - first(1, "pose_fix")).abs() > 1e-6);
+    fn other_seeds_names_and_streams_give_other_numbers() {
+        let first = |seed, name, stream| Noise::new(seed, name, stream).uniform().to_bits();
+        assert_eq!(first(1, "imu", 0), first(1, "imu", 0));
+        for other in [first(2, "imu", 0), first(1, "pose_fix", 0), first(1, "imu", 1)] {
+            assert_ne!(first(1, "imu", 0), other);
+        }
     }
 
     #[test]
     fn the_normal_numbers_follow_the_normal_distribution() {
-        let mut noise = Noise::new(3, "test");
+        let mut noise = Noise::new(3, "test", 0);
         let count = 100_000;
         let mut values: Vec<f64> = (0..count / 2).flat_map(|_| noise.normal2()).collect();
         values.sort_by(f64::total_cmp);
@@ -144,7 +173,7 @@ mod tests {
     #[test]
     fn the_stream_is_the_published_chacha8_stream() {
         // First word of ChaCha8 for the all-zero key and nonce (ECRYPT test vector set 1, 256 bit).
-        let mut generator = Noise::new(0, "").generator;
+        let mut generator = Noise::new(0, "", 0).generator;
         assert_eq!(generator.next_u32().to_le_bytes(), [0x3e, 0x00, 0xef, 0x2f]);
     }
 }
