@@ -1,5 +1,6 @@
 //! The law's numbers, each with its reason, and what is refused.
 
+use controller::attitude::Timing;
 use mpc::{Basis, Horizon, MpcError, SolverKind, within};
 use thiserror::Error;
 use vehicle::{MorphAngle, ParameterError};
@@ -198,6 +199,16 @@ impl AttitudeLawConfig {
     #[must_use]
     pub fn period_s(&self) -> f64 {
         1.0 / self.rate_hz
+    }
+
+    /// Times on the way of a command.
+    pub(crate) fn timing(&self) -> Timing {
+        Timing {
+            period_s: self.period_s(),
+            latency_s: self.command_latency_s,
+            report_s: self.report_period_s,
+            rotor_lag_s: self.rotor_lag_s,
+        }
     }
 
     /// Samples over which a commanded morph is followed.

@@ -11,9 +11,6 @@ use crate::preview::{MorphPlan, Preview, mean_gain};
 use crate::ramp::Ramp;
 use crate::schedule::{self, StepLimits};
 
-/// Far below any period \[s\]: 1/500 − 0.001 must count as 0.001.
-const ROUNDING_S: f64 = 1e-9;
-
 /// x = \[γ, γ̇, τ, u(k−1)\]; without lag and delay the last two do not matter.
 type State = SVector<f64, 12>;
 
@@ -115,60 +112,23 @@ impl AttitudeLaw {
     /// As [`Self::step`], with the morph that is commanded.
     pub fn step_along(&mut self, input: &Input, plan: Option<&MorphPlan<'_>>) -> Output {
         self.memory.counters.steps += 1;
-        self.follow_actuators(input);
+        let (timing, axis) = (self.config.timing(), schedule::actuator(&self.config));
+        self.memory.actuators.follow(input.applied_torque_nm, &timing, &axis);
         match self.state(input) {
             Ok(state) => self.control(input, &state, plan),
             Err(refusal) => self.refuse(refusal),
         }
     }
 
-    /// Brings actuator copy and u(k−1) to this sample from what the plant reported.
-    ///
-    /// The report is of the plant's last whole tick. A command was in effect for all of it if
-    /// delay and tick fit into a period: then the report is u(k−1). With a delay of one period
-    /// it is u(k−2). In between it may be either, and is not used.
-    fn follow_actuators(&mut self, input: &Input) {
-        let memory = &mut self.memory;
-        let reported =
-            input.applied_torque_nm.filter(|torque| torque.iter().all(|t| t.is_finite()));
-        if !memory.commanded {
-            // A successor starts from what its predecessor left in effect.
-            let start = reported.map_or(memory.torque_nm, Into::into);
-            (memory.torque_nm, memory.applied_nm, memory.actuator_nm) = (start, start, start);
-            return;
-        }
-        let (period, latency) = (self.config.period_s(), self.config.command_latency_s);
-        let mut before = Vector3::from(memory.applied_nm);
-        let mut latest = Vector3::from(memory.torque_nm);
-        if latency + self.config.report_period_s <= period + ROUNDING_S {
-            latest = reported.unwrap_or(latest);
-        } else if latency >= period {
-            before = reported.unwrap_or(before);
-        }
-        let delay = self.config.command_delay_s;
-        let axis = schedule::actuator(&self.config);
-        for i in 0..3 {
-            let early = axis.actuator_after(memory.actuator_nm[i], before[i], delay);
-            memory.actuator_nm[i] = axis.actuator_after(early, latest[i], period - delay);
-        }
-        memory.applied_nm = latest.into();
-    }
-
     /// Takes u(k−1) from another controller, whose command the plant last applied: `torque_nm` \[N m\]
     /// as reported, with `thrust_n` \[N\]. For each sample before its step, while another one flies.
-    ///
-    /// A report that is of u(k−2), because the command needs a whole period, is carried on by the
-    /// increment that this law chose at k−1.
     pub fn track(&mut self, torque_nm: &Vector3<f64>, thrust_n: f64) {
-        let numbers = torque_nm.iter().chain([&thrust_n]);
-        if !self.memory.commanded || !numbers.into_iter().all(|value| value.is_finite()) {
+        let memory = &mut self.memory;
+        if !memory.actuators.commanded || !thrust_n.is_finite() {
             // The first step starts from the report anyway.
             return;
         }
-        let memory = &mut self.memory;
-        let own = Vector3::from(memory.torque_nm) - Vector3::from(memory.applied_nm);
-        let late = self.config.command_latency_s >= self.config.period_s();
-        memory.torque_nm = if late { torque_nm + own } else { *torque_nm }.into();
+        memory.actuators.track(torque_nm, &self.config.timing());
         memory.thrust_n = thrust_n;
     }
 
@@ -183,13 +143,13 @@ impl AttitudeLaw {
         let rate = euler_rate_matrix(gamma).ok_or(Refusal::SteepPitch)? * omega;
         // From the instant of the estimate to this one by (6): Δx must span whole periods.
         let age = age_s.clamp(0.0, self.config.period_s());
-        let torque = Vector3::from(self.memory.actuator_nm);
+        let torque = Vector3::from(self.memory.actuators.torque_nm);
         let acceleration = torque.component_div(&self.vehicle.inertia_kg_m2(self.angle(input)));
         let mut x = State::zeros();
         x.fixed_rows_mut::<3>(0).copy_from(&(gamma + (rate + acceleration * (0.5 * age)) * age));
         x.fixed_rows_mut::<3>(3).copy_from(&(rate + acceleration * age));
-        x.fixed_rows_mut::<3>(6).copy_from_slice(&self.memory.actuator_nm);
-        x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.applied_nm);
+        x.fixed_rows_mut::<3>(6).copy_from_slice(&self.memory.actuators.torque_nm);
+        x.fixed_rows_mut::<3>(9).copy_from_slice(&self.memory.actuators.applied_nm);
         Ok(x)
     }
 
@@ -212,7 +172,7 @@ impl AttitudeLaw {
         let (period, ramp_s) = (config.period_s(), config.setpoint_ramp_s);
         let thrust = input.setpoint.thrust_n.clamp(0.0, 4.0 * vehicle.rotor_thrust_max_n);
         let mut ramp = self.memory.ramp;
-        if !self.memory.commanded {
+        if !self.memory.actuators.commanded {
             ramp = Ramp::at(&input.gamma_rad);
         }
         ramp.aim(&input.setpoint.gamma_rad, ramp_s);
@@ -254,12 +214,11 @@ impl AttitudeLaw {
     fn remember(&mut self, x: &State, output: &Output) {
         let memory = &mut self.memory;
         memory.primed = true;
-        memory.commanded = true;
         memory.gamma_rad.copy_from_slice(x.fixed_rows::<3>(0).as_slice());
         memory.gamma_rate_rad_s.copy_from_slice(x.fixed_rows::<3>(3).as_slice());
-        memory.previous_actuator_nm = memory.actuator_nm;
-        memory.previous_applied_nm = memory.applied_nm;
-        memory.torque_nm = output.torque_nm.into();
+        memory.previous_actuator_nm = memory.actuators.torque_nm;
+        memory.previous_applied_nm = memory.actuators.applied_nm;
+        memory.actuators.command(&output.torque_nm);
         memory.thrust_n = output.thrust_n;
         self.engine.pack_working_set(&mut memory.working_set);
         memory.counters.fallbacks += u64::from(output.status != LawStatus::Solved);
@@ -272,7 +231,7 @@ impl AttitudeLaw {
         self.memory.primed = false;
         let zero = Vector3::zeros();
         Output {
-            torque_nm: self.memory.torque_nm.into(),
+            torque_nm: self.memory.actuators.command_nm.into(),
             thrust_n: self.memory.thrust_n,
             status: LawStatus::Refused(refusal),
             reference_rad: self.memory.ramp.value(0.0, self.config.setpoint_ramp_s),

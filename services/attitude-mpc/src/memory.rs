@@ -1,6 +1,7 @@
 //! Everything the law remembers from one sample to the next.
 
 use crate::ramp::Ramp;
+use controller::attitude::Actuators;
 use mpc::ROW_CAPACITY;
 
 shared_types::memory! {
@@ -26,22 +27,16 @@ shared_types::memory! {
     pub struct Memory {
         /// False before the first step and after a refused one: Δx is then taken as zero.
         pub primed: bool,
-        /// False until a torque was commanded.
-        pub commanded: bool,
         /// γ(k−1) \[rad\].
         pub gamma_rad: [f64; 3],
         /// γ̇(k−1) \[rad/s\].
         pub gamma_rate_rad_s: [f64; 3],
-        /// Open-loop copy of the actuators' torque at the last sample \[N m\].
-        pub actuator_nm: [f64; 3],
-        /// Torque applied when that sample came, before its command took effect \[N m\].
-        pub applied_nm: [f64; 3],
-        /// `actuator_nm` as it entered x(k−1) \[N m\].
+        /// Torques commanded, applied and behind the rotors' lag.
+        pub actuators: Actuators,
+        /// Torque behind the lag as it entered x(k−1) \[N m\].
         pub previous_actuator_nm: [f64; 3],
-        /// `applied_nm` as it entered x(k−1) \[N m\].
+        /// Applied torque as it entered x(k−1) \[N m\].
         pub previous_applied_nm: [f64; 3],
-        /// Last command, u(k−1) \[N m\].
-        pub torque_nm: [f64; 3],
         /// Last commanded thrust \[N\].
         pub thrust_n: f64,
         /// Approach to the setpoint.
@@ -62,14 +57,11 @@ impl Memory {
     pub(crate) fn at_trim(thrust_n: f64) -> Self {
         Self {
             primed: false,
-            commanded: false,
             gamma_rad: [0.0; 3],
             gamma_rate_rad_s: [0.0; 3],
-            actuator_nm: [0.0; 3],
-            applied_nm: [0.0; 3],
+            actuators: Actuators::at_rest(),
             previous_actuator_nm: [0.0; 3],
             previous_applied_nm: [0.0; 3],
-            torque_nm: [0.0; 3],
             thrust_n,
             ramp: Ramp::default(),
             scheduled_rad: f64::NAN,

@@ -23,11 +23,11 @@ fn roll(memory: &Memory) -> SVector<f64, MEMORY> {
     SVector::from([
         memory.gamma_rad[0],
         memory.gamma_rate_rad_s[0],
-        memory.actuator_nm[0],
-        memory.applied_nm[0],
+        memory.actuators.torque_nm[0],
+        memory.actuators.applied_nm[0],
         memory.previous_actuator_nm[0],
         memory.previous_applied_nm[0],
-        memory.torque_nm[0],
+        memory.actuators.command_nm[0],
     ])
 }
 
@@ -36,11 +36,11 @@ fn with_roll(memory: &Memory, entry: usize, value: f64) -> Memory {
     *[
         &mut memory.gamma_rad[0],
         &mut memory.gamma_rate_rad_s[0],
-        &mut memory.actuator_nm[0],
-        &mut memory.applied_nm[0],
+        &mut memory.actuators.torque_nm[0],
+        &mut memory.actuators.applied_nm[0],
         &mut memory.previous_actuator_nm[0],
         &mut memory.previous_applied_nm[0],
-        &mut memory.torque_nm[0],
+        &mut memory.actuators.command_nm[0],
     ][entry] = value;
     memory
 }

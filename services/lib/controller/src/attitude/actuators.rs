@@ -27,9 +27,14 @@ impl Timing {
         LaggedAxis { gain: 1.0, lag_s: self.rotor_lag_s, delay_s }
     }
 
-    /// True if a report is of u(k−2), because a command takes a whole period to take effect.
+    /// True if no report is of u(k−1), because a command takes a whole period to take effect.
     fn reports_late(&self) -> bool {
         self.latency_s >= self.period_s
+    }
+
+    /// True if a report is of u(k−2): that command was in effect for all of the reported tick.
+    fn reports_one_late(&self) -> bool {
+        self.reports_late() && self.latency_s + self.report_s <= 2.0 * self.period_s + ROUNDING_S
     }
 
     /// True if a report is of u(k−1): the command was in effect for all of the reported tick.
@@ -64,16 +69,19 @@ impl Actuators {
         Self { commanded: false, torque_nm, applied_nm, before_nm, command_nm }
     }
 
-    /// Brings the copy to this sample; `reported` is the torque of the plant's last whole tick.
+    /// Brings the copy to this sample; `reported` is the torque of the plant's last whole tick, and `axis` how the
+    /// actuators are modelled.
     ///
     /// A report that may be of u(k−1) or u(k−2) is not used. One that is of u(k−2) tells by how much
-    /// the plant departs from what is commanded, and u(k−1) is taken to depart as much.
-    pub fn follow(&mut self, reported: Option<Vector3<f64>>, timing: &Timing) {
+    /// the plant departs from what is commanded, and u(k−1) is taken to depart as much. One that is still
+    /// older tells the torque in effect, and nothing of u(k−1).
+    pub fn follow(&mut self, reported: Option<Vector3<f64>>, timing: &Timing, axis: &LaggedAxis) {
         let reported = reported.filter(|torque| torque.iter().all(|t| t.is_finite()));
         if !self.commanded {
             // A successor starts from what its predecessor left in effect.
             let start: [f64; 3] = reported.unwrap_or_default().into();
             (self.torque_nm, self.applied_nm, self.before_nm) = (start, start, start);
+            self.command_nm = start;
             return;
         }
         let mut before = Vector3::from(self.applied_nm);
@@ -83,10 +91,11 @@ impl Actuators {
         } else if timing.reports_late()
             && let Some(reported) = reported
         {
-            latest += reported - before;
+            if timing.reports_one_late() {
+                latest += reported - before;
+            }
             before = reported;
         }
-        let axis = timing.axis();
         for i in 0..3 {
             let early = axis.actuator_after(self.torque_nm[i], before[i], axis.delay_s);
             let rest_s = timing.period_s - axis.delay_s;
@@ -97,11 +106,17 @@ impl Actuators {
     }
 
     /// Takes u(k−1) from another controller, whose command the plant has applied, before
-    /// [`follow`](Self::follow).
+    /// [`follow`](Self::follow). A report of an earlier command is carried on by the increment that was chosen here at k−1.
     pub fn track(&mut self, applied: &Vector3<f64>, timing: &Timing) {
-        if self.commanded && !timing.reports_late() && applied.iter().all(|t| t.is_finite()) {
-            self.command_nm = (*applied).into();
+        if !self.commanded || !applied.iter().all(|t| t.is_finite()) {
+            return;
         }
+        let mut command = *applied;
+        if timing.reports_late() {
+            command += Vector3::from(self.command_nm) - Vector3::from(self.applied_nm);
+            self.applied_nm = (*applied).into();
+        }
+        self.command_nm = command.into();
     }
 
     /// Remembers u(k).
@@ -132,14 +147,14 @@ mod tests {
     fn behind_the_lag_the_torque_is_the_closed_form_of_its_steps() {
         let timing = timing(10.0 * MS);
         let mut copy = Actuators::at_rest();
-        copy.follow(None, &timing);
+        copy.follow(None, &timing, &timing.axis());
         copy.command(&Vector3::new(1.0, -2.0, 0.5));
-        copy.follow(None, &timing);
+        copy.follow(None, &timing, &timing.axis());
         let expected = 1.0 - libm::exp(-9.0 / 15.0);
         assert!((copy.torque_nm[0] - expected).abs() < 1e-15);
         assert!((copy.torque_nm[1] + 2.0 * expected).abs() < 1e-15);
         copy.command(&Vector3::zeros());
-        copy.follow(None, &timing);
+        copy.follow(None, &timing, &timing.axis());
         // One millisecond more of the old command, then nine of none.
         let rising = 1.0 - libm::exp(-10.0 / 15.0);
         assert!((copy.torque_nm[0] - rising * libm::exp(-9.0 / 15.0)).abs() < 1e-15);
@@ -150,7 +165,7 @@ mod tests {
         for (period_s, steps) in [(10.0 * MS, 1), (2.0 * MS, 1), (MS, 2)] {
             let timing = timing(period_s);
             let mut copy = Actuators::at_rest();
-            copy.follow(None, &timing);
+            copy.follow(None, &timing, &timing.axis());
             // A plant that gives half of what is commanded.
             let mut reported = Vector3::zeros();
             for _ in 0..40 {
@@ -158,7 +173,7 @@ mod tests {
                 if steps == 1 {
                     reported = Vector3::repeat(0.01);
                 }
-                copy.follow(Some(reported), &timing);
+                copy.follow(Some(reported), &timing, &timing.axis());
                 reported = Vector3::repeat(0.01);
             }
             assert!((copy.applied_nm[0] - 0.01).abs() < 1e-15, "{period_s}: {copy:?}");
@@ -169,12 +184,38 @@ mod tests {
     fn a_report_that_is_of_either_command_is_not_used() {
         let timing = timing(1.5 * MS);
         let mut copy = Actuators::at_rest();
-        copy.follow(None, &timing);
+        copy.follow(None, &timing, &timing.axis());
         copy.command(&Vector3::repeat(0.02));
-        copy.follow(Some(Vector3::repeat(7.0)), &timing);
+        copy.follow(Some(Vector3::repeat(7.0)), &timing, &timing.axis());
         assert_eq!(copy.applied_nm, [0.02; 3]);
         copy.track(&Vector3::repeat(0.03), &timing);
-        copy.follow(Some(Vector3::repeat(7.0)), &timing);
+        copy.follow(Some(Vector3::repeat(7.0)), &timing, &timing.axis());
         assert_eq!(copy.applied_nm, [0.03; 3]);
+    }
+
+    #[test]
+    fn a_report_from_more_than_two_periods_ago_tells_nothing_of_the_last_command() {
+        let timing = Timing { latency_s: 2.5 * MS, ..timing(MS) };
+        let (mut copy, axis) = (Actuators::at_rest(), timing.axis());
+        copy.follow(None, &timing, &axis);
+        copy.command(&Vector3::repeat(0.02));
+        copy.follow(Some(Vector3::repeat(0.005)), &timing, &axis);
+        assert_eq!((copy.applied_nm, copy.before_nm), ([0.02; 3], [0.005; 3]));
+    }
+
+    #[test]
+    fn who_tracks_late_reports_carries_them_on_by_its_own_increments() {
+        let timing = timing(MS);
+        let (mut copy, axis) = (Actuators::at_rest(), timing.axis());
+        copy.follow(None, &timing, &axis);
+        copy.command(&Vector3::repeat(0.01));
+        copy.follow(None, &timing, &axis);
+        copy.command(&Vector3::repeat(0.012));
+        // Another one's u(k−2), where this one had 0.01.
+        let reported = Vector3::repeat(0.03);
+        copy.track(&reported, &timing);
+        copy.follow(Some(reported), &timing, &axis);
+        assert!((copy.applied_nm[0] - 0.032).abs() < 1e-15, "{copy:?}");
+        assert_eq!(copy.before_nm, [0.03; 3]);
     }
 }

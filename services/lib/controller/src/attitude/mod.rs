@@ -138,7 +138,8 @@ impl<L: AttitudeLaw> AttitudeLoop<L> {
 
     /// One sample.
     pub fn step(&mut self, measurement: &Measurement, setpoint: &Setpoint) -> Output {
-        self.common.actuators.follow(measurement.applied_nm, &self.timing);
+        let axis = self.timing.axis();
+        self.common.actuators.follow(measurement.applied_nm, &self.timing, &axis);
         let tracking = core::mem::take(&mut self.tracking);
         let Some(sample) = self.sample(measurement, setpoint, tracking) else {
             self.common.refused += 1;
