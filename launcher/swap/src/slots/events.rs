@@ -1,7 +1,7 @@
 //! What the slots hear: hellos and deaths of processes, what consumers say, and silence.
 
 use super::facts::{command_latency_ns, millihertz};
-use super::trip::TripReason;
+use super::trip_reason::TripReason;
 use super::watch::{Obeyed, Seen};
 use super::{Expected, Means, Slots};
 use crate::{FlightError, PostEvent};

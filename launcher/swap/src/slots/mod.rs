@@ -3,6 +3,7 @@
 //! The protocol itself is `slot::supervisor`, which knows neither processes nor clocks. This gives it
 //! events (hellos, deaths, what consumers say, time, requests) and does what it wants done.
 
+mod actions;
 mod adoption;
 mod consumers;
 mod events;
@@ -12,10 +13,11 @@ mod given;
 mod ledger;
 mod posts;
 mod rehearsal;
+mod requests;
 mod script;
 mod seating;
 mod telling;
-mod trip;
+mod trip_reason;
 mod watch;
 
 pub use ledger::write_table;
@@ -26,23 +28,19 @@ pub use script::Script;
 pub use watch::{Seen, SlotWatch};
 
 use crate::FlightError;
-use crate::child::{ChildSpec, Launch};
-use crate::orders::{Executable, Machines, Ordered, Orders};
+use crate::child::ChildSpec;
+use crate::orders::{Executable, Machines, Orders};
 use consumers::Consumers;
-use facts::Yardstick;
-use gatekeeper::{Gatekeeper, Tracks};
+use gatekeeper::Gatekeeper;
 use monitor::settings::Fallback;
-use protocol::control::server::Answer;
-use protocol::control::{Reply, Request as Asked};
 use rehearsal::{Rehearsing, Underway};
 use runtime::Graph;
 use scenario::Scenario;
 use scenario::candidate::{Candidate, Slot};
 use scenario::orders::Planner;
-use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
-use slot::gate::GateLimits;
+use shared_types::{ClockMode, Role, Seat as Place};
 use slot::supervisor::{Event, Fault, Now, SlotConfig};
-use slot::{Action, Program, Report, Request, SEATS, Seat, Target};
+use slot::{SEATS, Seat};
 use std::collections::BTreeMap;
 use vehicle::VehicleParameters;
 
@@ -172,23 +170,6 @@ impl Slots {
         }
     }
 
-    /// How a program is started.
-    fn spec(&self, slot: Slot, program: Program) -> Option<ChildSpec> {
-        let Executable { candidate, config, .. } = self.orders.executable(program)?;
-        let pattern = self.pattern.clone()?;
-        let name = candidate.name().to_owned();
-        let config = config.clone();
-        Some(match candidate {
-            Candidate::Service(_) => {
-                ChildSpec { name, launch: Launch::Service { config }, ..pattern }
-            }
-            Candidate::Executable(path) => {
-                let launch = Launch::Foreign { slot, config };
-                ChildSpec { name, executable: path.clone(), launch, ..pattern }
-            }
-        })
-    }
-
     fn slot_of(&self, role: Role) -> Option<Slot> {
         self.machines.keys().copied().find(|slot| slot.role() == role)
     }
@@ -208,8 +189,8 @@ impl Slots {
         self.slot_of(role).is_some()
     }
 
-    /// Lockstep: whoever commands, or is about to, is started again in place when it dies, and time
-    /// waits for it, so that a death from outside leaves no trace.
+    /// True if the process of a seat is started again in place when it dies: always outside of the slots. Within, only in
+    /// lockstep, where time waits for it so that a death from outside leaves no trace, and only the owner or its fallback.
     #[must_use]
     pub fn keeps(&self, place: Place) -> bool {
         let machine = self.slot_of(place.role).and_then(|slot| self.machines.get(&slot));
@@ -239,111 +220,6 @@ impl Slots {
         slots.filter_map(|(slot, _)| Some(self.machines.get(slot)?.record()?.effective_ns))
     }
 
-    /// Takes an order from outside, and answers it in the course of time.
-    ///
-    /// # Errors
-    /// [`FlightError`] if the flight cannot go on.
-    pub fn order(
-        &mut self,
-        asked: &Asked,
-        answer: Answer,
-        means: &mut Means<'_>,
-    ) -> Result<(), FlightError> {
-        if let Asked::Order { order } = asked {
-            self.give(order, &answer, means);
-            return Ok(());
-        }
-        match self.orders.understand(asked, &self.machines) {
-            Ok(None) => Ok(()),
-            Ok(Some(ordered)) => self.request(&ordered, Some(answer), means),
-            Err(refusal) => {
-                answer.send(Reply::Refused(refusal));
-                Ok(())
-            }
-        }
-    }
-
-    /// Takes an order of the script.
-    ///
-    /// # Errors
-    /// [`FlightError`] if the flight cannot go on.
-    pub fn script(&mut self, asked: &Asked, means: &mut Means<'_>) -> Result<(), FlightError> {
-        match self.orders.understand(asked, &self.machines) {
-            Ok(None) => Ok(()),
-            Ok(Some(ordered)) => self.request(&ordered, None, means),
-            Err(refusal) => {
-                if let Asked::Swap(order) = asked
-                    && let Some(slot) = Slot::named(&order.slot)
-                {
-                    let mut report =
-                        SwapReport::new(slot, "", &order.to, means.now.logical_ns, true);
-                    report.refuse(&refusal.text);
-                    self.reports.push(report);
-                }
-                self.say(refusal.text, true);
-                Ok(())
-            }
-        }
-    }
-
-    fn request(
-        &mut self,
-        ordered: &Ordered,
-        answer: Option<Answer>,
-        means: &mut Means<'_>,
-    ) -> Result<(), FlightError> {
-        let slot = ordered.slot;
-        let (Some(machine), Some(around)) =
-            (self.machines.get_mut(&slot), self.around.get_mut(&slot))
-        else {
-            return Ok(());
-        };
-        let from = machine.record().map(|record| record.owner);
-        let actions = machine.on(means.now, Event::Request(ordered.request));
-        let refused =
-            actions.iter().any(|action| matches!(action, Action::Report(Report::Refused(_))));
-        if let Request::Swap(target, _) = ordered.request {
-            if around.current.is_none() || refused {
-                let to = match target {
-                    Target::New(program) => {
-                        let executable = self.orders.executable(program);
-                        executable.map_or("?", |e| e.candidate.name()).to_owned()
-                    }
-                    Target::Seated(seat) => self.orders.name(slot, seat),
-                };
-                let from = from.map_or(String::new(), |seat| self.orders.name(slot, seat));
-                let at_ns = means.now.logical_ns;
-                self.reports.push(SwapReport::new(slot, &from, &to, at_ns, answer.is_none()));
-            }
-            if refused {
-                self.end_last(&actions);
-            } else {
-                around.current = Some(self.reports.len() - 1);
-                around.max_bump = ordered.max_bump;
-            }
-        }
-        if ordered.skips_rehearsal && !refused {
-            self.skip_rehearsal(slot);
-        }
-        let (is_answered, told) = (answer.is_some(), self.news.len());
-        if let Some(answer) = answer {
-            self.orders.follow(ordered, &self.machines, &actions, answer);
-        }
-        self.carry_out(slot, actions, means)?;
-        if refused && is_answered {
-            // Whoever asked knows, and the flight is none the worse for it.
-            self.news.iter_mut().skip(told).for_each(|news| news.warning = false);
-        }
-        if let (Request::Swap(Target::Seated(seat), _), Some(owner), false) =
-            (ordered.request, from, refused)
-        {
-            // It has been there all along, and is handed nothing.
-            let alike = self.machines.get(&slot).is_some_and(|m| m.are_alike(owner, seat));
-            self.open_gate(slot, seat, alike, None, means);
-        }
-        Ok(())
-    }
-
     /// Takes in everything that has happened; call once per round of the launcher's loop.
     ///
     /// # Errors
@@ -371,115 +247,6 @@ impl Slots {
         let Some(machine) = self.machines.get_mut(&slot) else { return Ok(()) };
         let actions = machine.on(means.now, event);
         self.carry_out(slot, actions, means)
-    }
-
-    fn carry_out(
-        &mut self,
-        slot: Slot,
-        actions: Vec<Action>,
-        means: &mut Means<'_>,
-    ) -> Result<(), FlightError> {
-        actions.into_iter().try_for_each(|action| self.act(slot, action, means))
-    }
-
-    /// Expects something of a seat before patience is over.
-    fn expect(&mut self, slot: Slot, seat: Seat, what: Expected, means: &Means<'_>) {
-        let patience_ns = if what == Expected::Hello { self.startup_ns } else { PATIENCE_NS };
-        if let Some(around) = self.around.get_mut(&slot) {
-            around.expected.push((seat, what, means.now_mono_ns.saturating_add(patience_ns)));
-        }
-    }
-
-    fn act(
-        &mut self,
-        slot: Slot,
-        action: Action,
-        means: &mut Means<'_>,
-    ) -> Result<(), FlightError> {
-        let role = slot.role();
-        let place = |seat: Seat| Place { role, index: seat.into() };
-        match action {
-            Action::Spawn(seat, program) => {
-                let Some(spec) = self.spec(slot, program) else { return Ok(()) };
-                self.orders.seat(slot, seat, program);
-                if let Some(around) = self.around.get_mut(&slot) {
-                    around.struck.retain(|struck| *struck != seat);
-                }
-                self.expect(slot, seat, Expected::Hello, means);
-                means.posts.spawn(place(seat), spec);
-            }
-            Action::Restart(seat, _) => {
-                self.expect(slot, seat, Expected::Hello, means);
-                means.posts.restart(place(seat))?;
-            }
-            Action::Publish(record) => {
-                means.posts.announce(record.to_sample(role));
-            }
-            Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
-                let from = state_of.map(place);
-                let state = from.and_then(|from| means.posts.last_state(from));
-                let same = state_of.is_some_and(|of| of != seat);
-                // In realtime a successor of the same kind runs what it has missed, from history.
-                let catches_up = same && self.mode != ClockMode::Lockstep;
-                let order = Handover {
-                    join_ns: if catches_up { 0 } else { join_ns },
-                    track_until_ns,
-                    has_state: Flag::from(state.is_some()),
-                    catches_up: Flag::from(catches_up),
-                };
-                let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
-                let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
-                means.posts.hand_over(place(seat), order, &state)?;
-                self.tell_seating(slot, seat, seating, means);
-                let tracks =
-                    Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
-                self.open_gate(slot, seat, state_of.is_some(), Some(tracks), means);
-            }
-            Action::Judge(seat) => {
-                let gate = self.around.get(&slot).and_then(|around| around.gate.as_ref());
-                if let Some(verdict) = gate.map(Gatekeeper::verdict) {
-                    return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), means);
-                }
-            }
-            Action::Rehearse(seat) => return self.rehearse(slot, seat, means),
-            Action::AwaitExit(seat) => {
-                self.expect(slot, seat, Expected::Exit, means);
-            }
-            Action::Kill(seat) => means.posts.kill(place(seat)),
-            Action::Report(report) => self.report(slot, &report),
-        }
-        Ok(())
-    }
-
-    /// Begins to compare a candidate with the owner.
-    fn open_gate(
-        &mut self,
-        slot: Slot,
-        seat: Seat,
-        same_kind: bool,
-        tracks: Option<Tracks>,
-        means: &Means<'_>,
-    ) {
-        let Some(machine) = self.machines.get(&slot) else { return };
-        let Some(owner) = machine.record().map(|record| record.owner) else { return };
-        if machine.candidate() != Some(seat) || owner == seat {
-            return;
-        }
-        let yardstick = Yardstick::of(slot.role(), &self.vehicle);
-        let Some(around) = self.around.get_mut(&slot) else { return };
-        let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
-        if let Some(max_bump) = around.max_bump {
-            limits = limits.within(max_bump);
-        }
-        let patient = self.mode != ClockMode::Lockstep;
-        if patient {
-            limits = limits.patient();
-        }
-        let now_ns = means.now.logical_ns;
-        let tracks = tracks.filter(|tracks| !same_kind && tracks.until_ns > now_ns);
-        let who = (u32::from(seat), u32::from(owner));
-        let gate = Gatekeeper::new(yardstick, limits, who, tracks, patient);
-        around.gate = Some(gate);
     }
 
     /// Seat that commands a slot by the newest record.

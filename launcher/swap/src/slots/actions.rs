@@ -1,0 +1,141 @@
+//! What the swap protocol wants done, done.
+
+use super::facts::Yardstick;
+use super::gatekeeper::{Gatekeeper, Tracks};
+use super::{Expected, Means, PATIENCE_NS, Slots, seating};
+use crate::FlightError;
+use crate::child::{ChildSpec, Launch};
+use crate::orders::Executable;
+use scenario::candidate::{Candidate, Slot};
+use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
+use slot::gate::GateLimits;
+use slot::supervisor::Event;
+use slot::{Action, Program, Seat};
+
+impl Slots {
+    /// How a program is started.
+    fn spec(&self, slot: Slot, program: Program) -> Option<ChildSpec> {
+        let Executable { candidate, config, .. } = self.orders.executable(program)?;
+        let pattern = self.pattern.clone()?;
+        let name = candidate.name().to_owned();
+        let config = config.clone();
+        Some(match candidate {
+            Candidate::Service(_) => {
+                ChildSpec { name, launch: Launch::Service { config }, ..pattern }
+            }
+            Candidate::Executable(path) => {
+                let launch = Launch::Foreign { slot, config };
+                ChildSpec { name, executable: path.clone(), launch, ..pattern }
+            }
+        })
+    }
+
+    pub(super) fn carry_out(
+        &mut self,
+        slot: Slot,
+        actions: Vec<Action>,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        actions.into_iter().try_for_each(|action| self.act(slot, action, means))
+    }
+
+    /// Expects something of a seat before patience is over.
+    fn expect(&mut self, slot: Slot, seat: Seat, what: Expected, means: &Means<'_>) {
+        let patience_ns = if what == Expected::Hello { self.startup_ns } else { PATIENCE_NS };
+        if let Some(around) = self.around.get_mut(&slot) {
+            around.expected.push((seat, what, means.now_mono_ns.saturating_add(patience_ns)));
+        }
+    }
+
+    fn act(
+        &mut self,
+        slot: Slot,
+        action: Action,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let role = slot.role();
+        let place = |seat: Seat| Place { role, index: seat.into() };
+        match action {
+            Action::Spawn(seat, program) => {
+                let Some(spec) = self.spec(slot, program) else { return Ok(()) };
+                self.orders.seat(slot, seat, program);
+                if let Some(around) = self.around.get_mut(&slot) {
+                    around.struck.retain(|struck| *struck != seat);
+                }
+                self.expect(slot, seat, Expected::Hello, means);
+                means.posts.spawn(place(seat), spec);
+            }
+            Action::Restart(seat, _) => {
+                self.expect(slot, seat, Expected::Hello, means);
+                means.posts.restart(place(seat))?;
+            }
+            Action::Publish(record) => {
+                means.posts.announce(record.to_sample(role));
+            }
+            Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
+                let from = state_of.map(place);
+                let state = from.and_then(|from| means.posts.last_state(from));
+                let same = state_of.is_some_and(|of| of != seat);
+                // In realtime a successor of the same kind runs what it has missed, from history.
+                let catches_up = same && self.mode != ClockMode::Lockstep;
+                let order = Handover {
+                    join_ns: if catches_up { 0 } else { join_ns },
+                    track_until_ns,
+                    has_state: Flag::from(state.is_some()),
+                    catches_up: Flag::from(catches_up),
+                };
+                let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
+                let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
+                means.posts.hand_over(place(seat), order, &state)?;
+                self.tell_seating(slot, seat, seating, means);
+                let tracks =
+                    Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
+                self.open_gate(slot, seat, state_of.is_some(), Some(tracks), means);
+            }
+            Action::Judge(seat) => {
+                let gate = self.around.get(&slot).and_then(|around| around.gate.as_ref());
+                if let Some(verdict) = gate.map(Gatekeeper::verdict) {
+                    return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), means);
+                }
+            }
+            Action::Rehearse(seat) => return self.rehearse(slot, seat, means),
+            Action::AwaitExit(seat) => {
+                self.expect(slot, seat, Expected::Exit, means);
+            }
+            Action::Kill(seat) => means.posts.kill(place(seat)),
+            Action::Report(report) => self.report(slot, &report),
+        }
+        Ok(())
+    }
+
+    /// Begins to compare a candidate with the owner.
+    pub(super) fn open_gate(
+        &mut self,
+        slot: Slot,
+        seat: Seat,
+        same_kind: bool,
+        tracks: Option<Tracks>,
+        means: &Means<'_>,
+    ) {
+        let Some(machine) = self.machines.get(&slot) else { return };
+        let Some(owner) = machine.record().map(|record| record.owner) else { return };
+        if machine.candidate() != Some(seat) || owner == seat {
+            return;
+        }
+        let yardstick = Yardstick::of(slot.role(), &self.vehicle);
+        let Some(around) = self.around.get_mut(&slot) else { return };
+        let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
+        if let Some(max_bump) = around.max_bump {
+            limits = limits.within(max_bump);
+        }
+        let patient = self.mode != ClockMode::Lockstep;
+        if patient {
+            limits = limits.patient();
+        }
+        let now_ns = means.now.logical_ns;
+        let tracks = tracks.filter(|tracks| !same_kind && tracks.until_ns > now_ns);
+        let who = (u32::from(seat), u32::from(owner));
+        let gate = Gatekeeper::new(yardstick, limits, who, tracks, patient);
+        around.gate = Some(gate);
+    }
+}

@@ -1,0 +1,117 @@
+//! Orders from outside and of the script, given to the swap protocol.
+
+use super::{Means, Slots, SwapReport};
+use crate::FlightError;
+use crate::orders::Ordered;
+use protocol::control::server::Answer;
+use protocol::control::{Reply, Request as Asked};
+use scenario::candidate::Slot;
+use slot::supervisor::Event;
+use slot::{Action, Report, Request, Target};
+
+impl Slots {
+    /// Takes an order from outside, and answers it in the course of time.
+    ///
+    /// # Errors
+    /// [`FlightError`] if the flight cannot go on.
+    pub fn order(
+        &mut self,
+        asked: &Asked,
+        answer: Answer,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        if let Asked::Order { order } = asked {
+            self.give(order, &answer, means);
+            return Ok(());
+        }
+        match self.orders.understand(asked, &self.machines) {
+            Ok(None) => Ok(()),
+            Ok(Some(ordered)) => self.request(&ordered, Some(answer), means),
+            Err(refusal) => {
+                answer.send(Reply::Refused(refusal));
+                Ok(())
+            }
+        }
+    }
+
+    /// Takes an order of the script.
+    ///
+    /// # Errors
+    /// [`FlightError`] if the flight cannot go on.
+    pub fn script(&mut self, asked: &Asked, means: &mut Means<'_>) -> Result<(), FlightError> {
+        match self.orders.understand(asked, &self.machines) {
+            Ok(None) => Ok(()),
+            Ok(Some(ordered)) => self.request(&ordered, None, means),
+            Err(refusal) => {
+                if let Asked::Swap(order) = asked
+                    && let Some(slot) = Slot::named(&order.slot)
+                {
+                    let mut report =
+                        SwapReport::new(slot, "", &order.to, means.now.logical_ns, true);
+                    report.refuse(&refusal.text);
+                    self.reports.push(report);
+                }
+                self.say(refusal.text, true);
+                Ok(())
+            }
+        }
+    }
+
+    fn request(
+        &mut self,
+        ordered: &Ordered,
+        answer: Option<Answer>,
+        means: &mut Means<'_>,
+    ) -> Result<(), FlightError> {
+        let slot = ordered.slot;
+        let (Some(machine), Some(around)) =
+            (self.machines.get_mut(&slot), self.around.get_mut(&slot))
+        else {
+            return Ok(());
+        };
+        let from = machine.record().map(|record| record.owner);
+        let actions = machine.on(means.now, Event::Request(ordered.request));
+        let refused =
+            actions.iter().any(|action| matches!(action, Action::Report(Report::Refused(_))));
+        if let Request::Swap(target, _) = ordered.request {
+            if around.current.is_none() || refused {
+                let to = match target {
+                    Target::New(program) => {
+                        let executable = self.orders.executable(program);
+                        executable.map_or("?", |e| e.candidate.name()).to_owned()
+                    }
+                    Target::Seated(seat) => self.orders.name(slot, seat),
+                };
+                let from = from.map_or(String::new(), |seat| self.orders.name(slot, seat));
+                let at_ns = means.now.logical_ns;
+                self.reports.push(SwapReport::new(slot, &from, &to, at_ns, answer.is_none()));
+            }
+            if refused {
+                self.end_last(&actions);
+            } else {
+                around.current = Some(self.reports.len() - 1);
+                around.max_bump = ordered.max_bump;
+            }
+        }
+        if ordered.skips_rehearsal && !refused {
+            self.skip_rehearsal(slot);
+        }
+        let (is_answered, told) = (answer.is_some(), self.news.len());
+        if let Some(answer) = answer {
+            self.orders.follow(ordered, &self.machines, &actions, answer);
+        }
+        self.carry_out(slot, actions, means)?;
+        if refused && is_answered {
+            // Whoever asked knows, and the flight is none the worse for it.
+            self.news.iter_mut().skip(told).for_each(|news| news.warning = false);
+        }
+        if let (Request::Swap(Target::Seated(seat), _), Some(owner), false) =
+            (ordered.request, from, refused)
+        {
+            // It has been there all along, and is handed nothing.
+            let alike = self.machines.get(&slot).is_some_and(|m| m.are_alike(owner, seat));
+            self.open_gate(slot, seat, alike, None, means);
+        }
+        Ok(())
+    }
+}
