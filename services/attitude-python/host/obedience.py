@@ -157,7 +157,8 @@ class Obedience:
 
     def two_periods_ns(self, seat):
         """How long a set point of a seat is valid."""
-        return 2 * self.record.periods_ns[seat] if self.record and self.record.is_taken(seat) else 0
+        is_taken = self.record is not None and seat is not None and self.record.is_taken(seat)
+        return 2 * self.record.periods_ns[seat] if is_taken else 0
 
     def may_command(self, seat, t_ns):
         """True if a set point of a seat for an instant is its owner's or its fallback's."""
@@ -195,8 +196,15 @@ class Obedience:
         self._last = choice
         return None if choice is None else self._limited(choice, t_ns)
 
+    def levels_until_ns(self):
+        """Until when no set point counts after a trip: the fallback has two periods to see that the vehicle levels. It
+        continues from what is applied, and would begin with what the owner has tripped for."""
+        if not self.tripped or self.failed_over:
+            return 0
+        return self._tripped_ns + self.two_periods_ns(self.record.fallback)
+
     def level(self, weight_n):
-        """What to follow in place of an owner that has tripped while there is no fallback, if that is so: it
+        """What to follow in place of an owner that has tripped while there is no other yet, if that is so: it
         carries the weight and keeps the heading. A loop that has followed none keeps its first one."""
         if not self.tripped or self.failed_over or self._given is None:
             return None
@@ -238,7 +246,7 @@ class SetPoints:
     def take(self, t_ns, owners, setpoints, trips):
         """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`;
         None if nobody's is valid, which is for two control periods of its writer. If the owner has tripped and
-        no fallback has taken over, it is to be level, with the sequence 0 of no set point."""
+        no fallback has taken over yet, it is to be level, with the sequence 0 of no set point."""
         obedience = self._obedience
         joins = obedience.record is None
         records = [owners.before] if joins and owners.before else []
@@ -263,10 +271,18 @@ class SetPoints:
                 obedience.offer(command)
             is_last = index + 1 == len(fresh) or fresh[index + 1].valid_ns != sample.valid_ns
             if is_last and at_ns < t_ns:
-                obedience.decide(at_ns)
+                self._decide(at_ns)
         self._take_trips(t_ns, trips, waiting)
         obedience.advance(t_ns)
-        return obedience.decide(t_ns) or obedience.level(self._weight_n)
+        return self._decide(t_ns) or obedience.level(self._weight_n)
+
+    def _decide(self, t_ns):
+        """The set point that counts at an instant; None while the loop is to be level."""
+        obedience = self._obedience
+        if t_ns < obedience.levels_until_ns():
+            obedience.open_ns = max(obedience.open_ns, t_ns + 1)
+            return None
+        return obedience.decide(t_ns)
 
     def _take_trips(self, until_ns, trips, waiting):
         """Takes the trips in effect until an instant, each at its own, ahead of the set points then."""
@@ -277,7 +293,7 @@ class SetPoints:
             obedience.advance(at_ns)
             self._trip(trips, sample)
             if at_ns < until_ns:
-                obedience.decide(at_ns)
+                self._decide(at_ns)
 
     def _trip(self, trips, sample):
         trip = trips.value_of(sample)

@@ -1,6 +1,7 @@
 //! Which of the two slots' owners answers for a finding.
 
-use crate::judge::{Finding, Findings};
+use crate::finding::Finding;
+use crate::judge::Findings;
 
 /// The owner of a slot that is to be judged.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +43,7 @@ mod tests {
     use shared_types::{NO_SEAT, TripCause};
 
     fn found(cause: TripCause) -> Finding {
-        Finding { cause, value: 1.0, limit: 0.5, lasted_s: 0.0 }
+        Finding::of(cause, 1.0, 0.5)
     }
 
     #[test]

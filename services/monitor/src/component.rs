@@ -1,10 +1,11 @@
 //! The monitor as a process: it reads what a real vehicle can measure or estimate, and publishes trips.
 
 use crate::blame::{Hands, Watched, blame};
-use crate::judge::{Applied, Finding, Judge, JudgeMemory, Moment, Setpoint};
+use crate::finding::Finding;
+use crate::judge::{Applied, Judge, JudgeMemory, Moment, Setpoint};
+use crate::last_trip::{LastTrip, is_recovering};
 use crate::limits::Limits;
 use crate::reports::{Asked, Record, Reports, ReportsMemory, Said};
-use crate::trips::{LastTrip, is_recovering};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
 use runtime::{Link, Service, Standing, inputs, outputs};
@@ -250,7 +251,7 @@ impl Monitor {
                 cause = cause.or(found);
             }
         }
-        Some(Finding { cause: cause?, value: 0.0, limit: 0.0, lasted_s: 0.0 })
+        Some(Finding::of(cause?, 0.0, 0.0))
     }
 
     /// Whether the owners of the attitude and the position slot have been replaced lately.
@@ -265,12 +266,8 @@ impl Monitor {
         let applied = inputs.applied_command.latest()?;
         let is_its_own = applied.epoch == owner.epoch && !applied.tripped.is_set();
         let is_after_trip = self.recovers(now_ns).contains(&true);
-        (applied.mode == GateMode::Recover && is_its_own && !is_after_trip).then(|| Finding {
-            cause: TripCause::Overturns,
-            value: 0.0,
-            limit: self.judge.tilt_limit_rad(),
-            lasted_s: 0.0,
-        })
+        (applied.mode == GateMode::Recover && is_its_own && !is_after_trip)
+            .then(|| Finding::of(TripCause::Overturns, 0.0, self.judge.tilt_limit_rad()))
     }
 
     fn moment(&mut self, now_ns: u64, inputs: &Inputs) -> Option<Moment> {
@@ -316,28 +313,18 @@ impl Monitor {
 
 /// Builds the trip for a finding; the cause decides which of the sample's fields carry number and limit.
 fn trip(slot: Role, owner: Watched, finding: &Finding) -> Trip {
-    let Finding { cause, value, limit, lasted_s } = *finding;
+    let Finding { cause, value, limit, lasted_s, reversals } = *finding;
     let common = Trip {
         epoch: owner.epoch,
         slot,
         instance: owner.instance,
         cause,
         lasted_s,
+        reversals,
         ..Trip::default()
     };
     match cause {
-        TripCause::RateOscillates => Trip {
-            rate_rad_s: value,
-            rate_limit_rad_s: limit,
-            reversals: Judge::reversals(),
-            ..common
-        },
-        TripCause::SetpointOscillates => Trip {
-            angle_rad: value,
-            angle_limit_rad: limit,
-            reversals: Judge::reversals(),
-            ..common
-        },
+        TripCause::RateOscillates => Trip { rate_rad_s: value, rate_limit_rad_s: limit, ..common },
         TripCause::ThrustAstray => Trip { speed_m_s: value, speed_limit_m_s: limit, ..common },
         TripCause::ThrustBeyond => Trip { thrust_n: value, thrust_limit_n: limit, ..common },
         TripCause::PositionDeparts | TripCause::Sinks => {

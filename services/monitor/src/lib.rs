@@ -13,17 +13,19 @@
 //! * [`limits`] derives their thresholds from the vehicle.
 //! * [`settings`] is the section `[watch]` of a scenario, which may replace each of them.
 //! * [`component`] is the process: it decides which owner is watched; `blame.rs` which of two a finding is about,
-//!   `trips.rs` whether a trip still counts.
+//!   `last_trip.rs` whether a trip still counts.
 
 mod blame;
 pub mod component;
+mod finding;
 pub mod judge;
+mod last_trip;
 pub mod limits;
 pub mod reports;
 pub mod settings;
 mod swings;
-mod trips;
 
 pub use component::{Monitor, MonitorConfig};
-pub use judge::{Applied, Finding, Judge, Moment, Setpoint};
+pub use finding::Finding;
+pub use judge::{Applied, Judge, Moment, Setpoint};
 pub use limits::Limits;

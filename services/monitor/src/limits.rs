@@ -124,6 +124,12 @@ pub fn stopping(speed: f64, delay_s: f64, braking: f64) -> f64 {
     away * delay_s + 0.5 * away * away / braking
 }
 
+/// Integrates the motion away from the target: `before` is the last value, `speed` the speed away over
+/// `elapsed_s`, and the present `error` limits the result, so that a step of the target does not count.
+pub(crate) fn moved(before: f64, speed: f64, elapsed_s: f64, error: f64) -> f64 {
+    (before + speed * elapsed_s).clamp(0.0, error)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -215,10 +215,13 @@ impl Reports {
         let memory = &self.memory;
         let [_, fallback] = memory.hands;
         let [_, fallback_every_ns] = said.asked_every_ns;
-        let due_ns = memory.tripped_ns.saturating_add(OBEYED_WITHIN_NS.max(2 * said.period_ns));
+        // First it is level, and names no set point, for two periods of the fallback.
+        let levels_ns = if said.sequence == 0 { 2 * fallback_every_ns } else { 0 };
+        let tripped_ns = memory.tripped_ns.saturating_add(levels_ns);
+        let due_ns = tripped_ns.saturating_add(OBEYED_WITHIN_NS.max(2 * said.period_ns));
         // Usable in a step of the attitude loop between the trip and then.
         let counts = |asked: &Asked| {
-            let from_ns = memory.tripped_ns.max(asked.valid_ns);
+            let from_ns = tripped_ns.max(asked.valid_ns);
             let until_ns = due_ns.min(asked.valid_ns.saturating_add(2 * fallback_every_ns));
             from_ns.saturating_add(said.period_ns) <= until_ns
         };
@@ -239,7 +242,7 @@ impl Reports {
         let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
         let Some(of_seat) = self.by_seat(said.seat) else { return Judged::Unfound };
         if said.sequence == 0 && said.seat == self.memory.tripped {
-            // Without a fallback it is level and tracks no set point.
+            // Until there is another one to obey it is level and tracks no set point.
             return Judged::Open;
         }
         if said.sequence == 0 {
@@ -422,8 +425,13 @@ mod tests {
         assert_eq!(reports.hear(&at(3)), Some(TripCause::TripIgnored));
         let fast = Said { period_ns: 1_000_000, release_ns: trip_ns + OBEYED_WITHIN_NS, ..owner };
         assert_eq!(reports.hear(&fast), None, "it may have been told late");
-        let unnamed = Said { sequence: 0, ..at(3) };
-        assert_eq!(reports.hear(&unnamed), Some(TripCause::TripIgnored));
+        let level = |periods: u64| Said { sequence: 0, ..at(periods) };
+        assert_eq!(reports.hear(&level(3)), None);
+        let mut later = reports.clone();
+        (111..=113).for_each(|sequence| later.ask(1, asked(sequence, 1.5)));
+        let levels = 2 * ASKS_EVERY_NS / PERIOD_NS;
+        assert_eq!(later.hear(&level(levels + 2)), None);
+        assert_eq!(later.hear(&level(levels + 3)), Some(TripCause::TripIgnored));
         let obeys = Said { release_ns: at(3).release_ns, ..said(1, &asked(110, 1.5)) };
         assert_eq!(reports.hear(&obeys), None);
         let mut over = reports.clone();

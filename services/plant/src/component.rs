@@ -152,8 +152,8 @@ impl Plant {
     fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, effects: &mut Effects) -> PlantInputs {
         effects.advance(now_ns, inputs);
         self.obedience.advance(now_ns);
-        let trips = inputs.trip.fresh()[effects.trips_from..effects.trips_to].iter();
-        let taken = trips.map(|trip| self.obedience.trip(Role::Attitude, trip));
+        let trips = &inputs.trip.fresh()[effects.trips_from..effects.trips_to];
+        let taken = trips.iter().map(|trip| self.obedience.trip(Role::Attitude, trip));
         let tripped = taken.filter(|taken| *taken != Tripped::Ignored).count() > 0;
         for sample in &inputs.wrench_command.fresh()[effects.commands_from..effects.commands_to] {
             self.offer(now_ns, sample);
@@ -170,7 +170,9 @@ impl Plant {
             now_ns,
             command,
             is_revoked,
-            tripped,
+            // An attitude owner that has not proven itself may go on obeying the set point that has tripped.
+            tripped: tripped
+                || commands_unproven && trips.iter().any(|trip| trip.slot == Role::Position),
             unproven: self.unproven.as_ref().filter(|_| commands_unproven),
             reading: self.reading.take(),
             morph_angle_rad: self.measured_morph_rad,

@@ -10,7 +10,7 @@ use rehearsal::RehearsalRefusal;
 use scenario::candidate::name_of;
 use shared_types::time::s_from_ns;
 use shared_types::{
-    AppliedSetpoint, AttitudeSetpoint, OwnerRecord, Role as LoopRole, Sample, Topic, Trip,
+    AppliedSetpoint, AttitudeSetpoint, NO_SEAT, OwnerRecord, Role as LoopRole, Sample, Topic, Trip,
 };
 use std::any::Any;
 
@@ -45,7 +45,10 @@ impl Observer for Tripping {
             && said.header.seat == SWAPPED_SEAT
             && self.tripped_ns.is_some()
         {
-            self.obeyed.push((said.header.release_ns, said.seat));
+            // Level in place of an owner that has tripped obeys no seat.
+            let is_level = said.tripped.is_set() && said.setpoint_sequence == 0;
+            let obeyed = if is_level { NO_SEAT } else { said.seat };
+            self.obeyed.push((said.header.release_ns, obeyed));
         }
     }
 

@@ -1,6 +1,8 @@
 //! Each criterion on its own, on motions that are known in closed form.
 
 use super::*;
+use shared_types::TripCause;
+use vehicle::quaternion_from_euler;
 
 const STEP_NS: u64 = 10_000_000;
 const STEP_S: f64 = 0.01;
@@ -68,6 +70,54 @@ fn turning_away_to_either_side_is_found_before_the_angle_is_large() {
         let t = step as f64 * STEP_S;
         assert!(0.5 * alpha * t * t < limit, "found at {t} s");
     }
+}
+
+/// Roll set point, roll and its rate of a vehicle whose set point is thrown from side to side every 0.2 s and that follows it
+/// with 20 rad/s and a damping ratio of 0.7.
+fn thrown(step: u64) -> [f64; 3] {
+    let (mut roll, mut rate, dt) = (0.0, 0.0, 1e-3);
+    let asked = |ms: u64| if (ms / 200).is_multiple_of(2) { 0.35 } else { -0.35 };
+    for ms in 0..10 * step {
+        let acceleration: f64 = 400.0 * (asked(ms) - roll) - 28.0 * rate;
+        rate += acceleration * dt;
+        roll += rate * dt;
+    }
+    [asked(10 * step), roll, rate]
+}
+
+#[test]
+fn a_set_point_that_is_thrown_from_side_to_side_is_not_the_attitude_loops_fault() {
+    let motion = |step: u64| {
+        let [asked, roll, rate] = thrown(step);
+        let moment = rolled(step, roll, rate);
+        let setpoint = moment
+            .setpoint
+            .map(|setpoint| Setpoint { gamma_rad: Vector3::new(asked, 0.0, 0.0), ..setpoint });
+        Moment { setpoint, ..moment }
+    };
+    let mut judge = judge();
+    for step in 0..300 {
+        let found = judge.see(&motion(step)).attitude;
+        // The oscillation of the body is found long after that of the set point.
+        let is_swing = found.is_some_and(|found| found.cause == TripCause::RateOscillates);
+        assert!(found.is_none() || is_swing, "{step}: {found:?}");
+    }
+}
+
+#[test]
+fn a_loop_that_goes_on_turning_after_a_step_of_its_set_point_departs() {
+    // At 6 rad/s towards a set point that steps to the other side, without braking.
+    let motion = |step: u64| {
+        let moment = rolled(step, 0.06 * step as f64 - 0.3, 6.0);
+        let asked = if step < 8 { 0.3 } else { -0.3 };
+        let setpoint = moment
+            .setpoint
+            .map(|setpoint| Setpoint { gamma_rad: Vector3::new(asked, 0.0, 0.0), ..setpoint });
+        Moment { setpoint, ..moment }
+    };
+    let (step, found) = first(100, motion).unwrap();
+    assert_eq!(found.attitude.unwrap().cause, TripCause::AttitudeDeparts);
+    assert!((9..14).contains(&step), "{step}");
 }
 
 #[test]
@@ -278,6 +328,30 @@ fn a_set_point_that_turns_the_heading_away_from_the_reference_is_found() {
     .unwrap();
     assert_eq!(found.asked.unwrap().cause, TripCause::HeadingAstray);
     assert!((80..=82).contains(&step), "{step}");
+}
+
+#[test]
+fn a_set_point_that_swings_faster_than_any_position_loop_needs_is_found_after_a_period() {
+    let swinging = |frequency_hz: f64, amplitude_rad: f64| {
+        move |step: u64| {
+            let phase = core::f64::consts::TAU * frequency_hz * step as f64 * STEP_S;
+            let gamma_rad = Vector3::new(0.0, amplitude_rad * libm::cos(phase), 0.0);
+            let moment = rest(step);
+            let asked = moment.asked.map(|asked| Setpoint { gamma_rad, ..asked });
+            Moment { asked, ..moment }
+        }
+    };
+    let asked = |frequency_hz: f64, amplitude_rad: f64| {
+        let (mut judge, motion) = (judge(), swinging(frequency_hz, amplitude_rad));
+        (0..500).find_map(|step| judge.see(&motion(step)).asked.map(|found| (step, found)))
+    };
+    for (frequency_hz, reversals, earliest) in [(2.5, 2, 30), (1.0, 6, 250)] {
+        let (step, found) = asked(frequency_hz, 0.35).unwrap();
+        assert_eq!(found.cause, TripCause::SetpointOscillates);
+        assert_eq!(found.reversals, reversals);
+        assert!((earliest..earliest + 60).contains(&step), "{step}");
+    }
+    assert_eq!(asked(2.5, 0.17), None, "less than half of the tilt bound");
 }
 
 #[test]

@@ -46,7 +46,8 @@ pub struct GateInput<'a> {
     pub command: Option<Command>,
     /// The command that is held is that of an owner that has tripped, and no other command takes its place.
     pub is_revoked: bool,
-    /// The owner of the attitude slot trips now: what it has commanded until here is not to be trusted.
+    /// The owner of the attitude slot trips now, or what it obeys does: what it has commanded until here is not to be
+    /// trusted.
     pub tripped: bool,
     /// What the owner of the attitude slot is held to, if it has not proven itself.
     pub unproven: Option<&'a UnprovenRange>,

@@ -1,6 +1,6 @@
 //! The position slot's consumer, and what its owner reads back from the attitude slot.
 
-use super::{Obedience, ObedienceMemory};
+use super::{Obedience, ObedienceMemory, Order};
 use crate::input::Input;
 use crate::ownership::Standing;
 use core::slice::Iter;
@@ -45,8 +45,8 @@ impl SetpointSlot {
     }
 
     /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if nobody's is
-    /// valid, which is for two control periods of its writer. If the owner has tripped and no fallback has taken over, it
-    /// is to be level and carry the weight, with the sequence 0 of no set point.
+    /// valid, which is for two control periods of its writer. If the owner has tripped and no fallback has taken over yet,
+    /// it is to be level and carry the weight, with the sequence 0 of no set point.
     pub fn take(
         &mut self,
         now_ns: u64,
@@ -79,16 +79,31 @@ impl SetpointSlot {
                 self.offer(sample);
             }
             if at_ns < now_ns {
-                self.obedience.decide(at_ns, &self.limit);
+                self.decide(at_ns);
             }
         }
         self.take_trips(now_ns, &mut trips);
         self.obedience.advance(now_ns);
-        let order = self.obedience.decide(now_ns, &self.limit);
+        let order = self.decide(now_ns);
         order.map(|order| order.command).or_else(|| self.level())
     }
 
-    /// What is tracked in place of a set point of an owner that has tripped without a fallback. The heading stays. A loop
+    /// Whose set point counts at an instant. After a trip it is nobody's until the fallback has had two periods to see that
+    /// the vehicle levels: it continues from what is applied, and would begin with what the owner has tripped for.
+    fn decide(&mut self, at_ns: u64) -> Option<Order> {
+        let record = self.obedience.consumer.record().filter(|_| self.obedience.is_revoked());
+        let levels_ns = record.map_or(0, |record| {
+            let period_ns = record.fallback.map_or(0, |seat| record.period_ns[seat.index()]);
+            self.obedience.counters().trip_ns.saturating_add(2 * period_ns)
+        });
+        if at_ns < levels_ns {
+            self.obedience.close_before(at_ns.saturating_add(1));
+            return None;
+        }
+        self.obedience.decide(at_ns, &self.limit)
+    }
+
+    /// What is tracked in place of a set point of an owner that has tripped, until there is another's. The heading stays. A loop
     /// that has tracked none keeps its first one.
     fn level(&mut self) -> Option<Command> {
         let Command { value: [.., yaw_rad], sequence, .. } = self.obedience.given;
@@ -106,7 +121,7 @@ impl SetpointSlot {
             self.obedience.advance(at_ns);
             let _taken = self.obedience.trip(Role::Position, trip);
             if at_ns < until_ns {
-                self.obedience.decide(at_ns, &self.limit);
+                self.decide(at_ns);
             }
         }
     }
@@ -262,5 +277,48 @@ mod tests {
         assert_eq!(take(25, None), None);
         assert_eq!(take(30, Some(0.1)), Some(31));
         assert_eq!(slot.refused(), 1);
+    }
+
+    #[test]
+    fn after_a_trip_it_is_level_until_the_fallback_has_seen_that_for_two_periods() {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        let mut trips = Input::default();
+        records.offer(OwnerRecord {
+            epoch: 1,
+            owner: 0,
+            fallback: 1,
+            watched: Flag::Yes,
+            slot: Role::Position,
+            period_ns: [10, 10, 0, 0],
+            ..OwnerRecord::default()
+        });
+        records.accept(0, None);
+        trips.offer(Trip {
+            header: Header { sequence: 1, valid_ns: 30, ..Header::default() },
+            epoch: 1,
+            slot: Role::Position,
+            instance: 0,
+            ..Trip::default()
+        });
+        let mut slot = SetpointSlot::new(2.0);
+        let mut taken = Vec::new();
+        for now_ns in (0..80).step_by(10) {
+            for seat in 0..2 {
+                let sequence = now_ns + 1;
+                let header = Header { sequence, valid_ns: now_ns, seat, ..Header::default() };
+                let roll_rad = if seat == 0 { 0.3 } else { 0.1 };
+                setpoints.offer(AttitudeSetpoint { header, roll_rad, ..Default::default() });
+            }
+            setpoints.accept(now_ns, None);
+            trips.accept(now_ns, None);
+            let command = slot.take(now_ns, &records, &setpoints, &trips).expect("a set point");
+            let is_told = slot.applied().tripped.is_set();
+            taken.push((command.sequence, command.value[1], is_told));
+        }
+        let owners = [1, 11, 21].map(|sequence| (sequence, 0.3, false));
+        let fallbacks = [51, 61, 71].map(|sequence| (sequence, 0.1, true));
+        assert_eq!(taken[..3], owners);
+        assert_eq!(taken[3..5], [(0, 0.0, true); 2]);
+        assert_eq!(taken[5..], fallbacks);
     }
 }

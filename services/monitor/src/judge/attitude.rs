@@ -1,0 +1,152 @@
+//! The criteria about the attitude loop: what the vehicle's attitude and the applied thrust are, against the set point.
+
+use super::{Judge, Moment};
+use crate::finding::Finding;
+use crate::limits::{Braking, TILT_BOUND_RAD, moved, stopping};
+use crate::swings::Oscillation;
+use nalgebra::Vector3;
+use shared_types::TripCause;
+use vehicle::{euler_from_quaternion, quaternion_from_euler, wrap_pi};
+
+/// Oscillation of the body's rate, from 3 Hz on: three whole periods. The response to a step or to a kick has one or two
+/// reversals.
+const OF_BODY: Oscillation = Oscillation { reversals: 6, window_ns: 1_000_000_000 };
+/// Time constant of the leaky integrator of the thrust error \[s\].
+const THRUST_MEMORY_S: f64 = 0.5;
+/// Change of the set point from one moment to the next that is a step \[rad\]: a fifth of the tilt bound.
+const STEP_RAD: f64 = 0.2 * TILT_BOUND_RAD;
+/// Rate at which an error that a step has made has to vanish \[1/s\]: that of an attitude loop that is far slower than any
+/// shipped one.
+const SLOWEST_RAD_S: f64 = 6.0;
+/// Share of the rotors' deceleration with which a turn has to be braked that the vehicle had as its set point stepped.
+const BRAKED_SHARE: f64 = 0.5;
+/// Time constant with which the peak of the attitude error decays \[s\]; that peak decides which of the two
+/// loops is to blame.
+const BLAME_MEMORY_S: f64 = 0.3;
+
+/// Angle between body z and the unit vector `towards_w`, which is given in the world frame, and the rate of
+/// that angle \[rad, rad/s\].
+fn angle_from(moment: &Moment, towards_w: &Vector3<f64>) -> [f64; 2] {
+    let up = moment.q_wb.inverse_transform_vector(towards_w);
+    let across = libm::hypot(up.x, up.y);
+    let angle = libm::atan2(across, up.z);
+    let rate = &moment.rate_b_rad_s;
+    // A rotation about ẑ × up = (−up_y, up_x, 0) brings body z to that direction.
+    let away = if across > 1e-9 {
+        (rate.x * up.y - rate.y * up.x) / across
+    } else {
+        libm::hypot(rate.x, rate.y)
+    };
+    [angle, away]
+}
+
+impl Judge {
+    pub(super) fn tilt(&self, moment: &Moment, braking: &Braking) -> Option<Finding> {
+        let [tilt, away] = angle_from(moment, &Vector3::z());
+        let reached = tilt + stopping(away, self.delay_s, braking.turn_rad_s2);
+        Finding::beyond(TripCause::TiltBeyond, reached, self.limits.tilt_rad)
+    }
+
+    /// Compares roll, pitch and heading with their set points.
+    pub(super) fn turned(&mut self, moment: &Moment, braking: &Braking) -> Option<Finding> {
+        let asked = moment.setpoint?.gamma_rad;
+        let yaw = euler_from_quaternion(&moment.q_wb).z;
+        // Roll and pitch are compared at the present heading, so that a heading error does not count as tilt.
+        let towards = quaternion_from_euler(&Vector3::new(asked.x, asked.y, yaw)) * Vector3::z();
+        let [error, away] = angle_from(moment, &towards);
+        self.step(moment, &towards, [error, away], braking);
+        let (memory, elapsed_s) = (&mut self.memory, moment.elapsed_s);
+        let own = if away > 0.0 { (away - memory.inherited_rad_s).max(0.0) } else { away };
+        memory.turned_rad = moved(memory.turned_rad, own, elapsed_s, error);
+        let late = memory.error_of_late_rad * libm::exp(-elapsed_s / BLAME_MEMORY_S);
+        let own_error = (error - memory.stepped_rad).max(0.0);
+        memory.error_of_late_rad = own_error.max(late);
+        let is_astray = own_error > self.limits.astray_rad;
+        memory.astray_s = if is_astray { memory.astray_s + elapsed_s } else { 0.0 };
+
+        let heading = wrap_pi(yaw - asked.z);
+        let turn = moment.rate_b_rad_s.z * heading.signum();
+        memory.heading_rad = moved(memory.heading_rad, turn, elapsed_s, heading.abs());
+
+        // Predicted overshoot counts like a departure. A growing oscillation, such as a delay causes, is
+        // found half a period earlier by it.
+        let overshoot = stopping(-away, self.delay_s, braking.turn_rad_s2) - error;
+        let departure = memory.turned_rad + stopping(own, self.delay_s, braking.turn_rad_s2);
+        let turned = departure.max(overshoot);
+        let heading = memory.heading_rad + stopping(turn, self.delay_s, braking.yaw_rad_s2);
+        let lasted_s = memory.astray_s;
+        Finding::beyond(TripCause::AttitudeDeparts, turned, self.limits.turn_away_rad)
+            .or(Finding::beyond(TripCause::HeadingDeparts, heading, self.limits.heading_rad))
+            .or((lasted_s > self.limits.astray_s).then_some(Finding {
+                lasted_s,
+                ..Finding::of(TripCause::AttitudeAstray, error, self.limits.astray_rad)
+            }))
+    }
+
+    /// Takes note of a step of the set point, which is not the attitude controller's doing: nor is the error that it makes,
+    /// nor that the vehicle turns away from a set point towards which it did not turn before. Both are to vanish in time.
+    fn step(
+        &mut self,
+        moment: &Moment,
+        towards_w: &Vector3<f64>,
+        [error, away]: [f64; 2],
+        braking: &Braking,
+    ) {
+        let braked_rad_s2 = BRAKED_SHARE * braking.turn_rad_s2;
+        let memory = &mut self.memory;
+        memory.stepped_rad *= libm::exp(-SLOWEST_RAD_S * moment.elapsed_s);
+        let inherited_rad_s = memory.inherited_rad_s - braked_rad_s2 * moment.elapsed_s;
+        memory.inherited_rad_s = inherited_rad_s.max(0.0);
+        // An owner that has just begun inherits what the vehicle does.
+        let before = memory.has_target.then(|| Vector3::from(memory.towards_w));
+        let step_rad = before.map_or(0.0, |before| before.angle(towards_w));
+        if before.is_none() || step_rad > STEP_RAD {
+            memory.stepped_rad = (memory.stepped_rad + step_rad).min(error);
+            let away_before = before.map_or(0.0, |before| angle_from(moment, &before)[1].max(0.0));
+            let gained_rad_s = away - away_before;
+            if gained_rad_s > 0.0 {
+                let until_braked_rad_s = braked_rad_s2 * self.delay_s;
+                let inherited_rad_s = memory.inherited_rad_s.max(until_braked_rad_s) + gained_rad_s;
+                memory.inherited_rad_s = inherited_rad_s.min(away + until_braked_rad_s);
+            }
+        }
+        memory.towards_w = (*towards_w).into();
+        memory.has_target = true;
+    }
+
+    pub(super) fn swings(&mut self, moment: &Moment) -> Option<Finding> {
+        let limit = self.limits.swing_rate_rad_s;
+        let rates = [moment.rate_b_rad_s.x, moment.rate_b_rad_s.y];
+        let mut found = None;
+        for (swings, rate) in self.body.iter_mut().zip(rates) {
+            swings.see(moment.now_ns, rate, limit);
+            if swings.are(&OF_BODY, moment.now_ns) {
+                found = Some(Finding::oscillates(TripCause::RateOscillates, rate, limit, &OF_BODY));
+            }
+        }
+        found
+    }
+
+    pub(super) fn clipped(&self, moment: &Moment) -> Option<Finding> {
+        let lasted_s = moment.applied?.clipped_s;
+        let finding = Finding { lasted_s, ..Finding::of(TripCause::RotorsClipped, 0.0, 0.0) };
+        (lasted_s > self.limits.clipped_s).then_some(finding)
+    }
+
+    /// Integrates the difference between the commanded and the applied thrust to a vertical speed.
+    pub(super) fn thrust(&mut self, moment: &Moment) -> Option<Finding> {
+        let (Some(setpoint), Some(applied)) = (moment.setpoint, moment.applied) else {
+            return None;
+        };
+        let lacking = if applied.is_commanded && setpoint.thrust_n.is_finite() {
+            self.possible_n(setpoint.thrust_n) - applied.thrust_n
+        } else {
+            0.0
+        };
+        let kept = libm::exp(-moment.elapsed_s / THRUST_MEMORY_S);
+        let gained = lacking / self.vehicle.mass_kg * moment.elapsed_s;
+        self.memory.thrust_speed_m_s = self.memory.thrust_speed_m_s * kept + gained;
+        let speed = self.memory.thrust_speed_m_s.abs();
+        Finding::beyond(TripCause::ThrustAstray, speed, self.limits.thrust_speed_m_s)
+    }
+}
