@@ -78,6 +78,9 @@ struct Row {
     lost: u32,
     flipped: u32,
     tripped: u32,
+    /// Trips that predicted a distance, and those of them whose vehicle went no farther.
+    predicted: u32,
+    kept: u32,
     excursion_m: f64,
     tilt_deg: f64,
 }
@@ -292,6 +295,7 @@ fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
         tilt_deg: f64::INFINITY,
         flipped: false,
         tripped_s: None,
+        predicted_m: None,
         outcome: String::new(),
         untold: Vec::new(),
     }
@@ -306,6 +310,10 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     row.lost += u32::from(flown.lost.is_some());
     row.flipped += u32::from(flown.flipped);
     row.tripped += u32::from(flown.tripped_s.is_some());
+    if let Some(predicted_m) = flown.predicted_m {
+        row.predicted += 1;
+        row.kept += u32::from(flown.excursion_m <= predicted_m);
+    }
     row.excursion_m = row.excursion_m.max(flown.excursion_m);
     row.tilt_deg = row.tilt_deg.max(flown.tilt_deg);
     let is_refused = case.candidate.is_good() && !flown.flipped;
@@ -336,6 +344,7 @@ fn print_table(rows: &Rows) {
     );
     // All losses; losses by controllers that also lose the vehicle without any guard; and flips.
     let mut sums: BTreeMap<&str, [Sum; 3]> = BTreeMap::new();
+    let (mut predicted, mut kept) = (0, 0);
     for ((slot, name), guards) in rows {
         let hurts = guards.get(Guard::None.name()).is_none_or(|row| row.lost > 0);
         for (guard, row) in guards {
@@ -343,6 +352,7 @@ fn print_table(rows: &Rows) {
                 "{slot:<9} {name:<40} {guard:<12} {:>7} {:>5} {:>7} {:>7} {:>6.2} m {:>4.0} d",
                 row.flights, row.lost, row.flipped, row.tripped, row.excursion_m, row.tilt_deg
             );
+            (predicted, kept) = (predicted + row.predicted, kept + row.kept);
             let [all, hurting, flipped] = sums.entry(guard).or_default();
             all.add(row.lost, row);
             flipped.add(row.flipped, row);
@@ -355,6 +365,7 @@ fn print_table(rows: &Rows) {
         println!("{guard}: {} lost; of entries that hurt {}", all.at_most(), hurting.at_most());
         println!("{guard}: {} flipped", flipped.at_least());
     }
+    println!("{kept} of {predicted} trips that predicted a distance: the vehicle went no farther");
 }
 
 /// A number of flights out of a total, with its confidence limits.

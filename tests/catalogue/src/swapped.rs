@@ -6,7 +6,7 @@ use observe::Observer;
 use record::read::RecordedFlight;
 use scenario::candidate::Slot;
 use scenario::{Override, Scenario, ScenarioError};
-use shared_types::{GateMode, Sample, Topic, Trip, Truth, topics};
+use shared_types::{GateMode, Sample, Topic, Trip, TripCause, Truth, topics};
 use simulate::in_process::{Conclusion, InProcess, InProcessError, Outside, StateSource};
 use std::any::Any;
 use std::path::Path;
@@ -27,6 +27,8 @@ const JOIN_S: f64 = 1.5;
 /// For how long after that, in a flight with two swaps, the first candidate has been there when the second joins \[s\]:
 /// its rollback window is over.
 const PAIRED_S: f64 = 3.0;
+/// The cause of a trip that predicts a distance.
+const PREDICTS: TripCause = TripCause::PositionDeparts;
 /// Duration of the shadow phase \[s\].
 const SHADOW_S: f64 = 1.0;
 /// Duration of the shadow phase of a forced swap \[s\]; it is shorter than 0.7 s, so that the NaN of that
@@ -135,6 +137,9 @@ pub struct Swapped {
     pub flipped: bool,
     /// Effective instant of the first trip \[s\]; `None` if there was no trip.
     pub tripped_s: Option<f64>,
+    /// Distance from the reference at which the first trip says that the vehicle can be stopped \[m\]; `None` if the trip
+    /// was for another reason.
+    pub predicted_m: Option<f64>,
     /// How the swap ended, as a sentence of the launcher.
     pub outcome: String,
     /// Slots of trips after which no report of a swap says that the slot was taken back.
@@ -227,6 +232,23 @@ pub fn swapped(
     plain: &Plain,
 ) -> Result<Swapped, Box<dyn std::error::Error>> {
     swapped_with_late_trips((situation, seed), slot, (to, config), (guard, 0), plain)
+}
+
+/// Flies a situation in which `to`, a shipped controller or the path of an executable, is swapped into a slot at `join_s`
+/// \[s\] as a user would who gives no option.
+///
+/// # Errors
+/// If it cannot be flown.
+pub fn swapped_at(
+    (situation, seed): (&Situation, u64),
+    (slot, join_s): (Slot, f64),
+    to: &str,
+    plain: &Plain,
+) -> Result<Swapped, Box<dyn std::error::Error>> {
+    let mut more = plain.edits.clone();
+    more.push(Override::swap(&format!("{}={to}@{join_s}s", slot.label()))?);
+    let (course, conclusion) = fly(&unhurried(situation, seed, &more)?, 0)?;
+    Ok(judge(&course, plain, &told(&conclusion)))
 }
 
 /// The same as [`swapped`], with trips that take effect `trips_later_ns` \[ns\] later than the monitor
@@ -423,6 +445,11 @@ fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
         excursion_m,
         tilt_deg: more_tilt_rad.to_degrees(),
         flipped: told.last().is_some_and(|swap| swap.flipped),
+        predicted_m: course
+            .trips
+            .first()
+            .filter(|trip| trip.cause == PREDICTS)
+            .map(|t| t.distance_m),
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
         outcome: told.last().map_or_else(String::new, |swap| swap.outcome.clone()),
         untold: untold(&course.trips, told),
