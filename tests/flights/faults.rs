@@ -9,7 +9,7 @@ use crate::common::processes::{
     Running, all_processes, is_dead, kill, left_in_shared_memory, make_executable, processes_of,
 };
 use crate::common::recording::Recording;
-use crate::common::time::wait_until;
+use crate::common::time::{wait_for, wait_until};
 use crate::common::{Flown, fly, morphquad, rounds};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -48,8 +48,24 @@ fn random_moment(running: &Running, seed: usize, within_s: f64) {
     running.fly_on(rng.random_range(0.0..within_s));
 }
 
+/// Strikes processes at such a moment. They are looked for before, so that little can come between the moment and the
+/// signal: on a busy machine the flight might end meanwhile.
+fn strike(running: &Running, victims: &[&str], signal: Signal, (seed, within_s): (usize, f64)) {
+    let find = |name: &&str| wait_for(name, || running.process(name).ok_or_else(String::new)).pid;
+    let pids: Vec<u32> = victims.iter().map(find).collect();
+    random_moment(running, seed, within_s);
+    for pid in pids {
+        assert!(kill(pid, signal), "{victims:?} and {pid}");
+    }
+}
+
 fn lockstep(more: &[&str]) -> Running {
     Running::start_and_fly(&[&FLIGHT[..], &PACE, more].concat())
+}
+
+/// A flight that only what happens to it ends.
+fn endless(more: &[&str]) -> Running {
+    Running::start_and_fly(&[&["figure8-morph", "--for", "600s"], &PACE[..], more].concat())
 }
 
 fn in_realtime(duration: &str, more: &[&str]) -> Running {
@@ -97,8 +113,7 @@ fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
 fn strike_in_lockstep(victim: &str) {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);
-        random_moment(&running, round * 7 + victim.len(), STRUCK_S);
-        running.signal(victim, Signal::KILL);
+        strike(&running, &[victim], Signal::KILL, (round * 7 + victim.len(), STRUCK_S));
         let flown = running.wait();
         assert_recovered(&flown, victim, "killed by signal 9");
         assert_eq!(flown.hash(), undisturbed_hash(), "round {round}: {}", flown.said());
@@ -130,10 +145,7 @@ fn a_killed_injector_leaves_no_trace_in_a_lockstep_flight() {
 fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
     for round in 0..rounds(1) {
         let mut running = lockstep(&[]);
-        random_moment(&running, round, STRUCK_S);
-        for victim in MORTALS {
-            running.signal(victim, Signal::KILL);
-        }
+        strike(&running, &MORTALS, Signal::KILL, (round, STRUCK_S));
         let flown = running.wait();
         for victim in MORTALS {
             assert_recovered(&flown, victim, "killed by signal 9");
@@ -145,8 +157,7 @@ fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
 #[test]
 fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
     let mut running = lockstep(&[]);
-    random_moment(&running, 11, STRUCK_S);
-    running.signal("attitude-mpc", Signal::TERM);
+    strike(&running, &["attitude-mpc"], Signal::TERM, (11, STRUCK_S));
     let flown = running.wait();
     assert_recovered(&flown, "attitude-mpc", "exit status 130");
     assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
@@ -156,8 +167,7 @@ fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
 fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
     for (round, victim) in ["attitude-mpc", "position-mpc", "estimator"].into_iter().enumerate() {
         let mut running = lockstep(&["--set", "launcher.stall_timeout_s=2"]);
-        random_moment(&running, round, STRUCK_S);
-        running.signal(victim, Signal::STOP);
+        strike(&running, &[victim], Signal::STOP, (round, STRUCK_S));
         let flown = running.wait();
         assert_recovered(&flown, victim, "made no progress");
         assert_eq!(flown.hash(), undisturbed_hash(), "{victim}: {}", flown.said());
@@ -230,8 +240,7 @@ fn a_realtime_flight_stays_in_its_place_after_a_death() {
     for (index, victim) in MORTALS.into_iter().enumerate() {
         for round in 0..rounds(1) {
             let mut running = in_realtime("3s", &[]);
-            random_moment(&running, round * 5 + index, 1.0);
-            running.signal(victim, Signal::KILL);
+            strike(&running, &[victim], Signal::KILL, (round * 5 + index, 1.0));
             let flown = running.wait();
             assert_recovered(&flown, victim, "killed by signal 9");
             assert!(flown.number("flown_s") >= 3.0, "{}", flown.said());
@@ -246,9 +255,8 @@ fn a_realtime_flight_stays_in_its_place_after_a_death() {
 fn the_death_of_the_plant_ends_the_flight_with_4_a_reason_and_a_complete_recording() {
     for round in 0..rounds(1) {
         for realtime in [false, true] {
-            let mut running = if realtime { in_realtime("20s", &[]) } else { lockstep(&[]) };
-            random_moment(&running, round, 1.0);
-            running.signal("plant", Signal::KILL);
+            let mut running = if realtime { in_realtime("600s", &[]) } else { endless(&[]) };
+            strike(&running, &["plant"], Signal::KILL, (round, 1.0));
             let flown = running.wait();
             assert_eq!(flown.code, Some(CRASHED), "{}", flown.said());
             assert!(flown.reason().contains("plant killed by signal 9"), "{}", flown.said());
@@ -279,10 +287,10 @@ fn assert_all_leave_after_the_launcher(mut running: Running) {
 fn when_the_launcher_dies_everybody_leaves_after_the_grace_and_nothing_is_left() {
     let no_grace = ["--set", "launcher.launcher_grace_s=0"];
     for round in 0..rounds(1) {
-        let running = lockstep(&no_grace);
+        let running = endless(&no_grace);
         random_moment(&running, round, 1.0);
         assert_all_leave_after_the_launcher(running);
-        let running = in_realtime("20s", &no_grace);
+        let running = in_realtime("600s", &no_grace);
         random_moment(&running, round + 1, 1.0);
         assert_all_leave_after_the_launcher(running);
     }
@@ -290,7 +298,7 @@ fn when_the_launcher_dies_everybody_leaves_after_the_grace_and_nothing_is_left()
 
 #[test]
 fn a_run_killed_as_a_whole_is_cleaned_up_by_the_next_one() {
-    let mut running = lockstep(&[]);
+    let mut running = endless(&[]);
     let id = running.id().to_owned();
     // The launcher first, or it would restart the others.
     assert!(kill(running.launcher_pid(), Signal::KILL));
