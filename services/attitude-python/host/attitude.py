@@ -37,7 +37,6 @@ class Attitude:
 
     def __init__(self, law, vehicle, flight, samples):
         self._law, self._vehicle, self._no_seat = law, vehicle, samples.NO_SEAT
-        self._recovers = samples.GateMode.Recover
         self._setpoints = SetPoints(vehicle.weight_n, samples.Role.Position)
         self._angles_rad = (0.0, 0.0, flight["start_yaw_rad"])
         self._thrust_n = vehicle.weight_n
@@ -83,12 +82,11 @@ class Attitude:
             self._angles_rad = (asked.roll_rad, asked.pitch_rad, asked.yaw_rad)
 
     def _tracked(self, loop):
+        """What the rotors were told, for a law that is to continue from it. While the actuation guard brings the vehicle
+        back it tells them another thing than any law, and an integral that continued from that would stand in the way of
+        the law's own torque for as long as its integral time."""
         applied = loop.inputs["applied_command"].value
-        # While the actuation guard brings the vehicle back, no controller's command is applied.
-        recovers = applied is not None and applied.mode == self._recovers
-        if not loop.is_tracking and not recovers:
-            return None
-        said = applied is not None and (recovers or applied.command_sequence > 0)
+        said = loop.is_tracking and applied is not None and applied.command_sequence > 0
         return tuple(applied.torque_b_nm) if said else None
 
     def _fill_in(self, loop, thrust_n, torque_nm, bound_nm):
