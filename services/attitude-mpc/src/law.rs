@@ -124,7 +124,8 @@ impl AttitudeLaw {
     /// as reported, with `thrust_n` \[N\]. For each sample before its step, while another one flies.
     pub fn track(&mut self, torque_nm: &Vector3<f64>, thrust_n: f64) {
         let memory = &mut self.memory;
-        if !memory.actuators.commanded || !thrust_n.is_finite() {
+        let numbers = torque_nm.iter().chain([&thrust_n]);
+        if !memory.actuators.commanded || !numbers.into_iter().all(|value| value.is_finite()) {
             // The first step starts from the report anyway.
             return;
         }

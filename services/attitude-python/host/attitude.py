@@ -37,6 +37,7 @@ class Attitude:
 
     def __init__(self, law, vehicle, flight, samples):
         self._law, self._vehicle, self._no_seat = law, vehicle, samples.NO_SEAT
+        self._recover = samples.GateMode.Recover
         self._setpoints = SetPoints(vehicle.weight_n, samples.Role.Position)
         self._angles_rad = (0.0, 0.0, flight["start_yaw_rad"])
         self._thrust_n = vehicle.weight_n
@@ -82,12 +83,13 @@ class Attitude:
             self._angles_rad = (asked.roll_rad, asked.pitch_rad, asked.yaw_rad)
 
     def _tracked(self, loop):
-        """What the rotors were told, for a law that is to continue from it. While the actuation guard brings the vehicle
-        back it tells them another thing than any law, and an integral that continued from that would stand in the way of
-        the law's own torque for as long as its integral time."""
+        """What the rotors were told, for a law that is to continue from it. What the actuation guard tells them, to
+        bring the vehicle back, is not what any law would: an integral that continued from that would stand in the way
+        of the law's own torque for as long as its integral time."""
         applied = loop.inputs["applied_command"].value
-        said = loop.is_tracking and applied is not None and applied.command_sequence > 0
-        return tuple(applied.torque_b_nm) if said else None
+        if not loop.is_tracking or applied is None or applied.command_sequence == 0:
+            return None
+        return None if applied.mode == self._recover else tuple(applied.torque_b_nm)
 
     def _fill_in(self, loop, thrust_n, torque_nm, bound_nm):
         wrench = loop.outputs["wrench_command"].value

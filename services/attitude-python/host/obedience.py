@@ -137,8 +137,8 @@ class Obedience:
             self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
 
     def trip(self, epoch, instance, at_ns):
-        """Takes the monitor's word that the owner of an epoch is not to be followed any more: from now on
-        the fallback counts as soon as it has a valid set point, and no set point until then. A record that has left
+        """Takes the monitor's word that the owner of an epoch is not to be followed any more: the fallback counts as
+        soon as it has a valid set point after `levels_until_ns`, and no set point until then. A record that has left
         owner and fallback in place since does not outdate it; and the epoch may be one that was refused here or is
         yet to come, while the owner is the same."""
         record = self.record
@@ -197,11 +197,17 @@ class Obedience:
         return None if choice is None else self._limited(choice, t_ns)
 
     def levels_until_ns(self):
-        """Until when no set point counts after a trip: the fallback has two periods to see that the vehicle levels. It
-        continues from what is applied, and would begin with what the owner has tripped for."""
+        """Until when no set point counts after a trip, unless a record names another owner: the fallback has two periods
+        to see that the vehicle levels. It continues from what is applied, and would begin with what its predecessor has
+        tripped for."""
         if not self.tripped or self.failed_over:
             return 0
         return self._tripped_ns + self.two_periods_ns(self.record.fallback)
+
+    def reject(self, t_ns):
+        """Decides that nothing counts at an instant, whatever owner and fallback say."""
+        self.open_ns = max(self.open_ns, t_ns + 1)
+        self._last = None
 
     def level(self, weight_n):
         """What to follow in place of an owner that has tripped while there is no other yet, if that is so: it
@@ -280,7 +286,7 @@ class SetPoints:
         """The set point that counts at an instant; None while the loop is to be level."""
         obedience = self._obedience
         if t_ns < obedience.levels_until_ns():
-            obedience.open_ns = max(obedience.open_ns, t_ns + 1)
+            obedience.reject(t_ns)
             return None
         return obedience.decide(t_ns)
 

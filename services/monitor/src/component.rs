@@ -144,7 +144,7 @@ impl Monitor {
         if said.setpoint_sequence > 0 && setpoint.iter().all(|number| number.is_finite()) {
             self.memory.setpoint = setpoint;
             self.memory.has_setpoint = true;
-        } else if said.setpoint_sequence == 0 && said.tripped.is_set() {
+        } else if said.setpoint_sequence == 0 && self.reports.has_tripped(said.seat) {
             // Level in place of an owner that has tripped: there is no set point to compare with.
             self.memory.has_setpoint = false;
         }
@@ -361,6 +361,8 @@ impl Service for Monitor {
             // One trip per epoch is enough, and one sample per step: a second one follows at the next step.
             if let Some(trip) = due.filter(|_| last.trip.epoch < owner.epoch) {
                 *last = LastTrip { trip, at_ns: now_ns, fallback: owner.fallback };
+                // The trip takes effect before the next step, which may find another record.
+                self.memory.replaced_ns[index] = now_ns;
                 if slot == Role::Position {
                     self.reports.trip(owner.instance, now_ns + self.latency_ns);
                 }

@@ -188,6 +188,11 @@ impl Reports {
         self.memory.tripped_ns = at_ns;
     }
 
+    /// Whether the position slot's owner on this seat has tripped.
+    pub(crate) fn has_tripped(&self, seat: u32) -> bool {
+        seat != NO_SEAT && seat == self.memory.tripped
+    }
+
     /// What is wrong with a report, if something is.
     pub fn hear(&mut self, said: &Said) -> Option<TripCause> {
         if self.ignores_trip(said) {
@@ -244,6 +249,9 @@ impl Reports {
         if said.sequence == 0 && said.seat == self.memory.tripped {
             // Until there is another one to obey it is level and tracks no set point.
             return Judged::Open;
+        }
+        if said.sequence == 0 && !settles && !self.memory.hands.contains(&said.seat) {
+            return Judged::Unfound;
         }
         if said.sequence == 0 {
             // Nothing is tracked before the first.
@@ -412,6 +420,14 @@ mod tests {
         assert!(repeated.take_record(&record(2, [1, 0], change_ns)));
         assert!(!repeated.take_record(&record(3, [1, 0], late.release_ns)), "it came too late");
         assert_eq!(repeated.hear(&late), None);
+    }
+
+    #[test]
+    fn a_report_that_names_no_set_point_and_an_empty_seat_is_false() {
+        let mut reports = reports();
+        let none = Said { sequence: 0, ..said(3, &asked(110, 1.0)) };
+        let heard = [none; 3].map(|said| reports.hear(&said));
+        assert_eq!(heard, [None, None, Some(TripCause::ReportFalse)]);
     }
 
     #[test]

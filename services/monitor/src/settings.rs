@@ -16,8 +16,8 @@ const BEYOND_WEIGHTS: f64 = 0.1;
 pub enum Fallback {
     /// The previous owner, for as long as the new one is watched.
     Auto,
-    /// None: after a trip the actuation guard levels the vehicle, until the initial controller has been started again in
-    /// the owner's place.
+    /// None: after a trip the vehicle is levelled until the initial controller has been started in the owner's place, or
+    /// for 1.5 s.
     None,
 }
 

@@ -3,6 +3,9 @@
 /// Most reversals that an oscillation consists of.
 const REVERSALS_MAX: usize = 6;
 
+/// Longest time from one side to the other that is part of an oscillation \[ns\]: half a period of 0.75 Hz.
+const SIDE_NS: u64 = 667_000_000;
+
 /// So many reversals within a window are an oscillation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Oscillation {
@@ -19,6 +22,8 @@ shared_types::memory! {
         pub at_ns: [u64; 6],
         /// Sign of the last large amplitude: -1, 1, or 0 for none yet.
         pub side: f64,
+        /// When that was \[ns\].
+        pub side_ns: u64,
     }
 }
 
@@ -31,11 +36,12 @@ impl Swings {
     pub(crate) fn see(&mut self, now_ns: u64, value: f64, amplitude: f64) {
         if value.abs() > amplitude {
             let side = 1.0_f64.copysign(value);
-            if side * self.0.side < 0.0 {
+            let is_recent = now_ns.saturating_sub(self.0.side_ns) <= SIDE_NS;
+            if side * self.0.side < 0.0 && is_recent {
                 self.0.at_ns.rotate_left(1);
                 self.0.at_ns[REVERSALS_MAX - 1] = now_ns;
             }
-            self.0.side = side;
+            (self.0.side, self.0.side_ns) = (side, now_ns);
         }
     }
 
@@ -80,5 +86,10 @@ mod tests {
         let fast = Oscillation { reversals: 2, window_ns: 250 * MS };
         assert!(called(&fast, 2.5, 3.0).is_some_and(|ms| (350..500).contains(&ms)));
         assert_eq!(called(&fast, 1.9, 9.0), None, "it is too slow");
+        let mut swings = Swings::default();
+        for (ms, value) in [(0, 3.0), (2000, -3.0), (2200, 3.0)] {
+            swings.see(ms * MS, value, 2.0);
+            assert!(!swings.are(&fast, ms * MS), "what was long ago is no side of it");
+        }
     }
 }

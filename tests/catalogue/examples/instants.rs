@@ -20,7 +20,7 @@ const SPAN_S: f64 = 20.0;
 /// Duration of a flight \[s\]: the last candidate has its shadow phase and its rollback window.
 const FLIGHT_S: f64 = 26.0;
 
-/// A slot, who owns it, and who is to.
+/// A slot, its owner and the candidate.
 type Pair = (Slot, &'static str, &'static str);
 
 /// What came of the swaps of one group.
@@ -69,7 +69,7 @@ fn main() {
         for seed in 1..=seeds {
             let flown = along(situation, seed, pair, instants);
             for (join_s, flown) in &flown {
-                let instant = format!("at {join_s:.2} s");
+                let instant = format!("at {join_s:5.2} s");
                 by_instant.entry(instant).or_insert_with(Tally::default).count(flown);
                 let name = format!("{} {} for {}", pair.0.label(), pair.2, pair.1);
                 by_pair.entry(name.clone()).or_insert_with(Tally::default).count(flown);

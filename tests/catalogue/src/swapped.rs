@@ -137,8 +137,8 @@ pub struct Swapped {
     pub flipped: bool,
     /// Effective instant of the first trip \[s\]; `None` if there was no trip.
     pub tripped_s: Option<f64>,
-    /// Distance from the reference at which the first trip says that the vehicle can be stopped \[m\]; `None` if the trip
-    /// was for another reason.
+    /// Distance from the reference at which the vehicle can be stopped by the word of the first trip \[m\]; `None` if
+    /// that was for another reason.
     pub predicted_m: Option<f64>,
     /// How the swap ended, as a sentence of the launcher.
     pub outcome: String,
@@ -234,8 +234,8 @@ pub fn swapped(
     swapped_with_late_trips((situation, seed), slot, (to, config), (guard, 0), plain)
 }
 
-/// Flies a situation in which `to`, a shipped controller or the path of an executable, is swapped into a slot at `join_s`
-/// \[s\] as a user would who gives no option.
+/// Flies a situation in which `to`, a shipped controller or the path of an executable, is swapped into a slot at
+/// `join_s` \[s\], with the defaults of all options.
 ///
 /// # Errors
 /// If it cannot be flown.
@@ -448,7 +448,7 @@ fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
         predicted_m: course
             .trips
             .first()
-            .filter(|trip| trip.cause == PREDICTS)
+            .filter(|trip| trip.cause == PREDICTS && trip.lasted_s <= 0.0)
             .map(|t| t.distance_m),
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
         outcome: told.last().map_or_else(String::new, |swap| swap.outcome.clone()),

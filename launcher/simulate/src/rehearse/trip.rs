@@ -64,12 +64,19 @@ impl Observer for Tripping {
 }
 
 impl Tripping {
-    /// The candidate's first step more than `within_ns` after the trip: how long after it \[ns\], and whom it obeys.
-    fn due(&self, within_ns: u64) -> Option<(u64, u32)> {
-        let tripped_ns = self.tripped_ns?;
+    /// The candidate's steps more than `within_ns` after the trip: how long after it \[ns\], and whom it obeys.
+    fn since(&self, within_ns: u64) -> impl Iterator<Item = (u64, u32)> {
+        let tripped_ns = self.tripped_ns.unwrap_or(u64::MAX);
         let since =
-            |(release_ns, seat): &(u64, u32)| (release_ns.saturating_sub(tripped_ns), *seat);
-        self.obeyed.iter().map(since).find(|(after_ns, _)| *after_ns > within_ns)
+            move |(release_ns, seat): &(u64, u32)| (release_ns.saturating_sub(tripped_ns), *seat);
+        self.obeyed.iter().map(since).filter(move |(after_ns, _)| *after_ns > within_ns)
+    }
+
+    /// The first step in which it still obeys the owner that has tripped; if there is none, that in which it obeys the
+    /// fallback or nothing more than `levels_ns` later.
+    fn due(&self, within_ns: u64, levels_ns: u64) -> Option<(u64, u32)> {
+        let ignores = self.since(within_ns).find(|(_, seat)| *seat == SWAPPED_SEAT);
+        ignores.or_else(|| self.since(within_ns.saturating_add(levels_ns)).next())
     }
 }
 
@@ -99,13 +106,18 @@ pub(super) fn fly_tripped<E: Observer>(
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
     let two_periods_ns = (2e9 * facts.attitude_period_s).ceil() as u64;
     let within_ns = OBEYED_WITHIN_NS.max(two_periods_ns);
-    let (has_tripped, due) =
-        flight.seen(|(tripping, _)| (tripping.tripped_ns.is_some(), tripping.due(within_ns)));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
+    let levels_ns = (2e9 * facts.position_period_s).ceil() as u64;
+    let (has_tripped, due) = flight
+        .seen(|(tripping, _)| (tripping.tripped_ns.is_some(), tripping.due(within_ns, levels_ns)));
     match due {
         Some((after_ns, SWAPPED_SEAT)) => Err(Box::new(RehearsalRefusal::TripIgnored {
             after_s: s_from_ns(after_ns),
             limit_s: s_from_ns(within_ns),
         })),
+        Some((_, NO_SEAT)) => {
+            Err(failed("it does not obey the fallback after a position controller had tripped"))
+        }
         Some(_) => Ok(()),
         None if has_tripped => {
             Err(failed("it said nothing more after a position controller had tripped"))

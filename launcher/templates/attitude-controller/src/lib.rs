@@ -210,7 +210,9 @@ impl Service for Controller {
         };
         let (law_nm, rate_error) = self.torque(&sample);
         let applied = inputs.applied_command.latest().filter(|a| a.command_sequence > 0);
-        if let Some(applied) = applied.filter(|_| tracking) {
+        // What the actuation guard tells the rotors, to bring the vehicle back, is not what any law would.
+        let continues = |a: &&AppliedCommand| tracking && a.mode != GateMode::Recover;
+        if let Some(applied) = applied.filter(continues) {
             // The integral takes what the rotors were told and the law would not: the command continues
             // from there, and a change of hands is not felt.
             self.memory.integral_nm = (Vector3::from(applied.torque_b_nm) - law_nm).into();
@@ -247,11 +249,6 @@ impl Service for Controller {
 
     fn track(&mut self, _now_ns: u64, _inputs: &Inputs) {
         self.tracking = true;
-    }
-
-    /// While the plant brings the vehicle back by itself, the torque follows what it applies.
-    fn is_displaced(&self, inputs: &Inputs) -> bool {
-        inputs.applied_command.latest().is_some_and(|applied| applied.mode == GateMode::Recover)
     }
 
     fn memory(&self) -> Memory {

@@ -180,6 +180,12 @@ impl Obedience {
         }
     }
 
+    /// Decides that nothing counts at `at_ns`, whatever owner and fallback say.
+    pub fn reject(&mut self, at_ns: u64) {
+        self.consumer.close_before(at_ns.saturating_add(1));
+        self.desk.clear();
+    }
+
     /// Says that the last order is no longer what is applied: nothing has to continue from it.
     pub fn forget_order(&mut self) {
         self.given_by = None;

@@ -149,6 +149,11 @@ impl Desk {
         given.map(|(seat, command)| Choice { command, source, seat })
     }
 
+    /// Says that nothing is in effect: what was is not carried over to another owner.
+    pub fn clear(&mut self) {
+        self.last = Given::default();
+    }
+
     /// What `seat` commands at `now_ns`, whether it counts or not.
     #[must_use]
     pub fn said_by(&self, seat: Seat, now_ns: u64) -> Option<Command> {

@@ -101,11 +101,13 @@ impl Judge {
         let before = memory.has_target.then(|| Vector3::from(memory.towards_w));
         let step_rad = before.map_or(0.0, |before| before.angle(towards_w));
         if before.is_none() || step_rad > STEP_RAD {
-            memory.stepped_rad = (memory.stepped_rad + step_rad).min(error);
-            let away_before = before.map_or(0.0, |before| angle_from(moment, &before)[1].max(0.0));
-            let gained_rad_s = away - away_before;
+            let [error_before, away_before] =
+                before.map_or([error, 0.0], |before| angle_from(moment, &before));
+            memory.stepped_rad = (memory.stepped_rad + error - error_before).clamp(0.0, error);
+            let gained_rad_s = away - away_before.max(0.0);
             if gained_rad_s > 0.0 {
-                let until_braked_rad_s = braked_rad_s2 * self.delay_s;
+                // The share of the rate that the step has made is braked only when another command acts.
+                let until_braked_rad_s = braked_rad_s2 * self.delay_s * gained_rad_s / away;
                 let inherited_rad_s = memory.inherited_rad_s.max(until_braked_rad_s) + gained_rad_s;
                 memory.inherited_rad_s = inherited_rad_s.min(away + until_braked_rad_s);
             }

@@ -121,6 +121,40 @@ fn a_loop_that_goes_on_turning_after_a_step_of_its_set_point_departs() {
 }
 
 #[test]
+fn an_attitude_that_does_not_follow_is_astray_however_its_set_point_jumps_about() {
+    let motion = |step: u64| {
+        let moment = rolled(step, 0.3, 0.0);
+        let asked = if (step / 2).is_multiple_of(2) { -0.1 } else { -0.2 };
+        let gamma_rad = Vector3::new(asked, 0.0, 0.0);
+        let setpoint = moment.setpoint.map(|setpoint| Setpoint { gamma_rad, ..setpoint });
+        Moment { setpoint, ..moment }
+    };
+    let (step, found) = first(200, motion).unwrap();
+    assert_eq!(found.attitude.unwrap().cause, TripCause::AttitudeAstray);
+    assert!(step < 100, "{step}");
+}
+
+#[test]
+fn a_loop_that_turns_away_by_itself_departs_although_its_set_point_steps_across() {
+    // Away in roll at 6 rad/s, while the pitch that is asked for is given back.
+    let motion = |pitch_rad: f64| {
+        move |step: u64| {
+            let moment = rolled(step, 0.06 * step as f64 + 0.05, 6.0);
+            let pitch_rad = if step == 0 { 0.08 } else { pitch_rad };
+            let gamma_rad = Vector3::new(0.0, pitch_rad, 0.0);
+            let setpoint = moment.setpoint.map(|setpoint| Setpoint { gamma_rad, ..setpoint });
+            Moment { setpoint, ..moment }
+        }
+    };
+    let departs = |pitch_rad: f64| {
+        let (step, found) = first(100, motion(pitch_rad)).unwrap();
+        assert_eq!(found.attitude.unwrap().cause, TripCause::AttitudeDeparts);
+        step
+    };
+    assert!(departs(0.0) <= departs(0.08) + 1, "{} and {}", departs(0.0), departs(0.08));
+}
+
+#[test]
 fn a_vehicle_that_follows_a_step_of_its_set_point_does_not_depart() {
     let motion = |step: u64| {
         let t = step as f64 * STEP_S;
@@ -331,7 +365,7 @@ fn a_set_point_that_turns_the_heading_away_from_the_reference_is_found() {
 }
 
 #[test]
-fn a_set_point_that_swings_faster_than_any_position_loop_needs_is_found_after_a_period() {
+fn a_set_point_that_swings_faster_than_a_position_loop_is_found_within_a_period() {
     let swinging = |frequency_hz: f64, amplitude_rad: f64| {
         move |step: u64| {
             let phase = core::f64::consts::TAU * frequency_hz * step as f64 * STEP_S;

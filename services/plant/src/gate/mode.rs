@@ -10,8 +10,8 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
-//! When the owner trips while the vehicle is tilted or turns fast, all but CUT give way to RECOVER; so do NORMAL and HOLD
-//! when an owner that has not proven itself is about to tilt it too far:
+//! When the owner trips, or what an unproven owner obeys, while the vehicle is tilted or turns fast, all but CUT give way
+//! to RECOVER; so do NORMAL and HOLD when an owner that has not proven itself is about to tilt it too far:
 //!
 //! ```text
 //!   any ───▶ RECOVER ── calm, or recover_max passed ──▶ NORMAL, or LEVEL without a valid command

@@ -79,7 +79,7 @@ impl Actuators {
         let reported = reported.filter(|torque| torque.iter().all(|t| t.is_finite()));
         if !self.commanded {
             // A successor starts from what its predecessor left in effect.
-            let start: [f64; 3] = reported.unwrap_or_default().into();
+            let start = reported.map_or(self.command_nm, Into::into);
             (self.torque_nm, self.applied_nm, self.before_nm) = (start, start, start);
             self.command_nm = start;
             return;

@@ -88,16 +88,17 @@ impl SetpointSlot {
         order.map(|order| order.command).or_else(|| self.level())
     }
 
-    /// Whose set point counts at an instant. After a trip it is nobody's until the fallback has had two periods to see that
-    /// the vehicle levels: it continues from what is applied, and would begin with what the owner has tripped for.
+    /// Whose set point counts at an instant. After a trip none counts until the fallback has had two periods to see that
+    /// the vehicle levels, or a record names another owner: the fallback continues from what is applied, and would begin
+    /// with what its predecessor has tripped for.
     fn decide(&mut self, at_ns: u64) -> Option<Order> {
         let record = self.obedience.consumer.record().filter(|_| self.obedience.is_revoked());
         let levels_ns = record.map_or(0, |record| {
             let period_ns = record.fallback.map_or(0, |seat| record.period_ns[seat.index()]);
-            self.obedience.counters().trip_ns.saturating_add(2 * period_ns)
+            self.obedience.counters().trip_ns.saturating_add(period_ns.saturating_mul(2))
         });
         if at_ns < levels_ns {
-            self.obedience.close_before(at_ns.saturating_add(1));
+            self.obedience.reject(at_ns);
             return None;
         }
         self.obedience.decide(at_ns, &self.limit)
@@ -320,5 +321,46 @@ mod tests {
         assert_eq!(taken[..3], owners);
         assert_eq!(taken[3..5], [(0, 0.0, true); 2]);
         assert_eq!(taken[5..], fallbacks);
+    }
+
+    #[test]
+    fn a_tripped_owners_set_point_is_not_carried_over_to_the_next_owner() {
+        let (mut records, mut setpoints) = (Input::default(), Input::default());
+        let mut trips = Input::default();
+        let record = |epoch: u64, valid_ns: u64, owner: u32| OwnerRecord {
+            header: Header { sequence: epoch, valid_ns, ..Header::default() },
+            epoch,
+            owner,
+            fallback: 1,
+            watched: Flag::from(owner == 0),
+            slot: Role::Position,
+            period_ns: [20, 20, 20, 0],
+            ..OwnerRecord::default()
+        };
+        records.offer(record(1, 0, 0));
+        trips.offer(Trip {
+            header: Header { sequence: 1, valid_ns: 10, ..Header::default() },
+            epoch: 1,
+            slot: Role::Position,
+            ..Trip::default()
+        });
+        let mut slot = SetpointSlot::new(2.0);
+        let mut taken = Vec::new();
+        for now_ns in [0, 10, 20, 30] {
+            if now_ns == 0 {
+                let header = Header { sequence: 1, ..Header::default() };
+                setpoints.offer(AttitudeSetpoint { header, roll_rad: 0.3, ..Default::default() });
+            }
+            if now_ns == 20 {
+                records.offer(record(2, 20, 2));
+            }
+            records.accept(now_ns, None);
+            setpoints.accept(now_ns, None);
+            trips.accept(now_ns, None);
+            let command = slot.take(now_ns, &records, &setpoints, &trips);
+            taken.push(command.map(|command| command.value[1]));
+        }
+        // The owner of the second record has said nothing yet: the last one stays, and that is level.
+        assert_eq!(taken, [Some(0.3), Some(0.0), None, None]);
     }
 }
