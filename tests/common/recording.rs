@@ -1,5 +1,7 @@
 //! A recording, read by field name with a reader that shares no code with the writer.
 
+use mcap::read::{ChunkReader, LinearReader};
+use mcap::records::Record;
 use mcap::{MAGIC, MessageStream};
 use prost_reflect::bytes::Bytes;
 use prost_reflect::prost::Message as _;
@@ -41,6 +43,21 @@ impl Recording {
         let options = mcap::read::Options::IgnoreEndMagic.into();
         let messages = MessageStream::new_with_options(&self.0, options);
         messages.expect("a readable start").map_while(Result::ok).count()
+    }
+
+    /// Counts the messages of the chunks that a killed writer has finished: what is in the torn one no checksum vouches for.
+    pub(crate) fn count_messages_of_whole_chunks(&self) -> u64 {
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let records = LinearReader::new_with_options(&self.0, options);
+        let is_message = |record: &Record<'_>| matches!(record, Record::Message { .. });
+        let count = |record: Record<'_>| match record {
+            Record::Chunk { header, data } => {
+                let inside = ChunkReader::new(header, &data).expect("a chunk");
+                inside.filter(|record| record.as_ref().is_ok_and(is_message)).count()
+            }
+            record => usize::from(is_message(&record)),
+        };
+        records.expect("a readable start").map_while(Result::ok).map(count).sum::<usize>() as u64
     }
 
     /// Instant of the last sample of a topic before the place where a killed writer left off \[s\].
