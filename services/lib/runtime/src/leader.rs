@@ -6,6 +6,7 @@
 use crate::clock::{mono_now_ns, sleep_until};
 use crate::namespace_error::{NamespaceError, failed};
 use rustix::fs::{FlockOperation, flock};
+use signal_hook::consts::SIGKILL;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
@@ -14,8 +15,11 @@ use thiserror::Error;
 
 /// Name of the lock in a run's folder.
 const LOCK: &str = "launcher.lock";
-/// How long a process that has been killed may hold on to what it has \[ns\].
-const DYING_NS: u64 = 200_000_000;
+/// How long a holder of the lock that lives is given to let go of it, and how long one that dies \[ns\]: on a busy machine
+/// the last thread of a process that has been killed may wait for a processor, and until it has had one the process
+/// keeps its files.
+const LIVING_NS: u64 = 200_000_000;
+const DYING_NS: u64 = 20_000_000_000;
 
 /// Why a run cannot be led by this process.
 #[derive(Debug, Error)]
@@ -89,18 +93,21 @@ impl LeaderLock {
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).create(true).truncate(false).mode(0o600);
         let file = file.open(&path).map_err(failed("open", &path))?;
-        // Whoever has just been killed needs a moment to be gone.
-        let give_up_ns = mono_now_ns() + DYING_NS;
+        let begun_ns = mono_now_ns();
         loop {
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => return Ok(Self(file)),
                 Err(error) if error.kind() != ErrorKind::WouldBlock => {
                     return Err(failed("lock", &path)(error.into()).into());
                 }
-                Err(_) if mono_now_ns() > give_up_ns => {
-                    return Err(LeadError::Led { pid: holder(&file) });
+                Err(_) => {
+                    let pid = holder(&file);
+                    let limit_ns = if pid.is_some_and(is_dying) { DYING_NS } else { LIVING_NS };
+                    if mono_now_ns() > begun_ns + limit_ns {
+                        return Err(LeadError::Led { pid });
+                    }
+                    sleep_until(mono_now_ns() + 10_000_000);
                 }
-                Err(_) => sleep_until(mono_now_ns() + 10_000_000),
             }
         }
     }
@@ -128,6 +135,22 @@ fn lock_path(folder: &Path) -> PathBuf {
     folder.join(LOCK)
 }
 
+/// True of a process that has ended but for some of its threads, or that a SIGKILL awaits.
+fn is_dying(pid: u32) -> bool {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    process_start(pid).is_none() || is_killed(&status)
+}
+
+/// Whether a SIGKILL is among the pending signals of a process with this `/proc/PID/status`.
+fn is_killed(status: &str) -> bool {
+    let pending = ["SigPnd:", "ShdPnd:"];
+    let mut masks = status.lines().filter_map(|line| {
+        let hex = pending.iter().find_map(|key| line.strip_prefix(key))?;
+        u64::from_str_radix(hex.trim(), 16).ok()
+    });
+    masks.any(|mask| mask & 1 << (SIGKILL - 1) != 0)
+}
+
 /// Who holds a lock on a file, by the system's own list.
 fn holder(file: &File) -> Option<u32> {
     let inode = file.metadata().ok()?.ino().to_string();
@@ -149,6 +172,24 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("leader-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         folder
+    }
+
+    #[test]
+    fn a_process_is_dying_from_the_signal_to_the_end_of_its_last_thread() {
+        let status = "Name:\tlauncher\nSigQ:\t0/3\nSigPnd:\t0000000000000000\n";
+        assert!(is_killed(&format!("{status}ShdPnd:\t0000000000000100\n")));
+        assert!(!is_killed(&format!(
+            "{status}ShdPnd:\t0000000000000202\nSigIgn:\t0000000000000100\n"
+        )));
+        assert!(!is_dying(std::process::id()));
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        let pid = child.id();
+        // Until it has been waited for it stays in the table of processes.
+        while !is_dying(pid) {
+            sleep_until(mono_now_ns() + 1_000_000);
+        }
+        child.wait().unwrap();
+        assert!(is_dying(pid));
     }
 
     #[test]
