@@ -13,6 +13,7 @@ import sys
 import tomllib
 
 from .graph import Graph
+from .launcher import Launcher
 from .loop import OWNED, Loop
 from .lockstep import fly_lockstep
 from .ownership import FOREVER, SeatMarks
@@ -65,6 +66,8 @@ class Process:
     def __init__(self, options, name):
         self.options = options
         self._stop = False
+        # What a law prints is seen at once, though it goes through a pipe.
+        sys.stdout.reconfigure(line_buffering=True)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
         if options.cpu is not None:
@@ -74,9 +77,6 @@ class Process:
         # Everybody holds this lock; whoever leaves last wipes.
         self._lock = open(options.run / "run.lock", "r+b")
         fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        self._launcher = select.poll()
-        self._launcher_fd = os.pidfd_open(options.launcher_pid)
-        self._launcher.register(self._launcher_fd, select.POLLIN)
         types = Types(options.launcher_pid)
         self.slot = options.slot
         try:
@@ -88,6 +88,7 @@ class Process:
                 f"{options.run}/flight.toml is of another build ({error}): use the controllers that "
                 "came with this morphquad"
             ) from error
+        self._launcher = Launcher(options.run, options.launcher_pid, self._leave_s())
         if self.slot not in self.graph.rates:
             raise Unfit(f"this flight has no {self.slot} loop: choose another scenario")
         if self.is_realtime:
@@ -109,7 +110,6 @@ class Process:
         self._roll_changes = 0
         self.loop = None
         self.leave_ns = FOREVER
-        self._grace_ends_ns = FOREVER
         self._lost_pilot = None
         # Whether the last wait was ended by its limit.
         self.timed_out = False
@@ -238,7 +238,9 @@ class Process:
         if self._bus.roll_changes != self._roll_changes:
             self._roll_changes = self._bus.roll_changes
             self._learn_neighbours()
-        if self._is_launcher_gone():
+        if not self._launcher.is_gone:
+            self._lost_pilot = None
+        else:
             # The pilot lived in the launcher; its successor comes as another generation.
             if self._lost_pilot is None:
                 self._lost_pilot = self.marks.generation("pilot", 0)
@@ -323,22 +325,19 @@ class Process:
         """True once a signal has asked for the end."""
         return self._stop
 
-    def _is_launcher_gone(self):
-        return bool(self._launcher.poll(0))
+    def _leave_s(self):
+        """How long this process stays without a launcher [s]."""
+        grace_s = self.flight["grace_s"]
+        if not self.is_realtime:
+            return min(grace_s, LOCKSTEP_GRACE_S)
+        # Hovering and landing are the position loop's; this one flies on until that is over.
+        return grace_s + LANDING_S if grace_s > 0.0 else 0.0
 
     def ending(self):
         """The exit code if it is time to leave, else None."""
         if self._stop:
             return INTERRUPTED
-        if self._grace_ends_ns == FOREVER and self._is_launcher_gone():
-            # Hovering and landing are the position loop's; this one flies on until that is over.
-            grace_s = self.flight["grace_s"]
-            if not self.is_realtime:
-                grace_s = min(grace_s, LOCKSTEP_GRACE_S)
-            elif grace_s > 0.0:
-                grace_s += LANDING_S
-            self._grace_ends_ns = now_ns() + int(1e9 * grace_s)
-        return CRASHED if now_ns() > self._grace_ends_ns else None
+        return CRASHED if self._launcher.is_given_up else None
 
     def fly(self, law):
         """Runs every release until the end of the flight, or until the seat is given up."""
@@ -354,7 +353,7 @@ class Process:
         self.loop.finish()
         self.announce(self.loop.mark_ns, FOREVER)
         while not is_retired and not self.read_clock().may_leave:
-            if self.ending() is not None or self._is_launcher_gone():
+            if self.ending() is not None or self._launcher.is_gone:
                 break
             self.wait(WAIT_LIMIT_S)
         return PASS

@@ -5,8 +5,11 @@
 
 import ctypes
 import pathlib
+import signal
+import subprocess
 import sys
 import tempfile
+import time
 import types
 import unittest
 
@@ -14,6 +17,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
 from host.graph import Edge, Graph, Rate  # noqa: E402
 from host.inputs import Input, Sample  # noqa: E402
+from host.launcher import Launcher, process_start  # noqa: E402
 from host.obedience import Command, Limiter, Obedience, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
 from host.ports import Unfit  # noqa: E402
@@ -47,6 +51,52 @@ def owner(epoch, valid_ms, owner_seat, fallback=NO_SEAT, periods_ms=(10, 10, 10,
 
 def sample(valid_ms, sequence, seat=0, generation=0):
     return Sample(valid_ms * MS, seat, sequence, generation, 0, b"")
+
+
+def idler():
+    return subprocess.Popen(["sleep", "60"])
+
+
+def bury(process):
+    process.kill()
+    process.wait()
+
+
+def await_that(done):
+    """Waits as long as it takes."""
+    while not done():
+        time.sleep(0.001)
+
+
+class LauncherRules(unittest.TestCase):
+    def test_the_next_launcher_is_followed_and_the_dead_one_is_not_taken_for_it(self):
+        first, second = idler(), idler()
+        with tempfile.TemporaryDirectory() as folder:
+            lock = pathlib.Path(folder) / "launcher.lock"
+            lock.write_text(f"{first.pid} {process_start(first.pid)}\n")
+            launcher = Launcher(pathlib.Path(folder), first.pid, 600.0)
+            self.assertFalse(launcher.is_gone)
+            bury(first)
+            await_that(lambda: launcher.is_gone)
+            lock.write_text(f"{second.pid} {process_start(second.pid)}\n")
+            await_that(lambda: not launcher.is_gone)
+            self.assertFalse(launcher.is_given_up)
+            bury(second)
+            await_that(lambda: launcher.is_gone)
+
+    def test_a_controller_that_hangs_does_not_outlive_its_launcher(self):
+        leader = idler()
+        hangs = (
+            "import pathlib, sys; from host.launcher import Launcher\n"
+            f"Launcher(pathlib.Path('/nowhere'), {leader.pid}, 0.0)\n"
+            "print(flush=True)\n"
+            "while True: pass"
+        )
+        folder = pathlib.Path(__file__).resolve().parent.parent
+        with subprocess.Popen([sys.executable, "-c", hangs], cwd=folder, stdout=subprocess.PIPE) as process:
+            process.stdout.readline()
+            bury(leader)
+            self.assertEqual(process.wait(), -signal.SIGKILL)
 
 
 class GraphRules(unittest.TestCase):
