@@ -308,6 +308,26 @@ fn the_last_words_of_an_executable_that_ends_are_told() {
 }
 
 #[test]
+fn a_controller_that_prints_without_end_is_shown_in_part_and_flies_as_if_it_were_silent() {
+    let _alone = alone();
+    let folder = TempDir::new().expect("a folder");
+    let fly_one = |what, how: &[&str]| {
+        let config = config(&folder, what, 0.0, 1000.0);
+        let swap = format!("attitude={}@300ms,shadow=300ms,no-rehearsal,config={config}", rogue());
+        fly(&[&["hover", "--for", "2s", "--no-record", "--swap", &swap], how].concat())
+    };
+    let silent = fly_one("nothing", &["--in-process"]);
+    for how in [&["--in-process"][..], &[]] {
+        let prints = fly_one("prints", how);
+        assert_eq!(prints.hash(), silent.hash(), "{how:?}");
+        let shown = prints.stderr.lines().filter(|line| line.starts_with("rogue: line ")).count();
+        // It prints more than a hundred thousand.
+        assert!((10..20_000).contains(&shown), "{shown} lines");
+        assert!(prints.stderr.contains("rogue: lines left out: "), "{how:?}");
+    }
+}
+
+#[test]
 fn nothing_is_left_when_the_flight_is_killed() {
     let _alone = alone();
     let swap = format!("attitude={}@100ms,shadow=30s", rogue());

@@ -6,7 +6,7 @@
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill, left_in_shared_memory, processes_of, ps};
 use crate::common::recording::{Recording, Row};
-use crate::common::time::{host_s, pause_ms, wait_until};
+use crate::common::time::{host_s, pause_ms, wait_for, wait_until};
 use crate::common::{distance, euler_rad, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -188,6 +188,36 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     let (code, summary, said) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {said}");
     assert_eq!(summary["verdict"]["verdict"], "INCOMPLETE", "{summary} {said}");
+}
+
+/// What it writes goes through pipes whose other ends its launcher had.
+#[test]
+fn a_controller_that_prints_outlives_its_launcher_and_the_next_one_shows_it() {
+    let (rogue, folder) = (rogue(), TempDir::new().expect("a folder"));
+    let config = config(&folder, "prints", 0.0, 1.0);
+    let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
+    let run = running.id().to_owned();
+    let swap = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "400ms"];
+    let how = ["--rollback", "100ms", "--no-rehearsal", "--force", "--run", &run];
+    wait_for("a swap", || {
+        let (code, said) = say(&[&swap[..], &how].concat());
+        if code == Some(0) { Ok(()) } else { Err(said) }
+    });
+    running.kill_launcher();
+    let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).unwrap_or(0.0);
+    let adopter = Adopter::start(&run);
+    wait_until("the new launcher", || {
+        ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
+    });
+    let taken_s = flown_s();
+    wait_until("it flies on", || flown_s() > taken_s + 0.5);
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
+    assert_eq!(code, Some(130), "{summary} {said}");
+    assert!(said.contains("rogue: line 0\n"), "{said}");
+    // It would have been that of a pipe without a reader.
+    assert!(!said.contains("last words"), "{said}");
+    assert_nothing_left(&run);
 }
 
 #[test]

@@ -297,6 +297,21 @@ fn when_the_launcher_dies_everybody_leaves_after_the_grace_and_nothing_is_left()
 }
 
 #[test]
+fn a_controller_that_hangs_does_not_outlive_the_launcher() {
+    let folder = TempDir::new().expect("a folder");
+    let hangs = config(&folder, "never-ready", 0.0, 0.0);
+    let swap = format!("attitude={}@200ms,config={hangs}", rogue());
+    let running = in_realtime("600s", &["--set", "launcher.launcher_grace_s=0", "--swap", &swap]);
+    wait_until("the candidate is there", || running.process(rogue()).is_some());
+    let id = running.id().to_owned();
+    running.kill_launcher();
+    wait_until("everybody leaves", || processes_of(&id).is_empty());
+    // It has left as one that is killed does.
+    assert_the_next_run_works();
+    wait_until("nothing is left", || left_in_shared_memory(&id).is_empty());
+}
+
+#[test]
 fn a_run_killed_as_a_whole_is_cleaned_up_by_the_next_one() {
     let mut running = endless(&[]);
     let id = running.id().to_owned();

@@ -1,7 +1,9 @@
 //! One process: started under its own name, its last words kept; or taken over from a launcher that
 //! has died.
 
+use crate::drain::OutputPipe;
 use crate::last_words::LastWords;
+use crate::relay::Relay;
 use runtime::Place;
 use runtime::leader::process_start;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -70,6 +72,8 @@ pub struct RunningChild {
     /// The controller, if what was started is a script that has started it.
     inner: Option<Caught>,
     last_words: LastWords,
+    /// What a controller prints; a service of this program prints on the launcher's standard error itself.
+    printed: Option<Relay>,
 }
 
 /// What a process is held by.
@@ -112,14 +116,21 @@ impl RunningChild {
         place: Place,
         awaits_handover: bool,
     ) -> io::Result<Self> {
+        let errors = OutputPipe::open()?;
+        let last_words = LastWords::of(errors.reader)?;
+        let mut inherited = vec![errors.inherited];
+        let mut printed = None;
         let mut command = Command::new(&spec.executable);
         let config = match &spec.launch {
             Launch::Service { config } => {
-                command.arg0(&spec.name).arg("proc").arg(&spec.name);
+                command.arg0(&spec.name).arg("proc").arg(&spec.name).stdout(launcher_stderr());
                 config
             }
             Launch::Foreign { slot, config } => {
-                command.args(["--slot", slot.label()]);
+                let output = OutputPipe::open()?;
+                command.args(["--slot", slot.label()]).stdout(output.writer);
+                printed = Some(Relay::of(output.reader, &spec.name)?);
+                inherited.push(output.inherited);
                 config
             }
         };
@@ -133,8 +144,7 @@ impl RunningChild {
             .args(["--generation", &place.generation.to_string()])
             .args(["--launcher-pid", &std::process::id().to_string()])
             .stdin(Stdio::null())
-            .stdout(launcher_stderr())
-            .stderr(Stdio::piped())
+            .stderr(errors.writer)
             .process_group(0);
         if let Some(cpu) = spec.cpu {
             command.args(["--cpu", &cpu.to_string()]);
@@ -145,19 +155,22 @@ impl RunningChild {
         if awaits_handover {
             command.arg("--await-handover");
         }
-        let mut child = command.spawn()?;
-        let pipe = child.stderr.take().map(|pipe| LastWords::of(pipe.into()));
-        let last_words = pipe.transpose()?.unwrap_or_default();
-        Ok(Self { hold: Hold::Child(child, None), inner: None, last_words })
+        let child = command.spawn()?;
+        drop(inherited);
+        Ok(Self { hold: Hold::Child(child, None), inner: None, last_words, printed })
     }
 
-    /// A process that another launcher has started; none if it is gone.
+    /// A process that another launcher has started as `spec` says; none if it is gone. What it writes is read on.
     #[must_use]
-    pub fn take_over(pid: u32, started: u64) -> Option<Self> {
+    pub fn take_over(pid: u32, started: u64, spec: &ChildSpec) -> Option<Self> {
         // Looked at after it has been caught: whoever has its number since is another one.
         let caught = Caught::of(pid).filter(|_| process_start(pid) == Some(started))?;
-        let hold = Hold::TakenOver(caught);
-        Some(Self { hold, inner: None, last_words: LastWords::default() })
+        let errors = OutputPipe::of_process(pid, 2).and_then(|pipe| LastWords::of(pipe).ok());
+        let printed = OutputPipe::of_process(pid, 1)
+            .filter(|_| matches!(spec.launch, Launch::Foreign { .. }))
+            .and_then(|pipe| Relay::of(pipe, &spec.name).ok());
+        let last_words = errors.unwrap_or_default();
+        Some(Self { hold: Hold::TakenOver(caught), inner: None, last_words, printed })
     }
 
     /// Process number of the controller.
@@ -185,6 +198,13 @@ impl RunningChild {
 
     /// How it has ended, once it has; what it has started ends with it.
     pub fn exited(&mut self) -> Option<Death> {
+        let death = self.found_dead()?;
+        // It is told after what it has printed.
+        drop(self.printed.take().inspect(Relay::catch_up));
+        Some(death)
+    }
+
+    fn found_dead(&mut self) -> Option<Death> {
         match &mut self.hold {
             Hold::Child(_, Some(status)) => Some(Death::Status(*status)),
             Hold::Child(child, status) => {

@@ -5,6 +5,7 @@
 //! [`orders`] for what users ask for, [`child`] and [`post`] for the processes.
 
 pub mod child;
+mod drain;
 mod last_words;
 mod order_sinks;
 pub mod orders;
@@ -13,6 +14,7 @@ pub mod post;
 mod post_event;
 mod post_note;
 mod rehearsal_spec;
+mod relay;
 pub mod services;
 mod slots;
 mod standstill;

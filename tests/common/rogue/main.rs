@@ -24,7 +24,7 @@ struct Mischief {
     what: What,
     /// Logical time \[s\].
     from_s: f64,
-    /// Gain, offset over the largest command, or seconds per step.
+    /// Gain, offset over the largest command, seconds per step, or lines per step.
     amount: f64,
 }
 
@@ -43,6 +43,7 @@ enum What {
     Frozen,
     Offset,
     Late,
+    Prints,
 }
 
 outputs! {
@@ -104,8 +105,20 @@ impl Rogue {
                 std::thread::sleep(Duration::from_secs_f64(amount));
                 command
             }
+            What::Prints => {
+                print_lines(amount);
+                command
+            }
             _ => command,
         }
+    }
+}
+
+#[expect(clippy::print_stdout, reason = "printing is its misdeed")]
+fn print_lines(count: f64) {
+    for line in (0_u32..).take_while(|line| f64::from(*line) < count) {
+        println!("line {line}");
+        eprintln!("error {line}");
     }
 }
 

@@ -136,7 +136,8 @@ impl Supervisor {
 
 fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
     let mut post = Post::open(bus, note.place(), note.spec.clone())?;
-    let mut living = note.process.and_then(|(pid, started)| RunningChild::take_over(pid, started));
+    let mut living =
+        note.process.and_then(|(pid, started)| RunningChild::take_over(pid, started, &note.spec));
     // It waits for a word that its launcher can no longer say.
     if let Some(waits) = living.take_if(|_| !note.ready) {
         waits.end();

@@ -3,11 +3,13 @@
 use crate::realtime::Setup;
 use crate::thread::{name_thread, stay_on};
 use crate::{Flight, HostError, PlaceArguments};
+use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::connect::connect;
 use runtime::ipc::Bus;
 use runtime::namespace::Membership;
 use runtime::watch::{LauncherNews, StopFlags};
 use runtime::{Component, Ending, Executor, Graph, Node, Process};
+use rustix::process::{Signal, getpid, kill_process};
 use shared_types::Role;
 use std::io::{self, Write as _};
 
@@ -17,6 +19,9 @@ const LANDING_S: f64 = 4.0;
 /// Longest time that the processes of a lockstep flight stay after their launcher's death: nobody can
 /// take it over \[s\].
 pub const LOCKSTEP_GRACE_S: f64 = 2.0;
+
+/// How long a process may take to leave after that, before it counts as one that hangs \[ns\].
+const LEAVE_LIMIT_NS: u64 = 2_000_000_000;
 
 /// A process that has joined its run and does not fly yet.
 #[derive(Debug)]
@@ -56,7 +61,9 @@ impl Joined {
         let leave_s = if realtime && grace_s > 0.0 { grace_s + LANDING_S } else { grace_s };
         let tells = role == Role::Plant;
         stop.watch_launcher(membership.folder(), arguments.launcher_pid, leave_s, move |news| {
-            if tells {
+            if news == LauncherNews::Abandoned {
+                end_if_it_hangs();
+            } else if tells {
                 let text = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s));
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
@@ -100,6 +107,13 @@ impl Joined {
     }
 }
 
+/// Ends this process if it does not leave by itself: without a launcher no other process finds that it hangs, and it would
+/// stay for ever.
+fn end_if_it_hangs() {
+    sleep_until(mono_now_ns() + LEAVE_LIMIT_NS);
+    let _ = kill_process(getpid(), Signal::KILL);
+}
+
 /// What the plant tells of the launcher, on behalf of all.
 fn of_launcher(
     news: LauncherNews,
@@ -109,6 +123,7 @@ fn of_launcher(
 ) -> String {
     match news {
         LauncherNews::Succeeded { pid } => format!("run {run} is led by process {pid} now"),
+        LauncherNews::Abandoned => format!("run {run} has no launcher any more; all leave"),
         LauncherNews::Died if !realtime => format!(
             "the launcher of run {run} died; its time stands still, and all leave in {leave_s} s"
         ),

@@ -26,6 +26,8 @@ pub enum LauncherNews {
         /// Its process.
         pid: u32,
     },
+    /// None has taken over within the grace period: this process leaves.
+    Abandoned,
 }
 
 /// A launcher and how to see it die.
@@ -120,6 +122,7 @@ impl StopFlags {
             tell(LauncherNews::Died);
             let Some(successor) = await_successor(folder, launcher.leader, grace_s) else {
                 self.grace_over.store(true, Ordering::Release);
+                tell(LauncherNews::Abandoned);
                 return;
             };
             launcher = successor;
@@ -232,9 +235,12 @@ mod tests {
             flags.launcher_gone() && flags.stop(),
             "the dead one in the file is nobody's successor"
         );
-        // Both watches have seen it die.
-        await_that(|| heard.lock().unwrap().len() == 2);
-        assert_eq!(*heard.lock().unwrap(), [LauncherNews::Died; 2]);
+        // Both watches have seen it die, and one of them waits for longer.
+        await_that(|| heard.lock().unwrap().len() == 3);
+        let mut heard = heard.lock().unwrap();
+        heard.sort_by_key(|news| *news == LauncherNews::Abandoned);
+        let expected = [LauncherNews::Died, LauncherNews::Died, LauncherNews::Abandoned];
+        assert_eq!(*heard, expected);
         fs::remove_dir_all(&folder).unwrap();
     }
 
