@@ -55,7 +55,7 @@ pub struct SwapSettings {
 }
 
 fn shadow_s() -> f64 {
-    2.0
+    1.0
 }
 
 fn rollback_s() -> f64 {

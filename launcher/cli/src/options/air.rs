@@ -105,7 +105,7 @@ pub struct SwapArguments {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// How long it shadows before it is judged
-    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value = "1s", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
     /// Largest step of the command, as a share of the largest one; 1% for the same kind of
     /// controller, 10% for another
@@ -166,7 +166,7 @@ pub struct StandbyArguments {
     #[arg(value_name = "NAME|EXE")]
     pub name: String,
     /// How long it shadows before it is judged
-    #[arg(long, value_name = "DURATION", default_value = "2s", allow_hyphen_values = true, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value = "1s", allow_hyphen_values = true, value_parser = duration)]
     pub shadow: Duration,
     /// Rehearsal.
     #[command(flatten)]
