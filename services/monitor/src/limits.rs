@@ -57,10 +57,10 @@ impl Default for Limits {
     ///   2 weights.
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
-    /// * `excursion_m`: so that with the fallback's return the vehicle stays within half a metre of where it would have
-    ///   been (`swap_table patient` of the catalogue). No shipped controller gets to 0.25 m (`swap_table good all
-    ///   watch.excursion_m=0.25`).
-    /// * `off_course_m`, `off_course_s`: a little less than `excursion_m`, for longer than the vehicle needs to cover
+    /// * `excursion_m`: a little less than half a metre, within which the vehicle is to stay of where it would have
+    ///   been (`swap_table patient` of the catalogue). No shipped controller gets to 0.35 m (`swap_table good all
+    ///   watch.excursion_m=0.35`).
+    /// * `off_course_m`, `off_course_s`: two thirds of `excursion_m`, for longer than the vehicle needs to cover
     ///   that distance.
     /// * `height_m`: the length of an arm, with the arms spread.
     fn default() -> Self {
@@ -76,7 +76,7 @@ impl Default for Limits {
             setpoint_thrust_weights: [0.2, 2.1],
             clipped_s: 0.45,
             thrust_speed_m_s: 0.5,
-            excursion_m: 0.35,
+            excursion_m: 0.45,
             off_course_m: 0.3,
             off_course_s: 1.0,
             height_m: 0.17,

@@ -19,6 +19,9 @@ const OF_SETPOINT: [Oscillation; 2] = [
 const PUSH_MEMORY_S: f64 = 0.5;
 /// Share of the horizontal acceleration that is left for braking in any wind.
 const LEAST_BRAKING: f64 = 0.3;
+/// How much farther the fallback lets the vehicle go than it could be stopped \[m\]: it continues from what was applied,
+/// and returns to its path rather than braking as hard as it can (`swap_table` of the catalogue compares both).
+const FALLBACK_M: f64 = 0.1;
 /// How long a set point may ask for another heading than the reference \[s\], and three periods of its loop longer: it is
 /// as much older.
 const HEADING_S: f64 = 0.1;
@@ -145,7 +148,7 @@ impl Judge {
             let rest = self.rest_w_m([&error, &velocity, &relative, &push], braking);
             (rest.norm() - distance).max(0.0)
         });
-        let excursion = self.memory.moved_m + going_m[0].max(going_m[1]);
+        let excursion = self.memory.moved_m + going_m[0].max(going_m[1]) + FALLBACK_M;
 
         let delay_s = self.delay_s + braking.tilting_s;
         let sinking = stopping(-moment.velocity_w_m_s.z, delay_s, braking.up_m_s2);
