@@ -4,11 +4,13 @@
 //! `cargo test --release --test flights gate -- --ignored --nocapture` flies them all by the wall clock
 //! too, for minutes.
 
+use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill};
-use crate::common::time::wait_until;
+use crate::common::time::{wait_for, wait_until};
 use crate::common::{fly, morphquad, rounds};
 use rustix::process::Signal;
 use serde_json::Value;
+use tempfile::TempDir;
 
 const ATTITUDE: [&str; 3] = ["attitude-mpc", "attitude-lqr", "attitude-pid"];
 const POSITION: [&str; 2] = ["position-mpc", "position-pid"];
@@ -113,4 +115,51 @@ fn a_standby_of_another_kind_shadows_takes_over_when_asked_and_goes_back_when_to
     assert_eq!(code, Some(2), "who commands does not leave: {said}");
     assert!(kill(running.launcher_pid(), Signal::INT));
     assert_eq!(running.wait().code, Some(130));
+}
+
+/// A flight by the wall clock whose attitude slot has an owner that is watched.
+fn watched(folder: &TempDir, more: &[&str]) -> Running {
+    let behaves = config(folder, "nothing", 0.0, 0.0);
+    let flight = ["hover", "--clock", "realtime", "--for", "600s"];
+    let running = Running::start_and_fly(&[&flight[..], more].concat());
+    let swap = ["swap", "attitude", "--to", rogue(), "--config", &behaves, "--shadow", "400ms"];
+    let how = ["--rollback", "100ms", "--no-rehearsal", "--force"];
+    wait_for("a swap", || {
+        let (code, said) = say(&[&swap[..], &how].concat(), &running);
+        if code == Some(0) { Ok(()) } else { Err(said) }
+    });
+    running
+}
+
+#[test]
+fn while_the_monitor_does_not_step_no_swap_is_accepted() {
+    let folder = TempDir::new().expect("a folder");
+    let mut running = watched(&folder, &[]);
+    running.signal("monitor", Signal::STOP);
+    let swap = ["swap", "position", "--to", "position-pid", "--dry-run"];
+    wait_for("a refusal", || {
+        let (code, said) = say(&swap, &running);
+        let is_refused = code == Some(3) && said.contains("the monitor has not stepped for");
+        if is_refused { Ok(()) } else { Err(said) }
+    });
+    running.signal("monitor", Signal::CONT);
+    wait_for("the swap", || {
+        let (code, said) = say(&swap, &running);
+        if code == Some(0) { Ok(()) } else { Err(said) }
+    });
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    assert_eq!(running.wait().code, Some(130));
+}
+
+#[test]
+fn a_watched_owner_is_replaced_when_the_monitor_hangs() {
+    let folder = TempDir::new().expect("a folder");
+    let mut running = watched(&folder, &["--set", "launcher.lag_timeout_s=3"]);
+    running.signal("monitor", Signal::STOP);
+    wait_until("the proven owner commands", || owner(&running).contains("attitude-mpc"));
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!(flown.code, Some(130), "{}", flown.said());
+    let told = "takes over from rogue@1: the monitor hangs, and nothing watches it";
+    assert!(flown.stderr.contains(told), "{}", flown.said());
 }

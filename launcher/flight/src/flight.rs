@@ -24,13 +24,13 @@ use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
 use protocol::topic::feed::Flying;
 use record::{Recording, Severity};
-use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::Bus;
 use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::watch::StopFlags;
+use runtime::{Graph, MarkView as _};
 use scenario::orders::Planner;
-use shared_types::{ClockMode, Seat};
+use shared_types::{ClockMode, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
     RunError, RunOptions, clock_of, facts, pinned_cpu, recording_path, require_processor,
@@ -43,6 +43,8 @@ use swap::{FlightError, Means, Script, Slots};
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
+/// After so many of its periods without a step of the monitor no swap is accepted.
+const MONITOR_PERIODS_MAX: u64 = 3;
 /// How long processes may take to leave after the end of the flight \[ns\].
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
 
@@ -161,6 +163,8 @@ struct Flight {
     lag_limit_ns: u64,
     progress_at: (u64, u64),
     drained_ns: u64,
+    /// How far any monitor has got while this launcher led \[ns\]: one that is started again begins below that.
+    monitored_ns: u64,
     rehearser: Rehearser,
     known_strays: usize,
     progress: Option<indicatif::ProgressBar>,
@@ -217,7 +221,9 @@ impl Flight {
                 let names = self.supervisor.unfinished().join(", ");
                 return Outcome::Lost(format!("{names} did not leave after the end of the flight"));
             }
-            self.watch_progress(drained, now_ns);
+            if let Err(error) = self.watch_progress(drained, now_ns) {
+                return Outcome::Lost(error.to_string());
+            }
             self.look_at_processes(now_ns);
             if let Err(error) = self.answer(now_ns) {
                 return Outcome::Lost(error.to_string());
@@ -279,6 +285,7 @@ impl Flight {
         act: impl FnOnce(&mut Slots, &mut Means<'_>) -> Result<(), FlightError>,
     ) -> Result<(), FlightError> {
         let now = self.logical_now(now_mono_ns);
+        let monitor_silent_ns = self.monitor_silent_ns();
         let mut posts = Processes {
             bus: &self.bus,
             supervisor: &mut self.supervisor,
@@ -293,10 +300,24 @@ impl Flight {
             now,
             now_mono_ns,
             is_over: self.drained_ns >= self.conductor.end_ns(),
+            monitor_silent_ns,
         };
         let done = act(&mut self.slots, &mut means);
         self.pass_on_news(now.logical_ns);
         done
+    }
+
+    /// By the wall clock: for how long the monitor has not stepped, if that is more than [`MONITOR_PERIODS_MAX`] of its
+    /// periods \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
+    fn monitor_silent_ns(&mut self) -> Option<u64> {
+        let monitor = self.graph.node(Role::Monitor)?;
+        let marks = &self.tap.marks;
+        let heard_ns = marks.of_role(Role::Monitor).max(self.begun.0);
+        self.monitored_ns = self.monitored_ns.max(heard_ns);
+        let plant_ns = marks.of_role(Role::Plant).min(self.conductor.end_ns());
+        let silent_ns = plant_ns.saturating_sub(self.monitored_ns);
+        let is_too_long = silent_ns > MONITOR_PERIODS_MAX * monitor.rate.period_ns();
+        (is_too_long && self.conductor.mode() == ClockMode::Realtime).then_some(silent_ns)
     }
 
     /// Where the flight is, for whoever decides about instants.

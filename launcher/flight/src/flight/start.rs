@@ -140,6 +140,7 @@ impl Flight {
             progress_at: (0, 0),
             rehearser: Rehearser::new(clock_of(&options.scenario) == ClockMode::Realtime),
             drained_ns: 0,
+            monitored_ns: 0,
             known_strays: 0,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),

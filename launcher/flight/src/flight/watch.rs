@@ -4,6 +4,7 @@ use super::Flight;
 use crate::conductor::Patience;
 use record::Severity;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
+use swap::{FlightError, Slots};
 
 impl Flight {
     /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
@@ -26,7 +27,10 @@ impl Flight {
     }
 
     /// Kills whoever could step and has not for too long.
-    pub(super) fn watch_progress(&mut self, drained: u64, now_ns: u64) {
+    ///
+    /// # Errors
+    /// [`FlightError`] if the flight cannot go on.
+    pub(super) fn watch_progress(&mut self, drained: u64, now_ns: u64) -> Result<(), FlightError> {
         if let Some(bar) = &self.progress {
             bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
         }
@@ -54,9 +58,13 @@ impl Flight {
             let stalled = self.conductor.stalled(&self.graph, &present, marks, patience);
             if !stalled.is_empty() {
                 self.progress_at.0 = now_ns;
-                self.supervisor.kill_stalled(&stalled, &self.tap);
+                let killed = self.supervisor.kill_stalled(&stalled, &self.tap);
+                if realtime && killed.contains(&Role::Monitor) {
+                    self.with_slots(now_ns, Slots::unwatched)?;
+                }
             }
         }
+        Ok(())
     }
 
     /// Lets who measures see what each process takes, while nobody has left yet.

@@ -161,8 +161,10 @@ impl Supervisor {
         }
     }
 
-    /// Kills processes that have permission to step and do not, unless they only wait for a processor.
-    pub(crate) fn kill_stalled(&mut self, stalled: &[RollEntry], tap: &Tap) {
+    /// Kills processes that have permission to step and do not, unless they only wait for a processor; gives the roles of
+    /// those that it has killed.
+    pub(crate) fn kill_stalled(&mut self, stalled: &[RollEntry], tap: &Tap) -> Vec<Role> {
+        let mut killed = Vec::new();
         for entry in stalled {
             let seat = Seat { role: entry.role, index: entry.seat };
             let post = self.posts.iter_mut().find(|post| post.seat == seat);
@@ -173,8 +175,10 @@ impl Supervisor {
                 let source = post.spec.name.clone();
                 let text = format!("{source} made no progress although it could, killing it");
                 self.notices.push(Notice { source, text });
+                killed.push(entry.role);
             }
         }
+        killed
     }
 
     /// Kills everybody, now.

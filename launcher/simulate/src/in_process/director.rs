@@ -154,6 +154,7 @@ impl Director {
             now,
             now_mono_ns: 0,
             is_over: self.drained_ns >= end_ns,
+            monitor_silent_ns: None,
         };
         let done = act(&mut self.slots, &mut means);
         for news in core::mem::take(&mut self.slots.news) {

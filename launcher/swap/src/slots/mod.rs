@@ -99,6 +99,8 @@ pub struct Means<'a> {
     pub now_mono_ns: u64,
     /// The flight has reached its end: whoever leaves does so in order.
     pub is_over: bool,
+    /// For how long the monitor has not stepped, if that is too long for a new owner to be watched \[ns\].
+    pub monitor_silent_ns: Option<u64>,
 }
 
 impl core::fmt::Debug for Means<'_> {
@@ -271,6 +273,14 @@ impl Slots {
         }
         places.sort_by_key(|place| self.owner_seat(place.role) != Some(place.index));
         places
+    }
+
+    /// The monitor hangs: owners that are to be watched make room for those that need not be.
+    ///
+    /// # Errors
+    /// [`FlightError`] if the flight cannot go on.
+    pub fn unwatched(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
+        Slot::ALL.into_iter().try_for_each(|slot| self.tell(slot, Event::Unwatched, means))
     }
 
     /// A scripted fault: the process on a seat has been stopped, and is to be counted as silent.

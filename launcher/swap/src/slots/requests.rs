@@ -3,11 +3,22 @@
 use super::{Means, Slots, SwapReport};
 use crate::FlightError;
 use crate::orders::Ordered;
+use protocol::control::protocol::{Reason as Refused, Refusal};
 use protocol::control::server::Answer;
 use protocol::control::{Reply, Request as Asked};
 use scenario::candidate::Slot;
 use slot::supervisor::Event;
 use slot::{Action, Report, Request, Target};
+
+/// Why no swap is accepted while the monitor does not step.
+fn unwatched(silent_ns: u64) -> Refusal {
+    let silent_ms = silent_ns / 1_000_000;
+    let text = format!(
+        "the monitor has not stepped for {silent_ms} ms, and nothing would watch a new owner: order the \
+         swap again once it steps, as `morphquad top` shows"
+    );
+    Refusal::new(Refused::Busy, text)
+}
 
 impl Slots {
     /// Takes an order from outside, and answers it in the course of time.
@@ -24,7 +35,11 @@ impl Slots {
             self.give(order, &answer, means);
             return Ok(());
         }
-        match self.orders.understand(asked, &self.machines) {
+        let understood = match (means.monitor_silent_ns, asked) {
+            (Some(ns), Asked::Swap(_)) => Err(unwatched(ns)),
+            _ => self.orders.understand(asked, &self.machines),
+        };
+        match understood {
             Ok(None) => Ok(()),
             Ok(Some(ordered)) => self.request(&ordered, Some(answer), means),
             Err(refusal) => {

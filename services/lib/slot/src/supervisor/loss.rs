@@ -91,6 +91,17 @@ impl Slot {
         }
     }
 
+    /// Nothing watches the owner any more. One that is to be watched leaves in order, and its fallback commands; without a
+    /// fallback it stays, because it may well be sound.
+    pub(super) fn unwatched(&mut self, now: Now, out: &mut Vec<Action>) {
+        let owner = self.ledger.owner().filter(|owner| self.is_watched(*owner));
+        let Some(seat) = owner.filter(|seat| self.chairs.is_seated(*seat)) else { return };
+        if self.fallback(seat).is_some() {
+            self.dismiss(seat, out);
+            self.lost(now, seat, Fault::Unwatched, now.logical_ns, out);
+        }
+    }
+
     /// The consumer has been on its own for a while.
     pub(super) fn unguided(&mut self, epoch: u64, since_ns: u64, at_ns: u64) {
         let Some(seat) = self.ledger.owner().filter(|_| self.ledger.epoch() == epoch) else {

@@ -93,6 +93,9 @@ pub enum Fault {
     /// The monitor found that it would lose the vehicle.
     #[error("the monitor tripped it")]
     Tripped,
+    /// It was watched when the monitor hung.
+    #[error("the monitor hangs, and nothing watches it")]
+    Unwatched,
 }
 
 /// Why a rehearsal does not let a candidate fly.
@@ -170,6 +173,8 @@ pub enum Event {
         /// Instant of this word \[ns\].
         at_ns: u64,
     },
+    /// The monitor hangs: nothing watches the owner any more.
+    Unwatched,
     /// The process on a seat is gone.
     Died(Seat),
     /// The process on a seat is there and of no use. It will be killed.

@@ -376,6 +376,7 @@ impl Slot {
             Event::FellOver { epoch, at_ns } => self.fell_over(now, epoch, at_ns, out),
             Event::Tripped { epoch, at_ns } => self.tripped(now, epoch, at_ns, out),
             Event::Unguided { epoch, since_ns, at_ns } => self.unguided(epoch, since_ns, at_ns),
+            Event::Unwatched => self.unwatched(now, out),
             Event::Died(seat) => self.died(now, seat, out),
             Event::Misbehaved(seat, fault) => self.misbehaved(now, seat, fault, out),
         }

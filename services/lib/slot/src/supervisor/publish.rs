@@ -74,7 +74,7 @@ impl Slot {
     }
 
     /// Whether the monitor judges `owner`: around its own flip, and for as long as it is not trusted.
-    fn is_watched(&self, owner: Seat) -> bool {
+    pub(super) fn is_watched(&self, owner: Seat) -> bool {
         let is_new = match self.phase {
             Phase::Flipping { new, .. } | Phase::Window { new, .. } => new == owner,
             _ => false,

@@ -33,6 +33,7 @@ fn any_event() -> impl Strategy<Value = Event> {
             Event::Rehearsed(s, Rehearsed { from_ns: 0, left_tube, verdict })
         }),
         epoch.clone().prop_map(|epoch| Event::Tripped { epoch, at_ns: 0 }),
+        Just(Event::Unwatched),
         Just(Event::Time),
         (epoch.clone(), seat.clone()).prop_map(|(epoch, seat)| Event::Acknowledged {
             epoch,

@@ -202,3 +202,20 @@ fn a_trip_of_an_owner_that_has_changed_since_is_ignored() {
     desk.on(Event::Tripped { epoch, at_ns: desk.now.logical_ns });
     assert_eq!((desk.record(), &desk.actions[..]), (before, &[][..]));
 }
+
+#[test]
+fn an_owner_that_nothing_watches_leaves_in_order_for_its_fallback_and_stays_without_one() {
+    let mut desk = Desk::watched(SlotConfig::REALTIME);
+    desk.confirm().on(Event::Unwatched);
+    assert_eq!(desk.record().owner, SEAT[0]);
+    assert!(desk.has(|action| *action == Action::AwaitExit(SEAT[1])), "{:?}", desk.actions);
+    // The one that follows has proven itself.
+    let before = desk.record();
+    desk.confirm().on(Event::Unwatched);
+    assert_eq!((desk.record(), &desk.actions[..]), (before, &[][..]));
+    let mut desk = Desk::watched(SlotConfig::REALTIME);
+    desk.confirm().on(Event::Died(SEAT[0])).confirm();
+    let before = desk.record();
+    desk.on(Event::Unwatched);
+    assert_eq!((desk.record(), &desk.actions[..]), (before, &[][..]));
+}
