@@ -301,7 +301,7 @@ fn a_controller_that_hangs_does_not_outlive_the_launcher() {
     let folder = TempDir::new().expect("a folder");
     let hangs = config(&folder, "never-ready", 0.0, 0.0);
     let swap = format!("attitude={}@200ms,config={hangs}", rogue());
-    let running = in_realtime("600s", &["--set", "launcher.launcher_grace_s=0", "--swap", &swap]);
+    let running = endless(&["--set", "launcher.launcher_grace_s=0", "--swap", &swap]);
     wait_until("the candidate is there", || running.process(rogue()).is_some());
     let id = running.id().to_owned();
     running.kill_launcher();

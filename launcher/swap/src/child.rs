@@ -74,6 +74,16 @@ pub struct RunningChild {
     last_words: LastWords,
     /// What a controller prints; a service of this program prints on the launcher's standard error itself.
     printed: Option<Relay>,
+    pipes: OutputPipes,
+}
+
+/// Numbers by which the system knows the pipes of a process.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct OutputPipes {
+    /// Of its standard output, if that is a pipe.
+    printed: Option<u64>,
+    /// Of its standard error.
+    errors: Option<u64>,
 }
 
 /// What a process is held by.
@@ -117,6 +127,7 @@ impl RunningChild {
         awaits_handover: bool,
     ) -> io::Result<Self> {
         let errors = OutputPipe::open()?;
+        let mut pipes = OutputPipes { errors: Some(errors.inode()?), printed: None };
         let last_words = LastWords::of(errors.reader)?;
         let mut inherited = vec![errors.inherited];
         let mut printed = None;
@@ -128,6 +139,7 @@ impl RunningChild {
             }
             Launch::Foreign { slot, config } => {
                 let output = OutputPipe::open()?;
+                pipes.printed = Some(output.inode()?);
                 command.args(["--slot", slot.label()]).stdout(output.writer);
                 printed = Some(Relay::of(output.reader, &spec.name)?);
                 inherited.push(output.inherited);
@@ -157,20 +169,26 @@ impl RunningChild {
         }
         let child = command.spawn()?;
         drop(inherited);
-        Ok(Self { hold: Hold::Child(child, None), inner: None, last_words, printed })
+        Ok(Self { hold: Hold::Child(child, None), inner: None, last_words, printed, pipes })
     }
 
-    /// A process that another launcher has started as `spec` says; none if it is gone. What it writes is read on.
+    /// A process that another launcher has started under a name, with these pipes; none if it is gone. What it writes is
+    /// read on.
     #[must_use]
-    pub fn take_over(pid: u32, started: u64, spec: &ChildSpec) -> Option<Self> {
+    pub fn take_over(pid: u32, started: u64, name: &str, pipes: OutputPipes) -> Option<Self> {
         // Looked at after it has been caught: whoever has its number since is another one.
         let caught = Caught::of(pid).filter(|_| process_start(pid) == Some(started))?;
-        let errors = OutputPipe::of_process(pid, 2).and_then(|pipe| LastWords::of(pipe).ok());
-        let printed = OutputPipe::of_process(pid, 1)
-            .filter(|_| matches!(spec.launch, Launch::Foreign { .. }))
-            .and_then(|pipe| Relay::of(pipe, &spec.name).ok());
+        let reader = |inode: Option<u64>| OutputPipe::of_process(pid, inode?);
+        let errors = reader(pipes.errors).and_then(|pipe| LastWords::of(pipe).ok());
+        let printed = reader(pipes.printed).and_then(|pipe| Relay::of(pipe, name).ok());
         let last_words = errors.unwrap_or_default();
-        Some(Self { hold: Hold::TakenOver(caught), inner: None, last_words, printed })
+        Some(Self { hold: Hold::TakenOver(caught), inner: None, last_words, printed, pipes })
+    }
+
+    /// What it writes to, for the next launcher.
+    #[must_use]
+    pub fn pipes(&self) -> OutputPipes {
+        self.pipes
     }
 
     /// Process number of the controller.
@@ -199,9 +217,13 @@ impl RunningChild {
     /// How it has ended, once it has; what it has started ends with it.
     pub fn exited(&mut self) -> Option<Death> {
         let death = self.found_dead()?;
-        // It is told after what it has printed.
-        drop(self.printed.take().inspect(Relay::catch_up));
+        self.show_the_rest();
         Some(death)
+    }
+
+    /// What it has printed comes before what is told of its death.
+    fn show_the_rest(&mut self) {
+        drop(self.printed.take().inspect(Relay::finish));
     }
 
     fn found_dead(&mut self) -> Option<Death> {
@@ -266,6 +288,7 @@ impl Drop for RunningChild {
         if let Hold::Child(child, None) = &mut self.hold {
             signal_group(child.id(), Signal::KILL);
             let _ = child.wait();
+            self.show_the_rest();
         }
     }
 }

@@ -1,7 +1,9 @@
 //! Everything that a process writes, read by a thread as it comes: the process never waits for a reader.
 
 use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::fstat;
 use rustix::io::{Errno, ioctl_fionread, read};
+use rustix::pipe::fcntl_setpipe_size;
 use std::fs;
 use std::io;
 use std::os::fd::OwnedFd;
@@ -9,21 +11,27 @@ use std::path::PathBuf;
 use std::process::Stdio;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
+use std::time::Duration;
 
-/// What is read at once \[bytes\]: what a pipe holds.
+/// What is read at once \[bytes\].
 const CHUNK_BYTES: usize = 65_536;
+/// What a pipe holds while no launcher reads it \[bytes\], as far as the system allows: a process that has filled it waits.
+const PIPE_BYTES: usize = 1 << 20;
+/// How long the end of what a process has written is waited for once it has ended. A process that it has started and that
+/// is not ended with it may keep the pipe open.
+const END_LIMIT: Duration = Duration::from_secs(1);
 
 /// Takes what a process writes.
 pub(crate) trait Sink: Send + 'static {
     /// The next bytes, which may end anywhere.
     fn take(&mut self, bytes: &[u8]);
 
-    /// Nothing more will come.
+    /// Nothing more is expected; told at least once.
     fn end(&mut self) {}
 }
 
 /// Cuts bytes into lines, and a line that is too long into several.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Lines {
     longest: usize,
     partial: Vec<u8>,
@@ -114,7 +122,15 @@ impl<S: Sink> Drain<S> {
         // The reader takes bytes from the pipe under the lock, so that each is in one place or the other.
         let until = state.taken + ioctl_fionread(&self.pipe).unwrap_or(0);
         let is_behind = |state: &mut State<S>| !state.ended && state.taken < until;
-        drop(self.shared.has_read.wait_while(state, is_behind));
+        drop(self.shared.has_read.wait_timeout_while(state, END_LIMIT, is_behind));
+    }
+
+    /// Waits for the end of what a process writes that has ended.
+    pub(crate) fn finish(&self) {
+        let is_open = |state: &mut State<S>| !state.ended;
+        let waited =
+            self.shared.has_read.wait_timeout_while(self.shared.lock(), END_LIMIT, is_open);
+        waited.unwrap_or_else(PoisonError::into_inner).0.sink.end();
     }
 }
 
@@ -157,21 +173,22 @@ impl OutputPipe {
         let (reader, writer) = io::pipe()?;
         // Unlike the others it stays open in a program that is started.
         let inherited = rustix::io::dup(&reader)?;
+        let _ = fcntl_setpipe_size(&reader, PIPE_BYTES);
         Ok(Self { reader: reader.into(), writer: writer.into(), inherited })
     }
 
-    /// The reading end of what process `pid` writes to its descriptor `number`, if the process has inherited one: only
-    /// then it is the pipe of a launcher, and not one that leads to another program.
-    pub(crate) fn of_process(pid: u32, number: u32) -> Option<OwnedFd> {
-        let folder = PathBuf::from(format!("/proc/{pid}/fd"));
-        let pipe = fs::read_link(folder.join(number.to_string())).ok()?;
-        let is_standard = |name: &str| ["0", "1", "2"].contains(&name);
-        let mut entries = fs::read_dir(folder).ok()?.flatten();
-        let reader = entries.find(|entry| {
-            !is_standard(&entry.file_name().to_string_lossy())
-                && fs::read_link(entry.path()).is_ok_and(|other| other == pipe)
-        })?;
-        fs::File::open(reader.path()).ok().map(OwnedFd::from)
+    /// Number by which the system knows the pipe.
+    pub(crate) fn inode(&self) -> io::Result<u64> {
+        Ok(fstat(&self.reader)?.st_ino)
+    }
+
+    /// The reading end of the pipe with this number that process `pid` has inherited; none if it has closed it.
+    pub(crate) fn of_process(pid: u32, inode: u64) -> Option<OwnedFd> {
+        let pipe = PathBuf::from(format!("pipe:[{inode}]"));
+        let mut entries = fs::read_dir(format!("/proc/{pid}/fd")).ok()?.flatten();
+        let found = entries.find(|entry| fs::read_link(entry.path()).is_ok_and(|to| to == pipe));
+        // Whichever end it is, what is opened anew is one to read from.
+        fs::File::open(found?.path()).ok().map(OwnedFd::from)
     }
 }
 
@@ -220,7 +237,9 @@ pub(crate) mod tests {
 
     #[test]
     fn a_pipe_that_a_process_has_inherited_is_found_and_no_other() {
-        let OutputPipe { writer, inherited, reader } = OutputPipe::open().expect("a pipe");
+        let pipe = OutputPipe::open().expect("a pipe");
+        let inode = pipe.inode().expect("its number");
+        let OutputPipe { writer, inherited, reader } = pipe;
         let echo = "echo one; echo two >&2; read _";
         let mut child = Command::new("sh")
             .args(["-c", echo])
@@ -231,7 +250,7 @@ pub(crate) mod tests {
             .expect("a shell");
         // The launcher has died.
         drop((inherited, reader));
-        let reader = OutputPipe::of_process(child.id(), 1).expect("inherited");
+        let reader = OutputPipe::of_process(child.id(), inode).expect("inherited");
         let mut found = String::new();
         let mut lines = Lines::new(100);
         let mut buffer = [0; 100];
@@ -240,7 +259,9 @@ pub(crate) mod tests {
             lines.cut(&buffer[..count], |line| found = text(line));
         }
         assert_eq!(found, "one");
-        assert!(OutputPipe::of_process(child.id(), 2).is_none(), "this one leads to the test");
+        assert!(OutputPipe::of_process(std::process::id(), inode).is_some(), "just opened");
+        drop(reader);
+        assert!(OutputPipe::of_process(std::process::id(), inode).is_none());
         drop(child.stdin.take());
         child.wait().expect("an end");
     }

@@ -1,6 +1,6 @@
 //! A process of a flight as the next launcher finds it noted.
 
-use crate::child::ChildSpec;
+use crate::child::{ChildSpec, OutputPipes};
 use serde::{Deserialize, Serialize};
 use shared_types::{Role, Seat};
 
@@ -17,6 +17,8 @@ pub struct PostNote {
     pub spec: ChildSpec,
     /// Its number, and when it was started.
     pub process: Option<(u32, u64)>,
+    /// Where what it writes goes.
+    pub pipes: OutputPipes,
     /// It has said hello.
     pub ready: bool,
     /// It has left in order.

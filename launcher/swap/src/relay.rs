@@ -3,13 +3,16 @@
 
 use crate::drain::{Drain, Lines, Sink, text};
 use runtime::clock::mono_now_ns;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{FileType, OFlags, fstat};
+use std::fs::File;
 use std::io::{self, Write as _};
-use std::os::fd::{AsFd as _, OwnedFd};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::sync::OnceLock;
 
 /// Lines of one controller that are shown in a second.
 const LINES_PER_S: u32 = 100;
-/// Bytes of a line that are shown together. With the name they fit into what a pipe that is ready takes at once.
+/// Bytes of a line that are shown together.
 const LINE_BYTES: usize = 2000;
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -64,13 +67,13 @@ impl<W: FnMut(&str) -> bool> Relayed<W> {
 impl<W: FnMut(&str) -> bool + Send + 'static> Sink for Relayed<W> {
     fn take(&mut self, bytes: &[u8]) {
         let now_ns = mono_now_ns();
-        let mut lines = core::mem::take(&mut self.lines);
+        let mut lines = core::mem::replace(&mut self.lines, Lines::new(LINE_BYTES));
         lines.cut(bytes, |line| self.show(line, now_ns));
         self.lines = lines;
     }
 
     fn end(&mut self) {
-        let lines = core::mem::take(&mut self.lines);
+        let lines = core::mem::replace(&mut self.lines, Lines::new(LINE_BYTES));
         if !lines.rest().is_empty() {
             self.show(lines.rest(), mono_now_ns());
         }
@@ -92,9 +95,9 @@ impl Relay {
         Ok(Self(Drain::start(pipe, relayed(name, show as Show))?))
     }
 
-    /// Waits until everything has been shown that has been printed.
-    pub(crate) fn catch_up(&self) {
-        self.0.catch_up();
+    /// Shows the rest of what a controller has printed that has ended.
+    pub(crate) fn finish(&self) {
+        self.0.finish();
     }
 }
 
@@ -104,10 +107,26 @@ fn relayed<W>(name: &str, to: W) -> Relayed<W> {
 
 /// Writes to standard error; false if it would have to wait, as for a terminal that has been stopped.
 fn show(text: &str) -> bool {
-    let error = io::stderr();
-    let is_ready =
-        poll(&mut [PollFd::new(&error.as_fd(), PollFlags::OUT)], Some(&Timespec::default()));
-    is_ready.is_ok_and(|ready| ready > 0) && error.lock().write_all(text.as_bytes()).is_ok()
+    static WITHOUT_WAITING: OnceLock<Option<File>> = OnceLock::new();
+    let written = match WITHOUT_WAITING.get_or_init(error_without_waiting) {
+        Some(error) => {
+            let mut error: &File = error;
+            error.write_all(text.as_bytes())
+        }
+        None => io::stderr().write_all(text.as_bytes()),
+    };
+    written.is_ok()
+}
+
+/// Standard error, opened once more so that writing to it never waits; none of a file, for which nothing waits and which
+/// would be written to at another place, and of a socket, which cannot be opened.
+fn error_without_waiting() -> Option<File> {
+    let kind = FileType::from_raw_mode(fstat(io::stderr()).ok()?.st_mode);
+    if !matches!(kind, FileType::Fifo | FileType::CharacterDevice) {
+        return None;
+    }
+    let flags = i32::try_from((OFlags::NONBLOCK | OFlags::NOCTTY).bits()).ok()?;
+    File::options().write(true).custom_flags(flags).open("/proc/self/fd/2").ok()
 }
 
 #[cfg(test)]
@@ -123,9 +142,8 @@ mod tests {
             drained(relayed("law", move |text: &str| shown.send(text.to_owned()).is_ok()));
         writer.write_all(b"one\ntwo\nrest").expect("room");
         drop(writer);
-        drain.catch_up();
-        drop(drain);
-        assert_eq!(seen.into_iter().collect::<String>(), "law: one\nlaw: two\nlaw: rest\n");
+        drain.finish();
+        assert_eq!(seen.try_iter().collect::<String>(), "law: one\nlaw: two\nlaw: rest\n");
     }
 
     #[test]

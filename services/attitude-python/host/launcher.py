@@ -10,7 +10,7 @@ import time
 # Longest wait between two looks for the next launcher, and how long a process may take to leave when there is
 # none [s].
 LOOK_EVERY_S = 0.05
-LEAVE_LIMIT_S = 2.0
+LEAVE_LIMIT_S = 10.0
 
 
 def process_start(pid):
@@ -34,7 +34,8 @@ def leader_of(run):
 
 
 class Launcher:
-    """Watches the launcher from a thread of its own, so that a controller that hangs does not stay for ever."""
+    """Watches the launcher from a thread of its own, so that a controller that hangs does not stay for ever, unless it
+    hangs in a library that keeps Python's lock."""
 
     def __init__(self, run, pid, leave_s):
         """`leave_s`: how long after its death there is none to come any more [s]."""

@@ -87,8 +87,9 @@ class LauncherRules(unittest.TestCase):
     def test_a_controller_that_hangs_does_not_outlive_its_launcher(self):
         leader = idler()
         hangs = (
-            "import pathlib, sys; from host.launcher import Launcher\n"
-            f"Launcher(pathlib.Path('/nowhere'), {leader.pid}, 0.0)\n"
+            "import pathlib; from host import launcher\n"
+            "launcher.LEAVE_LIMIT_S = 0.1\n"
+            f"launcher.Launcher(pathlib.Path('/nowhere'), {leader.pid}, 0.0)\n"
             "print(flush=True)\n"
             "while True: pass"
         )

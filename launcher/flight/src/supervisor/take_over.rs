@@ -120,6 +120,7 @@ impl Supervisor {
             generation: post.generation,
             spec: post.spec.clone(),
             process: post.child.as_ref().map(|child| (child.pid(), post.started)),
+            pipes: post.child.as_ref().map(RunningChild::pipes).unwrap_or_default(),
             ready: post.ready,
             finished: post.finished,
             layout: post.layout,
@@ -136,8 +137,9 @@ impl Supervisor {
 
 fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
     let mut post = Post::open(bus, note.place(), note.spec.clone())?;
-    let mut living =
-        note.process.and_then(|(pid, started)| RunningChild::take_over(pid, started, &note.spec));
+    let take_over =
+        |(pid, started)| RunningChild::take_over(pid, started, &note.spec.name, note.pipes);
+    let mut living = note.process.and_then(take_over);
     // It waits for a word that its launcher can no longer say.
     if let Some(waits) = living.take_if(|_| !note.ready) {
         waits.end();

@@ -20,8 +20,9 @@ const LANDING_S: f64 = 4.0;
 /// take it over \[s\].
 pub const LOCKSTEP_GRACE_S: f64 = 2.0;
 
-/// How long a process may take to leave after that, before it counts as one that hangs \[ns\].
-const LEAVE_LIMIT_NS: u64 = 2_000_000_000;
+/// How long a process may take to leave after that, before it counts as one that hangs \[ns\]: long enough for the last
+/// one to wipe on a busy machine.
+const LEAVE_LIMIT_NS: u64 = 10_000_000_000;
 
 /// A process that has joined its run and does not fly yet.
 #[derive(Debug)]
@@ -61,12 +62,13 @@ impl Joined {
         let leave_s = if realtime && grace_s > 0.0 { grace_s + LANDING_S } else { grace_s };
         let tells = role == Role::Plant;
         stop.watch_launcher(membership.folder(), arguments.launcher_pid, leave_s, move |news| {
-            if news == LauncherNews::Abandoned {
-                end_if_it_hangs();
-            } else if tells {
+            if tells {
                 let text = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s));
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
+            }
+            if news == LauncherNews::Abandoned {
+                end_if_it_hangs();
             }
         })
         .map_err(watch("the launcher"))?;
