@@ -125,3 +125,32 @@ pub(super) fn fly_tripped<E: Observer>(
         None => Err(not_rehearsed("the position controller that was to trip has not")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+    const FALLBACK_SEAT: u32 = 0;
+
+    /// What is due of a candidate that obeyed these seats so many milliseconds after the trip: within 20 ms it may obey
+    /// whom it likes, and for 40 ms more nobody.
+    fn due(obeyed: &[(u64, u32)]) -> Option<(u64, u32)> {
+        let obeyed = obeyed.iter().map(|(ms, seat)| (1000 * MS + ms * MS, *seat)).collect();
+        let tripping = Tripping { tripped_ns: Some(1000 * MS), obeyed, ..Tripping::default() };
+        tripping.due(20 * MS, 40 * MS).map(|(after_ns, seat)| (after_ns / MS, seat))
+    }
+
+    #[test]
+    fn a_candidate_has_to_leave_the_owner_that_trips_and_to_obey_the_fallback_after_it_levels() {
+        let leaves = [(10, SWAPPED_SEAT), (30, NO_SEAT), (60, NO_SEAT)];
+        let with = |next: &[(u64, u32)]| due(&[&leaves[..], next].concat());
+        assert_eq!(with(&[(70, FALLBACK_SEAT), (80, NO_SEAT)]), Some((70, FALLBACK_SEAT)));
+        assert_eq!(with(&[(70, NO_SEAT), (80, FALLBACK_SEAT)]), Some((70, NO_SEAT)));
+        assert_eq!(with(&[]), None, "it says nothing more");
+        // However late, and whomever it obeys in between.
+        assert_eq!(with(&[(70, FALLBACK_SEAT), (80, SWAPPED_SEAT)]), Some((80, SWAPPED_SEAT)));
+        assert_eq!(due(&[(30, SWAPPED_SEAT), (70, FALLBACK_SEAT)]), Some((30, SWAPPED_SEAT)));
+        assert_eq!(due(&[(70, FALLBACK_SEAT)]), Some((70, FALLBACK_SEAT)), "at once");
+    }
+}
