@@ -260,7 +260,7 @@ mod tests {
                       --standby position=position-pid";
         let (code, out, diagnostics) = morphquad(&format!("check hover {script}"));
         assert_eq!(code, exit::PASS, "{diagnostics}");
-        let swap = "swap    attitude to attitude-mpc at 4.2 s, shadow 2 s, rollback 0.5 s, bump at most 0.05\n";
+        let swap = "swap    attitude to attitude-mpc at 4.2 s, shadow 1 s, rollback 0.5 s, bump at most 0.05\n";
         let standby = "standby position position-pid from 0.1 s, shadow 0.5 s\n";
         assert!(out.contains(standby), "{out}");
         assert!(out.contains(swap) && out.contains("fault   kill estimator at 2 s\n"), "{out}");

@@ -30,6 +30,7 @@ use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use runtime::{Graph, MarkView as _};
 use scenario::orders::Planner;
+use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
@@ -45,6 +46,8 @@ use swap::{FlightError, Means, Script, Slots};
 const LOOK_EVERY_NS: u64 = 1_000_000;
 /// After so many of its periods without a step of the monitor no swap is accepted.
 const MONITOR_PERIODS_MAX: u64 = 3;
+/// As long as it has stepped within so much wall time, one is \[s\].
+const LEAST_SILENCE_S: f64 = 0.03;
 /// How long processes may take to leave after the end of the flight \[ns\].
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
 
@@ -311,12 +314,15 @@ impl Flight {
     /// periods \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
     fn monitor_silent_ns(&mut self) -> Option<u64> {
         let monitor = self.graph.node(Role::Monitor)?;
+        let record = self.conductor.record();
         let marks = &self.tap.marks;
         let heard_ns = marks.of_role(Role::Monitor).max(self.begun.0);
         self.monitored_ns = self.monitored_ns.max(heard_ns);
         let plant_ns = marks.of_role(Role::Plant).min(self.conductor.end_ns());
         let silent_ns = plant_ns.saturating_sub(self.monitored_ns);
-        let is_too_long = silent_ns > MONITOR_PERIODS_MAX * monitor.rate.period_ns();
+        let periods_ns = MONITOR_PERIODS_MAX * monitor.rate.period_ns();
+        // Faster than the wall clock, and at a high rate, a machine does not keep to three periods.
+        let is_too_long = silent_ns > periods_ns.max(ns_from_s(LEAST_SILENCE_S * record.speed));
         (is_too_long && self.conductor.mode() == ClockMode::Realtime).then_some(silent_ns)
     }
 

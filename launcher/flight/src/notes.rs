@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Name of the file.
 const FILE: &str = "launcher.json";
 /// Raised when the file changes its shape.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 

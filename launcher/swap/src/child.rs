@@ -128,9 +128,8 @@ impl RunningChild {
     ) -> io::Result<Self> {
         let errors = OutputPipe::open()?;
         let mut pipes = OutputPipes { errors: Some(errors.inode()?), printed: None };
-        let last_words = LastWords::of(errors.reader)?;
-        let mut inherited = vec![errors.inherited];
         let mut printed = None;
+        let mut inherited = Vec::new();
         let mut command = Command::new(&spec.executable);
         let config = match &spec.launch {
             Launch::Service { config } => {
@@ -139,6 +138,8 @@ impl RunningChild {
             }
             Launch::Foreign { slot, config } => {
                 let output = OutputPipe::open()?;
+                output.enlarge();
+                errors.enlarge();
                 pipes.printed = Some(output.inode()?);
                 command.args(["--slot", slot.label()]).stdout(output.writer);
                 printed = Some(Relay::of(output.reader, &spec.name)?);
@@ -146,6 +147,8 @@ impl RunningChild {
                 config
             }
         };
+        inherited.push(errors.inherited);
+        let last_words = LastWords::of(errors.reader)?;
         if let Some(config) = config {
             command.arg("--config").arg(config);
         }

@@ -15,11 +15,11 @@ use std::time::Duration;
 
 /// What is read at once \[bytes\].
 const CHUNK_BYTES: usize = 65_536;
-/// What a pipe holds while no launcher reads it \[bytes\], as far as the system allows: a process that has filled it waits.
-const PIPE_BYTES: usize = 1 << 20;
-/// How long the end of what a process has written is waited for once it has ended. A process that it has started and that
-/// is not ended with it may keep the pipe open.
-const END_LIMIT: Duration = Duration::from_secs(1);
+/// What a pipe of a controller holds while no launcher reads it \[bytes\], as far as the system allows: a controller that
+/// has filled it waits.
+const PIPE_BYTES: usize = 1 << 18;
+/// How long the reader may take for what is in the pipe.
+const READ_LIMIT: Duration = Duration::from_secs(1);
 
 /// Takes what a process writes.
 pub(crate) trait Sink: Send + 'static {
@@ -122,15 +122,14 @@ impl<S: Sink> Drain<S> {
         // The reader takes bytes from the pipe under the lock, so that each is in one place or the other.
         let until = state.taken + ioctl_fionread(&self.pipe).unwrap_or(0);
         let is_behind = |state: &mut State<S>| !state.ended && state.taken < until;
-        drop(self.shared.has_read.wait_timeout_while(state, END_LIMIT, is_behind));
+        drop(self.shared.has_read.wait_timeout_while(state, READ_LIMIT, is_behind));
     }
 
-    /// Waits for the end of what a process writes that has ended.
+    /// Takes the rest of what a process has written that has ended. The end of the pipe is not waited for: what the process
+    /// has started in the background may keep it open.
     pub(crate) fn finish(&self) {
-        let is_open = |state: &mut State<S>| !state.ended;
-        let waited =
-            self.shared.has_read.wait_timeout_while(self.shared.lock(), END_LIMIT, is_open);
-        waited.unwrap_or_else(PoisonError::into_inner).0.sink.end();
+        self.catch_up();
+        self.shared.lock().sink.end();
     }
 }
 
@@ -173,8 +172,13 @@ impl OutputPipe {
         let (reader, writer) = io::pipe()?;
         // Unlike the others it stays open in a program that is started.
         let inherited = rustix::io::dup(&reader)?;
-        let _ = fcntl_setpipe_size(&reader, PIPE_BYTES);
         Ok(Self { reader: reader.into(), writer: writer.into(), inherited })
+    }
+
+    /// Lets it hold more, for a controller that prints while there is no launcher.
+    pub(crate) fn enlarge(&self) {
+        // Beyond what the system allows a user it stays as it is.
+        let _ = fcntl_setpipe_size(&self.reader, PIPE_BYTES);
     }
 
     /// Number by which the system knows the pipe.

@@ -3,6 +3,7 @@
 
 use crate::drain::{Drain, Lines, Sink, text};
 use runtime::clock::mono_now_ns;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FileType, OFlags, fstat};
 use std::fs::File;
 use std::io::{self, Write as _};
@@ -12,8 +13,9 @@ use std::sync::OnceLock;
 
 /// Lines of one controller that are shown in a second.
 const LINES_PER_S: u32 = 100;
-/// Bytes of a line that are shown together.
-const LINE_BYTES: usize = 2000;
+/// Bytes of a line that are shown together: with the name they fit into what a pipe takes as a whole, also where each of
+/// them is no text and becomes three.
+const LINE_BYTES: usize = 1000;
 const SECOND_NS: u64 = 1_000_000_000;
 
 /// Which lines are shown, second by second.
@@ -113,13 +115,20 @@ fn show(text: &str) -> bool {
             let mut error: &File = error;
             error.write_all(text.as_bytes())
         }
-        None => io::stderr().write_all(text.as_bytes()),
+        None if is_ready() => io::stderr().write_all(text.as_bytes()),
+        None => return false,
     };
     written.is_ok()
 }
 
+fn is_ready() -> bool {
+    let error = io::stderr();
+    let mut polled = [PollFd::new(&error, PollFlags::OUT)];
+    poll(&mut polled, Some(&Timespec::default())).is_ok_and(|ready| ready > 0)
+}
+
 /// Standard error, opened once more so that writing to it never waits; none of a file, for which nothing waits and which
-/// would be written to at another place, and of a socket, which cannot be opened.
+/// would be written to at another place, and of what cannot be opened, such as a socket.
 fn error_without_waiting() -> Option<File> {
     let kind = FileType::from_raw_mode(fstat(io::stderr()).ok()?.st_mode);
     if !matches!(kind, FileType::Fifo | FileType::CharacterDevice) {

@@ -71,8 +71,8 @@ pub struct Settings {
     /// Largest vertical speed gained by applying another thrust than the set point asks for \[m/s\].
     #[garde(range(min = 0.01, max = 100.0))]
     pub thrust_speed_m_s: Option<f64>,
-    /// How far the vehicle may move away from its reference, predicted \[m\].
-    #[garde(range(min = 0.01, max = 1000.0))]
+    /// How far the vehicle may move away from its reference, predicted \[m\]; 0.1 m of it are what the fallback adds.
+    #[garde(range(min = 0.15, max = 1000.0))]
     pub excursion_m: Option<f64>,
     /// Distance from the reference that may be exceeded for at most `off_course_s` \[m\].
     #[garde(range(min = 0.01, max = 1000.0))]

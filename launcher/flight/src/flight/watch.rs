@@ -4,6 +4,7 @@ use super::Flight;
 use crate::conductor::Patience;
 use record::Severity;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
+use std::io::Write as _;
 use swap::{FlightError, Slots};
 
 impl Flight {
@@ -96,9 +97,12 @@ impl Flight {
 
     /// Says what need not be remembered.
     pub(super) fn say(&self, text: &str) {
+        // As a whole, so that what a controller prints comes before or after it.
+        let line = format!("morphquad: {text}\n");
+        let write = || drop(std::io::stderr().write_all(line.as_bytes()));
         match &self.progress {
-            Some(bar) => bar.suspend(|| eprintln!("morphquad: {text}")),
-            None => eprintln!("morphquad: {text}"),
+            Some(bar) => bar.suspend(write),
+            None => write(),
         }
     }
 }

@@ -80,7 +80,7 @@ pub struct Order {
 }
 
 fn shadow_ns() -> u64 {
-    2_000_000_000
+    1_000_000_000
 }
 
 fn rollback_ns() -> u64 {

@@ -40,7 +40,7 @@ fn a_swap_needs_slot_controller_and_time_and_the_rest_has_defaults() {
     let [swap] = &scenario.settings().swap[..] else { panic!("one swap") };
     assert_eq!((swap.slot, swap.to.as_str()), (Slot::Attitude, "attitude-mpc"));
     let times = [swap.at_s, swap.shadow_s, swap.rollback_s].map(f64::to_bits);
-    assert_eq!(times, [4.2, 2.0, 0.5].map(f64::to_bits));
+    assert_eq!(times, [4.2, 1.0, 0.5].map(f64::to_bits));
     assert_eq!((swap.max_bump, swap.force), (None, false));
     assert!(scenario.require_candidates().is_ok());
 }
@@ -70,7 +70,7 @@ fn flags_add_to_what_the_file_says() {
         swaps,
         [
             "attitude attitude-mpc 1 0.5 0.25 None false None",
-            "position position-mpc 4.2 2 0.5 None false None",
+            "position position-mpc 4.2 1 0.5 None false None",
             "attitude ./a=b@c 3 0.5 0 Some(0.05) true Some(false)",
         ]
     );
@@ -111,9 +111,9 @@ fn unknown_slots_controllers_kinds_and_processes_are_refused_at_their_line() {
 
 #[test]
 fn what_would_happen_after_the_end_is_refused() {
-    assert_refused(&swap("at_s = 8.0"), 6, "swap[0].at_s", "flight ends at 10 s");
+    assert_refused(&swap("at_s = 9.0"), 6, "swap[0].at_s", "flight ends at 10 s");
     assert_refused(&swap("at_s = 0.0"), 6, "swap[0].at_s", "at least");
-    flown(&swap("at_s = 8.0\nshadow_s = 1.9"));
+    flown(&swap("at_s = 9.0\nshadow_s = 0.9"));
     let fault = |at_s| format!("[[fault]]\nkind = \"stop\"\nname = \"plant\"\nat_s = {at_s}\n");
     assert_refused(&fault("10.0"), 6, "fault[0].at_s", "past the end");
     flown(&fault("9.999"));
@@ -122,9 +122,9 @@ fn what_would_happen_after_the_end_is_refused() {
 #[test]
 fn swaps_of_one_slot_may_not_overlap_and_those_of_two_may() {
     let pair = |second: &str| swap("at_s = 1.0") + &swap(second);
-    // Over at 1 s + 2 s + 0.5 s + three periods of 10 ms.
-    assert_refused(&pair("at_s = 3.529"), 10, "swap[1].at_s", "busy until 3.530 s");
-    flown(&pair("at_s = 3.531"));
+    // Over at 1 s + 1 s + 0.5 s + three periods of 10 ms.
+    assert_refused(&pair("at_s = 2.529"), 10, "swap[1].at_s", "busy until 2.530 s");
+    flown(&pair("at_s = 2.531"));
     // Whatever the order in the file.
     assert_refused(&(swap("at_s = 2.0") + &swap("at_s = 1.0")), 6, "swap[0].at_s", "at 1 s");
     assert_refused(&pair("at_s = 1.0"), 10, "swap[1].at_s", "busy");

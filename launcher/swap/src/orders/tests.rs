@@ -270,7 +270,7 @@ fn a_standby_is_named_by_its_program_as_long_as_only_one_can_be_meant() {
 fn requests_are_plain_json_with_the_defaults_of_the_command() {
     let text = r#"{"request":"swap","slot":"attitude","to":"attitude-mpc"}"#;
     let request: Request = serde_json::from_str(text).unwrap();
-    let order = Order { rehearse: None, ..swap("attitude-mpc") };
+    let order = Order { rehearse: None, shadow_ns: 1_000_000_000, ..swap("attitude-mpc") };
     assert_eq!(request, Request::Swap(order));
     let text = r#"{"request":"retire","name":"attitude-mpc@1"}"#;
     let request: Request = serde_json::from_str(text).unwrap();

@@ -62,13 +62,12 @@ impl Joined {
         let leave_s = if realtime && grace_s > 0.0 { grace_s + LANDING_S } else { grace_s };
         let tells = role == Role::Plant;
         stop.watch_launcher(membership.folder(), arguments.launcher_pid, leave_s, move |news| {
-            if tells {
+            if news == LauncherNews::Abandoned {
+                end_if_it_hangs();
+            } else if tells {
                 let text = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s));
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
-            }
-            if news == LauncherNews::Abandoned {
-                end_if_it_hangs();
             }
         })
         .map_err(watch("the launcher"))?;
@@ -125,7 +124,8 @@ fn of_launcher(
 ) -> String {
     match news {
         LauncherNews::Succeeded { pid } => format!("run {run} is led by process {pid} now"),
-        LauncherNews::Abandoned => format!("run {run} has no launcher any more; all leave"),
+        // It has been told with the death when that will be.
+        LauncherNews::Abandoned => String::new(),
         LauncherNews::Died if !realtime => format!(
             "the launcher of run {run} died; its time stands still, and all leave in {leave_s} s"
         ),

@@ -91,12 +91,14 @@ impl Slot {
         }
     }
 
-    /// Nothing watches the owner any more. One that is to be watched leaves in order, and its fallback commands; without a
-    /// fallback it stays, because it may well be sound.
+    /// Nothing watches the owner any more. One that is to be watched leaves in order for a fallback that has proven itself;
+    /// without such a one it stays, because it may well be sound.
     pub(super) fn unwatched(&mut self, now: Now, out: &mut Vec<Action>) {
         let owner = self.ledger.owner().filter(|owner| self.is_watched(*owner));
         let Some(seat) = owner.filter(|seat| self.chairs.is_seated(*seat)) else { return };
-        if self.fallback(seat).is_some() {
+        let heir = self.fallback(seat).filter(|heir| self.untrusted != Some(*heir));
+        // Whoever is being taken back has not.
+        if heir.is_some() && !matches!(self.phase, Phase::Reverting { .. }) {
             self.dismiss(seat, out);
             self.lost(now, seat, Fault::Unwatched, now.logical_ns, out);
         }
