@@ -136,7 +136,9 @@ fn while_the_monitor_does_not_step_no_swap_is_accepted() {
     let folder = TempDir::new().expect("a folder");
     let mut running = watched(&folder, &[]);
     running.signal("monitor", Signal::STOP);
-    let swap = ["swap", "position", "--to", "position-pid", "--dry-run"];
+    // However busy the machine is, nothing else refuses it.
+    let swap =
+        ["swap", "position", "--to", "position-pid", "--dry-run", "--force", "--no-rehearsal"];
     wait_for("a refusal", || {
         let (code, said) = say(&swap, &running);
         let is_refused = code == Some(3) && said.contains("the monitor has not stepped for");
