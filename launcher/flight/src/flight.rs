@@ -44,9 +44,9 @@ use swap::{FlightError, Means, Script, Slots};
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
-/// After so many of its periods without a step of the monitor no swap is accepted.
+/// No swap is accepted while the monitor has not stepped for so many of its periods and for so much wall time \[s\]:
+/// faster than the wall clock, or at a high rate, no machine keeps to three periods.
 const MONITOR_PERIODS_MAX: u64 = 3;
-/// As long as it has stepped within so much wall time, one is \[s\].
 const LEAST_SILENCE_S: f64 = 0.03;
 /// How long processes may take to leave after the end of the flight \[ns\].
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
@@ -310,8 +310,8 @@ impl Flight {
         done
     }
 
-    /// By the wall clock: for how long the monitor has not stepped, if that is more than [`MONITOR_PERIODS_MAX`] of its
-    /// periods \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
+    /// By the wall clock: for how long the monitor has not stepped, if that is longer than [`MONITOR_PERIODS_MAX`] and
+    /// [`LEAST_SILENCE_S`] allow \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
     fn monitor_silent_ns(&mut self) -> Option<u64> {
         let monitor = self.graph.node(Role::Monitor)?;
         let record = self.conductor.record();
@@ -321,7 +321,6 @@ impl Flight {
         let plant_ns = marks.of_role(Role::Plant).min(self.conductor.end_ns());
         let silent_ns = plant_ns.saturating_sub(self.monitored_ns);
         let periods_ns = MONITOR_PERIODS_MAX * monitor.rate.period_ns();
-        // Faster than the wall clock, and at a high rate, a machine does not keep to three periods.
         let is_too_long = silent_ns > periods_ns.max(ns_from_s(LEAST_SILENCE_S * record.speed));
         (is_too_long && self.conductor.mode() == ClockMode::Realtime).then_some(silent_ns)
     }

@@ -54,8 +54,11 @@ pub struct SwapSettings {
     pub config: Option<PathBuf>,
 }
 
+/// How long a candidate shadows unless told otherwise \[s\].
+pub const SHADOW_S: f64 = 1.0;
+
 fn shadow_s() -> f64 {
-    1.0
+    SHADOW_S
 }
 
 fn rollback_s() -> f64 {

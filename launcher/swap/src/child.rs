@@ -1,8 +1,8 @@
 //! One process: started under its own name, its last words kept; or taken over from a launcher that
 //! has died.
 
-use crate::drain::OutputPipe;
 use crate::last_words::LastWords;
+use crate::output_pipe::OutputPipe;
 use crate::relay::Relay;
 use runtime::Place;
 use runtime::leader::process_start;

@@ -9,6 +9,7 @@ mod drain;
 mod last_words;
 mod order_sinks;
 pub mod orders;
+mod output_pipe;
 mod owners;
 pub mod post;
 mod post_event;

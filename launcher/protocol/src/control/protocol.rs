@@ -4,7 +4,9 @@ use super::status::RunStatus;
 use core::fmt;
 use host::exit;
 use scenario::orders;
+use scenario::script::SHADOW_S;
 use serde::{Deserialize, Serialize};
+use shared_types::time::ns_from_s;
 use std::path::PathBuf;
 
 /// One line towards the launcher, for example `{"request":"ps"}`.
@@ -80,7 +82,7 @@ pub struct Order {
 }
 
 fn shadow_ns() -> u64 {
-    1_000_000_000
+    ns_from_s(SHADOW_S)
 }
 
 fn rollback_ns() -> u64 {

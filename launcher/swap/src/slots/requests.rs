@@ -11,7 +11,7 @@ use slot::supervisor::Event;
 use slot::{Action, Report, Request, Target};
 
 /// Why no swap is accepted while the monitor does not step.
-fn unwatched(silent_ns: u64) -> Refusal {
+fn monitor_is_silent(silent_ns: u64) -> Refusal {
     let silent_ms = silent_ns / 1_000_000;
     let text = format!(
         "the monitor has not stepped for {silent_ms} ms, and nothing would watch a new owner: order the \
@@ -36,7 +36,7 @@ impl Slots {
             return Ok(());
         }
         let understood = match (means.monitor_silent_ns, asked) {
-            (Some(ns), Asked::Swap(_)) => Err(unwatched(ns)),
+            (Some(ns), Asked::Swap(_)) => Err(monitor_is_silent(ns)),
             _ => self.orders.understand(asked, &self.machines),
         };
         match understood {

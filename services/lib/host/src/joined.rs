@@ -20,8 +20,8 @@ const LANDING_S: f64 = 4.0;
 /// take it over \[s\].
 pub const LOCKSTEP_GRACE_S: f64 = 2.0;
 
-/// How long a process may take to leave after that, before it counts as one that hangs \[ns\]: long enough for the last
-/// one to wipe on a busy machine.
+/// How long a process may take to leave once no launcher will come any more, before it counts as one that hangs \[ns\]:
+/// long enough for the last one to wipe on a busy machine.
 const LEAVE_LIMIT_NS: u64 = 10_000_000_000;
 
 /// A process that has joined its run and does not fly yet.
@@ -64,8 +64,9 @@ impl Joined {
         stop.watch_launcher(membership.folder(), arguments.launcher_pid, leave_s, move |news| {
             if news == LauncherNews::Abandoned {
                 end_if_it_hangs();
-            } else if tells {
-                let text = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s));
+            } else if tells
+                && let Some(text) = of_launcher(news, &name_of_run, realtime, (grace_s, leave_s))
+            {
                 // A child's standard output is the launcher's standard error; its own may be closed.
                 let _ = writeln!(io::stdout(), "morphquad: {text}");
             }
@@ -115,17 +116,17 @@ fn end_if_it_hangs() {
     let _ = kill_process(getpid(), Signal::KILL);
 }
 
-/// What the plant tells of the launcher, on behalf of all.
+/// What the plant tells of the launcher, on behalf of all; nothing of what it has told before.
 fn of_launcher(
     news: LauncherNews,
     run: &str,
     realtime: bool,
     (grace_s, leave_s): (f64, f64),
-) -> String {
-    match news {
+) -> Option<String> {
+    Some(match news {
         LauncherNews::Succeeded { pid } => format!("run {run} is led by process {pid} now"),
-        // It has been told with the death when that will be.
-        LauncherNews::Abandoned => String::new(),
+        // With the death it was told when that will be.
+        LauncherNews::Abandoned => return None,
         LauncherNews::Died if !realtime => format!(
             "the launcher of run {run} died; its time stands still, and all leave in {leave_s} s"
         ),
@@ -135,7 +136,7 @@ fn of_launcher(
         LauncherNews::Died => format!(
             "the launcher of run {run} died; the vehicle hovers for {grace_s} s, which `morphquad adopt {run}` has to go on, then it lands, and all leave in {leave_s} s"
         ),
-    }
+    })
 }
 
 /// Opens every port of a component, prepares its thread, says hello, waits for a hand-over if told to,
