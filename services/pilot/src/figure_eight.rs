@@ -5,6 +5,10 @@ use super::time_scaling::TimeScaling;
 use super::{PilotError, TrajectoryPoint};
 use core::f64::consts::{FRAC_PI_2, TAU};
 
+/// Intervals of a period or a lead in which the largest speed and acceleration are looked for: of a sine of twice the
+/// figure's frequency one that falls between two instants is less than 3e-6 larger.
+const SAMPLES: u32 = 4096;
+
 /// Which way the nose points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Heading {
@@ -107,6 +111,23 @@ impl FigureEight {
     pub(super) fn new(config: &FigureEightConfig) -> Result<Self, PilotError> {
         config.check()?;
         Ok(Self { config: *config, scaling: config.scaling()? })
+    }
+
+    /// Instants until `until_s` close enough to one another to find what is largest \[s\]: both leads, and one of the
+    /// periods between them, which are alike.
+    pub(super) fn instants_s(&self, until_s: f64) -> impl Iterator<Item = f64> {
+        let FigureEightConfig { period_s, lead_in_s, lead_out_s, .. } = self.config;
+        let slows_s = self.scaling.lead_out_start_s();
+        let stretches = [
+            (0.0, lead_in_s),
+            (lead_in_s, (lead_in_s + period_s).min(slows_s)),
+            (slows_s, slows_s + lead_out_s),
+        ];
+        let flown = stretches.into_iter().filter(move |(from_s, _)| *from_s <= until_s);
+        flown.flat_map(move |(from_s, to_s)| {
+            let length_s = to_s.min(until_s) - from_s;
+            (0..=SAMPLES).map(move |i| from_s + length_s * f64::from(i) / f64::from(SAMPLES))
+        })
     }
 
     pub(super) fn at(&self, t_s: f64) -> TrajectoryPoint {

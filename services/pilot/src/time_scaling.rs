@@ -12,6 +12,10 @@ pub(super) fn minimum_jerk(tau: f64) -> [f64; 3] {
     ]
 }
 
+/// Where |h''| is largest, at the roots of 1 − 6τ + 6τ², and between them where h' is.
+pub(super) const MINIMUM_JERK_PEAKS: [f64; 3] =
+    [0.211_324_865_405_187_1, 0.5, 0.788_675_134_594_812_9];
+
 /// ∫₀^τ h = 5/2 τ⁴ − 3 τ⁵ + τ⁶; one half at τ = 1.
 fn minimum_jerk_integral(tau: f64) -> f64 {
     let squared = tau * tau;
@@ -42,6 +46,11 @@ impl TimeScaling {
     /// Smallest `end_s` that leaves room for both leads.
     pub(super) fn shortest_end_s(lead_in_s: f64, lead_out_s: f64) -> f64 {
         0.5 * (lead_in_s + lead_out_s)
+    }
+
+    /// Instant at which it begins to slow down \[s\]; infinite if it never does.
+    pub(super) fn lead_out_start_s(&self) -> f64 {
+        self.lead_out_start_s
     }
 
     /// \[s, ṡ, s̈\] at `t_s`.

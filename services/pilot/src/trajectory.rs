@@ -63,32 +63,34 @@ impl Trajectory {
         }
     }
 
-    /// Largest acceleration \[m/s²\] until `until_ns`, sampled every 5 ms: for the question whether
-    /// mean drag + 3 σ + m a stays well below what the tilt bound can give.
+    /// Largest acceleration \[m/s²\] until `until_ns`: for the question whether mean drag + 3 σ + m a stays well below
+    /// what the tilt bound can give.
     #[must_use]
     pub fn peak_acceleration_m_s2(&self, until_ns: u64) -> f64 {
-        (0..=until_ns)
-            .step_by(5_000_000)
-            .map(|t_ns| {
-                let [x, y, z] = self.at(t_ns).acceleration_w_m_s2;
-                x * x + y * y + z * z
-            })
-            .fold(0.0, f64::max)
-            .sqrt()
+        self.peak(until_ns, |point| point.acceleration_w_m_s2)
     }
 
-    /// Largest speed \[m/s\] until `until_ns`, at up to 200,000 instants: every 5 ms of flights of up to a
-    /// quarter of an hour.
+    /// Largest speed \[m/s\] until `until_ns`.
     #[must_use]
     pub fn peak_speed_m_s(&self, until_ns: u64) -> f64 {
-        let spacing_ns = usize::try_from(until_ns / 200_000).unwrap_or(usize::MAX).max(5_000_000);
-        (0..=until_ns)
-            .step_by(spacing_ns)
-            .map(|t_ns| {
-                let [x, y, z] = self.at(t_ns).velocity_w_m_s;
-                x * x + y * y + z * z
-            })
-            .fold(0.0, f64::max)
-            .sqrt()
+        self.peak(until_ns, |point| point.velocity_w_m_s)
+    }
+
+    /// Largest length of a vector of the trajectory until `until_ns`, at the instants at which it can be largest.
+    fn peak(&self, until_ns: u64, of: impl Fn(&TrajectoryPoint) -> [f64; 3]) -> f64 {
+        let until_s = s_from_ns(until_ns);
+        let squared = |point: &TrajectoryPoint| of(point).iter().map(|x| x * x).sum::<f64>();
+        let squared = match &self.0 {
+            Shape::Hover(point) => squared(point),
+            Shape::FigureEight(figure) => {
+                let instants = figure.instants_s(until_s);
+                instants.map(|t_s| squared(&figure.at(t_s))).fold(0.0, f64::max)
+            }
+            Shape::Waypoints(list) => {
+                let instants = waypoints::instants_s(list, until_s);
+                instants.map(|t_s| squared(&waypoints::at(list, t_s))).fold(0.0, f64::max)
+            }
+        };
+        squared.sqrt()
     }
 }

@@ -1,7 +1,7 @@
 //! Waypoints joined by minimum-jerk segments.
 
 use super::error::{increasing, position, yaw};
-use super::time_scaling::minimum_jerk;
+use super::time_scaling::{MINIMUM_JERK_PEAKS, minimum_jerk};
 use super::{PilotError, TrajectoryPoint};
 
 /// A place to be at rest at a given time.
@@ -33,6 +33,16 @@ pub(super) fn at(list: &[Waypoint], t_s: f64) -> TrajectoryPoint {
         (Some(held), _) => TrajectoryPoint::at_rest(held.position_w_m, held.yaw_rad),
         (None, _) => TrajectoryPoint::at_rest([0.0; 3], 0.0),
     }
+}
+
+/// Instants until `until_s` of which one has the largest speed and one the largest acceleration \[s\].
+pub(super) fn instants_s(list: &[Waypoint], until_s: f64) -> impl Iterator<Item = f64> {
+    let segments = list.iter().zip(list.iter().skip(1));
+    let peaks = segments.flat_map(|(from, to)| {
+        MINIMUM_JERK_PEAKS.map(|share| from.t_s + share * (to.t_s - from.t_s))
+    });
+    // In the middle of a segment the last instant may be it.
+    peaks.take_while(move |t_s| *t_s < until_s).chain([until_s])
 }
 
 fn segment(from: &Waypoint, to: &Waypoint, t_s: f64) -> TrajectoryPoint {

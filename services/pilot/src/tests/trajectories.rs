@@ -110,6 +110,48 @@ fn the_default_figure_eight_asks_for_little_acceleration() {
 }
 
 #[test]
+fn the_peaks_of_a_trajectory_are_those_of_a_dense_look_whatever_the_spacing_of_its_waypoints() {
+    let circle = |spacing_s: f64| {
+        let waypoint = |i: u32| {
+            let t_s = f64::from(i) * spacing_s;
+            let position_w_m = [t_s.cos(), t_s.sin(), 1.0];
+            Waypoint { t_s, position_w_m, yaw_rad: 0.0 }
+        };
+        TrajectoryConfig::Waypoints((0..200).map(waypoint).collect())
+    };
+    for config in shapes().into_iter().chain([0.005, 0.01, 0.02].map(circle)) {
+        let trajectory = Trajectory::new(&config).unwrap();
+        for until_ns in [900 * MS, 1_003 * MS, 5_171 * MS, 22_000 * MS] {
+            let dense = |of: fn(&TrajectoryPoint) -> [f64; 3]| {
+                let lengths = (0..=until_ns)
+                    .step_by(100_000)
+                    .map(|t_ns| distance(of(&trajectory.at(t_ns)), [0.0; 3]));
+                lengths.fold(0.0, f64::max)
+            };
+            let [speed, acceleration] =
+                [dense(|p| p.velocity_w_m_s), dense(|p| p.acceleration_w_m_s2)];
+            let peak = trajectory.peak_speed_m_s(until_ns);
+            assert!((peak - speed).abs() <= 1e-3 * speed, "{until_ns}: {peak} {speed} {config:?}");
+            let peak = trajectory.peak_acceleration_m_s2(until_ns);
+            assert!(
+                (peak - acceleration).abs() <= 1e-3 * acceleration,
+                "{until_ns}: {peak} {acceleration}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_flight_of_a_year_is_looked_at_as_fast_as_one_of_a_minute() {
+    let endless = FigureEightConfig { duration_s: None, ..along_path() };
+    let trajectory = Trajectory::new(&figure(endless)).unwrap();
+    let year_ns = 31_536_000 * 1_000 * MS;
+    let (long, short) =
+        (trajectory.peak_speed_m_s(year_ns), trajectory.peak_speed_m_s(60_000 * MS));
+    assert!((long - short).abs() < 1e-12, "{long} {short}");
+}
+
+#[test]
 fn a_nose_along_the_path_follows_the_velocity_and_holds_at_rest() {
     let trajectory = Trajectory::new(&figure(along_path())).unwrap();
     for t_ns in (MS..20_000 * MS).step_by(3_700_000) {
