@@ -7,7 +7,7 @@ use super::fields::{Named, first_difference, numbers_of_state};
 use super::life_key::LifeKey;
 use super::lives::{Instance, Life, Service as MadeOf, Who, chosen, instances, service_of};
 use super::pairs::{Pair, difference, pairs};
-use super::tapes::{Recorded, load};
+use super::tapes::{Loss, Recorded, load};
 use components::build_service;
 use core::convert::Infallible;
 use record::read::{RecordedFlight, RecordedState};
@@ -42,6 +42,8 @@ pub struct ServiceVerdict {
     pub instance: Instance,
     /// Why nothing of it could be flown again, if so.
     pub left_out: Option<&'static str>,
+    /// What the recorder had lost of its inputs; nothing after that is compared.
+    pub loss: Option<Loss>,
     /// Steps run again.
     pub steps: u64,
     /// Samples compared, all fields but those that only the machine determines.
@@ -144,7 +146,8 @@ fn judge(
         MadeOf::Foreign => return left_out("an executable of its own"),
     };
     let replayed = fly_again(flight, (role, service), scenario, recorded, lives)?;
-    let verdict = ServiceVerdict { steps: replayed.steps, ..none(instance) };
+    let loss = recorded.loss();
+    let verdict = ServiceVerdict { loss, steps: replayed.steps, ..none(instance) };
     let component = build_service(service, scenario).map_err(ReplayError::component(role))?;
     let mut compare = Compare { graph, recorded, replayed: &replayed, lives, verdict };
     compare.samples_and_states(component.layout());
@@ -156,6 +159,7 @@ fn none(instance: &Instance) -> ServiceVerdict {
     ServiceVerdict {
         instance: instance.clone(),
         left_out: None,
+        loss: None,
         steps: 0,
         samples: 0,
         states: 0,
@@ -244,6 +248,8 @@ impl Compare<'_> {
         mut same: impl FnMut(&mut ServiceVerdict, &T, &T),
     ) {
         let lives = self.lives;
+        let known_until_ns = self.verdict.loss.map_or(u64::MAX, |loss| loss.after_ns);
+        let is_known = |item: &&T| header(item).release_ns <= known_until_ns;
         let mut known = 0;
         for life in lives {
             if !life.goes_on() {
@@ -253,7 +259,8 @@ impl Compare<'_> {
             let last = recorded.iter().filter(of_life).map(|item| header(item).sequence).max();
             // What a process left behind that was killed in the middle of a step is not judged.
             let end_ns = if life.in_order { u64::MAX } else { life.last_ns };
-            let both = (recorded.iter().filter(of_life), replayed.iter().filter(of_life));
+            let judged = |item: &&T| of_life(item) && is_known(item);
+            let both = (recorded.iter().filter(judged), replayed.iter().filter(judged));
             for pair in pairs(both.0, both.1, |item| header(item).sequence) {
                 match pair {
                     Pair::Both(before, item) => same(&mut self.verdict, before, item),

@@ -28,6 +28,7 @@ pub use lives::{Instance, Who};
 
 pub use course::{Course, Repeats};
 pub use pairs::{Pair, difference, pairs};
+pub use tapes::Loss;
 
 use components::BuildError;
 use record::read::{ReadError, RecordedFlight};

@@ -1,6 +1,6 @@
 //! Words and tables for people, JSON for machines.
 
-use super::{Departure, Difference, Hashes, Verification};
+use super::{Departure, Difference, Hashes, Loss, Verification};
 use core::fmt;
 use serde_json::{Value, json};
 use shared_types::Role;
@@ -41,6 +41,7 @@ impl Verification {
                     "service": service.instance.role.label(),
                     "instance": service.instance.to_string(),
                     "left_out": service.left_out,
+                    "loss": service.loss.map(|loss| json!({ "topic": loss.topic, "after_s": s_from_ns(loss.after_ns) })),
                     "steps": service.steps,
                     "samples": service.samples,
                     "states": service.states,
@@ -92,6 +93,15 @@ impl fmt::Display for Verification {
                 write!(f, "{:>14}", service.unrecorded)?;
             }
             writeln!(f)?;
+        }
+        for (name, service) in names.iter().zip(&self.services) {
+            if let Some(Loss { topic, after_ns }) = service.loss {
+                let after_s = s_from_ns(after_ns);
+                writeln!(
+                    f,
+                    "  {name} compared up to {after_s:.6} s: the recorder lost samples of {topic} then, which it had"
+                )?;
+            }
         }
         if !self.complete {
             writeln!(

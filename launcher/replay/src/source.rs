@@ -33,6 +33,8 @@ pub(super) struct Exceptions {
     late: BTreeMap<(Writer, u64), (u64, u64)>,
     /// Writer and first sequence -> last sequence that never arrived.
     lost: BTreeMap<(Writer, u64), u64>,
+    /// First sequence that arrived, of those writers of whom it is known.
+    first: BTreeMap<Writer, u64>,
     /// Last sequence that arrived, of those writers of whom it is known.
     last: BTreeMap<Writer, u64>,
     /// Nothing arrived at all.
@@ -58,6 +60,9 @@ impl Exceptions {
                 }
                 DeviationKind::LostSamples => {
                     exceptions.lost.insert((writer, first), last);
+                }
+                DeviationKind::Began => {
+                    exceptions.first.insert(writer, first);
                 }
                 DeviationKind::Ended if last == 0 => exceptions.silent = true,
                 DeviationKind::Ended => {
@@ -88,6 +93,9 @@ impl Exceptions {
     }
 
     fn is_lost(&self, writer: Writer, sequence: u64) -> bool {
+        if self.first.get(&writer).is_some_and(|first| sequence < *first) {
+            return true;
+        }
         let before = self.lost.range((writer, 0)..=(writer, sequence)).next_back();
         before.is_some_and(|(_, last)| sequence <= *last)
     }
@@ -272,6 +280,14 @@ mod tests {
         );
         let heard: Vec<_> = core::iter::from_fn(|| source.receive()).collect();
         assert_eq!(heard.iter().map(|s| s.header.sequence).collect::<Vec<_>>(), [1, 2]);
+    }
+
+    #[test]
+    fn what_a_writer_had_said_before_it_was_first_heard_never_arrived() {
+        let began = Deviation { last: 3, ..deviation(DeviationKind::Began, 3, 3, 3) };
+        let expected: Vec<_> =
+            (1..=8).map(|sequence| if sequence < 3 { vec![] } else { vec![sequence] }).collect();
+        assert_eq!(played(&[began]), expected);
     }
 
     #[test]

@@ -45,6 +45,15 @@ impl core::fmt::Debug for Tapes {
     }
 }
 
+/// Where the recorder has lost samples that a role reads: its steps after that had inputs that the file has not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Loss {
+    /// Name of the topic.
+    pub topic: &'static str,
+    /// Release of the last sample before those that are missing \[ns\].
+    pub after_ns: u64,
+}
+
 /// What a recording holds for one role.
 #[derive(Debug, Default)]
 pub(super) struct Recorded {
@@ -59,9 +68,17 @@ pub(super) struct Recorded {
     /// Those who left in order.
     pub(super) in_order: BTreeSet<LifeKey>,
     pub(super) closing: Closing,
+    /// Where the numbers of each topic that the role reads jump first.
+    jumps: BTreeMap<&'static str, u64>,
 }
 
 impl Recorded {
+    /// The first of what the recorder has lost of the role's inputs.
+    pub(super) fn loss(&self) -> Option<Loss> {
+        let lost = self.jumps.iter().filter(|(topic, _)| self.has_gaps(topic));
+        lost.map(|(topic, after_ns)| Loss { topic, after_ns: *after_ns }).min_by_key(|l| l.after_ns)
+    }
+
     /// True if the flight's own audit says that the recorder lost samples of a topic.
     pub(super) fn has_gaps(&self, topic: &str) -> bool {
         let of_topic = |key: &str| key.split_once('#').is_some_and(|(name, _)| name == topic);
@@ -114,12 +131,22 @@ struct Load<'a> {
     role: Role,
     topics: &'a Topics,
     recorded: Recorded,
+    /// The newest sample of each topic, seat and, where they have numbers of their own, process.
+    newest: BTreeMap<(&'static str, u32, u32), Header>,
 }
 
 impl Load<'_> {
     fn trace(&mut self, life: LifeKey, header: &Header) {
         let last_ns = self.recorded.traces.entry(life).or_default();
         *last_ns = header.release_ns.max(*last_ns);
+    }
+
+    fn note_jump(&mut self, topic: &'static TopicInfo, header: &Header) {
+        let generation = if topic.from.seats() > 1 { header.generation } else { 0 };
+        let before = self.newest.insert((topic.name, header.seat, generation), *header);
+        if let Some(before) = before.filter(|before| header.sequence > before.sequence + 1) {
+            self.recorded.jumps.entry(topic.name).or_insert(before.release_ns);
+        }
     }
 }
 
@@ -148,6 +175,9 @@ impl RecordVisitor for Load<'_> {
             }
             stats.role
         } else {
+            if self.topics.read.contains(&topic.info.name) {
+                self.note_jump(&topic.info, header);
+            }
             if self.topics.written.contains(&topic.info.name) {
                 self.trace(LifeKey::of(header), header);
             }
@@ -177,7 +207,8 @@ pub(super) fn load(
     topics: &Topics,
 ) -> Result<Recorded, ReadError> {
     flight.require_memory()?;
-    let mut load = Load { role, topics, recorded: Recorded::default() };
+    let (recorded, newest) = (Recorded::default(), BTreeMap::new());
+    let mut load = Load { role, topics, recorded, newest };
     let closing = flight.visit(&mut load)?;
     closing.require_no_holes(flight.path())?;
     let mut recorded = load.recorded;
@@ -187,4 +218,31 @@ pub(super) fn load(
     }
     recorded.end_at_last_states();
     Ok(Recorded { closing, ..recorded })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Load, Loss, Recorded, Topics};
+    use record::read::RecordVisitor as _;
+    use shared_types::{Header, Role, StateEstimate, topics};
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn what_the_recorder_lost_of_an_input_is_known_by_the_sample_before_it() {
+        let topics = Topics { read: vec!["state_estimate"], written: Vec::new() };
+        let (recorded, newest) = (Recorded::default(), BTreeMap::new());
+        let mut load = Load { role: Role::Position, topics: &topics, recorded, newest };
+        for sequence in [1, 2, 5, 6, 9] {
+            let release_ns = sequence * 1_000_000;
+            let header = Header { sequence, release_ns, ..Header::default() };
+            load.sample(&topics::STATE_ESTIMATE, &StateEstimate { header, ..Default::default() });
+        }
+        let mut recorded = load.recorded;
+        let tally = |gaps: u32| format!("{{\"count\":5,\"gaps\":{gaps},\"repeated\":0}}");
+        recorded.closing.audit.insert("/state_estimate#0".to_owned(), tally(0));
+        assert_eq!(recorded.loss(), None, "a restarted writer may leave numbers out");
+        recorded.closing.audit.insert("/state_estimate#0".to_owned(), tally(4));
+        let loss = Loss { topic: "state_estimate", after_ns: 2_000_000 };
+        assert_eq!(recorded.loss(), Some(loss));
+    }
 }

@@ -60,16 +60,28 @@ impl<'a> Report<'a> {
     }
 
     /// The last that the loop had of a writer.
-    fn ended(&mut self, input: &str, (writer_seat, writer_generation): (u32, u32), last: &Newest) {
-        let sequence = last.sequence;
-        let ended = Deviation {
-            first: sequence,
-            last: sequence,
-            writer_seat,
-            writer_generation,
-            ..Deviation::default()
-        };
-        self.write(DeviationKind::Ended, input, ended);
+    fn ended(&mut self, input: &str, writer: (u32, u32), last: &Newest) {
+        self.sample(DeviationKind::Ended, input, writer, last.sequence);
+    }
+
+    /// The first that the loop had of a writer, if there may have been others before.
+    fn began(&mut self, input: &str, writer: (u32, u32), first: &Header) {
+        if first.sequence > 1 {
+            self.sample(DeviationKind::Began, input, writer, first.sequence);
+        }
+    }
+
+    fn sample(
+        &mut self,
+        kind: DeviationKind,
+        input: &str,
+        (writer_seat, writer_generation): (u32, u32),
+        sequence: u64,
+    ) {
+        let (first, last) = (sequence, sequence);
+        let told =
+            Deviation { first, last, writer_seat, writer_generation, ..Deviation::default() };
+        self.write(kind, input, told);
     }
 
     fn range(&mut self, kind: DeviationKind, input: &str, first: u64, last: u64) {
@@ -157,6 +169,8 @@ pub(crate) struct ReportInputs<'a> {
     pub(crate) report: Report<'a>,
     /// Instant of the step before, from which lateness is judged.
     pub(crate) previous_ns: Option<u64>,
+    /// This is the first step of a process that goes on from a state, or has joined in flight.
+    pub(crate) begins: bool,
 }
 
 impl InputVisitor for ReportInputs<'_> {
@@ -176,10 +190,13 @@ impl InputVisitor for ReportInputs<'_> {
             let (Some(newest), Some(late)) = (newest.get_mut(seat), late.get_mut(seat)) else {
                 continue;
             };
+            let generation = input.generation_of(header);
+            let writer = (header.seat, generation);
             let missing = match newest.replace(Newest::of(header)) {
                 Some(before) => {
                     if counts_anew && before.is_followed_by(header) {
                         self.report.ended(name, (header.seat, before.generation), &before);
+                        self.report.began(name, writer, header);
                     }
                     before.missing_before(header, counts_anew)
                 }
@@ -187,12 +204,16 @@ impl InputVisitor for ReportInputs<'_> {
                 None if header.seat == 0 && header.generation == 0 && !input.joined() => {
                     header.sequence.saturating_sub(1)
                 }
-                None => 0,
+                None => {
+                    if self.begins {
+                        self.report.began(name, writer, header);
+                    }
+                    0
+                }
             };
-            let generation = input.generation_of(header);
             if missing > 0 {
                 let range = [header.sequence - missing, header.sequence - 1];
-                self.report.lost(name, (header.seat, generation), range);
+                self.report.lost(name, writer, range);
             }
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
                 // Numbers are each writer's own: a range never spans two of them.

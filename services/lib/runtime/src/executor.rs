@@ -79,6 +79,8 @@ pub struct Executor {
     track_until_ns: u64,
     /// The release before the first of a component that joins a flight \[ns\].
     joins_after_ns: Option<u64>,
+    /// The next step is the first since the process went on from a state or joined.
+    begins: bool,
     /// Runs every past release until the first that is in time, whatever the policy.
     catching_up: bool,
 }
@@ -117,6 +119,7 @@ impl Executor {
             costs: [Costs::default(); 2],
             track_until_ns: 0,
             joins_after_ns: None,
+            begins: false,
             catching_up: false,
         }
     }
@@ -165,6 +168,7 @@ impl Executor {
         self.go_to(header.release_index + 1);
         self.component.parts().knows_until(header.release_ns);
         self.pending.resumed = Some(header.release_index);
+        self.begins = true;
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
         self.stats.resume_after(header.stats_sequence);
@@ -181,6 +185,7 @@ impl Executor {
     pub fn take_up(&mut self, state: &[u8]) -> Result<(), RestoreError> {
         self.restore(state)?;
         self.pending.resumed = None;
+        self.begins = false;
         self.deviations.resume_after(self.counts.deviation_sequence);
         Ok(())
     }
@@ -195,6 +200,7 @@ impl Executor {
     /// zero: what the writer of its state missed was missed by another process.
     pub fn join_at(&mut self, t_ns: u64, track_until_ns: u64) {
         self.before = (0, 0);
+        self.begins = true;
         let StateHeader { layout_hash, release_index, release_ns, .. } = self.counts;
         self.counts =
             StateHeader { layout_hash, release_index, release_ns, ..StateHeader::default() };
@@ -384,7 +390,8 @@ impl Executor {
     fn publish_deviations(&mut self, header: &Header) {
         let mut report = Report::new(&mut self.deviations, header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
-        let mut inputs = ReportInputs { report, previous_ns: self.previous_ns };
+        let begins = core::mem::take(&mut self.begins);
+        let mut inputs = ReportInputs { report, previous_ns: self.previous_ns, begins };
         self.component.parts().report(&mut inputs);
     }
 
