@@ -4,7 +4,9 @@ use crate::common::processes::left_in_shared_memory;
 use crate::common::time::wait_until;
 use crate::common::{fly, morphquad};
 use std::fs;
+use std::io::Write as _;
 use std::path::Path;
+use std::process::Stdio;
 use tempfile::TempDir;
 
 /// Exit code for wrong usage or configuration.
@@ -107,6 +109,66 @@ fn an_imu_that_is_slower_than_the_attitude_loop_is_refused() {
             &["plant.imu.rate_hz", "attitude loop", "100 or more"],
         );
     }
+}
+
+#[test]
+fn a_device_and_a_text_without_an_end_are_refused_and_a_pipe_is_read() {
+    assert_refused(&["/dev/zero"], &["/dev/zero", "device", "hover"]);
+    let folder = TempDir::new().expect("a folder");
+    let long = folder.path().join("long.toml");
+    fs::write(&long, "# endless\n".repeat(1 << 19)).expect("room");
+    let long = long.display().to_string();
+    assert_refused(&[&long], &["long.toml", "longer than 4 MB"]);
+
+    let piped = |text: &str| {
+        let mut check = morphquad(["check", "-", "--format", "json"]);
+        let mut check = check.stdin(Stdio::piped()).spawn().expect("the executable starts");
+        let mut pipe = check.stdin.take().expect("a pipe");
+        pipe.write_all(text.as_bytes()).expect("the executable reads");
+        drop(pipe);
+        check.wait_with_output().expect("it ends")
+    };
+    let output = piped("[scenario]\nduration_s = 3.0\n");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one object");
+    assert_eq!(told["scenario"]["scenario"]["duration_s"], 3.0, "{told}");
+    assert!(told["loops"].as_array().is_some_and(|loops| loops.len() == 7), "{told}");
+    assert_eq!(piped("duration = 3").status.code(), Some(USAGE));
+}
+
+#[test]
+fn the_whole_scenario_that_check_writes_is_the_same_flight() {
+    let folder = TempDir::new().expect("a folder");
+    let mine = folder.path().join("mine.toml");
+    let toml = |words: &[&str]| {
+        let output = morphquad(["check"]).args(words).args(["--format", "toml"]).output();
+        String::from_utf8(output.expect("the executable starts").stdout).expect("text")
+    };
+    let whole = toml(&["hover", "--seed", "9", "--set", "plant.rate_hz=500"]);
+    fs::write(&mine, &whole).expect("room");
+    assert!(whole.contains("seed = 9"), "{whole}");
+    assert_eq!(toml(&[&mine.display().to_string()]), whole);
+}
+
+#[test]
+fn a_start_below_the_ground_is_refused() {
+    let set = "start.position_w_m=[0.0,0.0,-3.0]";
+    assert_refused(
+        &["hover", "--set", set],
+        &["start.position_w_m", "below the ground", "plant.ground"],
+    );
+}
+
+#[test]
+fn a_flight_that_never_begins_leaves_no_recording() {
+    let folder = TempDir::new().expect("a folder");
+    let output = morphquad(["run", "hover", "--set", "launcher.startup_timeout_s=0.001"])
+        .arg("--record")
+        .arg(folder.path())
+        .output()
+        .expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+    assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0, "{said}");
 }
 
 #[test]

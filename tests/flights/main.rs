@@ -24,6 +24,7 @@ mod orders;
 mod paper;
 mod processes;
 mod realtime;
+mod recordings;
 mod refusals;
 mod replay;
 mod report;

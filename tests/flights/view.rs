@@ -132,7 +132,8 @@ fn who_names_no_flight_is_told_which_there_are() {
         ("unknown", &["recordings here: recordings/7f3a55.mcap", "`figure8-morph`"][..]),
         ("none.toml", &["recordings here: recordings/7f3a55.mcap", "`figure8-morph`"]),
         ("hovver", &["did you mean `hover`?"]),
-        ("7f3a", &["did you mean recordings/7f3a55.mcap?"]),
+        ("7f3a", &["recordings/7f3a55.mcap"]),
+        ("latest", &["recordings/7f3a55.mcap"]),
         ("recordings", &["recordings in it: recordings/7f3a55.mcap"]),
         ("mine.toml", &["`morphquad run mine.toml`"]),
     ] {

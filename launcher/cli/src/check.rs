@@ -9,6 +9,7 @@ use scenario::pilot::Manoeuvre;
 use scenario::services::{self, Crew};
 use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
 use scenario::{self, Scenario};
+use serde_json::json;
 use std::io::{self, Write};
 
 /// Prints the scenario and, since it has been loaded, `ok`.
@@ -22,6 +23,44 @@ pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     arrows(&graph, &scenario.settings().scenario, out)?;
     world(scenario, out)?;
     writeln!(out, "ok")
+}
+
+/// Prints loops, edges and the whole scenario as one object.
+///
+/// # Errors
+/// Those of `out`.
+pub fn print_json(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let graph = scenario.graph().map_err(io::Error::other)?;
+    let crew = Crew::of(scenario.settings());
+    let whole: toml::Table = scenario.to_toml().parse().map_err(io::Error::other)?;
+    let loops = graph.nodes().iter().map(|node| {
+        json!({
+            "loop": node.role.label(),
+            "flown_by": crew.name(node.role).unwrap_or("launcher"),
+            "rate_hz": node.rate.hz(),
+            "lead_ns": node.lead_ns,
+            "missed": missed(node),
+        })
+    });
+    let edges = graph.edges().iter().map(|edge| {
+        json!({
+            "topic": edge.topic.name,
+            "from": edge.from.label(),
+            "to": edge.to.label(),
+            "asap": edge.asap,
+            "latency_ns": edge.latency_ns,
+            "waited_for_ns": edge.deadline_ns,
+            "deadline_ns": edge.latency_ns + edge.deadline_ns,
+        })
+    });
+    let warnings: Vec<String> = scenario.warnings().iter().map(ToString::to_string).collect();
+    let told = json!({
+        "loops": loops.collect::<Vec<_>>(),
+        "edges": edges.collect::<Vec<_>>(),
+        "warnings": warnings,
+        "scenario": whole,
+    });
+    writeln!(out, "{told}")
 }
 
 fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {

@@ -1,20 +1,34 @@
 //! Commands that show a flight take a recording, or a scenario that is flown for it.
 
+use super::recordings::{self, FOLDER, newest};
 use super::refusal::Failure;
-use core::cmp::Reverse;
 use host::exit;
 use protocol::control::runs::{self, Run};
 use record::read::RecordedFlight;
 use runtime::leader::leading;
-use scenario::{Scenario, shipped, suggestion};
+use scenario::{Scenario, shell_word, shipped, suggestion};
 use simulate::{Pin, RunError, RunOptions, Speed, Summary};
-use std::io::{self, IsTerminal as _};
+use std::io::{IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
 
-/// Folder of recordings that nobody placed.
-const RECORDINGS: &str = "recordings";
 /// So many are named to choose from.
 const LISTED: usize = 5;
+
+/// What a command that shows a flight is to show: what is named, or else the latest recording, which `said` is told.
+pub(super) fn named_or_latest(
+    name: Option<&Path>,
+    said: &mut dyn Write,
+) -> Result<PathBuf, Failure> {
+    if let Some(name) = name {
+        return Ok(name.to_owned());
+    }
+    let latest = recordings::latest().map_err(|error| {
+        let known = shipped::names().collect::<Vec<_>>().join(", ");
+        unreadable(&format!("{error}\nor name a scenario, to be flown first: {known}"))
+    })?;
+    writeln!(said, "morphquad: the latest recording, {}", latest.display())?;
+    Ok(latest)
+}
 
 /// Opens a recording, or the one of a shipped scenario, flown now, if that is what `name` names.
 pub(super) fn open(name: &Path) -> Result<RecordedFlight, Failure> {
@@ -46,13 +60,15 @@ fn hints(path: &Path) -> String {
         let is_toml = path.extension().is_some_and(|kind| kind == "toml");
         let path = path.display();
         return if is_toml {
+            let path = path.to_string();
+            let path = shell_word(&path);
             format!("\nis it a scenario? `morphquad run {path}` flies and records it")
         } else {
             String::new()
         };
     }
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let folders = [path.parent().unwrap_or(Path::new("")), Path::new(RECORDINGS), Path::new("")];
+    let folders = [path.parent().unwrap_or(Path::new("")), Path::new(FOLDER), Path::new("")];
     let near = folders.map(|folder| newest(if folder == "" { Path::new(".") } else { folder }));
     let alike = |found: &&PathBuf| {
         let stem = found.file_stem().unwrap_or_default().to_string_lossy();
@@ -74,23 +90,6 @@ fn listed(what: &str, mut found: Vec<PathBuf>) -> String {
         (_, 0) => format!("\n{what}: {}", names.join(", ")),
         (_, more) => format!("\n{what}: {} and {more} older", names.join(", ")),
     }
-}
-
-/// Recordings of a folder, the newest first; none of one that cannot be read.
-fn newest(folder: &Path) -> Vec<PathBuf> {
-    let mut found = recordings_in(folder).unwrap_or_default();
-    found.sort_by_key(|path| Reverse(path.metadata().and_then(|found| found.modified()).ok()));
-    let short = |path: PathBuf| path.strip_prefix(".").map(Path::to_owned).unwrap_or(path);
-    found.into_iter().map(short).collect()
-}
-
-/// Recordings of a folder, by name.
-pub(super) fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let paths = std::fs::read_dir(folder)?.filter_map(|entry| Some(entry.ok()?.path()));
-    let mut found: Vec<PathBuf> =
-        paths.filter(|path| path.extension().is_some_and(|kind| kind == "mcap")).collect();
-    found.sort();
-    Ok(found)
 }
 
 /// Runs whose launchers write recordings at this moment.
@@ -122,7 +121,7 @@ fn fly(name: &str) -> Result<PathBuf, Failure> {
     let options = RunOptions {
         scenario,
         speed: Speed::Max,
-        record: Some(RECORDINGS.into()),
+        record: Some(FOLDER.into()),
         pin: Pin::Auto,
         disorder: None,
         progress: std::io::stderr().is_terminal(),

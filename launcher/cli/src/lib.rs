@@ -23,6 +23,7 @@ mod pages;
 mod paper;
 mod proc;
 mod ps;
+mod recordings;
 mod recover;
 mod refusal;
 mod rehearse;
@@ -45,7 +46,7 @@ pub use options::{
 
 use host::exit;
 use host::{LAYOUT_ARGUMENT, layout_hash};
-use options::{Cli, Command};
+use options::{CheckFormat, Cli, Command};
 use refusal::{Done, Failure, asks_for_json};
 use scenario::{Scenario, ScenarioError};
 use simulate::Summary;
@@ -98,8 +99,15 @@ pub fn execute(
 
 fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> Done {
     match command {
-        Command::List => list::list(out)?,
-        Command::Check(arguments) => check::print(&load(&arguments, diagnostics)?, out)?,
+        Command::List(arguments) => list::list(arguments.format, out)?,
+        Command::Check(arguments) => {
+            let scenario = load(&arguments.scenario, diagnostics)?;
+            match arguments.format {
+                CheckFormat::Text => check::print(&scenario, out)?,
+                CheckFormat::Toml => out.write_all(scenario.to_toml().as_bytes())?,
+                CheckFormat::Json => check::print_json(&scenario, out)?,
+            }
+        }
         Command::Run(arguments) => {
             let scenario = load(&arguments.scenario, diagnostics)?;
             if arguments.live.live.is_some() && scenario.settings().scenario.is_unpaced() {
@@ -132,8 +140,9 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
-        Command::Report(arguments) => return report::run(&arguments, out),
-        Command::View(arguments) => return view::run(&arguments, out),
+        Command::Report(arguments) => return report::run(&arguments, out, diagnostics),
+        Command::View(arguments) => return view::run(&arguments, out, diagnostics),
+        Command::Recordings(command) => return recordings::run(&command, out),
         Command::Bench(command) => return bench::run(&command, out),
         Command::BenchPeer => return Ok(bench::be_peer()),
         Command::Study(command) => return study::run(&command, out),
@@ -153,6 +162,11 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
 /// Flies and says how it went; a reader that has gone away changes nothing of it.
 fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Done {
     let options = arguments.options(scenario);
+    let named = arguments.name.as_ref().and(options.record.as_deref());
+    if let Some(path) = named.filter(|path| path.exists()) {
+        let told = format!("{} is there already: choose another --name", path.display());
+        return Err(Failure::plain(&told, exit::USAGE));
+    }
     let flown = if arguments.in_process {
         simulate::run_in_process(&options)
     } else {

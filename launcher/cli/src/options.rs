@@ -8,6 +8,7 @@ mod examples;
 mod live;
 mod orders;
 mod pages;
+mod recordings;
 mod recover;
 mod rehearse;
 mod replay;
@@ -40,6 +41,7 @@ pub use bench::{
 };
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, LayoutArguments, ManArguments};
+pub use recordings::{RecordingsCommand, RecordingsListArguments, RecordingsShowArguments};
 pub use recover::RecoverArguments;
 pub use rehearse::RehearseArguments;
 pub use top::TopArguments;
@@ -94,10 +96,10 @@ pub(super) enum Command {
     Run(RunArguments),
     /// Name the scenarios inside the executable
     #[command(after_help = examples::LIST)]
-    List,
+    List(ListArguments),
     /// Show what a scenario would fly, or what is wrong with it
     #[command(after_help = examples::CHECK)]
-    Check(ScenarioArguments),
+    Check(CheckArguments),
     /// Show processes and slots of a run in the air
     #[command(after_help = air::PS_EXAMPLES)]
     Ps(PsArguments),
@@ -181,6 +183,9 @@ pub(super) enum Command {
     /// Write a manual page for each command
     #[command(after_help = pages::MAN_EXAMPLES)]
     Man(ManArguments),
+    /// Name the recordings that there are, or tell what one of them is
+    #[command(subcommand)]
+    Recordings(RecordingsCommand),
     /// Make a complete file of a recording that is cut
     #[command(after_help = recover::EXAMPLES)]
     Recover(RecoverArguments),
@@ -193,6 +198,36 @@ pub(super) enum Command {
     /// Be another process of a measurement
     #[command(hide = true)]
     BenchPeer,
+}
+
+/// Which form.
+#[derive(Debug, Clone, Args)]
+pub struct ListArguments {
+    /// Form of the list
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// What to check.
+#[derive(Debug, Clone, Args)]
+pub struct CheckArguments {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArguments,
+    /// Form of what would be flown
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: CheckFormat,
+}
+
+/// Form of what would be flown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CheckFormat {
+    /// For people
+    Text,
+    /// The whole scenario as a file, every default filled in
+    Toml,
+    /// Loops, edges and the whole scenario, for machines
+    Json,
 }
 
 /// Many flights.

@@ -3,32 +3,37 @@
 use super::flown::{self, Writers, unreadable};
 use super::keep_safe::write_page;
 use super::options::{Format, ReportArguments};
+use super::recordings;
 use super::recover::RECOVERED;
 use super::refusal::{Done, Failure};
 use figures::results::ResultsFolder;
 use host::exit;
 use record::read::RecordedFlight;
+use scenario::shell_word;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use viewers::report::{Folder, Report, document, pictures};
 
 /// Reports on one recording or on all of a folder; 1 if a gate fails, 2 if a file cannot be read.
-pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write) -> Done {
+pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write, said: &mut dyn Write) -> Done {
     if !arguments.more.is_empty() {
-        let folder = arguments.file.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = folder.unwrap_or(Path::new(".")).display();
+        let first = arguments.file.as_deref().unwrap_or(Path::new("."));
+        let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).display().to_string();
+        let folder = shell_word(&folder);
         let told = format!(
             "report takes one recording, or all of a folder, not several: try `morphquad report {folder}`"
         );
         return Err(unreadable(&told));
     }
-    let is_folder = arguments.file.is_dir();
+    let file = flown::named_or_latest(arguments.file.as_deref(), said)?;
+    let is_folder = file.is_dir();
     let folder = if is_folder {
-        of_folder(&recordings_in(&arguments.file)?)
+        of_folder(&recordings_in(&file)?)
     } else {
-        let flight = flown::open(&arguments.file)?;
+        let flight = flown::open(&file)?;
         if let Some(run) = Writers::now().of(&flight) {
-            let file = arguments.file.display();
+            let file = file.display();
             return Err(unreadable(&format!(
                 "{file}: {}; look at it with `morphquad top --run {run}`",
                 in_the_air(&run)
@@ -139,7 +144,7 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
             "cannot report on {folder}: {error}; give a recording or a folder of them"
         ))
     };
-    let files = flown::recordings_in(folder).map_err(|error| failed(&error))?;
+    let files = recordings::of_folder(folder).map_err(|error| failed(&error))?;
     if files.is_empty() { Err(failed(&"it holds no file *.mcap")) } else { Ok(files) }
 }
 

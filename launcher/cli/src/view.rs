@@ -1,9 +1,9 @@
 //! `morphquad view`: a recording as a page.
 
-use super::browser;
 use super::keep_safe::write_page;
 use super::options::ViewArguments;
 use super::refusal::{Done, Failure};
+use super::{browser, flown};
 use core::sync::atomic::AtomicBool;
 use host::exit;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -12,12 +12,12 @@ use std::sync::Arc;
 use viewers::view::{Scene, ServeError, Server, page};
 
 /// Writes the page, or serves it.
-pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write) -> Done {
-    let flight = super::flown::open(&arguments.file)?;
+pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write, said: &mut dyn Write) -> Done {
+    let flight = flown::open(&flown::named_or_latest(arguments.file.as_deref(), said)?)?;
     let busy = super::bar::busy("reading");
     let scene = Scene::read(&flight);
     drop(busy);
-    let page = page(&scene.map_err(|error| super::flown::unreadable(&error))?);
+    let page = page(&scene.map_err(|error| flown::unreadable(&error))?);
     let megabytes = page.len() as f64 * 1e-6;
     if let Some(path) = &arguments.out {
         write_page(path, page, "--out")?;

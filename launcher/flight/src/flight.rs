@@ -34,7 +34,7 @@ use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
-    RunError, RunOptions, clock_of, facts, pinned_cpu, recording_path, require_processor,
+    RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, recording_path, require_processor,
     require_shared_memory, run_id, system,
 };
 use slot::supervisor::Now;
@@ -102,6 +102,7 @@ fn fly(
     let facts = facts(&id, options);
     let recording =
         recording_path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;
+    let unflown = Unflown::of(recording_path.as_deref());
     // Declared before everything that uses the transport, so that it is dropped last and wipes.
     let membership = Membership::found(&id)?;
     let scenario_file = membership.folder().join("scenario.toml");
@@ -114,10 +115,7 @@ fn fly(
     let flying = Flying::new(facts.epoch_unix_ns, facts.clock);
     let live = Live::open(membership.folder(), &id, name, recording_path.as_deref(), flying)?;
     let audience = options.live.as_ref().map(|live| Audience::open(live, &id, cpu_of(options)));
-    let audience = audience.transpose().inspect_err(|_| {
-        // Nothing has flown, and a file that holds nothing would only be in the way.
-        let _ = recording_path.as_deref().map(std::fs::remove_file);
-    })?;
+    let audience = audience.transpose()?;
     let of = Of {
         run: id.clone(),
         recording: recording_path.as_deref().map(|path| path.canonicalize().unwrap_or(path.into())),
@@ -129,7 +127,10 @@ fn fly(
     flight.tap.sinks.stopwatch = stopwatch;
     let started = flight.start(&membership, options, &grants);
     let outcome = match started {
-        Ok(()) => flight.fly(),
+        Ok(()) => {
+            unflown.begins();
+            flight.fly()
+        }
         Err(error) => {
             flight.abort();
             return Err(error);

@@ -85,8 +85,16 @@ impl<'s> Checker<'s> {
         }
     }
 
-    /// Rotors that turn faster than any can.
+    /// A place below the ground, and rotors that turn faster than any can.
     fn start(&mut self) {
+        let [_, _, height_m] = self.settings().start.position_w_m;
+        if self.settings().plant.ground && height_m < 0.0 {
+            let what =
+                format!("{height_m} m lies below the ground, which would throw the vehicle out");
+            let remedy =
+                "start at a height of 0 m or more, or without a ground: plant.ground = false";
+            self.error("start.position_w_m", what, remedy);
+        }
         let most_n = self.scenario.modelled_vehicle().rotor_thrust_max_n;
         let given = self.settings().start.rotor_thrust_n.unwrap_or_default();
         if let Some(index) = given.iter().position(|thrust_n| *thrust_n > most_n) {

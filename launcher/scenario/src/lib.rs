@@ -22,11 +22,13 @@ mod rights;
 pub mod script;
 pub mod services;
 pub mod settings;
+mod shell;
 pub mod shipped;
 pub mod start;
 mod suggest;
 #[cfg(test)]
 mod tests;
+mod text;
 mod typed;
 mod vehicle;
 mod verdict;
@@ -38,6 +40,7 @@ pub use overrides::Override;
 pub use pilot::Plan;
 pub use problem::{Problem, ScenarioError};
 pub use settings::Settings;
+pub use shell::shell_word;
 pub use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 pub use wiring::delayed_topics;
@@ -65,8 +68,6 @@ use runtime::Graph;
 use services::Crew;
 use shared_types::Role;
 use shared_types::time::ns_from_s;
-use std::net::SocketAddr;
-use std::path::Path;
 
 /// A scenario that can be flown.
 #[derive(Debug, Clone)]
@@ -87,9 +88,9 @@ impl Scenario {
         if let Some(text) = shipped::text(name_or_path) {
             return Self::from_text(name_or_path, text, overrides);
         }
-        let text = read(name_or_path)?;
+        let text = text::read(name_or_path)?;
         let scenario = Self::from_text(name_or_path, &text, overrides)?;
-        if text.parse().is_ok_and(|table| says_nothing(&table)) {
+        if text.parse().is_ok_and(|table| text::says_nothing(&table)) {
             let remedy = "write what is to be other than usual, such as `duration_s = 5.0` under `[scenario]`; \
                           `morphquad run hover` flies a scenario that is there";
             return Err(Problem::new(name_or_path, "has no key in it", remedy, None).into());
@@ -359,40 +360,6 @@ impl Scenario {
             taken_up: TakenUp { at_ns: start.at_ns(), order: start.guidance.order() },
         })
     }
-}
-
-fn read(path: &str) -> Result<String, ScenarioError> {
-    let is_named_so = Path::new(path).extension().is_some_and(|kind| kind == "mcap");
-    let is_recording = is_recording(Path::new(path));
-    if is_named_so || is_recording {
-        let what = if is_recording { "is a recording" } else { "is named like a recording" };
-        let what = format!("{what}, and what flies is a scenario");
-        let remedy = format!(
-            "`morphquad view {path}` shows one, `report {path}` judges it, `replay {path} --verify` flies it again"
-        );
-        return Err(Problem::new(path, what, remedy, None).into());
-    }
-    std::fs::read_to_string(path).map_err(|error| {
-        let is_name = !path.contains('/') && Path::new(path).extension().is_none();
-        if path.parse::<u16>().is_ok() || path.parse::<SocketAddr>().is_ok() {
-            let remedy = format!("an address belongs to its flag: --live={path}");
-            return ScenarioError::from(Problem::new(path, "is no scenario", remedy, None));
-        }
-        if is_name && error.kind() == std::io::ErrorKind::NotFound {
-            let remedy = suggestion(path, shipped::names());
-            return Problem::new(path, "no scenario has this name", remedy, None).into();
-        }
-        let remedy = format!(
-            "give the path of a scenario file, or one of the shipped names {}",
-            shipped::names().collect::<Vec<_>>().join(", ")
-        );
-        Problem::new(path, format!("cannot be read: {error}"), remedy, None).into()
-    })
-}
-
-/// True without any value, however many sections there are.
-fn says_nothing(table: &toml::Table) -> bool {
-    table.values().all(|value| value.as_table().is_some_and(says_nothing))
 }
 
 fn unwritable(name: &str) -> ScenarioError {

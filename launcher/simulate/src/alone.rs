@@ -4,8 +4,8 @@
 use super::RunOptions;
 use super::setup::Speed;
 use super::setup::{
-    RunError, clock_of, facts, pinned_cpu, progress_bar, recording_path, require_processor, run_id,
-    system,
+    RunError, Unflown, clock_of, facts, pinned_cpu, progress_bar, recording_path,
+    require_processor, run_id, system,
 };
 use super::sinks::Sinks;
 use super::summary::Summary;
@@ -86,7 +86,10 @@ pub fn fly_alone<O: Observer + Default>(
     let id = run_id();
     let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
     let facts = Facts { branch: branched, ..facts(&id, options) };
-    let mut flight = begin(sinks(&facts, path.as_deref(), options)?)?;
+    let sinks = sinks(&facts, path.as_deref(), options)?;
+    let unflown = Unflown::of(path.as_deref());
+    let mut flight = begin(sinks)?;
+    unflown.begins();
     flight.stamp_by(mono_now_ns);
     let start_ns = mono_now_ns();
     let end = fly(&mut flight, options, &stop, from_ns);

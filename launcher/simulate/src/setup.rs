@@ -43,7 +43,7 @@ pub struct RunOptions {
     pub scenario: Scenario,
     /// Pace.
     pub speed: Speed,
-    /// Folder for the recording; none for no recording.
+    /// Folder for the recording, or its file if the path ends in `.mcap`; none for no recording.
     pub record: Option<PathBuf>,
     /// Processor choice.
     pub pin: Pin,
@@ -163,14 +163,44 @@ pub fn run_id() -> String {
     format!("{:04x}{:06x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xff_ffff)
 }
 
-/// Path of a new recording in a folder, which is made if it is not there.
+/// Path of the recording of run `id` in a folder, which is made if it is not there, or the path itself if it names a file.
 ///
 /// # Errors
 /// [`RunError`] if the folder cannot be made.
-pub fn recording_path(dir: &Path, id: &str) -> Result<PathBuf, RunError> {
-    std::fs::create_dir_all(dir)
-        .map_err(|cause| RecordError::Create { path: dir.to_owned(), cause })?;
-    Ok(dir.join(format!("{id}.mcap")))
+pub fn recording_path(place: &Path, id: &str) -> Result<PathBuf, RunError> {
+    let is_file = place.extension().is_some_and(|ending| ending == "mcap") && !place.is_dir();
+    let path = if is_file { place.to_owned() } else { place.join(format!("{id}.mcap")) };
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder)
+            .map_err(|cause| RecordError::Create { path: folder.to_owned(), cause })?;
+    }
+    Ok(path)
+}
+
+/// The recording of a flight that has not begun. One that never begins leaves no file: it would hold nothing, and be
+/// the latest.
+#[derive(Debug)]
+pub struct Unflown(Option<PathBuf>);
+
+impl Unflown {
+    /// The file that has just been created, if there is one.
+    #[must_use]
+    pub fn of(created: Option<&Path>) -> Self {
+        Self(created.map(Path::to_owned))
+    }
+
+    /// The flight has begun.
+    pub fn begins(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for Unflown {
+    fn drop(&mut self) {
+        if let Some(path) = &self.0 {
+            let _ = std::fs::remove_file(path);
+        }
+    }
 }
 
 /// What a recording says of the flight.

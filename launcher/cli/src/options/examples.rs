@@ -12,12 +12,14 @@ Examples:
 Ends with 0 flown, 1 a bound was violated or the vehicle lost, 2 usage or scenario, 3 unfit environment, \
 4 crash, 130 interrupted.";
 
-pub(super) const LIST: &str = "Example:\n  morphquad list";
+pub(super) const LIST: &str = "Examples:\n  morphquad list\n  morphquad list --format json";
 
 pub(super) const CHECK: &str = "\
 Examples:
   morphquad check figure8-morph
   morphquad check my-scenario.toml --clock realtime --speed 0.1
+  morphquad check hover --set plant.rate_hz=2000 --format toml > mine.toml
+  ./generate | morphquad check -
 
 Shows loops, rates, latencies and deadlines. Ends with 2 if it cannot be flown: file, line, key and remedy.";
 

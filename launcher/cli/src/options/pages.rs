@@ -1,5 +1,6 @@
 //! Arguments of `morphquad completions`, `man` and `layout`.
 
+use super::recordings::RecordingName;
 use clap::Args;
 use clap_complete::Shell;
 use std::path::PathBuf;
@@ -30,7 +31,7 @@ attachment foxglove-layout.json. PlotJuggler's names its recording and opens it.
 #[derive(Debug, Clone, Args)]
 pub struct LayoutArguments {
     /// For `plotjuggler` instead, with the plots of this recording
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = RecordingName)]
     pub plotjuggler: Option<PathBuf>,
 }
 

@@ -1,6 +1,7 @@
 //! Arguments of `morphquad recover`.
 
 use super::Format;
+use super::recordings::RecordingName;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -19,6 +20,7 @@ Ends with 0; 2 if the file is complete, or nothing in it can be read; 3 if the n
 #[derive(Debug, Clone, Args)]
 pub struct RecoverArguments {
     /// The recording
+    #[arg(value_parser = RecordingName)]
     pub file: PathBuf,
     /// The new file, which must not exist; NAME-recovered.mcap beside the old one if left out
     #[arg(long, value_name = "FILE")]

@@ -2,6 +2,7 @@
 
 use super::Format;
 use super::duration::duration;
+use super::recordings::RecordingName;
 use clap::{ArgGroup, Args};
 use core::time::Duration;
 use experiments::branch::At;
@@ -12,6 +13,7 @@ use std::path::PathBuf;
 #[command(group(ArgGroup::new("what").required(true).multiple(true)))]
 pub struct ReplayArguments {
     /// The recording
+    #[arg(value_parser = RecordingName)]
     pub file: PathBuf,
     /// Compute its hashes again and compare them with those stored
     #[arg(long, group = "what")]

@@ -1,14 +1,15 @@
 //! Arguments of `report`.
 
 use super::Format;
+use super::recordings::RecordingName;
 use super::scenario_name::ScenarioOr;
 use clap::Args;
-use clap::builder::PathBufValueParser;
 use std::path::PathBuf;
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   morphquad report
+  morphquad report figure8-morph
   morphquad report recordings/7f3a.mcap --html report.html
   morphquad report recordings --png pictures
   morphquad report recordings/7f3a.mcap --format json
@@ -19,10 +20,10 @@ file that cannot be read or is no recording, 3 where the page or the pictures ca
 /// What to report on, and where to.
 #[derive(Debug, Clone, Args)]
 pub struct ReportArguments {
-    /// A recording, a folder of them, or a shipped scenario to fly first
-    #[arg(value_name = "FILE|DIR|SCENARIO", default_value = "figure8-morph")]
-    #[arg(value_parser = ScenarioOr(PathBufValueParser::new()), hide_possible_values = true)]
-    pub file: PathBuf,
+    /// A recording, a folder of them, or a shipped scenario to fly first; the latest recording if left out
+    #[arg(value_name = "FILE|DIR|SCENARIO")]
+    #[arg(value_parser = ScenarioOr(RecordingName), hide_possible_values = true)]
+    pub file: Option<PathBuf>,
     /// Taken in so that a shell's `*.mcap` is told what to write instead.
     #[arg(hide = true)]
     pub more: Vec<PathBuf>,

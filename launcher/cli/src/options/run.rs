@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// A scenario and what to change in it.
 #[derive(Debug, Clone, Args)]
 pub struct ScenarioArguments {
-    /// Name of a shipped scenario, or path of a scenario file
+    /// Name of a shipped scenario, or path of a scenario file; `-` is standard input
     #[arg(default_value = "figure8-morph", hide_possible_values = true)]
     #[arg(value_parser = ScenarioOr(StringValueParser::new()))]
     pub scenario: String,
@@ -95,6 +95,9 @@ pub struct RunArguments {
     /// Folder for the recording
     #[arg(long, value_name = "DIR", default_value = "recordings", conflicts_with = "no_record")]
     pub record: PathBuf,
+    /// Name of the recording; the id of the run if left out
+    #[arg(long, value_name = "NAME", conflicts_with = "no_record", value_parser = recording_name)]
+    pub name: Option<String>,
     /// Record nothing
     #[arg(long)]
     pub no_record: bool,
@@ -124,11 +127,23 @@ impl RunArguments {
         let is_to_be_watched = self.live.live.is_some() && settings.speed.is_none();
         let unpaced = if is_to_be_watched { Speed::Times(1.0) } else { Speed::Max };
         let speed = settings.pace().map_or(unpaced, Speed::Times);
-        let record = (!self.no_record).then(|| self.record.clone());
+        let record = (!self.no_record).then(|| match &self.name {
+            Some(name) => self.record.join(format!("{name}.mcap")),
+            None => self.record.clone(),
+        });
         let progress = std::io::stderr().is_terminal();
         let (pin, disorder) = (self.pin, self.disorder);
         RunOptions { scenario, speed, record, pin, disorder, progress, live: self.live.options() }
     }
+}
+
+/// A name that is one file in the folder of the recording, wherever that is copied to.
+fn recording_name(text: &str) -> Result<String, String> {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if text.is_empty() || text.starts_with(['.', '-']) || !text.chars().all(is_plain) {
+        return Err("a name consists of letters, digits, `-`, `_` and `.`, and begins with a letter or a digit".to_owned());
+    }
+    Ok(text.strip_suffix(".mcap").unwrap_or(text).to_owned())
 }
 
 fn pin(text: &str) -> Result<Pin, String> {

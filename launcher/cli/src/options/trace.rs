@@ -1,6 +1,7 @@
 //! Arguments of `trace`.
 
 use super::Format;
+use super::recordings::RecordingName;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -19,6 +20,7 @@ command that is not in the file, and for a file that cannot be read or is no rec
 #[derive(Debug, Clone, Args)]
 pub struct TraceArguments {
     /// The recording
+    #[arg(value_parser = RecordingName)]
     pub file: PathBuf,
     /// Sequence of one wrench command, to see its whole chain
     #[arg(long, value_name = "N")]

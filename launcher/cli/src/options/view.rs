@@ -1,13 +1,14 @@
 //! Arguments of `view`.
 
+use super::recordings::RecordingName;
 use super::scenario_name::ScenarioOr;
 use clap::Args;
-use clap::builder::PathBufValueParser;
 use std::path::PathBuf;
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   morphquad view
+  morphquad view figure8-morph
   morphquad view recordings/7f3a.mcap
   morphquad view recordings/7f3a.mcap --out flight.html
   morphquad view recordings/7f3a.mcap --port 8080 --no-open
@@ -19,10 +20,10 @@ read or is no recording, and for a port that cannot be used; 3 where the page ca
 /// What to show, and where.
 #[derive(Debug, Clone, Args)]
 pub struct ViewArguments {
-    /// A recording, or a shipped scenario to fly first
-    #[arg(value_name = "FILE|SCENARIO", default_value = "figure8-morph")]
-    #[arg(value_parser = ScenarioOr(PathBufValueParser::new()), hide_possible_values = true)]
-    pub file: PathBuf,
+    /// A recording, or a shipped scenario to fly first; the latest recording if left out
+    #[arg(value_name = "FILE|SCENARIO")]
+    #[arg(value_parser = ScenarioOr(RecordingName), hide_possible_values = true)]
+    pub file: Option<PathBuf>,
     /// Write the page to a file and serve nothing
     #[arg(long, value_name = "FILE.html", conflicts_with_all = ["port", "no_open"])]
     pub out: Option<PathBuf>,

@@ -7,6 +7,7 @@ mod info;
 mod list;
 
 use super::options::TopicCommand;
+use super::recordings::{self, Unnamed};
 use super::refusal::{Done, Failure};
 use host::exit;
 use miette::Diagnostic;
@@ -32,6 +33,8 @@ pub(super) enum Trouble {
     NoFile,
     #[error("events are words, not samples: `morphquad topic echo {EVENTS}` shows them")]
     Words,
+    #[error(transparent)]
+    Unnamed(#[from] Unnamed),
     #[error(transparent)]
     Find(#[from] FindError),
     #[error(transparent)]
@@ -93,15 +96,15 @@ impl What {
                 }
                 continue;
             }
-            let path = Path::new(word);
+            let path = recordings::named(Path::new(word)).map_err(refuse)?;
             if !path.exists() && !word.contains(['/', '.']) {
                 let names = topics::all().into_iter().map(|topic| topic.name);
                 let names = names.chain([EVENTS]);
                 let remedy = suggestion(word, names);
                 return Err(refuse(Trouble::Unknown { name: word.clone(), remedy }));
             }
-            if let Some(before) = file.replace(path.to_owned()) {
-                return Err(refuse(Trouble::TwoFiles(before, path.to_owned())));
+            if let Some(before) = file.replace(path.clone()) {
+                return Err(refuse(Trouble::TwoFiles(before, path)));
             }
         }
         Ok(Self { topics: named, events, file })

@@ -7,7 +7,7 @@ use ::verdict::CHECKS;
 use observe::{Fact, Part};
 use record::Clock;
 use record::read::{Closing, RecordedFlight};
-use scenario::{Override, Scenario};
+use scenario::{Override, Scenario, shell_word};
 use serde::Serialize;
 
 /// One number with what it is measured by.
@@ -95,7 +95,8 @@ pub(super) fn numbers(
     observed: &Observed,
     latency: &trace::Report,
 ) -> Vec<Number> {
-    let file = flight.path().display();
+    let file = flight.path().display().to_string();
+    let file = shell_word(&file);
     let mut numbers = Numbers { observed, section: "", command: String::new(), all: Vec::new() };
     let again = format!("morphquad report {file}");
     numbers.section("flight", &again);
@@ -130,7 +131,8 @@ pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String 
     if closing.has_holes() {
         return "nothing, for the file has holes".to_owned();
     }
-    format!("morphquad replay {} --verify", flight.path().display())
+    let file = flight.path().display().to_string();
+    format!("morphquad replay {} --verify", shell_word(&file))
 }
 
 fn of_flight(

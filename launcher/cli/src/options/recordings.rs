@@ -1,0 +1,80 @@
+//! Arguments of `morphquad recordings`, and recordings as arguments of other commands.
+
+use super::Format;
+use crate::recordings::{FOLDER, named};
+use clap::builder::{PathBufValueParser, TypedValueParser};
+use clap::error::{Error, ErrorKind};
+use clap::{Arg, Args, Command, Subcommand};
+use scenario::shipped;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+pub(super) const LIST_EXAMPLES: &str = "\
+Examples:
+  morphquad recordings list
+  morphquad recordings list elsewhere --format json
+
+The newest comes first. `morphquad report recordings` judges all of them.";
+
+pub(super) const SHOW_EXAMPLES: &str = "\
+Examples:
+  morphquad recordings show latest
+  morphquad recordings show 7f3a
+
+Wherever a command takes a recording, `latest` stands for the newest in recordings/, and the beginning of a name for the \
+one there whose name begins so. Ends with 2 for a file that cannot be read or is no recording.";
+
+/// What to do with recordings.
+#[derive(Debug, Clone, Subcommand)]
+pub enum RecordingsCommand {
+    /// Name the recordings of a folder
+    #[command(after_help = LIST_EXAMPLES)]
+    List(RecordingsListArguments),
+    /// Tell what a recording is, and the verdict of its flight
+    #[command(after_help = SHOW_EXAMPLES)]
+    Show(RecordingsShowArguments),
+}
+
+/// Which folder to list.
+#[derive(Debug, Clone, Args)]
+pub struct RecordingsListArguments {
+    /// The folder
+    #[arg(value_name = "DIR", default_value = FOLDER)]
+    pub folder: PathBuf,
+    /// Form of the list
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Which recording to show.
+#[derive(Debug, Clone, Args)]
+pub struct RecordingsShowArguments {
+    /// The recording
+    #[arg(value_parser = RecordingName)]
+    pub file: PathBuf,
+    /// Form of what is told
+    #[arg(long, value_enum, default_value = "text")]
+    pub format: Format,
+}
+
+/// Takes the path of a recording, `latest`, or the beginning of a name. What is none of them is left to the command, which
+/// says what may have been meant; so is the name of a shipped scenario, for commands that fly it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RecordingName;
+
+impl TypedValueParser for RecordingName {
+    type Value = PathBuf;
+
+    fn parse_ref(
+        &self,
+        command: &Command,
+        argument: Option<&Arg>,
+        value: &OsStr,
+    ) -> Result<PathBuf, Error> {
+        let word = PathBufValueParser::new().parse_ref(command, argument, value)?;
+        if shipped::names().any(|name| Path::new(name) == word) {
+            return Ok(word);
+        }
+        named(&word).map_err(|error| command.clone().error(ErrorKind::ValueValidation, error))
+    }
+}

@@ -1,0 +1,71 @@
+//! The text of a scenario: a file, a pipe or standard input.
+
+use super::{Problem, ScenarioError, is_recording, shell_word, shipped, suggestion};
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::net::SocketAddr;
+use std::os::unix::fs::FileTypeExt as _;
+use std::path::Path;
+
+/// Longest text of a scenario \[bytes\].
+const LONGEST: u64 = 4 << 20;
+/// What stands for standard input in place of a path.
+const STANDARD_INPUT: &str = "-";
+
+/// Reads the text at a path, or standard input for `-`.
+///
+/// # Errors
+/// What is there instead, and what may have been meant.
+pub(super) fn read(path: &str) -> Result<String, ScenarioError> {
+    let is_named_so = Path::new(path).extension().is_some_and(|kind| kind == "mcap");
+    let is_recording = is_recording(Path::new(path));
+    if is_named_so || is_recording {
+        let what = if is_recording { "is a recording" } else { "is named like a recording" };
+        let what = format!("{what}, and what flies is a scenario");
+        let remedy = format!(
+            "`morphquad view {path}` shows one, `report {path}` judges it, `replay {path} --verify` flies it again",
+            path = shell_word(path)
+        );
+        return Err(Problem::new(path, what, remedy, None).into());
+    }
+    text_of(path).map_err(|error| {
+        let is_name = !path.contains('/') && Path::new(path).extension().is_none();
+        if path.parse::<u16>().is_ok() || path.parse::<SocketAddr>().is_ok() {
+            let remedy = format!("an address belongs to its flag: --live={path}");
+            return ScenarioError::from(Problem::new(path, "is no scenario", remedy, None));
+        }
+        if is_name && error.kind() == std::io::ErrorKind::NotFound {
+            let remedy = suggestion(path, shipped::names());
+            return Problem::new(path, "no scenario has this name", remedy, None).into();
+        }
+        let remedy = format!(
+            "give the path of a scenario file, or one of the shipped names {}",
+            shipped::names().collect::<Vec<_>>().join(", ")
+        );
+        Problem::new(path, format!("cannot be read: {error}"), remedy, None).into()
+    })
+}
+
+/// The text of a file or a pipe, of standard input for [`STANDARD_INPUT`]. A device may have no end, and a file may be any.
+fn text_of(path: &str) -> io::Result<String> {
+    let mut text = String::new();
+    let length = if path == STANDARD_INPUT {
+        io::stdin().take(LONGEST + 1).read_to_string(&mut text)?
+    } else {
+        let kind = std::fs::metadata(path)?.file_type();
+        if kind.is_char_device() || kind.is_block_device() {
+            return Err(io::Error::other("it is a device, and a scenario is text"));
+        }
+        File::open(path)?.take(LONGEST + 1).read_to_string(&mut text)?
+    };
+    if length as u64 > LONGEST {
+        let told = format!("it is longer than {} MB, and no scenario is", LONGEST >> 20);
+        return Err(io::Error::other(told));
+    }
+    Ok(text)
+}
+
+/// True without any value, however many sections there are.
+pub(super) fn says_nothing(table: &toml::Table) -> bool {
+    table.values().all(|value| value.as_table().is_some_and(says_nothing))
+}
