@@ -81,6 +81,8 @@ struct Row {
     /// Trips that predicted a distance, and those of them whose vehicle went no farther.
     predicted: u32,
     kept: u32,
+    /// Longest time from the first command with the fault to the effect of the trip \[s\].
+    trip_delay_s: f64,
     excursion_m: f64,
     tilt_deg: f64,
 }
@@ -295,6 +297,7 @@ fn not_flown(error: Box<dyn std::error::Error>) -> Swapped {
         tilt_deg: f64::INFINITY,
         flipped: false,
         tripped_s: None,
+        tripped_after_s: None,
         predicted_m: None,
         outcome: String::new(),
         untold: Vec::new(),
@@ -313,6 +316,9 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
     if let Some(predicted_m) = flown.predicted_m {
         row.predicted += 1;
         row.kept += u32::from(flown.excursion_m <= predicted_m);
+    }
+    if let (Candidate::Bad(entry), Some(after_s)) = (&case.candidate, flown.tripped_after_s) {
+        row.trip_delay_s = row.trip_delay_s.max(after_s - entry.after_s);
     }
     row.excursion_m = row.excursion_m.max(flown.excursion_m);
     row.tilt_deg = row.tilt_deg.max(flown.tilt_deg);
@@ -339,8 +345,17 @@ fn note(case: &Case, flown: &Swapped, rows: &mut Rows) {
 
 fn print_table(rows: &Rows) {
     println!(
-        "{:<9} {:<40} {:<12} {:>7} {:>5} {:>7} {:>7} {:>8} {:>6}",
-        "slot", "controller", "guard", "flights", "lost", "flipped", "tripped", "at most", "tilt"
+        "{:<9} {:<40} {:<12} {:>7} {:>5} {:>7} {:>7} {:>8} {:>8} {:>6}",
+        "slot",
+        "controller",
+        "guard",
+        "flights",
+        "lost",
+        "flipped",
+        "tripped",
+        "within",
+        "at most",
+        "tilt"
     );
     // All losses; losses by controllers that also lose the vehicle without any guard; and flips.
     let mut sums: BTreeMap<&str, [Sum; 3]> = BTreeMap::new();
@@ -349,8 +364,14 @@ fn print_table(rows: &Rows) {
         let hurts = guards.get(Guard::None.name()).is_none_or(|row| row.lost > 0);
         for (guard, row) in guards {
             println!(
-                "{slot:<9} {name:<40} {guard:<12} {:>7} {:>5} {:>7} {:>7} {:>6.2} m {:>4.0} d",
-                row.flights, row.lost, row.flipped, row.tripped, row.excursion_m, row.tilt_deg
+                "{slot:<9} {name:<40} {guard:<12} {:>7} {:>5} {:>7} {:>7} {:>5.0} ms {:>6.2} m {:>4.0} d",
+                row.flights,
+                row.lost,
+                row.flipped,
+                row.tripped,
+                1e3 * row.trip_delay_s,
+                row.excursion_m,
+                row.tilt_deg
             );
             (predicted, kept) = (predicted + row.predicted, kept + row.kept);
             let [all, hurting, flipped] = sums.entry(guard).or_default();

@@ -6,7 +6,7 @@ use observe::Observer;
 use record::read::RecordedFlight;
 use scenario::candidate::Slot;
 use scenario::{Override, Scenario, ScenarioError};
-use shared_types::{GateMode, Sample, Topic, Trip, TripCause, Truth, topics};
+use shared_types::{GateMode, Header, Sample, Topic, Trip, TripCause, Truth, topics};
 use simulate::in_process::{Conclusion, InProcess, InProcessError, Outside, StateSource};
 use std::any::Any;
 use std::path::Path;
@@ -99,12 +99,26 @@ struct Course {
     truths: Vec<Truth>,
     trips: Vec<Trip>,
     cut: bool,
+    /// First step of a candidate in each slot, in the order of [`Slot::ALL`] \[ns\].
+    first_ns: [Option<u64>; 2],
     /// Additional delay of the trips of the monitor \[ns\].
     trips_later_ns: u64,
 }
 
+impl Course {
+    /// Notes the first step of whichever joins a slot in flight: the first owner is on the first seat.
+    fn note_step<T: Sample>(&mut self, topic: &Topic<T>, sample: &T) {
+        let Header { seat, release_ns, .. } = *sample.header();
+        let slots = Slot::ALL.into_iter().zip(&mut self.first_ns);
+        for (_, first_ns) in slots.filter(|(slot, _)| topic.info.from == slot.role() && seat > 0) {
+            first_ns.get_or_insert(release_ns);
+        }
+    }
+}
+
 impl Observer for Course {
-    fn observe<T: Sample>(&mut self, _topic: &'static Topic<T>, sample: &T) {
+    fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        self.note_step(topic, sample);
         let any: &dyn Any = sample;
         self.truths.extend(any.downcast_ref::<Truth>());
         self.trips.extend(any.downcast_ref::<Trip>());
@@ -137,6 +151,8 @@ pub struct Swapped {
     pub flipped: bool,
     /// Effective instant of the first trip \[s\]; `None` if there was no trip.
     pub tripped_s: Option<f64>,
+    /// Time from the first step of the slot's candidate to that instant \[s\].
+    pub tripped_after_s: Option<f64>,
     /// Distance from the reference at which the vehicle can be stopped by the word of the first trip \[m\]; `None` if
     /// that was for another reason.
     pub predicted_m: Option<f64>,
@@ -353,12 +369,18 @@ pub fn swapped_in_realtime(
     let recording = summary["recording"].as_str().ok_or("no recording")?;
     let recorded = RecordedFlight::open(recording.as_ref())?;
     let applied = recorded.samples(&topics::APPLIED_COMMAND)?;
-    let course = Course {
+    let mut course = Course {
         truths: recorded.samples(&topics::TRUTH)?,
         trips: recorded.samples(&topics::TRIP)?,
         cut: applied.iter().any(|applied| applied.mode == GateMode::Cut),
-        trips_later_ns: 0,
+        ..Course::default()
     };
+    recorded.samples(&topics::WRENCH_COMMAND)?.iter().for_each(|command| {
+        course.note_step(&topics::WRENCH_COMMAND, command);
+    });
+    recorded.samples(&topics::ATTITUDE_SETPOINT)?.iter().for_each(|command| {
+        course.note_step(&topics::ATTITUDE_SETPOINT, command);
+    });
     let of = |swap: &serde_json::Value| Told {
         slot: swap["slot"].as_str().and_then(Slot::named),
         flipped: swap["flipped_s"].is_number(),
@@ -451,6 +473,11 @@ fn judge(course: &Course, plain: &Plain, told: &[Told]) -> Swapped {
             .filter(|trip| trip.cause == PREDICTS && trip.lasted_s <= 0.0)
             .map(|t| t.distance_m),
         tripped_s: course.trips.first().map(|trip| trip.header.valid_ns as f64 * 1e-9),
+        tripped_after_s: course.trips.first().and_then(|trip| {
+            let slots = Slot::ALL.into_iter().zip(course.first_ns);
+            let (_, first_ns) = slots.into_iter().find(|(slot, _)| slot.role() == trip.slot)?;
+            Some(trip.header.valid_ns.checked_sub(first_ns?)? as f64 * 1e-9)
+        }),
         outcome: told.last().map_or_else(String::new, |swap| swap.outcome.clone()),
         untold: untold(&course.trips, told),
     }
