@@ -7,8 +7,6 @@ Angle error to body rate, rate error to torque (PD), and an integral that holds 
 missing and makes the change of hands smooth. `host/` makes a process of a flight of it.
 """
 
-import math
-
 from host import attitude
 
 GAINS = {
@@ -16,29 +14,6 @@ GAINS = {
     "rate_per_s": [50.0, 50.0, 55.0],  # Angular acceleration per rate error [1/s].
     "integral_s": 0.5,  # Integral time of the rate error [s].
 }
-
-
-def quaternion_of(roll, pitch, yaw):
-    """Hamilton quaternion, body to world, of intrinsic z-y-x angles [rad]."""
-    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a / 2), math.cos(a / 2)) for a in (roll, pitch, yaw))
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def rotation_between(q, p):
-    """The rotation [rad] in the body frame of q that leads to p, for small ones."""
-    (a, b, c, d), (w, x, y, z) = q, p
-    scalar = a * w + b * x + c * y + d * z
-    sign = math.copysign(2.0, scalar)
-    return (
-        sign * (a * x - b * w - c * z + d * y),
-        sign * (a * y + b * z - c * w - d * x),
-        sign * (a * z - b * y + c * x - d * w),
-    )
 
 
 class AttitudePd:
@@ -51,12 +26,10 @@ class AttitudePd:
 
     def torque(self, sample):
         """Torque [N m] for the attitude that the position loop asks for."""
-        q = sample.estimate.q_wb
-        error_rad = rotation_between((q.w, q.x, q.y, q.z), quaternion_of(*sample.attitude_rad))
         rate_rad_s = sample.estimate.body_rate_b_rad_s
         torque_nm = []
         for axis in range(3):
-            rate_error = self.gains["angle_per_s"][axis] * error_rad[axis] - rate_rad_s[axis]
+            rate_error = self.gains["angle_per_s"][axis] * sample.error_rad[axis] - rate_rad_s[axis]
             law = sample.inertia_kg_m2[axis] * self.gains["rate_per_s"][axis] * rate_error
             if sample.tracked_nm is not None:
                 # The next torque continues from what the rotors were told.

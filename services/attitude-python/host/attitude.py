@@ -21,6 +21,8 @@ class Sample(typing.NamedTuple):
     t_ns: int
     # The newest state estimate; q_wb and body_rate_b_rad_s are the fields that a law needs most.
     estimate: typing.Any
+    # Rotation in the body frame to the attitude to take [rad], for small ones.
+    error_rad: tuple
     # Roll, pitch and yaw to take [rad], and collective thrust beside the torque [N].
     attitude_rad: tuple
     thrust_n: float
@@ -54,9 +56,12 @@ class Attitude:
         vehicle, angle_rad = self._vehicle, estimate.morph_angle_rad
         thrust_n = min(max(self._thrust_n, 0.0), vehicle.thrust_max_n)
         bound_nm = vehicle.bound_nm(angle_rad, thrust_n)
+        q = estimate.q_wb
+        error_rad = rotation_between((q.w, q.x, q.y, q.z), quaternion_of(*self._angles_rad))
         sample = Sample(
             t_ns,
             estimate,
+            error_rad,
             self._angles_rad,
             thrust_n,
             vehicle.inertia_kg_m2(angle_rad),
@@ -106,6 +111,29 @@ class Attitude:
         report.thrust_n = thrust_n
 
 
+def quaternion_of(roll, pitch, yaw):
+    """Hamilton quaternion, body to world, of intrinsic z-y-x angles [rad]."""
+    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(a / 2), math.cos(a / 2)) for a in (roll, pitch, yaw))
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def rotation_between(q, p):
+    """The rotation [rad] in the body frame of q that leads to p, for small ones."""
+    (a, b, c, d), (w, x, y, z) = q, p
+    scalar = a * w + b * x + c * y + d * z
+    sign = math.copysign(2.0, scalar)
+    return (
+        sign * (a * x - b * w - c * z + d * y),
+        sign * (a * y + b * z - c * w - d * x),
+        sign * (a * z - b * y + c * x - d * w),
+    )
+
+
 def main(name, law, gains):
     """Flies `law(vehicle, period_s, gains)` in the attitude slot; `--config FILE` changes gains."""
 
@@ -117,3 +145,14 @@ def main(name, law, gains):
         return Attitude(made, vehicle, host.flight, host.samples), (INPUTS, OUTPUTS)
 
     sys.exit(process.main(name, "an attitude controller of a morphquad run", "attitude", begin))
+
+
+def fly(torque):
+    """Flies a law without gains or memory of its own, `torque(sample)` [N m], in the attitude slot."""
+    main(process.own_name(), lambda _vehicle, _period_s, _gains: Law(torque), {})
+
+
+class Law(typing.NamedTuple):
+    """A law that is one function."""
+
+    torque: typing.Callable

@@ -173,3 +173,17 @@ def main(name, law, gains):
         return Position(made, vehicle, host.flight), (INPUTS, OUTPUTS)
 
     sys.exit(process.main(name, "a position controller of a morphquad run", "position", begin))
+
+
+def fly(acceleration):
+    """Flies a law without gains or memory of its own, `acceleration(sample)` [m/s^2] in W, in the position slot."""
+    main(process.own_name(), lambda _vehicle, _period_s, _gains: Law(acceleration), {})
+
+
+class Law(typing.NamedTuple):
+    """A law that is one function, and does not ask what the bounds have left of it."""
+
+    acceleration: typing.Callable
+
+    def applied(self, sample, wish, given):
+        """Nothing in it evolves."""

@@ -46,6 +46,11 @@ def arguments(description):
     return parser.parse_args()
 
 
+def own_name():
+    """Name of the file that is run, without its ending."""
+    return pathlib.Path(sys.argv[0]).stem
+
+
 def configured(path, gains):
     """Gains, with those that the file at `path` replaces; all of them if there is no file."""
     if path is None:

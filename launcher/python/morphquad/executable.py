@@ -1,0 +1,40 @@
+"""The executable `morphquad`, which flies and reads recordings."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sysconfig
+from typing import Any
+
+
+class MorphquadError(Exception):
+    """What the executable said when it could not do what it was asked for."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+def path() -> str:
+    """The executable: that of MORPHQUAD_EXECUTABLE, the one installed with this package, or the one on the path."""
+    installed = pathlib.Path(sysconfig.get_path("scripts"), "morphquad")
+    found = os.environ.get("MORPHQUAD_EXECUTABLE") or (str(installed) if installed.is_file() else None)
+    found = found or shutil.which("morphquad")
+    if found is None:
+        raise MorphquadError(f"there is no executable {installed}: install the package morphquad again", 3)
+    return found
+
+
+def ask(*words: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
+    """The JSON with which a command answers, and its exit code.
+
+    Raises `MorphquadError` with what it said if it ended otherwise than `passes`.
+    """
+    answer = subprocess.run(
+        [path(), *words, "--format", "json"], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    if answer.returncode not in passes:
+        raise MorphquadError(answer.stderr.strip() or answer.stdout.strip(), answer.returncode)
+    return json.loads(answer.stdout), answer.returncode
