@@ -120,7 +120,8 @@ impl Running {
     /// As [`Running::start`], and waits until samples are being recorded.
     pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
         let running = Self::start(arguments);
-        wait_until("six processes", || processes_of(&running.id).len() == 6);
+        // A candidate of its script may be there as soon as these are.
+        wait_until("six processes", || processes_of(&running.id).len() >= 6);
         let size = || running.recording_path().and_then(|p| fs::metadata(p).ok()).map(|m| m.len());
         let at_first = size();
         wait_until("the first samples", || size() > at_first);

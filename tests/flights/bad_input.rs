@@ -1,12 +1,13 @@
 //! Whatever is wrong with the input, the answer names place, key and remedy, and nothing flies.
 
-use crate::common::processes::left_in_shared_memory;
+use crate::common::processes::{kill, left_in_shared_memory};
 use crate::common::time::wait_until;
 use crate::common::{fly, morphquad};
+use rustix::process::Signal;
 use std::fs;
 use std::io::Write as _;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
 /// Exit code for wrong usage or configuration.
@@ -159,15 +160,38 @@ fn a_start_below_the_ground_is_refused() {
 }
 
 #[test]
-fn a_flight_that_never_begins_leaves_no_recording() {
+fn a_flight_that_never_begins_leaves_no_recording_and_another_one_that_can_be_read() {
     let folder = TempDir::new().expect("a folder");
-    let output = morphquad(["run", "hover", "--set", "launcher.startup_timeout_s=0.001"])
-        .arg("--record")
-        .arg(folder.path())
-        .output()
-        .expect("the executable starts");
+    let files = || fs::read_dir(folder.path()).map_or(0, Iterator::count);
+    let run = ["run", "hover", "--clock", "realtime", "--for", "60s", "--record"];
+    let launcher = morphquad(run).arg(folder.path()).spawn().expect("the executable starts");
+    wait_until("the recording", || files() == 1);
+    assert!(kill(launcher.id(), Signal::INT));
+    let output = launcher.wait_with_output().expect("it ends");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    // It depends on the machine whether its processes were ready.
+    if said.contains("nothing was flown") {
+        assert_eq!(files(), 0, "{said}");
+    } else {
+        let recording = fs::read_dir(folder.path()).expect("the folder").next();
+        let recording = recording.expect("the recording").expect("readable").path();
+        let shown = morphquad(["recordings", "show"]).arg(recording).output();
+        assert_eq!(shown.expect("it starts").status.code(), Some(0), "{said}");
+    }
+}
+
+#[test]
+fn too_few_file_descriptors_are_refused_at_once_with_the_number_that_is_needed() {
+    let folder = TempDir::new().expect("a folder");
+    let fly = format!(
+        "ulimit -n 600; exec '{}' run hover --for 1s --record '{}'",
+        env!("CARGO_BIN_EXE_morphquad"),
+        folder.path().display()
+    );
+    let output = Command::new("sh").args(["-c", &fly]).output().expect("a shell");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+    assert!(said.contains("600") && said.contains("ulimit -n 768"), "{said}");
     assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0, "{said}");
 }
 

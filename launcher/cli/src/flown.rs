@@ -1,6 +1,6 @@
 //! Commands that show a flight take a recording, or a scenario that is flown for it.
 
-use super::recordings::{self, FOLDER, newest};
+use super::named::{FOLDER, latest, newest};
 use super::refusal::Failure;
 use host::exit;
 use protocol::control::runs::{self, Run};
@@ -22,12 +22,12 @@ pub(super) fn named_or_latest(
     if let Some(name) = name {
         return Ok(name.to_owned());
     }
-    let latest = recordings::latest().map_err(|error| {
+    let path = latest().map_err(|error| {
         let known = shipped::names().collect::<Vec<_>>().join(", ");
         unreadable(&format!("{error}\nor name a scenario, to be flown first: {known}"))
     })?;
-    writeln!(said, "morphquad: the latest recording, {}", latest.display())?;
-    Ok(latest)
+    writeln!(said, "morphquad: the latest recording, {}", path.display())?;
+    Ok(path)
 }
 
 /// Opens a recording, or the one of a shipped scenario, flown now, if that is what `name` names.

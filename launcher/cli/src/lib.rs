@@ -16,6 +16,7 @@ mod flown;
 mod keep_safe;
 pub mod list;
 mod live;
+mod named;
 mod new_controller;
 pub mod options;
 mod orders;

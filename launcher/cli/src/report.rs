@@ -2,8 +2,8 @@
 
 use super::flown::{self, Writers, unreadable};
 use super::keep_safe::write_page;
+use super::named;
 use super::options::{Format, ReportArguments};
-use super::recordings;
 use super::recover::RECOVERED;
 use super::refusal::{Done, Failure};
 use figures::results::ResultsFolder;
@@ -144,7 +144,7 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
             "cannot report on {folder}: {error}; give a recording or a folder of them"
         ))
     };
-    let files = recordings::of_folder(folder).map_err(|error| failed(&error))?;
+    let files = named::of_folder(folder).map_err(|error| failed(&error))?;
     if files.is_empty() { Err(failed(&"it holds no file *.mcap")) } else { Ok(files) }
 }
 

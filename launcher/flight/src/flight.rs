@@ -34,8 +34,8 @@ use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
-    RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, recording_path, require_processor,
-    require_shared_memory, run_id, system,
+    RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, recording_path,
+    require_descriptors, require_processor, require_shared_memory, run_id, system,
 };
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
@@ -93,6 +93,7 @@ fn fly(
     }
     require_processor(options.pin)?;
     require_shared_memory()?;
+    require_descriptors()?;
     let described =
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
     let grants = Grants::ask(&options.scenario, &described)?;

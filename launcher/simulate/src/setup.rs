@@ -6,6 +6,7 @@ use runtime::clock::mono_now_ns;
 use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use scenario::Scenario;
 use shared_types::ClockMode;
 use std::net::SocketAddr;
@@ -14,6 +15,8 @@ use thiserror::Error;
 
 /// What the rings of a flight add up to once every one has gone round \[MB\].
 const NEEDED_SHARED_MEMORY_MB: u64 = 160;
+/// File descriptors that a launcher may have open at once, with a candidate in each slot: 657 were counted.
+const NEEDED_DESCRIPTORS: u64 = 768;
 
 /// Pace of logical time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,6 +92,16 @@ pub enum RunError {
         /// Space a flight may touch \[MB\].
         needed_mb: u64,
     },
+    /// Too few file descriptors.
+    #[error(
+        "a process may open {limit} files here and a flight may need {needed}: raise the limit with `ulimit -n {needed}` or in /etc/security/limits.conf"
+    )]
+    Descriptors {
+        /// The largest limit that may be asked for.
+        limit: u64,
+        /// Descriptors that a flight may have open.
+        needed: u64,
+    },
     /// Something of the operating system.
     #[error("cannot {action}: {source}")]
     System {
@@ -155,6 +168,24 @@ pub fn require_shared_memory() -> Result<(), RunError> {
         return Err(RunError::SharedMemory { free_mb, needed_mb: NEEDED_SHARED_MEMORY_MB });
     }
     Ok(())
+}
+
+/// Takes as many file descriptors as this process and those that it starts may have, and refuses to fly with too few.
+///
+/// # Errors
+/// [`RunError::Descriptors`].
+pub fn require_descriptors() -> Result<(), RunError> {
+    let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
+    if current != maximum {
+        // What cannot be raised is judged as it is.
+        let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+    }
+    match getrlimit(Resource::Nofile).current {
+        Some(limit) if limit < NEEDED_DESCRIPTORS => {
+            Err(RunError::Descriptors { limit, needed: NEEDED_DESCRIPTORS })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.

@@ -1,7 +1,7 @@
 //! Arguments of `morphquad recordings`, and recordings as arguments of other commands.
 
 use super::Format;
-use crate::recordings::{FOLDER, named};
+use crate::named::{FOLDER, named};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::error::{Error, ErrorKind};
 use clap::{Arg, Args, Command, Subcommand};

@@ -6,8 +6,8 @@ mod hz;
 mod info;
 mod list;
 
+use super::named::{Unnamed, named as named_recording};
 use super::options::TopicCommand;
-use super::recordings::{self, Unnamed};
 use super::refusal::{Done, Failure};
 use host::exit;
 use miette::Diagnostic;
@@ -96,7 +96,7 @@ impl What {
                 }
                 continue;
             }
-            let path = recordings::named(Path::new(word)).map_err(refuse)?;
+            let path = named_recording(Path::new(word)).map_err(refuse)?;
             if !path.exists() && !word.contains(['/', '.']) {
                 let names = topics::all().into_iter().map(|topic| topic.name);
                 let names = names.chain([EVENTS]);

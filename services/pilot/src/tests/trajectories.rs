@@ -123,20 +123,20 @@ fn the_peaks_of_a_trajectory_are_those_of_a_dense_look_whatever_the_spacing_of_i
         let trajectory = Trajectory::new(&config).unwrap();
         for until_ns in [900 * MS, 1_003 * MS, 5_171 * MS, 22_000 * MS] {
             let dense = |of: fn(&TrajectoryPoint) -> [f64; 3]| {
-                let lengths = (0..=until_ns)
-                    .step_by(100_000)
-                    .map(|t_ns| distance(of(&trajectory.at(t_ns)), [0.0; 3]));
-                lengths.fold(0.0, f64::max)
+                let instants = (0..=until_ns).step_by(100_000);
+                let length = |[x, y, z]: [f64; 3]| x.hypot(y).hypot(z);
+                instants.map(|t_ns| length(of(&trajectory.at(t_ns)))).fold(0.0, f64::max)
             };
-            let [speed, acceleration] =
-                [dense(|p| p.velocity_w_m_s), dense(|p| p.acceleration_w_m_s2)];
-            let peak = trajectory.peak_speed_m_s(until_ns);
-            assert!((peak - speed).abs() <= 1e-3 * speed, "{until_ns}: {peak} {speed} {config:?}");
-            let peak = trajectory.peak_acceleration_m_s2(until_ns);
-            assert!(
-                (peak - acceleration).abs() <= 1e-3 * acceleration,
-                "{until_ns}: {peak} {acceleration}"
-            );
+            // Between two instants of the look, a fiftieth of the shortest segment apart, it may be larger.
+            let is_peak =
+                |peak: f64, dense: f64| peak >= (1.0 - 3e-6) * dense && peak <= 1.002 * dense;
+            let pairs = [
+                (trajectory.peak_speed_m_s(until_ns), dense(|p| p.velocity_w_m_s)),
+                (trajectory.peak_acceleration_m_s2(until_ns), dense(|p| p.acceleration_w_m_s2)),
+            ];
+            for (peak, dense) in pairs {
+                assert!(is_peak(peak, dense), "{until_ns}: {peak} {dense} {config:?}");
+            }
         }
     }
 }
