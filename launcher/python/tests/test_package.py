@@ -1,14 +1,17 @@
 """The installed package: flights, recordings as tables, and a controller of ten lines."""
 
+import json
 import math
 import os
 import pathlib
 import tempfile
 import unittest
 
+import matplotlib
 import morphquad
 from morphquad.units import unit_of
 
+NOTEBOOK = pathlib.Path(__file__).absolute().parent.parent / "flight.ipynb"
 TEN_LINES = """#!/usr/bin/env python3
 import morphquad
 
@@ -29,13 +32,17 @@ PATIENCE = {
 }
 
 
-class Package(unittest.TestCase):
+class Folder(unittest.TestCase):
+    """Each test has an empty folder to itself."""
+
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.addCleanup(os.chdir, os.getcwd())
         os.chdir(folder.name)
 
+
+class Package(Folder):
     def test_a_flight_has_a_verdict_and_a_recording_whose_tables_have_units(self):
         flight = morphquad.run("hover", seed=3, duration_s=0.5, in_process=True, name="mine")
         self.assertTrue(flight.verdict and flight.verdict.line.startswith("PASSED"), flight.verdict)
@@ -78,6 +85,18 @@ class Package(unittest.TestCase):
         flight = morphquad.run("hover", duration_s=3.0, swap=swap, set=PATIENCE, record=None)
         self.assertEqual(flight.exit_code, 0, flight.summary["swaps"])
         self.assertTrue(flight.summary["swaps"][0]["done"], flight.summary["swaps"])
+
+
+class Notebook(Folder):
+    def test_every_cell_of_the_notebook_runs(self):
+        matplotlib.use("Agg")
+        cells = json.loads(NOTEBOOK.read_text())["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        self.assertGreater(len(code), 3)
+        names = {}
+        for source in code:
+            exec(compile(source, str(NOTEBOOK), "exec"), names)
+        self.assertEqual(names["swapped"].exit_code, 0)
 
 
 class Units(unittest.TestCase):
