@@ -55,6 +55,7 @@ fn whatever_fits_the_rings_is_recorded_at_any_rate_and_what_does_not_is_named() 
         scenario: Scenario::load("figure8-morph", &[duration]).expect("it is shipped"),
         speed: Speed::Max,
         record: Some(folder.path().to_owned()),
+        name: None,
         pin: Pin::None,
         disorder: None,
         live: None,

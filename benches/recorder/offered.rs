@@ -89,6 +89,7 @@ pub(crate) fn measure(
         scenario: plan.scenario.clone(),
         speed: Speed::Max,
         record: Some(folder.to_owned()),
+        name: None,
         pin: Pin::None,
         disorder: None,
         progress: false,

@@ -5,6 +5,7 @@ import pathlib
 import platform
 import re
 import subprocess
+import tempfile
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
@@ -20,18 +21,20 @@ class Executable(BuildHookInterface):
         built = pathlib.Path(os.environ.get("MORPHQUAD_EXECUTABLE") or pathlib.Path(target, "release", "morphquad"))
         if not built.is_file():
             raise SystemExit(f"{built} is not there: run `cargo build --release` before the wheel is built")
-        stripped = pathlib.Path(self.directory, "morphquad")
-        stripped.parent.mkdir(parents=True, exist_ok=True)
+        self._folder = tempfile.TemporaryDirectory()
+        stripped = pathlib.Path(self._folder.name, "morphquad")
         subprocess.run(["strip", "--strip-all", "-o", stripped, built], check=True)
         build_data["shared_scripts"][str(stripped)] = "morphquad"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{oldest_platform(stripped.read_bytes())}"
 
     def finalize(self, version, build_data, artifact_path):
-        pathlib.Path(self.directory, "morphquad").unlink(missing_ok=True)
+        self._folder.cleanup()
 
 
 def oldest_platform(executable):
     """Platform tag of the oldest glibc that has every version of a symbol that the executable asks for (PEP 600)."""
     minors = [int(minor) for minor in re.findall(rb"GLIBC_2\.(\d+)", executable)]
+    if not minors:
+        raise SystemExit("the executable asks for no version of glibc: the wheel is of Linux with glibc alone")
     return f"manylinux_2_{max(minors)}_{platform.machine()}"

@@ -234,8 +234,9 @@ code! {
         /// was the last of this writer that the loop had; 0 if there was none at all. What came after
         /// it would have been late.
         Ended = 6,
-        /// Sample `first` was the first of this writer that the loop had, which had said others before, perhaps: the loop
-        /// has just begun from a state or in flight, or another process follows on the writer's seat.
+        /// Sample `first` was the first of this writer that the loop had; the writer may have published others
+        /// before. It is told at the first step of a process that went on from a state or joined in flight, and where
+        /// another process follows on the writer's seat.
         Began = 7,
     }
 }

@@ -111,7 +111,7 @@ fn with_asap_edges_nothing_holds_a_command_and_a_warm_loop_allocates_nothing() {
 }
 
 #[test]
-fn every_loop_and_path_of_a_flight_is_measured_beside_its_floor() {
+fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
     let _turn = turn();
     let folder = tempfile::TempDir::new().expect("a folder");
     let saved = folder.path().join("saved.json");

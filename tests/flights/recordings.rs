@@ -100,6 +100,9 @@ fn a_list_has_every_recording_and_a_name_is_never_given_twice() {
     let said = text(&again.stderr);
     assert_eq!(again.status.code(), Some(2), "{said}");
     assert!(said.contains("recordings/one.mcap") && said.contains("--name"), "{said}");
-    let outside = ask(folder, "run hover --name ../one");
-    assert_eq!(outside.status.code(), Some(2), "{}", text(&outside.stderr));
+    for name in ["../one", "latest", "hover", "imu", "_one", ""] {
+        let output = morphquad(["run", "hover", "--name", name]).current_dir(folder).output();
+        let output = output.expect("the executable starts");
+        assert_eq!(output.status.code(), Some(2), "{name}: {}", text(&output.stderr));
+    }
 }

@@ -132,6 +132,7 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
         scenario: scenario.clone(),
         speed: Speed::Times(1.0),
         record: plan.record.clone(),
+        name: None,
         pin: Pin::None,
         disorder: None,
         progress: plan.progress,

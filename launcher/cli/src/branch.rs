@@ -121,6 +121,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
         scenario: changed.scenario.clone(),
         speed: Speed::Max,
         record: arguments.record.clone(),
+        name: None,
         pin: Pin::None,
         disorder: None,
         progress: io::stderr().is_terminal(),

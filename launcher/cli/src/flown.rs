@@ -6,7 +6,7 @@ use host::exit;
 use protocol::control::runs::{self, Run};
 use record::read::RecordedFlight;
 use runtime::leader::leading;
-use scenario::{Scenario, shell_word, shipped, suggestion};
+use scenario::{Scenario, shell_path, shipped, suggestion};
 use simulate::{Pin, RunError, RunOptions, Speed, Summary};
 use std::io::{IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
@@ -58,10 +58,8 @@ fn hints(path: &Path) -> String {
     }
     if path.exists() {
         let is_toml = path.extension().is_some_and(|kind| kind == "toml");
-        let path = path.display();
         return if is_toml {
-            let path = path.to_string();
-            let path = shell_word(&path);
+            let path = shell_path(path);
             format!("\nis it a scenario? `morphquad run {path}` flies and records it")
         } else {
             String::new()
@@ -122,6 +120,7 @@ fn fly(name: &str) -> Result<PathBuf, Failure> {
         scenario,
         speed: Speed::Max,
         record: Some(FOLDER.into()),
+        name: None,
         pin: Pin::Auto,
         disorder: None,
         progress: std::io::stderr().is_terminal(),

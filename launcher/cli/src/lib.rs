@@ -163,7 +163,8 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
 /// Flies and says how it went; a reader that has gone away changes nothing of it.
 fn fly(scenario: Scenario, arguments: &RunArguments, out: &mut dyn Write) -> Done {
     let options = arguments.options(scenario);
-    let named = arguments.name.as_ref().and(options.record.as_deref());
+    let named = options.record.as_deref().zip(options.name.as_deref());
+    let named = named.map(|(folder, name)| folder.join(format!("{name}.mcap")));
     if let Some(path) = named.filter(|path| path.exists()) {
         let told = format!("{} is there already: choose another --name", path.display());
         return Err(Failure::plain(&told, exit::USAGE));
@@ -215,7 +216,12 @@ fn load(arguments: &ScenarioArguments, diagnostics: &mut dyn Write) -> Result<Sc
 }
 
 fn load_quietly(arguments: &ScenarioArguments) -> Result<Scenario, ScenarioError> {
-    let scenario = Scenario::load(&arguments.scenario, &arguments.overrides()?)?;
+    let overrides = arguments.overrides()?;
+    let scenario = if arguments.scenario == "-" {
+        Scenario::read("standard input", io::stdin(), &overrides)?
+    } else {
+        Scenario::load(&arguments.scenario, &overrides)?
+    };
     scenario.require_candidates()?;
     Ok(scenario)
 }

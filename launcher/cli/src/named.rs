@@ -68,7 +68,9 @@ pub(super) fn stem(path: &Path) -> String {
 /// Recordings of a folder, the newest first; none of one that cannot be read.
 pub(super) fn newest(folder: &Path) -> Vec<PathBuf> {
     let mut found = of_folder(folder).unwrap_or_default();
-    found.sort_by_key(|path| Reverse(path.metadata().and_then(|found| found.modified()).ok()));
+    found.sort_by_cached_key(|path| {
+        Reverse(path.metadata().and_then(|found| found.modified()).ok())
+    });
     let short = |path: PathBuf| path.strip_prefix(".").map(Path::to_owned).unwrap_or(path);
     found.into_iter().map(short).collect()
 }

@@ -9,7 +9,7 @@ use super::refusal::{Done, Failure};
 use figures::results::ResultsFolder;
 use host::exit;
 use record::read::RecordedFlight;
-use scenario::shell_word;
+use scenario::shell_path;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use viewers::report::{Folder, Report, document, pictures};
@@ -19,8 +19,7 @@ pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write, said: &mut d
     if !arguments.more.is_empty() {
         let first = arguments.file.as_deref().unwrap_or(Path::new("."));
         let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = folder.unwrap_or(Path::new(".")).display().to_string();
-        let folder = shell_word(&folder);
+        let folder = shell_path(folder.unwrap_or(Path::new(".")));
         let told = format!(
             "report takes one recording, or all of a folder, not several: try `morphquad report {folder}`"
         );

@@ -4,6 +4,7 @@ use super::Finding;
 use runtime::clock::mono_now_ns;
 use runtime::namespace::{BASE, dead_runs, orphans, runs_in_the_air, sweep_dead_runs};
 use rustix::fs::{fdatasync, statvfs};
+use scenario::needs;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,8 +12,6 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-/// What a flight may touch of shared memory \[MB\].
-const NEEDED_MB: u64 = 160;
 /// Room for an hour or so of recording \[MB\].
 const RECORDING_MB: u64 = 2048;
 /// What a flight as shipped writes, and what leaves it room \[MB/s\].
@@ -37,17 +36,17 @@ fn size() -> Finding {
     let mb = stat.f_blocks.saturating_mul(stat.f_frsize) >> 20;
     let remedy =
         format!("`mount -o remount,size=512m {BASE}`, or `--shm-size 512m` of the container");
-    if mb < NEEDED_MB {
+    if mb < needs::SHARED_MEMORY_MB {
         return Finding::fail("shm size", format!("{mb} MB"), remedy);
     }
-    Finding::warn_if(mb < 2 * NEEDED_MB, "shm size", format!("{mb} MB"), remedy)
+    Finding::warn_if(mb < 2 * needs::SHARED_MEMORY_MB, "shm size", format!("{mb} MB"), remedy)
 }
 
 fn free() -> Finding {
     let stat = statvfs(BASE).map(|stat| stat.f_bavail.saturating_mul(stat.f_frsize) >> 20);
     let mb = stat.unwrap_or(0);
-    let found = format!("{mb} MB free; a flight may need {NEEDED_MB} MB");
-    if mb < NEEDED_MB {
+    let found = format!("{mb} MB free; a flight may need {} MB", needs::SHARED_MEMORY_MB);
+    if mb < needs::SHARED_MEMORY_MB {
         return Finding::fail(
             "shm free",
             found,

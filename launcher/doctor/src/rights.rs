@@ -4,15 +4,11 @@ use super::Finding;
 use host::realtime::may_lock_memory;
 use runtime::priority::Schedule;
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
-use scenario::Scenario;
+use scenario::{Scenario, needs};
 use shared_types::Role;
 
 /// Priority of the fastest loop of a flight as shipped, if the scenario tells none.
 const USUAL_PRIORITY: u8 = 13;
-/// Files that a launcher with all seats taken has open: some five for each topic and seat.
-const NEEDED_FILES: u64 = 512;
-/// The least with which a flight starts.
-const LEAST_FILES: u64 = 256;
 
 pub(super) fn checks() -> Vec<Finding> {
     vec![fifo(), deadline(), memory_lock(), open_files(), processes(), pidfd(), stack()]
@@ -65,13 +61,17 @@ fn memory_lock() -> Finding {
 fn open_files() -> Finding {
     let name = "open files";
     let limit = getrlimit(Resource::Nofile);
-    let current = limit.current.unwrap_or(u64::MAX);
+    // A launcher raises the one to the other.
+    let most = limit.maximum.unwrap_or(u64::MAX);
     let found = format!("{} of at most {}", told(limit.current), told(limit.maximum));
-    let remedy = format!("`ulimit -n {}`", NEEDED_FILES.max(1024));
-    if current < LEAST_FILES {
+    let needed = needs::DESCRIPTORS;
+    if most < needed {
+        let remedy = format!(
+            "raise nofile in /etc/security/limits.conf to {needed} or more, or `ulimit -Hn {needed}` as root"
+        );
         return Finding::fail(name, found, remedy);
     }
-    Finding::warn_if(current < NEEDED_FILES, name, found, remedy)
+    Finding::ok(name, found)
 }
 
 fn processes() -> Finding {

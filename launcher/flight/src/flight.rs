@@ -34,8 +34,8 @@ use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
-    RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, recording_path,
-    require_descriptors, require_processor, require_shared_memory, run_id, system,
+    RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, require_descriptors,
+    require_processor, require_shared_memory, run_id, system,
 };
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
@@ -98,8 +98,7 @@ fn fly(
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
     let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
-    let recording_path =
-        options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
+    let recording_path = options.recording_path(&id)?;
     let facts = facts(&id, options);
     let recording =
         recording_path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;

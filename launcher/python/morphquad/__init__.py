@@ -24,6 +24,7 @@ from .executable import MorphquadError
 from .flight import Flight, Verdict, run
 from .recording import Recording, open
 
+# `open` is left out, so that `from morphquad import *` hides no built-in.
 __all__ = [
     "Flight",
     "MorphquadError",
@@ -31,6 +32,5 @@ __all__ = [
     "Verdict",
     "fly_attitude",
     "fly_position",
-    "open",
     "run",
 ]

@@ -1,32 +1,35 @@
 """Controllers that take a slot of a flight: one function each.
 
-The package `morphquad.host` has what these are made of, and takes laws with gains and a memory: `host.attitude.main` and
-`host.position.main`.
+The package `morphquad.host` has what these are made of, and takes laws with gains and a memory:
+`host.attitude.main` and `host.position.main`.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .host import attitude, position
 
 
-def fly_attitude(torque: Callable[[Any], Sequence[float]]) -> None:
+def fly_attitude(torque: "Callable[[attitude.Sample], Sequence[float]]") -> None:
     """Flies `torque(sample)`, the torque about the body axes [N m], in the attitude slot; ends with the process.
 
-    The sample has `t_ns`; the state `estimate` with `q_wb`, `body_rate_b_rad_s` and all that the estimator publishes; the
-    rotation `error_rad` in the body frame to the attitude to take; `attitude_rad` (roll, pitch, yaw) and `thrust_n` as asked
-    for; `inertia_kg_m2` and `bound_nm`, the largest torque, about each axis; and `tracked_nm`, from which the next torque is
-    to continue while the controller still shadows another, else None.
+    The sample has `t_ns`; the state `estimate` with `q_wb`, `body_rate_b_rad_s` and all that the estimator
+    publishes; the rotation `error_rad` in the body frame to the attitude to take; `attitude_rad` (roll, pitch,
+    yaw) and `thrust_n` as asked for; `inertia_kg_m2` and `bound_nm`, the largest torque, about each axis; and
+    `tracked_nm`, from which the next torque is to continue while the controller still shadows another, else None.
     """
     from .host import attitude
 
     attitude.fly(torque)
 
 
-def fly_position(acceleration: Callable[[Any], Sequence[float]]) -> None:
+def fly_position(acceleration: "Callable[[position.Sample], Sequence[float]]") -> None:
     """Flies `acceleration(sample)` in W [m/s²] in the position slot; ends with the process.
 
-    The sample has `t_ns`; `position_m` and `velocity_m_s` as estimated; `target_m`, `target_m_s` and `target_m_s2`, where to
-    be and how to move; and `tracked_m_s2`, from which the next acceleration is to continue while the controller still
-    shadows another, else None.
+    The sample has `t_ns`; `position_m` and `velocity_m_s` as estimated; `target_m`, `target_m_s` and
+    `target_m_s2`, where to be and how to move; and `tracked_m_s2`, from which the next acceleration is to continue
+    while the controller still shadows another, else None.
     """
     from .host import position
 

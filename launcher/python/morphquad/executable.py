@@ -9,6 +9,10 @@ import sysconfig
 from typing import Any
 
 
+# How long a flight that was interrupted may take to end [s].
+LEAVE_S = 15.0
+
+
 class MorphquadError(Exception):
     """What the executable said when it could not do what it was asked for."""
 
@@ -32,9 +36,18 @@ def ask(*words: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
 
     Raises `MorphquadError` with what it said if it ended otherwise than `passes`.
     """
-    answer = subprocess.run(
-        [path(), *words, "--format", "json"], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
-    )
-    if answer.returncode not in passes:
-        raise MorphquadError(answer.stderr.strip() or answer.stdout.strip(), answer.returncode)
-    return json.loads(answer.stdout), answer.returncode
+    command = [path(), *words, "--format", "json"]
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as process:
+        try:
+            out, said = process.communicate()
+        except KeyboardInterrupt:
+            # The executable has been interrupted, too, and ends in order.
+            try:
+                process.communicate(timeout=LEAVE_S)
+            except subprocess.TimeoutExpired:
+                process.terminate()
+            raise
+    if process.returncode not in passes:
+        raise MorphquadError(said.strip() or out.strip(), process.returncode)
+    return json.loads(out), process.returncode

@@ -1,21 +1,28 @@
 """A flight, flown by the executable."""
 
 import dataclasses
+import functools
+import json
+import math
 import os
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from . import executable
-from .recording import Recording, open as open_recording
+from .recording import Recording
 
-# Exit codes of a flight that has a summary: passed, a bound violated or the vehicle lost, a swap of the script refused or
-# taken back.
+# Exit codes of a flight that has a summary: passed, a bound violated or the vehicle lost, a swap of the script
+# refused or taken back.
 FLOWN = (0, 1, 5)
+# Those of them with which the flight itself has passed.
+PASSED = (0, 5)
 
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
-    """What a flight is worth, by the limits of its scenario."""
+    """What a flight is worth, by the limits of its scenario. A swap that was refused or taken back is no part of
+    it: see `Flight.exit_code` and `Flight.summary["swaps"]`.
+    """
 
     passed: bool
     # PASSED or what was wrong, and why, in one line.
@@ -34,9 +41,16 @@ class Flight:
     verdict: Verdict
     # Everything that `morphquad run --format json` tells.
     summary: dict[str, Any]
-    # None for a flight that recorded nothing.
-    recording: Recording | None
+    # That of the command: 0 passed, 1 not, 5 passed although a swap of the script was refused or taken back.
     exit_code: int
+    _file: str | None
+
+    @functools.cached_property
+    def recording(self) -> Recording:
+        """Its recording. Raises `ValueError` for a flight that recorded nothing."""
+        if self._file is None:
+            raise ValueError("the flight was not recorded: leave `record=None` away")
+        return Recording(self._file)
 
 
 def run(
@@ -58,38 +72,54 @@ def run(
 ) -> Flight:
     """Flies a scenario, shipped or of a file, and waits for its end.
 
-    `set` changes keys of the scenario, for example `{"start.morph_angle_deg": 120}`; `crew` fills slots, for example
-    `{"attitude": "attitude-lqr"}`; `swap`, `standby`, `fault`, `goto` and `morph` take what the flags of `morphquad run`
-    take, such as `"attitude=attitude-pid@6s"`. The recording goes into the folder `record`, or nowhere if that is None.
+    `set` changes keys of the scenario, for example `{"start.morph_angle_deg": 120}`; `crew` fills slots, for
+    example `{"attitude": "attitude-lqr"}`; `swap`, `standby`, `fault`, `goto` and `morph` take what the flags of
+    `morphquad run` take, such as `"attitude=attitude-pid@6s"`. The recording goes into the folder `record`, or
+    nowhere if that is None.
 
     Raises `MorphquadError` if nothing could be flown, or a process crashed.
     """
     words = ["run", os.fspath(scenario)]
-    for flag, value in (("--seed", seed), ("--clock", clock), ("--name", name)):
+    for flag, value in (("seed", seed), ("clock", clock), ("name", name)):
         if value is not None:
-            words += [flag, str(value)]
+            words += [f"--{flag}", str(value)]
     if duration_s is not None:
+        if not math.isfinite(duration_s) or duration_s < 0.0:
+            raise ValueError(f"duration_s={duration_s} is no duration in seconds")
         words += ["--for", f"{round(duration_s * 1e9)}ns"]
     words += ["--record", os.fspath(record)] if record is not None else ["--no-record"]
     words += ["--in-process"] if in_process else []
-    for key, value in (set or {}).items():
-        words += ["--set", f"{key}={_toml(value)}"]
-    for slot, controller in (crew or {}).items():
+    for key, value in _mapping("set", set).items():
+        words += ["--set", f"{key}={_toml(key, value)}"]
+    for slot, controller in _mapping("crew", crew).items():
         words += ["--crew", f"{slot}={controller}"]
     lists = {"swap": swap, "standby": standby, "fault": fault, "goto": goto, "morph": morph}
     for flag, values in lists.items():
         for value in [values] if isinstance(values, str) else values:
             words += [f"--{flag}", value]
     summary, exit_code = executable.ask(*words, passes=FLOWN)
-    verdict = Verdict(exit_code == 0, summary["line"], summary["verdict"]["reasons"])
-    recorded = summary.get("recording")
-    return Flight(verdict, summary, open_recording(recorded) if recorded else None, exit_code)
+    verdict = Verdict(exit_code in PASSED, summary["line"], summary["verdict"]["reasons"])
+    file = summary.get("recording")
+    return Flight(verdict, summary, exit_code, os.path.abspath(file) if file else None)
 
 
-def _toml(value: Any) -> str:
+def _mapping(name: str, value: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping | None):
+        raise TypeError(f"{name} is a mapping such as {{...}}, and not {value!r}")
+    return value or {}
+
+
+def _toml(key: str, value: Any) -> str:
     """A value as a scenario has it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml(each) for each in value) + "]"
-    return str(value)
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case int() | float():
+            return repr(value)
+        case str():
+            return json.dumps(value)
+        case Mapping():
+            return "{" + ", ".join(f"{name} = {_toml(key, each)}" for name, each in value.items()) + "}"
+        case list() | tuple():
+            return "[" + ", ".join(_toml(key, each) for each in value) + "]"
+    raise TypeError(f"{key}: {value!r} is no value of a scenario")

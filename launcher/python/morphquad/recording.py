@@ -1,5 +1,6 @@
 """Recordings as tables."""
 
+import functools
 import os
 import pathlib
 import shutil
@@ -21,16 +22,27 @@ class Recording:
     """
 
     def __init__(self, file: str | os.PathLike[str]) -> None:
-        told, _ = executable.ask("recordings", "show", os.fspath(file))
-        # The file, the verdict in one line, and run, build and machine.
-        self.file: str = told["file"]
-        self.line: str = told["line"]
-        self.facts: dict[str, str] = told["facts"]
+        self.file = os.path.abspath(file)
         self._tables = pathlib.Path(tempfile.mkdtemp(prefix="morphquad-"))
         weakref.finalize(self, shutil.rmtree, self._tables, ignore_errors=True)
 
     def __repr__(self) -> str:
-        return f"<Recording {self.file}: {self.line}>"
+        return f"<Recording {self.file}>"
+
+    @functools.cached_property
+    def _shown(self) -> dict[str, Any]:
+        told, _ = executable.ask("recordings", "show", self.file)
+        return told
+
+    @property
+    def line(self) -> str:
+        """The verdict of its flight in one line."""
+        return self._shown["line"]
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Run, build and machine."""
+        return self._shown["facts"]
 
     @property
     def topics(self) -> list[str]:
@@ -65,9 +77,11 @@ class Recording:
 
     def parquet(self, topic: str) -> pathlib.Path:
         """A topic as a Parquet file, which lasts as long as this object."""
-        path = self._tables / f"{topic}.parquet"
+        path = self._tables / f"{topic.strip('/')}.parquet"
         if not path.exists():
             executable.ask("topic", "export", self.file, topic, "--parquet", "--out", str(self._tables))
+        if not path.exists():
+            raise executable.MorphquadError(f"{self.file} has no sample of {topic}", 2)
         return path
 
 
@@ -76,4 +90,7 @@ def open(file: str | os.PathLike[str] = "latest") -> Recording:  # noqa: A001
 
     Raises `MorphquadError` for a file that cannot be read.
     """
-    return Recording(file)
+    told, _ = executable.ask("recordings", "show", os.fspath(file))
+    recording = Recording(told["file"])
+    recording._shown = told
+    return recording

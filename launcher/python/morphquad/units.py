@@ -5,7 +5,9 @@ UNITS = {
     "kg_m2": "kg m²",
     "rad_s2": "rad/s²",
     "rad_s": "rad/s",
+    "rad2": "rad²",
     "m_s2": "m/s²",
+    "m2": "m²",
     "m_s": "m/s",
     "n_m": "N m",
     "nm": "N m",
@@ -22,5 +24,7 @@ UNITS = {
 
 def unit_of(column: str) -> str | None:
     """Unit of a column such as `velocity_w_m_s[2]`; None for a number, a flag or a name."""
-    name = column.split("[")[0].rsplit(".", 1)[-1]
+    name = column.rsplit(".", 1)[-1].split("[")[0]
+    if "_per_" in name:
+        return None
     return next((unit for end, unit in UNITS.items() if name.endswith("_" + end)), None)

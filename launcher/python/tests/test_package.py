@@ -12,17 +12,19 @@ import morphquad
 from morphquad.units import unit_of
 
 NOTEBOOK = pathlib.Path(__file__).absolute().parent.parent / "flight.ipynb"
-TEN_LINES = """#!/usr/bin/env python3
+# The controller of ten lines that the readme shows.
+README = NOTEBOOK.with_name("README.md").read_text()
+TEN_LINES = "#!/usr/bin/env python3" + README.split("#!/usr/bin/env python3", 1)[1].split("```", 1)[0]
+POSITION = """#!/usr/bin/env python3
 import morphquad
 
 
-def torque(sample):
-    rate_rad_s = sample.estimate.body_rate_b_rad_s
-    law = zip(sample.inertia_kg_m2, sample.error_rad, rate_rad_s)
-    return [50.0 * inertia * (16.0 * error - rate) for inertia, error, rate in law]
+def acceleration(sample):
+    gains = zip(sample.target_m, sample.position_m, sample.target_m_s, sample.velocity_m_s)
+    return [20.0 * (to - at) + 9.0 * (to_s - at_s) for to, at, to_s, at_s in gains]
 
 
-morphquad.fly_attitude(torque)
+morphquad.fly_position(acceleration)
 """
 # A busy machine may take its time.
 PATIENCE = {
@@ -54,6 +56,8 @@ class Package(Folder):
         self.assertEqual(truth.attrs["units"]["velocity_w_m_s[0]"], "m/s")
         self.assertLess(abs(truth["position_w_m[2]"].iloc[-1] - 1.5), 0.05)
         self.assertIn("imu", flight.recording.topics)
+        with self.assertRaises(morphquad.MorphquadError):
+            flight.recording["trip"]
         polars = morphquad.open("latest").polars("truth")
         self.assertEqual(polars["position_w_m[2]"].to_list(), truth["position_w_m[2]"].to_list())
         self.assertEqual(morphquad.open("mi").line, flight.verdict.line)
@@ -64,7 +68,8 @@ class Package(Folder):
         self.assertFalse(flight.verdict)
         self.assertEqual(flight.exit_code, 1)
         self.assertIn("tracking_max_m", [reason["key"] for reason in flight.verdict.reasons])
-        self.assertIsNone(flight.recording)
+        with self.assertRaises(ValueError):
+            flight.recording  # noqa: B018
 
     def test_what_cannot_be_done_is_said_in_the_words_of_the_executable(self):
         for wrong in (
@@ -85,6 +90,34 @@ class Package(Folder):
         flight = morphquad.run("hover", duration_s=3.0, swap=swap, set=PATIENCE, record=None)
         self.assertEqual(flight.exit_code, 0, flight.summary["swaps"])
         self.assertTrue(flight.summary["swaps"][0]["done"], flight.summary["swaps"])
+
+
+    def test_a_controller_that_is_refused_leaves_a_flight_that_passed_and_says_so(self):
+        controller = pathlib.Path("mine.py").absolute()
+        controller.write_text(TEN_LINES.replace("return [", "return [0.0] or ["))
+        controller.chmod(0o755)
+        swap = f"attitude={controller}@500ms,shadow=600ms,rollback=500ms"
+        flight = morphquad.run("hover", duration_s=2.0, swap=swap, set=PATIENCE, record=None)
+        self.assertEqual((flight.exit_code, bool(flight.verdict)), (5, True), flight.summary["swaps"])
+        told = json.dumps(flight.summary)
+        self.assertIn("torque(sample) gave 1 numbers, and three are needed", told)
+
+    def test_a_position_law_of_one_function_takes_its_slot(self):
+        controller = pathlib.Path("mine.py").absolute()
+        controller.write_text(POSITION)
+        controller.chmod(0o755)
+        swap = f"position={controller}@500ms,shadow=600ms,rollback=500ms"
+        flight = morphquad.run("hover", duration_s=3.0, swap=swap, set=PATIENCE, record=None)
+        self.assertEqual(flight.exit_code, 0, flight.summary["swaps"])
+
+    def test_settings_are_written_as_a_scenario_has_them(self):
+        wind = {"kind": "wind", "mean_w_m_s": [1, 0.5, 0.0]}
+        settings = {"scenario.name": "true", "disturbance_injector.script": [wind]}
+        flight = morphquad.run("hover", duration_s=0.3, set=settings, in_process=True)
+        self.assertEqual(flight.summary["scenario"], "true")
+        for wrong in ({"seed": object()}, ["a=1"]):
+            with self.assertRaises(TypeError):
+                morphquad.run("hover", set=wrong)
 
 
 class Notebook(Folder):
@@ -108,6 +141,8 @@ class Units(unittest.TestCase):
             ("torque_b_nm[1]", "N m"),
             ("inertia_kg_m2[0]", "kg m²"),
             ("thrust_n", "N"),
+            ("points[0].position_w_m[0]", "m"),
+            ("gain_per_s", None),
             ("q_wb.w", None),
             ("sequence", None),
         ):

@@ -77,7 +77,11 @@ impl Recording {
         outlive_size_limits();
         let file = File::create_new(path).map_err(failed)?;
         let kept = file.try_clone().map_err(failed)?;
-        let mut recording = Self::over(Box::new(file), path, facts)?;
+        let begun = Self::over(Box::new(file), path, facts);
+        let mut recording = begun.inspect_err(|_| {
+            // A file without a beginning is none.
+            let _ = std::fs::remove_file(path);
+        })?;
         // What a power cut takes of a flight in lockstep can be flown again, and the disk would slow it.
         if let Clock::Realtime { .. } = facts.clock {
             let keeper = Keeper::of(move || kept.sync_data()).map_err(failed)?;

@@ -99,7 +99,7 @@ impl fmt::Display for Verification {
                 let after_s = s_from_ns(after_ns);
                 writeln!(
                     f,
-                    "  {name} compared up to {after_s:.6} s: the recorder lost samples of {topic} then, which it had"
+                    "  {name} is compared up to {after_s:.6} s: the recorder then lost samples of {topic} that it had"
                 )?;
             }
         }
@@ -110,9 +110,14 @@ impl fmt::Display for Verification {
                  compared up to what it completely holds"
             )?;
         }
+        let is_cut = self.services.iter().any(|service| service.loss.is_some());
         let word = match self.first() {
             Some(_) => "different",
+            None if self.identical() && is_cut => "identical, as far as it could be compared",
             None if self.identical() => "identical",
+            None if is_cut => {
+                "nothing could be compared: the recorder lost samples at the beginning"
+            }
             None => {
                 "nothing could be compared: the file ends before it can be told what the steps had"
             }

@@ -131,7 +131,7 @@ struct Load<'a> {
     role: Role,
     topics: &'a Topics,
     recorded: Recorded,
-    /// The newest sample of each topic, seat and, where they have numbers of their own, process.
+    /// The newest sample of each topic, seat and process.
     newest: BTreeMap<(&'static str, u32, u32), Header>,
 }
 
@@ -142,10 +142,14 @@ impl Load<'_> {
     }
 
     fn note_jump(&mut self, topic: &'static TopicInfo, header: &Header) {
-        let generation = if topic.from.seats() > 1 { header.generation } else { 0 };
-        let before = self.newest.insert((topic.name, header.seat, generation), *header);
+        // The numbers of two processes say nothing of one another.
+        let key = (topic.name, header.seat, header.generation);
+        let before = self.newest.get(&key);
         if let Some(before) = before.filter(|before| header.sequence > before.sequence + 1) {
             self.recorded.jumps.entry(topic.name).or_insert(before.release_ns);
+        }
+        if before.is_none_or(|before| header.sequence > before.sequence) {
+            self.newest.insert(key, *header);
         }
     }
 }
@@ -184,6 +188,10 @@ impl RecordVisitor for Load<'_> {
             self.role
         };
         if role == self.role {
+            if any.is::<Deviation>() {
+                // What a loop told steers its replay as much as its inputs do.
+                self.note_jump(&topic.info, header);
+            }
             self.recorded.tapes.push(topic, *sample);
         }
     }

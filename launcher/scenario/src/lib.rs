@@ -10,6 +10,7 @@ mod check;
 mod clock;
 mod deadlines;
 mod document;
+pub mod needs;
 mod ordered;
 pub mod orders;
 mod overrides;
@@ -40,7 +41,7 @@ pub use overrides::Override;
 pub use pilot::Plan;
 pub use problem::{Problem, ScenarioError};
 pub use settings::Settings;
-pub use shell::shell_word;
+pub use shell::{shell_path, shell_word};
 pub use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 pub use wiring::delayed_topics;
@@ -96,6 +97,22 @@ impl Scenario {
             return Err(Problem::new(name_or_path, "has no key in it", remedy, None).into());
         }
         Ok(scenario)
+    }
+
+    /// As [`load`](Self::load), from a stream that complaints call `name`.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load), and if it cannot be read.
+    pub fn read(
+        name: &str,
+        from: impl std::io::Read,
+        overrides: &[Override],
+    ) -> Result<Self, ScenarioError> {
+        let text = text::read_all(from).map_err(|error| {
+            let remedy = "`morphquad check hover --format toml` writes one that can be read";
+            Problem::new(name, format!("cannot be read: {error}"), remedy, None)
+        })?;
+        Self::from_text(name, &text, overrides)
     }
 
     /// As [`load`](Self::load), from a text that complaints call `name`.

@@ -1,12 +1,19 @@
 //! Words of commands that are printed to be copied.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 /// A word as a shell takes it in: in quotes if it has blanks, stars or the like in it.
 #[must_use]
 pub fn shell_word(word: &str) -> Cow<'_, str> {
-    // A word with a zero in it is none of any shell.
+    // No shell can pass a word with a NUL byte.
     shlex::try_quote(word).unwrap_or(Cow::Borrowed(word))
+}
+
+/// The same of a path.
+#[must_use]
+pub fn shell_path(path: &Path) -> String {
+    shell_word(&path.to_string_lossy()).into_owned()
 }
 
 #[cfg(test)]

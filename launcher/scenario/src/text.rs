@@ -1,18 +1,16 @@
-//! The text of a scenario: a file, a pipe or standard input.
+//! The text of a scenario.
 
 use super::{Problem, ScenarioError, is_recording, shell_word, shipped, suggestion};
 use std::fs::File;
-use std::io::{self, Read as _};
+use std::io::{self, Read};
 use std::net::SocketAddr;
 use std::os::unix::fs::FileTypeExt as _;
 use std::path::Path;
 
 /// Longest text of a scenario \[bytes\].
 const LONGEST: u64 = 4 << 20;
-/// What stands for standard input in place of a path.
-const STANDARD_INPUT: &str = "-";
 
-/// Reads the text at a path, or standard input for `-`.
+/// Reads the text at a path.
 ///
 /// # Errors
 /// What is there instead, and what may have been meant.
@@ -46,18 +44,22 @@ pub(super) fn read(path: &str) -> Result<String, ScenarioError> {
     })
 }
 
-/// The text of a file or a pipe, of standard input for [`STANDARD_INPUT`]. A device may have no end, and a file may be any.
+/// The text of a file or a pipe. A device may have no end, and a file may have any length.
 fn text_of(path: &str) -> io::Result<String> {
+    let kind = std::fs::metadata(path)?.file_type();
+    if kind.is_char_device() || kind.is_block_device() {
+        return Err(io::Error::other("it is a device, and a scenario is text"));
+    }
+    read_all(File::open(path)?)
+}
+
+/// The text of a scenario from wherever it comes, up to the largest size that one has.
+///
+/// # Errors
+/// It cannot be read, is no text, or is too long.
+pub(super) fn read_all(from: impl Read) -> io::Result<String> {
     let mut text = String::new();
-    let length = if path == STANDARD_INPUT {
-        io::stdin().take(LONGEST + 1).read_to_string(&mut text)?
-    } else {
-        let kind = std::fs::metadata(path)?.file_type();
-        if kind.is_char_device() || kind.is_block_device() {
-            return Err(io::Error::other("it is a device, and a scenario is text"));
-        }
-        File::open(path)?.take(LONGEST + 1).read_to_string(&mut text)?
-    };
+    let length = from.take(LONGEST + 1).read_to_string(&mut text)?;
     if length as u64 > LONGEST {
         let told = format!("it is longer than {} MB, and no scenario is", LONGEST >> 20);
         return Err(io::Error::other(told));

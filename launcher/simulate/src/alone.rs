@@ -4,8 +4,7 @@
 use super::RunOptions;
 use super::setup::Speed;
 use super::setup::{
-    RunError, Unflown, clock_of, facts, pinned_cpu, progress_bar, recording_path,
-    require_processor, run_id, system,
+    RunError, Unflown, clock_of, facts, pinned_cpu, progress_bar, require_processor, run_id, system,
 };
 use super::sinks::Sinks;
 use super::summary::Summary;
@@ -84,7 +83,7 @@ pub fn fly_alone<O: Observer + Default>(
 ) -> Result<FlownAlone<O>, RunError> {
     let stop = StopFlags::watch_signals().map_err(system("watch signals"))?;
     let id = run_id();
-    let path = options.record.as_deref().map(|dir| recording_path(dir, &id)).transpose()?;
+    let path = options.recording_path(&id)?;
     let facts = Facts { branch: branched, ..facts(&id, options) };
     let sinks = sinks(&facts, path.as_deref(), options)?;
     let unflown = Unflown::of(path.as_deref());

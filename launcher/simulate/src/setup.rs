@@ -7,16 +7,11 @@ use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
-use scenario::Scenario;
+use scenario::{Scenario, needs};
 use shared_types::ClockMode;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-/// What the rings of a flight add up to once every one has gone round \[MB\].
-const NEEDED_SHARED_MEMORY_MB: u64 = 160;
-/// File descriptors that a launcher may have open at once, with a candidate in each slot: 657 were counted.
-const NEEDED_DESCRIPTORS: u64 = 768;
 
 /// Pace of logical time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,8 +41,10 @@ pub struct RunOptions {
     pub scenario: Scenario,
     /// Pace.
     pub speed: Speed,
-    /// Folder for the recording, or its file if the path ends in `.mcap`; none for no recording.
+    /// Folder for the recording; none for no recording.
     pub record: Option<PathBuf>,
+    /// Name of the recording; the id of the run if none.
+    pub name: Option<String>,
     /// Processor choice.
     pub pin: Pin,
     /// Seed of a start in disorder; none for the usual order.
@@ -94,7 +91,7 @@ pub enum RunError {
     },
     /// Too few file descriptors.
     #[error(
-        "a process may open {limit} files here and a flight may need {needed}: raise the limit with `ulimit -n {needed}` or in /etc/security/limits.conf"
+        "a process may open {limit} files here at most and a flight may need {needed}: raise the hard limit, nofile in /etc/security/limits.conf, or `ulimit -Hn {needed}` as root"
     )]
     Descriptors {
         /// The largest limit that may be asked for.
@@ -164,28 +161,26 @@ pub fn require_shared_memory() -> Result<(), RunError> {
     let stat = rustix::fs::statvfs(BASE)
         .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
     let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
-    if free_mb < NEEDED_SHARED_MEMORY_MB {
-        return Err(RunError::SharedMemory { free_mb, needed_mb: NEEDED_SHARED_MEMORY_MB });
+    if free_mb < needs::SHARED_MEMORY_MB {
+        return Err(RunError::SharedMemory { free_mb, needed_mb: needs::SHARED_MEMORY_MB });
     }
     Ok(())
 }
 
-/// Takes as many file descriptors as this process and those that it starts may have, and refuses to fly with too few.
+/// Raises the soft limit on open files to what a flight needs, and refuses to fly if the hard limit is below that.
 ///
 /// # Errors
 /// [`RunError::Descriptors`].
 pub fn require_descriptors() -> Result<(), RunError> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
-    if current != maximum {
-        // What cannot be raised is judged as it is.
-        let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+    if current.is_none_or(|current| current >= needs::DESCRIPTORS) {
+        return Ok(());
     }
-    match getrlimit(Resource::Nofile).current {
-        Some(limit) if limit < NEEDED_DESCRIPTORS => {
-            Err(RunError::Descriptors { limit, needed: NEEDED_DESCRIPTORS })
-        }
-        _ => Ok(()),
-    }
+    let raised = Rlimit { current: Some(needs::DESCRIPTORS), maximum };
+    setrlimit(Resource::Nofile, raised).map_err(|_| {
+        let limit = maximum.unwrap_or(u64::MAX);
+        RunError::Descriptors { limit, needed: needs::DESCRIPTORS }
+    })
 }
 
 /// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.
@@ -194,18 +189,25 @@ pub fn run_id() -> String {
     format!("{:04x}{:06x}", std::process::id() & 0xffff, (mono_now_ns() / 1000) & 0xff_ffff)
 }
 
-/// Path of the recording of run `id` in a folder, which is made if it is not there, or the path itself if it names a file.
+/// Path of a recording in a folder, which is made if it is not there.
 ///
 /// # Errors
 /// [`RunError`] if the folder cannot be made.
-pub fn recording_path(place: &Path, id: &str) -> Result<PathBuf, RunError> {
-    let is_file = place.extension().is_some_and(|ending| ending == "mcap") && !place.is_dir();
-    let path = if is_file { place.to_owned() } else { place.join(format!("{id}.mcap")) };
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder)
-            .map_err(|cause| RecordError::Create { path: folder.to_owned(), cause })?;
+pub fn recording_path(folder: &Path, name: &str) -> Result<PathBuf, RunError> {
+    std::fs::create_dir_all(folder)
+        .map_err(|cause| RecordError::Create { path: folder.to_owned(), cause })?;
+    Ok(folder.join(format!("{name}.mcap")))
+}
+
+impl RunOptions {
+    /// Path of the recording of run `id`, if it is to be recorded.
+    ///
+    /// # Errors
+    /// As [`recording_path`].
+    pub fn recording_path(&self, id: &str) -> Result<Option<PathBuf>, RunError> {
+        let name = self.name.as_deref().unwrap_or(id);
+        self.record.as_deref().map(|folder| recording_path(folder, name)).transpose()
     }
-    Ok(path)
 }
 
 /// The recording of a flight that has not begun. One that never begins leaves no file: it would hold nothing, and be

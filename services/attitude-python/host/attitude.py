@@ -68,7 +68,7 @@ class Attitude:
             bound_nm,
             self._tracked(loop),
         )
-        torque_nm = tuple(self._law.torque(sample))
+        torque_nm = process.three_numbers("torque(sample)", self._law.torque(sample))
         self._fill_in(loop, thrust_n, torque_nm, bound_nm)
         self._torque_nm = torque_nm
         return OUTPUTS

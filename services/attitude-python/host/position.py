@@ -63,7 +63,7 @@ class Position:
             *target,
             self._tracked(loop, heading_rad),
         )
-        wish = tuple(self._law.acceleration(sample))
+        wish = process.three_numbers("acceleration(sample)", self._law.acceleration(sample))
         previous, self._command = self._command, self._bounded(wish)
         self._law.applied(sample, wish, self._acceleration_of(self._command))
         self._fill_in(loop, previous, heading_rad, yaw_rad)
@@ -181,7 +181,7 @@ def fly(acceleration):
 
 
 class Law(typing.NamedTuple):
-    """A law that is one function, and does not ask what the bounds have left of it."""
+    """A law that is one function, and ignores how far the bounds have limited it."""
 
     acceleration: typing.Callable
 

@@ -33,6 +33,14 @@ PASS, UNFIT, CRASHED, INTERRUPTED = 0, 3, 4, 130
 
 def arguments(description):
     """What the launcher tells a controller."""
+    if len(sys.argv) == 1:
+        file = sys.argv[0]
+        print(
+            f"{file}: {description}; fly it with `morphquad run hover --swap SLOT=./{file}@2s`, SLOT being "
+            "attitude or position",
+            file=sys.stderr,
+        )
+        sys.exit(2)
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--slot", required=True, choices=["attitude", "position"])
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder of the run")
@@ -49,6 +57,17 @@ def arguments(description):
 def own_name():
     """Name of the file that is run, without its ending."""
     return pathlib.Path(sys.argv[0]).stem
+
+
+def three_numbers(name, given):
+    """What a law has given, as a tuple."""
+    try:
+        numbers = tuple(float(number) for number in given)
+    except TypeError:
+        raise TypeError(f"{name} gave {given!r}, and three numbers are needed") from None
+    if len(numbers) != 3:
+        raise TypeError(f"{name} gave {len(numbers)} numbers, and three are needed")
+    return numbers
 
 
 def configured(path, gains):

@@ -5,8 +5,8 @@ use super::time_scaling::TimeScaling;
 use super::{PilotError, TrajectoryPoint};
 use core::f64::consts::{FRAC_PI_2, TAU};
 
-/// Intervals of a period or a lead in which the largest speed and acceleration are looked for: of a sine of twice the
-/// figure's frequency one that falls between two instants is less than 3e-6 larger.
+/// Intervals of a period or a lead in which the largest speed and acceleration are looked for: a peak between two
+/// instants exceeds them by less than 3e-6.
 const SAMPLES: u32 = 4096;
 
 /// Which way the nose points.

@@ -2,8 +2,8 @@
 //! orders to go somewhere and to fold, and a vehicle that is not what its controllers believe. A trip is a false one if
 //! the same flight passes without the monitor.
 //!
-//! `false_trips [attitude|position] [python] [SEEDS]`: the shipped controllers with 50 seeds if nothing is given; `python`
-//! adds those in Python, which need the environment of `services/attitude-python/README.md`. Run it after
+//! `false_trips [attitude|position] [python] [SEEDS]`: the shipped controllers with 50 seeds if nothing is given;
+//! `python` adds those in Python, which need the environment of `services/attitude-python/README.md`. Run it after
 //! `cargo build --release --workspace --examples --bins`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]
 

@@ -10,7 +10,7 @@ Examples:
   morphquad run my-scenario.toml --in-process --format json
 
 Ends with 0 flown, 1 a bound was violated or the vehicle lost, 2 usage or scenario, 3 unfit environment, \
-4 crash, 130 interrupted.";
+4 crash, 5 passed although a swap of the script was refused or taken back, 130 interrupted.";
 
 pub(super) const LIST: &str = "Examples:\n  morphquad list\n  morphquad list --format json";
 
@@ -21,7 +21,8 @@ Examples:
   morphquad check hover --set plant.rate_hz=2000 --format toml > mine.toml
   ./generate | morphquad check -
 
-Shows loops, rates, latencies and deadlines. Ends with 2 if it cannot be flown: file, line, key and remedy.";
+Shows loops, rates, latencies and deadlines; as TOML the whole scenario with every default, which `run` takes again, as \
+JSON both. A scenario has at most 4 MB. Ends with 2 if it cannot be flown: file, line, key and remedy.";
 
 pub(super) const REPLAY: &str = "\
 Examples:

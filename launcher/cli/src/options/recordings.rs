@@ -57,8 +57,8 @@ pub struct RecordingsShowArguments {
     pub format: Format,
 }
 
-/// Takes the path of a recording, `latest`, or the beginning of a name. What is none of them is left to the command, which
-/// says what may have been meant; so is the name of a shipped scenario, for commands that fly it.
+/// Takes the path of a recording, `latest`, or the beginning of a name. What is none of them is left to the command,
+/// which says what may have been meant; so is the name of a shipped scenario, for commands that fly it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordingName;
 

@@ -3,10 +3,12 @@
 use super::duration::duration;
 use super::scenario_name::ScenarioOr;
 use super::{Format, LiveFlags};
+use crate::named::LATEST;
 use clap::Args;
 use clap::builder::StringValueParser;
 use core::time::Duration;
-use scenario::{Override, Scenario, ScenarioError};
+use protocol::topic::known;
+use scenario::{Override, Scenario, ScenarioError, shipped};
 use simulate::{Pin, RunOptions, Speed};
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -127,23 +129,39 @@ impl RunArguments {
         let is_to_be_watched = self.live.live.is_some() && settings.speed.is_none();
         let unpaced = if is_to_be_watched { Speed::Times(1.0) } else { Speed::Max };
         let speed = settings.pace().map_or(unpaced, Speed::Times);
-        let record = (!self.no_record).then(|| match &self.name {
-            Some(name) => self.record.join(format!("{name}.mcap")),
-            None => self.record.clone(),
-        });
+        let record = (!self.no_record).then(|| self.record.clone());
+        let name = self.name.clone();
         let progress = std::io::stderr().is_terminal();
         let (pin, disorder) = (self.pin, self.disorder);
-        RunOptions { scenario, speed, record, pin, disorder, progress, live: self.live.options() }
+        RunOptions {
+            scenario,
+            speed,
+            record,
+            name,
+            pin,
+            disorder,
+            progress,
+            live: self.live.options(),
+        }
     }
 }
 
-/// A name that is one file in the folder of the recording, wherever that is copied to.
+/// A name that is one file in any folder, and means nothing else where a recording is named.
 fn recording_name(text: &str) -> Result<String, String> {
+    let name = text.strip_suffix(".mcap").unwrap_or(text);
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    if text.is_empty() || text.starts_with(['.', '-']) || !text.chars().all(is_plain) {
-        return Err("a name consists of letters, digits, `-`, `_` and `.`, and begins with a letter or a digit".to_owned());
+    if !name.starts_with(|c: char| c.is_ascii_alphanumeric()) || !name.chars().all(is_plain) {
+        let told =
+            "a name begins with a letter or a digit, and has letters, digits, `-`, `_` and `.`";
+        return Err(told.to_owned());
     }
-    Ok(text.strip_suffix(".mcap").unwrap_or(text).to_owned())
+    let is_taken = name == LATEST || shipped::names().any(|it| it == name) || known(name).is_some();
+    if is_taken {
+        return Err(
+            "it would not mean this recording: it is a scenario, a topic or `latest`".to_owned()
+        );
+    }
+    Ok(name.to_owned())
 }
 
 fn pin(text: &str) -> Result<Pin, String> {

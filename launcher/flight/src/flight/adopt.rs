@@ -129,6 +129,7 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
         scenario,
         speed: Speed::Times(notes.clock.0.speed),
         record: options.recording_folder(&notes),
+        name: None,
         pin: notes.posts.iter().find_map(|post| post.spec.cpu).map_or(Pin::None, Pin::Cpu),
         disorder: None,
         progress: options.progress,

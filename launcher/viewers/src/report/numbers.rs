@@ -7,7 +7,7 @@ use ::verdict::CHECKS;
 use observe::{Fact, Part};
 use record::Clock;
 use record::read::{Closing, RecordedFlight};
-use scenario::{Override, Scenario, shell_word};
+use scenario::{Override, Scenario, shell_path, shipped};
 use serde::Serialize;
 
 /// One number with what it is measured by.
@@ -95,8 +95,7 @@ pub(super) fn numbers(
     observed: &Observed,
     latency: &trace::Report,
 ) -> Vec<Number> {
-    let file = flight.path().display().to_string();
-    let file = shell_word(&file);
+    let file = shell_path(flight.path());
     let mut numbers = Numbers { observed, section: "", command: String::new(), all: Vec::new() };
     let again = format!("morphquad report {file}");
     numbers.section("flight", &again);
@@ -121,7 +120,10 @@ pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String 
     let clock = format!("scenario.clock=\"{clock}\"");
     let overrides = [Override::set(&seed), Override::set(&clock)];
     let overrides: Result<Vec<_>, _> = overrides.into_iter().collect();
-    let shipped = overrides.ok().and_then(|all| Scenario::load(&settings.name, &all).ok());
+    let text = shipped::text(&settings.name);
+    let shipped = text.zip(overrides.ok());
+    let shipped =
+        shipped.and_then(|(text, all)| Scenario::from_text(&settings.name, text, &all).ok());
     let is_shipped =
         shipped.is_some_and(|shipped| shipped.to_toml() == flight.scenario().to_toml());
     if is_shipped && flight.branched().is_none() {
@@ -131,8 +133,7 @@ pub(super) fn flown_again(flight: &RecordedFlight, closing: &Closing) -> String 
     if closing.has_holes() {
         return "nothing, for the file has holes".to_owned();
     }
-    let file = flight.path().display().to_string();
-    format!("morphquad replay {} --verify", shell_word(&file))
+    format!("morphquad replay {} --verify", shell_path(flight.path()))
 }
 
 fn of_flight(

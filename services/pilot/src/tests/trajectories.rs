@@ -110,7 +110,7 @@ fn the_default_figure_eight_asks_for_little_acceleration() {
 }
 
 #[test]
-fn the_peaks_of_a_trajectory_are_those_of_a_dense_look_whatever_the_spacing_of_its_waypoints() {
+fn the_peaks_of_a_trajectory_are_those_of_a_dense_look_at_any_spacing() {
     let circle = |spacing_s: f64| {
         let waypoint = |i: u32| {
             let t_s = f64::from(i) * spacing_s;
@@ -142,7 +142,7 @@ fn the_peaks_of_a_trajectory_are_those_of_a_dense_look_whatever_the_spacing_of_i
 }
 
 #[test]
-fn a_flight_of_a_year_is_looked_at_as_fast_as_one_of_a_minute() {
+fn a_flight_of_a_year_has_the_peaks_of_one_of_a_minute() {
     let endless = FigureEightConfig { duration_s: None, ..along_path() };
     let trajectory = Trajectory::new(&figure(endless)).unwrap();
     let year_ns = 31_536_000 * 1_000 * MS;

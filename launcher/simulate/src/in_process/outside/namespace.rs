@@ -1,7 +1,7 @@
 //! The run namespace of one process: its folder, its services, and a stand-in for each neighbour.
 
 use super::super::stepper::InstanceMark;
-use crate::setup::{require_shared_memory, run_id};
+use crate::setup::{require_descriptors, require_shared_memory, run_id};
 use core::sync::atomic::{AtomicU32, Ordering};
 use host::flight::Clock;
 use protocol::control::runs::note_measurement;
@@ -98,7 +98,9 @@ impl Namespace {
         /// Tells the runs of flights apart that begin side by side.
         static FOUNDED: AtomicU32 = AtomicU32::new(0);
         let _ = sweep_dead_runs();
-        require_shared_memory().map_err(|error| OutsideError::Memory(error.to_string()))?;
+        require_shared_memory()
+            .and_then(|()| require_descriptors())
+            .map_err(|error| OutsideError::Memory(error.to_string()))?;
         let number = FOUNDED.fetch_add(1, Ordering::Relaxed);
         let membership = Membership::found(&format!("{}{number:x}", run_id()))?;
         let folder = membership.folder();

@@ -232,6 +232,33 @@ fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range_whoever_repe
 }
 
 #[test]
+fn the_first_sample_of_a_writer_is_told_where_others_may_have_come_before() {
+    let began = |bench: &mut Bench| {
+        let mut told = bench.step();
+        told.retain(|(kind, ..)| *kind == DeviationKind::Began);
+        told.iter().map(|(_, first, _)| *first).collect::<Vec<_>>()
+    };
+    for (sequence, first) in [(7, vec![7]), (1, Vec::new())] {
+        let mut joins = Bench::new(MissPolicy::CatchUp, 0);
+        joins.comes_from_a_slot();
+        joins.executor.join_at(5 * MS, 0);
+        joins.says((0, 0), sequence, 5);
+        assert_eq!(began(&mut joins), first, "it has joined in flight");
+        // What comes after that is heard from its beginning.
+        joins.says((1, 0), 30, 6);
+        assert_eq!(began(&mut joins), [0; 0]);
+        joins.says((1, 1), 40, 7);
+        assert_eq!(began(&mut joins), [40], "another process follows on the seat");
+        joins.says((1, 2), 41, 8);
+        assert_eq!(began(&mut joins), [0; 0], "the numbers go on");
+    }
+    let mut begins = Bench::new(MissPolicy::CatchUp, 0);
+    begins.comes_from_a_slot();
+    begins.says((1, 0), 7, 0);
+    assert_eq!(began(&mut begins), [0; 0], "it was there from the start");
+}
+
+#[test]
 fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeated() {
     let edge = Edge::unwaited(&topics::IMU.info, Role::Estimator);
     for policy in [MissPolicy::Skip, MissPolicy::Hold, MissPolicy::CatchUp] {
