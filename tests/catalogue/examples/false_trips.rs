@@ -70,11 +70,7 @@ fn far(draws: &mut Draws, seed: u64) -> Vec<String> {
             1 + seed % 4,
             draws.number(0.85, 1.0)
         ),
-        _ => format!(
-            "{{kind=\"sine\",at_s=4.5,frequency_hz={:?},load={{force_w_n={:?}}}}}",
-            draws.number(0.5, 4.0),
-            draws.vector(0.2)
-        ),
+        _ => format!("{{kind=\"step\",at_s=4.5,load={{force_w_n={:?}}}}}", draws.vector(0.3)),
     };
     let mut arguments = words(&[
         "--for",
@@ -213,6 +209,12 @@ struct Row {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let words: Vec<String> = std::env::args().skip(1).collect();
+    let is_known = |word: &String| {
+        Slot::named(word).is_some() || word == "python" || word.parse::<u64>().is_ok()
+    };
+    if let Some(unknown) = words.iter().find(|word| !is_known(word)) {
+        return Err(format!("`{unknown}` is no slot, no number of seeds, and not `python`").into());
+    }
     let only = words.iter().find_map(|word| Slot::named(word));
     let slots: Vec<Slot> =
         Slot::ALL.into_iter().filter(|slot| only.is_none_or(|only| only == *slot)).collect();
