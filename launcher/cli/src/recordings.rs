@@ -40,7 +40,7 @@ impl Entry {
         let (file, bytes) = (&self.path, self.length);
         match &self.flight {
             Ok(flight) => {
-                json!({"file": file, "bytes": bytes, "recorded": began(flight), "facts": flight.facts()})
+                json!({"file": file, "bytes": bytes, "began": began(flight), "facts": flight.facts()})
             }
             Err(error) => json!({"file": file, "bytes": bytes, "unreadable": error.to_string()}),
         }
@@ -114,9 +114,10 @@ fn show(arguments: &RecordingsShowArguments, out: &mut dyn Write) -> Done {
     let report = Report::of(&flight);
     drop(busy);
     let report = report.map_err(|error| unreadable(&error))?;
-    let entry = Entry::of(arguments.file.clone());
+    let path = arguments.file.clone();
+    let length = path.metadata().map_or(0, |found| found.len());
     if arguments.format == Format::Json {
-        let mut told = entry.to_json();
+        let mut told = Entry { path, length, flight: Ok(flight) }.to_json();
         told["line"] = json!(report.line);
         told["lacks"] = json!(report.lacks);
         told["again"] = json!(report.again);
@@ -124,7 +125,7 @@ fn show(arguments: &RecordingsShowArguments, out: &mut dyn Write) -> Done {
     } else {
         let fact = |key: &str| fact(&flight, key);
         writeln!(out, "{}", report.line)?;
-        writeln!(out, "  file      {}, {:.1} MB", report.file, entry.length as f64 * 1e-6)?;
+        writeln!(out, "  file      {}, {:.1} MB", report.file, length as f64 * 1e-6)?;
         writeln!(out, "  run       {}, {}, seed {}", fact("run_id"), fact("clock"), fact("seed"))?;
         writeln!(out, "  began     {}", began(&flight))?;
         writeln!(out, "  by        morphquad {} ({})", fact("version"), fact("git"))?;

@@ -82,32 +82,27 @@ class Package(Folder):
             self.assertEqual(raised.exception.exit_code, 2)
             self.assertGreater(len(str(raised.exception)), 20)
 
-    def test_a_controller_of_ten_lines_takes_the_attitude_slot(self):
+    def swapped(self, slot, text):
+        """A flight in which the controller of a text takes a slot, or is refused."""
         controller = pathlib.Path("mine.py").absolute()
-        controller.write_text(TEN_LINES)
+        controller.write_text(text)
         controller.chmod(0o755)
-        swap = f"attitude={controller}@500ms,shadow=600ms,rollback=500ms"
-        flight = morphquad.run("hover", duration_s=3.0, swap=swap, set=PATIENCE, record=None)
+        swap = f"{slot}={controller}@500ms,shadow=600ms,rollback=500ms"
+        return morphquad.run("hover", duration_s=3.0, swap=swap, set=PATIENCE, record=None)
+
+    def test_a_controller_of_ten_lines_takes_the_attitude_slot(self):
+        flight = self.swapped("attitude", TEN_LINES)
         self.assertEqual(flight.exit_code, 0, flight.summary["swaps"])
         self.assertTrue(flight.summary["swaps"][0]["done"], flight.summary["swaps"])
 
-
     def test_a_controller_that_is_refused_leaves_a_flight_that_passed_and_says_so(self):
-        controller = pathlib.Path("mine.py").absolute()
-        controller.write_text(TEN_LINES.replace("return [", "return [0.0] or ["))
-        controller.chmod(0o755)
-        swap = f"attitude={controller}@500ms,shadow=600ms,rollback=500ms"
-        flight = morphquad.run("hover", duration_s=2.0, swap=swap, set=PATIENCE, record=None)
+        flight = self.swapped("attitude", TEN_LINES.replace("return [", "return [0.0] or ["))
         self.assertEqual((flight.exit_code, bool(flight.verdict)), (5, True), flight.summary["swaps"])
         told = json.dumps(flight.summary)
         self.assertIn("torque(sample) gave 1 numbers, and three are needed", told)
 
     def test_a_position_law_of_one_function_takes_its_slot(self):
-        controller = pathlib.Path("mine.py").absolute()
-        controller.write_text(POSITION)
-        controller.chmod(0o755)
-        swap = f"position={controller}@500ms,shadow=600ms,rollback=500ms"
-        flight = morphquad.run("hover", duration_s=3.0, swap=swap, set=PATIENCE, record=None)
+        flight = self.swapped("position", POSITION)
         self.assertEqual(flight.exit_code, 0, flight.summary["swaps"])
 
     def test_settings_are_written_as_a_scenario_has_them(self):

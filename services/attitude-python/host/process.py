@@ -7,6 +7,7 @@ import hashlib
 import os
 import pathlib
 import select
+import shlex
 import shutil
 import signal
 import sys
@@ -31,15 +32,12 @@ LOCKSTEP_GRACE_S = 2.0
 PASS, UNFIT, CRASHED, INTERRUPTED = 0, 3, 4, 130
 
 
-def arguments(description):
+def arguments(description, slot):
     """What the launcher tells a controller."""
     if len(sys.argv) == 1:
-        file = sys.argv[0]
-        print(
-            f"{file}: {description}; fly it with `morphquad run hover --swap SLOT=./{file}@2s`, SLOT being "
-            "attitude or position",
-            file=sys.stderr,
-        )
+        file = os.path.abspath(sys.argv[0])
+        swap = shlex.quote(f"{slot}={file}@2s")
+        print(f"{file}: {description}; fly it with `morphquad run hover --swap {swap}`", file=sys.stderr)
         sys.exit(2)
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--slot", required=True, choices=["attitude", "position"])
@@ -404,7 +402,7 @@ def main(name, description, slot, begin):
     writes."""
     process, law = None, None
     try:
-        options = arguments(description)
+        options = arguments(description, slot)
         if options.slot != slot:
             raise Unfit(f"it flies the {slot} slot: --slot {slot}")
         process = Process(options, name)

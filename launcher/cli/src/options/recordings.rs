@@ -58,7 +58,7 @@ pub struct RecordingsShowArguments {
 }
 
 /// Takes the path of a recording, `latest`, or the beginning of a name. What is none of them is left to the command,
-/// which says what may have been meant; so is the name of a shipped scenario, for commands that fly it.
+/// which says what may have been meant; so is the name of a shipped scenario, which `--name` gives to no recording.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordingName;
 
