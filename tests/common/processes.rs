@@ -1,5 +1,6 @@
 //! A run in the air and its processes, seen from outside through /proc and /dev/shm.
 
+use super::recording::Recording;
 use super::time::wait_until;
 use super::{Flown, judged, morphquad, turn};
 use rustix::process::{Pid, Signal, kill_process};
@@ -117,14 +118,15 @@ impl Running {
         running
     }
 
-    /// As [`Running::start`], and waits until samples are being recorded.
+    /// As [`Running::start`], and waits until a sample of the flight is recorded: not until the file grows, since a
+    /// flight that waits for a candidate stands still, and all that it flew before may be in the file at the first look.
     pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
         let running = Self::start(arguments);
         // A candidate of its script may be there as soon as these are.
         wait_until("six processes", || processes_of(&running.id).len() >= 6);
-        let size = || running.recording_path().and_then(|p| fs::metadata(p).ok()).map(|m| m.len());
-        let at_first = size();
-        wait_until("the first samples", || size() > at_first);
+        wait_until("the first samples", || {
+            running.recording_path().is_some_and(|path| Recording::read(&path).has_begun("truth"))
+        });
         running
     }
 

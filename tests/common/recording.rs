@@ -65,6 +65,14 @@ impl Recording {
         self.last_of_a_cut_file(topic, &[]).t_s
     }
 
+    /// Whether any sample of a topic can be read of a file that is being written, at whatever place it has arrived.
+    pub(crate) fn has_begun(&self, topic: &str) -> bool {
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let Ok(messages) = MessageStream::new_with_options(&self.0, options) else { return false };
+        let mut topics = messages.map_while(Result::ok).map(|message| message.channel);
+        topics.any(|channel| channel.topic.strip_prefix('/') == Some(topic))
+    }
+
     /// When that was published, on the host's clock \[s\].
     pub(crate) fn last_published_of_a_cut_file(&self, topic: &str) -> f64 {
         self.last_of_a_cut_file(topic, &["header.publish_mono_ns"]).values[0] * 1e-9
