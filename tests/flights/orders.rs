@@ -54,6 +54,43 @@ fn say(arguments: &[&str], run: &Running) -> (Option<i32>, String, String) {
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
+/// Samples of an arc that begins and ends at rest, with positions alone: `t,x,y,z`.
+fn arc() -> Vec<[f64; 4]> {
+    let sample = |i: u32| {
+        let t_s = 0.1 * f64::from(i);
+        let tau = t_s / 6.0;
+        let way = tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0));
+        [t_s, 2.0 * way, 4.0 * way * (1.0 - way), 1.4 + 0.3 * way]
+    };
+    (0..=60).map(sample).collect()
+}
+
+#[test]
+fn a_trajectory_from_a_file_is_flown_as_given_verified_and_left_by_an_order() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let rows =
+        arc().iter().map(|row| format!("{row:?}").replace(['[', ']'], "")).collect::<Vec<_>>();
+    let (scenario, table) = (folder.path().join("arc.toml"), folder.path().join("arc.csv"));
+    std::fs::write(table, format!("t,x,y,z\n{}\n", rows.join("\n"))).expect("a table");
+    let text = "[pilot]\nkind = \"trajectory\"\nfile = \"arc.csv\"\n";
+    std::fs::write(&scenario, text).expect("a scenario");
+    let flight = [scenario.to_str().expect("text"), "--for", "12s", "--goto", "0.5,0.5,1@6.5s"];
+    let flown = fly(&flight);
+    flown.assert_clean();
+    assert_eq!((flown.verdict(), flown.word("scenario")), ("PASSED", "arc"));
+    assert!(flown.number("position_rms_m") < 0.02, "{}", flown.said());
+    let references = references(&flown);
+    for [t_s, x_m, y_m, z_m] in arc() {
+        let row = references.iter().find(|row| (row.t_s - t_s).abs() < 1e-9).expect("a reference");
+        assert!(distance(&row.values[..3], &[x_m, y_m, z_m]) < 1e-9, "{t_s} {row:?}");
+    }
+    let last = references.last().expect("a reference");
+    assert!(distance(&last.values[..3], &[0.5, 0.5, 1.0]) < 1e-9, "{last:?}");
+    // The recording has all that was flown, and the files are not there any more.
+    drop(folder);
+    verify(&flown);
+}
+
 #[test]
 fn a_led_flight_is_smooth_clean_and_where_it_was_told_to_be() {
     let flown = led(&[]);

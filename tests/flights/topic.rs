@@ -52,6 +52,14 @@ fn a_recording_is_listed_echoed_and_counted_as_an_independent_reader_sees_it() {
         }
         assert_eq!(sample["header"]["sequence"].as_f64(), Some(row.values[3]));
     }
+    let fields = ["--field", "position_w_m[2]", "--field", "header.sequence", "--count", "2"];
+    let echoed = shown(&[&["echo", file, "truth"], &fields[..]].concat());
+    let height_m = |row: usize| format!("{:?}", rows[row].values[2]);
+    assert_eq!(echoed, format!("0.000000 {} 1\n0.001000 {} 2\n", height_m(0), height_m(1)));
+    let (code, _, said) = topic(&["echo", file, "truth", "--field", "position_m"]);
+    assert!(code == Some(2) && said.contains("did you mean `position_w_m`"), "{said}");
+    let (code, _, said) = topic(&["echo", file, "--field", "position_w_m"]);
+    assert!(code == Some(2) && said.contains("name the topics"), "{said}");
     let lines = shown(&["echo", file, "wrench_command", "--count", "2", "--format", "jsonl"]);
     let lines: Vec<Value> = lines.lines().map(|l| serde_json::from_str(l).expect("JSON")).collect();
     assert_eq!(lines.len(), 2);
@@ -78,6 +86,39 @@ fn what_was_told_in_words_is_shown_with_its_instant() {
     assert!(both.contains("{\"pose_fix\"") && both.contains("{\"events\""), "{both:.300}");
     let (code, _, said) = topic(&["hz", file, "events"]);
     assert!(code == Some(2) && said.contains("`morphquad topic echo events`"), "{said}");
+}
+
+#[test]
+fn numbers_of_a_recording_are_drawn_in_each_form_and_never_over_the_recording() {
+    let flown = fly(&["hover", "--for", "1s"]);
+    let recording = flown.recording_path();
+    let plot = |out: &str, signals: &[&str]| {
+        let mut command = morphquad(["plot"]);
+        command.arg(&recording).args(signals).arg("--out").arg(recording.with_file_name(out));
+        let output = command.output().expect("the executable starts");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let signals = ["truth.position_w_m", "reference.points[0].yaw_rad,truth.morph_angle_rad"];
+    for (out, begins) in [("a.png", &b"\x89PNG"[..]), ("a.svg", b"<svg"), ("a.pdf", b"%PDF-1.7")] {
+        let (code, said) = plot(out, &signals);
+        assert_eq!(code, Some(0), "{said}");
+        let picture = std::fs::read(recording.with_file_name(out)).expect("a picture");
+        assert!(picture.starts_with(begins), "{out}");
+        let text = String::from_utf8_lossy(&picture);
+        let names = ["truth.position_w_m[2]", "reference.points[0].yaw_rad", "t [s]"];
+        assert!(out == "a.png" || names.iter().all(|name| text.contains(name)), "{out}");
+    }
+    for (out, signal, told) in [
+        ("a.png", "truth.position", "did you mean `position_w_m`"),
+        ("a.png", "owner_report.seat", "no topic is called"),
+        ("a.gif", "truth.position_w_m", ".png, .svg or .pdf"),
+    ] {
+        let (code, said) = plot(out, &[signal]);
+        assert!(code == Some(2) && said.contains(told), "{signal}: {said}");
+    }
+    std::fs::copy(&recording, recording.with_file_name("copy.png")).expect("a copy");
+    let (code, said) = plot("copy.png", &["truth.position_w_m"]);
+    assert!(code == Some(2) && said.contains("is a recording"), "{said}");
 }
 
 #[test]

@@ -146,6 +146,7 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         Manoeuvre::Hover(_) => "hover",
         Manoeuvre::Figure8(_) => "figure eight",
         Manoeuvre::Waypoints(_) => "waypoints",
+        Manoeuvre::Trajectory(_) => "trajectory",
         Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
     };
     writeln!(out, "flight  {manoeuvre}")?;

@@ -1,4 +1,4 @@
-//! Pages are written where the user says, but never over a flight.
+//! Pages and pictures are written where the user says, but never over a flight.
 
 use super::refusal::Failure;
 use host::exit;
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 
 /// Writes a page; `flag` is what the user has named the file with.
-pub(super) fn write_page(path: &Path, page: String, flag: &str) -> Result<(), Failure> {
+pub(super) fn write_page(path: &Path, page: impl AsRef<[u8]>, flag: &str) -> Result<(), Failure> {
     if is_recording(path) {
         let told = format!(
             "{} is a recording, which a page must not replace: give {flag} another name",

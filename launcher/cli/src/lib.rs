@@ -22,6 +22,7 @@ pub mod options;
 mod orders;
 mod pages;
 mod paper;
+mod plot;
 mod proc;
 mod ps;
 mod recordings;
@@ -142,6 +143,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
         Command::Report(arguments) => return report::run(&arguments, out, diagnostics),
+        Command::Plot(arguments) => return plot::run(&arguments, out),
         Command::View(arguments) => return view::run(&arguments, out, diagnostics),
         Command::Recordings(command) => return recordings::run(&command, out),
         Command::Bench(command) => return bench::run(&command, out),

@@ -8,6 +8,7 @@ mod examples;
 mod live;
 mod orders;
 mod pages;
+mod plot;
 mod recordings;
 mod recover;
 mod rehearse;
@@ -41,6 +42,7 @@ pub use bench::{
 };
 pub use orders::{DisturbArguments, GotoArguments, MorphArguments};
 pub use pages::{CompletionsArguments, LayoutArguments, ManArguments};
+pub use plot::PlotArguments;
 pub use recordings::{RecordingsCommand, RecordingsListArguments, RecordingsShowArguments};
 pub use recover::RecoverArguments;
 pub use rehearse::RehearseArguments;
@@ -156,6 +158,9 @@ pub(super) enum Command {
     /// Show a recording in the browser: the vehicle in space, every constraint, what happened
     #[command(after_help = view::EXAMPLES)]
     View(ViewArguments),
+    /// Draw numbers of a recording over time
+    #[command(after_help = plot::EXAMPLES)]
+    Plot(PlotArguments),
     /// Judge a recording: pass or fail and why, every number with its gate, pictures
     #[command(after_help = report::EXAMPLES)]
     Report(ReportArguments),

@@ -8,13 +8,15 @@ pub use laws::TESTED_RATES_HZ;
 use super::deadlines;
 use super::document::Document;
 use super::ordered;
-use super::pilot::Plan;
+use super::pilot::{Manoeuvre, Plan};
+use super::pilot_error::pilot_error;
 use super::problem::Problem;
 use super::script;
 use super::settings::{Clock, Settings};
+use super::trajectory::Trajectory as Given;
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
-use ::pilot::{Pilot, PilotError, RigPilot};
+use ::pilot::{Pilot, RigPilot, Trajectory};
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
 use shared_types::{Role, TopicInfo};
@@ -22,6 +24,9 @@ use vehicle::ParameterError;
 
 /// Share of the lateral force at full tilt that wind and trajectory may claim.
 const TILT_SHARE: f64 = 0.8;
+
+/// Height up to which a vehicle counts as standing on the ground \[m\].
+const ON_THE_GROUND_M: f64 = 0.05;
 
 /// Errors and warnings.
 pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Problem>, Vec<Problem>) {
@@ -158,6 +163,7 @@ impl<'s> Checker<'s> {
         let built = match self.scenario.plan() {
             Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| 0.0),
             Plan::Flight(config) => Pilot::new(&config, &vehicle).map(|pilot| {
+                self.heights(pilot.trajectory());
                 pilot.trajectory().peak_acceleration_m_s2(self.scenario.duration_ns())
             }),
         };
@@ -170,10 +176,33 @@ impl<'s> Checker<'s> {
             self.warn("pilot.morph[0]", what, "let it equal start.morph_angle_deg");
         }
         built.unwrap_or_else(|error| {
-            let (key, remedy) = pilot_key(&error);
+            let (key, remedy) = pilot_error(&error);
             self.error(&key, error.to_string(), remedy);
             0.0
         })
+    }
+
+    /// A reference that leads through the ground, or along it.
+    fn heights(&mut self, trajectory: &Trajectory) {
+        let [low_m, high_m] = trajectory.heights_m(self.scenario.duration_ns());
+        if !self.settings().plant.ground || (low_m >= 0.0 && high_m > ON_THE_GROUND_M) {
+            return;
+        }
+        let what = if low_m < 0.0 {
+            format!("leads down to {low_m:.2} m, and the ground is at 0 m")
+        } else {
+            format!("leads no higher than {high_m:.2} m, where the vehicle stands on the ground")
+        };
+        let remedy = match &self.settings().pilot.manoeuvre {
+            Manoeuvre::Trajectory(Given { origin_w_m: [x_m, y_m, z_m], .. }) => {
+                let lifted_m = libm::ceil(10.0 * (z_m - low_m)) / 10.0 + 1.5;
+                format!(
+                    "lift it, for example with pilot.origin_w_m = [{x_m:?}, {y_m:?}, {lifted_m:?}]"
+                )
+            }
+            _ => "lift it, or fly without a ground: plant.ground = false".to_owned(),
+        };
+        self.error("pilot", what, remedy);
     }
 
     fn wind(&mut self, peak_m_s2: f64) {
@@ -188,7 +217,16 @@ impl<'s> Checker<'s> {
             );
             let key =
                 wind.map_or("pilot".to_owned(), |i| format!("disturbance_injector.script[{i}]"));
-            self.warn(&key, what, "fly slower, in less wind, or raise position_mpc.tilt_max_rad");
+            let remedy = match &self.settings().pilot.manoeuvre {
+                // An acceleration goes with the square of the time.
+                Manoeuvre::Trajectory(given) if drag_n < given_n => {
+                    let longer = ((asked_n - drag_n) / (given_n - drag_n)).sqrt();
+                    let scale = libm::ceil(100.0 * given.time_scale * longer) / 100.0;
+                    format!("fly slower: pilot.time_scale = {scale} keeps within it")
+                }
+                _ => "fly slower, in less wind, or raise position_mpc.tilt_max_rad".to_owned(),
+            };
+            self.warn(&key, what, remedy);
         }
     }
 
@@ -281,27 +319,5 @@ impl<'s> Checker<'s> {
                 self.error(&key, error.to_string(), remedy);
             }
         }
-    }
-}
-
-/// Key of what a pilot refuses.
-fn pilot_key(error: &PilotError) -> (String, &'static str) {
-    match error {
-        PilotError::OutOfRange { parameter, .. } => {
-            let own = parameter.trim_start_matches("trajectory.").trim_start_matches("step.");
-            (format!("pilot.{}", own.replace("waypoints", "points")), "write a number in the range")
-        }
-        PilotError::Empty { .. } => ("pilot".to_owned(), "give at least one entry"),
-        PilotError::TimesNotIncreasing { parameter, index, .. } => {
-            let list = if *parameter == "morph" { "morph" } else { "points" };
-            (format!("pilot.{list}[{index}]"), "let the times increase from entry to entry")
-        }
-        PilotError::FigureTooShort { .. } => {
-            ("pilot.period_s".to_owned(), "fly longer or shorten the leads")
-        }
-        PilotError::MorphTooFast { index, .. } => (
-            format!("pilot.morph[{index}]"),
-            "give the sweep more time, or the servo a higher limit",
-        ),
     }
 }

@@ -34,12 +34,27 @@ pub(super) struct Edit {
     pub(super) value: String,
     /// The value is a list whose entries are added to those that are there.
     pub(super) added: bool,
+    /// What it comes from, which complaints name.
+    pub(super) from: String,
 }
+
+/// What an edit that the command line asks for comes from.
+pub(super) const COMMAND_LINE: &str = "command line";
 
 impl Edit {
     /// One more entry of a list.
     pub(super) fn added(shown: String, list: &str, entry: &str) -> Self {
-        Self { shown, key: list.to_owned(), value: format!("[{{ {entry} }}]"), added: true }
+        Self { added: true, ..Self::set(shown, list.to_owned(), format!("[{{ {entry} }}]")) }
+    }
+
+    /// A value in place of what is there.
+    pub(super) fn set(shown: String, key: String, value: String) -> Self {
+        Self { shown, key, value, added: false, from: COMMAND_LINE.to_owned() }
+    }
+
+    /// What a file that the scenario names adds to it.
+    pub(super) fn embedded(file: &str, key: String, value: String) -> Self {
+        Self { from: file.to_owned(), ..Self::set(file.to_owned(), key, value) }
     }
 }
 
@@ -64,7 +79,7 @@ impl Texts {
         let mut texts = Self(Vec::new());
         texts.push(name, text, text);
         for edit in edits {
-            texts.push("command line", &edit.shown, &format!("{}={}", edit.key, edit.value));
+            texts.push(&edit.from, &edit.shown, &format!("{}={}", edit.key, edit.value));
         }
         texts
     }
@@ -132,6 +147,32 @@ impl<'t> Document<'t> {
     /// The merged document.
     pub(super) fn root(&self) -> &Table<'t> {
         &self.root
+    }
+
+    /// Whether there is a value at a dotted key.
+    pub(super) fn has(&self, key: &str) -> bool {
+        self.value(key).is_some()
+    }
+
+    /// The number at a dotted key.
+    pub(super) fn number(&self, key: &str) -> Option<f64> {
+        match self.value(key)?.get_ref() {
+            DeValue::Float(number) => number.as_str().parse().ok(),
+            DeValue::Integer(number) => number.as_str().parse().ok(),
+            _ => None,
+        }
+    }
+
+    fn value(&self, key: &str) -> Option<&Value<'t>> {
+        let (section, key) = key.split_once('.')?;
+        self.root.get(section)?.get_ref().as_table()?.get(key)
+    }
+
+    /// Takes a value out.
+    pub(super) fn remove(&mut self, section: &str, key: &str) {
+        if let Some(DeValue::Table(table)) = self.root.get_mut(section).map(Spanned::get_mut) {
+            table.remove(key);
+        }
     }
 
     /// The merged document as plain values.

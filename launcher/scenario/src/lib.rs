@@ -10,12 +10,14 @@ mod check;
 mod clock;
 mod deadlines;
 mod document;
+mod embedded;
 pub mod needs;
 mod ordered;
 pub mod orders;
 mod overrides;
 mod patience;
 pub mod pilot;
+mod pilot_error;
 mod problem;
 pub mod process;
 pub mod rehearsal;
@@ -30,6 +32,8 @@ mod suggest;
 #[cfg(test)]
 mod tests;
 mod text;
+pub mod trajectory;
+mod trajectory_file;
 mod typed;
 mod vehicle;
 mod verdict;
@@ -69,6 +73,7 @@ use runtime::Graph;
 use services::Crew;
 use shared_types::Role;
 use shared_types::time::ns_from_s;
+use std::path::Path;
 
 /// A scenario that can be flown.
 #[derive(Debug, Clone)]
@@ -90,8 +95,20 @@ impl Scenario {
             return Self::from_text(name_or_path, text, overrides);
         }
         let text = text::read(name_or_path)?;
-        let scenario = Self::from_text(name_or_path, &text, overrides)?;
-        if text.parse().is_ok_and(|table| text::says_nothing(&table)) {
+        let table: Option<toml::Table> = text.parse().ok();
+        // A flight is called as its scenario is, and that as its file unless it says otherwise.
+        let is_nameless = table.as_ref().is_some_and(|table| {
+            let scenario = table.get("scenario").and_then(toml::Value::as_table);
+            !scenario.is_some_and(|scenario| scenario.contains_key("name"))
+        });
+        let stem = Path::new(name_or_path).file_stem().and_then(|stem| stem.to_str());
+        let own = stem.filter(|_| is_nameless).map(|stem| {
+            let value = toml::Value::from(stem).to_string();
+            Override(Edit::embedded(name_or_path, "scenario.name".to_owned(), value))
+        });
+        let overrides: Vec<Override> = own.into_iter().chain(overrides.iter().cloned()).collect();
+        let scenario = Self::from_text(name_or_path, &text, &overrides)?;
+        if table.is_some_and(|table| text::says_nothing(&table)) {
             let remedy = "write what is to be other than usual, such as `duration_s = 5.0` under `[scenario]`; \
                           `morphquad run hover` flies a scenario that is there";
             return Err(Problem::new(name_or_path, "has no key in it", remedy, None).into());
@@ -124,9 +141,17 @@ impl Scenario {
         text: &str,
         overrides: &[Override],
     ) -> Result<Self, ScenarioError> {
-        let edits: Vec<Edit> = overrides.iter().map(|edit| edit.0.clone()).collect();
-        let texts = Texts::new(name, text, &edits);
-        let document = Document::parse(&texts, &edits)?;
+        let mut edits: Vec<Edit> = overrides.iter().map(|edit| edit.0.clone()).collect();
+        let written = Texts::new(name, text, &edits);
+        let mut document = Document::parse(&written, &edits)?;
+        let embedded = embedded::embedded(&document)?;
+        let texts;
+        if !embedded.is_empty() {
+            edits.extend(embedded);
+            texts = Texts::new(name, text, &edits);
+            document = Document::parse(&texts, &edits)?;
+            document.remove("pilot", "file");
+        }
         let refuse = |problems| ScenarioError::from_problems(problems);
         let settings = match typed::settings(&document) {
             Ok(settings) => settings,

@@ -40,7 +40,7 @@ impl Override {
         let (key, value) = (key.trim().to_owned(), value.trim());
         let is_toml = toml::de::ValueDeserializer::parse(value).is_ok();
         let value = if is_toml { value.to_owned() } else { format!("{value:?}") };
-        Ok(Self(Edit { shown, key, value, added: false }))
+        Ok(Self(Edit::set(shown, key, value)))
     }
 
     /// `--rate NAME=HZ`: the rate of one loop.
@@ -63,12 +63,7 @@ impl Override {
             let remedy = "give the rate in Hz as a number, for example 500";
             return Err(refusal("--rate", &shown, &format!("`{hz}` is not a number"), remedy));
         }
-        Ok(Self(Edit {
-            shown,
-            key: format!("{section}.rate_hz"),
-            value: toml_number(hz),
-            added: false,
-        }))
+        Ok(Self(Edit::set(shown, format!("{section}.rate_hz"), toml_number(hz))))
     }
 
     /// `--swap SLOT=NAME@TIME`, with `,shadow=TIME`, `,rollback=TIME`, `,max-bump=SHARE`, `,config=FILE`,
@@ -169,7 +164,7 @@ impl Override {
         match services::filling(slot.trim(), name.trim()) {
             Ok((role, name)) => {
                 let key = format!("crew.{}", role.label());
-                Ok(Self(Edit { shown, key, value: format!("{name:?}"), added: false }))
+                Ok(Self(Edit::set(shown, key, format!("{name:?}"))))
             }
             Err(what) => {
                 let remedy =
@@ -207,7 +202,7 @@ impl Override {
     }
 
     fn flag(flag: &str, argument: &str, key: &str, value: String) -> Self {
-        Self(Edit { shown: format!("{flag} {argument}"), key: key.to_owned(), value, added: false })
+        Self(Edit::set(format!("{flag} {argument}"), key.to_owned(), value))
     }
 }
 

@@ -1,5 +1,6 @@
 //! The section `[pilot]`: where to fly and how wide to spread the arms.
 
+use super::trajectory::Trajectory as Given;
 use ::pilot::{
     AttitudeStep, FigureEightConfig, Heading, MorphKnot, PilotConfig, RigPilotConfig, TakenUp,
     Trajectory, TrajectoryConfig, Waypoint,
@@ -11,7 +12,8 @@ use serde::Deserialize;
 pub(super) const COMMON_KEYS: [&str; 4] = ["rate_hz", "lead_s", "preview_spacing_s", "morph"];
 
 /// Words for `kind`.
-pub(super) const KINDS: [&str; 4] = ["hover", "figure8", "waypoints", "attitude_step"];
+pub(super) const KINDS: [&str; 5] =
+    ["hover", "figure8", "waypoints", "trajectory", "attitude_step"];
 
 /// The whole section.
 #[derive(Debug, Clone, Default)]
@@ -65,6 +67,8 @@ pub enum Manoeuvre {
     Figure8(#[garde(dive)] Figure8),
     /// `kind = "waypoints"`.
     Waypoints(#[garde(dive)] Waypoints),
+    /// `kind = "trajectory"`.
+    Trajectory(#[garde(dive)] Given),
     /// `kind = "attitude_step"`.
     AttitudeStep(#[garde(dive)] Step),
 }
@@ -251,6 +255,7 @@ impl PilotSettings {
             },
             Manoeuvre::Figure8(figure) => figure.trajectory(frame.duration_s),
             Manoeuvre::Waypoints(list) => TrajectoryConfig::Waypoints(list.waypoints()),
+            Manoeuvre::Trajectory(given) => given.config(),
         };
         Plan::Flight(PilotConfig { trajectory, morph, spacing_ns, taken_up: frame.taken_up })
     }

@@ -45,10 +45,10 @@ pub(super) fn read(path: &str) -> Result<String, ScenarioError> {
 }
 
 /// The text of a file or a pipe. A device may have no end, and a file may have any length.
-fn text_of(path: &str) -> io::Result<String> {
+pub(super) fn text_of(path: &str) -> io::Result<String> {
     let kind = std::fs::metadata(path)?.file_type();
     if kind.is_char_device() || kind.is_block_device() {
-        return Err(io::Error::other("it is a device, and a scenario is text"));
+        return Err(io::Error::other("it is a device, and not a text"));
     }
     read_all(File::open(path)?)
 }
@@ -61,7 +61,7 @@ pub(super) fn read_all(from: impl Read) -> io::Result<String> {
     let mut text = String::new();
     let length = from.take(LONGEST + 1).read_to_string(&mut text)?;
     if length as u64 > LONGEST {
-        let told = format!("it is longer than {} MB, and no scenario is", LONGEST >> 20);
+        let told = format!("it is longer than {} MB", LONGEST >> 20);
         return Err(io::Error::other(told));
     }
     Ok(text)

@@ -187,6 +187,7 @@ impl<'t> Reader<'_, 't> {
             "hover" => Manoeuvre::Hover(self.validated("pilot", own)),
             "figure8" => Manoeuvre::Figure8(self.validated("pilot", own)),
             "waypoints" => Manoeuvre::Waypoints(self.validated("pilot", own)),
+            "trajectory" => Manoeuvre::Trajectory(self.validated("pilot", own)),
             _ => Manoeuvre::AttitudeStep(self.validated("pilot", own)),
         };
         PilotSettings { common, manoeuvre }

@@ -2,12 +2,13 @@
 //! tables.
 //!
 //! [`view`] shows a recording as a page, [`report`] judges it, [`trace`] follows its commands back to their sensor and
-//! [`export`] makes tables of it; [`live`] serves a running flight to a page and to viewers, and [`top`] shows its
+//! [`export`] makes tables of it, [`plot`] pictures; [`live`] serves a running flight to a page and to viewers, and [`top`] shows its
 //! loops in a terminal. All of them read recordings, topics and the control socket;
 //! nothing of a flight knows them.
 
 pub mod export;
 pub mod live;
+pub mod plot;
 pub mod report;
 pub mod top;
 pub mod trace;

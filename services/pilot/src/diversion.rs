@@ -5,41 +5,15 @@
 //! the goal, rest to rest. Their sum is twice continuously differentiable, and unlike one polynomial over
 //! the whole way it does not swing out when the way is long.
 
-use super::time_scaling::minimum_jerk;
+use super::pace::{braked, moved};
 use super::{MorphSchedule, Trajectory, TrajectoryPoint, morph};
 use shared_types::time::s_from_ns;
 use shared_types::{AngleDiversion, GuidanceOrder, PositionDiversion};
 use vehicle::MorphAngle;
 
-/// \[s, ṡ, s̈\] of a motion with speed `rate` and acceleration `acceleration` at 0 that dies out within
-/// `brake_s`.
-pub(super) fn braked(rate: f64, acceleration: f64, brake_s: f64, t_s: f64) -> [f64; 3] {
-    if brake_s <= 0.0 {
-        return [0.0; 3];
-    }
-    let tau = (t_s / brake_s).clamp(0.0, 1.0);
-    let (squared, bent) = (tau * tau, acceleration * brake_s);
-    [
-        brake_s
-            * (rate * tau * (1.0 + squared * (0.5 * tau - 1.0))
-                + bent * squared * (0.5 + tau * (0.25 * tau - 2.0 / 3.0))),
-        rate * (1.0 + squared * (2.0 * tau - 3.0)) + bent * tau * (1.0 + tau * (tau - 2.0)),
-        rate / brake_s * 6.0 * tau * (tau - 1.0) + acceleration * (1.0 + tau * (3.0 * tau - 4.0)),
-    ]
-}
-
 /// Where the same motion stops.
 fn stops_at(rate: f64, acceleration: f64, brake_s: f64) -> f64 {
     braked(rate, acceleration, brake_s, brake_s)[0]
-}
-
-/// \[h, ḣ, ḧ\] of a way from 0 to 1 within `move_s`.
-fn moved(move_s: f64, t_s: f64) -> [f64; 3] {
-    if move_s <= 0.0 {
-        return [1.0, 0.0, 0.0];
-    }
-    let [h, rate, acceleration] = minimum_jerk(t_s / move_s);
-    [h, rate / move_s, acceleration / (move_s * move_s)]
 }
 
 /// Time since a diversion's first instant \[s\].

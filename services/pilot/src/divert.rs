@@ -2,36 +2,18 @@
 
 use super::diversion::{morph_at, point, position_at, yaw_at};
 use super::morph::PEAK_OVER_MEAN_RATE;
+use super::pace::{POSITION, POSITION_BRAKE, YAW};
 use super::{MorphSchedule, Trajectory};
 use core::f64::consts::{PI, TAU};
 use shared_types::time::{ns_from_s, s_from_ns};
 use shared_types::{AngleDiversion, Flag, GuidanceOrder, PositionDiversion};
 use vehicle::MorphAngle;
 
-/// What a motion keeps to: peak speed, acceleration and jerk, in m or rad.
-#[derive(Debug, Clone, Copy)]
-struct Pace {
-    rate: f64,
-    acceleration: f64,
-    jerk: f64,
-}
-
-/// Of each of the two motions that a diverted position is made of. A tilt of 0.35 rad gives 3.6 m/s²,
-/// of which half is left to wind and errors.
-const POSITION: Pace = Pace { rate: 1.5, acceleration: 1.2, jerk: 6.0 };
-
-/// Jerk with which the motion at hand dies out: the longer that takes, the faster and the further an
-/// acceleration goes on meanwhile \[m/s³\].
-const POSITION_BRAKE_JERK_M_S3: f64 = 20.0;
-
 /// Fastest that a diverted position moves, unless it does so already \[m/s\].
 pub const SPEED_LIMIT_M_S: f64 = 2.0;
 
 /// Largest acceleration of a diverted position, unless it has more already \[m/s²\].
 pub const ACCELERATION_LIMIT_M_S2: f64 = 2.0;
-
-/// Of a heading: yaw has the least torque of the axes.
-const YAW: Pace = Pace { rate: 0.8, acceleration: 0.6, jerk: 3.0 };
 
 /// A motion with acceleration a that dies out within T gains up to 4/27 a T of speed on the way. A turn
 /// may gain half of its rate, or of the pace's.
@@ -42,25 +24,6 @@ const MORPH_BRAKE_S: f64 = 0.3;
 
 /// Half of the interval over which a planned angle is differentiated \[ns\].
 const STEP_NS: u64 = 500_000;
-
-/// Peak speed, acceleration and jerk of the minimum-jerk way from 0 to 1 in unit time.
-const WAY: Pace = Pace { rate: 1.875, acceleration: 5.773_502_691_896_258, jerk: 60.0 };
-
-impl Pace {
-    /// Time in which a motion at `rate` with `acceleration` may die out \[s\].
-    fn brake_s(&self, rate: f64, acceleration: f64) -> f64 {
-        // The cubic decelerates by up to 3/2 v/T, with a jerk of up to 6 v/T² + 4 a/T.
-        let by_rate = (1.5 * rate / self.acceleration).max((12.0 * rate / self.jerk).sqrt());
-        by_rate.max(8.0 * acceleration / self.jerk)
-    }
-
-    /// Time of a way of `length`, rest to rest \[s\].
-    fn move_s(&self, length: f64) -> f64 {
-        let by_rate = WAY.rate * length / self.rate;
-        let by_acceleration = (WAY.acceleration * length / self.acceleration).sqrt();
-        by_rate.max(by_acceleration).max(libm::cbrt(WAY.jerk * length / self.jerk))
-    }
-}
 
 fn norm([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
@@ -87,7 +50,7 @@ pub fn position(
         velocity_w_m_s: start.velocity_w_m_s,
         acceleration_w_m_s2: start.acceleration_w_m_s2,
         goal_w_m,
-        brake_s: Pace { jerk: POSITION_BRAKE_JERK_M_S3, ..POSITION }.brake_s(rate, acceleration),
+        brake_s: POSITION_BRAKE.brake_s(rate, acceleration),
         move_s: f64::INFINITY,
         ordered: Flag::Yes,
     };

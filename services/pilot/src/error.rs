@@ -1,6 +1,11 @@
 //! Why a flight plan is refused.
 
+use core::fmt;
 use thiserror::Error;
+
+/// Largest gaps of position and speed between two pieces: files have six decimals, of which high powers of time make
+/// millimetres \[m, m/s\].
+pub(super) const LARGEST_GAP: (f64, f64) = (0.01, 0.1);
 
 /// A flight plan that cannot be flown as written.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -37,6 +42,22 @@ pub enum PilotError {
         /// Time of the entry before \[s\].
         previous_s: f64,
     },
+    /// A piece that does not go on where the one before it ends.
+    #[error(
+        "`{list}[{index}]` begins {gap_m:.3} m and {gap_m_s:.3} m/s from where the piece before it ends: let them join within {} m and {} m/s",
+        LARGEST_GAP.0,
+        LARGEST_GAP.1
+    )]
+    Disjoint {
+        /// Path of the list within the plan.
+        list: &'static str,
+        /// The piece.
+        index: usize,
+        /// How far it begins from there \[m\].
+        gap_m: f64,
+        /// How much its velocity differs \[m/s\].
+        gap_m_s: f64,
+    },
     /// No time to get going, fly and come to rest.
     #[error(
         "`trajectory.duration_s` is {duration_s} s: half an eight with its lead-in and lead-out takes {shortest_s} s, so lengthen it or shorten `period_s` or the leads"
@@ -63,29 +84,50 @@ pub enum PilotError {
     },
 }
 
-/// Refuses a value outside `[min, max]`, NaN included.
+impl PilotError {
+    /// Which entry of a list is refused.
+    #[must_use]
+    pub fn index(&self) -> Option<usize> {
+        match self {
+            Self::OutOfRange { parameter, .. } => {
+                let (_, index) = parameter.split_once('[')?;
+                index.split_once(']')?.0.parse().ok()
+            }
+            Self::TimesNotIncreasing { index, .. }
+            | Self::Disjoint { index, .. }
+            | Self::MorphTooFast { index, .. } => Some(*index),
+            Self::Empty { .. } | Self::FigureTooShort { .. } => None,
+        }
+    }
+}
+
+/// Refuses a value outside `[min, max]`, NaN included. Only what is refused is named, since a plan may have very many
+/// values.
 pub(super) fn within(
-    parameter: impl Into<String>,
+    parameter: impl fmt::Display,
     value: f64,
     (min, max): (f64, f64),
 ) -> Result<(), PilotError> {
     if (min..=max).contains(&value) {
         Ok(())
     } else {
-        Err(PilotError::OutOfRange { parameter: parameter.into(), value, min, max })
+        Err(PilotError::OutOfRange { parameter: parameter.to_string(), value, min, max })
     }
 }
 
 /// Refuses a position that is not finite or outside any flying site.
-pub(super) fn position(parameter: &str, position_w_m: [f64; 3]) -> Result<(), PilotError> {
+pub(super) fn position(
+    parameter: impl fmt::Display,
+    position_w_m: [f64; 3],
+) -> Result<(), PilotError> {
     for (axis, value) in position_w_m.into_iter().enumerate() {
-        within(format!("{parameter}[{axis}]"), value, (-10_000.0, 10_000.0))?;
+        within(format_args!("{parameter}[{axis}]"), value, (-10_000.0, 10_000.0))?;
     }
     Ok(())
 }
 
 /// Refuses a heading that is not finite or many turns away.
-pub(super) fn yaw(parameter: impl Into<String>, yaw_rad: f64) -> Result<(), PilotError> {
+pub(super) fn yaw(parameter: impl fmt::Display, yaw_rad: f64) -> Result<(), PilotError> {
     within(parameter, yaw_rad, (-1000.0, 1000.0))
 }
 
@@ -96,7 +138,7 @@ pub(super) fn increasing(
 ) -> Result<(), PilotError> {
     let mut previous = None;
     for (index, t_s) in times_s.enumerate() {
-        within(format!("{parameter}[{index}].t_s"), t_s, (0.0, 1e6))?;
+        within(format_args!("{parameter}[{index}].t_s"), t_s, (0.0, 1e6))?;
         if let Some(previous_s) = previous.filter(|p| t_s <= *p) {
             return Err(PilotError::TimesNotIncreasing { parameter, index, t_s, previous_s });
         }

@@ -67,7 +67,7 @@ impl FigureEightConfig {
         for (axis, value) in self.amplitude_m.into_iter().enumerate() {
             // A tangent needs an extent; without one there is nothing to point the nose along.
             let smallest = if self.heading == Heading::AlongPath && axis < 2 { 1e-3 } else { 0.0 };
-            within(format!("trajectory.amplitude_m[{axis}]"), value, (smallest, 1000.0))?;
+            within(format_args!("trajectory.amplitude_m[{axis}]"), value, (smallest, 1000.0))?;
         }
         within("trajectory.phase_rad", self.phase_rad, (-TAU, TAU))?;
         within("trajectory.period_s", self.period_s, (0.1, 1e5))?;

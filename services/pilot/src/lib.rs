@@ -11,7 +11,10 @@ pub mod error;
 pub mod figure_eight;
 pub mod flight;
 pub mod morph;
+mod pace;
+pub mod polynomials;
 pub mod rig;
+mod spline;
 #[cfg(test)]
 mod tests;
 mod time_scaling;
@@ -23,6 +26,7 @@ pub use error::PilotError;
 pub use figure_eight::{FigureEightConfig, Heading};
 pub use flight::{Pilot, PilotConfig, PilotInputs, PilotMemory, PilotOutputs, TakenUp};
 pub use morph::{MorphKnot, MorphSchedule};
+pub use polynomials::{COEFFICIENTS, PathSample, Piece};
 pub use rig::{AttitudeStep, RigPilot, RigPilotConfig, RigPilotOutputs};
 pub use trajectory::{Trajectory, TrajectoryConfig};
 pub use trajectory_point::TrajectoryPoint;

@@ -37,7 +37,7 @@ impl MorphSchedule {
         increasing("morph", knots.iter().map(|k| k.t_s))?;
         let range = (MorphAngle::MIN.rad(), MorphAngle::MAX.rad());
         for (i, knot) in knots.iter().enumerate() {
-            within(format!("morph[{i}].angle_rad"), knot.angle_rad, range)?;
+            within(format_args!("morph[{i}].angle_rad"), knot.angle_rad, range)?;
         }
         for (i, (from, to)) in knots.iter().zip(knots.iter().skip(1)).enumerate() {
             let peak_rad = PEAK_OVER_MEAN_RATE * (to.angle_rad - from.angle_rad).abs();

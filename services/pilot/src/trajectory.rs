@@ -1,9 +1,10 @@
 //! The reference trajectory: position, its derivatives and heading as functions of time.
 
 use super::figure_eight::{FigureEight, FigureEightConfig};
+use super::polynomials::{PathSample, Piece, Polynomials};
 use super::waypoints::{self, Waypoint};
 use super::{PilotError, TrajectoryPoint, error};
-use shared_types::time::s_from_ns;
+use shared_types::time::{ns_from_s, s_from_ns};
 
 /// A trajectory as configured. World frame ENU, headings counter-clockwise from east.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,9 +20,13 @@ pub enum TrajectoryConfig {
     FigureEight(FigureEightConfig),
     /// Minimum-jerk segments, at rest at each waypoint; the first and last are held.
     Waypoints(Vec<Waypoint>),
+    /// Pieces one after another, passed through without stopping; what moves in the end comes to rest.
+    Pieces(Vec<Piece>),
+    /// Samples, passed through without stopping, from the first one on; what moves in the end comes to rest.
+    Samples(Vec<PathSample>),
 }
 
-/// A checked trajectory: twice continuously differentiable, defined at every instant.
+/// A checked trajectory, defined at every instant: twice continuously differentiable, as far as given pieces are.
 #[derive(Debug, Clone)]
 pub struct Trajectory(Shape);
 
@@ -30,6 +35,7 @@ enum Shape {
     Hover(TrajectoryPoint),
     FigureEight(FigureEight),
     Waypoints(Vec<Waypoint>),
+    Polynomials(Polynomials),
 }
 
 impl Trajectory {
@@ -49,6 +55,10 @@ impl Trajectory {
                 waypoints::check(list)?;
                 Shape::Waypoints(list.clone())
             }
+            TrajectoryConfig::Pieces(list) => {
+                Shape::Polynomials(Polynomials::new("trajectory.pieces", list.clone())?)
+            }
+            TrajectoryConfig::Samples(list) => Shape::Polynomials(Polynomials::through(list)?),
         }))
     }
 
@@ -60,6 +70,42 @@ impl Trajectory {
             Shape::Hover(point) => *point,
             Shape::FigureEight(figure) => figure.at(t_s),
             Shape::Waypoints(list) => waypoints::at(list, t_s),
+            Shape::Polynomials(polynomials) => polynomials.at(t_s),
+        }
+    }
+
+    /// Length of the trajectory \[s\], of those that have one of their own.
+    #[must_use]
+    pub fn length_s(&self) -> Option<f64> {
+        match &self.0 {
+            Shape::Hover(_) | Shape::FigureEight(_) => None,
+            Shape::Waypoints(list) => list.last().map(|waypoint| waypoint.t_s),
+            Shape::Polynomials(polynomials) => Some(polynomials.end_s()),
+        }
+    }
+
+    /// Least and largest height until `until_ns` \[m\].
+    #[must_use]
+    pub fn heights_m(&self, until_ns: u64) -> [f64; 2] {
+        let until_s = s_from_ns(until_ns);
+        let extremes = |instants: &mut dyn Iterator<Item = f64>| {
+            let heights = instants.map(|t_s| self.at(ns_from_s(t_s)).position_w_m[2]);
+            heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], height_m| {
+                [low.min(height_m), high.max(height_m)]
+            })
+        };
+        match &self.0 {
+            Shape::Hover(point) => [point.position_w_m[2]; 2],
+            Shape::FigureEight(figure) => extremes(&mut figure.instants_s(until_s)),
+            Shape::Waypoints(list) => {
+                // Between two of them the height is between theirs.
+                let passed = list.iter().map(|waypoint| waypoint.t_s.min(until_s));
+                extremes(&mut passed.chain([0.0]))
+            }
+            Shape::Polynomials(path) => {
+                let high_m = path.largest(until_s, |point| point.position_w_m[2]);
+                [-path.largest(until_s, |point| -point.position_w_m[2]), high_m]
+            }
         }
     }
 
@@ -90,6 +136,7 @@ impl Trajectory {
                 let instants = waypoints::instants_s(list, until_s);
                 instants.map(|t_s| squared(&waypoints::at(list, t_s))).fold(0.0, f64::max)
             }
+            Shape::Polynomials(polynomials) => polynomials.largest(until_s, squared),
         };
         squared.sqrt()
     }

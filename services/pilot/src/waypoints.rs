@@ -18,8 +18,8 @@ pub struct Waypoint {
 pub(super) fn check(list: &[Waypoint]) -> Result<(), PilotError> {
     increasing("trajectory.waypoints", list.iter().map(|w| w.t_s))?;
     for (i, waypoint) in list.iter().enumerate() {
-        position(&format!("trajectory.waypoints[{i}].position_w_m"), waypoint.position_w_m)?;
-        yaw(format!("trajectory.waypoints[{i}].yaw_rad"), waypoint.yaw_rad)?;
+        position(format_args!("trajectory.waypoints[{i}].position_w_m"), waypoint.position_w_m)?;
+        yaw(format_args!("trajectory.waypoints[{i}].yaw_rad"), waypoint.yaw_rad)?;
     }
     Ok(())
 }

@@ -18,10 +18,12 @@ Examples:
   morphquad topic echo state_estimate
   morphquad topic echo truth imu --count 5 --format jsonl
   morphquad topic echo recordings/7f3a.mcap attitude_report --from 2s --count 1
+  morphquad topic echo latest truth --field position_w_m[2] --field velocity_w_m_s
   morphquad topic echo recordings/7f3a.mcap events
 
 Live, the launcher hands on copies of what it records: no loop has to do with it. Whoever reads too slowly \
-loses samples and is told how many. Without --count it goes on to the end of the flight. \
+loses samples and is told how many. With --field a line has the instant from which the sample is in effect, \
+then the values. Without --count it goes on to the end of the flight. \
 Ends with 2 for an unknown topic or file, or if no run or several are in the air.";
 
 pub(super) const HZ_EXAMPLES: &str = "\
@@ -109,6 +111,9 @@ pub struct TopicEchoArguments {
     /// Nothing released before, in logical time
     #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = duration)]
     pub from: Option<Duration>,
+    /// This field alone, such as `position_w_m[2]`; may be given several times
+    #[arg(long = "field", value_name = "FIELD")]
+    pub fields: Vec<String>,
     /// The run.
     #[command(flatten)]
     pub run: RunChoice,

@@ -1,17 +1,20 @@
 //! `morphquad topic echo`.
 
-use super::{EVENTS, What, find, open, refuse};
+use super::{EVENTS, Trouble, What, find, open, refuse};
 use crate::options::{SampleFormat, TopicEchoArguments};
-use crate::refusal::Done;
+use crate::refusal::{Done, Failure};
+use core::convert::Infallible;
 use core::time::Duration;
 use host::exit;
-use protocol::topic::fields::{to_json, to_text};
+use protocol::topic::fields::{at, in_a_row, to_json, to_text};
 use protocol::topic::live::{Listening, Word};
 use protocol::topic::unpack;
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
+use scenario::suggestion;
 use serde_json::{Map, Value, json};
-use shared_types::{Header, Sample, Topic, TopicInfo};
+use shared_types::topics::visit_all;
+use shared_types::{Header, Sample, Topic, TopicInfo, TopicVisitor};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -25,6 +28,14 @@ pub(super) fn run(
     said: &mut dyn Write,
 ) -> Done {
     let what = What::of(&arguments.what)?;
+    if let Some(field) = arguments.fields.first().filter(|_| what.is_all() || what.wants_events()) {
+        return Err(refuse(Trouble::FieldOfAll(field.clone())));
+    }
+    for (topic, field) in
+        what.topics.iter().flat_map(|t| arguments.fields.iter().map(move |f| (t, f)))
+    {
+        has_field(topic, field)?;
+    }
     let mut echo = Echo::new(arguments, out);
     match &what.file {
         Some(path) => {
@@ -39,12 +50,33 @@ pub(super) fn run(
     Ok(exit::PASS)
 }
 
+/// Refuses a field that no sample of a topic has.
+fn has_field(topic: &'static TopicInfo, field: &str) -> Result<(), Failure> {
+    struct Find<'a>(&'a str, Map<String, Value>);
+    impl TopicVisitor for Find<'_> {
+        type Error = Infallible;
+        fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+            if topic.info.name == self.0 {
+                self.1 = to_json(&T::default());
+            }
+            Ok(())
+        }
+    }
+    let mut find = Find(topic.name, Map::new());
+    let Ok(()) = visit_all(&mut find);
+    if at(&find.1, field).is_some() {
+        return Ok(());
+    }
+    let remedy = suggestion(field, find.1.keys().map(String::as_str));
+    Err(refuse(Trouble::NoField { topic: topic.name, field: field.to_owned(), remedy }))
+}
+
 fn live(
     arguments: &TopicEchoArguments,
     what: &What,
     echo: &mut Echo<'_>,
     said: &mut dyn Write,
-) -> Result<(), crate::refusal::Failure> {
+) -> Result<(), Failure> {
     let run = find(arguments.run.run.as_deref())?;
     let topics = what.topics_or_all();
     let mut listening = Listening::to(&run, &topics, what.wants_events()).map_err(refuse)?;
@@ -100,8 +132,23 @@ impl<'a> Echo<'a> {
             return;
         }
         let fields = fields();
-        let text = || to_text(topic, header, &fields);
-        self.write(text, || json!({topic: fields}));
+        if self.arguments.fields.is_empty() {
+            let text = || to_text(topic, header, &fields);
+            self.write(text, || json!({topic: fields}));
+            return;
+        }
+        let (t_s, wanted) = (header.valid_ns as f64 * 1e-9, &self.arguments.fields);
+        let found = || wanted.iter().filter_map(|path| Some((path, at(&fields, path)?)));
+        let text = || {
+            let values: Vec<String> = found().map(|(_, value)| in_a_row(value)).collect();
+            format!("{t_s:.6} {}\n", values.join(" "))
+        };
+        let object = || {
+            let mut object = Map::from_iter([("t_s".to_owned(), json!(t_s))]);
+            object.extend(found().map(|(path, value)| (path.clone(), value.clone())));
+            json!({topic: object})
+        };
+        self.write(text, object);
     }
 
     /// Shows an event of a flight that began at Unix time `time.0` \[ns\].

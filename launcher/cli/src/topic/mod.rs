@@ -33,6 +33,10 @@ pub(super) enum Trouble {
     NoFile,
     #[error("events are words, not samples: `morphquad topic echo {EVENTS}` shows them")]
     Words,
+    #[error("{topic} has no field `{field}`: {remedy}")]
+    NoField { topic: &'static str, field: String, remedy: String },
+    #[error("--field {0}: name the topics that have it; words of `{EVENTS}` have no fields")]
+    FieldOfAll(String),
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! Figures as data, and their pictures as SVG or PNG.
+//! Figures as data, and their pictures as SVG, PNG or PDF.
 //!
 //! A [`Figure`] is a grid of [`Panel`]s with one legend beside it. This file and `heat.rs` say
 //! what a figure is made of; `draw.rs` alone knows the plotting crate.
@@ -177,6 +177,12 @@ impl Figure {
     #[must_use]
     pub fn to_svg(&self) -> String {
         draw::svg(self)
+    }
+
+    /// The picture as a page of PDF, lines as lines and text as text.
+    #[must_use]
+    pub fn to_pdf(&self) -> Vec<u8> {
+        draw::pdf(self)
     }
 
     /// The picture as PNG, twice as many points to an inch.

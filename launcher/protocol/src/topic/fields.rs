@@ -16,6 +16,38 @@ pub fn to_json<T: Wire>(value: &T) -> Map<String, Value> {
     fields.0
 }
 
+/// The value at a path such as `points[0].position_w_m[2]`.
+#[must_use]
+pub fn at<'v>(fields: &'v Map<String, Value>, path: &str) -> Option<&'v Value> {
+    let mut found: Option<&Value> = None;
+    for name in path.split('.') {
+        let (name, places) = name.split_once('[').map_or((name, None), |(n, p)| (n, Some(p)));
+        found = match found {
+            None => fields.get(name),
+            Some(value) => value.get(name),
+        };
+        for place in places.into_iter().flat_map(|places| places.split('[')) {
+            let place: usize = place.strip_suffix(']')?.parse().ok()?;
+            found = found?.get(place);
+        }
+        found?;
+    }
+    found
+}
+
+/// Numbers and words of a value in a row, as people read them.
+#[must_use]
+pub fn in_a_row(value: &Value) -> String {
+    let all = |values: &mut dyn Iterator<Item = &Value>| {
+        values.map(in_a_row).collect::<Vec<_>>().join(" ")
+    };
+    match value {
+        Value::Object(fields) => all(&mut fields.values()),
+        Value::Array(list) => all(&mut list.iter()),
+        value => plain(value),
+    }
+}
+
 #[derive(Default)]
 struct ToJson(Map<String, Value>);
 
@@ -118,12 +150,8 @@ fn lines(text: &mut String, name: &str, value: &Value) {
                 let _ = writeln!(text, "  {name}: {more} more, --format json shows them");
             }
         }
-        Value::Array(list) => {
-            let list: Vec<String> = list.iter().map(plain).collect();
-            let _ = writeln!(text, "  {name}: {}", list.join(" "));
-        }
         value => {
-            let _ = writeln!(text, "  {name}: {}", plain(value));
+            let _ = writeln!(text, "  {name}: {}", in_a_row(value));
         }
     }
 }
@@ -179,6 +207,21 @@ mod tests {
         assert_eq!(reference["points"].as_array().map(Vec::len), Some(48));
         assert_eq!(reference["points"][0]["position_w_m"], json!([0.0, 0.0, 0.0]));
         assert!(to_text("reference", &header, &reference).contains("46 more"));
+    }
+
+    #[test]
+    fn a_path_leads_to_a_field_an_element_and_a_field_of_an_element() {
+        let mut reference = Reference { count: 7, ..Reference::default() };
+        reference.points[1].position_w_m = [1.0, 2.0, 3.5];
+        let fields = to_json(&reference);
+        assert_eq!(at(&fields, "count"), Some(&json!(7)));
+        assert_eq!(at(&fields, "points[1].position_w_m[2]"), Some(&json!(3.5)));
+        assert_eq!(in_a_row(at(&fields, "points[1].position_w_m").unwrap()), "1.0 2.0 3.5");
+        for path in
+            ["", "points[", "points[x]", "points[48]", "count[0]", "points.count", "header."]
+        {
+            assert_eq!(at(&fields, path), None, "{path}");
+        }
     }
 
     #[test]

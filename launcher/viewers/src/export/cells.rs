@@ -6,7 +6,7 @@ use protocol::topic::fields::{enum_text, word};
 use shared_types::wire::{Field, Kind, Schema, Visitor, Wire};
 
 /// Headings of a table with a column for each number of a sample.
-pub(super) fn headings(schema: &Schema) -> Vec<(String, Column)> {
+pub(crate) fn headings(schema: &Schema) -> Vec<(String, Column)> {
     let mut all = Vec::new();
     head(schema, "", &mut all);
     all
@@ -40,7 +40,7 @@ fn head(schema: &Schema, prefix: &str, all: &mut Vec<(String, Column)>) {
 }
 
 /// The cells under [`headings`].
-pub(super) fn cells<T: Wire>(value: &T) -> Vec<Cell> {
+pub(crate) fn cells<T: Wire>(value: &T) -> Vec<Cell> {
     let mut cells = ToCells(Vec::new());
     value.visit(&mut cells);
     cells.0

@@ -1,6 +1,6 @@
 //! Tables of a recording: a file for each topic, as CSV or as Parquet, a column for each number.
 
-mod cells;
+pub(crate) mod cells;
 
 use cells::{cells, headings};
 use figures::results::{Columns, Kind, ParquetFile, Value};

@@ -1,10 +1,11 @@
 //! The pilot as its readers see it.
 
 mod morphing;
+mod polynomials;
 mod services;
 mod trajectories;
 
-use super::{FigureEightConfig, Heading, MorphKnot, TrajectoryConfig, Waypoint};
+use super::{FigureEightConfig, Heading, MorphKnot, PathSample, TrajectoryConfig, Waypoint};
 use core::f64::consts::TAU;
 use vehicle::VehicleParameters;
 
@@ -46,7 +47,20 @@ fn vehicle() -> VehicleParameters {
     VehicleParameters::default()
 }
 
-fn shapes() -> [TrajectoryConfig; 5] {
+/// A point of a round that climbs and sinks, in motion, with all of its derivatives.
+fn round(t_s: f64) -> PathSample {
+    let (sin, cos) = t_s.sin_cos();
+    let (half, slow) = (0.5 * t_s).sin_cos();
+    PathSample {
+        t_s,
+        position_w_m: [0.5 * cos, 0.5 * sin, 1.5 + 0.2 * half],
+        yaw_rad: 0.1 * t_s,
+        velocity_w_m_s: Some([-0.5 * sin, 0.5 * cos, 0.1 * slow]),
+        acceleration_w_m_s2: Some([-0.5 * cos, -0.5 * sin, -0.05 * half]),
+    }
+}
+
+fn shapes() -> [TrajectoryConfig; 6] {
     let hover = TrajectoryConfig::Hover { position_w_m: [1.0, 2.0, 3.0], yaw_rad: 0.5 };
     let endless = FigureEightConfig { duration_s: None, ..along_path() };
     [
@@ -55,6 +69,7 @@ fn shapes() -> [TrajectoryConfig; 5] {
         figure(along_path()),
         figure(endless),
         waypoints(),
+        TrajectoryConfig::Samples((0..204).map(|i| round(0.1 * f64::from(i))).collect()),
     ]
 }
 

@@ -1,6 +1,7 @@
 //! From a figure to the plotting crate; no other module knows it.
 
 mod heat;
+mod pdf;
 
 use kuva::prelude::{
     BarPlot, Figure as Grid, Layout, LegendEntry, LegendShape, LinePlot, LineStyle, MarkerShape,
@@ -34,6 +35,10 @@ fn scalable(drawn: &str) -> String {
 
 pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, String> {
     PngBackend::new().render_scene(&grid(figure).render())
+}
+
+pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
+    pdf::page(&grid(figure).render())
 }
 
 fn grid(figure: &Figure) -> Grid {

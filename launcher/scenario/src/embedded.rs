@@ -1,0 +1,119 @@
+//! What a scenario does not say itself because its trajectory does: the rows of a file, and where, how fast and for how
+//! long a flight flies.
+
+use super::document::{Document, Edit, Value};
+use super::pilot::COMMON_KEYS;
+use super::pilot_error::pilot_error;
+use super::problem::Problem;
+use super::text;
+use super::trajectory::Trajectory;
+use super::trajectory_file::Table;
+use garde::Validate as _;
+use serde::Deserialize as _;
+use shared_types::time::ns_from_s;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+use toml::de::{DeValue, ValueDeserializer};
+
+/// Time at rest behind the end, if the scenario does not say how long it flies \[s\].
+const HOLD_S: f64 = 2.0;
+
+/// Speed below which a flight begins at rest \[m/s\].
+const REST_M_S: f64 = 1e-3;
+
+/// What a trajectory adds to its scenario: the rows of its file, where and how fast the flight begins and how long it
+/// is, as far as the scenario does not say so itself.
+///
+/// # Errors
+/// The file cannot be read, or what it has cannot be flown.
+pub(super) fn embedded(document: &Document<'_>) -> Result<Vec<Edit>, Problem> {
+    let Some(mut given) = typed(document) else { return Ok(Vec::new()) };
+    let mut edits = Vec::new();
+    let mut table = None;
+    if let Some(file) = given.file.take() {
+        if !(given.pieces.is_empty() && given.samples.is_empty()) {
+            let what = "there are rows in the scenario as well";
+            let remedy = "leave out `file`, or `pieces` and `samples`";
+            let place = document.place_of("pilot.file");
+            return Err(Problem::new("pilot.file", what, remedy, place));
+        }
+        let read = read(document, &file)?;
+        let key = if read.is_pieces { "pieces" } else { "samples" };
+        if read.is_pieces {
+            given.pieces.clone_from(&read.rows);
+        } else {
+            given.samples.clone_from(&read.rows);
+        }
+        edits.push(Edit::embedded(&file, format!("pilot.{key}"), format!("{:?}", read.rows)));
+        table = Some(read);
+    }
+    let name = given_name(&edits);
+    let path = match (::pilot::Trajectory::new(&given.config()), &table) {
+        (Ok(path), _) => path,
+        (Err(error), Some(table)) => {
+            let (_, remedy) = pilot_error(&error);
+            return Err(table.problem(error.index(), &error.to_string(), remedy));
+        }
+        // What is wrong with the scenario's own rows is said when it is checked.
+        (Err(_), None) => return Ok(Vec::new()),
+    };
+    let at_s = document.number("start.at_s").unwrap_or(0.0);
+    let begin = path.at(ns_from_s(at_s));
+    let left_s = path.length_s().unwrap_or(0.0) - at_s;
+    let turned_rad = libm::remainder(begin.yaw_rad, core::f64::consts::TAU);
+    let is_at_rest = begin.velocity_w_m_s.iter().all(|speed_m_s| speed_m_s.abs() < REST_M_S);
+    let [duration_s, position_w_m, yaw_deg, velocity_w_m_s] = [
+        format!("{:?}", left_s.max(0.0) + HOLD_S),
+        format!("{:?}", begin.position_w_m),
+        format!("{:?}", turned_rad.to_degrees()),
+        format!("{:?}", begin.velocity_w_m_s),
+    ];
+    let implied = [
+        ("scenario.duration_s", duration_s, true),
+        ("start.position_w_m", position_w_m, true),
+        ("start.yaw_deg", yaw_deg, turned_rad != 0.0),
+        ("start.velocity_w_m_s", velocity_w_m_s, !is_at_rest),
+    ];
+    for (key, value, is_needed) in implied {
+        if is_needed && !document.has(key) {
+            edits.push(Edit::embedded(&name, key.to_owned(), value));
+        }
+    }
+    Ok(edits)
+}
+
+/// Which text what is implied comes from.
+fn given_name(edits: &[Edit]) -> String {
+    edits.first().map_or_else(|| "pilot".to_owned(), |edit| edit.shown.clone())
+}
+
+/// The section, if it has a trajectory and is of the right types.
+fn typed(document: &Document<'_>) -> Option<Trajectory> {
+    let mut table = document.root().get("pilot")?.get_ref().as_table()?.clone();
+    if table.remove("kind")?.get_ref().as_str() != Some("trajectory") {
+        return None;
+    }
+    for key in COMMON_KEYS {
+        table.remove(key);
+    }
+    let value: Value<'_> = Spanned::new(0..0, DeValue::Table(table));
+    let given = Trajectory::deserialize(ValueDeserializer::from(value)).ok()?;
+    given.validate().ok().map(|()| given)
+}
+
+/// Reads a file; one that the scenario names is looked for beside it.
+fn read(document: &Document<'_>, file: &str) -> Result<Table, Problem> {
+    let place = document.place_of("pilot.file");
+    let scenario = place.as_ref().map(|place| PathBuf::from(place.source.name()));
+    let folder = scenario.as_deref().and_then(Path::parent).unwrap_or("".as_ref());
+    let path = folder.join(file).to_string_lossy().into_owned();
+    let text = text::text_of(&path).map_err(|error| {
+        let remedy =
+            "a path in a scenario begins in its folder, and one by --set where the command runs";
+        Problem::new("pilot.file", format!("{path} cannot be read: {error}"), remedy, place)
+    })?;
+    Table::parse(&path, &text)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,193 @@
+//! Trajectories from files: what they become, and what is wrong with them, at its line.
+
+use crate::{Override, Plan, Problem, Scenario, ScenarioError};
+use ::pilot::{Trajectory, TrajectoryConfig};
+use std::fs;
+use tempfile::TempDir;
+
+/// A folder with a scenario that names a file, and that file.
+fn folder(section: &str, name: &str, csv: &str) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let scenario = format!("[pilot]\nkind = \"trajectory\"\nfile = \"{name}\"\n{section}\n");
+    fs::write(folder.path().join("mine.toml"), scenario).unwrap();
+    fs::write(folder.path().join(name), csv).unwrap();
+    folder
+}
+
+fn load(folder: &TempDir, edits: &[Override]) -> Result<Scenario, ScenarioError> {
+    Scenario::load(folder.path().join("mine.toml").to_str().unwrap(), edits)
+}
+
+fn loaded(section: &str, csv: &str) -> Result<Scenario, ScenarioError> {
+    load(&folder(section, "path.csv", csv), &[])
+}
+
+fn refused(section: &str, csv: &str) -> Problem {
+    loaded(section, csv).unwrap_err().problems().next().unwrap().clone()
+}
+
+fn trajectory(scenario: &Scenario) -> Trajectory {
+    let Plan::Flight(config) = scenario.plan() else { panic!("no trajectory") };
+    Trajectory::new(&config.trajectory).unwrap()
+}
+
+/// Two pieces as planners write them: along x with x = t + t² / 2, then on without acceleration; z stays at 1.2 m.
+fn pieces() -> String {
+    let axes = ["x", "y", "z", "yaw"].map(|axis| (0..8).map(move |k| format!("{axis}^{k}")));
+    let header: Vec<String> = axes.into_iter().flatten().collect();
+    let row = |duration: &str, x: [&str; 3], yaw: &str| {
+        let none = ["0"; 5].join(",");
+        let still = |value: &str| format!("{value},0,0,{none}");
+        format!("{duration},{},{none},{},{},{},", x.join(","), still("0"), still("1.2"), still(yaw))
+    };
+    let rows = [row("1.0", ["0.0", "1.0", "0.5"], "0.1"), row("0.5", ["1.5", "2", "0"], "0.1")];
+    format!("duration,{},\n{}\n", header.join(","), rows.join("\n"))
+}
+
+#[test]
+fn a_planners_file_is_flown_from_its_beginning_at_its_speed() {
+    let scenario = loaded("", &pieces()).unwrap();
+    assert_eq!(scenario.settings().scenario.name, "mine");
+    let start = &scenario.settings().start;
+    assert_eq!((start.position_w_m, start.velocity_w_m_s), ([0.0, 0.0, 1.2], [1.0, 0.0, 0.0]));
+    assert!((start.yaw_deg - 0.1_f64.to_degrees()).abs() < 1e-12);
+    assert!((scenario.settings().scenario.duration_s - 3.5).abs() < 1e-12);
+    let point = trajectory(&scenario).at(1_250_000_000);
+    assert!((point.position_w_m[0] - 2.0).abs() < 1e-12, "{point:?}");
+    assert!((point.velocity_w_m_s[0] - 2.0).abs() < 1e-12, "{point:?}");
+}
+
+#[test]
+fn the_rows_stand_in_the_scenario_and_the_file_is_not_needed_again() {
+    let folder = folder("time_scale = 2.0\norigin_w_m = [1.0, 2.0, 0.3]", "path.csv", &pieces());
+    let first = load(&folder, &[]).unwrap();
+    drop(folder);
+    assert!(!first.to_toml().contains("path.csv"), "{}", first.to_toml());
+    let again = Scenario::from_text("scenario.toml", first.to_toml(), &[]).unwrap();
+    assert_eq!(first.to_toml(), again.to_toml());
+    assert_eq!(format!("{:?}", first.settings()), format!("{:?}", again.settings()));
+    let point = trajectory(&again).at(2_500_000_000);
+    for (found, wanted) in point.position_w_m.into_iter().zip([3.0, 2.0, 1.5]) {
+        assert!((found - wanted).abs() < 1e-12, "{point:?}");
+    }
+    assert!((point.velocity_w_m_s[0] - 1.0).abs() < 1e-12, "{point:?}");
+}
+
+#[test]
+fn what_the_scenario_says_of_start_and_length_holds() {
+    let says = "[start]\nposition_w_m = [0.1, 0.0, 1.2]\nyaw_deg = 0.0\nvelocity_w_m_s = [0.0, 0.0, 0.0]\n\
+                [scenario]\nduration_s = 9.0";
+    let scenario = loaded(says, &pieces()).unwrap();
+    let start = &scenario.settings().start;
+    assert_eq!((start.position_w_m, start.yaw_deg), ([0.1, 0.0, 1.2], 0.0));
+    assert!(start.velocity_w_m_s.iter().all(|speed_m_s| *speed_m_s == 0.0));
+    assert!((scenario.settings().scenario.duration_s - 9.0).abs() < 1e-12);
+}
+
+#[test]
+fn samples_come_with_any_of_their_columns_and_separators() {
+    let plain = "t,x,y,z\n0,0,0,1\n1,0.5,0,1\n2,1,0,1\n3,1.5,0,1\n";
+    let semicolons = "\u{feff}T_s; X_m; Y_m; Z_m; yaw_rad\r\n# from a log\r\n5;0;0;1;0\r\n6;0.5;0;1;0\r\n\
+                      7;1;0;1;0\r\n8;1.5;0;1;0\r\n";
+    let whole =
+        "time,x,y,z,heading,vx,vy,vz,ax,ay,az\n0,0,0,1,0,.5,0,0,0,0,0\n3,1.5,0,1,0,.5,0,0,0,0,0";
+    let nameless = "0,0,0,1\n1.5,0.75,0,1\n3,1.5,0,1\n";
+    let turned = "z,y,x,t\n1,0,0,0\n1,0,.5,1\n1,0,1,2\n1,0,1.5,3";
+    for csv in [plain, semicolons, whole, nameless, turned] {
+        let scenario = loaded("", csv).unwrap_or_else(|error| panic!("{csv}: {error:?}"));
+        let point = trajectory(&scenario).at(1_700_000_000);
+        assert!((point.position_w_m[0] - 0.85).abs() < 1e-9, "{csv}: {point:?}");
+        assert!((point.velocity_w_m_s[0] - 0.5).abs() < 1e-9, "{csv}: {point:?}");
+        assert!((scenario.settings().scenario.duration_s - 5.0).abs() < 1e-9, "{csv}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_file_is_said_at_its_line() {
+    let apart = pieces().replace("0.5,1.5,2,", "0.5,1.6,2,");
+    let cases = [
+        ("t,x,y,z\n0,0,0,1\n1,abc,0,1\n", 3, "`abc` is not a number"),
+        ("t,x,y,z\n0,0,0,1\n1,nan,0,1\n", 3, "`nan` is not a number"),
+        ("t,x,y,z\n0,0,0,1\n1,0,0\n", 3, "3 values in 4 columns"),
+        ("t,x,y,z\n\n# words\n0,0,0,1\n2,0,0,1\n1,0,0,1\n", 6, "samples[2].t_s"),
+        ("t,x,y,z\n0,0,0,1\n1,1e9,0,1\n", 2, "samples[0]"),
+        ("t,x,y,w\n0,0,0,1\n", 1, "no column `w`"),
+        ("t,x,y,z,vx\n0,0,0,1,0\n", 1, "t,x,y,z,vx"),
+        ("t,x,y\n0,0,0\n", 1, "t,x,y"),
+        ("0,0\n", 1, "2 columns without names"),
+        ("", 1, "no rows"),
+        ("duration,x^0,x^1\n1,0,0\n", 1, "25 or 33"),
+        ("duration,x^0,y^0\n1,0,0\n", 1, "`y^0`"),
+        (&apart, 3, "pieces[1]"),
+    ];
+    for (csv, line, told) in cases {
+        let problem = refused("", csv);
+        let said = format!("{problem} {}", problem.remedy());
+        assert!(said.contains(told), "{csv}: {said}");
+        assert_eq!(problem.line(), Some(line), "{csv}: {said}");
+        assert!(
+            problem.file().is_some_and(|file| file.ends_with("path.csv")),
+            "{csv}: {problem:?}"
+        );
+    }
+    let many: Vec<String> = (0..10_002).map(|i| format!("{i},0,0,1")).collect();
+    assert!(refused("", &many.join("\n")).to_string().contains("10002 rows"));
+}
+
+#[test]
+fn a_trajectory_without_rows_with_two_kinds_or_without_its_file_is_refused() {
+    let alone = |section: &str| {
+        let text = format!("[pilot]\nkind = \"trajectory\"\n{section}");
+        Scenario::from_text("mine.toml", &text, &[]).unwrap_err().problems().next().unwrap().clone()
+    };
+    let nothing = alone("");
+    assert!(nothing.remedy().contains("name a file"), "{nothing:?}");
+    let missing = alone("file = \"nowhere.csv\"");
+    assert!(missing.to_string().contains("nowhere.csv cannot be read"), "{missing:?}");
+    assert_eq!(missing.line(), Some(3));
+    let device = alone("file = \"/dev/zero\"");
+    assert!(device.to_string().contains("device"), "{device:?}");
+    let both = refused("samples = [[0.0, 0.0, 0.0, 1.0]]", &pieces());
+    assert!(both.to_string().contains("in the scenario as well"), "{both:?}");
+    let short = alone("samples = [[0.0, 0.0, 0.0, 1.0], [1.0, 2.0]]");
+    assert!(short.to_string().contains("row 1 has 2 numbers"), "{short:?}");
+    let unordered = alone("samples = [[1.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 1.0]]");
+    assert_eq!((unordered.key(), unordered.line()), ("pilot.samples[1]", Some(3)));
+}
+
+#[test]
+fn a_trajectory_in_or_on_the_ground_says_where_its_origin_may_be() {
+    for (height, told) in [("-0.2", "-0.20 m"), ("0", "no higher than 0.00 m")] {
+        let csv = format!("t,x,y,z\n0,0,0,{height}\n9,1,0,{height}\n");
+        let problem = refused("[start]\nposition_w_m = [0.0, 0.0, 1.0]", &csv);
+        assert!(problem.to_string().contains(told), "{problem:?}");
+        let (_, remedy) = problem.remedy().split_once("with ").unwrap();
+        let (key, value) = remedy.split_once(" = ").unwrap();
+        let lifted = folder("", "path.csv", &csv);
+        load(&lifted, &[Override::set(&format!("{key}={value}")).unwrap()]).unwrap();
+    }
+}
+
+#[test]
+fn a_trajectory_that_is_too_fast_says_how_slow_it_can_be_flown() {
+    let csv = "t,x,y,z\n0,0,0,1.5\n1,1,0,1.5\n2,-1,0,1.5\n3,1,0,1.5\n4,0,0,1.5\n";
+    let fast = loaded("", csv).unwrap();
+    let warning = fast.warnings().first().expect("a warning");
+    let (_, scale) = warning.remedy().split_once("pilot.time_scale = ").unwrap();
+    let (scale, _) = scale.split_once(' ').unwrap();
+    assert!(scale.parse::<f64>().unwrap() > 1.0, "{warning:?}");
+    let slow = loaded(&format!("time_scale = {scale}"), csv).unwrap();
+    assert!(slow.warnings().is_empty(), "{:?}", slow.warnings());
+}
+
+#[test]
+fn a_path_on_the_command_line_begins_where_the_command_runs() {
+    let folder = folder("", "path.csv", &pieces());
+    let path = folder.path().join("path.csv");
+    let set = |edit: String| Override::set(&edit).unwrap();
+    let edits =
+        [set("pilot.kind=trajectory".to_owned()), set(format!("pilot.file={}", path.display()))];
+    let scenario = Scenario::from_text("empty.toml", "", &edits).unwrap();
+    let Plan::Flight(config) = scenario.plan() else { panic!("no trajectory") };
+    assert!(matches!(config.trajectory, TrajectoryConfig::Pieces(pieces) if pieces.len() == 2));
+}

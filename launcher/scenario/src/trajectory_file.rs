@@ -1,0 +1,188 @@
+//! Trajectories as files of comma-separated values: what planners write, and tables of samples.
+
+use super::problem::{Place, Problem};
+use core::ops::Range;
+use miette::NamedSource;
+
+/// Most rows: a scenario has all of them in it, and each process of a flight reads it.
+pub(super) const MOST_ROWS: usize = 10_000;
+
+/// Names of the columns of samples, and of what else they are called. Each begins with its short name.
+const SAMPLE_COLUMNS: [&[&str]; 11] = [
+    &["t", "t_s", "time", "time_s"],
+    &["x", "x_m"],
+    &["y", "y_m"],
+    &["z", "z_m"],
+    &["yaw", "yaw_rad", "heading", "heading_rad"],
+    &["vx", "vx_m_s"],
+    &["vy", "vy_m_s"],
+    &["vz", "vz_m_s"],
+    &["ax", "ax_m_s2"],
+    &["ay", "ay_m_s2"],
+    &["az", "az_m_s2"],
+];
+
+/// How many columns samples may have, in the order of the names.
+const SAMPLE_WIDTHS: [usize; 4] = [4, 5, 8, 11];
+
+/// How many columns pieces may have: duration and eight coefficients of x, y and z, and of the heading.
+const PIECE_WIDTHS: [usize; 2] = [25, 33];
+
+/// What a file has, row by row.
+#[derive(Debug)]
+pub(super) struct Table {
+    /// Pieces of polynomials, or samples.
+    pub(super) is_pieces: bool,
+    /// Numbers in the order of `pilot.pieces` or `pilot.samples`.
+    pub(super) rows: Vec<Vec<f64>>,
+    name: String,
+    text: String,
+    /// Where each row stands.
+    spans: Vec<Range<usize>>,
+}
+
+/// A record of a file and where it stands.
+type Record = (Range<usize>, Vec<String>);
+
+impl Table {
+    /// Reads a text that complaints call `name`.
+    ///
+    /// # Errors
+    /// The first line that is neither a header nor as many numbers as there are columns.
+    pub(super) fn parse(name: &str, text: &str) -> Result<Self, Problem> {
+        let text = text.trim_start_matches('\u{feff}').to_owned();
+        let source = || NamedSource::new(name, text.clone());
+        let refuse = |span: Range<usize>, what: String, remedy: &str| {
+            Problem::new("pilot.file", what, remedy, Some(Place { source: source(), span }))
+        };
+        let mut records = records(&text)
+            .map_err(|(span, what)| refuse(span, what, "write numbers between commas"))?;
+        let is_header = |(_, fields): &Record| {
+            fields.first().is_some_and(|field| field.parse::<f64>().is_err())
+        };
+        let header =
+            if records.first().is_some_and(is_header) { Some(records.remove(0)) } else { None };
+        let Some((first, fields)) = records.first().or(header.as_ref()) else {
+            let remedy = "write rows of t,x,y,z,yaw, or pieces as planners write them: duration,x^0,...,yaw^7";
+            return Err(refuse(0..0, "has no rows".to_owned(), remedy));
+        };
+        let (first, width) = (first.clone(), fields.len());
+        let order = match &header {
+            Some((span, names)) => {
+                columns(names).map_err(|(what, remedy)| refuse(span.clone(), what, &remedy))?
+            }
+            None if PIECE_WIDTHS.contains(&width) || SAMPLE_WIDTHS.contains(&width) => {
+                (0..width).collect()
+            }
+            None => {
+                let what = format!("{width} columns without names could be anything");
+                let remedy =
+                    "name the columns in the first line: t,x,y,z,yaw, or duration,x^0,...,yaw^7";
+                return Err(refuse(first, what, remedy));
+            }
+        };
+        if records.len() > MOST_ROWS {
+            let what = format!("has {} rows, and at most {MOST_ROWS} fit", records.len());
+            return Err(refuse(0..0, what, "keep every second row, or fewer"));
+        }
+        let mut table = Self {
+            is_pieces: PIECE_WIDTHS.contains(&order.len()),
+            rows: Vec::with_capacity(records.len()),
+            name: name.to_owned(),
+            text: text.clone(),
+            spans: Vec::with_capacity(records.len()),
+        };
+        for (span, fields) in records {
+            let row = numbers(&fields, &order);
+            let row = row.map_err(|(what, remedy)| refuse(span.clone(), what, remedy))?;
+            table.rows.push(row);
+            table.spans.push(span);
+        }
+        Ok(table)
+    }
+
+    /// A complaint about a row, or about the whole.
+    pub(super) fn problem(&self, row: Option<usize>, what: &str, remedy: &str) -> Problem {
+        let span = row.and_then(|row| self.spans.get(row).cloned()).unwrap_or(0..0);
+        let source = NamedSource::new(&self.name, self.text.clone());
+        Problem::new("pilot.file", what, remedy, Some(Place { source, span }))
+    }
+}
+
+/// The numbers of a record in the order of the columns, or what is wrong with it and what to do.
+fn numbers(fields: &[String], order: &[usize]) -> Result<Vec<f64>, (String, &'static str)> {
+    if fields.len() != order.len() {
+        let what = format!("{} values in {} columns", fields.len(), order.len());
+        return Err((what, "write one value for each column"));
+    }
+    let number = |column: &usize| {
+        let field = &fields[*column];
+        let number = field.parse::<f64>().ok().filter(|number| number.is_finite());
+        number.ok_or_else(|| (format!("`{field}` is not a number"), "write a finite number"))
+    };
+    order.iter().map(number).collect()
+}
+
+/// The records of a text without comments, blanks and what a comma at the end of a line leaves behind.
+fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
+    let is_semicolons = text.lines().next().is_some_and(|line| line.contains(';'));
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .delimiter(if is_semicolons { b';' } else { b',' })
+        .from_reader(text.as_bytes());
+    let mut records = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|error| (0..0, error.to_string()))?;
+        let begin =
+            record.position().map_or(0, |position| usize::try_from(position.byte()).unwrap_or(0));
+        let begin = begin + text[begin..].len() - text[begin..].trim_start().len();
+        let end = text[begin..].find('\n').map_or(text.len(), |length| begin + length);
+        let mut fields: Vec<String> = record.iter().map(str::to_owned).collect();
+        if fields.len() > 1 && fields.last().is_some_and(String::is_empty) {
+            fields.pop();
+        }
+        records.push((begin..end, fields));
+    }
+    Ok(records)
+}
+
+/// Which column of a file each number of a row comes from, or what is wrong with the names and what to do.
+fn columns(names: &[String]) -> Result<Vec<usize>, (String, String)> {
+    let names: Vec<String> = names.iter().map(|name| name.to_lowercase()).collect();
+    if names.first().is_some_and(|name| name == "duration" || name == "duration_s") {
+        let axes = ["x", "y", "z", "yaw"].map(|axis| (0..8).map(move |k| format!("{axis}^{k}")));
+        let known: Vec<String> = axes.into_iter().flatten().collect();
+        let same =
+            |(name, known): (&String, &String)| name.replace('^', "") == known.replace('^', "");
+        let wrong = names.iter().skip(1).zip(&known).find(|pair| !same(*pair));
+        return match wrong {
+            Some((name, known)) => {
+                let what = format!("the column `{name}` stands where `{known}` belongs");
+                Err((what, "write duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7".to_owned()))
+            }
+            None if PIECE_WIDTHS.contains(&names.len()) => Ok((0..names.len()).collect()),
+            None => {
+                let what = format!("{} columns, where pieces have 25 or 33", names.len());
+                Err((what, "give duration and eight coefficients of x, y, z and yaw".to_owned()))
+            }
+        };
+    }
+    let known: Vec<&str> = SAMPLE_COLUMNS.iter().map(|names| names[0]).collect();
+    let unknown =
+        names.iter().find(|name| !SAMPLE_COLUMNS.iter().any(|c| c.contains(&name.as_str())));
+    if let Some(unknown) = unknown {
+        let remedy = format!("leave it out; what is known is {}", known.join(","));
+        return Err((format!("there is no column `{unknown}`"), remedy));
+    }
+    let place = |known: &&[&str]| names.iter().position(|name| known.contains(&name.as_str()));
+    let order: Vec<usize> = SAMPLE_COLUMNS.iter().map_while(place).collect();
+    if order.len() == names.len() && SAMPLE_WIDTHS.contains(&order.len()) {
+        return Ok(order);
+    }
+    let what = format!("the columns {} are not what a trajectory consists of", names.join(","));
+    let remedy = "give t,x,y,z, then yaw, then vx,vy,vz, then ax,ay,az, or only the first of these";
+    Err((what, remedy.to_owned()))
+}

@@ -1,0 +1,254 @@
+//! Numbers of a recording over time, as a figure.
+
+use crate::export::cells::{cells, headings};
+use figures::figure::{Axis, Colour, Curve, Dash, Figure, Mark, Panel};
+use figures::results::{Kind, Value};
+use protocol::topic::{known, schema};
+use record::read::{ReadError, RecordVisitor, RecordedFlight};
+use scenario::suggestion;
+use shared_types::{Sample, Topic, TopicInfo, topics};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Points of a curve that are drawn one by one; of more, only the extremes of each stretch are.
+const DRAWN: usize = 4_000;
+
+/// Patterns of lines, once the colours are used up.
+const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::Dotted, Dash::DashDot];
+
+/// Why there is no plot.
+#[derive(Debug, Error)]
+pub enum PlotError {
+    /// The recording.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// No such topic.
+    #[error("{signal}: no topic is called `{topic}`: {remedy}")]
+    Topic {
+        /// What was asked for.
+        signal: String,
+        /// The part that names a topic.
+        topic: String,
+        /// What may have been meant.
+        remedy: String,
+    },
+    /// No such number in the topic.
+    #[error("{signal}: {topic} has no number `{field}`: {remedy}")]
+    Field {
+        /// What was asked for.
+        signal: String,
+        /// The topic.
+        topic: &'static str,
+        /// The part that names a field.
+        field: String,
+        /// What may have been meant.
+        remedy: String,
+    },
+    /// Nothing was recorded of it.
+    #[error("{0}: the recording has no sample of it in this time")]
+    Empty(String),
+}
+
+/// Numbers of one topic.
+#[derive(Debug, Clone)]
+pub struct Signal {
+    asked: String,
+    topic: &'static TopicInfo,
+    /// Place among the columns of the topic's table, and name.
+    columns: Vec<(usize, String)>,
+}
+
+impl Signal {
+    /// `TOPIC.FIELD`, where the field may be a list or a group, of which all numbers are meant.
+    ///
+    /// # Errors
+    /// There is no such topic, or no such number in it.
+    pub fn parse(asked: &str) -> Result<Self, PlotError> {
+        let (topic, field) = asked.trim_start_matches('/').split_once('.').unwrap_or((asked, ""));
+        let signal = asked.to_owned();
+        let Some(info) = known(topic) else {
+            let names = topics::all().into_iter().map(|topic| topic.name);
+            let remedy = suggestion(topic, names);
+            return Err(PlotError::Topic { signal, topic: topic.to_owned(), remedy });
+        };
+        let all = schema(info).map(|schema| headings(&schema)).unwrap_or_default();
+        let is_number = |kind: Kind| matches!(kind, Kind::Number | Kind::Whole);
+        let is_meant = |name: &str| {
+            let rest = name.strip_prefix(field);
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['[', '.']))
+        };
+        let columns: Vec<(usize, String)> = all
+            .iter()
+            .enumerate()
+            .filter(|(_, (name, kind))| is_number(*kind) && !field.is_empty() && is_meant(name))
+            .map(|(place, (name, _))| (place, name.clone()))
+            .collect();
+        if columns.is_empty() {
+            let numbers =
+                all.iter().filter(|(name, kind)| is_number(*kind) && !name.starts_with("header."));
+            let mut names: Vec<&str> =
+                numbers.map(|(name, _)| name.split('[').next().unwrap_or(name)).collect();
+            names.dedup();
+            let remedy = suggestion(field, names.into_iter());
+            let (topic, field) = (info.name, field.to_owned());
+            return Err(PlotError::Field { signal, topic, field, remedy });
+        }
+        Ok(Self { asked: signal, topic: info, columns })
+    }
+}
+
+/// A panel for each of `panels` over the instants `from_s` to `to_s`; the x axis is the instant from which a sample is in
+/// effect \[s\].
+///
+/// # Errors
+/// [`PlotError`] for a recording that cannot be read, or one that has nothing of a signal.
+pub fn plot(
+    flight: &RecordedFlight,
+    panels: &[Vec<Signal>],
+    (from_s, to_s): (f64, f64),
+) -> Result<Figure, PlotError> {
+    let mut read =
+        Read { signals: panels.iter().flatten().collect(), from_s, to_s, curves: Vec::new() };
+    read.curves.resize_with(read.signals.len(), BTreeMap::new);
+    flight.visit(&mut read)?;
+    let instants = || read.curves.iter().flat_map(BTreeMap::values).flatten().map(|[t_s, _]| *t_s);
+    let (first_s, last_s) =
+        (instants().fold(f64::INFINITY, f64::min), instants().fold(0.0, f64::max));
+    let time = || {
+        let axis = Axis::new("t [s]");
+        if first_s < last_s { axis.range(first_s, last_s) } else { axis }
+    };
+    let mut curves = read.curves.iter();
+    let title = flight.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut figure = Figure::new(title, 1).panel_px(900.0, 260.0);
+    // One legend is of all panels, so that no two curves look alike.
+    let mut looks =
+        DASHES.into_iter().flat_map(|dash| Colour::SERIES.map(|colour| (colour, dash))).cycle();
+    for signals in panels {
+        let label = signals.first().map_or("", |signal| signal.unit_name());
+        let mut panel = Panel::new("", time(), Axis::new(label));
+        for signal in signals {
+            let Some(found) = curves.next().filter(|found| !found.is_empty()) else {
+                return Err(PlotError::Empty(signal.asked.clone()));
+            };
+            let seats: Vec<u32> = found.keys().map(|(_, seat)| *seat).collect();
+            let several = seats.iter().any(|seat| *seat != seats[0]);
+            for ((column, seat), points) in found {
+                let (_, name) = &signal.columns[*column];
+                let writer = if several { format!(", seat {seat}") } else { String::new() };
+                let name = format!("{}.{name}{writer}", signal.topic.name);
+                let (colour, dash) = looks.next().unwrap_or((Colour::Black, Dash::Solid));
+                let curve =
+                    Curve::new(name, colour, thinned(points.clone())).mark(Mark::Line(dash));
+                panel = panel.curve(curve);
+            }
+        }
+        figure = figure.panel(panel);
+    }
+    Ok(figure)
+}
+
+impl Signal {
+    /// Name of the field without its place in a list; its unit is the end of it.
+    fn unit_name(&self) -> &str {
+        let name = self.columns.first().map_or("", |(_, name)| name);
+        name.rsplit('.').next().unwrap_or(name).split('[').next().unwrap_or(name)
+    }
+}
+
+/// Instants and values by column and seat of the writer.
+type Curves = BTreeMap<(usize, u32), Vec<[f64; 2]>>;
+
+struct Read<'a> {
+    signals: Vec<&'a Signal>,
+    from_s: f64,
+    to_s: f64,
+    /// Of each signal.
+    curves: Vec<Curves>,
+}
+
+impl RecordVisitor for Read<'_> {
+    fn wants(&self, topic: &TopicInfo) -> bool {
+        self.signals.iter().any(|signal| signal.topic.name == topic.name)
+    }
+
+    fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
+        let (header, t_s) = (sample.header(), sample.header().valid_ns as f64 * 1e-9);
+        if !(self.from_s..=self.to_s).contains(&t_s) {
+            return;
+        }
+        let cells = cells(sample);
+        for (signal, curves) in self.signals.iter().zip(&mut self.curves) {
+            if signal.topic.name != topic.info.name {
+                continue;
+            }
+            for (column, (place, _)) in signal.columns.iter().enumerate() {
+                let value = match cells.get(*place) {
+                    Some(Value::Number(value)) => *value,
+                    Some(Value::Whole(value)) => *value as f64,
+                    _ => continue,
+                };
+                curves.entry((column, header.seat)).or_default().push([t_s, value]);
+            }
+        }
+    }
+}
+
+/// As many points as can be told apart: of each stretch the lowest and the highest, in their order.
+fn thinned(points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    if points.len() <= DRAWN {
+        return points;
+    }
+    let stretch = points.len().div_ceil(DRAWN / 2);
+    let extremes = points.chunks(stretch).flat_map(|points| {
+        let by_value =
+            |place: &usize, other: &usize| points[*place][1].total_cmp(&points[*other][1]);
+        let low = (0..points.len()).min_by(by_value).unwrap_or(0);
+        let high = (0..points.len()).max_by(by_value).unwrap_or(0);
+        let places = if low == high { vec![low] } else { vec![low.min(high), low.max(high)] };
+        places.into_iter().map(|place| points[place]).collect::<Vec<_>>()
+    });
+    extremes.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_is_a_number_a_list_or_a_group_of_a_topic() {
+        let names = |asked: &str| -> Vec<String> {
+            Signal::parse(asked).unwrap().columns.into_iter().map(|(_, name)| name).collect()
+        };
+        assert_eq!(names("truth.position_w_m[2]"), ["position_w_m[2]"]);
+        assert_eq!(names("/truth.position_w_m").len(), 3);
+        assert_eq!(names("reference.points[0]").len(), 7);
+        assert_eq!(names("imu.header.sequence"), ["header.sequence"]);
+    }
+
+    #[test]
+    fn what_is_no_signal_is_refused_with_what_may_have_been_meant() {
+        for (asked, told) in [
+            ("trut.position_w_m", "`truth`"),
+            ("truth.positon_w_m", "`position_w_m`"),
+            ("truth", "position_w_m"),
+            ("truth.position", "`position_w_m`"),
+            ("truth.position_w_m[7]", "`position_w_m`"),
+        ] {
+            let error = Signal::parse(asked).unwrap_err().to_string();
+            assert!(error.contains(told), "{asked}: {error}");
+        }
+    }
+
+    #[test]
+    fn thinning_keeps_every_extreme_and_the_order() {
+        let points: Vec<[f64; 2]> = (0..50_000)
+            .map(|i| [f64::from(i), if i == 31_234 { 9.0 } else { f64::from(i % 7) }])
+            .collect();
+        let kept = thinned(points.clone());
+        assert!(kept.len() <= DRAWN);
+        assert!(kept.contains(&[31_234.0, 9.0]));
+        assert!(kept.windows(2).all(|pair| pair[0][0] < pair[1][0]));
+        assert_eq!(thinned(points[..3_000].to_vec()).len(), 3_000);
+    }
+}
