@@ -222,7 +222,7 @@ impl Burst {
     /// launcher drains; `id` names a run of its own. A process can do this once, as its first use of
     /// the transport.
     pub(crate) fn prepare(options: RunOptions, id: &str) -> Result<Self, RunError> {
-        require_shared_memory()?;
+        require_shared_memory(scenario::needs::SHARED_MEMORY_MB)?;
         let not_ready =
             |error: simulate::in_process::InProcessError| RunError::NotReady(error.to_string());
         let scenario = &options.scenario;

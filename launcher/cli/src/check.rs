@@ -2,13 +2,14 @@
 
 use attitude_mpc::settings::Settings;
 use disturbance_injector::Event;
+use host::realtime::may_lock_memory;
 use monitor::Limits;
 use monitor::settings::Fallback;
 use runtime::{Graph, MissPolicy, Node};
 use scenario::pilot::Manoeuvre;
 use scenario::services::{self, Crew};
 use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
-use scenario::{self, Scenario};
+use scenario::{self, Scenario, needs};
 use serde_json::json;
 use std::io::{self, Write};
 
@@ -150,6 +151,9 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
     };
     writeln!(out, "flight  {manoeuvre}")?;
+    let (shared_mb, files) =
+        (needs::shared_memory_mb(settings, may_lock_memory()), needs::DESCRIPTORS);
+    writeln!(out, "needs   {shared_mb} MB of shared memory, {files} file descriptors")?;
     let law = scenario.attitude_law().map_err(io::Error::other)?;
     let look_ahead_s = Settings::look_ahead_s(&law).map_err(io::Error::other)?;
     writeln!(

@@ -32,6 +32,7 @@ mod rehearse;
 mod replay;
 mod report;
 pub mod samples;
+mod scenarios;
 mod study;
 mod top;
 mod topic;
@@ -118,6 +119,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             }
             return fly(scenario, &arguments, out);
         }
+        Command::Scenario(command) => return scenarios::run(&command, out),
         Command::Ps(arguments) => return ps::run(&arguments, out),
         Command::Swap(arguments) => return orders::swap(&arguments, out),
         Command::Rehearse(arguments) => return rehearse::run(&arguments, out),
@@ -134,12 +136,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         Command::Adopt(arguments) => return adopt::adopt(&arguments, out),
         Command::Paper(arguments) => return paper::reproduce(&arguments, out),
         Command::Campaign(arguments) => return campaign::run(&arguments, out),
-        Command::Replay(arguments) => {
-            return match arguments.branch.branch {
-                Some(at) => branch::run(&arguments, at, out),
-                None => replay::run(&arguments, out),
-            };
-        }
+        Command::Replay(arguments) => return replay(&arguments, out),
         Command::Doctor(arguments) => return doctor::run(&arguments, out),
         Command::Trace(arguments) => return trace::run(&arguments, out),
         Command::Report(arguments) => return report::run(&arguments, out, diagnostics),
@@ -160,6 +157,14 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
         }
     }
     Ok(exit::PASS)
+}
+
+/// Flies a recording again, or takes its flight up in the middle.
+fn replay(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
+    match arguments.branch.branch {
+        Some(at) => branch::run(arguments, at, out),
+        None => replay::run(arguments, out),
+    }
 }
 
 /// Flies and says how it went; a reader that has gone away changes nothing of it.

@@ -15,6 +15,7 @@ mod rehearse;
 mod replay;
 pub(crate) mod report;
 mod run;
+mod scenario;
 mod scenario_name;
 mod study;
 mod top;
@@ -36,6 +37,9 @@ pub(super) use study::{MorphingArguments, StabilityArguments, StudyCommand, Stud
 pub use trace::TraceArguments;
 pub use view::ViewArguments;
 
+pub use self::scenario::{
+    ScenarioCommand, ScenarioKeysArguments, ScenarioNewArguments, ScenarioShowArguments,
+};
 pub use bench::{
     BenchCommand, HopArguments, LoopsArguments, PlaceArguments as MeasurePlace, RateArguments,
     TableFormat, scenario_words,
@@ -102,6 +106,9 @@ pub(super) enum Command {
     /// Show what a scenario would fly, or what is wrong with it
     #[command(after_help = examples::CHECK)]
     Check(CheckArguments),
+    /// Begin a scenario of one's own, show one, or tell what can be set
+    #[command(subcommand)]
+    Scenario(ScenarioCommand),
     /// Show processes and slots of a run in the air
     #[command(after_help = air::PS_EXAMPLES)]
     Ps(PsArguments),

@@ -39,13 +39,16 @@ fn size() -> Finding {
     if mb < needs::SHARED_MEMORY_MB {
         return Finding::fail("shm size", format!("{mb} MB"), remedy);
     }
-    Finding::warn_if(mb < 2 * needs::SHARED_MEMORY_MB, "shm size", format!("{mb} MB"), remedy)
+    Finding::warn_if(mb < needs::LOCKED_MEMORY_MB, "shm size", format!("{mb} MB"), remedy)
 }
 
 fn free() -> Finding {
     let stat = statvfs(BASE).map(|stat| stat.f_bavail.saturating_mul(stat.f_frsize) >> 20);
     let mb = stat.unwrap_or(0);
-    let found = format!("{mb} MB free; a flight may need {} MB", needs::SHARED_MEMORY_MB);
+    let (lockstep_mb, realtime_mb) = (needs::SHARED_MEMORY_MB, needs::LOCKED_MEMORY_MB);
+    let found = format!(
+        "{mb} MB free; a flight may need {lockstep_mb} MB, and in realtime with its memory locked {realtime_mb} MB"
+    );
     if mb < needs::SHARED_MEMORY_MB {
         return Finding::fail(
             "shm free",
@@ -53,7 +56,9 @@ fn free() -> Finding {
             format!("remove what fills {BASE}; --fix removes dead runs"),
         );
     }
-    Finding::ok("shm free", found)
+    let remedy =
+        format!("remove what fills {BASE}, or fly with `--set realtime.lock_memory=false`");
+    Finding::warn_if(mb < realtime_mb, "shm free", found, remedy)
 }
 
 fn writable() -> Finding {

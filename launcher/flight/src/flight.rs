@@ -20,6 +20,7 @@ use super::processes::Processes;
 use super::rehearser::Rehearser;
 use super::supervisor::Supervisor;
 use super::tap::Tap;
+use host::realtime::may_lock_memory;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
 use protocol::topic::feed::Flying;
@@ -29,6 +30,7 @@ use runtime::ipc::Bus;
 use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use runtime::{Graph, MarkView as _};
+use scenario::needs::shared_memory_mb;
 use scenario::orders::Planner;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Role, Seat};
@@ -92,7 +94,7 @@ fn fly(
         eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
     }
     require_processor(options.pin)?;
-    require_shared_memory()?;
+    require_shared_memory(shared_memory_mb(options.scenario.settings(), may_lock_memory()))?;
     require_descriptors()?;
     let described =
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;

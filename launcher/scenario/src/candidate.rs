@@ -21,7 +21,9 @@ const ELF_HEAD: u64 = 20;
 const PREFIX: &str = "morphquad-";
 
 /// A place in the data flow whose process can be exchanged in the air.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "lowercase")]
 pub enum Slot {
     /// Torques for the attitude set point.

@@ -1,11 +1,12 @@
 //! Words for the clock of a flight and for its pace.
 
-use serde::Deserialize;
+use schemars::JsonSchema;
 use serde::de::{Deserializer, Visitor};
+use serde::{Deserialize, Serialize};
 use shared_types::ClockMode;
 
 /// How the flight's clock runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Clock {
     /// Simulated time.

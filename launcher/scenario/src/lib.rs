@@ -11,6 +11,7 @@ mod clock;
 mod deadlines;
 mod document;
 mod embedded;
+pub mod keys;
 pub mod needs;
 mod ordered;
 pub mod orders;

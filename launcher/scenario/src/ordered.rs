@@ -6,11 +6,12 @@ use super::problem::{Complaint, ScenarioError};
 use super::{Override, Scenario};
 use crate::orders::{Calm, Disturb, Goto, Morph, Order, Planner};
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use shared_types::time::ns_from_s;
 
 /// One entry: when, and one of the four.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct OrderSettings {
     /// When it is in effect \[s\].

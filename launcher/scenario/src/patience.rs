@@ -1,10 +1,11 @@
 //! The section `[launcher]` of a scenario.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Patience of the launcher, in wall time.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LauncherSettings {
     /// For all processes to be ready \[s\].

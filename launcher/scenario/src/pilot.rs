@@ -6,7 +6,8 @@ use ::pilot::{
     Trajectory, TrajectoryConfig, Waypoint,
 };
 use garde::Validate;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// Keys of the section that belong to no kind of manoeuvre.
 pub(super) const COMMON_KEYS: [&str; 4] = ["rate_hz", "lead_s", "preview_spacing_s", "morph"];
@@ -25,7 +26,7 @@ pub struct PilotSettings {
 }
 
 /// What every manoeuvre has.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Common {
     /// Loop rate \[Hz\].
@@ -80,7 +81,7 @@ impl Default for Manoeuvre {
 }
 
 /// Stays where it is.
-#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Hover {
     /// Position \[m\]; the start if left out.
@@ -92,7 +93,7 @@ pub struct Hover {
 }
 
 /// x = ½ size sin(w s), y = ½ size sin(2 w s), z = ½ size sin(w s + phase) about the center.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Figure8 {
     /// Crossing point \[m\].
@@ -147,7 +148,7 @@ impl Default for Figure8 {
 }
 
 /// Which way the nose points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 pub enum Yaw {
     /// Always the same way.
     #[serde(rename = "fixed")]
@@ -158,7 +159,7 @@ pub enum Yaw {
 }
 
 /// From place to place, at rest at each.
-#[derive(Debug, Clone, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Waypoints {
     /// The places.
@@ -167,7 +168,7 @@ pub struct Waypoints {
 }
 
 /// A place to be at rest at a given time.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Point {
     /// When \[s\].
@@ -183,7 +184,7 @@ pub struct Point {
 }
 
 /// A step of the attitude on the rig, instead of a trajectory.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Step {
     /// Axes that step.
@@ -204,7 +205,7 @@ impl Default for Step {
 }
 
 /// An axis of the attitude.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axis {
     /// φ.

@@ -2,10 +2,11 @@
 
 use garde::Validate;
 use rehearsal::Tube;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Whether, for how long and how strictly a swap is rehearsed.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct RehearsalSettings {
     /// A candidate of another kind or build is rehearsed before the flip.

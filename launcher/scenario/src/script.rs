@@ -11,14 +11,15 @@ use crate::process::has_process;
 use crate::services::Crew;
 use garde::Validate;
 use runtime::Graph;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// Control periods that a flip may take after the shadow window.
 const FLIP_PERIODS: f64 = 3.0;
 
 /// One `[[swap]]`: another controller shadows the owner of a slot and then takes over.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct SwapSettings {
     /// Slot.
@@ -66,7 +67,7 @@ fn rollback_s() -> f64 {
 }
 
 /// One `[[standby]]`: another instance is kept warm beside the owner of a slot.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct StandbySettings {
     /// Slot.
@@ -99,7 +100,7 @@ fn standby_shadow_s() -> f64 {
 }
 
 /// One `[[fault]]`: a signal to a process.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct FaultSettings {
     /// What happens.
@@ -114,7 +115,7 @@ pub struct FaultSettings {
 }
 
 /// What happens to a process.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FaultKind {
     /// It is killed.

@@ -12,7 +12,8 @@ pub use super::verdict::VerdictSettings;
 use garde::Validate;
 pub use host::realtime::Policy;
 use runtime::MissPolicy;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use shared_types::Role;
 use std::collections::BTreeMap;
 
@@ -107,7 +108,7 @@ impl Settings {
 }
 
 /// Who fills the slots, by the name of a service; the first of `morphquad check`'s list if left out.
-#[derive(Debug, Clone, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct CrewSettings {
     /// Position slot.
@@ -127,7 +128,7 @@ impl CrewSettings {
 }
 
 /// What is flown, for how long and on which clock.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScenarioSettings {
     /// One word.
@@ -147,6 +148,7 @@ pub struct ScenarioSettings {
     pub clock: Clock,
     /// Logical seconds per wall second; `max` on lockstep and 1 on realtime if left out.
     #[garde(skip)]
+    #[schemars(with = "Option<f64>")]
     pub speed: Option<Speed>,
 }
 
@@ -182,7 +184,7 @@ impl ScenarioSettings {
 }
 
 /// Declared latencies: from a step to its output taking effect.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LatencySettings {
     /// Attitude controller to plant \[s\].
@@ -211,11 +213,12 @@ impl Default for LatencySettings {
 }
 
 /// What each loop does when the wall clock gets ahead of it.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeSettings {
     /// How loops are scheduled: `fifo`, `deadline` or, like any program, `other`.
     #[garde(skip)]
+    #[schemars(with = "String")]
     pub policy: Policy,
     /// Priority of the slowest loops under `fifo`; each faster rate has one more. 0 for none.
     #[garde(range(max = 90))]
@@ -263,7 +266,7 @@ pub struct RealtimeSettings {
 }
 
 /// One loop against the wall clock.
-#[derive(Debug, Clone, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LoopSettings {
     /// What to do about missed releases; what suits the loop if left out.
@@ -287,7 +290,7 @@ pub struct LoopSettings {
 }
 
 /// What to do about missed releases.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Miss {
     /// [`MissPolicy::Skip`].

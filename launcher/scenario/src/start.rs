@@ -6,12 +6,13 @@
 use garde::Validate;
 use nalgebra::{UnitQuaternion, Vector3};
 use plant::Motion;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use shared_types::time::ns_from_s;
 use shared_types::{AngleDiversion, Flag, GuidanceOrder, PositionDiversion};
 
 /// Where the flight begins: in the air, and at trim unless something else is said.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct StartSettings {
     /// Position \[m\].
@@ -86,7 +87,7 @@ impl Default for StartSettings {
 }
 
 /// An order to the pilot that is in effect when the flight begins; times are those of the plan.
-#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct GuidanceSettings {
     /// Of the position reference; with it belongs `yaw`.
@@ -101,7 +102,7 @@ pub struct GuidanceSettings {
 }
 
 /// A way that the position reference is on.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct WaySettings {
     /// When it began \[s\].
@@ -128,7 +129,7 @@ pub struct WaySettings {
 }
 
 /// A turn that an angle is on.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct TurnSettings {
     /// When it began \[s\].

@@ -181,7 +181,7 @@ fn complaints_reach_into_a_script_and_a_manoeuvre() {
     let text = format!("{event}mean_w_m_s = [1.0, 0.0]\n");
     assert_at(&problem(&text), 3, &format!("{key}.mean_w_m_s"), "three numbers");
     let text = format!("{event}mean_w_m_s = [1.0, 0.0, 0.0]\nsigma_m_s = [1.0, 99.0, 0.0]\n");
-    assert_at(&problem(&text), 4, &format!("{key}.sigma_m_s[1]"), "from 0 to 50");
+    assert_at(&problem(&text), 4, &format!("{key}.sigma_m_s[1]"), "at most 50");
     let text = "[[disturbance_injector.script]]\nkind = \"gust\"\n";
     assert_at(&problem(text), 2, &format!("{key}.kind"), "`wind`");
     assert_at(&problem("[pilot]\nkind = \"figure9\"\n"), 2, "pilot.kind", "`figure8`");

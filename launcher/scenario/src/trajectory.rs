@@ -3,6 +3,7 @@
 use super::trajectory_file::MOST_ROWS;
 use ::pilot::{PathSample, Piece, TrajectoryConfig};
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// A trajectory that is passed through as it is given, without stopping.
@@ -10,7 +11,7 @@ use serde::Deserialize;
 /// A flight begins where the trajectory does, as fast as it does there, and ends two seconds after it, unless
 /// `[start]` and `[scenario]` say otherwise. Once a file has been read, its rows stand in the scenario in its place, so
 /// that a recording has all that was flown.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Trajectory {
     /// A file of comma-separated values, from the folder of the scenario or, by `--set`, from where the command runs:

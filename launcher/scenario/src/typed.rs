@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
 /// Every section of a scenario.
-const SECTIONS: [&str; 23] = [
+pub(super) const SECTIONS: [&str; 23] = [
     "scenario",
     "vehicle",
     "start",

@@ -2,10 +2,11 @@
 
 use ::vehicle::{Geometry, Quadratic, VehicleParameters};
 use garde::Validate;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// The vehicle as controllers and estimator model it.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct VehicleSettings {
     /// Mass \[kg\].
@@ -75,7 +76,7 @@ impl VehicleSettings {
 }
 
 /// `[c0, c1, c2]` of c0 + c1 β + c2 β², β in degrees.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GeometrySettings {
     /// Arm length \[m\].

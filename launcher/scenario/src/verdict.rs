@@ -6,6 +6,7 @@ use crate::orders::{Load, Order};
 use ::pilot::Trajectory;
 use disturbance_injector::Event;
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use vehicle::VehicleParameters;
 use verdict::{Basis, Thresholds};
@@ -16,7 +17,7 @@ const ORDERED_M_S: f64 = 2.0;
 const SIGMAS: f64 = 3.0;
 
 /// Limits by their keys; what is left out is derived from the flight. Each fails the flight if it is not kept.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct VerdictSettings {
     /// Largest tracking error, apart from recoveries \[m\].

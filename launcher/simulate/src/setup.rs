@@ -81,7 +81,7 @@ pub enum RunError {
     Record(#[from] RecordError),
     /// Too little shared memory.
     #[error(
-        "{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`"
+        "{BASE} has {free_mb} MB free and a flight may need {needed_mb} MB: remove what fills it, or enlarge it with `mount -o remount,size=512m {BASE}`; a realtime flight needs less with `--set realtime.lock_memory=false`"
     )]
     SharedMemory {
         /// Free space \[MB\].
@@ -157,12 +157,12 @@ pub fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunEr
 ///
 /// # Errors
 /// [`RunError`] if there is too little room.
-pub fn require_shared_memory() -> Result<(), RunError> {
+pub fn require_shared_memory(needed_mb: u64) -> Result<(), RunError> {
     let stat = rustix::fs::statvfs(BASE)
         .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
     let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
-    if free_mb < needs::SHARED_MEMORY_MB {
-        return Err(RunError::SharedMemory { free_mb, needed_mb: needs::SHARED_MEMORY_MB });
+    if free_mb < needed_mb {
+        return Err(RunError::SharedMemory { free_mb, needed_mb });
     }
     Ok(())
 }

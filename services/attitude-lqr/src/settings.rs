@@ -2,12 +2,13 @@
 
 use controller::attitude::Timing;
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::design::LqrConfig;
 
 /// What the law is told by a scenario.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Control rate \[Hz\]; that of `[attitude_mpc]` if left out.

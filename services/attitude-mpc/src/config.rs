@@ -37,7 +37,9 @@ impl HorizonChoice {
 }
 
 /// Where the bounds on the torque come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum TorqueBound {
     /// Roll and pitch m g L min(1/2, T/(2 m g)), what the rotors can give at the present thrust;

@@ -8,7 +8,8 @@
 //! for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
 use garde::Validate;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use vehicle::MorphAngle;
 
 use crate::{
@@ -16,7 +17,7 @@ use crate::{
 };
 
 /// What the attitude law is told by a scenario.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Control rate \[Hz\].
@@ -101,8 +102,9 @@ pub struct Settings {
     /// Angle \[°\] of model, weights and bounds instead of the measured one.
     #[garde(range(min = 45.0, max = 160.0))]
     pub fixed_morph_angle_deg: Option<f64>,
-    /// Solver of (16).
+    /// Solver of (16): `active-set`, or for comparison `hildreth` or `hildreth-converged`.
     #[garde(skip)]
+    #[schemars(with = "String")]
     pub solver: SolverKind,
 }
 
@@ -142,7 +144,7 @@ impl Default for Settings {
 }
 
 /// Prediction model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
     /// With the rotors' lag and the command's delay.

@@ -1,6 +1,7 @@
 //! The injector's section of a scenario.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -21,7 +22,7 @@ pub enum InjectorError {
 }
 
 /// Rate and script.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct InjectorConfig {
     /// Samples per second.

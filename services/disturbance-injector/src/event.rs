@@ -1,15 +1,16 @@
 //! What can be scripted, as a scenario writes it.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::ranges::{after, finite_in, later_than};
+use crate::ranges::{after, finite, later_than};
 
 /// Longest instant a script may name \[s\], eleven days.
 const MAX_TIME_S: f64 = 1e6;
 
 /// One entry of a script; `kind` in the scenario names the variant.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Event {
     /// From start to end.
@@ -35,22 +36,22 @@ pub enum Event {
 }
 
 /// What a profile in time scales: any of wind, force and torque.
-#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Load {
     /// Wind velocity in W.
-    #[garde(inner(custom(finite_in(-100.0, 100.0))))]
+    #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub wind_w_m_s: [f64; 3],
     /// Force at the centre of mass in W.
-    #[garde(inner(custom(finite_in(-100.0, 100.0))))]
+    #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub force_w_n: [f64; 3],
     /// Torque in B.
-    #[garde(inner(custom(finite_in(-10.0, 10.0))))]
+    #[garde(inner(range(min = -10.0, max = 10.0), custom(finite)))]
     pub torque_b_nm: [f64; 3],
 }
 
 /// `load` all the time.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Constant {
     /// What acts.
@@ -59,11 +60,11 @@ pub struct Constant {
 }
 
 /// `load` in [`at_s`, `until_s`), or for ever.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
     /// First instant.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// First instant without it.
     #[garde(custom(after(self.at_s)))]
@@ -74,14 +75,14 @@ pub struct Step {
 }
 
 /// `load` from the first sample at or after `at_s`.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Pulse {
     /// First instant.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// For the samples in [`at_s`, `at_s + duration_s`), one at least; absent, exactly one.
-    #[garde(inner(custom(finite_in(1e-9, MAX_TIME_S))))]
+    #[garde(inner(range(min = 1e-9, max = MAX_TIME_S), custom(finite)))]
     pub duration_s: Option<f64>,
     /// What acts.
     #[garde(dive)]
@@ -89,22 +90,22 @@ pub struct Pulse {
 }
 
 /// `load` · sin(2π f (t − `at_s`) + phase).
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Sine {
     /// First instant.
     #[serde(default)]
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// First instant without it; absent, for ever.
     #[garde(custom(after(self.at_s)))]
     pub until_s: Option<f64>,
     /// Frequency.
-    #[garde(custom(finite_in(1e-6, 5e3)))]
+    #[garde(range(min = 1e-6, max = 5e3), custom(finite))]
     pub frequency_hz: f64,
     /// Phase at `at_s`.
     #[serde(default)]
-    #[garde(custom(finite_in(-1e3, 1e3)))]
+    #[garde(range(min = -1e3, max = 1e3), custom(finite))]
     pub phase_rad: f64,
     /// Amplitude.
     #[garde(dive)]
@@ -112,14 +113,14 @@ pub struct Sine {
 }
 
 /// From nothing at `at_s` to `load` at `until_s`, then held.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Ramp {
     /// Start of the growth.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// End of the growth.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)), custom(later_than(self.at_s)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite), custom(later_than(self.at_s)))]
     pub until_s: f64,
     /// What acts in the end.
     #[garde(dive)]
@@ -131,22 +132,22 @@ pub struct Ramp {
 ///
 /// Its total impulse is scale · rd · duration at every rate of the injector: where the duration is
 /// no whole number of samples, the torque is adapted.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Rd {
     /// First instant.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// Length; one period of the paper's 100 Hz loop unless given.
     #[serde(default = "Rd::default_duration_s")]
-    #[garde(custom(finite_in(1e-6, MAX_TIME_S)))]
+    #[garde(range(min = 1e-6, max = MAX_TIME_S), custom(finite))]
     pub duration_s: f64,
     /// Torque for rd = 1.
     #[serde(default = "Rd::default_scale_nm")]
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub scale_nm: f64,
     /// These values instead of random ones.
-    #[garde(inner(inner(custom(finite_in(-100.0, 100.0)))))]
+    #[garde(inner(inner(range(min = -100.0, max = 100.0), custom(finite))))]
     pub rd: Option<[f64; 3]>,
 }
 
@@ -161,38 +162,38 @@ impl Rd {
 }
 
 /// Added to the body rate once, at the first sample at or after `at_s`.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Kick {
     /// When.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// Jump in B.
-    #[garde(inner(custom(finite_in(-100.0, 100.0))))]
+    #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub body_rate_b_rad_s: [f64; 3],
 }
 
 /// Mean wind with gusts about it, in [`at_s`, `until_s`), or for ever.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Wind {
     /// First instant; the gusts are stationary from here on.
     #[serde(default)]
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// First instant without it.
     #[garde(custom(after(self.at_s)))]
     pub until_s: Option<f64>,
     /// Mean in W.
-    #[garde(inner(custom(finite_in(-100.0, 100.0))))]
+    #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub mean_w_m_s: [f64; 3],
     /// Standard deviation of the gusts along each axis of W.
     #[serde(default)]
-    #[garde(inner(custom(finite_in(0.0, 50.0))))]
+    #[garde(inner(range(min = 0.0, max = 50.0), custom(finite)))]
     pub sigma_m_s: [f64; 3],
     /// Scale length along each axis of W.
     #[serde(default = "Wind::default_length_m")]
-    #[garde(inner(custom(finite_in(1e-2, 1e4))))]
+    #[garde(inner(range(min = 1e-2, max = 1e4), custom(finite)))]
     pub length_m: [f64; 3],
 }
 
@@ -203,26 +204,26 @@ impl Wind {
 }
 
 /// A point mass at the centre of mass in [`at_s`, `until_s`), or for ever.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct Payload {
     /// Picked up.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// Dropped.
     #[garde(custom(after(self.at_s)))]
     pub until_s: Option<f64>,
     /// Its mass.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub mass_kg: f64,
 }
 
 /// A rotor that gives less than it should in [`at_s`, `until_s`), or for ever.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct RotorEfficiency {
     /// First instant.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// First instant of full thrust again.
     #[garde(custom(after(self.at_s)))]
@@ -231,7 +232,7 @@ pub struct RotorEfficiency {
     #[garde(range(min = 1, max = 4))]
     pub rotor: u8,
     /// Thrust relative to a healthy rotor.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub efficiency: f64,
 }
 

@@ -1,12 +1,13 @@
 //! The section `[disturbance_injector]` of a scenario.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::{Event, InjectorConfig, MAX_EVENTS, MAX_RATE_HZ};
 
 /// What the injector is told by a scenario.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Loop rate \[Hz\].

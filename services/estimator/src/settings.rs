@@ -2,6 +2,7 @@
 
 use garde::Validate;
 use nalgebra::{UnitQuaternion, Vector3};
+use schemars::JsonSchema;
 use serde::Deserialize;
 use shared_types::time::ns_from_s;
 
@@ -9,7 +10,7 @@ use crate::{ConfigError, FilterConfig, InitialState};
 
 /// What the filter is told by a scenario. What is not listed here keeps the value of
 /// [`FilterConfig::default`].
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Loop rate \[Hz\]: that of the IMU, to give an estimate at each of its samples.

@@ -2,7 +2,8 @@
 
 use crate::limits::Limits;
 use garde::Validate;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// Least and largest thrust that a shipped position controller may ask for unless the scenario says otherwise, in
 /// weights of the vehicle.
@@ -11,7 +12,7 @@ const SHIPPED_WEIGHTS: [f64; 2] = [0.3, 2.0];
 const BEYOND_WEIGHTS: f64 = 0.1;
 
 /// Which controller is the fallback while an owner is watched.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fallback {
     /// The previous owner, for as long as the new one is watched.
@@ -23,7 +24,7 @@ pub enum Fallback {
 
 /// How owners that have not proven themselves are watched. A threshold that is left out has the default of
 /// [`Limits`], which explains where each comes from.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Whether the monitor runs; without it no owner is ever tripped.

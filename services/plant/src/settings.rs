@@ -1,7 +1,8 @@
 //! The section `[plant]` of a scenario.
 
 use garde::Validate;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use vehicle::VehicleParameters;
 
 use crate::ModelKind;
@@ -9,7 +10,7 @@ use crate::gate::GateConfig;
 use crate::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
 
 /// What the plant is told by a scenario.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Loop rate \[Hz\]. Integration steps are shorter where they must be.
@@ -58,7 +59,7 @@ impl Default for Settings {
 }
 
 /// What is integrated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
     /// [`ModelKind::Nonlinear`].
@@ -79,7 +80,7 @@ impl Settings {
 }
 
 /// How the real vehicle differs from the modelled one.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mismatch {
     /// Real inertia over modelled inertia.

@@ -6,12 +6,13 @@
 //! bounded. There is room for [`mpc::ROW_CAPACITY`], 1024, of them; more are refused.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::{Basis, ConfigError, Horizon, PositionLawConfig, SolverKind};
 
 /// What the position law is told by a scenario.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Control rate \[Hz\].
@@ -82,8 +83,9 @@ pub struct Settings {
     /// Delay of the thrust \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub thrust_delay_s: Option<f64>,
-    /// Solver of (16).
+    /// Solver of (16): `active-set`, or for comparison `hildreth` or `hildreth-converged`.
     #[garde(skip)]
+    #[schemars(with = "String")]
     pub solver: SolverKind,
 }
 

@@ -1,12 +1,13 @@
 //! The section `[position_pid]` of a scenario.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::law::PositionPidConfig;
 
 /// What the law is told by a scenario; bounds left out are those of `[position_mpc]`.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Control rate \[Hz\]; that of `[position_mpc]` if left out.

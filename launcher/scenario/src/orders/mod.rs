@@ -12,6 +12,7 @@ mod words;
 
 pub use planner::{OrderReport, Planned, Planner, RefusedOrder, Sent};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How far from the world's origin a vehicle may be sent \[m\].
@@ -24,7 +25,7 @@ const SHORTEST_S: f64 = 1e-3;
 pub const LONGEST_S: f64 = 3600.0;
 
 /// One order.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Order {
     /// Leave the plan and rest at a place.
@@ -38,7 +39,7 @@ pub enum Order {
 }
 
 /// A place to rest at.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Goto {
     /// Where \[m\].
@@ -49,7 +50,7 @@ pub struct Goto {
 }
 
 /// A width of the arms.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Morph {
     /// β \[°\].
@@ -65,7 +66,7 @@ fn over_s() -> f64 {
 }
 
 /// A disturbance.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Disturb {
     /// What acts.
@@ -79,7 +80,7 @@ pub struct Disturb {
 }
 
 /// What acts on the vehicle.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Load {
     /// Mean wind with gusts.
@@ -108,7 +109,7 @@ pub enum Load {
 }
 
 /// An end of disturbances.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Calm {
     /// Also of those in the scenario's script.

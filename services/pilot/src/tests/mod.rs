@@ -49,8 +49,8 @@ fn vehicle() -> VehicleParameters {
 
 /// A point of a round that climbs and sinks, in motion, with all of its derivatives.
 fn round(t_s: f64) -> PathSample {
-    let (sin, cos) = t_s.sin_cos();
-    let (half, slow) = (0.5 * t_s).sin_cos();
+    let (sin, cos) = libm::sincos(t_s);
+    let (half, slow) = libm::sincos(0.5 * t_s);
     PathSample {
         t_s,
         position_w_m: [0.5 * cos, 0.5 * sin, 1.5 + 0.2 * half],

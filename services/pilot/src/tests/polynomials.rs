@@ -4,6 +4,12 @@
     clippy::disallowed_methods,
     reason = "an oracle shares no function with the code under test"
 )]
+#![expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "powers below 8 and instants of seconds"
+)]
 
 use super::{MS, distance, round};
 use crate::{COEFFICIENTS, PathSample, Piece, PilotError, Trajectory, TrajectoryConfig};

@@ -1,75 +1,76 @@
 //! Limits of the gate, as a scenario may set them.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::sensors::finite_in;
+use crate::sensors::finite;
 use shared_types::time::ns_from_s;
 
 /// Limits of the gate.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct GateConfig {
     /// Longest HOLD; the last command's validity, two control periods, may end it sooner.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub hold_max_s: f64,
     /// Longest LEVEL.
-    #[garde(custom(finite_in(0.0, 60.0)))]
+    #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub level_max_s: f64,
     /// Tilt that LEVEL cannot recover from.
-    #[garde(custom(finite_in(0.1, 3.2)))]
+    #[garde(range(min = 0.1, max = 3.2), custom(finite))]
     pub tip_over_tilt_rad: f64,
     /// How long that tilt may last.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub tip_over_s: f64,
     /// Torque of LEVEL is at most this times m g L(β).
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub level_torque_fraction: f64,
     /// Tilt beyond which the gate itself answers a trip, by RECOVER: the bound on the tilt that position
     /// controllers may ask for, so that no controller has been made for more.
-    #[garde(custom(finite_in(0.0, 3.2)))]
+    #[garde(range(min = 0.0, max = 3.2), custom(finite))]
     pub recover_tilt_rad: f64,
     /// Rate about roll and pitch beyond which it does.
-    #[garde(custom(finite_in(0.0, 100.0)))]
+    #[garde(range(min = 0.0, max = 100.0), custom(finite))]
     pub recover_rate_rad_s: f64,
     /// Tilt below which commands count again.
-    #[garde(custom(finite_in(0.0, 3.2)))]
+    #[garde(range(min = 0.0, max = 3.2), custom(finite))]
     pub recovered_tilt_rad: f64,
     /// Rate about roll and pitch below which they do.
-    #[garde(custom(finite_in(0.0, 100.0)))]
+    #[garde(range(min = 0.0, max = 100.0), custom(finite))]
     pub recovered_rate_rad_s: f64,
     /// Longest RECOVER; then commands count, or LEVEL begins.
-    #[garde(custom(finite_in(0.0, 60.0)))]
+    #[garde(range(min = 0.0, max = 60.0), custom(finite))]
     pub recover_max_s: f64,
     /// Torque of RECOVER is at most this times m g L(β). At hover thrust each pair of rotors carries half
     /// of the weight, so that one half is what roll and pitch can have at once without clipping.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub recover_torque_fraction: f64,
     /// Undamped frequency of RECOVER's attitude loop, if rotors had no lag. It is fast, because the vehicle gains speed
     /// while it is tilted; with a lag of 20 ms its slowest time constant is less than a tenth of a second.
-    #[garde(custom(finite_in(0.1, 100.0)))]
+    #[garde(range(min = 0.1, max = 100.0), custom(finite))]
     pub recover_bandwidth_rad_s: f64,
     /// Damping ratio of that loop, if rotors had no lag.
-    #[garde(custom(finite_in(0.1, 5.0)))]
+    #[garde(range(min = 0.1, max = 5.0), custom(finite))]
     pub recover_damping: f64,
     /// Undamped frequency of LEVEL's attitude loop; far below 1 / rotor lag.
-    #[garde(custom(finite_in(0.1, 50.0)))]
+    #[garde(range(min = 0.1, max = 50.0), custom(finite))]
     pub level_bandwidth_rad_s: f64,
     /// Damping ratio of that loop.
-    #[garde(custom(finite_in(0.1, 5.0)))]
+    #[garde(range(min = 0.1, max = 5.0), custom(finite))]
     pub level_damping: f64,
     /// Time constant with which the accelerometer corrects the gyro's tilt.
-    #[garde(custom(finite_in(0.1, 1e3)))]
+    #[garde(range(min = 0.1, max = 1e3), custom(finite))]
     pub filter_time_constant_s: f64,
     /// Largest thrust that a command may ask for, in weights.
-    #[garde(custom(finite_in(0.0, 100.0)))]
+    #[garde(range(min = 0.0, max = 100.0), custom(finite))]
     pub thrust_range_weights: f64,
     /// Largest torque that a command may ask for, relative to the most the rotors can ever give;
     /// above 1 only for a plant without rotor limits.
-    #[garde(custom(finite_in(0.0, 1e3)))]
+    #[garde(range(min = 0.0, max = 1e3), custom(finite))]
     pub torque_range_factor: f64,
     /// A command is never valid for longer.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub validity_max_s: f64,
 }
 

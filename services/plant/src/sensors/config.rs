@@ -1,6 +1,7 @@
 //! What a scenario says about the sensors.
 
 use garde::Validate;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -35,35 +36,35 @@ pub enum SensorError {
 }
 
 /// Gyro and accelerometer. Components are along the body axes, forward, left, up.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImuConfig {
     /// Samples per second.
     #[garde(range(min = 1, max = MAX_SENSOR_RATE_HZ))]
     pub rate_hz: u32,
     /// White noise of the gyro.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub gyro_noise_density_rad_s_sqrt_hz: f64,
     /// Random walk of the gyro's bias.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub gyro_bias_walk_rad_s2_sqrt_hz: f64,
     /// Bias of the gyro at start, 1 σ.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub gyro_initial_bias_rad_s: f64,
     /// The gyro clips beyond ± this.
-    #[garde(custom(finite_in(0.1, 1e3)))]
+    #[garde(range(min = 0.1, max = 1e3), custom(finite))]
     pub gyro_range_rad_s: f64,
     /// White noise of the accelerometer.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub accelerometer_noise_density_m_s2_sqrt_hz: f64,
     /// Random walk of the accelerometer's bias.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub accelerometer_bias_walk_m_s3_sqrt_hz: f64,
     /// Bias of the accelerometer at start, 1 σ.
-    #[garde(custom(finite_in(0.0, 100.0)))]
+    #[garde(range(min = 0.0, max = 100.0), custom(finite))]
     pub accelerometer_initial_bias_m_s2: f64,
     /// The accelerometer clips beyond ± this.
-    #[garde(custom(finite_in(1.0, 1e4)))]
+    #[garde(range(min = 1.0, max = 1e4), custom(finite))]
     pub accelerometer_range_m_s2: f64,
     /// A jump of the biases, to try an estimator with.
     #[garde(dive)]
@@ -96,38 +97,38 @@ impl Default for ImuConfig {
 }
 
 /// Added to the biases from an instant on.
-#[derive(Debug, Clone, Copy, Default, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct BiasStep {
     /// From here on.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub at_s: f64,
     /// Added to the gyro.
-    #[garde(inner(custom(finite_in(-100.0, 100.0))))]
+    #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub gyro_b_rad_s: [f64; 3],
     /// Added to the accelerometer.
-    #[garde(inner(custom(finite_in(-1e3, 1e3))))]
+    #[garde(inner(range(min = -1e3, max = 1e3), custom(finite)))]
     pub accelerometer_b_m_s2: [f64; 3],
 }
 
 /// Pose from a tracker outside.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct PoseFixConfig {
     /// Captures per second.
     #[garde(range(min = 1, max = MAX_SENSOR_RATE_HZ))]
     pub rate_hz: u32,
     /// From capture to arrival.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub latency_s: f64,
     /// Position noise per axis, 1 σ.
-    #[garde(custom(finite_in(0.0, 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub position_noise_m: f64,
     /// Attitude noise per body axis, 1 σ.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub attitude_noise_rad: f64,
     /// Probability that a capture is lost, each on its own.
-    #[garde(custom(finite_in(0.0, 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub drop_out_probability: f64,
     /// Spans whose captures are lost.
     #[garde(dive)]
@@ -152,26 +153,26 @@ impl Default for PoseFixConfig {
 }
 
 /// Samples or captures in [`from_s`, `until_s`) are lost.
-#[derive(Debug, Clone, Copy, Deserialize, Validate)]
+#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct DropOut {
     /// First instant lost.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite))]
     pub from_s: f64,
     /// First instant seen again.
-    #[garde(custom(finite_in(0.0, MAX_TIME_S)), custom(later_than(self.from_s, "from_s")))]
+    #[garde(range(min = 0.0, max = MAX_TIME_S), custom(finite), custom(later_than(self.from_s, "from_s")))]
     pub until_s: f64,
 }
 
 /// Encoder of the morph angle β.
-#[derive(Debug, Clone, Deserialize, Validate)]
+#[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct MorphEncoderConfig {
     /// Readings per second.
     #[garde(range(min = 1, max = MAX_SENSOR_RATE_HZ))]
     pub rate_hz: u32,
     /// Noise of β, 1 σ.
-    #[garde(custom(finite_in(0.0, 90.0)))]
+    #[garde(range(min = 0.0, max = 90.0), custom(finite))]
     pub noise_deg: f64,
     /// No noise.
     #[garde(skip)]
@@ -184,14 +185,13 @@ impl Default for MorphEncoderConfig {
     }
 }
 
-/// Accepts finite numbers in [min, max]; a plain comparison would let NaN pass.
-pub(crate) fn finite_in(min: f64, max: f64) -> impl Fn(&f64, &()) -> garde::Result {
-    move |value, ()| {
-        if (min..=max).contains(value) {
-            Ok(())
-        } else {
-            Err(garde::Error::new(format!("{value} is not a number from {min} to {max}")))
-        }
+/// Accepts finite numbers; a range alone would let NaN pass.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that the validator calls")]
+pub(crate) fn finite(value: &f64, _context: &()) -> garde::Result {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(garde::Error::new(format!("{value} is not a number")))
     }
 }
 

@@ -12,7 +12,7 @@ mod morph_encoder;
 mod pose_fix;
 mod schedule;
 
-pub(crate) use config::finite_in;
+pub(crate) use config::finite;
 pub use config::{
     BiasStep, DELAY_LINE_LEN, DropOut, ImuConfig, MAX_SENSOR_RATE_HZ, MorphEncoderConfig,
     PoseFixConfig, SensorError,

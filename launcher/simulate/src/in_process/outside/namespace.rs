@@ -11,7 +11,7 @@ use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::leader::LeadError;
 use runtime::namespace::{Membership, NamespaceError, sweep_dead_runs};
 use runtime::{Graph, Sink as _};
-use scenario::Scenario;
+use scenario::{Scenario, needs};
 use shared_types::{ClockMode, ClockRecord, Flag, NodeId, Progress, Role, Seat};
 use std::path::Path;
 use swap::RollKeeper;
@@ -98,7 +98,7 @@ impl Namespace {
         /// Tells the runs of flights apart that begin side by side.
         static FOUNDED: AtomicU32 = AtomicU32::new(0);
         let _ = sweep_dead_runs();
-        require_shared_memory()
+        require_shared_memory(needs::SHARED_MEMORY_MB)
             .and_then(|()| require_descriptors())
             .map_err(|error| OutsideError::Memory(error.to_string()))?;
         let number = FOUNDED.fetch_add(1, Ordering::Relaxed);

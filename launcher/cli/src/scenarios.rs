@@ -1,0 +1,115 @@
+//! `morphquad scenario`: scenarios as texts, and what can be set in them.
+
+use super::options::{
+    Format, ScenarioCommand, ScenarioKeysArguments, ScenarioNewArguments, ScenarioShowArguments,
+};
+use super::refusal::{Done, Failure};
+use host::exit;
+use scenario::keys::{Key, Section, sections};
+use scenario::{shell_path, shipped, suggestion};
+use serde_json::{Value, json};
+use std::fs::File;
+use std::io::{self, Write};
+
+/// Does what is asked for.
+pub(super) fn run(command: &ScenarioCommand, out: &mut dyn Write) -> Done {
+    match command {
+        ScenarioCommand::New(arguments) => new(arguments, out)?,
+        ScenarioCommand::Show(ScenarioShowArguments { name }) => {
+            out.write_all(text_of(name)?.as_bytes())?;
+        }
+        ScenarioCommand::Keys(arguments) => keys(arguments, out)?,
+    }
+    out.flush()?;
+    Ok(exit::PASS)
+}
+
+fn text_of(name: &str) -> Result<&'static str, Failure> {
+    shipped::text(name).ok_or_else(|| {
+        let remedy = suggestion(name, shipped::names());
+        Failure::plain(&format!("no scenario is called {name}: {remedy}"), exit::USAGE)
+    })
+}
+
+/// Writes a shipped scenario without its name, so that it is called as its file.
+fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Failure> {
+    let ScenarioNewArguments { file, from } = arguments;
+    let lines = text_of(from)?.lines().filter(|line| !line.starts_with("name = "));
+    let text: String = lines.flat_map(|line| [line, "\n"]).collect();
+    let shown = file.display();
+    let written = File::create_new(file).and_then(|mut created| created.write_all(text.as_bytes()));
+    written.map_err(|error| {
+        let (told, code) = match error.kind() {
+            io::ErrorKind::AlreadyExists => {
+                (format!("{shown} is there already: give another name"), exit::USAGE)
+            }
+            _ => (
+                format!("cannot write {shown}: {error}; name a file that you may write"),
+                exit::UNFIT,
+            ),
+        };
+        Failure::plain(&told, code)
+    })?;
+    let path = shell_path(file);
+    writeln!(
+        out,
+        "{shown}: `morphquad run {path}` flies it, `morphquad scenario keys` tells what can be set"
+    )?;
+    Ok(())
+}
+
+fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Failure> {
+    let wanted = arguments.key.as_deref().unwrap_or_default();
+    let wanted = wanted.trim_matches(['[', ']']);
+    let mut found = sections();
+    for section in &mut found {
+        section.keys.retain(|key| key.name.starts_with(wanted));
+    }
+    found.retain(|section| !section.keys.is_empty());
+    if found.is_empty() {
+        let all = sections();
+        let names = all.iter().flat_map(|section| &section.keys).map(|key| key.name.as_str());
+        let remedy = suggestion(wanted, names.chain(all.iter().map(|section| section.name)));
+        let remedy = remedy.split_once(" Known are").map_or(remedy.as_str(), |(first, _)| first);
+        let told = format!("no key begins with {wanted}: {remedy}");
+        return Err(Failure::plain(&told, exit::USAGE));
+    }
+    if arguments.format == Format::Json {
+        let all: Value = found.iter().flat_map(|section| &section.keys).map(Key::to_json).collect();
+        writeln!(out, "{all}")?;
+        return Ok(());
+    }
+    for (place, section) in found.iter().enumerate() {
+        if place > 0 {
+            writeln!(out)?;
+        }
+        show(section, out)?;
+    }
+    Ok(())
+}
+
+fn show(section: &Section, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "[{}]  {}", section.name, section.meaning)?;
+    for key in &section.keys {
+        let kind = key.kind.map_or(String::new(), |kind| format!("  (kind = \"{kind}\")"));
+        let value = match &key.default {
+            Some(value) => format!(" = {}", in_toml(value)),
+            None if key.is_required => "  required".to_owned(),
+            None => String::new(),
+        };
+        writeln!(out, "  {}{value}{kind}", key.name)?;
+        writeln!(out, "      {}{}. {}", key.takes, key.range_in_words(), key.meaning)?;
+    }
+    Ok(())
+}
+
+/// A default as a scenario has it.
+fn in_toml(value: &Value) -> String {
+    match value {
+        Value::Array(list) => {
+            format!("[{}]", list.iter().map(in_toml).collect::<Vec<_>>().join(", "))
+        }
+        Value::Object(table) if table.is_empty() => "{}".to_owned(),
+        value => json!(value).to_string(),
+    }
+}

@@ -1,0 +1,278 @@
+//! The keys of a scenario, told by the types that read them: what each is called, takes and means.
+
+use super::pilot;
+use super::settings as own;
+use super::trajectory::Trajectory;
+use disturbance_injector as event;
+use schemars::generate::SchemaSettings;
+use schemars::{JsonSchema, Schema};
+use serde_json::{Map, Value};
+
+/// A section of a scenario.
+#[derive(Debug, Clone)]
+pub struct Section {
+    /// As it stands in brackets.
+    pub name: &'static str,
+    /// What it is for.
+    pub meaning: String,
+    /// What can be set in it.
+    pub keys: Vec<Key>,
+}
+
+/// What can be set.
+#[derive(Debug, Clone)]
+pub struct Key {
+    /// Dotted, from the section on; of each entry of a list, `LIST[].KEY`.
+    pub name: String,
+    /// The word for `kind` beside which alone the key has a place.
+    pub kind: Option<&'static str>,
+    /// Form of the value.
+    pub takes: String,
+    /// Least and largest number.
+    pub range: [Option<f64>; 2],
+    /// Value if left out; none if that depends on the rest.
+    pub default: Option<Value>,
+    /// Whether it has to be set.
+    pub is_required: bool,
+    /// What it means, with its unit.
+    pub meaning: String,
+}
+
+/// All sections in the order of the alphabet.
+#[must_use]
+pub fn sections() -> Vec<Section> {
+    let mut sections = vec![
+        section::<own::ScenarioSettings>("scenario"),
+        section::<own::VehicleSettings>("vehicle"),
+        section::<own::StartSettings>("start"),
+        pilot(),
+        section::<plant::settings::Settings>("plant"),
+        section::<estimator::settings::Settings>("estimator"),
+        section::<position_mpc::settings::Settings>("position_mpc"),
+        section::<attitude_mpc::settings::Settings>("attitude_mpc"),
+        section::<position_pid::settings::Settings>("position_pid"),
+        section::<attitude_lqr::settings::Settings>("attitude_lqr"),
+        section::<attitude_pid::settings::Settings>("attitude_pid"),
+        section::<own::CrewSettings>("crew"),
+        injector(),
+        section::<monitor::settings::Settings>("watch"),
+        section::<own::LatencySettings>("latency"),
+        section::<own::RealtimeSettings>("realtime"),
+        section::<own::LauncherSettings>("launcher"),
+        section::<own::RehearsalSettings>("rehearsal"),
+        section::<own::VerdictSettings>("verdict"),
+        list::<own::SwapSettings>("swap"),
+        list::<own::StandbySettings>("standby"),
+        list::<own::FaultSettings>("fault"),
+        list::<own::OrderSettings>("order"),
+    ];
+    sections.sort_by_key(|section| section.name);
+    sections
+}
+
+fn section<T: JsonSchema>(name: &'static str) -> Section {
+    let schema = schema::<T>();
+    let mut keys = Vec::new();
+    walk(name, &schema, None, &mut keys);
+    Section { name, meaning: meaning(&schema), keys }
+}
+
+/// A section of which there may be several.
+fn list<T: JsonSchema>(name: &'static str) -> Section {
+    let schema = schema::<T>();
+    let mut keys = Vec::new();
+    walk(&format!("{name}[]"), &schema, None, &mut keys);
+    Section { name, meaning: meaning(&schema), keys }
+}
+
+fn pilot() -> Section {
+    let meaning = "Where to fly and how wide to spread the arms.".to_owned();
+    let mut section = Section { meaning, ..section::<pilot::Common>("pilot") };
+    section.keys.push(kind("pilot.kind", &pilot::KINDS));
+    let kinds = [
+        ("hover", schema::<pilot::Hover>()),
+        ("figure8", schema::<pilot::Figure8>()),
+        ("waypoints", schema::<pilot::Waypoints>()),
+        ("trajectory", schema::<Trajectory>()),
+        ("attitude_step", schema::<pilot::Step>()),
+    ];
+    for (kind, schema) in kinds {
+        walk("pilot", &schema, Some(kind), &mut section.keys);
+    }
+    section
+}
+
+fn injector() -> Section {
+    let mut section = section::<disturbance_injector::settings::Settings>("disturbance_injector");
+    let kinds = [
+        ("constant", schema::<event::Constant>()),
+        ("step", schema::<event::Step>()),
+        ("pulse", schema::<event::Pulse>()),
+        ("sine", schema::<event::Sine>()),
+        ("ramp", schema::<event::Ramp>()),
+        ("rd", schema::<event::Rd>()),
+        ("kick", schema::<event::Kick>()),
+        ("wind", schema::<event::Wind>()),
+        ("payload", schema::<event::Payload>()),
+        ("rotor_efficiency", schema::<event::RotorEfficiency>()),
+    ];
+    let script = "disturbance_injector.script[]";
+    section.keys.retain(|key| key.name != "disturbance_injector.script");
+    section.keys.push(kind(&format!("{script}.kind"), &kinds.each_ref().map(|(kind, _)| *kind)));
+    for (kind, schema) in kinds {
+        walk(script, &schema, Some(kind), &mut section.keys);
+    }
+    section
+}
+
+/// The key that decides which others there are.
+fn kind(name: &str, words: &[&str]) -> Key {
+    Key {
+        name: name.to_owned(),
+        kind: None,
+        takes: words.join(" | "),
+        range: [None, None],
+        default: None,
+        is_required: true,
+        meaning: "Which of them it is; the keys below that name one belong to it alone.".to_owned(),
+    }
+}
+
+/// The type without references to others.
+fn schema<T: JsonSchema>() -> Value {
+    let settings =
+        SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
+    Schema::to_value(settings.into_generator().into_root_schema_for::<T>())
+}
+
+/// Every key of a table and of the tables in it.
+fn walk(prefix: &str, schema: &Value, kind: Option<&'static str>, keys: &mut Vec<Key>) {
+    let Some(Value::Object(properties)) = schema.get("properties") else { return };
+    let required = schema.get("required").and_then(Value::as_array);
+    for (property, value) in properties {
+        let name = format!("{prefix}.{property}");
+        let value = present(value);
+        let entry = value.get("items").filter(|items| items.get("properties").is_some());
+        let variants = value.get("oneOf").and_then(Value::as_array).into_iter().flatten();
+        let mut tables = variants.filter(|variant| variant.get("properties").is_some()).peekable();
+        if let Some(entry) = entry {
+            walk(&format!("{name}[]"), entry, kind, keys);
+        } else if tables.peek().is_some() {
+            for table in tables {
+                walk(&name, table, kind, keys);
+            }
+        } else if value.get("properties").is_some() {
+            walk(&name, &value, kind, keys);
+        } else {
+            let default = value.get("default").filter(|default| !default.is_null()).cloned();
+            let is_required =
+                required.is_some_and(|names| names.iter().any(|name| name == property.as_str()));
+            let (takes, range) = form(&value);
+            // What a variant of a type has is told by the variant.
+            let meaning = Some(meaning(&value)).filter(|words| !words.is_empty());
+            let meaning = meaning.unwrap_or_else(|| self::meaning(schema));
+            keys.push(Key { name, kind, takes, range, default, is_required, meaning });
+        }
+    }
+}
+
+/// What a value that may be left out is if it is there.
+fn present(value: &Value) -> Value {
+    let is_null = |kind: &Value| kind.get("type").is_some_and(|kind| kind == "null");
+    let choices = value.get("anyOf").and_then(Value::as_array);
+    let Some(choice) = choices.and_then(|kinds| kinds.iter().find(|kind| !is_null(kind))) else {
+        return value.clone();
+    };
+    let mut merged = choice.as_object().cloned().unwrap_or_default();
+    let own = value.as_object().into_iter().flatten().filter(|(name, _)| *name != "anyOf");
+    merged.extend(own.map(|(name, value)| (name.clone(), value.clone())));
+    Value::Object(merged)
+}
+
+/// Words for what a value may be, and its range.
+fn form(value: &Value) -> (String, [Option<f64>; 2]) {
+    let number = |value: &Value, name: &str| value.get(name).and_then(Value::as_f64);
+    let range = |value: &Value| [number(value, "minimum"), number(value, "maximum")];
+    let words = words(value);
+    if !words.is_empty() {
+        return (words.join(" | "), [None, None]);
+    }
+    let kinds = match value.get("type") {
+        Some(Value::Array(kinds)) => kinds.iter().filter_map(Value::as_str).collect(),
+        Some(Value::String(kind)) => vec![kind.as_str()],
+        _ => Vec::new(),
+    };
+    let text = |text: &str| text.to_owned();
+    match kinds.into_iter().find(|kind| *kind != "null") {
+        Some("number") => (text("number"), range(value)),
+        Some("integer") => (text("whole number"), range(value)),
+        Some("boolean") => (text("true | false"), [None, None]),
+        Some("string") => (text("text"), [None, None]),
+        Some("array") => {
+            let (one, range) =
+                value.get("items").map_or_else(|| (text("value"), [None, None]), form);
+            let count = value.get("minItems").filter(|least| value.get("maxItems") == Some(*least));
+            match count.and_then(Value::as_u64) {
+                Some(count) => (format!("[{one}; {count}]"), range),
+                None => (format!("[{one}, ...]"), range),
+            }
+        }
+        _ => match value.get("additionalProperties").filter(|value| value.is_object()) {
+            Some(values) => (format!("table of {}s", form(values).0), range(values)),
+            None => (text("value"), [None, None]),
+        },
+    }
+}
+
+/// The words of an enumeration.
+fn words(value: &Value) -> Vec<String> {
+    let word = |value: &Value| value.as_str().map(str::to_owned);
+    if let Some(Value::Array(words)) = value.get("enum") {
+        return words.iter().filter_map(word).collect();
+    }
+    let Some(Value::Array(variants)) = value.get("oneOf") else { return Vec::new() };
+    let of_variant = |variant: &Value| match variant.get("const") {
+        Some(one) => word(one).into_iter().collect(),
+        None => words(variant),
+    };
+    variants.iter().flat_map(of_variant).collect()
+}
+
+/// The words of a type or field about itself, in one line.
+fn meaning(value: &Value) -> String {
+    let words = value.get("description").and_then(Value::as_str).unwrap_or_default();
+    let first = words.split("\n\n").next().unwrap_or_default();
+    first.replace(['\n'], " ").replace("\\[", "[").replace("\\]", "]")
+}
+
+impl Key {
+    /// The range in words; empty if any number will do.
+    #[must_use]
+    pub fn range_in_words(&self) -> String {
+        match self.range {
+            [None, None] => String::new(),
+            [Some(least), None] => format!(" of at least {least}"),
+            [None, Some(most)] => format!(" of at most {most}"),
+            [Some(least), Some(most)] => format!(" from {least} to {most}"),
+        }
+    }
+
+    /// As an object.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let Self { name, kind, takes, range: [least, most], default, is_required, meaning } = self;
+        Value::Object(Map::from_iter([
+            ("key".to_owned(), name.as_str().into()),
+            ("kind".to_owned(), (*kind).into()),
+            ("takes".to_owned(), takes.as_str().into()),
+            ("least".to_owned(), (*least).into()),
+            ("most".to_owned(), (*most).into()),
+            ("default".to_owned(), default.clone().into()),
+            ("required".to_owned(), (*is_required).into()),
+            ("meaning".to_owned(), meaning.as_str().into()),
+        ]))
+    }
+}
+
+#[cfg(test)]
+mod tests;
