@@ -158,7 +158,12 @@ impl Scenario {
             Ok(settings) => settings,
             Err(problems) => return Err(refuse(problems).unwrap_or_else(|| unwritable(name))),
         };
-        let effective = document.to_table().map_err(|_| unwritable(name))?;
+        let mut effective = document.to_table().map_err(|_| unwritable(name))?;
+        // The processes of a flight read it under another name.
+        let own = effective.entry("scenario").or_insert_with(|| toml::Table::new().into());
+        if let Some(own) = own.as_table_mut() {
+            own.entry("name").or_insert_with(|| settings.scenario.name.clone().into());
+        }
         let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
         let mut scenario = Self { settings, effective, warnings: Vec::new(), absent: Vec::new() };
         let (errors, warnings) = check::check(&scenario, &document);

@@ -1,6 +1,6 @@
 //! Trajectories that users bring: polynomials piece by piece, as planners write them, or samples joined by polynomials.
 //!
-//! Nothing stops at a joint. What moves in the end comes to rest along [`braked`].
+//! Nothing stops at a joint. What moves in the end comes to rest along a cubic of its speed.
 
 use super::error::{LARGEST_GAP, position, within, yaw};
 use super::pace::{POSITION_BRAKE, braked};
