@@ -20,6 +20,31 @@ struct Live {
 }
 
 impl Live {
+    /// Of a flight that serves itself, from what it says of its addresses.
+    fn of(mut child: Child) -> (Self, std::thread::JoinHandle<String>) {
+        let mut said = BufReader::new(child.stderr.take().expect("a pipe"));
+        let out = BufReader::new(child.stdout.take().expect("a pipe"));
+        let mut next = |begins: &str| {
+            let mut line = String::new();
+            while !line.contains(begins) {
+                line.clear();
+                assert!(said.read_line(&mut line).expect("a line") > 0, "it says no {begins}");
+            }
+            let (_, address) = line.split_once(begins).expect("just seen");
+            address.split_whitespace().next().expect("an address").to_owned()
+        };
+        let (page, socket) = (next("live  http://"), next("live  ws://"));
+        let (page, token) = page.split_once("/#token=").expect("a token");
+        let (page, token) = (page.to_owned(), token.to_owned());
+        // Whoever writes to a pipe that is not read stands still at last.
+        let rest = std::thread::spawn(move || {
+            let mut rest = String::new();
+            let _ = said.read_to_string(&mut rest);
+            rest
+        });
+        (Self { child, _out: out, page, token, socket }, rest)
+    }
+
     fn beside(run: &str) -> Self {
         let words = ["live", "--run", run, "--listen", "127.0.0.1:0", "--no-open"];
         let mut child = morphquad(words).stderr(Stdio::null()).spawn().expect("it starts");
@@ -49,9 +74,13 @@ impl Live {
     }
 
     fn order(&self, token: &str, body: &str) -> (u16, String) {
+        self.post("/control", token, body)
+    }
+
+    fn post(&self, path: &str, token: &str, body: &str) -> (u16, String) {
         let (host, length) = (&self.page, body.len());
         self.ask(&format!(
-            "POST /control HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n\
+            "POST {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n\
              Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
         ))
     }
@@ -144,6 +173,60 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
     wait_until("nothing is left", || left_in_shared_memory(flown.word("run")).is_empty());
 }
 
+/// The replies to a button of a demo.
+fn tried(live: &Live, what: &str) -> Vec<Value> {
+    let (code, body) = live.post("/demo", &live.token, what);
+    assert_eq!(code, 200, "{body}");
+    let answer: Value = serde_json::from_str(&body).expect("JSON");
+    answer["replies"].as_array().expect("a list").clone()
+}
+
+/// The process that commands the attitude, as its flight tells; nothing while there is none.
+fn owner(live: &Live) -> Value {
+    let (code, body) = live.order(&live.token, r#"{"request":"ps"}"#);
+    assert_eq!(code, 200, "{body}");
+    let answer: Value = serde_json::from_str(&body).expect("JSON");
+    let processes = answer["replies"][0]["processes"].as_array().cloned().unwrap_or_default();
+    let is_owner = |it: &Value| it["role"] == "attitude" && it["state"] == "owner";
+    processes.into_iter().find(is_owner).unwrap_or_default()
+}
+
+#[test]
+fn a_demo_refuses_a_bad_controller_shows_why_and_survives_the_death_of_a_good_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut command = morphquad(["demo", "--no-open", "--listen", "127.0.0.1:0", "--for", "600s"]);
+    command.args(judged(&[])).current_dir(folder.path());
+    let child = command.spawn().expect("it starts");
+    let (mut live, said) = Live::of(child);
+    assert!(live.get("/").1.contains("\"demo\":true"));
+    for (token, what, code) in [("wrong", "bad", 403), (&live.token, "worse", 400)] {
+        assert_eq!(live.post("/demo", token, what).0, code, "{what}");
+    }
+    wait_until("the flight has begun", || owner(&live)["mark_s"].as_f64() > Some(1.0));
+    let replies = tried(&live, "bad");
+    let lost = replies.iter().find(|reply| reply["step"] == "fails");
+    let lost = lost.unwrap_or_else(|| panic!("{replies:?}"));
+    let course = lost["course"].as_array().expect("a course");
+    let height_m = |posture: &Value| posture[3].as_f64().expect("a height");
+    assert!(course.len() > 5 && course.iter().all(|posture| height_m(posture) > 0.0), "{lost}");
+    let last = replies.last().expect("a last word");
+    assert_eq!(
+        (&last["reply"], &last["reason"]),
+        (&json!("refused"), &json!("rehearsal")),
+        "{last}"
+    );
+    let killed = tried(&live, "kill");
+    assert_eq!(killed[0]["outcome"], "killed", "{killed:?}");
+    wait_until("its successor commands", || owner(&live)["generation"] == 1);
+    let (code, body) = live.order(&live.token, r#"{"request":"stop"}"#);
+    assert_eq!(code, 200, "{body}");
+    let ended = live.child.wait().expect("it ends");
+    let said = said.join().expect("its words");
+    assert_eq!(ended.code(), Some(130), "{said}");
+    let recordings = std::fs::read_dir(folder.path().join("recordings")).expect("a folder");
+    assert_eq!(recordings.count(), 1);
+}
+
 #[test]
 fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
     let mut running = Running::start_and_fly(&["hover", "--for", "30s", "--speed", "2"]);
@@ -151,7 +234,9 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
     let (code, page) = live.get("/");
     assert!(code == 200 && page.contains("connect-src 'self'"), "{code}");
     assert!(!page.contains(&live.token), "only the address has the token");
-    for (path, code) in [("/none", 404), ("/control", 405), ("/flight?since_s=x", 400)] {
+    for (path, code) in
+        [("/none", 404), ("/control", 405), ("/demo", 405), ("/flight?since_s=x", 400)]
+    {
         assert_eq!(live.get(path).0, code, "{path}");
     }
     let mut whole = Value::Null;

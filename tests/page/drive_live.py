@@ -21,6 +21,7 @@ from browsing import WITH_GL, WITHOUT_GL, check, colours, launched, opened, over
 from playwright.sync_api import sync_playwright
 
 ASKS = ["flight", "control", "close"]
+SERVED = ["--live=127.0.0.1:0", "--no-open", "--for", "900s"]
 
 BACK_AT_ONCE = """(slot, name) => {
   const owner = slot.querySelector(".owner");
@@ -36,14 +37,13 @@ BACK_AT_ONCE = """(slot, name) => {
 
 
 @contextmanager
-def flying(morphquad, folder, summary):
+def flying(command, folder, summary):
     """A flight, and the address that it prints for a browser. What it says of itself at its end goes to a file:
     this flight is interrupted and disturbed, and what is wrong with the page must not drown in that."""
-    command = [morphquad, "run", "figure8-morph", "--live=127.0.0.1:0", "--no-open", "--for", "900s", "--record", folder]
     # Beside a browser a healthy process exceeds the limits of wall time that are shipped.
     for limit in ("launcher.startup_timeout_s", "launcher.stall_timeout_s", "rehearsal.wall_max_s"):
         command += ["--set", f"{limit}=600"]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=summary, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=summary, stderr=subprocess.PIPE, text=True)
     told, found, address = [], threading.Event(), []
 
     def listen():
@@ -202,6 +202,44 @@ def look_on(browser, base, pictures):
     return page
 
 
+def tried(page, name):
+    """Presses a button of the demo and gives back what came of it."""
+    page.locator("#demo .tries button", has_text=re.compile(f"^{name}$")).click()
+    said = page.locator("#demo > output")
+    wait_until(page, lambda: said.inner_text()[:1] in "✔✖", f"{name}: no answer")
+    return said.inner_text()
+
+
+def demonstrate(morphquad, browser_path, pictures):
+    """By one click each: a gust, the arms, a bad swap that is refused and drawn, a death."""
+    command = [morphquad, "demo", "--listen", "127.0.0.1:0", "--no-open", "--for", "600s"]
+    with (
+        sync_playwright() as playwright,
+        tempfile.TemporaryDirectory() as folder,
+        open(pictures / "demo.txt", "w") as summary,
+        flying(command, folder, summary) as (process, address),
+    ):
+        browser = launched(playwright, browser_path, WITH_GL)
+        page, complaints = opened(browser, address, may_ask=[*ASKS, "demo"], color_scheme="light")
+        wait_for_time(page, lambda t: t > 2.5)
+        check(page.inner_text("#badge") == "LIVE" and page.is_visible("#demo"), "a demo does not open playing")
+        for name in ["Gust", "Fold"]:
+            check(tried(page, name)[0] == "✔", f"{name}: {page.inner_text('#demo > output')}")
+        told = tried(page, "Bad swap")
+        check("flown ahead, it would" in told and "red course" in told, told)
+        wait_until_painted(page)
+        page.screenshot(path=pictures / "demo-refused.png")
+        told = tried(page, "Kill")
+        check("is killed" in told, told)
+        wait_until(page, lambda: page.locator("#events button", has_text="killed by signal 9").count() > 0, "no successor")
+        check(page.locator("#demo code").count() == 3, "nothing to go on with")
+        page.screenshot(path=pictures / "demo-killed.png")
+        check(not complaints, f"the console of the demo says {complaints}")
+        process.terminate()
+        page.close()
+        process.wait(60)
+
+
 def main():
     browser_path, morphquad, pictures = sys.argv[1:]
     pictures = Path(pictures)
@@ -210,7 +248,7 @@ def main():
         sync_playwright() as playwright,
         tempfile.TemporaryDirectory() as folder,
         open(pictures / "flight.txt", "w") as summary,
-        flying(morphquad, folder, summary) as (process, address),
+        flying([morphquad, "run", "figure8-morph", *SERVED], folder, summary) as (process, address),
     ):
         refuses_strangers(address)
         with_gl, without_gl = (launched(playwright, browser_path, flags) for flags in [WITH_GL, WITHOUT_GL])
@@ -246,6 +284,7 @@ def main():
         wait_for_time(page, lambda t: t > 0.1)
         page.screenshot(path=pictures / "live-ended.png")
         check(not complaints, f"the console says {complaints}")
+    demonstrate(morphquad, browser_path, pictures)
     print(f"the live page flies by button, and others look on; pictures in {pictures}")
 
 

@@ -11,6 +11,7 @@ mod browser;
 mod campaign;
 pub mod check;
 mod completions;
+mod demo;
 mod doctor;
 mod flown;
 mod keep_safe;
@@ -119,6 +120,7 @@ fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) 
             }
             return fly(scenario, &arguments, out);
         }
+        Command::Demo(arguments) => return demo::run(&arguments, out),
         Command::Scenario(command) => return scenarios::run(&command, out),
         Command::Ps(arguments) => return ps::run(&arguments, out),
         Command::Swap(arguments) => return orders::swap(&arguments, out),

@@ -35,7 +35,8 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
         Failure::plain(&error, code)
     };
     let rate_hz = (!arguments.every_sample).then_some(arguments.rate);
-    let server = LiveServer::open(run, arguments.listen, rate_hz).map_err(refused)?;
+    let server = LiveServer::open(run, arguments.listen, rate_hz, arguments.demo.as_deref())
+        .map_err(refused)?;
     if !arguments.listen.ip().is_loopback() {
         let warning =
             "everybody who reaches this address can watch; only its token lets them order";

@@ -2,6 +2,7 @@
 
 mod air;
 mod bench;
+mod demo;
 pub(crate) mod doctor;
 mod duration;
 mod examples;
@@ -27,6 +28,7 @@ pub use air::{
     AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
     StopArguments, SwapArguments,
 };
+pub use demo::DemoArguments;
 pub use doctor::DoctorArguments;
 pub(super) use live::LiveArguments;
 pub use live::LiveFlags;
@@ -100,6 +102,9 @@ pub(super) enum Command {
     /// Fly a scenario
     #[command(after_help = examples::RUN)]
     Run(RunArguments),
+    /// See a vehicle fly, and press buttons
+    #[command(after_help = demo::EXAMPLES)]
+    Demo(DemoArguments),
     /// Name the scenarios inside the executable
     #[command(after_help = examples::LIST)]
     List(ListArguments),

@@ -45,6 +45,9 @@ impl Audience {
         if !options.open {
             command.arg("--no-open");
         }
+        if let Some(config) = &options.demo {
+            command.arg("--demo").arg(config);
+        }
         if let Some(cpu) = cpu {
             command.args(["--away-from", &cpu.to_string()]);
         }

@@ -3,12 +3,14 @@
 use crate::limits::NOT_FINITE;
 use crate::loss::Lost;
 use crate::{
-    Challenge, Facts, Figure, Limits, Measure, Moment, RehearsalFigures, RehearsalRefusal,
+    Challenge, Facts, Figure, Limits, Measure, Moment, Posture, RehearsalFigures, RehearsalRefusal,
     Schedule, Slot, Track, Tube,
 };
 
 /// Last part of a window, as a share of it, in which a good controller has recovered.
 const REST_SHARE: f64 = 0.4;
+/// Longest course to a loss that is kept \[s\].
+const COURSE_S: f64 = 4.0;
 /// Height below which the vehicle touches the ground, with a margin for legs and noise \[m\].
 const GROUND_M: f64 = 0.05;
 
@@ -169,12 +171,28 @@ pub fn judge(
                 after_s,
                 lost,
                 figures,
+                course: flight.candidate.course(flip_s.max(t_s - COURSE_S), t_s),
             }));
         }
     }
     let worst = figures.worst().copied();
     match worst.filter(|figure| !figure.is_within()) {
-        Some(figure) => Err(Box::new(RehearsalRefusal::Outside { figure, figures })),
+        Some(figure) => {
+            let course = course_after(&figure, flights);
+            Err(Box::new(RehearsalRefusal::Outside { figure, figures, course }))
+        }
         None => Ok(figures),
     }
+}
+
+/// Where the vehicle was in the window of a figure.
+fn course_after(figure: &Figure, flights: &[Flown<'_>]) -> Vec<Posture> {
+    let Some(flight) = flights.iter().find(|flight| flight.draw == figure.draw) else {
+        return Vec::new();
+    };
+    let trials = &flight.schedule.trials;
+    let flip_s = trials.first().map_or(0.0, |trial| trial.at_s);
+    let from_s = flip_s + figure.at_s;
+    let until_s = trials.iter().find(|trial| trial.at_s >= from_s).map_or(from_s, |it| it.until_s);
+    flight.candidate.course(from_s.max(until_s - COURSE_S), until_s)
 }

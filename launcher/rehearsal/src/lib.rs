@@ -25,7 +25,7 @@ pub use judge::{Flown, judge, lost};
 pub use limits::{Facts, Limits, Slot};
 pub use loss::Lost;
 pub use snapshot::{Guidance, Instance, Snapshot, Turn, Way};
-pub use track::{Moment, Motion, Track, Wanted};
+pub use track::{Moment, Motion, Posture, Track, Wanted};
 pub use tube::{Figure, Measure, Tube};
 pub use verdict::{RehearsalFigures, RehearsalRefusal, Verdict};
 pub use watcher::{Known, Watcher};

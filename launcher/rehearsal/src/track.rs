@@ -31,6 +31,13 @@ pub struct Wanted {
     pub yaw_rad: f64,
 }
 
+/// Where the vehicle was at an instant of a rehearsed flight: the instant \[s\], x, y and z \[m\] and the attitude, body to
+/// world, as w, x, y, z.
+pub type Posture = [f64; 8];
+
+/// Time between two postures of a course \[s\].
+const COURSE_SPACING_S: f64 = 0.02;
+
 /// The record of one rehearsed flight.
 #[derive(Debug, Clone, Default)]
 pub struct Track {
@@ -95,6 +102,25 @@ impl Track {
     #[must_use]
     pub fn unguided_s(&self) -> Option<f64> {
         self.unguided_s
+    }
+
+    /// Where the vehicle was from `from_s` to `until_s` \[s\], about every 20 ms and at last where it was recorded last.
+    pub(crate) fn course(&self, from_s: f64, until_s: f64) -> Vec<Posture> {
+        let mut due_s = from_s;
+        let mut course = Vec::new();
+        let within = |motion: &&Motion| (from_s..=until_s).contains(&motion.t_s);
+        let mut motions = self.motions.iter().filter(within).peekable();
+        while let Some(motion) = motions.next() {
+            let Motion { t_s, position_w_m: [x_m, y_m, z_m], q_wb: [w, i, j, k], .. } = *motion;
+            let posture = [t_s, x_m, y_m, z_m, w, i, j, k];
+            let is_due = t_s >= due_s || motions.peek().is_none();
+            // What is no number has no place in a picture.
+            if is_due && posture.iter().all(|value| value.is_finite()) {
+                course.push(posture);
+                due_s = t_s + COURSE_SPACING_S;
+            }
+        }
+        course
     }
 
     /// Commands from `from_s` on and before `until_s` \[s\].

@@ -1,6 +1,6 @@
 //! The verdict of a rehearsal, as numbers and as a sentence.
 
-use crate::{Challenge, Figure, Lost, Slot};
+use crate::{Challenge, Figure, Lost, Posture, Slot};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -45,6 +45,9 @@ pub enum RehearsalRefusal {
         lost: Lost,
         /// Everything that was measured before.
         figures: RehearsalFigures,
+        /// Where it was from the flip to the loss, the last seconds of it if that was long.
+        #[serde(default)]
+        course: Vec<Posture>,
     },
     /// An error leaves the tube.
     #[error("would leave its tube after {}: {figure}", .figure.challenge.words())]
@@ -53,6 +56,9 @@ pub enum RehearsalRefusal {
         figure: Figure,
         /// Everything that was measured.
         figures: RehearsalFigures,
+        /// Where it was from that challenge to the next, the last seconds of it if that was long.
+        #[serde(default)]
+        course: Vec<Posture>,
     },
     /// An attitude controller goes on obeying an owner of the position slot that has tripped.
     #[error(
@@ -81,6 +87,15 @@ pub enum RehearsalRefusal {
 }
 
 impl RehearsalRefusal {
+    /// Where the vehicle was when the candidate failed; empty if it did not come to that.
+    #[must_use]
+    pub fn course(&self) -> &[Posture] {
+        match self {
+            Self::Lost { course, .. } | Self::Outside { course, .. } => course,
+            _ => &[],
+        }
+    }
+
     /// What was measured before the refusal; `None` if nothing was.
     #[must_use]
     pub fn figures(&self) -> Option<&RehearsalFigures> {

@@ -8,6 +8,9 @@ pub const SHIPPED: [(&str, &str); 4] = [
     ("disturbance", include_str!("../shipped/disturbance.toml")),
 ];
 
+/// What `morphquad demo` flies, with somebody to press buttons.
+pub const DEMO: &str = include_str!("../shipped/demo.toml");
+
 /// Names of all.
 pub fn names() -> impl Iterator<Item = &'static str> + Clone {
     SHIPPED.iter().map(|(name, _)| *name)

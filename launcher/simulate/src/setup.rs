@@ -56,12 +56,14 @@ pub struct RunOptions {
 }
 
 /// How a flight is served to viewers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LiveOptions {
     /// Where the `WebSocket` listens; the page has another port of the same address.
     pub listen: SocketAddr,
     /// Whether to open the page in a browser.
     pub open: bool,
+    /// Of a demo: the scenario that configures its bad controller.
+    pub demo: Option<PathBuf>,
 }
 
 /// Why a flight could not be started.

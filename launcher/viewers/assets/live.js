@@ -111,11 +111,11 @@ class Live {
   }
 }
 
-/** What a request of the control protocol came to: `{ isGood, text }`. A wrong token has `isWrongToken`. */
-async function command(token, request) {
+/** What a request of the control protocol came to: `{ isGood, text, replies }`. A wrong token has `isWrongToken`. */
+async function command(token, request, path = "/control") {
   let response;
   try {
-    response = await fetch("/control", { method: "POST", headers: { Authorization: `Bearer ${token}` }, body: JSON.stringify(request) });
+    response = await fetch(path, { method: "POST", headers: { Authorization: `Bearer ${token}` }, body: typeof request === "string" ? request : JSON.stringify(request) });
   } catch {
     return { isGood: false, text: "the flight does not answer" };
   }
@@ -123,8 +123,8 @@ async function command(token, request) {
   const { replies } = await response.json();
   const last = replies.at(-1);
   if (!last) return { isGood: false, text: "no reply" };
-  if (last.reply === "refused") return { isGood: false, text: `refused: ${last.text}` };
-  if (last.reply !== "ordered") return { isGood: true, text: last.text ?? last.reply };
+  if (last.reply === "refused") return { isGood: false, text: `refused: ${last.text}`, replies };
+  if (last.reply !== "ordered") return { isGood: true, text: last.text ?? last.reply, replies };
   const done = last.done_s === null ? "" : `, done at ${figure(last.done_s, 3)} s`;
   return { isGood: true, text: `${last.order}: from ${figure(last.begins_s, 3)} s on${done}` };
 }

@@ -33,6 +33,8 @@ function goLive(flight, player, element, refresh) {
   document.documentElement.dataset.live = "yes";
   for (const id of ["badge", "recent", "edge", "processes"]) element(id).hidden = false;
   const control = new Control(element("control"), flight.live);
+  const demo = flight.live.demo ? new Demo(element("demo"), flight, control) : null;
+  if (demo) element("control").open = false;
   const notice = (text) => {
     if (element("notice").textContent !== text) element("notice").textContent = text;
     element("notice").hidden = text === "";
@@ -44,6 +46,7 @@ function goLive(flight, player, element, refresh) {
     if (status) {
       fillProcesses(element("processes").lastElementChild, status.processes);
       control.status(status);
+      demo?.status(status);
       flight.recording = status.recording;
     }
     element("dropped").textContent = dropped > 0 ? `${dropped} samples left out` : "";

@@ -71,6 +71,15 @@ class PlanView {
     const until = Math.ceil((t - flight.from_s) / frames.step_s);
     this.path(frames.wanted_w_m, 3, frames.count, at, "orange", [6, 4]);
     this.path(frames.body, 8, Math.min(until + 1, frames.count), at, "blue", []);
+    const ghost = rehearsedPose(flight, pose);
+    if (ghost) {
+      context.beginPath();
+      for (const [, ...posture] of flight.rehearsed.course) context.lineTo(...at(posture));
+      context.strokeStyle = this.colour("red");
+      context.lineWidth = 2.4;
+      context.stroke();
+      this.vehicle(ghost, at);
+    }
     this.vehicle(pose, at);
     context.restore();
   }

@@ -265,6 +265,12 @@ class SpaceView {
     this.scale = follows ? 1 : 3;
     const [lines, solid, clear] = [[], [], []];
     this.vehicle(pose, this.scale, lines, solid, clear);
+    const ghost = rehearsedPose(flight, pose);
+    if (ghost) {
+      const { course } = flight.rehearsed;
+      for (let i = 1; i < course.length; i++) this.put(lines, course[i - 1].slice(1, 4), course[i].slice(1, 4), [...this.colours.red, 1], 2.6);
+      this.vehicle(ghost, this.scale, lines, solid, clear);
+    }
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clearColor(...this.colours.back, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);

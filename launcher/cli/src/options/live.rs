@@ -4,6 +4,7 @@ use super::RunChoice;
 use clap::Args;
 use simulate::LiveOptions;
 use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
@@ -16,7 +17,7 @@ WebSocket protocol, where nobody can write. Whoever opens the address as printed
 orders. Ends with the run; with 2 for an address that cannot be used.";
 
 /// Where Foxglove and Lichtblick look first.
-const ADDRESS: &str = "127.0.0.1:8765";
+pub(super) const ADDRESS: &str = "127.0.0.1:8765";
 /// Above this, viewers warn.
 const RATE_HZ: f64 = 50.0;
 
@@ -40,6 +41,9 @@ pub(crate) struct LiveArguments {
     /// Leave a processor to the flight
     #[arg(long, value_name = "CPU", hide = true)]
     pub(crate) away_from: Option<usize>,
+    /// Buttons of a demo, with the scenario that configures its bad controller
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub(crate) demo: Option<PathBuf>,
 }
 
 /// Whether to serve a flight while it flies.
@@ -64,12 +68,12 @@ pub struct LiveFlags {
 
 impl LiveFlags {
     pub(crate) fn options(self) -> Option<LiveOptions> {
-        self.live.map(|listen| LiveOptions { listen, open: !self.no_open })
+        self.live.map(|listen| LiveOptions { listen, open: !self.no_open, demo: None })
     }
 }
 
 /// An address by number; `localhost` and a port alone stand for this machine's own.
-fn listen(text: &str) -> Result<SocketAddr, String> {
+pub(super) fn listen(text: &str) -> Result<SocketAddr, String> {
     let port = text.strip_prefix("localhost:").or(text.strip_prefix(':')).unwrap_or(text);
     let loopback = || Some(SocketAddr::from((Ipv4Addr::LOCALHOST, port.parse().ok()?)));
     text.parse().ok().or_else(loopback).ok_or_else(|| {

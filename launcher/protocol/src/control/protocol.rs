@@ -119,6 +119,10 @@ pub struct Progress {
     pub text: String,
     /// What the gate measured, with the step `gate`.
     pub figures: Option<Figures>,
+    /// Where the vehicle was when its rehearsal failed, with the step `fails`: instant \[s\], x, y and z \[m\] in the world and
+    /// attitude, body to world, as w, x, y, z.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub course: Vec<[f64; 8]>,
 }
 
 /// What the gate measured: disagreement of candidate and owner per axis, over the largest command.

@@ -322,6 +322,14 @@ impl Orders {
         }
     }
 
+    /// Shows those who asked how a candidate failed that was flown ahead.
+    pub(crate) fn show_failure(&self, slot: Slot, course: Vec<[f64; 8]>) {
+        let reply = Reply::Progress(telling::failed(slot, course));
+        for open in self.open.iter().filter(|open| open.slot == slot) {
+            open.answer.send(reply.clone());
+        }
+    }
+
     /// Tells whom it concerns, and gives the sentence for the record of the flight.
     pub fn tell(&mut self, slot: Slot, report: &Report) -> String {
         let name = |seat: Seat| self.name(slot, seat);

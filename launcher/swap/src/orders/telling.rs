@@ -50,7 +50,15 @@ pub(super) fn progress(slot: Slot, step: &Step, name: impl Fn(Seat) -> String) -
 
 fn said(slot: Slot, step: &str, at_ns: Option<u64>, text: &str) -> Progress {
     let text = format!("{} slot: {text}", slot.label());
-    Progress { slot: slot.label().to_owned(), step: step.to_owned(), at_ns, text, figures: None }
+    let (slot, step) = (slot.label().to_owned(), step.to_owned());
+    Progress { slot, step, at_ns, text, figures: None, course: Vec::new() }
+}
+
+/// How a candidate failed that was flown ahead.
+pub(super) fn failed(slot: Slot, course: Vec<[f64; 8]>) -> Progress {
+    let ends = [course.first(), course.last()].map(|end| end.map_or(0.0, |posture| posture[0]));
+    let text = format!("the rehearsal fails, of which {:.2} s are shown", ends[1] - ends[0]);
+    Progress { course, ..said(slot, "fails", None, &text) }
 }
 
 /// The end of an order.

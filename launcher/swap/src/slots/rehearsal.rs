@@ -125,6 +125,10 @@ impl Slots {
                 continue;
             };
             let left_tube = has_left_tube(&verdict, means);
+            let course = verdict.refusal.as_ref().map_or(&[][..], Refused::course);
+            if !course.is_empty() {
+                self.orders.show_failure(slot, course.to_vec());
+            }
             let verdict = match verdict.refusal {
                 None => Ok(verdict.words),
                 Some(Refused::NotRehearsed { why }) => Err(RehearsalRefusal::NotRehearsed(why)),

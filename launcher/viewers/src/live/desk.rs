@@ -6,12 +6,17 @@ use crate::view::live_page;
 use crate::web::{Answer, Asked, WebServer};
 use hyper::{Method, StatusCode};
 use protocol::control::client::{AskError, Conversation};
+use protocol::control::protocol::{Done, Reason, Refusal};
 use protocol::control::runs::Run;
+use protocol::control::status::{ProcessState, ProcessStatus};
 use protocol::control::{Reply, Request};
 use runtime::clock::{mono_now_ns, sleep_until};
+use rustix::process::{Pid, Signal, kill_process};
+use scenario::candidate::Slot;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How often to look whether every page has shown the end \[ns\].
@@ -37,6 +42,8 @@ struct Counter {
     run: Run,
     token: Token,
     shared: Arc<Shared>,
+    /// Of a demo: what configures its bad controller.
+    demo: Option<PathBuf>,
     pages: Mutex<Pages>,
 }
 
@@ -69,9 +76,9 @@ impl Desk {
         address: SocketAddr,
         run: Run,
         token: Token,
-        shared: Arc<Shared>,
+        (shared, demo): (Arc<Shared>, Option<PathBuf>),
     ) -> Result<Self, LiveError> {
-        let counter = Arc::new(Counter { run, token, shared, pages: Mutex::default() });
+        let counter = Arc::new(Counter { run, token, shared, demo, pages: Mutex::default() });
         let theirs = Arc::clone(&counter);
         let answer = move |address: SocketAddr, asked: &Asked| theirs.answer(address, asked);
         let server = WebServer::open(address, answer);
@@ -111,11 +118,12 @@ impl Counter {
             }
             (&Method::GET | &Method::HEAD, "/flight") => self.flight(&asked.query),
             (&Method::POST, "/control") => self.order(asked),
+            (&Method::POST, "/demo") => self.demonstrate(asked),
             (&Method::POST, "/close") => {
                 self.pages().closed(value(&asked.query, "page").unwrap_or_default());
                 Answer::json("{}".to_owned())
             }
-            (_, "/control" | "/close") => {
+            (_, "/control" | "/close" | "/demo") => {
                 Answer::refusal(StatusCode::METHOD_NOT_ALLOWED, "this is posted")
             }
             (_, "/" | "/flight") => {
@@ -145,11 +153,63 @@ impl Counter {
         Answer::json(flight.to_string())
     }
 
+    /// Why who asks may not order, if so.
+    fn without_token(&self, asked: &Asked) -> Option<Answer> {
+        let has_token = asked.bearer.as_ref().is_some_and(|shown| self.token.is(shown));
+        let told = "orders need the token that stands in the address as it was printed";
+        (!has_token).then(|| Answer::refusal(StatusCode::FORBIDDEN, told))
+    }
+
+    /// What a demo offers beyond the orders of every flight: a bad controller, and the death of a good one.
+    fn demonstrate(&self, asked: &Asked) -> Answer {
+        if let Some(refusal) = self.without_token(asked) {
+            return refusal;
+        }
+        let Some(config) = &self.demo else {
+            return Answer::refusal(StatusCode::NOT_FOUND, "this flight is no demo");
+        };
+        let replies = match asked.body.as_deref() {
+            Some(b"bad") => {
+                let swap = json!({ "request": "swap", "slot": "attitude", "to": "attitude-pid", "config": config });
+                serde_json::from_value(swap).map(|swap| self.replies(&swap))
+            }
+            Some(b"kill") => Ok(self.kill_owner()),
+            _ => {
+                let told = "a demo has `bad` and `kill`";
+                return Answer::refusal(StatusCode::BAD_REQUEST, told);
+            }
+        };
+        match replies {
+            Ok(Ok(replies)) => Answer::json(json!({ "replies": replies }).to_string()),
+            Ok(Err(error)) => Answer::refusal(StatusCode::SERVICE_UNAVAILABLE, error),
+            Err(error) => Answer::refusal(StatusCode::BAD_REQUEST, error),
+        }
+    }
+
+    /// Kills the process that commands the attitude.
+    fn kill_owner(&self) -> Result<Vec<Reply>, AskError> {
+        let mut replies = self.replies(&Request::Ps)?;
+        let Some(Reply::Status(status)) = replies.pop() else { return Ok(replies) };
+        let slot = Slot::Attitude.label().to_owned();
+        let is_owner =
+            |process: &&ProcessStatus| process.role == slot && process.state == ProcessState::Owner;
+        let owner = status.processes.iter().find(is_owner);
+        let pid = owner.and_then(|owner| Pid::from_raw(owner.pid?.cast_signed()));
+        let killed = pid.and_then(|pid| kill_process(pid, Signal::KILL).ok());
+        let reply = match (owner, killed) {
+            (Some(owner), Some(())) => {
+                let text = format!("process {} is killed, {}", owner.pid.unwrap_or(0), owner.name);
+                Reply::Done(Done { slot, outcome: "killed".to_owned(), text })
+            }
+            _ => Reply::Refused(Refusal::new(Reason::Busy, "just now no process commands")),
+        };
+        Ok(vec![reply])
+    }
+
     /// Passes an order on to the launcher and waits for its last word.
     fn order(&self, asked: &Asked) -> Answer {
-        if !asked.bearer.as_ref().is_some_and(|shown| self.token.is(shown)) {
-            let told = "orders need the token that stands in the address as it was printed";
-            return Answer::refusal(StatusCode::FORBIDDEN, told);
+        if let Some(refusal) = self.without_token(asked) {
+            return refusal;
         }
         let bad = |told: &dyn core::fmt::Display| Answer::refusal(StatusCode::BAD_REQUEST, told);
         let Some(body) = &asked.body else {

@@ -26,6 +26,7 @@ use runtime::namespace::living_runs;
 use scenario::{Scenario, ScenarioError};
 use shared_types::{Sample, Topic, TopicInfo, TopicVisitor, topics};
 use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
@@ -113,23 +114,37 @@ impl core::fmt::Debug for LiveServer {
 impl LiveServer {
     /// Listens to `run`, and for viewers: the WebSocket at `listen`, the page on the port after it,
     /// or any free one, of the same address. At most `rate_hz` samples per second of flight of each writer of a topic
-    /// are sent to viewers; all if it is `None`.
+    /// are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the page has
+    /// buttons for it and for a kill.
     ///
     /// # Errors
     /// [`LiveError`].
-    pub fn open(run: Run, listen: SocketAddr, rate_hz: Option<f64>) -> Result<Self, LiveError> {
+    pub fn open(
+        run: Run,
+        listen: SocketAddr,
+        rate_hz: Option<f64>,
+        demo: Option<&Path>,
+    ) -> Result<Self, LiveError> {
         let file = run.folder().join("scenario.toml");
         let scenario = Scenario::load(&file.to_string_lossy(), &[])
             .map_err(|cause| LiveError::Scenario { run: run.id().to_owned(), cause })?;
         let listening = Listening::to_everything(&run)?;
         let viewers = Viewers::open(listen, run.id(), &scenario, listening.flying(), rate_hz)?;
-        let picture = Picture::new(run.id(), &scenario, listening.flying());
+        let mut picture = Picture::new(run.id(), &scenario, listening.flying());
+        if demo.is_some() {
+            picture.is_demo();
+        }
         let shared = Arc::new(Shared { picture: Mutex::new(picture) });
         let token =
             Token::random().map_err(|cause| LiveError::System { action: "make a token", cause })?;
         let open = |port: u16| {
             let address = SocketAddr::new(listen.ip(), port);
-            Desk::open(address, run.clone(), token.clone(), Arc::clone(&shared))
+            Desk::open(
+                address,
+                run.clone(),
+                token.clone(),
+                (Arc::clone(&shared), demo.map(Path::to_owned)),
+            )
         };
         let after = if listen.port() == 0 { 0 } else { listen.port().wrapping_add(1) };
         let desk = open(after).or_else(|_| open(0))?;

@@ -78,6 +78,11 @@ impl Picture {
         }
     }
 
+    /// The page has the buttons of a demo.
+    pub(super) fn is_demo(&mut self) {
+        self.live["demo"] = true.into();
+    }
+
     pub(super) fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         let Self { collect, .. } = self;
         collect.owners.sample(topic, sample);

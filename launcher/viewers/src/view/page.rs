@@ -6,7 +6,7 @@ use serde_json::Value;
 const FRAME: &str = include_str!("../../assets/page.html");
 const STYLE: &str = include_str!("../../assets/style.css");
 /// Small first: each uses what those before it declare.
-const SCRIPTS: [&str; 10] = [
+const SCRIPTS: [&str; 11] = [
     include_str!("../../assets/data.js"),
     include_str!("../../assets/vehicle.js"),
     include_str!("../../assets/space.js"),
@@ -16,6 +16,7 @@ const SCRIPTS: [&str; 10] = [
     include_str!("../../assets/player.js"),
     include_str!("../../assets/live.js"),
     include_str!("../../assets/control.js"),
+    include_str!("../../assets/demo.js"),
     include_str!("../../assets/main.js"),
 ];
 
