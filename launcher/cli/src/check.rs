@@ -71,7 +71,10 @@ fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         Clock::Realtime => "realtime",
     };
     let speed = settings.pace().map_or("max".to_owned(), |factor| format!("{factor}x"));
-    writeln!(out, "{}: {}", settings.name, settings.description)?;
+    match settings.description.as_str() {
+        "" => writeln!(out, "{}", settings.name)?,
+        description => writeln!(out, "{}: {description}", settings.name)?,
+    }
     writeln!(
         out,
         "clock {clock}, speed {speed}, {} s, seed {}\n",

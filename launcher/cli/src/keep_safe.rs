@@ -10,7 +10,7 @@ use std::path::Path;
 pub(super) fn write_page(path: &Path, page: impl AsRef<[u8]>, flag: &str) -> Result<(), Failure> {
     if is_recording(path) {
         let told = format!(
-            "{} is a recording, which a page must not replace: give {flag} another name",
+            "{} is a recording, which must not be replaced: give {flag} another name",
             path.display()
         );
         return Err(Failure::plain(&told, exit::USAGE));

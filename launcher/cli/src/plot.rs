@@ -13,8 +13,8 @@ use viewers::plot::{PlotError, Signal, plot};
 /// Draws a panel for each argument.
 pub(super) fn run(arguments: &PlotArguments, out: &mut dyn Write) -> Done {
     let path = arguments.out.clone().unwrap_or_else(|| arguments.file.with_extension("png"));
-    let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default();
-    if !["png", "svg", "pdf"].contains(&ending) {
+    let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_lowercase();
+    if !["png", "svg", "pdf"].contains(&ending.as_str()) {
         let told = format!("--out {}: a picture ends with .png, .svg or .pdf", path.display());
         return Err(Failure::plain(&told, exit::USAGE));
     }
@@ -27,7 +27,7 @@ pub(super) fn run(arguments: &PlotArguments, out: &mut dyn Write) -> Done {
     let flight = recorded(&arguments.file)?;
     let busy = busy("drawing");
     let figure = plot(&flight, &panels, (from_s, to_s)).map_err(|error| unreadable(&error))?;
-    let picture = match ending {
+    let picture = match ending.as_str() {
         "svg" => Ok(figure.to_svg().into_bytes()),
         "pdf" => Ok(figure.to_pdf()),
         _ => figure.to_png(),

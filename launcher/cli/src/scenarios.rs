@@ -60,17 +60,20 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
 
 fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Failure> {
     let wanted = arguments.key.as_deref().unwrap_or_default();
-    let wanted = wanted.trim_matches(['[', ']']);
+    let wanted = wanted.trim_matches(['[', ']']).to_lowercase();
     let mut found = sections();
     for section in &mut found {
-        section.keys.retain(|key| key.name.starts_with(wanted));
+        section.keys.retain(|key| key.name.starts_with(&wanted));
     }
     found.retain(|section| !section.keys.is_empty());
     if found.is_empty() {
         let all = sections();
-        let names = all.iter().flat_map(|section| &section.keys).map(|key| key.name.as_str());
-        let remedy = suggestion(wanted, names.chain(all.iter().map(|section| section.name)));
-        let remedy = remedy.split_once(" Known are").map_or(remedy.as_str(), |(first, _)| first);
+        let keys = all.iter().flat_map(|section| &section.keys).map(|key| key.name.as_str());
+        let names = all.iter().map(|section| section.name);
+        // There are too many keys to name them all.
+        let guess = suggestion(&wanted, keys.chain(names.clone()));
+        let guess = guess.split_once(" Known are").map(|(guess, _)| guess.to_owned());
+        let remedy = guess.unwrap_or_else(|| suggestion(&wanted, names));
         let told = format!("no key begins with {wanted}: {remedy}");
         return Err(Failure::plain(&told, exit::USAGE));
     }

@@ -13,7 +13,7 @@ use super::pilot_error::pilot_error;
 use super::problem::Problem;
 use super::script;
 use super::settings::{Clock, Settings};
-use super::trajectory::Trajectory as Given;
+use super::trajectory::{SLOWEST, Trajectory as Given};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
 use ::pilot::{Pilot, RigPilot, Trajectory};
@@ -164,9 +164,17 @@ impl<'s> Checker<'s> {
             Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| 0.0),
             Plan::Flight(config) => Pilot::new(&config, &vehicle).map(|pilot| {
                 self.heights(pilot.trajectory());
-                pilot.trajectory().peak_acceleration_m_s2(self.scenario.duration_ns())
+                let [_, until_ns] = self.scenario.flown_of_the_plan_ns();
+                pilot.trajectory().peak_acceleration_m_s2(until_ns)
             }),
         };
+        if let Manoeuvre::Trajectory(given) = &self.settings().pilot.manoeuvre
+            && !given.pieces.is_empty()
+            && !given.samples.is_empty()
+        {
+            let what = "there are pieces as well, and one trajectory is flown";
+            self.error("pilot.samples", what, "leave out `pieces` or `samples`");
+        }
         let start_deg = self.settings().start.morph_angle_deg;
         if let Some([_, first_deg]) = self.settings().pilot.common.morph.first().copied()
             && self.settings().start.at_s <= 0.0
@@ -184,7 +192,8 @@ impl<'s> Checker<'s> {
 
     /// A reference that leads through the ground, or along it.
     fn heights(&mut self, trajectory: &Trajectory) {
-        let [low_m, high_m] = trajectory.heights_m(self.scenario.duration_ns());
+        let [from_ns, until_ns] = self.scenario.flown_of_the_plan_ns();
+        let [low_m, high_m] = trajectory.heights_m(from_ns, until_ns);
         if !self.settings().plant.ground || (low_m >= 0.0 && high_m > ON_THE_GROUND_M) {
             return;
         }
@@ -222,7 +231,12 @@ impl<'s> Checker<'s> {
                 Manoeuvre::Trajectory(given) if drag_n < given_n => {
                     let longer = ((asked_n - drag_n) / (given_n - drag_n)).sqrt();
                     let scale = libm::ceil(100.0 * given.time_scale * longer) / 100.0;
-                    format!("fly slower: pilot.time_scale = {scale} keeps within it")
+                    if scale <= SLOWEST {
+                        format!("fly slower: pilot.time_scale = {scale} keeps within it")
+                    } else {
+                        "no time_scale keeps within it: fly in less wind, or along another path"
+                            .to_owned()
+                    }
                 }
                 _ => "fly slower, in less wind, or raise position_mpc.tilt_max_rad".to_owned(),
             };

@@ -158,7 +158,9 @@ impl<'t> Document<'t> {
     pub(super) fn number(&self, key: &str) -> Option<f64> {
         match self.value(key)?.get_ref() {
             DeValue::Float(number) => number.as_str().parse().ok(),
-            DeValue::Integer(number) => number.as_str().parse().ok(),
+            DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
+                .ok()
+                .map(|number| number as f64),
             _ => None,
         }
     }

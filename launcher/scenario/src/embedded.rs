@@ -11,12 +11,17 @@ use super::trajectory_file::Table;
 use garde::Validate as _;
 use serde::Deserialize as _;
 use shared_types::time::ns_from_s;
+use std::io;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
 /// Time at rest behind the end, if the scenario does not say how long it flies \[s\].
 const HOLD_S: f64 = 2.0;
+
+/// Fastest start and longest flight that a scenario may have \[m/s, s\].
+const FASTEST_M_S: f64 = 100.0;
+const LONGEST_S: f64 = 1e6;
 
 /// Speed below which a flight begins at rest \[m/s\].
 const REST_M_S: f64 = 1e-3;
@@ -57,29 +62,54 @@ pub(super) fn embedded(document: &Document<'_>) -> Result<Vec<Edit>, Problem> {
         // What is wrong with the scenario's own rows is said when it is checked.
         (Err(_), None) => return Ok(Vec::new()),
     };
+    edits.extend(implied(document, &path, &name)?);
+    Ok(edits)
+}
+
+/// Where, how fast and for how long a flight along `path` flies, as far as the scenario does not say so; `name` is what
+/// it comes from.
+fn implied(
+    document: &Document<'_>,
+    path: &::pilot::Trajectory,
+    name: &str,
+) -> Result<Vec<Edit>, Problem> {
     let at_s = document.number("start.at_s").unwrap_or(0.0);
     let begin = path.at(ns_from_s(at_s));
-    let left_s = path.length_s().unwrap_or(0.0) - at_s;
+    let left_s = (path.rest_s().unwrap_or(0.0) - at_s).max(0.0);
+    // Sums of durations have digits that nobody wrote.
+    let length_s = libm::round(1e9 * (left_s + HOLD_S)) / 1e9;
     let turned_rad = libm::remainder(begin.yaw_rad, core::f64::consts::TAU);
-    let is_at_rest = begin.velocity_w_m_s.iter().all(|speed_m_s| speed_m_s.abs() < REST_M_S);
+    let speed_m_s = begin.velocity_w_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    let is_implied = |key: &str| !document.has(key);
+    let refuse = |what: String, key: &str| {
+        let remedy = format!("let {key} say otherwise, or change the trajectory");
+        Err(Problem::new("pilot", what, remedy, document.place_of("pilot.file")))
+    };
+    if speed_m_s > FASTEST_M_S && is_implied("start.velocity_w_m_s") {
+        let what = format!(
+            "the trajectory begins with {speed_m_s:.1} m/s, and a flight with {FASTEST_M_S} m/s at most"
+        );
+        return refuse(what, "start.velocity_w_m_s");
+    }
+    if length_s > LONGEST_S && is_implied("scenario.duration_s") {
+        let what =
+            format!("the trajectory takes {length_s:.0} s, and a flight {LONGEST_S} s at most");
+        return refuse(what, "scenario.duration_s");
+    }
     let [duration_s, position_w_m, yaw_deg, velocity_w_m_s] = [
-        format!("{:?}", left_s.max(0.0) + HOLD_S),
+        format!("{length_s:?}"),
         format!("{:?}", begin.position_w_m),
         format!("{:?}", turned_rad.to_degrees()),
         format!("{:?}", begin.velocity_w_m_s),
     ];
-    let implied = [
+    let all = [
         ("scenario.duration_s", duration_s, true),
         ("start.position_w_m", position_w_m, true),
         ("start.yaw_deg", yaw_deg, turned_rad != 0.0),
-        ("start.velocity_w_m_s", velocity_w_m_s, !is_at_rest),
+        ("start.velocity_w_m_s", velocity_w_m_s, speed_m_s >= REST_M_S),
     ];
-    for (key, value, is_needed) in implied {
-        if is_needed && !document.has(key) {
-            edits.push(Edit::embedded(&name, key.to_owned(), value));
-        }
-    }
-    Ok(edits)
+    let needed = all.into_iter().filter(|(key, _, is_needed)| *is_needed && is_implied(key));
+    Ok(needed.map(|(key, value, _)| Edit::embedded(name, key.to_owned(), value)).collect())
 }
 
 /// Which text what is implied comes from.
@@ -98,7 +128,8 @@ fn typed(document: &Document<'_>) -> Option<Trajectory> {
     }
     let value: Value<'_> = Spanned::new(0..0, DeValue::Table(table));
     let given = Trajectory::deserialize(ValueDeserializer::from(value)).ok()?;
-    given.validate().ok().map(|()| given)
+    let is_finite = given.time_scale.is_finite() && given.origin_w_m.iter().all(|x| x.is_finite());
+    given.validate().ok().filter(|()| is_finite).map(|()| given)
 }
 
 /// Reads a file; one that the scenario names is looked for beside it.
@@ -108,8 +139,14 @@ fn read(document: &Document<'_>, file: &str) -> Result<Table, Problem> {
     let folder = scenario.as_deref().and_then(Path::parent).unwrap_or("".as_ref());
     let path = folder.join(file).to_string_lossy().into_owned();
     let text = text::text_of(&path).map_err(|error| {
-        let remedy =
-            "a path in a scenario begins in its folder, and one by --set where the command runs";
+        let remedy = match error.kind() {
+            io::ErrorKind::NotFound => {
+                "a path in a scenario begins in its folder, and one by --set where the command runs"
+            }
+            io::ErrorKind::InvalidData => "save it as text in UTF-8",
+            _ => "name a file of comma-separated values that may be read",
+        };
+        let path = if file.is_empty() { "a file without a name" } else { path.as_str() };
         Problem::new("pilot.file", format!("{path} cannot be read: {error}"), remedy, place)
     })?;
     Table::parse(&path, &text)

@@ -158,8 +158,13 @@ fn walk(prefix: &str, schema: &Value, kind: Option<&'static str>, keys: &mut Vec
         if let Some(entry) = entry {
             walk(&format!("{name}[]"), entry, kind, keys);
         } else if tables.peek().is_some() {
+            let before = keys.len();
             for table in tables {
                 walk(&name, table, kind, keys);
+            }
+            // One of them is enough.
+            for key in keys.iter_mut().skip(before) {
+                key.is_required = false;
             }
         } else if value.get("properties").is_some() {
             walk(&name, &value, kind, keys);
@@ -242,7 +247,11 @@ fn words(value: &Value) -> Vec<String> {
 fn meaning(value: &Value) -> String {
     let words = value.get("description").and_then(Value::as_str).unwrap_or_default();
     let first = words.split("\n\n").next().unwrap_or_default();
-    first.replace(['\n'], " ").replace("\\[", "[").replace("\\]", "]")
+    let mut words = first.replace('\n', " ").replace("[`", "`").replace("`]", "`");
+    for (escaped, bare) in [("\\[", "["), ("\\]", "]")] {
+        words = words.replace(escaped, bare);
+    }
+    words
 }
 
 impl Key {

@@ -98,11 +98,13 @@ impl Scenario {
         let text = text::read(name_or_path)?;
         let table: Option<toml::Table> = text.parse().ok();
         // A flight is called as its scenario is, and that as its file unless it says otherwise.
-        let is_nameless = table.as_ref().is_some_and(|table| {
-            let scenario = table.get("scenario").and_then(toml::Value::as_table);
-            !scenario.is_some_and(|scenario| scenario.contains_key("name"))
+        let is_nameless = table.as_ref().is_some_and(|table| match table.get("scenario") {
+            Some(scenario) => scenario.as_table().is_some_and(|own| !own.contains_key("name")),
+            None => true,
         });
         let stem = Path::new(name_or_path).file_stem().and_then(|stem| stem.to_str());
+        let is_a_name = |stem: &&str| stem.len() <= 64 && !stem.contains(char::is_control);
+        let stem = stem.filter(is_a_name);
         let own = stem.filter(|_| is_nameless).map(|stem| {
             let value = toml::Value::from(stem).to_string();
             Override(Edit::embedded(name_or_path, "scenario.name".to_owned(), value))
@@ -165,6 +167,11 @@ impl Scenario {
             own.entry("name").or_insert_with(|| settings.scenario.name.clone().into());
         }
         let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
+        if effective.len() as u64 > text::LONGEST {
+            let what = format!("with all of its rows it has more than {} MB", text::LONGEST >> 20);
+            let remedy = "give fewer rows, or numbers with fewer digits";
+            return Err(Problem::new(name, what, remedy, document.place_of("pilot")).into());
+        }
         let mut scenario = Self { settings, effective, warnings: Vec::new(), absent: Vec::new() };
         let (errors, warnings) = check::check(&scenario, &document);
         let placed = |(key, what, remedy): problem::Complaint| {
@@ -211,6 +218,12 @@ impl Scenario {
     #[must_use]
     pub fn duration_ns(&self) -> u64 {
         ns_from_s(self.settings.scenario.duration_s)
+    }
+
+    /// Which part of the pilot's plan is flown: its first and last instant \[ns\].
+    pub(crate) fn flown_of_the_plan_ns(&self) -> [u64; 2] {
+        let at_ns = self.settings.start.at_ns();
+        [at_ns, at_ns.saturating_add(self.duration_ns())]
     }
 
     /// What the processes of a run must know of the flight.

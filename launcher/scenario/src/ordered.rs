@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use shared_types::time::ns_from_s;
 
-/// One entry: when, and one of the four.
+/// What is ordered at a time: one of `goto`, `morph`, `disturb` and `calm`.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields)]
 pub struct OrderSettings {

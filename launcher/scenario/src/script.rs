@@ -40,7 +40,7 @@ pub struct SwapSettings {
     #[garde(range(min = 0.0, max = 3600.0))]
     pub rollback_s: f64,
     /// Largest step of the command, as a share of its bound; what suits the kind of swap if left out.
-    #[garde(inner(range(min = 0.0, max = 2.0)))]
+    #[garde(range(min = 0.0, max = 2.0))]
     pub max_bump: Option<f64>,
     /// Take over whatever the gate and the rehearsal say.
     #[serde(default)]

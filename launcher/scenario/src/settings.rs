@@ -131,7 +131,7 @@ impl CrewSettings {
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScenarioSettings {
-    /// One word.
+    /// What the flight is called; that of its file if left out.
     #[garde(length(min = 1, max = 64))]
     pub name: String,
     /// One line.
@@ -148,7 +148,7 @@ pub struct ScenarioSettings {
     pub clock: Clock,
     /// Logical seconds per wall second; `max` on lockstep and 1 on realtime if left out.
     #[garde(skip)]
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", range(min = 0.001, max = 1000.0))]
     pub speed: Option<Speed>,
 }
 

@@ -57,7 +57,7 @@ pub struct StartSettings {
     #[garde(range(min = 0.0, max = 1e6))]
     pub at_s: f64,
     /// Length of the whole plan, which a figure eight ends within \[s\]; that of the flight if left out.
-    #[garde(inner(range(min = 0.001, max = 1e6)))]
+    #[garde(range(min = 0.001, max = 1e6))]
     pub plan_s: Option<f64>,
     /// What had been ordered of the pilot before.
     #[garde(dive)]

@@ -1,10 +1,15 @@
 //! The manoeuvre `kind = "trajectory"`: what a planner or a log has written, as a file or in the scenario.
 
-use super::trajectory_file::MOST_ROWS;
 use ::pilot::{PathSample, Piece, TrajectoryConfig};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+/// Most rows: a scenario has all of them in it, and each process of a flight reads it.
+pub(super) const MOST_ROWS: usize = 10_000;
+
+/// Largest `time_scale`.
+pub(super) const SLOWEST: f64 = 100.0;
 
 /// A trajectory that is passed through as it is given, without stopping.
 ///
@@ -20,17 +25,17 @@ pub struct Trajectory {
     pub file: Option<String>,
     /// Polynomials: duration \[s\], then eight coefficients in ascending powers of time for each of x, y, z \[m/s^k\] and
     /// heading \[rad/s^k\], which may be left out.
-    #[garde(custom(rows_of(&[25, 33])))]
+    #[garde(custom(rows_of("25 or 33", &[25, 33])))]
     pub pieces: Vec<Vec<f64>>,
     /// Points: t \[s\], x, y, z \[m\], heading \[rad\], velocity \[m/s\], acceleration \[m/s²\]; what comes later may
     /// be left out.
-    #[garde(custom(rows_of(&[4, 5, 8, 11])))]
+    #[garde(custom(rows_of("4, 5, 8 or 11", &[4, 5, 8, 11])), custom(in_order))]
     pub samples: Vec<Vec<f64>>,
     /// Where the trajectory's own origin is \[m\].
     #[garde(inner(range(min = -10000.0, max = 10000.0)))]
     pub origin_w_m: [f64; 3],
     /// How many times as long as given it takes.
-    #[garde(range(min = 0.01, max = 100.0))]
+    #[garde(range(min = 0.01, max = SLOWEST))]
     pub time_scale: f64,
 }
 
@@ -41,24 +46,40 @@ impl Default for Trajectory {
     }
 }
 
-/// Refuses rows of other lengths.
-fn rows_of(lengths: &'static [usize]) -> impl FnOnce(&Vec<Vec<f64>>, &()) -> garde::Result {
+/// Refuses rows of other lengths, or of several.
+fn rows_of(
+    words: &'static str,
+    lengths: &'static [usize],
+) -> impl FnOnce(&Vec<Vec<f64>>, &()) -> garde::Result {
     move |rows, _context| {
         if rows.len() > MOST_ROWS {
-            return Err(garde::Error::new(format!(
-                "{} rows are too many, {MOST_ROWS} fit",
-                rows.len()
-            )));
+            let told = format!("{} rows are too many, {MOST_ROWS} fit", rows.len());
+            return Err(garde::Error::new(told));
         }
-        let wrong = rows.iter().position(|row| !lengths.contains(&row.len()));
+        let first = rows.first().map_or(0, Vec::len);
+        let wrong = rows.iter().position(|row| row.len() != first || !lengths.contains(&row.len()));
         wrong.map_or(Ok(()), |row| {
-            let lengths: Vec<String> = lengths.iter().map(usize::to_string).collect();
-            let (given, wanted) = (rows[row].len(), lengths.join(", "));
-            Err(garde::Error::new(format!(
-                "row {row} has {given} numbers and is not a list of {wanted}"
-            )))
+            let given = rows[row].len();
+            let told = format!("[{row}] has {given} numbers and is not a list of {words} numbers, as many in each row");
+            Err(garde::Error::new(told))
         })
     }
+}
+
+/// Refuses times that do not increase.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that the validator calls")]
+fn in_order(rows: &[Vec<f64>], _context: &()) -> garde::Result {
+    out_of_order(rows).map_or(Ok(()), |row| {
+        let at = |row: usize| rows[row].first().copied().unwrap_or(0.0);
+        let told = format!("[{row}] is at {:?} s, after one at {:?} s", at(row), at(row - 1));
+        Err(garde::Error::new(told))
+    })
+}
+
+/// The first sample that is not later than the one before it.
+pub(super) fn out_of_order(rows: &[Vec<f64>]) -> Option<usize> {
+    let is_late = |pair: &[Vec<f64>]| pair[1].first() > pair[0].first();
+    Some(rows.windows(2).position(|pair| !is_late(pair))? + 1)
 }
 
 impl Trajectory {

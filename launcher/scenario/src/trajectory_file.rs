@@ -1,11 +1,9 @@
 //! Trajectories as files of comma-separated values: what planners write, and tables of samples.
 
 use super::problem::{Place, Problem};
+use super::trajectory::{MOST_ROWS, out_of_order};
 use core::ops::Range;
 use miette::NamedSource;
-
-/// Most rows: a scenario has all of them in it, and each process of a flight reads it.
-pub(super) const MOST_ROWS: usize = 10_000;
 
 /// Names of the columns of samples, and of what else they are called. Each begins with its short name.
 const SAMPLE_COLUMNS: [&[&str]; 11] = [
@@ -81,6 +79,10 @@ impl Table {
                 return Err(refuse(first, what, remedy));
             }
         };
+        if records.is_empty() {
+            let (first, what) = (first.clone(), "has names of columns, and no rows".to_owned());
+            return Err(refuse(first, what, "write a row of numbers for each piece or sample"));
+        }
         if records.len() > MOST_ROWS {
             let what = format!("has {} rows, and at most {MOST_ROWS} fit", records.len());
             return Err(refuse(0..0, what, "keep every second row, or fewer"));
@@ -97,6 +99,11 @@ impl Table {
             let row = row.map_err(|(what, remedy)| refuse(span.clone(), what, remedy))?;
             table.rows.push(row);
             table.spans.push(span);
+        }
+        if let Some(row) = out_of_order(&table.rows).filter(|_| !table.is_pieces) {
+            let at = |row: usize| table.rows[row].first().copied().unwrap_or(0.0);
+            let what = format!("{:?} s comes after {:?} s", at(row), at(row - 1));
+            return Err(table.problem(Some(row), &what, "let the times increase from row to row"));
         }
         Ok(table)
     }
@@ -123,24 +130,28 @@ fn numbers(fields: &[String], order: &[usize]) -> Result<Vec<f64>, (String, &'st
     order.iter().map(number).collect()
 }
 
-/// The records of a text without comments, blanks and what a comma at the end of a line leaves behind.
+/// The records of a text, without lines that are empty or words, and what a comma at the end of a line leaves behind.
 fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
-    let is_semicolons = text.lines().next().is_some_and(|line| line.contains(';'));
+    let is_words = |line: &str| line.trim().is_empty() || line.trim_start().starts_with('#');
+    let first = text.lines().find(|line| !is_words(line)).unwrap_or_default();
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
         .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .delimiter(if is_semicolons { b';' } else { b',' })
+        .delimiter(if first.contains(';') { b';' } else { b',' })
         .from_reader(text.as_bytes());
     let mut records = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|error| (0..0, error.to_string()))?;
-        let begin =
-            record.position().map_or(0, |position| usize::try_from(position.byte()).unwrap_or(0));
-        let begin = begin + text[begin..].len() - text[begin..].trim_start().len();
-        let end = text[begin..].find('\n').map_or(text.len(), |length| begin + length);
+        let begin = record.position().map_or(0, |place| usize::try_from(place.byte()).unwrap_or(0));
+        let rest = text.get(begin..).unwrap_or_default();
+        let begin = begin + rest.len() - rest.trim_start().len();
+        let line = text.get(begin..).unwrap_or_default();
+        let end = begin + line.find(['\n', '\r']).unwrap_or(line.len());
         let mut fields: Vec<String> = record.iter().map(str::to_owned).collect();
+        if is_words(&line[..end - begin]) || fields.iter().all(String::is_empty) {
+            continue;
+        }
         if fields.len() > 1 && fields.last().is_some_and(String::is_empty) {
             fields.pop();
         }
@@ -151,7 +162,16 @@ fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
 
 /// Which column of a file each number of a row comes from, or what is wrong with the names and what to do.
 fn columns(names: &[String]) -> Result<Vec<usize>, (String, String)> {
-    let names: Vec<String> = names.iter().map(|name| name.to_lowercase()).collect();
+    if let [only] = names
+        && only.contains(char::is_whitespace)
+    {
+        let what = "the columns are not separated by commas".to_owned();
+        return Err((what, "write a comma, or a semicolon, between two columns".to_owned()));
+    }
+    // A unit may stand in brackets.
+    let bare =
+        |name: &String| name.split(['[', '(']).next().unwrap_or_default().trim().to_lowercase();
+    let names: Vec<String> = names.iter().map(bare).collect();
     if names.first().is_some_and(|name| name == "duration" || name == "duration_s") {
         let axes = ["x", "y", "z", "yaw"].map(|axis| (0..8).map(move |k| format!("{axis}^{k}")));
         let known: Vec<String> = axes.into_iter().flatten().collect();

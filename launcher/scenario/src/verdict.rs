@@ -21,58 +21,58 @@ const SIGMAS: f64 = 3.0;
 #[serde(deny_unknown_fields, default)]
 pub struct VerdictSettings {
     /// Largest tracking error, apart from recoveries \[m\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub tracking_max_m: Option<f64>,
     /// Largest mean tracking error over a second \[m\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub tracking_sustained_max_m: Option<f64>,
     /// Largest root mean square of the tracking error \[m\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub tracking_rms_max_m: Option<f64>,
     /// Largest error of the heading along a path, apart from recoveries \[rad\].
-    #[garde(inner(range(min = 0.0, max = 3.2)))]
+    #[garde(range(min = 0.0, max = 3.2))]
     pub heading_max_rad: Option<f64>,
     /// Largest tracking error while the flight recovers from a fault or a restart \[m\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub recovery_max_m: Option<f64>,
     /// How long a recovery may take after a scripted fault, or after a process was lost \[s\].
     #[garde(range(min = 0.0, max = 60.0))]
     pub recovery_s: f64,
     /// Mean distance from the path in the last second from which the vehicle counts as lost \[m\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub lost_m: Option<f64>,
     /// Error of a rig's angle at the end from which the vehicle counts as lost \[rad\].
-    #[garde(inner(range(min = 0.0, max = 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0))]
     pub lost_rad: Option<f64>,
     /// Largest error of a rig's angle at the end \[rad\].
-    #[garde(inner(range(min = 0.0, max = 10.0)))]
+    #[garde(range(min = 0.0, max = 10.0))]
     pub attitude_end_max_rad: Option<f64>,
     /// Longest time on the ground where the path has none \[s\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub contact_max_s: Option<f64>,
     /// Largest angle between the vehicle's axis and the vertical \[rad\].
-    #[garde(inner(range(min = 0.0, max = 3.2)))]
+    #[garde(range(min = 0.0, max = 3.2))]
     pub tilt_max_rad: Option<f64>,
     /// Most safe-mode episodes that no scripted fault, trip or loss of a process explains.
     #[garde(skip)]
     pub safe_mode_max: Option<u32>,
     /// Longest safe-mode episode of all \[s\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub safe_mode_max_s: Option<f64>,
     /// Longest stretch with clipped rotors \[s\].
-    #[garde(inner(range(min = 0.0, max = 1e6)))]
+    #[garde(range(min = 0.0, max = 1e6))]
     pub clipped_max_s: Option<f64>,
     /// Largest share of ticks with clipped rotors.
-    #[garde(inner(range(min = 0.0, max = 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0))]
     pub clipped_max_share: Option<f64>,
     /// Largest share of its steps in which a controller may have no solved optimum.
-    #[garde(inner(range(min = 0.0, max = 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0))]
     pub unsolved_max_share: Option<f64>,
     /// Largest share of its releases that a loop may miss, or run without final inputs.
-    #[garde(inner(range(min = 0.0, max = 1.0)))]
+    #[garde(range(min = 0.0, max = 1.0))]
     pub missed_max_share: Option<f64>,
     /// Most samples that may come after their step, as a share of the releases of their loop.
-    #[garde(inner(range(min = 0.0, max = 100.0)))]
+    #[garde(range(min = 0.0, max = 100.0))]
     pub late_max_share: Option<f64>,
 }
 
@@ -146,7 +146,8 @@ impl Scenario {
         let (speed_m_s, tilt_rad, step_rad, step_at_s) = match &plan {
             Plan::Flight(flight) => {
                 let trajectory = Trajectory::new(&flight.trajectory).ok();
-                let planned = trajectory.map_or(0.0, |t| t.peak_speed_m_s(self.duration_ns()));
+                let [_, until_ns] = self.flown_of_the_plan_ns();
+                let planned = trajectory.map_or(0.0, |t| t.peak_speed_m_s(until_ns));
                 let tilt_rad = self.position_law().map_or(0.35, |law| law.tilt_max_rad);
                 (planned, tilt_rad, None, f64::NEG_INFINITY)
             }

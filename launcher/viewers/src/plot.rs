@@ -22,6 +22,17 @@ pub enum PlotError {
     /// The recording.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// Neither topic nor field.
+    #[error("a signal without a name: give TOPIC.FIELD, such as truth.position_w_m")]
+    Nothing,
+    /// Before its beginning.
+    #[error("--from {from_s} s is not before --to {to_s} s")]
+    Backwards {
+        /// Given as the beginning \[s\].
+        from_s: f64,
+        /// Given as the end \[s\].
+        to_s: f64,
+    },
     /// No such topic.
     #[error("{signal}: no topic is called `{topic}`: {remedy}")]
     Topic {
@@ -64,8 +75,12 @@ impl Signal {
     /// # Errors
     /// There is no such topic, or no such number in it.
     pub fn parse(asked: &str) -> Result<Self, PlotError> {
-        let (topic, field) = asked.trim_start_matches('/').split_once('.').unwrap_or((asked, ""));
+        let asked = asked.trim().trim_start_matches('/');
+        let (topic, field) = asked.split_once('.').unwrap_or((asked, ""));
         let signal = asked.to_owned();
+        if topic.is_empty() {
+            return Err(PlotError::Nothing);
+        }
         let Some(info) = known(topic) else {
             let names = topics::all().into_iter().map(|topic| topic.name);
             let remedy = suggestion(topic, names);
@@ -125,7 +140,9 @@ pub fn plot(
     let mut looks =
         DASHES.into_iter().flat_map(|dash| Colour::SERIES.map(|colour| (colour, dash))).cycle();
     for signals in panels {
-        let label = signals.first().map_or("", |signal| signal.unit_name());
+        let mut labels: Vec<&str> = signals.iter().map(Signal::unit_name).collect();
+        labels.dedup();
+        let label = labels.join(", ");
         let mut panel = Panel::new("", time(), Axis::new(label));
         for signal in signals {
             let Some(found) = curves.next().filter(|found| !found.is_empty()) else {
@@ -149,10 +166,10 @@ pub fn plot(
 }
 
 impl Signal {
-    /// Name of the field without its place in a list; its unit is the end of it.
+    /// Name of the field that was asked for, without its place in a list; its unit is the end of it.
     fn unit_name(&self) -> &str {
-        let name = self.columns.first().map_or("", |(_, name)| name);
-        name.rsplit('.').next().unwrap_or(name).split('[').next().unwrap_or(name)
+        let name = self.asked.rsplit('.').next().unwrap_or_default();
+        name.split('[').next().unwrap_or_default()
     }
 }
 

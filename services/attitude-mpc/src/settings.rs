@@ -102,7 +102,7 @@ pub struct Settings {
     /// Angle \[°\] of model, weights and bounds instead of the measured one.
     #[garde(range(min = 45.0, max = 160.0))]
     pub fixed_morph_angle_deg: Option<f64>,
-    /// Solver of (16): `active-set`, or for comparison `hildreth` or `hildreth-converged`.
+    /// Solver of the quadratic program: `active-set`, or for comparison `hildreth` or `hildreth-converged`.
     #[garde(skip)]
     #[schemars(with = "String")]
     pub solver: SolverKind,

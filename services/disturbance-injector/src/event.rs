@@ -39,13 +39,13 @@ pub enum Event {
 #[derive(Debug, Clone, Copy, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Load {
-    /// Wind velocity in W.
+    /// Wind velocity in the world frame \[m/s\].
     #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub wind_w_m_s: [f64; 3],
-    /// Force at the centre of mass in W.
+    /// Force at the centre of mass in the world frame \[N\].
     #[garde(inner(range(min = -100.0, max = 100.0), custom(finite)))]
     pub force_w_n: [f64; 3],
-    /// Torque in B.
+    /// Torque about the body axes \[N m\].
     #[garde(inner(range(min = -10.0, max = 10.0), custom(finite)))]
     pub torque_b_nm: [f64; 3],
 }

@@ -3,15 +3,16 @@
 use core::fmt;
 use thiserror::Error;
 
-/// Largest gaps of position and speed between two pieces: files have six decimals, of which high powers of time make
-/// millimetres \[m, m/s\].
-pub(super) const LARGEST_GAP: (f64, f64) = (0.01, 0.1);
+/// Largest gap between two pieces of each measure: files have six decimals, of which high powers of time make
+/// millimetres.
+pub(super) const LARGEST_GAPS: [(f64, &str); 4] =
+    [(0.01, "m"), (0.1, "m/s"), (0.02, "rad"), (0.2, "rad/s")];
 
 /// A flight plan that cannot be flown as written.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PilotError {
     /// Not a number, or outside what makes sense.
-    #[error("`{parameter}` is {value}: give a number from {min} to {max}")]
+    #[error("`{parameter}` is {value:?}: give a number from {min} to {max}")]
     OutOfRange {
         /// Path of the parameter within the plan.
         parameter: String,
@@ -44,19 +45,19 @@ pub enum PilotError {
     },
     /// A piece that does not go on where the one before it ends.
     #[error(
-        "`{list}[{index}]` begins {gap_m:.3} m and {gap_m_s:.3} m/s from where the piece before it ends: let them join within {} m and {} m/s",
-        LARGEST_GAP.0,
-        LARGEST_GAP.1
+        "`{list}[{index}]` begins {gap:.3} {unit} from where the piece before it ends: let them join within {limit} {unit}"
     )]
     Disjoint {
         /// Path of the list within the plan.
         list: &'static str,
         /// The piece.
         index: usize,
-        /// How far it begins from there \[m\].
-        gap_m: f64,
-        /// How much its velocity differs \[m/s\].
-        gap_m_s: f64,
+        /// How far it begins from there.
+        gap: f64,
+        /// How far it may.
+        limit: f64,
+        /// Unit of both.
+        unit: &'static str,
     },
     /// No time to get going, fly and come to rest.
     #[error(

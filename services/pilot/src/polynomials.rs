@@ -2,8 +2,8 @@
 //!
 //! Nothing stops at a joint. What moves in the end comes to rest along a cubic of its speed.
 
-use super::error::{LARGEST_GAP, position, within, yaw};
-use super::pace::{POSITION_BRAKE, braked};
+use super::error::{LARGEST_GAPS, position, within, yaw};
+use super::pace::{POSITION_BRAKE, YAW, braked};
 use super::spline::Spline;
 use super::{PilotError, TrajectoryPoint};
 use core::f64::consts::{PI, TAU};
@@ -74,26 +74,25 @@ pub(super) struct Polynomials {
     end_s: f64,
     /// Value and first two derivatives of x, y, z and heading when the last piece ends.
     end: [[f64; 3]; 4],
-    /// Time in which what still moves then comes to rest \[s\].
-    brake_s: f64,
+    /// Times in which position and heading then come to rest \[s\].
+    brakes_s: [f64; 2],
 }
 
 impl Polynomials {
     /// Checks pieces of what complaints call `list`.
-    pub(super) fn new(list: &'static str, pieces: Vec<Piece>) -> Result<Self, PilotError> {
+    pub(super) fn new(list: &'static str, mut pieces: Vec<Piece>) -> Result<Self, PilotError> {
         let (mut begins_s, mut end_s) = (Vec::with_capacity(pieces.len()), 0.0);
         let mut end: Option<[[f64; 3]; 4]> = None;
-        for (index, piece) in pieces.iter().enumerate() {
+        for (index, piece) in pieces.iter_mut().enumerate() {
             within(format_args!("{list}[{index}].duration_s"), piece.duration_s, (1e-6, 1e6))?;
-            let begin = piece.at(0.0);
             if let Some(end) = end {
-                let gap =
-                    |order: usize| norm(core::array::from_fn(|i| begin[i][order] - end[i][order]));
-                let (gap_m, gap_m_s) = (gap(0), gap(1));
-                // Neither is a NaN within it.
-                if !(gap_m <= LARGEST_GAP.0 && gap_m_s <= LARGEST_GAP.1) {
-                    return Err(PilotError::Disjoint { list, index, gap_m, gap_m_s });
+                // A heading may be written within a turn.
+                let turns = libm::round((end[3][0] - piece.yaw[0]) / TAU);
+                // Where nothing has to be added, not a bit changes.
+                if turns != 0.0 {
+                    piece.yaw[0] += TAU * turns;
                 }
+                joins(list, index, &piece.at(0.0), &end)?;
             }
             for t_s in instants_s(0.0, piece.duration_s) {
                 let [x, y, z, turned] = piece.at(t_s).map(|axis| axis[0]);
@@ -107,7 +106,8 @@ impl Polynomials {
         let Some(end) = end else { return Err(PilotError::Empty { parameter: list }) };
         let length = |order: usize| norm([end[0][order], end[1][order], end[2][order]]);
         let brake_s = POSITION_BRAKE.brake_s(length(1), length(2));
-        Ok(Self { pieces, begins_s, end_s, end, brake_s })
+        let turn_brake_s = YAW.brake_s(end[3][1].abs(), end[3][2].abs());
+        Ok(Self { pieces, begins_s, end_s, end, brakes_s: [brake_s, turn_brake_s] })
     }
 
     /// Joins samples, each interval by the quintic that has position, velocity and acceleration at both ends.
@@ -155,9 +155,10 @@ impl Polynomials {
         Self::new(LIST, pieces.collect())
     }
 
-    /// When the last piece ends \[s\].
-    pub(super) fn end_s(&self) -> f64 {
-        self.end_s
+    /// From when on it rests \[s\].
+    pub(super) fn rest_s(&self) -> f64 {
+        let [position_s, turn_s] = self.brakes_s;
+        self.end_s + position_s.max(turn_s)
     }
 
     pub(super) fn at(&self, t_s: f64) -> TrajectoryPoint {
@@ -165,9 +166,12 @@ impl Polynomials {
         let index = self.begins_s.partition_point(|begin_s| *begin_s <= t_s).saturating_sub(1);
         let at = match (self.pieces.get(index), self.begins_s.get(index)) {
             (Some(piece), Some(begin_s)) if t_s < self.end_s => piece.at(t_s - begin_s),
-            _ => self.end.map(|[from, rate, acceleration]| {
+            _ => core::array::from_fn(|axis| {
+                let ([from, rate, acceleration], [position_s, turn_s]) =
+                    (self.end[axis], self.brakes_s);
+                let brake_s = if axis < 3 { position_s } else { turn_s };
                 let [way, rate, acceleration] =
-                    braked(rate, acceleration, self.brake_s, t_s - self.end_s);
+                    braked(rate, acceleration, brake_s, t_s - self.end_s);
                 [from + way, rate, acceleration]
             }),
         };
@@ -180,15 +184,20 @@ impl Polynomials {
         }
     }
 
-    /// Largest value of a smooth function of the trajectory until `until_s`.
-    pub(super) fn largest(&self, until_s: f64, of: impl Fn(&TrajectoryPoint) -> f64) -> f64 {
-        let brake = (self.end_s, self.end_s + self.brake_s);
+    /// Largest value of a smooth function of the trajectory from one instant to another.
+    pub(super) fn largest(
+        &self,
+        (begin_s, until_s): (f64, f64),
+        of: impl Fn(&TrajectoryPoint) -> f64,
+    ) -> f64 {
+        let brake = (self.end_s, self.rest_s().max(begin_s));
         let pieces = self.begins_s.iter().zip(&self.pieces);
         let stretches = pieces.map(|(begin_s, piece)| (*begin_s, begin_s + piece.duration_s));
         let flown = stretches.chain([brake]).take_while(|(from_s, _)| *from_s <= until_s);
+        let flown = flown.filter(|(_, to_s)| *to_s >= begin_s);
         let at = |t_s: f64| of(&self.at(t_s));
         flown.fold(f64::NEG_INFINITY, |largest, (from_s, to_s)| {
-            let to_s = to_s.min(until_s);
+            let (from_s, to_s) = (from_s.max(begin_s), to_s.min(until_s));
             let spacing_s = (to_s - from_s) / f64::from(INSTANTS);
             let look = instants_s(from_s, to_s).map(|t_s| (at(t_s), t_s));
             let (most, near_s) =
@@ -208,6 +217,24 @@ impl Polynomials {
             largest.max(most).max(at(0.5 * (range_s.0 + range_s.1)))
         })
     }
+}
+
+/// Refuses a piece that begins elsewhere than where the one before it ends.
+fn joins(
+    list: &'static str,
+    index: usize,
+    begin: &[[f64; 3]; 4],
+    end: &[[f64; 3]; 4],
+) -> Result<(), PilotError> {
+    let apart = |order: usize| norm(core::array::from_fn(|i| begin[i][order] - end[i][order]));
+    let turned = |order: usize| (begin[3][order] - end[3][order]).abs();
+    let gaps = [apart(0), apart(1), turned(0), turned(1)];
+    for (gap, (limit, unit)) in gaps.into_iter().zip(LARGEST_GAPS) {
+        if gap > limit || gap.is_nan() {
+            return Err(PilotError::Disjoint { list, index, gap, limit, unit });
+        }
+    }
+    Ok(())
 }
 
 /// What samples say of one axis.

@@ -74,20 +74,20 @@ impl Trajectory {
         }
     }
 
-    /// Length of the trajectory \[s\], of those that have one of their own.
+    /// From when on the trajectory rests \[s\], of those that end by themselves.
     #[must_use]
-    pub fn length_s(&self) -> Option<f64> {
+    pub fn rest_s(&self) -> Option<f64> {
         match &self.0 {
             Shape::Hover(_) | Shape::FigureEight(_) => None,
             Shape::Waypoints(list) => list.last().map(|waypoint| waypoint.t_s),
-            Shape::Polynomials(polynomials) => Some(polynomials.end_s()),
+            Shape::Polynomials(polynomials) => Some(polynomials.rest_s()),
         }
     }
 
-    /// Least and largest height until `until_ns` \[m\].
+    /// Least and largest height from one instant to another \[m\].
     #[must_use]
-    pub fn heights_m(&self, until_ns: u64) -> [f64; 2] {
-        let until_s = s_from_ns(until_ns);
+    pub fn heights_m(&self, from_ns: u64, until_ns: u64) -> [f64; 2] {
+        let (from_s, until_s) = (s_from_ns(from_ns), s_from_ns(until_ns));
         let extremes = |instants: &mut dyn Iterator<Item = f64>| {
             let heights = instants.map(|t_s| self.at(ns_from_s(t_s)).position_w_m[2]);
             heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], height_m| {
@@ -96,15 +96,19 @@ impl Trajectory {
         };
         match &self.0 {
             Shape::Hover(point) => [point.position_w_m[2]; 2],
-            Shape::FigureEight(figure) => extremes(&mut figure.instants_s(until_s)),
+            Shape::FigureEight(figure) => {
+                let inside = figure.instants_s(until_s).filter(|t_s| *t_s >= from_s);
+                extremes(&mut inside.chain([from_s, until_s]))
+            }
             Shape::Waypoints(list) => {
                 // Between two of them the height is between theirs.
-                let passed = list.iter().map(|waypoint| waypoint.t_s.min(until_s));
-                extremes(&mut passed.chain([0.0]))
+                let passed = list.iter().map(|waypoint| waypoint.t_s.clamp(from_s, until_s));
+                extremes(&mut passed.chain([from_s, until_s]))
             }
             Shape::Polynomials(path) => {
-                let high_m = path.largest(until_s, |point| point.position_w_m[2]);
-                [-path.largest(until_s, |point| -point.position_w_m[2]), high_m]
+                let window_s = (from_s, until_s);
+                let high_m = path.largest(window_s, |point| point.position_w_m[2]);
+                [-path.largest(window_s, |point| -point.position_w_m[2]), high_m]
             }
         }
     }
@@ -136,7 +140,7 @@ impl Trajectory {
                 let instants = waypoints::instants_s(list, until_s);
                 instants.map(|t_s| squared(&waypoints::at(list, t_s))).fold(0.0, f64::max)
             }
-            Shape::Polynomials(polynomials) => polynomials.largest(until_s, squared),
+            Shape::Polynomials(polynomials) => polynomials.largest((0.0, until_s), squared),
         };
         squared.sqrt()
     }

@@ -83,7 +83,7 @@ pub struct Settings {
     /// Delay of the thrust \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub thrust_delay_s: Option<f64>,
-    /// Solver of (16): `active-set`, or for comparison `hildreth` or `hildreth-converged`.
+    /// Solver of the quadratic program: `active-set`, or for comparison `hildreth` or `hildreth-converged`.
     #[garde(skip)]
     #[schemars(with = "String")]
     pub solver: SolverKind,

@@ -27,8 +27,8 @@ Examples:
   morphquad scenario keys plant.imu
   morphquad scenario keys pilot --format json
 
-Each with its default, the form and range of its value, and what it means; the end of a name is its unit. Every key can be \
-given in a scenario, under [SECTION], and by --set. Ends with 2 if there is no such key.";
+Each with its default, the form and range of its value, and what it means; the end of a name is its unit. A key can be given \
+in a scenario, under [SECTION], and by --set; one with [] belongs to each entry of a list, [[LIST]]. Ends with 2 if there is no such key.";
 
 /// What to do with scenarios.
 #[derive(Debug, Clone, Subcommand)]

@@ -86,6 +86,14 @@ fn every_range_that_is_told_is_the_one_that_is_kept() {
 }
 
 #[test]
+fn a_number_of_which_no_range_is_told_has_none() {
+    for key in settable().filter(|key| key.takes == "number" && key.range == [None, None]) {
+        let error = loaded(&key, "1e300").err().unwrap_or_default();
+        assert!(!error.contains(&format!("key: \"{}\"", key.name)), "{key:?}: {error}");
+    }
+}
+
+#[test]
 fn every_word_that_is_told_is_known_and_no_other() {
     for key in settable().filter(|key| key.takes.contains(" | ") && key.name != "pilot.kind") {
         for word in key.takes.split(" | ") {

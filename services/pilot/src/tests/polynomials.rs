@@ -13,7 +13,7 @@
 
 use super::{MS, distance, round};
 use crate::{COEFFICIENTS, PathSample, Piece, PilotError, Trajectory, TrajectoryConfig};
-use core::f64::consts::PI;
+use core::f64::consts::{PI, TAU};
 
 /// Coefficients of a motion that never rests; the higher the power, the smaller they are.
 fn coefficients(seed: f64) -> [f64; COEFFICIENTS] {
@@ -61,7 +61,7 @@ fn pieces_are_the_sums_of_their_powers_across_joints() {
     let first = piece(0.7);
     let config = TrajectoryConfig::Pieces(vec![first, next(&first)]);
     let trajectory = Trajectory::new(&config).unwrap();
-    assert_eq!(trajectory.length_s(), Some(1.7));
+    assert!(trajectory.rest_s().is_some_and(|rest_s| rest_s > 1.7));
     for t_ns in (0..1_700 * MS).step_by(13_700_000) {
         let point = trajectory.at(t_ns);
         let t_s = t_ns as f64 * 1e-9;
@@ -80,20 +80,41 @@ fn what_moves_at_the_end_of_the_last_piece_comes_to_rest() {
     assert!(distance(before.velocity_w_m_s, [0.0; 3]) > 0.1);
     assert!(distance(before.velocity_w_m_s, after.velocity_w_m_s) < 1e-7);
     assert!(distance(before.acceleration_w_m_s2, after.acceleration_w_m_s2) < 1e-6);
-    let (rest, later) = (trajectory.at(20_000 * MS), trajectory.at(30_000 * MS));
+    let rest_ns = (trajectory.rest_s().unwrap() * 1e9) as u64 + MS;
+    let (rest, later) = (trajectory.at(rest_ns), trajectory.at(30_000 * MS));
     assert_eq!(rest, later);
+    let turned = |t_ns: u64| trajectory.at(t_ns).yaw_rad;
+    let rate = (turned(1_000 * MS) - turned(999 * MS), turned(1_001 * MS) - turned(1_000 * MS));
+    assert!(rate.0.abs() > 1e-4 && (rate.0 - rate.1).abs() < 0.05 * rate.0.abs(), "{rate:?}");
     assert!(distance(rest.velocity_w_m_s, [0.0; 3]) < 1e-15);
     assert!(distance(rest.position_w_m, after.position_w_m) < 2.0);
 }
 
 #[test]
-fn a_piece_that_does_not_join_is_refused_with_both_gaps() {
+fn a_piece_that_does_not_join_is_refused_with_the_gap() {
     let first = piece(0.7);
     let mut second = next(&first);
     second.position_w[1][0] += 0.02;
     let error = Trajectory::new(&TrajectoryConfig::Pieces(vec![first, second])).unwrap_err();
-    let PilotError::Disjoint { index: 1, gap_m, gap_m_s, .. } = error else { panic!("{error}") };
-    assert!((gap_m - 0.02).abs() < 1e-9 && gap_m_s < 1e-9, "{gap_m} {gap_m_s}");
+    let PilotError::Disjoint { index: 1, gap, unit: "m", .. } = error else { panic!("{error}") };
+    assert!((gap - 0.02).abs() < 1e-9, "{gap}");
+    // The velocity, the heading and its rate must join as well; whole turns of a heading do.
+    let changed = |change: fn(&mut Piece)| {
+        let mut second = next(&first);
+        change(&mut second);
+        Trajectory::new(&TrajectoryConfig::Pieces(vec![first, second]))
+    };
+    let faster = changed(|piece| piece.position_w[0][1] += 0.2);
+    let aside = changed(|piece| piece.yaw[0] += 3.0);
+    let turning = changed(|piece| piece.yaw[1] += 0.3);
+    for (refused, wanted) in [(faster, "m/s"), (aside, "rad"), (turning, "rad/s")] {
+        let refused = refused.unwrap_err();
+        assert!(matches!(refused, PilotError::Disjoint { index: 1, unit, .. } if unit == wanted));
+    }
+    let turned = changed(|piece| piece.yaw[0] -= 2.0 * TAU).unwrap();
+    let whole = Trajectory::new(&TrajectoryConfig::Pieces(vec![first, next(&first)])).unwrap();
+    let (turned, whole) = (turned.at(1_200 * MS).yaw_rad, whole.at(1_200 * MS).yaw_rad);
+    assert!((turned - whole).abs() < 1e-12, "{turned} {whole}");
     let mut second = next(&first);
     second.position_w[2][1] = f64::NAN;
     let refused = Trajectory::new(&TrajectoryConfig::Pieces(vec![first, second]));
@@ -204,13 +225,14 @@ fn a_heading_that_is_written_within_a_turn_goes_on_the_shorter_way() {
 fn the_least_and_the_largest_height_are_those_of_a_dense_look() {
     for config in super::shapes() {
         let trajectory = Trajectory::new(&config).unwrap();
-        for until_ns in [700 * MS, 3_100 * MS, 22_000 * MS] {
+        let windows = [(0, 700), (0, 3_100), (2_300, 3_700), (0, 22_000), (23_000, 24_000)];
+        for (from_ns, until_ns) in windows.map(|(from, until)| (from * MS, until * MS)) {
             let heights = || {
-                let instants = (0..=until_ns).step_by(1_000_000);
+                let instants = (from_ns..=until_ns).step_by(1_000_000);
                 instants.map(|t_ns| trajectory.at(t_ns).position_w_m[2])
             };
             let dense = [heights().fold(9.0, f64::min), heights().fold(-9.0, f64::max)];
-            let found = trajectory.heights_m(until_ns);
+            let found = trajectory.heights_m(from_ns, until_ns);
             let off = found.iter().zip(&dense).map(|(found, dense)| (found - dense).abs());
             assert!(off.fold(0.0, f64::max) < 2e-5, "{until_ns}: {found:?} {dense:?} {config:?}");
         }

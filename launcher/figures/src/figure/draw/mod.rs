@@ -1,5 +1,6 @@
 //! From a figure to the plotting crate; no other module knows it.
 
+mod dashes;
 mod heat;
 mod pdf;
 
@@ -34,7 +35,9 @@ fn scalable(drawn: &str) -> String {
 }
 
 pub(super) fn png(figure: &Figure) -> Result<Vec<u8>, String> {
-    PngBackend::new().render_scene(&grid(figure).render())
+    let mut scene = grid(figure).render();
+    scene.elements = dashes::cut(scene.elements);
+    PngBackend::new().render_scene(&scene)
 }
 
 pub(super) fn pdf(figure: &Figure) -> Vec<u8> {

@@ -242,6 +242,9 @@ fn byte(character: char) -> u8 {
     match character {
         '\u{2212}' => b'-',
         '\u{2013}' => 0x96,
+        '\u{2014}' => 0x97,
+        '\u{2026}' => 0x85,
+        '\u{80}'..='\u{9f}' => b'?',
         _ => u8::try_from(u32::from(character)).unwrap_or(b'?'),
     }
 }
