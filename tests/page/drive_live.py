@@ -288,4 +288,5 @@ def main():
     print(f"the live page flies by button, and others look on; pictures in {pictures}")
 
 
-main()
+if __name__ == "__main__":
+    main()

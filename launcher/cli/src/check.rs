@@ -153,7 +153,19 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
         Manoeuvre::Trajectory(_) => "trajectory",
         Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
     };
-    writeln!(out, "flight  {manoeuvre}")?;
+    let given = scenario.trajectory().filter(|path| path.pieces().is_some());
+    match given.as_ref().and_then(|path| Some((path, path.pieces()?, path.rest_s()?))) {
+        Some((path, (pieces, _), rest_s)) => {
+            let (speed_m_s, pull_m_s2) =
+                (path.peak_speed_m_s(u64::MAX), path.peak_acceleration_m_s2(u64::MAX));
+            writeln!(
+                out,
+                "flight  {manoeuvre} of {pieces} pieces, at rest from {rest_s:.3} s on, \
+                 up to {speed_m_s:.2} m/s and {pull_m_s2:.2} m/s^2"
+            )?;
+        }
+        None => writeln!(out, "flight  {manoeuvre}")?,
+    }
     let (shared_mb, files) =
         (needs::shared_memory_mb(settings, may_lock_memory()), needs::DESCRIPTORS);
     writeln!(out, "needs   {shared_mb} MB of shared memory, {files} file descriptors")?;

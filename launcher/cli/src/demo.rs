@@ -43,6 +43,7 @@ fn prepare(arguments: &DemoArguments) -> Result<(RunOptions, TempDir), Failure> 
 /// Ends with the verdict of the flight.
 pub(super) fn run(arguments: &DemoArguments, out: &mut dyn Write) -> Done {
     let (options, _folder) = prepare(arguments)?;
+    eprintln!("morphquad: Ctrl-C ends the demo; it is recorded into recordings/");
     let summary = summary(flight::run(&options))?;
     super::say(&summary, Format::Text, out)
 }

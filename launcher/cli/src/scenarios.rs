@@ -61,11 +61,16 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
 fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Failure> {
     let wanted = arguments.key.as_deref().unwrap_or_default();
     let wanted = wanted.trim_matches(['[', ']']).to_lowercase();
-    let mut found = sections();
-    for section in &mut found {
-        section.keys.retain(|key| key.name.starts_with(&wanted));
-    }
-    found.retain(|section| !section.keys.is_empty());
+    let those = |fits: fn(&str, &str) -> bool| {
+        let mut found = sections();
+        for section in &mut found {
+            section.keys.retain(|key| fits(&key.name, &wanted));
+        }
+        found.retain(|section| !section.keys.is_empty());
+        found
+    };
+    let begun = those(|name, wanted| name.starts_with(wanted));
+    let found = if begun.is_empty() { those(|name, wanted| name.contains(wanted)) } else { begun };
     if found.is_empty() {
         let all = sections();
         let keys = all.iter().flat_map(|section| &section.keys).map(|key| key.name.as_str());
@@ -74,7 +79,7 @@ fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Fa
         let guess = suggestion(&wanted, keys.chain(names.clone()));
         let guess = guess.split_once(" Known are").map(|(guess, _)| guess.to_owned());
         let remedy = guess.unwrap_or_else(|| suggestion(&wanted, names));
-        let told = format!("no key begins with {wanted}: {remedy}");
+        let told = format!("no key has {wanted} in its name: {remedy}");
         return Err(Failure::plain(&told, exit::USAGE));
     }
     if arguments.format == Format::Json {
@@ -111,6 +116,11 @@ fn in_toml(value: &Value) -> String {
     match value {
         Value::Array(list) => {
             format!("[{}]", list.iter().map(in_toml).collect::<Vec<_>>().join(", "))
+        }
+        // A conversion leaves digits that nobody wrote.
+        Value::Number(number) if number.is_f64() => {
+            let number = number.as_f64().unwrap_or_default();
+            format!("{:?}", format!("{number:.12e}").parse::<f64>().unwrap_or(number))
         }
         Value::Object(table) if table.is_empty() => "{}".to_owned(),
         value => json!(value).to_string(),

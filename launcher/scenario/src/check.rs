@@ -16,14 +16,21 @@ use super::settings::{Clock, Settings};
 use super::trajectory::{SLOWEST, Trajectory as Given};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
-use ::pilot::{Pilot, RigPilot, Trajectory};
+use ::pilot::{Pilot, PilotError, RigPilot, Trajectory};
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
+use shared_types::time::s_from_ns;
 use shared_types::{Role, TopicInfo};
 use vehicle::ParameterError;
 
 /// Share of the lateral force at full tilt that wind and trajectory may claim.
 const TILT_SHARE: f64 = 0.8;
+
+/// Distance from the beginning of a trajectory at which a flight still begins with it \[m\].
+const BEGINS_WITHIN_M: f64 = 0.2;
+
+/// Fastest turn of a heading that a trajectory may mean \[rad/s\].
+const FASTEST_TURN_RAD_S: f64 = 4.0;
 
 /// Height up to which a vehicle counts as standing on the ground \[m\].
 const ON_THE_GROUND_M: f64 = 0.05;
@@ -185,13 +192,51 @@ impl<'s> Checker<'s> {
         }
         built.unwrap_or_else(|error| {
             let (key, remedy) = pilot_error(&error);
-            self.error(&key, error.to_string(), remedy);
+            let what = match &error {
+                PilotError::Empty { parameter: "trajectory.samples" } => {
+                    "there is no trajectory".to_owned()
+                }
+                error => error.to_string(),
+            };
+            self.error(&key, what, remedy);
             0.0
         })
     }
 
+    /// A given trajectory that the flight does not begin with or end behind, or that turns as no vehicle does.
+    fn given(&mut self, trajectory: &Trajectory) {
+        let Some((_, turn_rad_s)) = trajectory.pieces() else { return };
+        let [from_ns, until_ns] = self.scenario.flown_of_the_plan_ns();
+        let start = &self.settings().start;
+        let begin = trajectory.at(from_ns);
+        let apart = |i: usize| start.position_w_m[i] - begin.position_w_m[i];
+        let apart_m = libm::hypot(libm::hypot(apart(0), apart(1)), apart(2));
+        // Of a flight that is taken up in the middle, errors are a part.
+        if apart_m > BEGINS_WITHIN_M && start.at_s <= 0.0 {
+            let what = format!("lies {apart_m:.2} m from where the trajectory begins");
+            self.warn(
+                "start.position_w_m",
+                what,
+                "leave it out: a flight begins with its trajectory",
+            );
+        }
+        let rest_s = trajectory.rest_s().unwrap_or(0.0);
+        let left_s = rest_s - s_from_ns(until_ns);
+        if left_s > 1e-6 {
+            let what =
+                format!("ends {left_s:.2} s before the trajectory rests, at {rest_s:.2} s of it");
+            self.warn("scenario.duration_s", what, "leave it out, or fly longer");
+        }
+        if turn_rad_s > FASTEST_TURN_RAD_S {
+            let what = format!("turns by up to {turn_rad_s:.1} rad/s, as no vehicle follows");
+            let remedy = "give the heading in radians, or in a column yaw_deg in degrees";
+            self.warn("pilot", what, remedy);
+        }
+    }
+
     /// A reference that leads through the ground, or along it.
     fn heights(&mut self, trajectory: &Trajectory) {
+        self.given(trajectory);
         let [from_ns, until_ns] = self.scenario.flown_of_the_plan_ns();
         let [low_m, high_m] = trajectory.heights_m(from_ns, until_ns);
         if !self.settings().plant.ground || (low_m >= 0.0 && high_m > ON_THE_GROUND_M) {

@@ -247,7 +247,15 @@ fn words(value: &Value) -> Vec<String> {
 fn meaning(value: &Value) -> String {
     let words = value.get("description").and_then(Value::as_str).unwrap_or_default();
     let first = words.split("\n\n").next().unwrap_or_default();
-    let mut words = first.replace('\n', " ").replace("[`", "`").replace("`]", "`");
+    let mut words = first.replace('\n', " ");
+    // A link is a name here.
+    while let Some(begin) = words.find("[`")
+        && let Some(length) =
+            words[begin..].find("`]").filter(|end| !words[begin + 2..begin + end].contains('`'))
+    {
+        words.replace_range(begin + length + 1..begin + length + 2, "");
+        words.replace_range(begin..=begin, "");
+    }
     for (escaped, bare) in [("\\[", "["), ("\\]", "]")] {
         words = words.replace(escaped, bare);
     }

@@ -220,6 +220,15 @@ impl Scenario {
         ns_from_s(self.settings.scenario.duration_s)
     }
 
+    /// Where the pilot flies; none on a rig.
+    #[must_use]
+    pub fn trajectory(&self) -> Option<::pilot::Trajectory> {
+        match self.plan() {
+            Plan::Flight(config) => ::pilot::Trajectory::new(&config.trajectory).ok(),
+            Plan::Rig(_) => None,
+        }
+    }
+
     /// Which part of the pilot's plan is flown: its first and last instant \[ns\].
     pub(crate) fn flown_of_the_plan_ns(&self) -> [u64; 2] {
         let at_ns = self.settings.start.at_ns();

@@ -11,7 +11,7 @@ const SAMPLE_COLUMNS: [&[&str]; 11] = [
     &["x", "x_m"],
     &["y", "y_m"],
     &["z", "z_m"],
-    &["yaw", "yaw_rad", "heading", "heading_rad"],
+    &["yaw", "yaw_rad", "heading", "heading_rad", "yaw_deg", "heading_deg"],
     &["vx", "vx_m_s"],
     &["vy", "vy_m_s"],
     &["vz", "vz_m_s"],
@@ -19,6 +19,12 @@ const SAMPLE_COLUMNS: [&[&str]; 11] = [
     &["ay", "ay_m_s2"],
     &["az", "az_m_s2"],
 ];
+
+/// Place of the heading among them.
+const YAW: usize = 4;
+
+/// Units that may stand behind a name; numbers in others would be taken for these.
+const UNITS: [&str; 9] = ["s", "m", "rad", "deg", "m/s", "m/s2", "m/s^2", "m/s²", ""];
 
 /// How many columns samples may have, in the order of the names.
 const SAMPLE_WIDTHS: [usize; 4] = [4, 5, 8, 11];
@@ -37,6 +43,20 @@ pub(super) struct Table {
     text: String,
     /// Where each row stands.
     spans: Vec<Range<usize>>,
+}
+
+/// Where a number of a row comes from: a column of the file, if there is one, and what it is multiplied by.
+#[derive(Debug, Clone, Copy)]
+struct Column {
+    from: Option<usize>,
+    factor: f64,
+}
+
+impl Column {
+    /// As it stands in a column.
+    fn of(column: usize) -> Self {
+        Self { from: Some(column), factor: 1.0 }
+    }
 }
 
 /// A record of a file and where it stands.
@@ -70,7 +90,7 @@ impl Table {
                 columns(names).map_err(|(what, remedy)| refuse(span.clone(), what, &remedy))?
             }
             None if PIECE_WIDTHS.contains(&width) || SAMPLE_WIDTHS.contains(&width) => {
-                (0..width).collect()
+                (0..width).map(Column::of).collect()
             }
             None => {
                 let what = format!("{width} columns without names could be anything");
@@ -95,7 +115,7 @@ impl Table {
             spans: Vec::with_capacity(records.len()),
         };
         for (span, fields) in records {
-            let row = numbers(&fields, &order);
+            let row = numbers(&fields, width, &order);
             let row = row.map_err(|(what, remedy)| refuse(span.clone(), what, remedy))?;
             table.rows.push(row);
             table.spans.push(span);
@@ -117,15 +137,23 @@ impl Table {
 }
 
 /// The numbers of a record in the order of the columns, or what is wrong with it and what to do.
-fn numbers(fields: &[String], order: &[usize]) -> Result<Vec<f64>, (String, &'static str)> {
-    if fields.len() != order.len() {
-        let what = format!("{} values in {} columns", fields.len(), order.len());
+fn numbers(
+    fields: &[String],
+    width: usize,
+    order: &[Column],
+) -> Result<Vec<f64>, (String, &'static str)> {
+    if fields.len() != width {
+        let what = format!("{} values in {width} columns", fields.len());
         return Err((what, "write one value for each column"));
     }
-    let number = |column: &usize| {
-        let field = &fields[*column];
+    let number = |column: &Column| {
+        let Column { from: Some(column), factor } = *column else { return Ok(0.0) };
+        let field = &fields[column];
         let number = field.parse::<f64>().ok().filter(|number| number.is_finite());
-        number.ok_or_else(|| (format!("`{field}` is not a number"), "write a finite number"))
+        let remedy = "write a finite number, with a point before its decimals";
+        number
+            .map(|number| factor * number)
+            .ok_or_else(|| (format!("`{field}` is not a number"), remedy))
     };
     order.iter().map(number).collect()
 }
@@ -161,34 +189,28 @@ fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
 }
 
 /// Which column of a file each number of a row comes from, or what is wrong with the names and what to do.
-fn columns(names: &[String]) -> Result<Vec<usize>, (String, String)> {
+fn columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
     if let [only] = names
         && only.contains(char::is_whitespace)
     {
         let what = "the columns are not separated by commas".to_owned();
         return Err((what, "write a comma, or a semicolon, between two columns".to_owned()));
     }
-    // A unit may stand in brackets.
-    let bare =
-        |name: &String| name.split(['[', '(']).next().unwrap_or_default().trim().to_lowercase();
-    let names: Vec<String> = names.iter().map(bare).collect();
+    let split = |name: &String| {
+        let (name, unit) = name.split_once(['[', '(']).unwrap_or((name, ""));
+        let unit = unit.trim().trim_end_matches([']', ')']).to_owned();
+        (name.trim().to_lowercase(), unit)
+    };
+    let (names, units): (Vec<String>, Vec<String>) = names.iter().map(split).unzip();
+    if let Some(place) = units.iter().position(|unit| !UNITS.contains(&unit.as_str())) {
+        let what = format!("the column `{}` is in {}", names[place], units[place]);
+        return Err((
+            what,
+            "write seconds, metres and radians; a heading may be in deg".to_owned(),
+        ));
+    }
     if names.first().is_some_and(|name| name == "duration" || name == "duration_s") {
-        let axes = ["x", "y", "z", "yaw"].map(|axis| (0..8).map(move |k| format!("{axis}^{k}")));
-        let known: Vec<String> = axes.into_iter().flatten().collect();
-        let same =
-            |(name, known): (&String, &String)| name.replace('^', "") == known.replace('^', "");
-        let wrong = names.iter().skip(1).zip(&known).find(|pair| !same(*pair));
-        return match wrong {
-            Some((name, known)) => {
-                let what = format!("the column `{name}` stands where `{known}` belongs");
-                Err((what, "write duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7".to_owned()))
-            }
-            None if PIECE_WIDTHS.contains(&names.len()) => Ok((0..names.len()).collect()),
-            None => {
-                let what = format!("{} columns, where pieces have 25 or 33", names.len());
-                Err((what, "give duration and eight coefficients of x, y, z and yaw".to_owned()))
-            }
-        };
+        return piece_columns(&names);
     }
     let known: Vec<&str> = SAMPLE_COLUMNS.iter().map(|names| names[0]).collect();
     let unknown =
@@ -197,12 +219,44 @@ fn columns(names: &[String]) -> Result<Vec<usize>, (String, String)> {
         let remedy = format!("leave it out; what is known is {}", known.join(","));
         return Err((format!("there is no column `{unknown}`"), remedy));
     }
-    let place = |known: &&[&str]| names.iter().position(|name| known.contains(&name.as_str()));
-    let order: Vec<usize> = SAMPLE_COLUMNS.iter().map_while(place).collect();
-    if order.len() == names.len() && SAMPLE_WIDTHS.contains(&order.len()) {
+    let place = |known: &[&str]| names.iter().position(|name| known.contains(&name.as_str()));
+    let mut order: Vec<Column> =
+        SAMPLE_COLUMNS.iter().map(|known| Column { from: place(known), factor: 1.0 }).collect();
+    if let Column { from: Some(column), factor } = &mut order[YAW]
+        && (names[*column].ends_with("_deg") || units[*column] == "deg")
+    {
+        *factor = 1_f64.to_radians();
+    }
+    let last = order.iter().rposition(|column| column.from.is_some()).map_or(0, |last| last + 1);
+    order.truncate(last);
+    // Only a heading that never changes may be left out before what follows it.
+    let is_whole = order.iter().enumerate().all(|(i, column)| i == YAW || column.from.is_some());
+    let is_once = order.iter().filter(|column| column.from.is_some()).count() == names.len();
+    if is_whole && is_once && SAMPLE_WIDTHS.contains(&order.len()) {
         return Ok(order);
     }
     let what = format!("the columns {} are not what a trajectory consists of", names.join(","));
-    let remedy = "give t,x,y,z, then yaw, then vx,vy,vz, then ax,ay,az, or only the first of these";
+    let remedy = "give t,x,y,z, with a heading yaw, with velocities vx,vy,vz, and with these accelerations ax,ay,az";
     Err((what, remedy.to_owned()))
+}
+
+/// As [`columns`], of pieces.
+fn piece_columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
+    let axes = ["x", "y", "z", "yaw"].map(|axis| (0..8).map(move |k| format!("{axis}^{k}")));
+    let known: Vec<String> = axes.into_iter().flatten().collect();
+    let same = |(name, known): (&String, &String)| name.replace('^', "") == known.replace('^', "");
+    let wrong = names.iter().skip(1).zip(&known).find(|pair| !same(*pair));
+    match wrong {
+        Some((name, known)) => {
+            let what = format!("the column `{name}` stands where `{known}` belongs");
+            Err((what, "write duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7".to_owned()))
+        }
+        None if PIECE_WIDTHS.contains(&names.len()) => {
+            Ok((0..names.len()).map(Column::of).collect())
+        }
+        None => {
+            let what = format!("{} columns, where pieces have 25 or 33", names.len());
+            Err((what, "give duration and eight coefficients of x, y, z and yaw".to_owned()))
+        }
+    }
 }

@@ -5,7 +5,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The vehicle as controllers and estimator model it.
+/// The vehicle, as it is but for `plant.mismatch`, and as controllers and estimator model it.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct VehicleSettings {

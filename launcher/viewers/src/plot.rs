@@ -136,7 +136,8 @@ pub fn plot(
     let mut curves = read.curves.iter();
     let title = flight.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut figure = Figure::new(title, 1).panel_px(900.0, 260.0);
-    // One legend is of all panels, so that no two curves look alike.
+    // One legend is of all panels, so that no two curves look alike, and one that comes twice looks the same.
+    let mut seen: BTreeMap<String, Option<(Colour, Dash)>> = BTreeMap::new();
     let mut looks =
         DASHES.into_iter().flat_map(|dash| Colour::SERIES.map(|colour| (colour, dash))).cycle();
     for signals in panels {
@@ -154,7 +155,8 @@ pub fn plot(
                 let (_, name) = &signal.columns[*column];
                 let writer = if several { format!(", seat {seat}") } else { String::new() };
                 let name = format!("{}.{name}{writer}", signal.topic.name);
-                let (colour, dash) = looks.next().unwrap_or((Colour::Black, Dash::Solid));
+                let look = seen.entry(name.clone()).or_insert_with(|| looks.next());
+                let (colour, dash) = look.unwrap_or((Colour::Black, Dash::Solid));
                 let curve =
                     Curve::new(name, colour, thinned(points.clone())).mark(Mark::Line(dash));
                 panel = panel.curve(curve);

@@ -15,10 +15,6 @@ pub const SPEED_LIMIT_M_S: f64 = 2.0;
 /// Largest acceleration of a diverted position, unless it has more already \[m/s²\].
 pub const ACCELERATION_LIMIT_M_S2: f64 = 2.0;
 
-/// A motion with acceleration a that dies out within T gains up to 4/27 a T of speed on the way. A turn
-/// may gain half of its rate, or of the pace's.
-const YAW_SPEED_UP: f64 = 0.5 * 27.0 / 4.0;
-
 /// Longest time in which a sweep that is under way dies out \[s\].
 const MORPH_BRAKE_S: f64 = 0.3;
 
@@ -91,8 +87,7 @@ pub fn yaw(
     let [from_rad, rate_rad_s, acceleration_rad_s2] =
         ordered.map_or_else(|| derivatives(planned, begin_ns), |o| yaw_at(&o.yaw, begin_ns));
     let (rate, acceleration) = (rate_rad_s.abs(), acceleration_rad_s2.abs());
-    let longest_s = YAW_SPEED_UP * rate.max(YAW.rate) / acceleration;
-    let brake_s = YAW.brake_s(rate, acceleration).min(longest_s);
+    let brake_s = YAW.brake_s(rate, acceleration);
     let mut way = AngleDiversion {
         begin_ns,
         from_rad,

@@ -24,12 +24,18 @@ pub(super) const YAW: Pace = Pace { rate: 0.8, acceleration: 0.6, jerk: 3.0 };
 /// Peak speed, acceleration and jerk of the minimum-jerk way from 0 to 1 in unit time.
 const WAY: Pace = Pace { rate: 1.875, acceleration: 5.773_502_691_896_258, jerk: 60.0 };
 
+/// A motion with acceleration a that dies out within T gains up to 4/27 a T of speed on the way: half of its own, or of
+/// the pace's, at most.
+const SPEED_UP: f64 = 0.5 * 27.0 / 4.0;
+
 impl Pace {
     /// Time in which a motion at `rate` with `acceleration` may die out \[s\].
     pub(super) fn brake_s(&self, rate: f64, acceleration: f64) -> f64 {
         // The cubic decelerates by up to 3/2 v/T, with a jerk of up to 6 v/T² + 4 a/T.
         let by_rate = (1.5 * rate / self.acceleration).max((12.0 * rate / self.jerk).sqrt());
-        by_rate.max(8.0 * acceleration / self.jerk)
+        // A large acceleration that dies out slowly would carry the motion far away.
+        let longest_s = SPEED_UP * rate.max(self.rate) / acceleration;
+        by_rate.max(8.0 * acceleration / self.jerk).min(longest_s)
     }
 
     /// Time of a way of `length`, rest to rest \[s\].

@@ -155,6 +155,19 @@ impl Polynomials {
         Self::new(LIST, pieces.collect())
     }
 
+    /// How many pieces it has.
+    pub(super) fn count(&self) -> usize {
+        self.pieces.len()
+    }
+
+    /// Fastest that it turns, at the instants at which a piece is looked at \[rad/s\].
+    pub(super) fn fastest_turn_rad_s(&self) -> f64 {
+        let rates = self.pieces.iter().flat_map(|piece| {
+            instants_s(0.0, piece.duration_s).map(|t_s| value(&piece.yaw, t_s)[1].abs())
+        });
+        rates.fold(0.0, f64::max)
+    }
+
     /// From when on it rests \[s\].
     pub(super) fn rest_s(&self) -> f64 {
         let [position_s, turn_s] = self.brakes_s;

@@ -84,6 +84,13 @@ impl Trajectory {
         }
     }
 
+    /// Pieces of a trajectory of polynomials, and how fast it turns at most \[rad/s\]; none of another one.
+    #[must_use]
+    pub fn pieces(&self) -> Option<(usize, f64)> {
+        let Shape::Polynomials(path) = &self.0 else { return None };
+        Some((path.count(), path.fastest_turn_rad_s()))
+    }
+
     /// Least and largest height from one instant to another \[m\].
     #[must_use]
     pub fn heights_m(&self, from_ns: u64, until_ns: u64) -> [f64; 2] {

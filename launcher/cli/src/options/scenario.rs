@@ -25,6 +25,7 @@ pub(super) const KEYS_EXAMPLES: &str = "\
 Examples:
   morphquad scenario keys
   morphquad scenario keys plant.imu
+  morphquad scenario keys mass
   morphquad scenario keys pilot --format json
 
 Each with its default, the form and range of its value, and what it means; the end of a name is its unit. A key can be given \
@@ -65,7 +66,7 @@ pub struct ScenarioShowArguments {
 /// What to tell of.
 #[derive(Debug, Clone, Args)]
 pub struct ScenarioKeysArguments {
-    /// A section, a key, or the beginning of one; all if left out
+    /// A section, a key, the beginning of one, or else any part of it; all if left out
     pub key: Option<String>,
     /// Form of the list
     #[arg(long, value_enum, default_value = "text")]

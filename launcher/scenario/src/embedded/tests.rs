@@ -94,7 +94,8 @@ fn samples_come_with_any_of_their_columns_and_separators() {
         "time,x,y,z,heading,vx,vy,vz,ax,ay,az\n0,0,0,1,0,.5,0,0,0,0,0\n3,1.5,0,1,0,.5,0,0,0,0,0";
     let nameless = "0,0,0,1\n1.5,0.75,0,1\n3,1.5,0,1\n";
     let turned = "z [m],y [m],x (m),t [s]\n1,0,0,0\n1,0,.5,1\n1,0,1,2\n1,0,1.5,3";
-    for csv in [plain, semicolons, whole, nameless, turned] {
+    let without_yaw = "t,x,y,z,vx,vy,vz\n0,0,0,1,.5,0,0\n3,1.5,0,1,.5,0,0";
+    for csv in [plain, semicolons, whole, nameless, turned, without_yaw] {
         let scenario = loaded("", csv).unwrap_or_else(|error| panic!("{csv}: {error:?}"));
         let point = trajectory(&scenario).at(1_700_000_000);
         assert!((point.position_w_m[0] - 0.85).abs() < 1e-9, "{csv}: {point:?}");
@@ -117,6 +118,8 @@ fn what_is_wrong_with_a_file_is_said_at_its_line() {
         ("t,x,y,z\n0,0,0,1\n1,1e9,0,1\n", 2, "samples[0]"),
         ("t,x,y,w\n0,0,0,1\n", 1, "no column `w`"),
         ("t,x,y,z,vx\n0,0,0,1,0\n", 1, "t,x,y,z,vx"),
+        ("t,x,y,z,ax,ay,az\n0,0,0,1,0,0,0\n", 1, "t,x,y,z,ax"),
+        ("t,x [mm],y,z\n0,0,0,1\n", 1, "`x` is in mm"),
         ("t,x,y\n0,0,0\n", 1, "t,x,y"),
         ("0,0\n", 1, "2 columns without names"),
         ("", 1, "no rows"),
@@ -241,4 +244,30 @@ fn a_flight_is_called_as_its_file_where_that_is_a_name() {
     assert_eq!(named("my flight.toml", "").unwrap(), "my flight");
     assert_eq!(named(&format!("{}.toml", "x".repeat(80)), "").unwrap(), "unnamed");
     assert_eq!(named("other.toml", "[scenario]\nname = \"own\"\n").unwrap(), "own");
+}
+
+#[test]
+fn a_heading_in_degrees_is_one_and_one_that_seems_to_be_is_warned_of() {
+    for names in ["t,x,y,z,yaw_deg", "t,x,y,z,yaw [deg]"] {
+        let turn = loaded("", &format!("{names}\n0,0,0,1,0\n3,1,0,1,90\n6,2,0,1,180\n")).unwrap();
+        let turned_rad = trajectory(&turn).at(3_000_000_000).yaw_rad;
+        assert!((turned_rad - core::f64::consts::FRAC_PI_2).abs() < 1e-9, "{names}: {turned_rad}");
+        assert!(turn.warnings().is_empty(), "{:?}", turn.warnings());
+    }
+    let wrong = loaded("", "t,x,y,z,yaw\n0,0,0,1,0\n1,0,0,1,3\n2,0,0,1,6\n3,0,0,1,91\n").unwrap();
+    assert!(
+        wrong.warnings().iter().any(|it| it.remedy().contains("yaw_deg")),
+        "{:?}",
+        wrong.warnings()
+    );
+}
+
+#[test]
+fn a_flight_that_begins_elsewhere_or_ends_too_soon_is_warned_of() {
+    let csv = "t,x,y,z\n0,0,0,1\n3,0,0,1\n6,0,0,1\n";
+    let away = loaded("[start]\nposition_w_m = [1.0, 0.0, 1.0]", csv).unwrap();
+    assert_eq!(away.warnings()[0].key(), "start.position_w_m");
+    let short = loaded("[scenario]\nduration_s = 4.0", csv).unwrap();
+    assert_eq!(short.warnings()[0].key(), "scenario.duration_s");
+    assert!(loaded("", csv).unwrap().warnings().is_empty());
 }

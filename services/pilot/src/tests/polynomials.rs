@@ -238,3 +238,27 @@ fn the_least_and_the_largest_height_are_those_of_a_dense_look() {
         }
     }
 }
+
+#[test]
+fn a_large_acceleration_at_the_end_carries_the_reference_nowhere() {
+    // A round in 1.5 s: 4.2 m/s and 17.5 m/s².
+    let turn = TAU / 1.5;
+    let sample = |i: u32| {
+        let t_s = 0.01 * f64::from(i);
+        let (sin, cos) = (turn * t_s).sin_cos();
+        PathSample {
+            t_s,
+            position_w_m: [cos, sin, 1.5],
+            yaw_rad: 0.0,
+            velocity_w_m_s: None,
+            acceleration_w_m_s2: None,
+        }
+    };
+    let samples = (0..=150).map(sample).collect();
+    let trajectory = Trajectory::new(&TrajectoryConfig::Samples(samples)).unwrap();
+    let speed_m_s = trajectory.peak_speed_m_s(60_000 * MS);
+    assert!(speed_m_s < 1.5 * turn, "{speed_m_s}");
+    let rest = trajectory.at(60_000 * MS);
+    assert!(distance(rest.position_w_m, [1.0, 0.0, 1.5]) < 2.5, "{rest:?}");
+    assert!(trajectory.rest_s().unwrap() < 2.6, "{:?}", trajectory.rest_s());
+}
