@@ -116,6 +116,8 @@ fn numbers_of_a_recording_are_drawn_in_each_form_and_never_over_the_recording() 
         let (code, said) = plot(out, &[signal]);
         assert!(code == Some(2) && said.contains(told), "{signal}: {said}");
     }
+    let (code, said) = plot("a.png", &["truth.position_w_m", "--from", "2s", "--to", "1s"]);
+    assert!(code == Some(2) && said.contains("is not before"), "{said}");
     std::fs::copy(&recording, recording.with_file_name("copy.png")).expect("a copy");
     let (code, said) = plot("copy.png", &["truth.position_w_m"]);
     assert!(code == Some(2) && said.contains("is a recording"), "{said}");

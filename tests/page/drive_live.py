@@ -223,12 +223,12 @@ def demonstrate(morphquad, browser_path, pictures):
         page, complaints = opened(browser, address, may_ask=[*ASKS, "demo"], color_scheme="light")
         wait_for_time(page, lambda t: t > 2.5)
         check(page.inner_text("#badge") == "LIVE" and page.is_visible("#demo"), "a demo does not open playing")
-        for name in ["Gust", "Fold"]:
-            check(tried(page, name)[0] == "✔", f"{name}: {page.inner_text('#demo > output')}")
         told = tried(page, "Bad swap")
         check("flown ahead, it would" in told and "red course" in told, told)
         wait_until_painted(page)
         page.screenshot(path=pictures / "demo-refused.png")
+        for name in ["Gust", "Arms"]:
+            check(tried(page, name)[0] == "✔", f"{name}: {page.inner_text('#demo > output')}")
         told = tried(page, "Kill")
         check("is killed" in told, told)
         wait_until(page, lambda: page.locator("#events button", has_text="killed by signal 9").count() > 0, "no successor")

@@ -17,7 +17,7 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 # What is pressed when [s of flight], and the end.
-PRESSED = [(3.5, "Gust"), (6.0, "Bad swap"), (14.0, "Fold")]
+PRESSED = [(3.5, "Gust"), (6.0, "Bad swap"), (14.0, "Arms")]
 UNTIL_S = 17.0
 WIDE_PX = 760
 EVERY_MS = 320

@@ -155,13 +155,16 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     };
     let given = scenario.trajectory().filter(|path| path.pieces().is_some());
     match given.as_ref().and_then(|path| Some((path, path.pieces()?, path.rest_s()?))) {
-        Some((path, (pieces, _), rest_s)) => {
-            let (speed_m_s, pull_m_s2) =
-                (path.peak_speed_m_s(u64::MAX), path.peak_acceleration_m_s2(u64::MAX));
+        Some((path, pieces, rest_s)) => {
+            let always_ns = [0, u64::MAX];
+            let speed_m_s = path.peak_speed_m_s(always_ns);
+            let acceleration_m_s2 = path.peak_acceleration_m_s2(always_ns);
+            let pieces =
+                if pieces == 1 { "1 piece".to_owned() } else { format!("{pieces} pieces") };
             writeln!(
                 out,
-                "flight  {manoeuvre} of {pieces} pieces, at rest from {rest_s:.3} s on, \
-                 up to {speed_m_s:.2} m/s and {pull_m_s2:.2} m/s^2"
+                "flight  {manoeuvre} of {pieces}, at rest from {rest_s:.3} s on, \
+                 up to {speed_m_s:.2} m/s and {acceleration_m_s2:.2} m/s^2"
             )?;
         }
         None => writeln!(out, "flight  {manoeuvre}")?,

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use tempfile::TempDir;
 
 /// What makes a controller that no vehicle bears: its rate loop is eight times as slow as it should be.
-const BAD: &str = "attitude_pid.rate_time_s=[0.1, 0.1, 0.1]";
+const BAD: &str = "attitude_pid.rate_time_s=[0.1, 0.1, 0.2]";
 
 /// What to fly, and the folder with what configures the bad controller.
 fn prepare(arguments: &DemoArguments) -> Result<(RunOptions, TempDir), Failure> {
@@ -24,12 +24,14 @@ fn prepare(arguments: &DemoArguments) -> Result<(RunOptions, TempDir), Failure> 
     edits.push(Override::set(BAD).map_err(wrong)?);
     let worse = load(&edits).map_err(wrong)?;
     let folder = tempfile::tempdir()?;
-    let config = folder.path().join("bad-controller.toml");
+    // The launcher may be elsewhere than where the folder's name begins.
+    let config = folder.path().canonicalize()?.join("bad-controller.toml");
     std::fs::write(&config, worse.to_toml())?;
+    let speed = scenario.settings().scenario.pace().map_or(Speed::Max, Speed::Times);
     let DemoArguments { listen, no_open, .. } = *arguments;
     let options = RunOptions {
         scenario,
-        speed: Speed::Times(1.0),
+        speed,
         record: Some(PathBuf::from("recordings")),
         name: None,
         progress: io::stderr().is_terminal(),

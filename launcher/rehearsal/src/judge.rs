@@ -192,7 +192,8 @@ fn course_after(figure: &Figure, flights: &[Flown<'_>]) -> Vec<Posture> {
     };
     let trials = &flight.schedule.trials;
     let flip_s = trials.first().map_or(0.0, |trial| trial.at_s);
-    let from_s = flip_s + figure.at_s;
-    let until_s = trials.iter().find(|trial| trial.at_s >= from_s).map_or(from_s, |it| it.until_s);
-    flight.candidate.course(from_s.max(until_s - COURSE_S), until_s)
+    let trial = trials.iter().find(|trial| trial.at_s - flip_s >= figure.at_s - 1e-9);
+    trial.map_or_else(Vec::new, |trial| {
+        flight.candidate.course(trial.at_s.max(trial.until_s - COURSE_S), trial.until_s)
+    })
 }

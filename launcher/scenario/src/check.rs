@@ -29,6 +29,9 @@ const TILT_SHARE: f64 = 0.8;
 /// Distance from the beginning of a trajectory at which a flight still begins with it \[m\].
 const BEGINS_WITHIN_M: f64 = 0.2;
 
+/// Fastest that a trajectory may lead \[m/s\].
+const FASTEST_M_S: f64 = 100.0;
+
 /// Fastest turn of a heading that a trajectory may mean \[rad/s\].
 const FASTEST_TURN_RAD_S: f64 = 4.0;
 
@@ -171,8 +174,7 @@ impl<'s> Checker<'s> {
             Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| 0.0),
             Plan::Flight(config) => Pilot::new(&config, &vehicle).map(|pilot| {
                 self.heights(pilot.trajectory());
-                let [_, until_ns] = self.scenario.flown_of_the_plan_ns();
-                pilot.trajectory().peak_acceleration_m_s2(until_ns)
+                pilot.trajectory().peak_acceleration_m_s2(self.scenario.flown_of_the_plan_ns())
             }),
         };
         if let Manoeuvre::Trajectory(given) = &self.settings().pilot.manoeuvre
@@ -205,8 +207,21 @@ impl<'s> Checker<'s> {
 
     /// A given trajectory that the flight does not begin with or end behind, or that turns as no vehicle does.
     fn given(&mut self, trajectory: &Trajectory) {
-        let Some((_, turn_rad_s)) = trajectory.pieces() else { return };
-        let [from_ns, until_ns] = self.scenario.flown_of_the_plan_ns();
+        if trajectory.pieces().is_none() {
+            return;
+        }
+        let window_ns = self.scenario.flown_of_the_plan_ns();
+        let [from_ns, until_ns] = window_ns;
+        let speed_m_s = trajectory.peak_speed_m_s(window_ns);
+        if speed_m_s > FASTEST_M_S {
+            let what = format!("leads along at up to {speed_m_s:.0} m/s");
+            self.error(
+                "pilot",
+                what,
+                "fly slower: pilot.time_scale takes longer for the same path",
+            );
+        }
+        let turn_rad_s = trajectory.fastest_turn_rad_s(window_ns);
         let start = &self.settings().start;
         let begin = trajectory.at(from_ns);
         let apart = |i: usize| start.position_w_m[i] - begin.position_w_m[i];
@@ -228,8 +243,8 @@ impl<'s> Checker<'s> {
             self.warn("scenario.duration_s", what, "leave it out, or fly longer");
         }
         if turn_rad_s > FASTEST_TURN_RAD_S {
-            let what = format!("turns by up to {turn_rad_s:.1} rad/s, as no vehicle follows");
-            let remedy = "give the heading in radians, or in a column yaw_deg in degrees";
+            let what = format!("turns by up to {turn_rad_s:.1} rad/s, faster than the vehicle can");
+            let remedy = "turn slower; headings are in radians, those of samples in degrees in a column yaw_deg";
             self.warn("pilot", what, remedy);
         }
     }
@@ -237,8 +252,7 @@ impl<'s> Checker<'s> {
     /// A reference that leads through the ground, or along it.
     fn heights(&mut self, trajectory: &Trajectory) {
         self.given(trajectory);
-        let [from_ns, until_ns] = self.scenario.flown_of_the_plan_ns();
-        let [low_m, high_m] = trajectory.heights_m(from_ns, until_ns);
+        let [low_m, high_m] = trajectory.heights_m(self.scenario.flown_of_the_plan_ns());
         if !self.settings().plant.ground || (low_m >= 0.0 && high_m > ON_THE_GROUND_M) {
             return;
         }

@@ -249,12 +249,15 @@ fn meaning(value: &Value) -> String {
     let first = words.split("\n\n").next().unwrap_or_default();
     let mut words = first.replace('\n', " ");
     // A link is a name here.
-    while let Some(begin) = words.find("[`")
-        && let Some(length) =
-            words[begin..].find("`]").filter(|end| !words[begin + 2..begin + end].contains('`'))
-    {
-        words.replace_range(begin + length + 1..begin + length + 2, "");
-        words.replace_range(begin..=begin, "");
+    let mut from = 0;
+    while let Some(begin) = words[from..].find("[`").map(|at| from + at) {
+        let name = words[begin + 2..].find('`').map(|length| begin + 2 + length);
+        let Some(end) = name.filter(|end| words[*end..].starts_with("`]")) else {
+            from = begin + 2;
+            continue;
+        };
+        words.remove(end + 1);
+        words.remove(begin);
     }
     for (escaped, bare) in [("\\[", "["), ("\\]", "]")] {
         words = words.replace(escaped, bare);

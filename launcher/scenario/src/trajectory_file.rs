@@ -23,8 +23,20 @@ const SAMPLE_COLUMNS: [&[&str]; 11] = [
 /// Place of the heading among them.
 const YAW: usize = 4;
 
-/// Units that may stand behind a name; numbers in others would be taken for these.
-const UNITS: [&str; 9] = ["s", "m", "rad", "deg", "m/s", "m/s2", "m/s^2", "m/s²", ""];
+/// Units that may stand behind the name of each: a number in another one would be taken for these.
+const SAMPLE_UNITS: [&[&str]; 11] = [
+    &["s"],
+    &["m"],
+    &["m"],
+    &["m"],
+    &["rad", "deg", "°"],
+    &["m/s"],
+    &["m/s"],
+    &["m/s"],
+    &["m/s2", "m/s^2", "m/s²"],
+    &["m/s2", "m/s^2", "m/s²"],
+    &["m/s2", "m/s^2", "m/s²"],
+];
 
 /// How many columns samples may have, in the order of the names.
 const SAMPLE_WIDTHS: [usize; 4] = [4, 5, 8, 11];
@@ -162,12 +174,17 @@ fn numbers(
 fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
     let is_words = |line: &str| line.trim().is_empty() || line.trim_start().starts_with('#');
     let first = text.lines().find(|line| !is_words(line)).unwrap_or_default();
+    // A quotation mark in a comment begins no field; what is blank instead leaves every other place as it is.
+    let blank = |line: &str| {
+        if is_words(line) { " ".repeat(line.len() - 1) + "\n" } else { line.to_owned() }
+    };
+    let bare: String = text.split_inclusive('\n').map(blank).collect();
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
         .trim(csv::Trim::All)
         .delimiter(if first.contains(';') { b';' } else { b',' })
-        .from_reader(text.as_bytes());
+        .from_reader(bare.as_bytes());
     let mut records = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|error| (0..0, error.to_string()))?;
@@ -177,7 +194,7 @@ fn records(text: &str) -> Result<Vec<Record>, (Range<usize>, String)> {
         let line = text.get(begin..).unwrap_or_default();
         let end = begin + line.find(['\n', '\r']).unwrap_or(line.len());
         let mut fields: Vec<String> = record.iter().map(str::to_owned).collect();
-        if is_words(&line[..end - begin]) || fields.iter().all(String::is_empty) {
+        if fields.iter().all(String::is_empty) {
             continue;
         }
         if fields.len() > 1 && fields.last().is_some_and(String::is_empty) {
@@ -202,15 +219,8 @@ fn columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
         (name.trim().to_lowercase(), unit)
     };
     let (names, units): (Vec<String>, Vec<String>) = names.iter().map(split).unzip();
-    if let Some(place) = units.iter().position(|unit| !UNITS.contains(&unit.as_str())) {
-        let what = format!("the column `{}` is in {}", names[place], units[place]);
-        return Err((
-            what,
-            "write seconds, metres and radians; a heading may be in deg".to_owned(),
-        ));
-    }
     if names.first().is_some_and(|name| name == "duration" || name == "duration_s") {
-        return piece_columns(&names);
+        return piece_columns(&names, &units);
     }
     let known: Vec<&str> = SAMPLE_COLUMNS.iter().map(|names| names[0]).collect();
     let unknown =
@@ -222,8 +232,16 @@ fn columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
     let place = |known: &[&str]| names.iter().position(|name| known.contains(&name.as_str()));
     let mut order: Vec<Column> =
         SAMPLE_COLUMNS.iter().map(|known| Column { from: place(known), factor: 1.0 }).collect();
+    for (column, allowed) in order.iter().zip(SAMPLE_UNITS) {
+        let Some(place) = column.from else { continue };
+        let unit = units[place].as_str();
+        let is_twice = names[place].ends_with("_deg") && unit == "rad";
+        if is_twice || !(unit.is_empty() || allowed.contains(&unit)) {
+            return Err(other_unit(&names[place], unit, allowed[0]));
+        }
+    }
     if let Column { from: Some(column), factor } = &mut order[YAW]
-        && (names[*column].ends_with("_deg") || units[*column] == "deg")
+        && (names[*column].ends_with("_deg") || ["deg", "°"].contains(&units[*column].as_str()))
     {
         *factor = 1_f64.to_radians();
     }
@@ -240,8 +258,12 @@ fn columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
     Err((what, remedy.to_owned()))
 }
 
+fn other_unit(name: &str, unit: &str, wanted: &str) -> (String, String) {
+    (format!("the column `{name}` is in {unit}"), format!("give it in {wanted}"))
+}
+
 /// As [`columns`], of pieces.
-fn piece_columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
+fn piece_columns(names: &[String], units: &[String]) -> Result<Vec<Column>, (String, String)> {
     let axes = ["x", "y", "z", "yaw"].map(|axis| (0..8).map(move |k| format!("{axis}^{k}")));
     let known: Vec<String> = axes.into_iter().flatten().collect();
     let same = |(name, known): (&String, &String)| name.replace('^', "") == known.replace('^', "");
@@ -252,6 +274,19 @@ fn piece_columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
             Err((what, "write duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7".to_owned()))
         }
         None if PIECE_WIDTHS.contains(&names.len()) => {
+            for (place, unit) in units.iter().enumerate() {
+                let wanted = if place == 0 {
+                    "s"
+                } else if place < 25 {
+                    "m"
+                } else {
+                    "rad"
+                };
+                let first = unit.split('/').next().unwrap_or_default();
+                if !first.is_empty() && first != wanted {
+                    return Err(other_unit(&names[place], unit, wanted));
+                }
+            }
             Ok((0..names.len()).map(Column::of).collect())
         }
         None => {

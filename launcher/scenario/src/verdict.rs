@@ -146,8 +146,8 @@ impl Scenario {
         let (speed_m_s, tilt_rad, step_rad, step_at_s) = match &plan {
             Plan::Flight(flight) => {
                 let trajectory = Trajectory::new(&flight.trajectory).ok();
-                let [_, until_ns] = self.flown_of_the_plan_ns();
-                let planned = trajectory.map_or(0.0, |t| t.peak_speed_m_s(until_ns));
+                let planned =
+                    trajectory.map_or(0.0, |t| t.peak_speed_m_s(self.flown_of_the_plan_ns()));
                 let tilt_rad = self.position_law().map_or(0.35, |law| law.tilt_max_rad);
                 (planned, tilt_rad, None, f64::NEG_INFINITY)
             }

@@ -7,7 +7,7 @@ const SLOWED = 0.35;
 const RESTS_S = 0.8;
 
 const NEXT = [
-  ["the same flight in realtime, with a swap", "morphquad run figure8-morph --clock realtime --swap attitude=attitude-lqr@6s"],
+  ["a flight in realtime, with a swap", "morphquad run figure8-morph --clock realtime --swap attitude=attitude-lqr@6s"],
   ["a picture of this one", "morphquad plot latest truth.position_w_m"],
   ["a scenario of your own", "morphquad scenario new mine.toml"],
 ];
@@ -33,12 +33,12 @@ class Demo {
     Object.assign(this, { panel, flight, control, isWide: false, owner: "" });
     this.answer = panel.querySelector("output");
     const tries = [
-      ["Gust", "Wind of 4 m/s with gusts for 4 s", () => this.order({ disturb: { load: { wind: { mean_w_m_s: [4, 2, 0], sigma_w_m_s: [1.5, 1.5, 0.7] } }, for_s: 4 } }),
+      ["Gust", "Wind of 4.5 m/s with gusts for 4 s", () => this.order({ disturb: { load: { wind: { mean_w_m_s: [4, 2, 0], sigma_w_m_s: [1.5, 1.5, 0.7] } }, for_s: 4 } }),
         () => "the vehicle leans against the wind; see “position error” and “tilt”"],
-      ["Fold", "The arms sweep from the smallest vehicle to the largest, or back", () => this.fold(), () => "inertia changes by a factor of five, and the attitude law with it"],
+      ["Arms", "The arms sweep from the smallest vehicle to the largest, or back", () => this.fold(), () => "inertia changes by a factor of five, and the attitude law with it"],
       ["Swap", "Another attitude controller takes over in flight", () => this.swap(), (text) => text],
       ["Bad swap", "An attitude controller whose rate loop is eight times too slow", () => this.ask("bad", "/demo"), (text) => text],
-      ["Kill", "Kills the process that commands the attitude", () => this.ask("kill", "/demo"), (text) => `${text}; its successor goes on where it was, and no bit of the flight changes: see Events`],
+      ["Kill", "Kills the process that commands the attitude", () => this.ask("kill", "/demo"), (text) => `${text}; its successor goes on where it was: see Events`],
     ];
     panel.querySelector(".tries").append(...tries.map(([name, title, ask, told]) => this.button(name, title, ask, told)));
     panel.querySelector(".next").append(...NEXT.map(([what, words]) => this.next(what, words)));
@@ -51,8 +51,13 @@ class Demo {
       if (button.ariaBusy === "true") return;
       button.ariaBusy = "true";
       this.say(true, `${name}: ${title} …`);
-      const { isGood, text, replies } = await ask();
-      button.ariaBusy = "false";
+      let came = { isGood: false, text: "no answer" };
+      try {
+        came = await ask();
+      } finally {
+        button.ariaBusy = "false";
+      }
+      const { isGood, text, replies } = came;
       const course = replies?.find((reply) => reply.course)?.course;
       if (course) this.flight.rehearsed = { course, since_ms: performance.now() };
       const drawn = course ? " The red course is how the rehearsal went; nothing of it was flown." : "";
@@ -92,7 +97,8 @@ class Demo {
 
   /** A command with a button that copies it. */
   next(what, words) {
-    const copy = made("button", { type: "button", textContent: "copy", title: "Copies the command" });
+    // Only an address of this machine, or an encrypted one, may write to the clipboard.
+    const copy = made("button", { type: "button", textContent: "copy", title: "Copies the command", hidden: !navigator.clipboard });
     copy.addEventListener("click", async () => {
       await navigator.clipboard.writeText(words);
       copy.textContent = "copied";

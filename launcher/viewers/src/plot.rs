@@ -7,7 +7,7 @@ use protocol::topic::{known, schema};
 use record::read::{ReadError, RecordVisitor, RecordedFlight};
 use scenario::suggestion;
 use shared_types::{Sample, Topic, TopicInfo, topics};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
 
 /// Points of a curve that are drawn one by one; of more, only the extremes of each stretch are.
@@ -122,6 +122,9 @@ pub fn plot(
     panels: &[Vec<Signal>],
     (from_s, to_s): (f64, f64),
 ) -> Result<Figure, PlotError> {
+    if from_s >= to_s {
+        return Err(PlotError::Backwards { from_s, to_s });
+    }
     let mut read =
         Read { signals: panels.iter().flatten().collect(), from_s, to_s, curves: Vec::new() };
     read.curves.resize_with(read.signals.len(), BTreeMap::new);
@@ -142,7 +145,8 @@ pub fn plot(
         DASHES.into_iter().flat_map(|dash| Colour::SERIES.map(|colour| (colour, dash))).cycle();
     for signals in panels {
         let mut labels: Vec<&str> = signals.iter().map(Signal::unit_name).collect();
-        labels.dedup();
+        let mut known = BTreeSet::new();
+        labels.retain(|label| known.insert(*label));
         let label = labels.join(", ");
         let mut panel = Panel::new("", time(), Axis::new(label));
         for signal in signals {

@@ -2,7 +2,7 @@
 //!
 //! Nothing stops at a joint. What moves in the end comes to rest along a cubic of its speed.
 
-use super::error::{LARGEST_GAPS, position, within, yaw};
+use super::error::{LARGEST_GAPS, position, within};
 use super::pace::{POSITION_BRAKE, YAW, braked};
 use super::spline::Spline;
 use super::{PilotError, TrajectoryPoint};
@@ -97,7 +97,8 @@ impl Polynomials {
             for t_s in instants_s(0.0, piece.duration_s) {
                 let [x, y, z, turned] = piece.at(t_s).map(|axis| axis[0]);
                 position(format_args!("{list}[{index}].position_w"), [x, y, z])?;
-                yaw(format_args!("{list}[{index}].yaw"), turned)?;
+                // Whole turns have been added, as many as there are.
+                within(format_args!("{list}[{index}].yaw"), turned, (-1e6, 1e6))?;
             }
             begins_s.push(end_s);
             end_s += piece.duration_s;
@@ -160,9 +161,13 @@ impl Polynomials {
         self.pieces.len()
     }
 
-    /// Fastest that it turns, at the instants at which a piece is looked at \[rad/s\].
-    pub(super) fn fastest_turn_rad_s(&self) -> f64 {
-        let rates = self.pieces.iter().flat_map(|piece| {
+    /// Fastest that it turns in the pieces of a window, at the instants at which they are looked at \[rad/s\].
+    pub(super) fn fastest_turn_rad_s(&self, (from_s, until_s): (f64, f64)) -> f64 {
+        let pieces = self.begins_s.iter().zip(&self.pieces);
+        let flown = pieces.filter(|(begin_s, piece)| {
+            **begin_s <= until_s && *begin_s + piece.duration_s >= from_s
+        });
+        let rates = flown.flat_map(|(_, piece)| {
             instants_s(0.0, piece.duration_s).map(|t_s| value(&piece.yaw, t_s)[1].abs())
         });
         rates.fold(0.0, f64::max)

@@ -84,16 +84,23 @@ impl Trajectory {
         }
     }
 
-    /// Pieces of a trajectory of polynomials, and how fast it turns at most \[rad/s\]; none of another one.
+    /// Pieces of a trajectory of polynomials; none of another one.
     #[must_use]
-    pub fn pieces(&self) -> Option<(usize, f64)> {
+    pub fn pieces(&self) -> Option<usize> {
         let Shape::Polynomials(path) = &self.0 else { return None };
-        Some((path.count(), path.fastest_turn_rad_s()))
+        Some(path.count())
+    }
+
+    /// How fast a trajectory of polynomials turns at most from one instant to another \[rad/s\]; 0 of another one.
+    #[must_use]
+    pub fn fastest_turn_rad_s(&self, [from_ns, until_ns]: [u64; 2]) -> f64 {
+        let Shape::Polynomials(path) = &self.0 else { return 0.0 };
+        path.fastest_turn_rad_s((s_from_ns(from_ns), s_from_ns(until_ns)))
     }
 
     /// Least and largest height from one instant to another \[m\].
     #[must_use]
-    pub fn heights_m(&self, from_ns: u64, until_ns: u64) -> [f64; 2] {
+    pub fn heights_m(&self, [from_ns, until_ns]: [u64; 2]) -> [f64; 2] {
         let (from_s, until_s) = (s_from_ns(from_ns), s_from_ns(until_ns));
         let extremes = |instants: &mut dyn Iterator<Item = f64>| {
             let heights = instants.map(|t_s| self.at(ns_from_s(t_s)).position_w_m[2]);
@@ -120,34 +127,36 @@ impl Trajectory {
         }
     }
 
-    /// Largest acceleration \[m/s²\] until `until_ns`: for the question whether mean drag + 3 σ + m a stays well below
-    /// what the tilt bound can give.
+    /// Largest acceleration \[m/s²\] from one instant to another: for the question whether mean drag + 3 σ + m a stays
+    /// well below what the tilt bound can give.
     #[must_use]
-    pub fn peak_acceleration_m_s2(&self, until_ns: u64) -> f64 {
-        self.peak(until_ns, |point| point.acceleration_w_m_s2)
+    pub fn peak_acceleration_m_s2(&self, window_ns: [u64; 2]) -> f64 {
+        self.peak(window_ns, |point| point.acceleration_w_m_s2)
     }
 
-    /// Largest speed \[m/s\] until `until_ns`.
+    /// Largest speed \[m/s\] from one instant to another.
     #[must_use]
-    pub fn peak_speed_m_s(&self, until_ns: u64) -> f64 {
-        self.peak(until_ns, |point| point.velocity_w_m_s)
+    pub fn peak_speed_m_s(&self, window_ns: [u64; 2]) -> f64 {
+        self.peak(window_ns, |point| point.velocity_w_m_s)
     }
 
-    /// Largest length of a vector of the trajectory until `until_ns`, at the instants at which it can be largest.
-    fn peak(&self, until_ns: u64, of: impl Fn(&TrajectoryPoint) -> [f64; 3]) -> f64 {
-        let until_s = s_from_ns(until_ns);
+    /// Largest length of a vector of the trajectory, at the instants at which it can be largest.
+    fn peak(&self, window_ns: [u64; 2], of: impl Fn(&TrajectoryPoint) -> [f64; 3]) -> f64 {
+        let [from_s, until_s] = window_ns.map(s_from_ns);
         let squared = |point: &TrajectoryPoint| of(point).iter().map(|x| x * x).sum::<f64>();
         let squared = match &self.0 {
             Shape::Hover(point) => squared(point),
             Shape::FigureEight(figure) => {
-                let instants = figure.instants_s(until_s);
+                let instants = figure.instants_s(until_s).filter(|t_s| *t_s >= from_s);
+                let instants = instants.chain([from_s]);
                 instants.map(|t_s| squared(&figure.at(t_s))).fold(0.0, f64::max)
             }
             Shape::Waypoints(list) => {
-                let instants = waypoints::instants_s(list, until_s);
+                let instants = waypoints::instants_s(list, until_s).filter(|t_s| *t_s >= from_s);
+                let instants = instants.chain([from_s]);
                 instants.map(|t_s| squared(&waypoints::at(list, t_s))).fold(0.0, f64::max)
             }
-            Shape::Polynomials(polynomials) => polynomials.largest((0.0, until_s), squared),
+            Shape::Polynomials(polynomials) => polynomials.largest((from_s, until_s), squared),
         };
         squared.sqrt()
     }

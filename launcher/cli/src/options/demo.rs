@@ -12,7 +12,7 @@ Examples:
   morphquad demo --for 10m
 
 Opens a page on which a vehicle flies, with a button each for a gust, the arms, a swap, a bad swap that is refused, and the \
-death of a controller. Records into recordings/, 2 MB for each second. Ctrl-C ends it.";
+killing of a controller. Records into recordings/, 2 MB for each second. Ctrl-C ends it.";
 
 /// How to show it.
 #[derive(Debug, Clone, Args)]

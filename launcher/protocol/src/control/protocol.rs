@@ -111,7 +111,7 @@ pub enum Reply {
 pub struct Progress {
     /// Slot.
     pub slot: String,
-    /// For programs: `joined`, `shadowing`, `gate`, `flips`, `flipped` and others.
+    /// For programs: `joined`, `shadowing`, `gate`, `fails`, `flips`, `flipped` and others.
     pub step: String,
     /// Logical instant that it is about \[ns\].
     pub at_ns: Option<u64>,

@@ -107,6 +107,7 @@ fn samples_come_with_any_of_their_columns_and_separators() {
 #[test]
 fn what_is_wrong_with_a_file_is_said_at_its_line() {
     let apart = pieces().replace("0.5,1.5,2,", "0.5,1.6,2,");
+    let degrees = pieces().replace("yaw^0", "yaw^0 [deg]");
     let cases = [
         ("t,x,y,z\n0,0,0,1\n1,abc,0,1\n", 3, "`abc` is not a number"),
         ("t,x,y,z\n0,0,0,1\n1,nan,0,1\n", 3, "`nan` is not a number"),
@@ -120,6 +121,11 @@ fn what_is_wrong_with_a_file_is_said_at_its_line() {
         ("t,x,y,z,vx\n0,0,0,1,0\n", 1, "t,x,y,z,vx"),
         ("t,x,y,z,ax,ay,az\n0,0,0,1,0,0,0\n", 1, "t,x,y,z,ax"),
         ("t,x [mm],y,z\n0,0,0,1\n", 1, "`x` is in mm"),
+        ("t [m],x,y,z\n0,0,0,1\n", 1, "`t` is in m"),
+        ("t,x,y,z,yaw_deg [rad]\n0,0,0,1,0\n", 1, "`yaw_deg` is in rad"),
+        ("t,x,y,z\n0,0,0,1\n#a,\"b\n2,0,0,1\n1,0,0,1\n", 5, "1.0 s comes after 2.0 s"),
+        ("t,x,y,z\n0,0,0,1\n1,0,0,\"1\n2,0,0,1\n", 3, "is not a number"),
+        (&degrees, 1, "`yaw^0` is in deg"),
         ("t,x,y\n0,0,0\n", 1, "t,x,y"),
         ("0,0\n", 1, "2 columns without names"),
         ("", 1, "no rows"),
@@ -214,6 +220,7 @@ fn what_is_not_flown_of_a_trajectory_is_not_judged() {
     assert!(refused("", csv).to_string().contains("leads down"));
     let before = "[start]\nat_s = 0x8";
     let later = loaded(before, csv).unwrap();
+    assert!(later.warnings().is_empty(), "{:?}", later.warnings());
     assert!(
         (later.settings().scenario.duration_s - 14.0).abs() < 0.5,
         "{:?}",
@@ -228,6 +235,11 @@ fn what_is_not_flown_of_a_trajectory_is_not_judged() {
 fn what_a_flight_cannot_begin_with_is_said_of_the_trajectory() {
     let fast = refused("", "t,x,y,z\n0,0,0,1\n1,500,0,1\n2,1000,0,1\n");
     assert!(fast.to_string().contains("begins with 500.0 m/s"), "{fast:?}");
+    let rest = |t_s: &str, x_m: &str| format!("{t_s},{x_m},0,1,0,0,0\n");
+    let rows = [("0", "0"), ("1", "0"), ("1.00001", "0.1"), ("2", "0.1")];
+    let rows: Vec<String> = rows.iter().map(|(t_s, x_m)| rest(t_s, x_m)).collect();
+    let leap = refused("", &format!("t,x,y,z,vx,vy,vz\n{}", rows.concat()));
+    assert!(leap.to_string().contains("leads along at up to"), "{leap:?}");
     let long = refused("time_scale = 100.0", "t,x,y,z\n0,0,0,1\n10000,1,0,1\n");
     assert!(long.remedy().contains("scenario.duration_s"), "{long:?}");
 }
@@ -254,6 +266,13 @@ fn a_heading_in_degrees_is_one_and_one_that_seems_to_be_is_warned_of() {
         assert!((turned_rad - core::f64::consts::FRAC_PI_2).abs() < 1e-9, "{names}: {turned_rad}");
         assert!(turn.warnings().is_empty(), "{:?}", turn.warnings());
     }
+    let units = pieces().replace("x^1,", "x^1 [m/s],").replace("yaw^0", "yaw^0 [rad]");
+    loaded("", &units).unwrap();
+    // Six hundred turns, each written within one.
+    let row =
+        |i: u32| format!("{i},0,0,1,{}", libm::fmod(1.5 * f64::from(i), core::f64::consts::TAU));
+    let rows: Vec<String> = (0..3000).map(row).collect();
+    loaded("", &format!("t,x,y,z,yaw\n{}\n", rows.join("\n"))).unwrap();
     let wrong = loaded("", "t,x,y,z,yaw\n0,0,0,1,0\n1,0,0,1,3\n2,0,0,1,6\n3,0,0,1,91\n").unwrap();
     assert!(
         wrong.warnings().iter().any(|it| it.remedy().contains("yaw_deg")),

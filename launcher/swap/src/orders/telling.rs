@@ -56,9 +56,7 @@ fn said(slot: Slot, step: &str, at_ns: Option<u64>, text: &str) -> Progress {
 
 /// How a candidate failed that was flown ahead.
 pub(super) fn failed(slot: Slot, course: Vec<[f64; 8]>) -> Progress {
-    let ends = [course.first(), course.last()].map(|end| end.map_or(0.0, |posture| posture[0]));
-    let text = format!("the rehearsal fails, of which {:.2} s are shown", ends[1] - ends[0]);
-    Progress { course, ..said(slot, "fails", None, &text) }
+    Progress { course, ..said(slot, "fails", None, "its rehearsal fails") }
 }
 
 /// The end of an order.

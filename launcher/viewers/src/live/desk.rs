@@ -170,7 +170,7 @@ impl Counter {
         };
         let replies = match asked.body.as_deref() {
             Some(b"bad") => {
-                let swap = json!({ "request": "swap", "slot": "attitude", "to": "attitude-pid", "config": config });
+                let swap = json!({ "request": "swap", "slot": "attitude", "to": "attitude-pid", "config": config.to_string_lossy() });
                 serde_json::from_value(swap).map(|swap| self.replies(&swap))
             }
             Some(b"kill") => Ok(self.kill_owner()),
@@ -194,7 +194,7 @@ impl Counter {
         let is_owner =
             |process: &&ProcessStatus| process.role == slot && process.state == ProcessState::Owner;
         let owner = status.processes.iter().find(is_owner);
-        let pid = owner.and_then(|owner| Pid::from_raw(owner.pid?.cast_signed()));
+        let pid = owner.and_then(|owner| Pid::from_raw(i32::try_from(owner.pid?).ok()?));
         let killed = pid.and_then(|pid| kill_process(pid, Signal::KILL).ok());
         let reply = match (owner, killed) {
             (Some(owner), Some(())) => {

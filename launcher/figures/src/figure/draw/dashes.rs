@@ -5,6 +5,9 @@
 
 use kuva::render::render::{PathData, Primitive};
 
+/// Most periods of a pattern along a line.
+const MOST: f64 = 1e5;
+
 /// The same drawing with every dashed line as the pieces of it that are drawn.
 pub(super) fn cut(elements: Vec<Primitive>) -> Vec<Primitive> {
     elements.into_iter().flat_map(pieces).collect()
@@ -16,9 +19,9 @@ fn pieces(element: Primitive) -> Vec<Primitive> {
             (points.clone(), pattern.clone(), stroke.clone(), *stroke_width)
         }
         Primitive::Path(path) => {
-            let PathData { d, fill, stroke, stroke_width, stroke_dasharray, .. } = &**path;
-            match (stroke_dasharray, fill, corners(d)) {
-                (Some(pattern), None, Some(points)) => {
+            let PathData { d, fill, stroke, stroke_width, stroke_dasharray, opacity } = &**path;
+            match (stroke_dasharray, fill.is_none() && opacity.is_none(), corners(d)) {
+                (Some(pattern), true, Some(points)) => {
                     (points, pattern.clone(), stroke.clone(), *stroke_width)
                 }
                 _ => return vec![element],
@@ -27,7 +30,15 @@ fn pieces(element: Primitive) -> Vec<Primitive> {
         _ => return vec![element],
     };
     let lengths: Vec<f64> = pattern.split([',', ' ']).filter_map(|it| it.parse().ok()).collect();
-    if lengths.is_empty() || lengths.iter().sum::<f64>() <= 0.0 {
+    let period: f64 = lengths.iter().sum();
+    let way: f64 = points
+        .windows(2)
+        .map(|ends| libm::hypot(ends[1].0 - ends[0].0, ends[1].1 - ends[0].1))
+        .sum();
+    // What is no pattern, and a line that leaves any picture, stay as they are.
+    let is_drawable =
+        lengths.iter().all(|length| *length >= 0.0) && period > 0.0 && way < MOST * period;
+    if !is_drawable {
         return vec![element];
     }
     let line = |points| {
