@@ -117,7 +117,7 @@ fn in_toml(value: &Value) -> String {
         Value::Array(list) => {
             format!("[{}]", list.iter().map(in_toml).collect::<Vec<_>>().join(", "))
         }
-        // A conversion leaves digits that nobody wrote.
+        // A conversion of units leaves digits that mean nothing.
         Value::Number(number) if number.is_f64() => {
             let number = number.as_f64().unwrap_or_default();
             format!("{:?}", format!("{number:.12e}").parse::<f64>().unwrap_or(number))

@@ -13,10 +13,10 @@ use super::pilot_error::pilot_error;
 use super::problem::Problem;
 use super::script;
 use super::settings::{Clock, Settings};
-use super::trajectory::{SLOWEST, Trajectory as Given};
+use super::trajectory::{FASTEST_M_S, SLOWEST, Trajectory as Given};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
-use ::pilot::{Pilot, PilotError, RigPilot, Trajectory};
+use ::pilot::{Pilot, RigPilot, Trajectory};
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
 use shared_types::time::s_from_ns;
@@ -28,9 +28,6 @@ const TILT_SHARE: f64 = 0.8;
 
 /// Distance from the beginning of a trajectory at which a flight still begins with it \[m\].
 const BEGINS_WITHIN_M: f64 = 0.2;
-
-/// Fastest that a trajectory may lead \[m/s\].
-const FASTEST_M_S: f64 = 100.0;
 
 /// Fastest turn of a heading that a trajectory may mean \[rad/s\].
 const FASTEST_TURN_RAD_S: f64 = 4.0;
@@ -173,6 +170,7 @@ impl<'s> Checker<'s> {
         let built = match self.scenario.plan() {
             Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| 0.0),
             Plan::Flight(config) => Pilot::new(&config, &vehicle).map(|pilot| {
+                self.given(pilot.trajectory());
                 self.heights(pilot.trajectory());
                 pilot.trajectory().peak_acceleration_m_s2(self.scenario.flown_of_the_plan_ns())
             }),
@@ -193,19 +191,13 @@ impl<'s> Checker<'s> {
             self.warn("pilot.morph[0]", what, "let it equal start.morph_angle_deg");
         }
         built.unwrap_or_else(|error| {
-            let (key, remedy) = pilot_error(&error);
-            let what = match &error {
-                PilotError::Empty { parameter: "trajectory.samples" } => {
-                    "there is no trajectory".to_owned()
-                }
-                error => error.to_string(),
-            };
+            let (key, what, remedy) = pilot_error(&error);
             self.error(&key, what, remedy);
             0.0
         })
     }
 
-    /// A given trajectory that the flight does not begin with or end behind, or that turns as no vehicle does.
+    /// A given trajectory that is too fast, turns too fast, or of which the flight misses the beginning or the end.
     fn given(&mut self, trajectory: &Trajectory) {
         if trajectory.pieces().is_none() {
             return;
@@ -251,7 +243,6 @@ impl<'s> Checker<'s> {
 
     /// A reference that leads through the ground, or along it.
     fn heights(&mut self, trajectory: &Trajectory) {
-        self.given(trajectory);
         let [low_m, high_m] = trajectory.heights_m(self.scenario.flown_of_the_plan_ns());
         if !self.settings().plant.ground || (low_m >= 0.0 && high_m > ON_THE_GROUND_M) {
             return;

@@ -6,7 +6,7 @@ use super::pilot::COMMON_KEYS;
 use super::pilot_error::pilot_error;
 use super::problem::Problem;
 use super::text;
-use super::trajectory::Trajectory;
+use super::trajectory::{FASTEST_M_S, Trajectory};
 use super::trajectory_file::Table;
 use garde::Validate as _;
 use serde::Deserialize as _;
@@ -19,8 +19,7 @@ use toml::de::{DeValue, ValueDeserializer};
 /// Time at rest behind the end, if the scenario does not say how long it flies \[s\].
 const HOLD_S: f64 = 2.0;
 
-/// Fastest start and longest flight that a scenario may have \[m/s, s\].
-const FASTEST_M_S: f64 = 100.0;
+/// Longest flight that a scenario may have \[s\].
 const LONGEST_S: f64 = 1e6;
 
 /// Speed below which a flight begins at rest \[m/s\].
@@ -34,7 +33,8 @@ const REST_M_S: f64 = 1e-3;
 pub(super) fn embedded(document: &Document<'_>) -> Result<Vec<Edit>, Problem> {
     let Some(mut given) = typed(document) else { return Ok(Vec::new()) };
     let mut edits = Vec::new();
-    let mut table = None;
+    // Which text what is implied comes from.
+    let (mut table, mut name) = (None, "pilot".to_owned());
     if let Some(file) = given.file.take() {
         if !(given.pieces.is_empty() && given.samples.is_empty()) {
             let what = "there are rows in the scenario as well";
@@ -50,14 +50,13 @@ pub(super) fn embedded(document: &Document<'_>) -> Result<Vec<Edit>, Problem> {
             given.samples.clone_from(&read.rows);
         }
         edits.push(Edit::embedded(&file, format!("pilot.{key}"), format!("{:?}", read.rows)));
-        table = Some(read);
+        (table, name) = (Some(read), file);
     }
-    let name = given_name(&edits);
     let path = match (::pilot::Trajectory::new(&given.config()), &table) {
         (Ok(path), _) => path,
         (Err(error), Some(table)) => {
-            let (_, remedy) = pilot_error(&error);
-            return Err(table.problem(error.index(), &error.to_string(), remedy));
+            let (_, what, remedy) = pilot_error(&error);
+            return Err(table.problem(error.index(), &what, &remedy));
         }
         // What is wrong with the scenario's own rows is said when it is checked.
         (Err(_), None) => return Ok(Vec::new()),
@@ -76,7 +75,7 @@ fn implied(
     let at_s = document.number("start.at_s").unwrap_or(0.0);
     let begin = path.at(ns_from_s(at_s));
     let left_s = (path.rest_s().unwrap_or(0.0) - at_s).max(0.0);
-    // Sums of durations have digits that nobody wrote.
+    // A sum of durations has more digits than they have.
     let length_s = libm::round(1e9 * (left_s + HOLD_S)) / 1e9;
     let turned_rad = libm::remainder(begin.yaw_rad, core::f64::consts::TAU);
     let speed_m_s = begin.velocity_w_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
@@ -110,11 +109,6 @@ fn implied(
     ];
     let needed = all.into_iter().filter(|(key, _, is_needed)| *is_needed && is_implied(key));
     Ok(needed.map(|(key, value, _)| Edit::embedded(name, key.to_owned(), value)).collect())
-}
-
-/// Which text what is implied comes from.
-fn given_name(edits: &[Edit]) -> String {
-    edits.first().map_or_else(|| "pilot".to_owned(), |edit| edit.shown.clone())
 }
 
 /// The section, if it has a trajectory and is of the right types.

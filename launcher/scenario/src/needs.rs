@@ -2,7 +2,7 @@
 
 use super::settings::{Clock, Settings};
 
-/// What the rings of a flight add up to once every one has gone round, whose memory is not locked \[MB\].
+/// What a flight is given room for whose memory is not locked \[MB\]: 12 were counted, and slow readers make rings fill.
 pub const SHARED_MEMORY_MB: u64 = 160;
 
 /// What a flight has in shared memory whose processes lock it, which touches all of it \[MB\]: with a candidate and a

@@ -1,9 +1,21 @@
 //! What the pilot refuses, in the words of a scenario.
 
+use super::problem::Complaint;
 use ::pilot::PilotError;
 
-/// Key of what a pilot refuses, and what to do.
-pub(super) fn pilot_error(error: &PilotError) -> (String, &'static str) {
+/// A complaint about what the pilot refuses.
+pub(super) fn pilot_error(error: &PilotError) -> Complaint {
+    let what = match error {
+        PilotError::Empty { parameter: "trajectory.samples" } => {
+            "there is no trajectory".to_owned()
+        }
+        error => error.to_string(),
+    };
+    let (key, remedy) = key_and_remedy(error);
+    (key, what, remedy.to_owned())
+}
+
+fn key_and_remedy(error: &PilotError) -> (String, &'static str) {
     match error {
         PilotError::OutOfRange { parameter, .. } => {
             let own = parameter.trim_start_matches("trajectory.").trim_start_matches("step.");

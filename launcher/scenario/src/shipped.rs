@@ -8,7 +8,7 @@ pub const SHIPPED: [(&str, &str); 4] = [
     ("disturbance", include_str!("../shipped/disturbance.toml")),
 ];
 
-/// What `morphquad demo` flies, with somebody to press buttons.
+/// What `morphquad demo` flies; it is too long for a list from which every scenario is flown by tests.
 pub const DEMO: &str = include_str!("../shipped/demo.toml");
 
 /// Names of all.

@@ -8,6 +8,9 @@ use serde::Deserialize;
 /// Most rows: a scenario has all of them in it, and each process of a flight reads it.
 pub(super) const MOST_ROWS: usize = 10_000;
 
+/// Fastest that a trajectory may be, which is how fast a flight may begin \[m/s\].
+pub(super) const FASTEST_M_S: f64 = 100.0;
+
 /// Largest `time_scale`.
 pub(super) const SLOWEST: f64 = 100.0;
 

@@ -39,6 +39,20 @@ pub(super) const SECTIONS: [&str; 23] = [
     "order",
 ];
 
+/// Words for `kind` of an event of the disturbance injector.
+pub(super) const EVENT_KINDS: [&str; 10] = [
+    "constant",
+    "step",
+    "pulse",
+    "sine",
+    "ramp",
+    "rd",
+    "kick",
+    "wind",
+    "payload",
+    "rotor_efficiency",
+];
+
 /// Types the whole document.
 pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>> {
     let mut reader = Reader { document, problems: Vec::new() };
@@ -221,18 +235,6 @@ impl<'t> Reader<'_, 't> {
     }
 
     fn event(&mut self, index: usize, event: Value<'t>) -> Option<Event> {
-        const KINDS: [&str; 10] = [
-            "constant",
-            "step",
-            "pulse",
-            "sine",
-            "ramp",
-            "rd",
-            "kick",
-            "wind",
-            "payload",
-            "rotor_efficiency",
-        ];
         let span = event.span();
         let path = format!("disturbance_injector.script[{index}]");
         let DeValue::Table(mut table) = event.into_inner() else {
@@ -240,7 +242,7 @@ impl<'t> Reader<'_, 't> {
             self.complain(&path, "is not an event", remedy, &span);
             return None;
         };
-        let kind = self.kind(&mut table, &span, &path, &KINDS)?;
+        let kind = self.kind(&mut table, &span, &path, &EVENT_KINDS)?;
         let own = Spanned::new(span, DeValue::Table(table));
         match kind {
             "constant" => self.typed(own).map(Event::Constant),

@@ -3,7 +3,6 @@
 use super::settings::{Clock, OrderSettings};
 use super::{Plan, Scenario};
 use crate::orders::{Load, Order};
-use ::pilot::Trajectory;
 use disturbance_injector::Event;
 use garde::Validate;
 use schemars::JsonSchema;
@@ -144,10 +143,10 @@ impl Scenario {
         let settings = &self.settings;
         let plan = self.plan();
         let (speed_m_s, tilt_rad, step_rad, step_at_s) = match &plan {
-            Plan::Flight(flight) => {
-                let trajectory = Trajectory::new(&flight.trajectory).ok();
-                let planned =
-                    trajectory.map_or(0.0, |t| t.peak_speed_m_s(self.flown_of_the_plan_ns()));
+            Plan::Flight(_) => {
+                let planned = self
+                    .trajectory()
+                    .map_or(0.0, |t| t.peak_speed_m_s(self.flown_of_the_plan_ns()));
                 let tilt_rad = self.position_law().map_or(0.35, |law| law.tilt_max_rad);
                 (planned, tilt_rad, None, f64::NEG_INFINITY)
             }

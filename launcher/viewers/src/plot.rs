@@ -1,6 +1,7 @@
 //! Numbers of a recording over time, as a figure.
 
-use crate::export::cells::{cells, headings};
+use crate::export::cells::cells;
+use crate::export::{headings, is_of};
 use figures::figure::{Axis, Colour, Curve, Dash, Figure, Mark, Panel};
 use figures::results::{Kind, Value};
 use protocol::topic::{known, schema};
@@ -88,14 +89,10 @@ impl Signal {
         };
         let all = schema(info).map(|schema| headings(&schema)).unwrap_or_default();
         let is_number = |kind: Kind| matches!(kind, Kind::Number | Kind::Whole);
-        let is_meant = |name: &str| {
-            let rest = name.strip_prefix(field);
-            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['[', '.']))
-        };
         let columns: Vec<(usize, String)> = all
             .iter()
             .enumerate()
-            .filter(|(_, (name, kind))| is_number(*kind) && !field.is_empty() && is_meant(name))
+            .filter(|(_, (name, kind))| is_number(*kind) && !field.is_empty() && is_of(name, field))
             .map(|(place, (name, _))| (place, name.clone()))
             .collect();
         if columns.is_empty() {

@@ -13,7 +13,7 @@ Examples:
   morphquad plot recordings/7f3a.mcap imu.specific_force_b_m_s2 --from 4s --to 6s
 
 A signal is a topic and a field, as `morphquad topic info TOPIC` names them; of a list or a group every number is drawn. \
-Signals with commas between them share a panel. Ends with 2 for a signal or a file that there is not.";
+Signals with commas between them share a panel. Ends with 2 for an unknown signal or file.";
 
 /// What to draw.
 #[derive(Debug, Clone, Args)]

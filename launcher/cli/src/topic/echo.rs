@@ -3,20 +3,19 @@
 use super::{EVENTS, Trouble, What, find, open, refuse};
 use crate::options::{SampleFormat, TopicEchoArguments};
 use crate::refusal::{Done, Failure};
-use core::convert::Infallible;
 use core::time::Duration;
 use host::exit;
 use protocol::topic::fields::{at, in_a_row, to_json, to_text};
 use protocol::topic::live::{Listening, Word};
-use protocol::topic::unpack;
+use protocol::topic::{schema, unpack};
 use record::Clock;
 use record::read::{RecordVisitor, RecordedEvent};
 use scenario::suggestion;
 use serde_json::{Map, Value, json};
-use shared_types::topics::visit_all;
-use shared_types::{Header, Sample, Topic, TopicInfo, TopicVisitor};
+use shared_types::{Header, Sample, Topic, TopicInfo};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use viewers::export::{headings, is_of};
 
 /// How long to wait before looking whether anything is to be written out.
 const MOMENT: Duration = Duration::from_millis(100);
@@ -51,23 +50,15 @@ pub(super) fn run(
 }
 
 /// Refuses a field that no sample of a topic has.
-fn has_field(topic: &'static TopicInfo, field: &str) -> Result<(), Failure> {
-    struct Find<'a>(&'a str, Map<String, Value>);
-    impl TopicVisitor for Find<'_> {
-        type Error = Infallible;
-        fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
-            if topic.info.name == self.0 {
-                self.1 = to_json(&T::default());
-            }
-            Ok(())
-        }
-    }
-    let mut find = Find(topic.name, Map::new());
-    let Ok(()) = visit_all(&mut find);
-    if at(&find.1, field).is_some() {
+fn has_field(topic: &TopicInfo, field: &str) -> Result<(), Failure> {
+    let columns = schema(topic).map(|schema| headings(&schema)).unwrap_or_default();
+    if columns.iter().any(|(column, _)| is_of(column, field)) {
         return Ok(());
     }
-    let remedy = suggestion(field, find.1.keys().map(String::as_str));
+    let mut names: Vec<&str> =
+        columns.iter().filter_map(|(column, _)| column.split(['[', '.']).next()).collect();
+    names.dedup();
+    let remedy = suggestion(field, names.into_iter());
     Err(refuse(Trouble::NoField { topic: topic.name, field: field.to_owned(), remedy }))
 }
 

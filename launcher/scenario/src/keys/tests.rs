@@ -3,6 +3,7 @@
 use super::{Key, sections};
 use crate::{Override, Scenario};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 /// A scenario in which keys of `kind` have a place.
 fn base(key: &Key) -> String {
@@ -40,6 +41,19 @@ fn every_section_that_the_parser_knows_has_keys_and_a_meaning() {
         for key in &section.keys {
             assert!(!key.meaning.is_empty() && key.takes != "value", "{key:?}");
         }
+    }
+}
+
+#[test]
+fn every_kind_that_the_parser_knows_has_keys() {
+    for (list, known) in [
+        ("pilot.", &crate::pilot::KINDS[..]),
+        ("disturbance_injector.script[].", &crate::typed::EVENT_KINDS[..]),
+    ] {
+        let of_kinds: Vec<Key> =
+            keys().filter(|key| key.name.starts_with(list) && key.kind.is_some()).collect();
+        let told: BTreeSet<&str> = of_kinds.iter().filter_map(|key| key.kind).collect();
+        assert_eq!(told, known.iter().copied().collect());
     }
 }
 

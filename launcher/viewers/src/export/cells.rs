@@ -6,10 +6,18 @@ use protocol::topic::fields::{enum_text, word};
 use shared_types::wire::{Field, Kind, Schema, Visitor, Wire};
 
 /// Headings of a table with a column for each number of a sample.
-pub(crate) fn headings(schema: &Schema) -> Vec<(String, Column)> {
+#[must_use]
+pub fn headings(schema: &Schema) -> Vec<(String, Column)> {
     let mut all = Vec::new();
     head(schema, "", &mut all);
     all
+}
+
+/// Whether a column belongs to a field, which may be a list or a group of several.
+#[must_use]
+pub fn is_of(column: &str, field: &str) -> bool {
+    let rest = column.strip_prefix(field);
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['[', '.']))
 }
 
 fn head(schema: &Schema, prefix: &str, all: &mut Vec<(String, Column)>) {

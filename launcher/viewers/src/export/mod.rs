@@ -2,7 +2,8 @@
 
 pub(crate) mod cells;
 
-use cells::{cells, headings};
+use cells::cells;
+pub use cells::{headings, is_of};
 use figures::results::{Columns, Kind, ParquetFile, Value};
 use record::read::{ReadError, RecordVisitor, RecordedFlight};
 use shared_types::{Sample, Topic, TopicInfo};
