@@ -29,24 +29,35 @@ fn lock_file(name: &str) -> File {
     File::create(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Flights by the wall clock take turns: two of them on few cores make each other late. Holds the turn until
-/// dropped; [`fly`] and [`processes::Running`] do so for as long as they fly.
+/// At most two flights by the wall clock are flown at once: more of them on few cores keep each other waiting. Held
+/// until dropped; [`fly`] and [`processes::Running`] do so for as long as they fly.
 pub(crate) fn turn() -> File {
-    let turn = lock_file("realtime.lock");
-    turn.lock().expect("a lock");
-    turn
+    one_of_two("realtime").0
 }
 
-/// At most two flights that go as fast as the machine can are in the air at once. Held until dropped.
-fn permit() -> File {
-    let door = lock_file("door.lock");
-    door.lock().expect("a lock");
-    let [first, second] = ["first.lock", "second.lock"].map(lock_file);
-    if first.try_lock().is_ok() {
-        return first;
+/// At most two flights that go as fast as the machine can are flown at once, each on a processor of its own, since all of
+/// a flight is on one. Held until dropped.
+struct Permit {
+    _place: File,
+    processor: String,
+}
+
+impl Permit {
+    fn wait() -> Self {
+        let (place, nth) = one_of_two("lockstep");
+        let allowed = simulate::setup::allowed_processors().expect("the processors");
+        Self { _place: place, processor: allowed[nth % allowed.len()].to_string() }
     }
-    second.lock().expect("a lock");
-    second
+}
+
+/// Waits for one of two places, behind all that waited before, and says which it is.
+fn one_of_two(kind: &str) -> (File, usize) {
+    let [door, first, second] =
+        ["door", "first", "second"].map(|part| lock_file(&format!("{kind}-{part}.lock")));
+    door.lock().expect("a lock");
+    let mut places = vec![first, second];
+    let nth = time::wait_for_others(|| places.iter().position(|place| place.try_lock().is_ok()));
+    (places.swap_remove(nth), nth)
 }
 
 /// How often to repeat what must hold every time.
@@ -224,7 +235,11 @@ pub(crate) fn fly_beside<T>(
     // A flight at a pace waits by itself.
     let paced = arguments.iter().any(|word| ["--speed", "realtime"].contains(word));
     let _turn = arguments.contains(&"realtime").then(turn);
-    let _permit = (!paced).then(permit);
+    let permit = (!paced).then(Permit::wait);
+    let is_pinned = arguments.iter().any(|word| word.starts_with("--pin"));
+    if let Some(permit) = permit.as_ref().filter(|_| !is_pinned) {
+        command.args(["--pin", &permit.processor]);
+    }
     let _beside = start();
     let output = command.stdin(Stdio::null()).output().expect("the executable starts");
     Flown::new(&output, folder)

@@ -33,6 +33,16 @@ pub(crate) fn wait_for<T>(what: &str, mut look: impl FnMut() -> Result<T, String
     }
 }
 
+/// Waits for what another test holds, which may be of any length and has limits of its own.
+pub(crate) fn wait_for_others<T>(mut look: impl FnMut() -> Option<T>) -> T {
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        pause_ms(5);
+    }
+}
+
 /// Waits for nothing in particular.
 pub(crate) fn pause_ms(ms: u64) {
     sleep_until(mono_now_ns() + ms * 1_000_000);

@@ -25,7 +25,8 @@ def launched(playwright, path, flags):
 
 def opened(browser, address, may_ask=(), **options):
     """A page that is ready, with what its console complains of; it asks for nothing but itself and what it may."""
-    page = browser.new_page(viewport=SIZE, **options)
+    # A badge that pulses has software compose the whole page sixty times a second.
+    page = browser.new_page(viewport=SIZE, reduced_motion="reduce", **options)
     page.set_default_timeout(PATIENCE_MS)
     page.add_init_script(FRAMES)
     complaints = []
