@@ -48,9 +48,8 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
     writeln!(out, "live  {}", server.page_url())?;
     writeln!(out, "live  {} (Foxglove WebSocket)", server.socket_url())?;
     out.flush()?;
-    if !arguments.no_open {
-        browser::open(&server.page_url());
-    }
+    let _leads_there =
+        (!arguments.no_open).then(|| browser::open_privately(&server.page_url())).flatten();
     server.serve(&end).map_err(refused)?;
     Ok(exit::PASS)
 }
