@@ -1,15 +1,17 @@
 //! What the machine sees of a run: separate, named processes whose memory is nobody else's.
 
-use crate::common::processes::{Process, Running, in_a_terminal, kill, processes_of};
+use crate::common::processes::{Process, Running, in_a_terminal, kill, processes_of, ps};
 use crate::common::time::wait_until;
-use crate::common::{Flown, fly, judged};
+use crate::common::{Flown, fly, judged, morphquad};
 use runtime::ipc::Bus;
 use rustix::process::Signal;
+use serde_json::json;
 use shared_types::topics;
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::Write as _;
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use tempfile::TempDir;
@@ -85,8 +87,7 @@ fn a_runs_folder_and_memory_are_closed_to_other_users() {
     let mut seen = 0;
     for entry in fs::read_dir("/dev/shm").expect("/dev/shm").flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
-        // The transport opens its management segment to all; it holds counters, no samples.
-        if !name.starts_with(&object) || name.ends_with(".global_mgmt") {
+        if !name.starts_with(&object) {
             continue;
         }
         // A connection may be closed while we look.
@@ -96,6 +97,53 @@ fn a_runs_folder_and_memory_are_closed_to_other_users() {
     }
     assert!(seen > 50, "only {seen} objects");
     end(running);
+}
+
+/// What another user can do in a folder where all may write: name folders after the run and lock them, and try what its
+/// objects permit. It says so, and keeps its locks until its input ends.
+const ATTACK: &str = r#"
+cd /dev/shm
+for name in mq-mq-$1 .mq-mq-$1 .mq-$1; do mkdir $name && touch -d @0 $name; done
+mkfifo mq-pipe$1
+for object in mqshm-$1_*; do
+    if true >>$object || cat $object >/dev/null || rm -f $object; then echo "open to all: $object"; fi 2>/dev/null
+done
+touch mqshm-$1_forged
+exec 8<mq-mq-$1 9<.mq-$1
+flock 8; flock 9
+echo done; read -r _
+rm -rf mq-mq-$1 .mq-mq-$1 .mq-$1 mq-pipe$1 mqshm-$1_forged
+"#;
+
+#[test]
+fn another_user_can_neither_wipe_a_run_nor_keep_its_successors_out() {
+    const OTHER: u32 = 65534;
+    if !rustix::process::geteuid().is_root() {
+        return;
+    }
+    let running = fly_on();
+    let mut attack = Command::new("sh");
+    attack.args(["-c", ATTACK, "sh", running.id()]).uid(OTHER).gid(OTHER);
+    attack.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut attack = attack.spawn().expect("a shell of another user");
+    let mut told = BufReader::new(attack.stdout.take().expect("a pipe")).lines();
+    assert_eq!(told.next().expect("a line").expect("text"), "done");
+
+    let listed = ps(running.id()).expect("the run is listed");
+    assert_eq!(listed["run"], running.id(), "{listed}");
+    let doctor = morphquad(["doctor"]).output().expect("it starts");
+    let said = String::from_utf8_lossy(&doctor.stdout);
+    assert!(!said.contains(&format!("mq-mq-{}", running.id())), "{said}");
+    let killed = running.signal("attitude-mpc", Signal::KILL);
+    wait_until("its successor", || {
+        running.process("attitude-mpc").is_some_and(|process| process.pid != killed)
+    });
+    drop(attack.stdin.take());
+    attack.wait().expect("it ends");
+    let mut running = running;
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    let flown = running.wait();
+    assert_eq!((flown.code, &flown.summary()["recovered_crashes"]), (Some(130), &json!(1)));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 """A process of a run: takes a seat, learns who is there and how far they are, tells how far it is."""
 
 import argparse
+import contextlib
 import fcntl
 import gc
 import hashlib
@@ -393,7 +394,9 @@ class Process:
             return
         prefix = f"mqshm-{run.name.removeprefix('mq-')}_"
         for entry in pathlib.Path("/dev/shm").glob(f"{prefix}*"):
-            entry.unlink(missing_ok=True)
+            # Another user's file stays, and is not of this run.
+            with contextlib.suppress(OSError):
+                entry.unlink()
         shutil.rmtree(run, ignore_errors=True)
 
 

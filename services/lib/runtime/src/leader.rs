@@ -5,7 +5,7 @@
 
 use crate::clock::{mono_now_ns, sleep_until};
 use crate::namespace_error::{NamespaceError, failed};
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, flock, major, minor};
 use signal_hook::consts::SIGKILL;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Write as _};
@@ -153,20 +153,26 @@ fn is_killed(status: &str) -> bool {
 
 /// Who holds a lock on a file, by the system's own list.
 fn holder(file: &File) -> Option<u32> {
-    let inode = file.metadata().ok()?.ino().to_string();
+    let found = file.metadata().ok()?;
     let locks = fs::read_to_string("/proc/locks").ok()?;
+    holder_in(&locks, found.dev(), found.ino())
+}
+
+/// As [`holder`], in the text of `/proc/locks`. Inodes are numbered anew on each device.
+fn holder_in(locks: &str, device: u64, inode: u64) -> Option<u32> {
+    let wanted = format!("{:02x}:{:02x}:{inode}", major(device), minor(device));
     // `1: FLOCK  ADVISORY  WRITE 4711 00:1a:815 0 EOF`
     locks.lines().find_map(|line| {
         let mut words = line.split_whitespace();
         let pid = words.nth(4)?;
-        let of = words.next()?.rsplit(':').next()?;
-        (of == inode).then(|| pid.parse().ok())?
+        (words.next()? == wanted).then(|| pid.parse().ok())?
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rustix::fs::makedev;
 
     fn folder() -> PathBuf {
         let folder = std::env::temp_dir().join(format!("leader-{}", std::process::id()));
@@ -190,6 +196,17 @@ mod tests {
         }
         child.wait().unwrap();
         assert!(is_dying(pid));
+    }
+
+    #[test]
+    fn a_lock_on_the_same_inode_of_another_device_is_of_another_file() {
+        let locks = "1: FLOCK  ADVISORY  WRITE 11 fe:00:815 0 EOF\n\
+                     2: FLOCK  ADVISORY  WRITE 12 00:1a:8150 0 EOF\n\
+                     3: FLOCK  ADVISORY  WRITE 13 00:1a:815 0 EOF\n";
+        let [disk, memory] = [(0xfe, 0), (0, 0x1a)].map(|(major, minor)| makedev(major, minor));
+        let found = [disk, memory].map(|device| holder_in(locks, device, 815));
+        assert_eq!(found, [Some(11), Some(13)]);
+        assert_eq!(holder_in(locks, memory, 816), None);
     }
 
     #[test]

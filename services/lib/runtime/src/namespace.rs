@@ -7,24 +7,24 @@
 //! the other for a member.
 //! The process that gets `launcher.lock` leads, see [`leader`](crate::leader).
 
-pub use crate::namespace_error::NamespaceError;
+mod look;
+mod names;
 
-use crate::clock::{mono_now_ns, sleep_until};
+pub use crate::namespace_error::NamespaceError;
+pub use look::{
+    dead_runs, living_runs, orphans, remove_unborn_objects, runs_in_the_air, sweep_dead_runs,
+};
+pub use names::BASE;
+
 use crate::leader::{LeadError, LeaderLock};
 use crate::namespace_error::failed;
+use names::{FOLDER_PREFIX, UNBORN_PREFIX, object_prefix, require_own, run_of_folder};
 use rustix::fs::{FlockOperation, flock};
+use rustix::rand::{GetRandomFlags, getrandom};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt as _, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
-
-/// Where run folders live: memory, so that nothing survives a reboot.
-pub const BASE: &str = "/dev/shm";
-const FOLDER_PREFIX: &str = "mq-";
-const UNBORN_PREFIX: &str = ".mq-";
-const OBJECT_PREFIX: &str = "mqshm-";
-/// How long another process may look at a run, or wipe it, before it is passed over \[ns\].
-const TURN_NS: u64 = 1_000_000_000;
 
 /// Membership of a run. Dropping it leaves; the last to leave wipes.
 #[derive(Debug)]
@@ -50,14 +50,23 @@ impl Membership {
         let unborn = base.join(format!("{UNBORN_PREFIX}{id}"));
         let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
         DirBuilder::new().mode(0o700).create(&unborn).map_err(failed("create", &unborn))?;
-        let run_lock = join_lock(OpenOptions::new().create(true), &unborn)?;
-        let mut leader_lock = LeaderLock::take(&unborn)?;
-        leader_lock.announce(&unborn)?;
+        let founded = Self::give_birth(id, &unborn, folder);
+        if founded.is_err() {
+            let _ = fs::remove_dir_all(&unborn);
+        }
+        founded
+    }
+
+    fn give_birth(id: &str, unborn: &Path, folder: PathBuf) -> Result<Self, LeadError> {
+        let run_lock = join_lock(OpenOptions::new().create(true), unborn)?;
+        let mut leader_lock = LeaderLock::take(unborn)?;
+        leader_lock.announce(unborn)?;
         let ipc = unborn.join("ipc");
         DirBuilder::new().mode(0o700).create(&ipc).map_err(failed("create", &ipc))?;
         let config = unborn.join("iceoryx2.toml");
-        fs::write(&config, ipc_config(id, &folder)).map_err(failed("write", &config))?;
-        fs::rename(&unborn, &folder).map_err(failed("rename", &unborn))?;
+        let text = ipc_config(id, &folder).map_err(failed("draw a random number for", unborn))?;
+        fs::write(&config, text).map_err(failed("write", &config))?;
+        fs::rename(unborn, &folder).map_err(failed("rename", unborn))?;
         Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
     }
 
@@ -65,7 +74,7 @@ impl Membership {
     /// [`announce_lead`](Self::announce_lead).
     ///
     /// # Errors
-    /// Somebody leads it, there is no such run, or it is being wiped.
+    /// Somebody leads it, there is no such run, it is another user's, or it is being wiped.
     pub fn take_over(folder: &Path) -> Result<Self, LeadError> {
         let mut joined = Self::join(folder)?;
         joined.leader_lock = Some(LeaderLock::take(folder)?);
@@ -84,8 +93,9 @@ impl Membership {
     /// Joins a run that exists.
     ///
     /// # Errors
-    /// There is no such run, or it is being wiped.
+    /// There is no such run, it is another user's, or it is being wiped.
     pub fn join(folder: &Path) -> Result<Self, NamespaceError> {
+        require_own(folder).map_err(failed("join", folder))?;
         let run_lock = join_lock(&mut OpenOptions::new(), folder)?;
         Ok(Self { folder: folder.to_path_buf(), run_lock, leader_lock: None })
     }
@@ -99,7 +109,9 @@ impl Membership {
     /// The run's name.
     #[must_use]
     pub fn name(&self) -> String {
-        run_id(&self.folder)
+        let name = self.folder.file_name().map(|name| name.to_string_lossy().into_owned());
+        let name = name.unwrap_or_default();
+        run_of_folder(&name).map_or_else(|| name.clone(), str::to_owned)
     }
 
     /// The transport's configuration of this run.
@@ -113,216 +125,9 @@ impl Drop for Membership {
     fn drop(&mut self) {
         // Converting the lock is not atomic, but two last ones both try and one of them wins.
         if flock(&self.run_lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            wipe(&self.folder);
+            look::wipe(&self.folder);
         }
     }
-}
-
-/// What a folder among those of the runs is.
-enum Found {
-    /// A run that has members, or that another process has looked at for so long that nothing else is known.
-    Alive,
-    /// A run without members, which no other process can join, look at or wipe as long as this is kept. The lock
-    /// is given back before the turn.
-    Dead { _lock: Option<Held>, _turn: Held },
-    /// Something else, or a run that is being founded.
-    Other,
-}
-
-impl Found {
-    fn in_folder(folder: &Path) -> Self {
-        let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        let unborn = name.starts_with(UNBORN_PREFIX);
-        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
-        if !folder.is_dir()
-            || !(unborn || name.starts_with(FOLDER_PREFIX))
-            || (unborn && !older_than_a_minute(folder))
-        {
-            return Self::Other;
-        }
-        let turn = match File::open(folder).map(Held::within_a_turn) {
-            Ok(Some(turn)) => turn,
-            Ok(None) => return Self::Alive,
-            Err(_) => return Self::Other,
-        };
-        match OpenOptions::new().read(true).write(true).open(folder.join("run.lock")).map(Held::now)
-        {
-            Ok(Some(lock)) => Self::Dead { _lock: Some(lock), _turn: turn },
-            Ok(None) => Self::Alive,
-            Err(error)
-                if error.kind() == io::ErrorKind::NotFound && older_than_a_minute(folder) =>
-            {
-                Self::Dead { _lock: None, _turn: turn }
-            }
-            Err(_) => Self::Other,
-        }
-    }
-}
-
-/// An exclusive lock that is given back when this is dropped, also if a process that is being started has the file
-/// open as well.
-struct Held(File);
-
-impl Held {
-    /// None if another process holds the lock.
-    fn now(file: File) -> Option<Self> {
-        flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok().then_some(Self(file))
-    }
-
-    /// None if another process holds the lock for too long.
-    fn within_a_turn(file: File) -> Option<Self> {
-        let give_up_ns = mono_now_ns() + TURN_NS;
-        while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-            if mono_now_ns() > give_up_ns {
-                return None;
-            }
-            sleep_until(mono_now_ns() + 100_000);
-        }
-        Some(Self(file))
-    }
-}
-
-impl Drop for Held {
-    fn drop(&mut self) {
-        // The kernel does it too, with the last descriptor.
-        let _ = flock(&self.0, FlockOperation::Unlock);
-    }
-}
-
-fn folders(base: &Path) -> impl Iterator<Item = (PathBuf, Found)> + use<> {
-    let entries = fs::read_dir(base).into_iter().flatten().flatten().map(|entry| entry.path());
-    entries.map(|folder| {
-        let found = Found::in_folder(&folder);
-        (folder, found)
-    })
-}
-
-/// Removes what dead runs left behind and returns their folders.
-#[must_use]
-pub fn sweep_dead_runs() -> Vec<PathBuf> {
-    sweep(Path::new(BASE))
-}
-
-fn sweep(base: &Path) -> Vec<PathBuf> {
-    let swept = folders(base).filter_map(|(folder, found)| {
-        matches!(found, Found::Dead { .. }).then(|| {
-            wipe(&folder);
-            folder
-        })
-    });
-    swept.collect()
-}
-
-/// Folders of dead runs, without touching them.
-#[must_use]
-pub fn dead_runs() -> Vec<PathBuf> {
-    dead(Path::new(BASE))
-}
-
-fn dead(base: &Path) -> Vec<PathBuf> {
-    let dead = folders(base).filter(|(_, found)| matches!(found, Found::Dead { .. }));
-    dead.map(|(folder, _)| folder).collect()
-}
-
-/// Shared-memory objects of runs that have no folder any more. The process that founds a run makes the
-/// folder first, the one that wipes it removes it last; what is older than a minute belongs to no run.
-#[must_use]
-pub fn orphans() -> Vec<PathBuf> {
-    orphans_in(Path::new(BASE))
-}
-
-fn orphans_in(base: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(base).into_iter().flatten().flatten();
-    let orphans = entries.filter(|entry| {
-        let name = entry.file_name();
-        let id = name.to_str().and_then(|name| name.strip_prefix(OBJECT_PREFIX));
-        let id = id.and_then(|rest| rest.split_once('_')).map(|(id, _)| id);
-        let has_folder = |id: &str| {
-            [FOLDER_PREFIX, UNBORN_PREFIX]
-                .iter()
-                .any(|prefix| base.join(format!("{prefix}{id}")).is_dir())
-        };
-        id.is_some_and(|id| !has_folder(id)) && older_than_a_minute(&entry.path())
-    });
-    orphans.map(|entry| entry.path()).collect()
-}
-
-/// Name and folder of every run of this user that has members.
-#[must_use]
-pub fn runs_in_the_air() -> Vec<(String, PathBuf)> {
-    alive(Path::new(BASE))
-}
-
-fn alive(base: &Path) -> Vec<(String, PathBuf)> {
-    let own = rustix::process::geteuid().as_raw();
-    let alive = folders(base).filter_map(|(folder, found)| {
-        let id = folder.file_name()?.to_str()?.strip_prefix(FOLDER_PREFIX)?.to_owned();
-        let is_own = fs::metadata(&folder).is_ok_and(|m| m.uid() == own);
-        (is_own && matches!(found, Found::Alive)).then_some((id, folder))
-    });
-    alive.collect()
-}
-
-/// As [`runs_in_the_air`], after a sweep of the dead ones.
-#[must_use]
-pub fn living_runs() -> Vec<(String, PathBuf)> {
-    let _ = sweep_dead_runs();
-    runs_in_the_air()
-}
-
-fn older_than_a_minute(path: &Path) -> bool {
-    fs::metadata(path)
-        .and_then(|m| m.modified())
-        .is_ok_and(|t| t.elapsed().is_ok_and(|age| age.as_secs() > 60))
-}
-
-/// Removes shared-memory objects that a process killed while creating them left empty: the
-/// transport would wait for them forever. An object that somebody is creating right now gets its
-/// size within microseconds.
-pub fn remove_unborn_objects(folder: &Path) {
-    let prefix = ipc_prefix(&run_id(folder));
-    let empty = || {
-        fs::read_dir(base_of(folder)).into_iter().flatten().flatten().filter(|entry| {
-            entry.file_name().to_string_lossy().starts_with(&prefix)
-                && entry.metadata().is_ok_and(|m| m.len() == 0)
-        })
-    };
-    let suspects: Vec<_> = empty().map(|entry| entry.path()).collect();
-    if suspects.is_empty() {
-        return;
-    }
-    sleep_until(mono_now_ns() + 20_000_000);
-    for entry in empty().filter(|entry| suspects.contains(&entry.path())) {
-        let _ = fs::remove_file(entry.path());
-    }
-}
-
-/// Where the run's shared-memory objects are, beside its folder.
-fn base_of(folder: &Path) -> &Path {
-    folder.parent().unwrap_or_else(|| Path::new(BASE))
-}
-
-fn run_id(folder: &Path) -> String {
-    let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    name.trim_start_matches('.').trim_start_matches(FOLDER_PREFIX).to_owned()
-}
-
-/// Removes a run's shared-memory objects, then its folder (lock file last, with the folder).
-fn wipe(folder: &Path) {
-    let prefix = ipc_prefix(&run_id(folder));
-    if let Ok(entries) = fs::read_dir(base_of(folder)) {
-        for entry in entries.flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                // Best effort: another user's file stays, and is not of this run.
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-    }
-    let _ = fs::remove_dir_all(folder);
-}
-
-fn ipc_prefix(id: &str) -> String {
-    format!("{OBJECT_PREFIX}{id}_")
 }
 
 /// Opens the lock of a run and holds it as a member.
@@ -338,22 +143,29 @@ fn join_lock(options: &mut OpenOptions, folder: &Path) -> Result<File, Namespace
 /// Transport settings: sweeping dead peers is the launcher's business alone. A reader keeps room
 /// for as many departed writers as a service has seats for them: each look at an empty port walks
 /// over that room, which the transport sizes for 128.
-fn ipc_config(id: &str, folder: &Path) -> String {
-    format!(
-        "[global]\nprefix = \"{}\"\nroot-path = \"{}/ipc\"\n\n\
+///
+/// The names of the objects cannot be guessed, so that no other user makes one of them first.
+fn ipc_config(id: &str, folder: &Path) -> io::Result<String> {
+    let mut secret = [0; 8];
+    getrandom(&mut secret, GetRandomFlags::empty())?;
+    Ok(format!(
+        "[global]\nprefix = \"{}{:016x}_\"\nroot-path = \"{}/ipc\"\n\n\
          [global.service]\ncleanup-dead-nodes-on-open = false\n\n\
          [global.node]\ncleanup-dead-nodes-on-creation = false\n\
          cleanup-dead-nodes-on-destruction = false\n\n\
          [defaults.publish-subscribe]\nsubscriber-expired-connection-buffer = 8\n",
-        ipc_prefix(id),
+        object_prefix(id),
+        u64::from_le_bytes(secret),
         folder.display()
-    )
+    ))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::look::{alive, dead, orphans_in, sweep};
     use super::*;
-    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::fs::{PermissionsExt as _, chown, symlink};
+    use std::time::UNIX_EPOCH;
 
     /// A place of its own for the runs of a test: no other test sweeps it.
     fn base() -> tempfile::TempDir {
@@ -361,7 +173,7 @@ mod tests {
     }
 
     fn object(base: &Path, id: &str, name: &str) -> PathBuf {
-        base.join(format!("{}{name}", ipc_prefix(id)))
+        base.join(format!("{}{name}", object_prefix(id)))
     }
 
     #[test]
@@ -397,7 +209,7 @@ mod tests {
         flock(&killed.run_lock, FlockOperation::Unlock).unwrap();
         let [of_run, orphan, young] =
             ["killed", "orphan", "young"].map(|id| object(base.path(), id, "left"));
-        let long_ago = std::time::UNIX_EPOCH;
+        let long_ago = UNIX_EPOCH;
         for (path, old) in [(&of_run, true), (&orphan, true), (&young, false)] {
             let file = File::create(path).unwrap();
             if old {
@@ -454,5 +266,76 @@ mod tests {
         let run = Membership::found_in(base.path(), "private").unwrap();
         let mode = fs::metadata(run.folder()).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o700);
+    }
+
+    /// A folder of an earlier minute, as a run leaves it that died before it had a lock.
+    fn old_folder(path: &Path) {
+        DirBuilder::new().mode(0o700).create(path).unwrap();
+        File::open(path).unwrap().set_modified(UNIX_EPOCH).unwrap();
+    }
+
+    #[test]
+    fn a_folder_named_after_a_living_run_takes_nothing_of_it_along() {
+        let base = base();
+        let living = Membership::found_in(base.path(), "living").unwrap();
+        let segment = object(base.path(), "living", "segment");
+        fs::write(&segment, "samples").unwrap();
+        for name in ["mq-mq-living", ".mq-mq-living", "..mq-living", "mq-living_", ".mq-living"] {
+            old_folder(&base.path().join(name));
+        }
+        // Only one of these names is a run's: one that died while it was founded.
+        assert_eq!(sweep(base.path()), [base.path().join(".mq-living")]);
+        assert!(segment.exists() && living.folder().exists());
+    }
+
+    #[test]
+    fn what_is_open_to_others_or_a_link_is_no_run() {
+        let base = base();
+        let away = base.path().join("away");
+        old_folder(&away);
+        symlink(&away, base.path().join("mq-link")).unwrap();
+        let open = base.path().join("mq-open");
+        old_folder(&open);
+        fs::set_permissions(&open, fs::Permissions::from_mode(0o755)).unwrap();
+        File::create(base.path().join("mq-file")).unwrap();
+        assert_eq!(sweep(base.path()), [] as [PathBuf; 0]);
+        assert!(away.exists() && open.exists());
+    }
+
+    /// Where the tests run as root, they can act as another user.
+    #[test]
+    fn folders_locks_and_objects_of_another_user_are_neither_waited_for_nor_removed() {
+        const OTHER: u32 = 65534;
+        if !rustix::process::geteuid().is_root() {
+            return;
+        }
+        let base = base();
+        let foreign = base.path().join("mq-foreign");
+        old_folder(&foreign);
+        let lock = File::open(&foreign).unwrap();
+        flock(&lock, FlockOperation::LockExclusive).unwrap();
+        let left = object(base.path(), "gone", "left");
+        File::create(&left).unwrap().set_modified(UNIX_EPOCH).unwrap();
+        for path in [&foreign, &left] {
+            chown(path, Some(OTHER), None).unwrap();
+        }
+        // What it had waited for in vain would count as alive.
+        assert_eq!((dead(base.path()), alive(base.path())), (vec![], vec![]));
+        assert_eq!(sweep(base.path()), [] as [PathBuf; 0]);
+        assert_eq!(orphans_in(base.path()), [] as [PathBuf; 0]);
+        assert!(foreign.exists() && left.exists());
+    }
+
+    #[test]
+    fn the_names_of_a_runs_objects_cannot_be_guessed() {
+        let base = base();
+        let configs = ["one", "two"].map(|id| {
+            let run = Membership::found_in(base.path(), id).unwrap();
+            let text = fs::read_to_string(run.ipc_config()).unwrap();
+            let prefix = text.lines().find_map(|line| line.strip_prefix("prefix = ")).unwrap();
+            prefix.trim_matches('"').strip_prefix(&object_prefix(id)).unwrap().to_owned()
+        });
+        assert!(configs.iter().all(|secret| secret.len() == 17), "{configs:?}");
+        assert_ne!(configs[0], configs[1]);
     }
 }
