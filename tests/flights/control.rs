@@ -10,6 +10,8 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use tempfile::TempDir;
 
 /// A command that has ended.
 struct Said {
@@ -190,6 +192,31 @@ fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_g
     let line = said.diagnostics.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(line.contains("has died") && line.contains("morphquad adopt"), "{line}");
     wait_until("the last process has left", || say(&["ps", "--run", running.id()]).code == Some(2));
+}
+
+/// As in a container that shares the host's memory, from where the system gives those who ask no number. Where the tests
+/// run as root, they can make such a namespace.
+#[test]
+fn a_launcher_in_a_pid_namespace_of_its_own_obeys_orders_from_outside() {
+    if !rustix::process::geteuid().is_root() {
+        return;
+    }
+    let folder = TempDir::new().expect("a folder for the recording");
+    let mut launcher = Command::new("unshare");
+    launcher.args(["--pid", "--fork", "--kill-child", "--mount-proc"]);
+    launcher.arg(env!("CARGO_BIN_EXE_morphquad")).arg("run").args(LOCKSTEP);
+    launcher.arg("--record").arg(folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut launcher = launcher.spawn().expect("a launcher");
+    let mut id = String::new();
+    wait_until("it answers", || {
+        let mut files = folder.path().read_dir().expect("the folder").flatten();
+        let Some(recording) = files.next() else { return false };
+        id = recording.path().file_stem().expect("a name").to_string_lossy().into_owned();
+        say(&["ps", "--run", &id]).code == Some(0)
+    });
+    let said = say(&["stop", "--run", &id]);
+    assert_eq!(said.code, Some(0), "{}", said.diagnostics);
+    assert_eq!(launcher.wait().expect("it ends").code(), Some(130));
 }
 
 #[test]

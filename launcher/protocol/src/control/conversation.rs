@@ -37,15 +37,6 @@ impl Default for Limits {
     }
 }
 
-/// Who asks, as the system says.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Caller {
-    /// Process.
-    pub pid: i32,
-    /// User.
-    pub uid: u32,
-}
-
 /// What the conversation waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
@@ -63,7 +54,6 @@ enum State {
 #[derive(Debug)]
 pub(super) struct Conversation {
     stream: UnixStream,
-    caller: Caller,
     limits: Limits,
     state: State,
     inbox: Vec<u8>,
@@ -76,10 +66,9 @@ pub(super) struct Conversation {
 
 impl Conversation {
     /// With a client that has just been let in; its stream does not block.
-    pub(super) fn new(stream: UnixStream, caller: Caller, limits: Limits, now_ns: u64) -> Self {
+    pub(super) fn new(stream: UnixStream, limits: Limits, now_ns: u64) -> Self {
         Self {
             stream,
-            caller,
             limits,
             state: State::Listening,
             inbox: Vec::new(),
@@ -87,10 +76,6 @@ impl Conversation {
             heard_all: false,
             deadline_ns: now_ns + limits.patience_ns,
         }
-    }
-
-    pub(super) fn caller(&self) -> Caller {
-        self.caller
     }
 
     pub(super) fn is_over(&self) -> bool {

@@ -205,8 +205,6 @@ pub enum Reason {
     Rehearsal,
     /// Somebody failed on the way.
     Failed,
-    /// Of another user.
-    NotYours,
     /// More conversations than the launcher holds at a time.
     TooMany,
 }
@@ -234,7 +232,7 @@ impl Reason {
             | Self::NoSense
             | Self::OutOfRange => exit::USAGE,
             Self::Gate | Self::Rehearsal | Self::Failed => exit::GATE_FAILED,
-            Self::Busy | Self::NotYours | Self::TooMany => exit::UNFIT,
+            Self::Busy | Self::TooMany => exit::UNFIT,
         }
     }
 }

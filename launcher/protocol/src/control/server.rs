@@ -5,11 +5,10 @@
 
 use super::SOCKET;
 use super::conversation::Conversation;
-pub use super::conversation::{Caller, Limits};
+pub use super::conversation::Limits;
 use super::protocol::{Reason, Reply, Request};
 use runtime::clock::mono_now_ns;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
-use rustix::net::sockopt::socket_peercred;
 use std::collections::BTreeMap;
 use std::fs::{self, Permissions};
 use std::io;
@@ -29,8 +28,6 @@ const DEAF_NS: u64 = 100_000_000;
 pub struct Asked {
     /// What.
     pub request: Request,
-    /// Who.
-    pub caller: Caller,
     /// Where the answer goes.
     pub answer: Answer,
 }
@@ -106,7 +103,7 @@ impl ControlServer {
     pub fn open(folder: &Path, limits: Limits) -> io::Result<Self> {
         let path = folder.join(SOCKET);
         let listener = UnixListener::bind(&path)?;
-        // Until here the folder, which only its user may enter, has kept others out.
+        // The modes of folder and socket are the access check. Until here it is the folder's alone.
         fs::set_permissions(&path, Permissions::from_mode(0o600))?;
         listener.set_nonblocking(true)?;
         let bell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
@@ -166,10 +163,9 @@ impl Desk {
             for (client, happened) in happened {
                 let Some(conversation) = self.clients.get_mut(&client) else { continue };
                 if let Some(request) = conversation.go_on(happened, now_ns) {
-                    let caller = conversation.caller();
                     let answer = Answer { client, post: self.post.clone() };
                     // Fails only at the very end, when Leave is on its way.
-                    let _ = self.ask.send(Asked { request, caller, answer });
+                    let _ = self.ask.send(Asked { request, answer });
                 }
             }
             self.clients.retain(|_, conversation| !conversation.is_over());
@@ -229,16 +225,11 @@ impl Desk {
     }
 
     fn greet(&mut self, stream: UnixStream, now_ns: u64) {
-        let (Ok(()), Ok(peer)) = (stream.set_nonblocking(true), socket_peercred(&stream)) else {
+        if stream.set_nonblocking(true).is_err() {
             return;
-        };
-        let caller = Caller { pid: peer.pid.as_raw_nonzero().get(), uid: peer.uid.as_raw() };
-        let mut conversation = Conversation::new(stream, caller, self.limits, now_ns);
-        let own_uid = rustix::process::geteuid().as_raw();
-        if caller.uid != own_uid && caller.uid != 0 {
-            let text = format!("this run is of user {own_uid}, and you are {}", caller.uid);
-            conversation.refuse(Reason::NotYours, text, now_ns);
-        } else if self.clients.len() >= self.limits.clients {
+        }
+        let mut conversation = Conversation::new(stream, self.limits, now_ns);
+        if self.clients.len() >= self.limits.clients {
             let text = format!("{} others are asking: try again", self.clients.len());
             conversation.refuse(Reason::TooMany, text, now_ns);
         }

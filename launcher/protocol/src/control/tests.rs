@@ -113,16 +113,6 @@ fn the_socket_is_its_users_alone_and_goes_with_the_server() {
 }
 
 #[test]
-fn who_asks_is_what_the_system_says() {
-    let (folder, server) = server(Limits::default());
-    let mut client = connect(folder.path());
-    say(&mut client, b"{\"request\":\"ps\"}\n");
-    let caller = asked(&server).caller;
-    assert_eq!(u32::try_from(caller.pid), Ok(std::process::id()));
-    assert_eq!(caller.uid, rustix::process::geteuid().as_raw());
-}
-
-#[test]
 fn requests_of_one_client_are_answered_in_turn_and_of_several_in_any_order() {
     let (folder, server) = server(Limits::default());
     let mut first = connect(folder.path());
