@@ -22,6 +22,19 @@ impl Default for Landing {
     }
 }
 
+/// A reference of this age has ended, however soon the landing is to begin: until then the next one is only late \[s\].
+const ENDED_S: f64 = 0.5;
+
+impl Landing {
+    /// How far the descent has got at an instant `ahead_s` after that of a reference whose age is `age_s` \[m\].
+    fn descent_m(&self, age_s: f64, ahead_s: f64) -> f64 {
+        if age_s < self.after_s.max(ENDED_S) {
+            return 0.0;
+        }
+        self.descent_m_s * (ahead_s - self.after_s).max(0.0)
+    }
+}
+
 /// Fills `points` with the reference at now + T, now + 2 T, ... and returns the heading for now
 /// \[rad\].
 pub fn preview(
@@ -33,7 +46,7 @@ pub fn preview(
 ) -> f64 {
     let age_s = now_ns.saturating_sub(reference.header.valid_ns) as f64 * 1e-9;
     for (i, point) in points.iter_mut().enumerate() {
-        *point = place(reference, age_s + (i + 1) as f64 * period_s, landing);
+        *point = place(reference, age_s, age_s + (i + 1) as f64 * period_s, landing);
     }
     yaw_at(reference, age_s)
 }
@@ -59,7 +72,7 @@ pub fn target(reference: &Reference, now_ns: u64, lead_s: f64, landing: &Landing
     const STEP_S: f64 = 0.005;
     let age_s = now_ns.saturating_sub(reference.header.valid_ns) as f64 * 1e-9;
     let ahead = |from_s: f64| {
-        [0.0, 1.0, 2.0].map(|step| place(reference, age_s + from_s + step * STEP_S, landing))
+        [0.0, 1.0, 2.0].map(|step| place(reference, age_s, age_s + from_s + step * STEP_S, landing))
     };
     // Exact for parabolas: (−3 p₀ + 4 p₁ − p₂)/2h and (p₀ − 2 p₁ + p₂)/h².
     let [p0, p1, p2] = ahead(0.0);
@@ -72,12 +85,12 @@ pub fn target(reference: &Reference, now_ns: u64, lead_s: f64, landing: &Landing
     }
 }
 
-/// Where the reference is `ahead_s` after its own instant, or where the landing is by then.
-fn place(reference: &Reference, ahead_s: f64, landing: &Landing) -> Vector3<f64> {
+/// Where the reference is `ahead_s` after its own instant, or where the landing is by then, if it has begun at `age_s`.
+fn place(reference: &Reference, age_s: f64, ahead_s: f64, landing: &Landing) -> Vector3<f64> {
     let mut point = position_at(reference, ahead_s);
-    let overdue_s = ahead_s - landing.after_s;
-    if overdue_s > 0.0 {
-        point.z = (point.z - landing.descent_m_s * overdue_s).max(landing.ground_m.min(point.z));
+    let descent_m = landing.descent_m(age_s, ahead_s);
+    if descent_m > 0.0 {
+        point.z = (point.z - descent_m).max(landing.ground_m.min(point.z));
     }
     point
 }
@@ -169,6 +182,18 @@ mod tests {
         // The reference rests after its last point, and so does what looks beyond it.
         let late = target(&reference, 900_000_000, 0.1, &Landing::default());
         assert!((late.acceleration_w_m_s2.norm(), late.velocity_w_m_s.x > 1.7) == (0.0, true));
+    }
+
+    #[test]
+    fn a_reference_that_comes_in_time_is_followed_however_soon_a_landing_would_begin() {
+        let at_once = Landing { after_s: 0.0, ..Landing::default() };
+        let (mut points, mut planned) = ([Vector3::zeros(); 60], [Vector3::zeros(); 60]);
+        for (age_ns, is_same) in [(20_000_000, true), (400_000_000, true), (600_000_000, false)] {
+            let now_ns = 1_000_000_000 + age_ns;
+            preview(&reference(), now_ns, 0.02, &at_once, &mut points);
+            preview(&reference(), now_ns, 0.02, &Landing::default(), &mut planned);
+            assert_eq!(points == planned, is_same, "{age_ns}");
+        }
     }
 
     #[test]
