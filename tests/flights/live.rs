@@ -1,13 +1,14 @@
 //! `run --live` and `live`: what viewers see and may do, and that the flight does not notice them. The page itself
 //! is driven by `.ci/page`, the WebSocket by an independent client in `.ci/live`.
 
-use crate::common::processes::{Running, left_in_shared_memory};
+use crate::common::processes::{Running, left_in_shared_memory, make_executable};
 use crate::common::time::wait_until;
 use crate::common::{fly, judged, morphquad};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::process::{Child, ChildStdout, Stdio};
+use std::os::unix::process::CommandExt as _;
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 /// `morphquad live` beside a run.
@@ -376,6 +377,52 @@ fn a_live_run_is_as_fast_as_it_can_be_only_in_so_many_words_and_says_what_comes_
     assert!(flown.stderr.contains("may be over before its page is open"), "{}", flown.stderr);
     // A second or two, of which a busy machine may make ten. At the clock's pace it would be a minute.
     assert!(flown.number("real_time_factor") > 1.2, "{}", flown.said());
+}
+
+#[test]
+fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
+    const OTHER: u32 = 65534;
+    let folder = tempfile::tempdir().expect("a folder");
+    std::os::unix::fs::symlink("/usr/bin/env", folder.path().join("env")).expect("room");
+    let opened = folder.path().join("opened");
+    let browser =
+        format!("#!/bin/sh\necho \"$1\" >{0}.new && /bin/mv {0}.new {0}\n", opened.display());
+    make_executable(&folder.path().join("xdg-open"), browser.as_bytes());
+    let words = ["run", "hover", "--for", "600s", "--no-record", "--live=127.0.0.1:0"];
+    let mut run = morphquad(words);
+    run.args(judged(&[])).env("DISPLAY", ":99").env("PATH", folder.path());
+    let (mut live, said) = Live::of(run.spawn().expect("the executable starts"));
+    wait_until("the browser is started", || opened.exists());
+    let address = std::fs::read_to_string(&opened).expect("an address");
+    assert!(!address.contains(&live.token), "{address}");
+    let (page, token) = (live.page.clone(), live.token.clone());
+    let path = address.trim().strip_prefix(&format!("http://{page}")).expect("the page's server");
+    let answer = |path: &str, user: Option<u32>| {
+        let (host, port) = page.split_once(':').expect("a port");
+        let script = format!(
+            "exec 3<>/dev/tcp/{host}/{port}; \
+             printf 'GET {path} HTTP/1.1\\r\\nHost: {page}\\r\\nConnection: close\\r\\n\\r\\n' >&3; cat <&3"
+        );
+        let mut shell = Command::new("bash");
+        shell.args(["-c", &script]);
+        if let Some(user) = user {
+            shell.uid(user);
+        }
+        String::from_utf8(shell.output().expect("a shell").stdout).expect("text")
+    };
+    let own = answer(path, None);
+    assert!(own.starts_with("HTTP/1.1 303") && own.contains(&format!("/#token={token}")), "{own}");
+    let mut refused = vec![answer(&format!("{path}0"), None)];
+    // Where the tests run as root, they can ask as another user.
+    if rustix::process::geteuid().is_root() {
+        refused.push(answer(path, Some(OTHER)));
+    }
+    for answer in refused {
+        assert!(answer.starts_with("HTTP/1.1 403") && !answer.contains(&token), "{answer}");
+    }
+    assert_eq!(live.order(&token, r#"{"request":"stop"}"#).0, 200);
+    live.child.wait().expect("it ends");
+    said.join().expect("its words");
 }
 
 #[test]

@@ -48,8 +48,9 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
     writeln!(out, "live  {}", server.page_url())?;
     writeln!(out, "live  {} (Foxglove WebSocket)", server.socket_url())?;
     out.flush()?;
-    let _leads_there =
-        (!arguments.no_open).then(|| browser::open_privately(&server.page_url())).flatten();
+    if !arguments.no_open {
+        browser::open(&server.way_in(), &server.page_url());
+    }
     server.serve(&end).map_err(refused)?;
     Ok(exit::PASS)
 }

@@ -33,7 +33,7 @@ pub(super) fn run(arguments: &ViewArguments, out: &mut dyn Write, said: &mut dyn
     writeln!(out, "{} ({megabytes:.1} MB), until Ctrl-C", server.url())?;
     out.flush()?;
     if !arguments.no_open {
-        browser::open(&server.url());
+        browser::open(&server.url(), &server.url());
     }
     server.serve(&end);
     Ok(exit::PASS)

@@ -4,13 +4,16 @@
 //! is taken, whoever has been idle for longest makes room.
 
 mod guests;
+mod peers;
 
 use core::convert::Infallible;
 use core::time::Duration;
 use guests::{CLIENTS, Guest, Guests};
 use http_body_util::{BodyExt as _, Full, Limited};
 use hyper::body::{Bytes, Incoming};
-use hyper::header::{AUTHORIZATION, CACHE_CONTROL, CONTENT_TYPE, HOST, HeaderName, HeaderValue};
+use hyper::header::{
+    AUTHORIZATION, CACHE_CONTROL, CONTENT_TYPE, HOST, HeaderName, HeaderValue, LOCATION,
+};
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
@@ -37,6 +40,8 @@ const BODY_BYTES: usize = 16 << 10;
 #[derive(Debug)]
 pub(crate) struct Asked {
     pub(crate) method: Method,
+    /// Who asks.
+    peer: SocketAddr,
     /// Before the `?`.
     pub(crate) path: String,
     /// After it.
@@ -55,22 +60,34 @@ pub(crate) struct Answer {
     code: StatusCode,
     kind: &'static str,
     body: String,
+    /// Where else to look.
+    location: Option<String>,
 }
 
 impl Answer {
     /// A document.
     pub(crate) fn page(body: impl Into<String>) -> Self {
-        Self { code: StatusCode::OK, kind: "text/html; charset=utf-8", body: body.into() }
+        Self::new(StatusCode::OK, "text/html; charset=utf-8", body.into())
     }
 
     /// Data.
     pub(crate) fn json(body: impl Into<String>) -> Self {
-        Self { code: StatusCode::OK, kind: "application/json", body: body.into() }
+        Self::new(StatusCode::OK, "application/json", body.into())
     }
 
     /// A sentence that says why not.
     pub(crate) fn refusal(code: StatusCode, sentence: impl core::fmt::Display) -> Self {
-        Self { code, kind: "text/plain; charset=utf-8", body: format!("{sentence}\n") }
+        Self::new(code, "text/plain; charset=utf-8", format!("{sentence}\n"))
+    }
+
+    /// Another address of the same server.
+    pub(crate) fn elsewhere(location: String) -> Self {
+        let answer = Self::new(StatusCode::SEE_OTHER, "text/plain", String::new());
+        Self { location: Some(location), ..answer }
+    }
+
+    fn new(code: StatusCode, kind: &'static str, body: String) -> Self {
+        Self { code, kind, body, location: None }
     }
 }
 
@@ -88,7 +105,13 @@ impl Asked {
         })
     }
 
-    async fn read(request: Request<Incoming>) -> Self {
+    /// Whether it is asked by a process of this user, or of root, on this machine.
+    pub(crate) fn is_by_own_user(&self) -> bool {
+        let own = rustix::process::geteuid().as_raw();
+        peers::user_of(self.peer).is_some_and(|user| user == own || user == 0)
+    }
+
+    async fn read(request: Request<Incoming>, peer: SocketAddr) -> Self {
         let text = |name: HeaderName| {
             let value = request.headers().get(name);
             value.and_then(|value| value.to_str().ok()).map(str::to_owned)
@@ -100,7 +123,7 @@ impl Asked {
         let query = request.uri().query().unwrap_or_default().to_owned();
         let body = Limited::new(request.into_body(), BODY_BYTES).collect().await;
         let body = body.ok().map(http_body_util::Collected::to_bytes);
-        Self { method, path, query, host, bearer, body }
+        Self { method, peer, path, query, host, bearer, body }
     }
 }
 
@@ -177,9 +200,9 @@ async fn let_in(
     let mut guests = Guests::default();
     loop {
         match listener.accept().await {
-            Ok((stream, _)) => {
+            Ok((stream, peer)) => {
                 let (answer, until) = (Arc::clone(answer), clients.watcher());
-                guests.admit(|guest| converse(stream, answer, guest, until)).await;
+                guests.admit(|guest| converse((stream, peer), answer, guest, until)).await;
             }
             // No descriptor is free: whoever knocks waits until one is.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
@@ -187,14 +210,19 @@ async fn let_in(
     }
 }
 
-async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until: Watcher) {
+async fn converse(
+    (stream, peer): (TcpStream, SocketAddr),
+    answer: Arc<Answerer>,
+    guest: Guest,
+    until: Watcher,
+) {
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(PATIENCE));
     stream.set_read_timeout(Some(PATIENCE));
     let guest = Arc::new(guest);
     let service = service_fn(move |request| {
         let (answer, guest) = (Arc::clone(&answer), Arc::clone(&guest));
-        async move { Ok::<_, Infallible>(respond(request, answer, &guest).await) }
+        async move { Ok::<_, Infallible>(respond((request, peer), answer, &guest).await) }
     });
     let conversation = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -205,15 +233,15 @@ async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until:
 }
 
 async fn respond(
-    request: Request<Incoming>,
+    (request, peer): (Request<Incoming>, SocketAddr),
     answer: Arc<Answerer>,
     guest: &Guest,
 ) -> Response<Full<Bytes>> {
-    let asked = Asked::read(request).await;
+    let asked = Asked::read(request, peer).await;
     guest.works();
     let answered = tokio::task::spawn_blocking(move || answer(&asked)).await;
     guest.idles();
-    let Answer { code, kind, body } = answered.unwrap_or_else(|_| {
+    let Answer { code, kind, body, location } = answered.unwrap_or_else(|_| {
         Answer::refusal(StatusCode::INTERNAL_SERVER_ERROR, "this cannot be answered")
     });
     let mut response = Response::new(Full::new(Bytes::from(body)));
@@ -221,6 +249,9 @@ async fn respond(
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    if let Some(location) = location.and_then(|location| location.try_into().ok()) {
+        headers.insert(LOCATION, location);
+    }
     response
 }
 

@@ -28,6 +28,8 @@ const LOOKING_NS: u64 = 20_000_000_000;
 const PAGES_MAX: usize = 64;
 /// Nor is one that gives itself a longer name.
 const NAME_MAX: usize = 32;
+/// What a browser is started with, before the secret.
+const WAY_IN: &str = "/open/";
 
 /// The page's server.
 #[derive(Debug)]
@@ -41,6 +43,8 @@ pub(super) struct Desk {
 struct Counter {
     run: Run,
     token: Token,
+    /// Stands in the address with which this process starts a browser, which all users can read.
+    way_in: Token,
     shared: Arc<Shared>,
     /// Of a demo: what configures its bad controller.
     demo: Option<PathBuf>,
@@ -78,7 +82,10 @@ impl Desk {
         token: Token,
         (shared, demo): (Arc<Shared>, Option<PathBuf>),
     ) -> Result<Self, LiveError> {
-        let counter = Arc::new(Counter { run, token, shared, demo, pages: Mutex::default() });
+        let way_in =
+            Token::random().map_err(|cause| LiveError::System { action: "make a token", cause })?;
+        let pages = Mutex::default();
+        let counter = Arc::new(Counter { run, token, way_in, shared, demo, pages });
         let theirs = Arc::clone(&counter);
         let answer = move |address: SocketAddr, asked: &Asked| theirs.answer(address, asked);
         let server = WebServer::open(address, answer);
@@ -89,6 +96,11 @@ impl Desk {
 
     pub(super) fn address(&self) -> SocketAddr {
         self.server.address()
+    }
+
+    /// Path that leads to the page with its token, for processes of this user alone.
+    pub(super) fn way_in(&self) -> String {
+        format!("{WAY_IN}{}", self.counter.way_in.as_str())
     }
 
     /// Waits until every page that is open has shown the end, at most so long.
@@ -116,6 +128,7 @@ impl Counter {
                 let flight = self.shared.picture().whole();
                 Answer::page(live_page(&flight))
             }
+            (&Method::GET | &Method::HEAD, path) if path.starts_with(WAY_IN) => self.let_in(asked),
             (&Method::GET | &Method::HEAD, "/flight") => self.flight(&asked.query),
             (&Method::POST, "/control") => self.order(asked),
             (&Method::POST, "/demo") => self.demonstrate(asked),
@@ -133,6 +146,16 @@ impl Counter {
                 Answer::refusal(StatusCode::NOT_FOUND, "there are /, /flight, /control and /close")
             }
         }
+    }
+
+    /// The page with its token, to whom this process has shown the way.
+    fn let_in(&self, asked: &Asked) -> Answer {
+        let shown = asked.path.strip_prefix(WAY_IN).unwrap_or_default();
+        if self.way_in.is(shown) && asked.is_by_own_user() {
+            return Answer::elsewhere(format!("/#token={}", self.token.as_str()));
+        }
+        let told = "this way is open to the browser that was started with it; open the address as it was printed";
+        Answer::refusal(StatusCode::FORBIDDEN, told)
     }
 
     fn flight(&self, query: &str) -> Answer {

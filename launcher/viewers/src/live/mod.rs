@@ -161,6 +161,12 @@ impl LiveServer {
         self.page_at(reachable(self.desk.address()))
     }
 
+    /// Where a browser of this user is led to the page: nothing that another user could use.
+    #[must_use]
+    pub fn way_in(&self) -> String {
+        format!("http://{}{}", reachable(self.desk.address()), self.desk.way_in())
+    }
+
     /// Where Foxglove and its kin connect.
     #[must_use]
     pub fn socket_url(&self) -> String {
