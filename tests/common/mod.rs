@@ -29,35 +29,39 @@ fn lock_file(name: &str) -> File {
     File::create(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// At most two flights by the wall clock are flown at once: more of them on few cores keep each other waiting. Held
-/// until dropped; [`fly`] and [`processes::Running`] do so for as long as they fly.
-pub(crate) fn turn() -> File {
-    one_of_two("realtime").0
+/// One of two places for flights of a kind, of all that the tests fly: more of them on few cores keep each other waiting.
+/// [`fly`] and [`processes::Running`] hold one for as long as they fly; a test that held two could wait for ever.
+pub(crate) struct Place {
+    _lock: File,
+    nth: usize,
 }
 
-/// At most two flights that go as fast as the machine can are flown at once, each on a processor of its own, since all of
-/// a flight is on one. Held until dropped.
-struct Permit {
-    _place: File,
-    processor: String,
-}
-
-impl Permit {
-    fn wait() -> Self {
-        let (place, nth) = one_of_two("lockstep");
-        let allowed = simulate::setup::allowed_processors().expect("the processors");
-        Self { _place: place, processor: allowed[nth % allowed.len()].to_string() }
+impl Place {
+    /// For a flight by the wall clock.
+    pub(crate) fn for_realtime() -> Self {
+        Self::wait("realtime")
     }
-}
 
-/// Waits for one of two places, behind all that waited before, and says which it is.
-fn one_of_two(kind: &str) -> (File, usize) {
-    let [door, first, second] =
-        ["door", "first", "second"].map(|part| lock_file(&format!("{kind}-{part}.lock")));
-    door.lock().expect("a lock");
-    let mut places = vec![first, second];
-    let nth = time::wait_for_others(|| places.iter().position(|place| place.try_lock().is_ok()));
-    (places.swap_remove(nth), nth)
+    /// For a flight that goes as fast as the machine can.
+    fn for_lockstep() -> Self {
+        Self::wait("lockstep")
+    }
+
+    /// One waiter at a time looks, the others wait at the door.
+    fn wait(kind: &str) -> Self {
+        let [door, first, second] =
+            ["door", "first", "second"].map(|part| lock_file(&format!("{kind}-{part}.lock")));
+        door.lock().expect("a lock");
+        let mut locks = vec![first, second];
+        let nth = time::wait_for_others(|| locks.iter().position(|lock| lock.try_lock().is_ok()));
+        Self { _lock: locks.swap_remove(nth), nth }
+    }
+
+    /// A processor that the flight in the other place does not have, as far as there are two.
+    fn processor(&self) -> String {
+        let allowed = simulate::setup::allowed_processors().expect("the processors");
+        allowed[self.nth % allowed.len()].to_string()
+    }
 }
 
 /// How often to repeat what must hold every time.
@@ -234,11 +238,11 @@ pub(crate) fn fly_beside<T>(
     start_stopwatch();
     // A flight at a pace waits by itself.
     let paced = arguments.iter().any(|word| ["--speed", "realtime"].contains(word));
-    let _turn = arguments.contains(&"realtime").then(turn);
-    let permit = (!paced).then(Permit::wait);
+    let _realtime = arguments.contains(&"realtime").then(Place::for_realtime);
+    let lockstep = (!paced).then(Place::for_lockstep);
     let is_pinned = arguments.iter().any(|word| word.starts_with("--pin"));
-    if let Some(permit) = permit.as_ref().filter(|_| !is_pinned) {
-        command.args(["--pin", &permit.processor]);
+    if let Some(place) = lockstep.as_ref().filter(|_| !is_pinned) {
+        command.args(["--pin", &place.processor()]);
     }
     let _beside = start();
     let output = command.stdin(Stdio::null()).output().expect("the executable starts");

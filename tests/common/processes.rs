@@ -2,10 +2,10 @@
 
 use super::recording::Recording;
 use super::time::wait_until;
-use super::{Flown, judged, morphquad, turn};
+use super::{Flown, Place, judged, morphquad};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread;
@@ -93,21 +93,21 @@ pub(crate) struct Running {
     folder: Option<TempDir>,
     id: String,
     /// Of a flight by the wall clock.
-    turn: Option<File>,
+    place: Option<Place>,
 }
 
 impl Running {
     /// Starts a run and waits until it has its processes.
     pub(crate) fn start(arguments: &[&str]) -> Self {
         let folder = TempDir::new().expect("a folder for the recording");
-        let turn = arguments.contains(&"realtime").then(turn);
+        let place = arguments.contains(&"realtime").then(Place::for_realtime);
         let mut command = morphquad(["run"]);
         command.args(arguments).args(judged(arguments));
         command.args(["--format", "json", "--record"]).arg(folder.path());
         let launcher = command.spawn().expect("the executable starts");
         let pid = launcher.id();
         let mut running =
-            Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new(), turn };
+            Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new(), place };
         wait_until("the recording exists", || {
             let exists = running.recording_path().is_some();
             assert!(exists || !running.has_ended(), "it has ended: {}", running.wait().said());
@@ -200,7 +200,7 @@ impl Running {
         let waiting = thread::spawn(move || launcher.wait_with_output());
         wait_until("the launcher leaves", || waiting.is_finished());
         let output: Output = waiting.join().expect("no panic").expect("an exit status");
-        self.turn = None;
+        self.place = None;
         Flown::new(&output, self.folder.take().expect("there until now"))
     }
 }

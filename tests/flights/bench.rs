@@ -1,6 +1,6 @@
 //! Latencies as the executable measures them: structure, arithmetic and refusals, and no duration.
 
-use crate::common::{judged, morphquad, turn};
+use crate::common::{Place, judged, morphquad};
 use serde_json::Value;
 use std::process::Output;
 
@@ -51,7 +51,7 @@ fn assert_ratios(told: &Value, floor: &Value, ratios: &Value) {
 
 #[test]
 fn a_hop_is_measured_polled_and_blocking_beside_the_bare_transport() {
-    let _turn = turn();
+    let _place = Place::for_realtime();
     let output = bench(&["hop", "--for", "200ms", "--policy", "other", "--format", "json"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let report = result(&output);
@@ -97,7 +97,7 @@ fn assert_paths(report: &Value, hold_us: f64) {
 #[test]
 #[ignore = "soak: a loop that was started again allocates, and has no cost if no two looks fell into its window"]
 fn with_asap_edges_nothing_holds_a_command_and_a_warm_loop_allocates_nothing() {
-    let _turn = turn();
+    let _place = Place::for_realtime();
     let flight = ["loops", "hover", "--asap", "--for", "2s", "--policy", "other"];
     let report = &flown(&flight, 0)["report"];
     assert_paths(report, 0.0);
@@ -112,7 +112,7 @@ fn with_asap_edges_nothing_holds_a_command_and_a_warm_loop_allocates_nothing() {
 
 #[test]
 fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
-    let _turn = turn();
+    let _place = Place::for_realtime();
     let folder = tempfile::TempDir::new().expect("a folder");
     let saved = folder.path().join("saved.json");
     let saved = saved.to_str().expect("a path");

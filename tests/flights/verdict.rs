@@ -4,7 +4,7 @@
 use crate::common::processes::{Running, kill};
 use crate::common::recording::Recording;
 use crate::common::time::pause_ms;
-use crate::common::{Flown, judged, morphquad, turn};
+use crate::common::{Flown, Place, judged, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
@@ -244,7 +244,7 @@ fn all_outputs_report_an_interrupted_flight_as_incomplete() {
 
 #[test]
 fn all_outputs_report_a_flight_with_missed_deadlines_as_failed() {
-    let _turn = turn();
+    let _place = Place::for_realtime();
     let bench = Bench::new();
     // No machine can fly a thousand times faster than realtime.
     let flags = ["hover", "--clock", "realtime", "--speed", "1000", "--for", "30s"];

@@ -394,7 +394,7 @@ class Process:
             return
         prefix = f"mqshm-{run.name.removeprefix('mq-')}_"
         for entry in pathlib.Path("/dev/shm").glob(f"{prefix}*"):
-            # Another user's file stays, and is not of this run.
+            # What another user has put there cannot be removed, and stays.
             with contextlib.suppress(OSError):
                 entry.unlink()
         shutil.rmtree(run, ignore_errors=True)

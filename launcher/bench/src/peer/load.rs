@@ -8,7 +8,6 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, Seek as _, Write as _};
-use std::path::PathBuf;
 use std::thread;
 
 /// Words of the block that memory load goes through, more than caches hold.
@@ -51,11 +50,8 @@ impl Load {
         if self == Self::None {
             return Ok(Vec::new());
         }
-        let folder = std::env::temp_dir();
-        let order = |cpu: &usize| {
-            let file = folder.join(format!("morphquad-load-{}-{cpu}", std::process::id()));
-            LoadOrder { load: self, seat: Seat { cpu: Some(*cpu), ..Seat::default() }, file }
-        };
+        let seat = |cpu: &usize| Seat { cpu: Some(*cpu), ..Seat::default() };
+        let order = |cpu: &usize| LoadOrder { load: self, seat: seat(cpu) };
         place.cpus.iter().map(|cpu| Peer::start(&Order::Load(order(cpu)))).collect()
     }
 }
@@ -65,7 +61,6 @@ impl Load {
 pub struct LoadOrder {
     load: Load,
     seat: Seat,
-    file: PathBuf,
 }
 
 /// Loads the machine until nobody listens any more.
@@ -74,15 +69,11 @@ pub struct LoadOrder {
 /// The file cannot be written.
 pub fn be_load(order: &LoadOrder, talk: &mut Talk) -> Result<String, BenchError> {
     let full = |source| BenchError::System {
-        action: format!("write {} for --load io", order.file.display()),
+        action: format!("write a file in {} for --load io", std::env::temp_dir().display()),
         source,
     };
-    let file = match order.load {
-        Load::Io => Some(File::create(&order.file).map_err(full)?),
-        _ => None,
-    };
-    // Its name is not needed, and so nothing is left behind.
-    let _ = std::fs::remove_file(&order.file);
+    // It has no name, so that nothing is left behind.
+    let file = (order.load == Load::Io).then(tempfile::tempfile).transpose().map_err(full)?;
     talk.ready().map_err(unheard)?;
     let going = AtomicBool::new(true);
     thread::scope(|scope| {

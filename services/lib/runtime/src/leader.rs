@@ -175,7 +175,8 @@ mod tests {
     use rustix::fs::makedev;
 
     fn folder() -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("leader-{}", std::process::id()));
+        // The system names the device of a lock on some disks otherwise than that of its file.
+        let folder = Path::new("/dev/shm").join(format!("leader-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         folder
     }

@@ -9,6 +9,7 @@
 
 mod look;
 mod names;
+mod segment;
 
 pub use crate::namespace_error::NamespaceError;
 pub use look::{
@@ -18,9 +19,10 @@ pub use names::BASE;
 
 use crate::leader::{LeadError, LeaderLock};
 use crate::namespace_error::failed;
-use names::{FOLDER_PREFIX, UNBORN_PREFIX, object_prefix, require_own, run_of_folder};
+use names::{
+    FOLDER_PREFIX, UNBORN_PREFIX, object_prefix, open_own_folder, random_digits, run_of_folder,
+};
 use rustix::fs::{FlockOperation, flock};
-use rustix::rand::{GetRandomFlags, getrandom};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
@@ -47,27 +49,33 @@ impl Membership {
     }
 
     fn found_in(base: &Path, id: &str) -> Result<Self, LeadError> {
-        let unborn = base.join(format!("{UNBORN_PREFIX}{id}"));
-        let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
+        let secret = random_digits().map_err(failed("name a folder in", base))?;
+        let unborn = base.join(format!("{UNBORN_PREFIX}{secret}"));
         DirBuilder::new().mode(0o700).create(&unborn).map_err(failed("create", &unborn))?;
-        let founded = Self::give_birth(id, &unborn, folder);
+        let founded = Self::fill_and_rename(id, &unborn, base);
         if founded.is_err() {
             let _ = fs::remove_dir_all(&unborn);
         }
         founded
     }
 
-    fn give_birth(id: &str, unborn: &Path, folder: PathBuf) -> Result<Self, LeadError> {
+    fn fill_and_rename(id: &str, unborn: &Path, base: &Path) -> Result<Self, LeadError> {
+        let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
         let run_lock = join_lock(OpenOptions::new().create(true), unborn)?;
         let mut leader_lock = LeaderLock::take(unborn)?;
         leader_lock.announce(unborn)?;
         let ipc = unborn.join("ipc");
         DirBuilder::new().mode(0o700).create(&ipc).map_err(failed("create", &ipc))?;
         let config = unborn.join("iceoryx2.toml");
-        let text = ipc_config(id, &folder).map_err(failed("draw a random number for", unborn))?;
-        fs::write(&config, text).map_err(failed("write", &config))?;
+        // The names of the objects cannot be guessed, so that no other user makes one of them first.
+        let secret = random_digits().map_err(failed("name the objects of", unborn))?;
+        let prefix = format!("{}{secret}_", object_prefix(id));
+        fs::write(&config, ipc_config(&prefix, &folder)).map_err(failed("write", &config))?;
         fs::rename(unborn, &folder).map_err(failed("rename", unborn))?;
-        Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
+        let founded = Self { folder, run_lock, leader_lock: Some(leader_lock) };
+        segment::make_private(base, &prefix)
+            .map_err(failed("make a segment of", &founded.folder))?;
+        Ok(founded)
     }
 
     /// Joins a run whose launcher has died, as its next launcher. Its processes hear of it with
@@ -95,7 +103,10 @@ impl Membership {
     /// # Errors
     /// There is no such run, it is another user's, or it is being wiped.
     pub fn join(folder: &Path) -> Result<Self, NamespaceError> {
-        require_own(folder).map_err(failed("join", folder))?;
+        if open_own_folder(folder).is_none() && folder.exists() {
+            let foreign = io::Error::other("it is no folder that is yours alone");
+            return Err(failed("join", folder)(foreign));
+        }
         let run_lock = join_lock(&mut OpenOptions::new(), folder)?;
         Ok(Self { folder: folder.to_path_buf(), run_lock, leader_lock: None })
     }
@@ -143,21 +154,15 @@ fn join_lock(options: &mut OpenOptions, folder: &Path) -> Result<File, Namespace
 /// Transport settings: sweeping dead peers is the launcher's business alone. A reader keeps room
 /// for as many departed writers as a service has seats for them: each look at an empty port walks
 /// over that room, which the transport sizes for 128.
-///
-/// The names of the objects cannot be guessed, so that no other user makes one of them first.
-fn ipc_config(id: &str, folder: &Path) -> io::Result<String> {
-    let mut secret = [0; 8];
-    getrandom(&mut secret, GetRandomFlags::empty())?;
-    Ok(format!(
-        "[global]\nprefix = \"{}{:016x}_\"\nroot-path = \"{}/ipc\"\n\n\
+fn ipc_config(prefix: &str, folder: &Path) -> String {
+    format!(
+        "[global]\nprefix = \"{prefix}\"\nroot-path = \"{}/ipc\"\n\n\
          [global.service]\ncleanup-dead-nodes-on-open = false\n\n\
          [global.node]\ncleanup-dead-nodes-on-creation = false\n\
          cleanup-dead-nodes-on-destruction = false\n\n\
          [defaults.publish-subscribe]\nsubscriber-expired-connection-buffer = 8\n",
-        object_prefix(id),
-        u64::from_le_bytes(secret),
         folder.display()
-    ))
+    )
 }
 
 #[cfg(test)]
@@ -283,7 +288,7 @@ mod tests {
         for name in ["mq-mq-living", ".mq-mq-living", "..mq-living", "mq-living_", ".mq-living"] {
             old_folder(&base.path().join(name));
         }
-        // Only one of these names is a run's: one that died while it was founded.
+        // Only one of these names can be one of ours: of a run that died while it was founded.
         assert_eq!(sweep(base.path()), [base.path().join(".mq-living")]);
         assert!(segment.exists() && living.folder().exists());
     }

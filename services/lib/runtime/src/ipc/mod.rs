@@ -5,7 +5,6 @@
 //! a stopped reader never blocks a writer.
 
 mod bare;
-mod management;
 mod names;
 mod payload;
 mod ports;
@@ -149,8 +148,6 @@ impl Bus {
         // left that died while it was created; the first run of a process is the one that does so.
         Config::setup_global_config_from_file(&file)
             .map_err(PortError::transport(name, "read the transport configuration"))?;
-        management::close(&config)
-            .map_err(PortError::transport(name, "make the management segment"))?;
         let node_name = name.try_into().map_err(PortError::transport(name, "name the node"))?;
         let node = NodeBuilder::new()
             .name(&node_name)

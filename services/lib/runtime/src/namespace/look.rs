@@ -1,13 +1,11 @@
 //! Which runs live, which are dead, and what the dead have left.
 
-use super::names::{
-    BASE, FOLDER_PREFIX, UNBORN_PREFIX, open_own_folder, run_of_folder, run_of_object,
-};
+use super::names::{BASE, FOLDER_PREFIX, is_unborn, open_own_folder, run_of_folder, run_of_object};
 use crate::clock::{mono_now_ns, sleep_until};
-use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
 use std::io;
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 /// How long another process of this user may look at a run, or wipe it, before it is passed over \[ns\].
@@ -27,21 +25,21 @@ enum Found {
 impl Found {
     fn in_folder(folder: &Path) -> Self {
         let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        let unborn = name.starts_with(UNBORN_PREFIX);
-        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
-        if run_of_folder(name).is_none() || (unborn && !older_than_a_minute(folder)) {
+        let unborn = is_unborn(name);
+        if !unborn && run_of_folder(name).is_none() {
             return Self::Other;
         }
-        let turn = match open_own_folder(folder).map(Held::within_a_turn) {
-            Some(Some(turn)) => turn,
-            Some(None) => return Self::Alive,
-            None => return Self::Other,
-        };
-        let mut options = OpenOptions::new();
-        options.read(true).write(true).custom_flags(unmoved());
-        match options.open(folder.join("run.lock")).map(Held::now) {
+        let Some(opened) = open_own_folder(folder) else { return Self::Other };
+        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
+        if unborn && !older_than_a_minute(folder) {
+            return Self::Other;
+        }
+        let alive = if unborn { Self::Other } else { Self::Alive };
+        let Some(turn) = Held::within_a_turn(opened) else { return alive };
+        let lock = OpenOptions::new().read(true).write(true).open(folder.join("run.lock"));
+        match lock.map(Held::now) {
             Ok(Some(lock)) => Self::Dead { _lock: Some(lock), _turn: turn },
-            Ok(None) => Self::Alive,
+            Ok(None) => alive,
             Err(error)
                 if error.kind() == io::ErrorKind::NotFound && older_than_a_minute(folder) =>
             {
@@ -50,11 +48,6 @@ impl Found {
             Err(_) => Self::Other,
         }
     }
-}
-
-/// Flags with which a file is opened that is no link and at which nothing waits.
-fn unmoved() -> i32 {
-    (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed()
 }
 
 /// An exclusive lock that is given back when this is dropped, also if a process that is being started has the file
@@ -135,11 +128,8 @@ pub(super) fn orphans_in(base: &Path) -> Vec<PathBuf> {
     let orphans = entries.filter(|entry| {
         let name = entry.file_name();
         let id = name.to_str().and_then(run_of_object);
-        let has_folder = |id: &str| {
-            [FOLDER_PREFIX, UNBORN_PREFIX]
-                .iter()
-                .any(|prefix| base.join(format!("{prefix}{id}")).is_dir())
-        };
+        let has_folder =
+            |id: &str| open_own_folder(&base.join(format!("{FOLDER_PREFIX}{id}"))).is_some();
         id.is_some_and(|id| !has_folder(id))
             && entry.metadata().is_ok_and(|found| found.uid() == own)
             && older_than_a_minute(&entry.path())
@@ -170,7 +160,7 @@ pub fn living_runs() -> Vec<(String, PathBuf)> {
 }
 
 fn older_than_a_minute(path: &Path) -> bool {
-    fs::metadata(path)
+    fs::symlink_metadata(path)
         .and_then(|m| m.modified())
         .is_ok_and(|t| t.elapsed().is_ok_and(|age| age.as_secs() > 60))
 }
@@ -209,12 +199,9 @@ fn objects_of(folder: &Path) -> impl Iterator<Item = fs::DirEntry> {
 /// Removes a run's shared-memory objects, then its folder (lock file last, with the folder). A run that was not yet
 /// founded has no objects.
 pub(super) fn wipe(folder: &Path) {
-    let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-    if !name.starts_with(UNBORN_PREFIX) {
-        for entry in objects_of(folder) {
-            // Best effort: another user's file stays, and is not of this run.
-            let _ = fs::remove_file(entry.path());
-        }
+    for entry in objects_of(folder) {
+        // What another user has put there cannot be removed, and stays.
+        let _ = fs::remove_file(entry.path());
     }
     let _ = fs::remove_dir_all(folder);
 }

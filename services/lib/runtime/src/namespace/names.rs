@@ -1,8 +1,8 @@
 //! Where runs live, and which names are theirs.
 
 use rustix::fs::{Mode, OFlags, fstat, open};
-use rustix::io::Errno;
-use std::fs::{self, File};
+use rustix::rand::{GetRandomFlags, getrandom};
+use std::fs::File;
 use std::io;
 use std::path::Path;
 
@@ -12,11 +12,15 @@ pub(super) const FOLDER_PREFIX: &str = "mq-";
 pub(super) const UNBORN_PREFIX: &str = ".mq-";
 const OBJECT_PREFIX: &str = "mqshm-";
 
-/// The run whose folder, founded or about to be, has this name; none if it is another's or nobody's. A run is named once
-/// only: a folder that is named as if it were of two could have the objects of the other wiped.
+/// The run whose folder has this name. An id never begins as a folder's name does, so that no name can be read as that of
+/// two runs.
 pub(super) fn run_of_folder(name: &str) -> Option<&str> {
-    let id = name.strip_prefix('.').unwrap_or(name).strip_prefix(FOLDER_PREFIX)?;
-    is_id(id).then_some(id)
+    name.strip_prefix(FOLDER_PREFIX).filter(|id| is_id(id))
+}
+
+/// True of the name of a folder whose run is being founded; it says nothing of the run.
+pub(super) fn is_unborn(name: &str) -> bool {
+    name.strip_prefix(UNBORN_PREFIX).is_some_and(is_id)
 }
 
 /// The run to which a shared-memory object of this name belongs.
@@ -36,6 +40,13 @@ pub(super) fn object_prefix(id: &str) -> String {
     format!("{OBJECT_PREFIX}{id}_")
 }
 
+/// 64 random bits as hexadecimal digits, for a name that another user cannot use first.
+pub(super) fn random_digits() -> io::Result<String> {
+    let mut bytes = [0; 8];
+    getrandom(&mut bytes, GetRandomFlags::empty())?;
+    Ok(format!("{:016x}", u64::from_ne_bytes(bytes)))
+}
+
 /// A folder that may be a run of this user, opened.
 ///
 /// Anybody may put anything into [`BASE`]. What belongs to others, is open to them, is a link or lies on another device
@@ -50,17 +61,4 @@ pub(super) fn open_own_folder(path: &Path) -> Option<File> {
     let for_others = Mode::from_raw_mode(found.st_mode) & (Mode::RWXG | Mode::RWXO);
     let is_run = is_own && for_others.is_empty() && found.st_dev == base.st_dev;
     is_run.then(|| folder.into())
-}
-
-/// Refuses a folder of another user, who could have its reader believe anything. The system's administrator may join
-/// every run.
-pub(super) fn require_own(path: &Path) -> io::Result<()> {
-    use std::os::unix::fs::MetadataExt as _;
-    let found = fs::symlink_metadata(path)?;
-    let own = rustix::process::geteuid();
-    if found.is_dir() && (found.uid() == own.as_raw() || own.is_root()) {
-        return Ok(());
-    }
-    let error = if found.is_dir() { Errno::PERM } else { Errno::NOTDIR };
-    Err(error.into())
 }
