@@ -138,7 +138,7 @@ pub(super) struct TapeSource<T> {
 impl<T: Sample> TapeSource<T> {
     /// Plays `samples`; to a process that joined a flight, what writers that were there had kept for it,
     /// and what came after. A writer that has nothing to say after the joining was there if the process
-    /// has heard it all the same.
+    /// has heard it all the same: if its first state holds a sample of it, or if it told of its last one.
     pub(super) fn new(
         samples: &[T],
         topic: &TopicInfo,
@@ -157,7 +157,8 @@ impl<T: Sample> TapeSource<T> {
             if let Some(at_ns) = arrival.at_ns {
                 let before = samples.partition_point(|s| s.header().release_ns < at_ns);
                 let silent = before == samples.len() && topic.from.is_stepping();
-                if silent && heard != Some(writer) {
+                let is_heard = heard == Some(writer) || exceptions.last.contains_key(&writer);
+                if silent && !is_heard {
                     next = before;
                 } else if arrival.blank {
                     next = before.saturating_sub(topic.history);
@@ -206,7 +207,7 @@ impl<T: Sample> Source<T> for TapeSource<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Imu, Role, topics};
+    use shared_types::{Imu, Role, WrenchCommand, topics};
 
     const MS: u64 = 1_000_000;
 
@@ -280,6 +281,39 @@ mod tests {
         );
         let heard: Vec<_> = core::iter::from_fn(|| source.receive()).collect();
         assert_eq!(heard.iter().map(|s| s.header.sequence).collect::<Vec<_>>(), [1, 2]);
+    }
+
+    #[test]
+    fn a_writer_that_had_left_when_the_process_joined_is_heard_if_its_end_is_told() {
+        let slot = &topics::WRENCH_COMMAND.info;
+        let said = |seat, sequence, valid_ms| {
+            let header = Header {
+                seat,
+                sequence,
+                valid_ns: valid_ms * MS,
+                release_ns: valid_ms * MS,
+                ..Header::default()
+            };
+            WrenchCommand { header, ..WrenchCommand::default() }
+        };
+        // Seat 0 says its last word at 2 ms; the process joins at 3 ms.
+        let samples = [said(0, 1, 1), said(0, 2, 2), said(1, 1, 2), said(1, 2, 4)];
+        let heard = |deviations: &[Deviation]| {
+            let mut source = TapeSource::new(
+                &samples,
+                slot,
+                Edge::unwaited(slot, Role::Plant),
+                Exceptions::of(slot, deviations.iter()),
+                Arrival { at_ns: Some(3 * MS), blank: true, heard: None },
+                Rc::new(Cell::new(8 * MS)),
+            );
+            let heard = core::iter::from_fn(|| source.receive());
+            heard.map(|s| (s.header.seat, s.header.sequence)).collect::<Vec<_>>()
+        };
+        let input = Deviation::input_from(slot.name);
+        let ended = Deviation { input, ..deviation(DeviationKind::Ended, 8, 2, 2) };
+        assert!(!heard(&[]).iter().any(|(seat, _)| *seat == 0));
+        assert!(heard(&[ended]).contains(&(0, 2)));
     }
 
     #[test]
