@@ -29,7 +29,7 @@ fn lock_file(name: &str) -> File {
     File::create(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// One of two places for flights of a kind, of all that the tests fly: more of them on few cores keep each other waiting.
+/// One of two places for concurrent flights of a kind, across all test processes: more of them keep each other waiting.
 /// [`fly`] and [`processes::Running`] hold one for as long as they fly; a test that held two could wait for ever.
 pub(crate) struct Place {
     _lock: File,

@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
     writeln!(out, "live  {} (Foxglove WebSocket)", server.socket_url())?;
     out.flush()?;
     if !arguments.no_open {
-        browser::open(&server.way_in(), &server.page_url());
+        browser::open(&server.open_url(), &server.page_url());
     }
     server.serve(&end).map_err(refused)?;
     Ok(exit::PASS)

@@ -13,6 +13,7 @@ use http_body_util::{BodyExt as _, Full, Limited};
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
     AUTHORIZATION, CACHE_CONTROL, CONTENT_TYPE, HOST, HeaderName, HeaderValue, LOCATION,
+    X_FRAME_OPTIONS,
 };
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
@@ -40,14 +41,16 @@ const BODY_BYTES: usize = 16 << 10;
 #[derive(Debug)]
 pub(crate) struct Asked {
     pub(crate) method: Method,
-    /// Who asks.
-    peer: SocketAddr,
+    /// The connection's end here, and the client's.
+    ends: Option<(SocketAddr, SocketAddr)>,
     /// Before the `?`.
     pub(crate) path: String,
     /// After it.
     pub(crate) query: String,
     /// Whom it believes to be talking to.
     host: Option<String>,
+    /// Where the page is from that has the browser ask; `none` if its user has.
+    site: Option<String>,
     /// The token that it shows.
     pub(crate) bearer: Option<String>,
     /// What it sends; none if that is longer than 16 KiB or cannot be read.
@@ -81,7 +84,7 @@ impl Answer {
     }
 
     /// Another address of the same server.
-    pub(crate) fn elsewhere(location: String) -> Self {
+    pub(crate) fn see_other(location: String) -> Self {
         let answer = Self::new(StatusCode::SEE_OTHER, "text/plain", String::new());
         Self { location: Some(location), ..answer }
     }
@@ -105,25 +108,28 @@ impl Asked {
         })
     }
 
-    /// Whether it is asked by a process of this user, or of root, on this machine.
+    /// Whether it is asked by a process of this user, or of root, on this machine, and not for a page from elsewhere.
     pub(crate) fn is_by_own_user(&self) -> bool {
         let own = rustix::process::geteuid().as_raw();
-        peers::user_of(self.peer).is_some_and(|user| user == own || user == 0)
+        let user = self.ends.and_then(|(here, there)| peers::user_of(here, there));
+        let is_direct = self.site.as_deref().is_none_or(|site| site == "none");
+        is_direct && user.is_some_and(|user| user == own || user == 0)
     }
 
-    async fn read(request: Request<Incoming>, peer: SocketAddr) -> Self {
+    async fn read(request: Request<Incoming>, ends: Option<(SocketAddr, SocketAddr)>) -> Self {
         let text = |name: HeaderName| {
             let value = request.headers().get(name);
             value.and_then(|value| value.to_str().ok()).map(str::to_owned)
         };
         let (host, shown) = (text(HOST), text(AUTHORIZATION));
+        let site = text(HeaderName::from_static("sec-fetch-site"));
         let bearer = shown.and_then(|s| Some(s.strip_prefix("Bearer ")?.trim().to_owned()));
         let method = request.method().clone();
         let path = request.uri().path().to_owned();
         let query = request.uri().query().unwrap_or_default().to_owned();
         let body = Limited::new(request.into_body(), BODY_BYTES).collect().await;
         let body = body.ok().map(http_body_util::Collected::to_bytes);
-        Self { method, peer, path, query, host, bearer, body }
+        Self { method, ends, path, query, host, site, bearer, body }
     }
 }
 
@@ -200,9 +206,9 @@ async fn let_in(
     let mut guests = Guests::default();
     loop {
         match listener.accept().await {
-            Ok((stream, peer)) => {
+            Ok((stream, _)) => {
                 let (answer, until) = (Arc::clone(answer), clients.watcher());
-                guests.admit(|guest| converse((stream, peer), answer, guest, until)).await;
+                guests.admit(|guest| converse(stream, answer, guest, until)).await;
             }
             // No descriptor is free: whoever knocks waits until one is.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
@@ -210,19 +216,15 @@ async fn let_in(
     }
 }
 
-async fn converse(
-    (stream, peer): (TcpStream, SocketAddr),
-    answer: Arc<Answerer>,
-    guest: Guest,
-    until: Watcher,
-) {
+async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until: Watcher) {
+    let ends = stream.local_addr().and_then(|here| Ok((here, stream.peer_addr()?))).ok();
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(PATIENCE));
     stream.set_read_timeout(Some(PATIENCE));
     let guest = Arc::new(guest);
     let service = service_fn(move |request| {
         let (answer, guest) = (Arc::clone(&answer), Arc::clone(&guest));
-        async move { Ok::<_, Infallible>(respond((request, peer), answer, &guest).await) }
+        async move { Ok::<_, Infallible>(respond((request, ends), answer, &guest).await) }
     });
     let conversation = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -233,11 +235,11 @@ async fn converse(
 }
 
 async fn respond(
-    (request, peer): (Request<Incoming>, SocketAddr),
+    (request, ends): (Request<Incoming>, Option<(SocketAddr, SocketAddr)>),
     answer: Arc<Answerer>,
     guest: &Guest,
 ) -> Response<Full<Bytes>> {
-    let asked = Asked::read(request, peer).await;
+    let asked = Asked::read(request, ends).await;
     guest.works();
     let answered = tokio::task::spawn_blocking(move || answer(&asked)).await;
     guest.idles();
@@ -249,6 +251,8 @@ async fn respond(
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
     headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    // Within another page, its buttons could be pressed without being seen.
+    headers.insert(X_FRAME_OPTIONS, HeaderValue::from_static("DENY"));
     if let Some(location) = location.and_then(|location| location.try_into().ok()) {
         headers.insert(LOCATION, location);
     }

@@ -103,7 +103,7 @@ impl ControlServer {
     pub fn open(folder: &Path, limits: Limits) -> io::Result<Self> {
         let path = folder.join(SOCKET);
         let listener = UnixListener::bind(&path)?;
-        // The modes of folder and socket are the access check. Until here it is the folder's alone.
+        // The modes of folder and socket are the access check. Between bind and chmod only the folder's protects it.
         fs::set_permissions(&path, Permissions::from_mode(0o600))?;
         listener.set_nonblocking(true)?;
         let bell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);

@@ -28,8 +28,8 @@ const LOOKING_NS: u64 = 20_000_000_000;
 const PAGES_MAX: usize = 64;
 /// Nor is one that gives itself a longer name.
 const NAME_MAX: usize = 32;
-/// What a browser is started with, before the secret.
-const WAY_IN: &str = "/open/";
+/// Path with which a browser is started, before the secret.
+const OPEN_PATH: &str = "/open/";
 
 /// The page's server.
 #[derive(Debug)]
@@ -43,8 +43,8 @@ pub(super) struct Desk {
 struct Counter {
     run: Run,
     token: Token,
-    /// Stands in the address with which this process starts a browser, which all users can read.
-    way_in: Token,
+    /// Stands in the address with which a browser is started: all users can read its command line.
+    open_secret: Token,
     shared: Arc<Shared>,
     /// Of a demo: what configures its bad controller.
     demo: Option<PathBuf>,
@@ -82,10 +82,10 @@ impl Desk {
         token: Token,
         (shared, demo): (Arc<Shared>, Option<PathBuf>),
     ) -> Result<Self, LiveError> {
-        let way_in =
+        let open_secret =
             Token::random().map_err(|cause| LiveError::System { action: "make a token", cause })?;
         let pages = Mutex::default();
-        let counter = Arc::new(Counter { run, token, way_in, shared, demo, pages });
+        let counter = Arc::new(Counter { run, token, open_secret, shared, demo, pages });
         let theirs = Arc::clone(&counter);
         let answer = move |address: SocketAddr, asked: &Asked| theirs.answer(address, asked);
         let server = WebServer::open(address, answer);
@@ -98,9 +98,9 @@ impl Desk {
         self.server.address()
     }
 
-    /// Path that leads to the page with its token, for processes of this user alone.
-    pub(super) fn way_in(&self) -> String {
-        format!("{WAY_IN}{}", self.counter.way_in.as_str())
+    /// Path from which a browser of this user, or of root, is redirected to the page with its token.
+    pub(super) fn open_path(&self) -> String {
+        format!("{OPEN_PATH}{}", self.counter.open_secret.as_str())
     }
 
     /// Waits until every page that is open has shown the end, at most so long.
@@ -128,7 +128,9 @@ impl Counter {
                 let flight = self.shared.picture().whole();
                 Answer::page(live_page(&flight))
             }
-            (&Method::GET | &Method::HEAD, path) if path.starts_with(WAY_IN) => self.let_in(asked),
+            (&Method::GET | &Method::HEAD, path) if path.starts_with(OPEN_PATH) => {
+                self.redirect(asked)
+            }
             (&Method::GET | &Method::HEAD, "/flight") => self.flight(&asked.query),
             (&Method::POST, "/control") => self.order(asked),
             (&Method::POST, "/demo") => self.demonstrate(asked),
@@ -148,13 +150,13 @@ impl Counter {
         }
     }
 
-    /// The page with its token, to whom this process has shown the way.
-    fn let_in(&self, asked: &Asked) -> Answer {
-        let shown = asked.path.strip_prefix(WAY_IN).unwrap_or_default();
-        if self.way_in.is(shown) && asked.is_by_own_user() {
-            return Answer::elsewhere(format!("/#token={}", self.token.as_str()));
+    /// Leads the browser that was started with the secret to the page with its token.
+    fn redirect(&self, asked: &Asked) -> Answer {
+        let shown = asked.path.strip_prefix(OPEN_PATH).unwrap_or_default();
+        if self.open_secret.is(shown) && asked.is_by_own_user() {
+            return Answer::see_other(format!("/#token={}", self.token.as_str()));
         }
-        let told = "this way is open to the browser that was started with it; open the address as it was printed";
+        let told = "the system does not say that this browser is yours: open the address that the terminal shows";
         Answer::refusal(StatusCode::FORBIDDEN, told)
     }
 

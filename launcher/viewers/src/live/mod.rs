@@ -161,10 +161,11 @@ impl LiveServer {
         self.page_at(reachable(self.desk.address()))
     }
 
-    /// Where a browser of this user is led to the page: nothing that another user could use.
+    /// Address for the command line of a browser, from which only browsers of this user and root's get to the page with its
+    /// token.
     #[must_use]
-    pub fn way_in(&self) -> String {
-        format!("http://{}{}", reachable(self.desk.address()), self.desk.way_in())
+    pub fn open_url(&self) -> String {
+        format!("http://{}{}", reachable(self.desk.address()), self.desk.open_path())
     }
 
     /// Where Foxglove and its kin connect.

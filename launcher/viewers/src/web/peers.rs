@@ -3,19 +3,23 @@
 use core::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::fs;
 
-/// User whose socket has the address `peer`; none if no socket of this machine has it.
-pub(super) fn user_of(peer: SocketAddr) -> Option<u32> {
+/// User of the process that has the end `there` of a connection whose other end is `here`; none if it is not on this
+/// machine, or not in this network namespace.
+pub(super) fn user_of(here: SocketAddr, there: SocketAddr) -> Option<u32> {
     let tables = ["/proc/self/net/tcp", "/proc/self/net/tcp6"];
-    tables.into_iter().find_map(|table| user_in(&fs::read_to_string(table).ok()?, peer))
+    tables.into_iter().find_map(|table| user_in(&fs::read_to_string(table).ok()?, here, there))
 }
 
-/// As [`user_of`], in the text of one table (`proc_net_tcp(5)`).
-fn user_in(table: &str, peer: SocketAddr) -> Option<u32> {
-    let wanted = (peer.ip().to_canonical(), peer.port());
+/// As [`user_of`], in the text of one table (`proc_net_tcp(5)`). One address may be of several connections, and those
+/// that have ended count as root's.
+fn user_in(table: &str, here: SocketAddr, there: SocketAddr) -> Option<u32> {
+    const ESTABLISHED: &str = "01";
+    let wanted = [there, here].map(|end| (end.ip().to_canonical(), end.port()));
     table.lines().skip(1).find_map(|line| {
-        let mut words = line.split_whitespace();
-        let local = address(words.nth(1)?)?;
-        (local == wanted).then(|| words.nth(5)?.parse().ok())?
+        let words: Vec<&str> = line.split_whitespace().take(8).collect();
+        let [_, local, remote, state, _, _, _, user] = words[..] else { return None };
+        let is_wanted = [address(local)?, address(remote)?] == wanted && state == ESTABLISHED;
+        is_wanted.then(|| user.parse().ok())?
     })
 }
 
@@ -43,24 +47,36 @@ mod tests {
 
     #[test]
     fn a_connection_within_this_machine_is_of_the_user_who_made_it() {
-        for here in ["127.0.0.1:0", "[::1]:0"] {
-            let Ok(listener) = TcpListener::bind(here) else { continue };
-            let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-            let (_held, peer) = listener.accept().unwrap();
-            assert_eq!(user_of(peer), Some(rustix::process::geteuid().as_raw()), "{here}");
+        for address in ["127.0.0.1:0", "[::1]:0"] {
+            let Ok(listener) = TcpListener::bind(address) else { continue };
+            let here = listener.local_addr().unwrap();
+            let stream = TcpStream::connect(here).unwrap();
+            let (_held, there) = listener.accept().unwrap();
+            let own = rustix::process::geteuid().as_raw();
+            assert_eq!(user_of(here, there), Some(own), "{address}");
+            // Kept for documentation (RFC 5737).
+            assert_eq!(user_of("192.0.2.1:9".parse().unwrap(), there), None);
             drop(stream);
         }
-        // Kept for documentation (RFC 5737).
-        assert_eq!(user_of("192.0.2.1:9".parse().unwrap()), None);
     }
 
     #[cfg(target_endian = "little")]
     #[test]
-    fn a_client_that_speaks_ipv6_to_an_address_of_ipv4_is_found_too() {
-        let table = "  sl  local_address remote_address st tx_queue rx_queue tr tm->when retrnsmt   uid\n   \
-            0: 0000000000000000FFFF00000100007F:C350 0000000000000000FFFF00000100007F:1F90 01 \
-            00000000:00000000 00:00000000 00000000  1000        0 4711 1 0 20 4 30 10 -1\n";
-        assert_eq!(user_in(table, "127.0.0.1:50000".parse().unwrap()), Some(1000));
-        assert_eq!(user_in(table, "127.0.0.1:8080".parse().unwrap()), None);
+    fn only_the_connection_itself_counts_whichever_others_have_its_address() {
+        let ends = |local: &str, remote: &str| format!("{local}:C350 {remote}:1F90");
+        let line = |ends: &str, state: &str, user: u32| {
+            format!("0: {ends} {state} 00000000:00000000 00:00000000 00000000 {user} 0 4711 1 0\n")
+        };
+        let (four, six) = ("0100007F", "0000000000000000FFFF00000100007F");
+        let other = "0100007F:C350 0100007F:0050";
+        // What is left of an earlier connection, one to another port, the one in question.
+        let table =
+            ["head\n".to_owned(), line(&ends(four, four), "06", 0), line(other, "01", 1000)];
+        let (here, there) = ("127.0.0.1:8080".parse().unwrap(), "127.0.0.1:50000".parse().unwrap());
+        assert_eq!(user_in(&table.concat(), here, there), None);
+        for ip in [four, six] {
+            let table = [table.concat(), line(&ends(ip, ip), "01", 1001)].concat();
+            assert_eq!(user_in(&table, here, there), Some(1001), "{ip}");
+        }
     }
 }

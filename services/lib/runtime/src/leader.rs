@@ -175,7 +175,7 @@ mod tests {
     use rustix::fs::makedev;
 
     fn folder() -> PathBuf {
-        // The system names the device of a lock on some disks otherwise than that of its file.
+        // On some file systems (btrfs, overlayfs) /proc/locks shows another device than stat.
         let folder = Path::new("/dev/shm").join(format!("leader-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         folder

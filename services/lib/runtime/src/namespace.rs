@@ -24,7 +24,6 @@ use names::{
 };
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io;
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
@@ -71,11 +70,11 @@ impl Membership {
         let secret = random_digits().map_err(failed("name the objects of", unborn))?;
         let prefix = format!("{}{secret}_", object_prefix(id));
         fs::write(&config, ipc_config(&prefix, &folder)).map_err(failed("write", &config))?;
-        fs::rename(unborn, &folder).map_err(failed("rename", unborn))?;
-        let founded = Self { folder, run_lock, leader_lock: Some(leader_lock) };
-        segment::make_private(base, &prefix)
-            .map_err(failed("make a segment of", &founded.folder))?;
-        Ok(founded)
+        segment::make_private(base, &prefix).map_err(failed("make a segment for", unborn))?;
+        fs::rename(unborn, &folder)
+            .inspect_err(|_| segment::remove(base, &prefix))
+            .map_err(failed("rename", unborn))?;
+        Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
     }
 
     /// Joins a run whose launcher has died, as its next launcher. Its processes hear of it with
@@ -103,10 +102,7 @@ impl Membership {
     /// # Errors
     /// There is no such run, it is another user's, or it is being wiped.
     pub fn join(folder: &Path) -> Result<Self, NamespaceError> {
-        if open_own_folder(folder).is_none() && folder.exists() {
-            let foreign = io::Error::other("it is no folder that is yours alone");
-            return Err(failed("join", folder)(foreign));
-        }
+        open_own_folder(folder).map_err(failed("join", folder))?;
         let run_lock = join_lock(&mut OpenOptions::new(), folder)?;
         Ok(Self { folder: folder.to_path_buf(), run_lock, leader_lock: None })
     }

@@ -29,7 +29,7 @@ impl Found {
         if !unborn && run_of_folder(name).is_none() {
             return Self::Other;
         }
-        let Some(opened) = open_own_folder(folder) else { return Self::Other };
+        let Ok(opened) = open_own_folder(folder) else { return Self::Other };
         // A folder about to be born has no lock for an instant; a minute makes it a dead one.
         if unborn && !older_than_a_minute(folder) {
             return Self::Other;
@@ -128,8 +128,12 @@ pub(super) fn orphans_in(base: &Path) -> Vec<PathBuf> {
     let orphans = entries.filter(|entry| {
         let name = entry.file_name();
         let id = name.to_str().and_then(run_of_object);
+        // What cannot be looked at may be one.
         let has_folder =
-            |id: &str| open_own_folder(&base.join(format!("{FOLDER_PREFIX}{id}"))).is_some();
+            |id: &str| match fs::symlink_metadata(base.join(format!("{FOLDER_PREFIX}{id}"))) {
+                Ok(found) => found.is_dir() && found.uid() == own,
+                Err(error) => error.kind() != io::ErrorKind::NotFound,
+            };
         id.is_some_and(|id| !has_folder(id))
             && entry.metadata().is_ok_and(|found| found.uid() == own)
             && older_than_a_minute(&entry.path())

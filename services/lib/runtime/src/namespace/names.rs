@@ -51,14 +51,16 @@ pub(super) fn random_digits() -> io::Result<String> {
 ///
 /// Anybody may put anything into [`BASE`]. What belongs to others, is open to them, is a link or lies on another device
 /// is no run of this user, and is neither read nor locked, waited for or removed.
-pub(super) fn open_own_folder(path: &Path) -> Option<File> {
+pub(super) fn open_own_folder(path: &Path) -> io::Result<File> {
     let flags =
         OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let folder = open(path, flags, Mode::empty()).ok()?;
-    let found = fstat(&folder).ok()?;
-    let base = rustix::fs::stat(path.parent()?).ok()?;
+    let folder = open(path, flags, Mode::empty())?;
+    let found = fstat(&folder)?;
+    let base = rustix::fs::stat(path.parent().unwrap_or(path))?;
     let is_own = found.st_uid == rustix::process::geteuid().as_raw();
     let for_others = Mode::from_raw_mode(found.st_mode) & (Mode::RWXG | Mode::RWXO);
-    let is_run = is_own && for_others.is_empty() && found.st_dev == base.st_dev;
-    is_run.then(|| folder.into())
+    if is_own && for_others.is_empty() && found.st_dev == base.st_dev {
+        return Ok(folder.into());
+    }
+    Err(io::Error::other("it belongs to another user or is open to others"))
 }

@@ -4,7 +4,7 @@
 //! joining, so that nothing replaces a controller that has died. The transport has no setting for it, but takes the
 //! segment as it finds it; so the run is founded with one that is its owner's alone.
 
-use std::fs::OpenOptions;
+use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
@@ -14,11 +14,16 @@ const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_
 /// The version, 16 bits for each part, and how many nodes there have been.
 const CONTENT: [u64; 2] = [10 << 16, 0];
 
-/// Makes the segment of the run whose objects have this prefix, where they are.
+/// Makes the segment of the run whose objects have this prefix in `base`.
 pub(super) fn make_private(base: &Path, prefix: &str) -> io::Result<()> {
     let mut file =
         OpenOptions::new().write(true).create_new(true).mode(0o600).open(path(base, prefix))?;
     file.write_all(CONTENT.map(u64::to_ne_bytes).as_flattened())
+}
+
+/// Removes it, if the run could not be founded.
+pub(super) fn remove(base: &Path, prefix: &str) {
+    let _ = fs::remove_file(path(base, prefix));
 }
 
 fn path(base: &Path, prefix: &str) -> PathBuf {
@@ -30,7 +35,6 @@ mod tests {
     use super::super::BASE;
     use super::*;
     use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ipc};
-    use std::fs;
 
     #[test]
     fn the_transport_makes_a_segment_of_this_name_and_content() {
