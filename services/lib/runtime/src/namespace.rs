@@ -70,10 +70,10 @@ impl Membership {
         let secret = random_digits().map_err(failed("name the objects of", unborn))?;
         let prefix = format!("{}{secret}_", object_prefix(id));
         fs::write(&config, ipc_config(&prefix, &folder)).map_err(failed("write", &config))?;
-        segment::make_private(base, &prefix).map_err(failed("make a segment for", unborn))?;
-        fs::rename(unborn, &folder)
-            .inspect_err(|_| segment::remove(base, &prefix))
-            .map_err(failed("rename", unborn))?;
+        segment::make_private(base, &prefix)
+            .map_err(failed("make a segment for", unborn))
+            .and_then(|()| fs::rename(unborn, &folder).map_err(failed("rename", unborn)))
+            .inspect_err(|_| segment::remove(base, &prefix))?;
         Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
     }
 

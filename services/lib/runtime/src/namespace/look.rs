@@ -30,7 +30,7 @@ impl Found {
             return Self::Other;
         }
         let Ok(opened) = open_own_folder(folder) else { return Self::Other };
-        // A folder about to be born has no lock for an instant; a minute makes it a dead one.
+        // While a run is being founded its folder has no lock for an instant; after a minute its founder is dead.
         if unborn && !older_than_a_minute(folder) {
             return Self::Other;
         }
