@@ -17,7 +17,7 @@ fn trace(file: &Path, arguments: &[&str]) -> (Option<i32>, Value) {
 
 /// Every command leads back to its IMU sample.
 pub(super) fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
-    assert_eq!(flown.code, Some(0), "{}", flown.said());
+    flown.assert_flown(clock);
     let (code, told) = trace(&flown.recording_path(), &[]);
     assert_eq!(code, Some(0), "{told}");
     let sent = flown.recording().series("wrench_command", &["thrust_n"]).len() as u64;
