@@ -379,11 +379,17 @@ fn a_live_run_is_as_fast_as_it_can_be_only_in_so_many_words_and_says_what_comes_
     assert!(flown.number("real_time_factor") > 1.2, "{}", flown.said());
 }
 
+/// A folder for PATH with `env` alone, through which the tests start everything.
+fn nearly_empty_path() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::os::unix::fs::symlink("/usr/bin/env", folder.path().join("env")).expect("room");
+    folder
+}
+
 #[test]
 fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
     const OTHER: u32 = 65534;
-    let folder = tempfile::tempdir().expect("a folder");
-    std::os::unix::fs::symlink("/usr/bin/env", folder.path().join("env")).expect("room");
+    let folder = nearly_empty_path();
     let opened = folder.path().join("opened");
     let browser =
         format!("#!/bin/sh\necho \"$1\" >{0}.new && /bin/mv {0}.new {0}\n", opened.display());
@@ -428,9 +434,8 @@ fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
 #[test]
 fn what_listens_everywhere_is_found_from_elsewhere_and_a_browser_that_is_not_there_is_said() {
     let mut run = morphquad(["run", "hover", "--for", "1s", "--no-record", "--live=0.0.0.0:0"]);
-    // A screen, and nothing that could open a browser on it: the tests start everything through `env`.
-    let folder = tempfile::tempdir().expect("a folder");
-    std::os::unix::fs::symlink("/usr/bin/env", folder.path().join("env")).expect("room");
+    // A screen, and nothing that could open a browser on it.
+    let folder = nearly_empty_path();
     let output = run.args(judged(&[])).env("DISPLAY", ":99").env("PATH", folder.path()).output();
     let output = output.expect("the executable starts");
     let said = String::from_utf8_lossy(&output.stderr);

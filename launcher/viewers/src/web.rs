@@ -224,7 +224,7 @@ async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until:
     let guest = Arc::new(guest);
     let service = service_fn(move |request| {
         let (answer, guest) = (Arc::clone(&answer), Arc::clone(&guest));
-        async move { Ok::<_, Infallible>(respond((request, ends), answer, &guest).await) }
+        async move { Ok::<_, Infallible>(respond(request, ends, answer, &guest).await) }
     });
     let conversation = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -235,7 +235,8 @@ async fn converse(stream: TcpStream, answer: Arc<Answerer>, guest: Guest, until:
 }
 
 async fn respond(
-    (request, ends): (Request<Incoming>, Option<(SocketAddr, SocketAddr)>),
+    request: Request<Incoming>,
+    ends: Option<(SocketAddr, SocketAddr)>,
     answer: Arc<Answerer>,
     guest: &Guest,
 ) -> Response<Full<Bytes>> {

@@ -20,7 +20,7 @@ pub use names::BASE;
 use crate::leader::{LeadError, LeaderLock};
 use crate::namespace_error::failed;
 use names::{
-    FOLDER_PREFIX, UNBORN_PREFIX, object_prefix, open_own_folder, random_digits, run_of_folder,
+    FOLDER_PREFIX, FOUNDING_PREFIX, object_prefix, open_own_folder, random_digits, run_of_folder,
 };
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, DirBuilder, File, OpenOptions};
@@ -49,30 +49,30 @@ impl Membership {
 
     fn found_in(base: &Path, id: &str) -> Result<Self, LeadError> {
         let secret = random_digits().map_err(failed("name a folder in", base))?;
-        let unborn = base.join(format!("{UNBORN_PREFIX}{secret}"));
-        DirBuilder::new().mode(0o700).create(&unborn).map_err(failed("create", &unborn))?;
-        let founded = Self::fill_and_rename(id, &unborn, base);
+        let founding = base.join(format!("{FOUNDING_PREFIX}{secret}"));
+        DirBuilder::new().mode(0o700).create(&founding).map_err(failed("create", &founding))?;
+        let founded = Self::fill_and_rename(id, &founding, base);
         if founded.is_err() {
-            let _ = fs::remove_dir_all(&unborn);
+            let _ = fs::remove_dir_all(&founding);
         }
         founded
     }
 
-    fn fill_and_rename(id: &str, unborn: &Path, base: &Path) -> Result<Self, LeadError> {
+    fn fill_and_rename(id: &str, founding: &Path, base: &Path) -> Result<Self, LeadError> {
         let folder = base.join(format!("{FOLDER_PREFIX}{id}"));
-        let run_lock = join_lock(OpenOptions::new().create(true), unborn)?;
-        let mut leader_lock = LeaderLock::take(unborn)?;
-        leader_lock.announce(unborn)?;
-        let ipc = unborn.join("ipc");
+        let run_lock = join_lock(OpenOptions::new().create(true), founding)?;
+        let mut leader_lock = LeaderLock::take(founding)?;
+        leader_lock.announce(founding)?;
+        let ipc = founding.join("ipc");
         DirBuilder::new().mode(0o700).create(&ipc).map_err(failed("create", &ipc))?;
-        let config = unborn.join("iceoryx2.toml");
+        let config = founding.join("iceoryx2.toml");
         // The names of the objects cannot be guessed, so that no other user makes one of them first.
-        let secret = random_digits().map_err(failed("name the objects of", unborn))?;
+        let secret = random_digits().map_err(failed("name the objects of", founding))?;
         let prefix = format!("{}{secret}_", object_prefix(id));
         fs::write(&config, ipc_config(&prefix, &folder)).map_err(failed("write", &config))?;
         segment::make_private(base, &prefix)
-            .map_err(failed("make a segment for", unborn))
-            .and_then(|()| fs::rename(unborn, &folder).map_err(failed("rename", unborn)))
+            .map_err(failed("make a segment for", founding))
+            .and_then(|()| fs::rename(founding, &folder).map_err(failed("rename", founding)))
             .inspect_err(|_| segment::remove(base, &prefix))?;
         Ok(Self { folder, run_lock, leader_lock: Some(leader_lock) })
     }
@@ -116,9 +116,8 @@ impl Membership {
     /// The run's name.
     #[must_use]
     pub fn name(&self) -> String {
-        let name = self.folder.file_name().map(|name| name.to_string_lossy().into_owned());
-        let name = name.unwrap_or_default();
-        run_of_folder(&name).map_or_else(|| name.clone(), str::to_owned)
+        let name = self.folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        run_of_folder(name).unwrap_or(name).to_owned()
     }
 
     /// The transport's configuration of this run.

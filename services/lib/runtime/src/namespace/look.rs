@@ -1,6 +1,8 @@
 //! Which runs live, which are dead, and what the dead have left.
 
-use super::names::{BASE, FOLDER_PREFIX, is_unborn, open_own_folder, run_of_folder, run_of_object};
+use super::names::{
+    BASE, FOLDER_PREFIX, is_being_founded, open_own_folder, run_of_folder, run_of_object,
+};
 use crate::clock::{mono_now_ns, sleep_until};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
@@ -25,16 +27,16 @@ enum Found {
 impl Found {
     fn in_folder(folder: &Path) -> Self {
         let name = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        let unborn = is_unborn(name);
-        if !unborn && run_of_folder(name).is_none() {
+        let is_founding = is_being_founded(name);
+        if !is_founding && run_of_folder(name).is_none() {
             return Self::Other;
         }
         let Ok(opened) = open_own_folder(folder) else { return Self::Other };
         // While a run is being founded its folder has no lock for an instant; after a minute its founder is dead.
-        if unborn && !older_than_a_minute(folder) {
+        if is_founding && !older_than_a_minute(folder) {
             return Self::Other;
         }
-        let alive = if unborn { Self::Other } else { Self::Alive };
+        let alive = if is_founding { Self::Other } else { Self::Alive };
         let Some(turn) = Held::within_a_turn(opened) else { return alive };
         let lock = OpenOptions::new().read(true).write(true).open(folder.join("run.lock"));
         match lock.map(Held::now) {

@@ -9,7 +9,7 @@ use std::path::Path;
 /// Where run folders live: memory, so that nothing survives a reboot.
 pub const BASE: &str = "/dev/shm";
 pub(super) const FOLDER_PREFIX: &str = "mq-";
-pub(super) const UNBORN_PREFIX: &str = ".mq-";
+pub(super) const FOUNDING_PREFIX: &str = ".mq-";
 const OBJECT_PREFIX: &str = "mqshm-";
 
 /// The run whose folder has this name. An id never begins as a folder's name does, so that no name can be read as that of
@@ -19,8 +19,8 @@ pub(super) fn run_of_folder(name: &str) -> Option<&str> {
 }
 
 /// True of the name of a folder whose run is being founded; it says nothing of the run.
-pub(super) fn is_unborn(name: &str) -> bool {
-    name.strip_prefix(UNBORN_PREFIX).is_some_and(is_id)
+pub(super) fn is_being_founded(name: &str) -> bool {
+    name.strip_prefix(FOUNDING_PREFIX).is_some_and(is_id)
 }
 
 /// The run to which a shared-memory object of this name belongs.
