@@ -78,7 +78,8 @@ impl SequenceAudit {
         } else if sequence > tally.last {
             // Whoever takes a seat in flight counts on from another seat's numbers.
             let missing = sequence - tally.last - 1;
-            tally.gaps += if generation == tally.generation { missing } else { 0 };
+            let lost = if generation == tally.generation { missing } else { 0 };
+            tally.gaps = tally.gaps.saturating_add(lost);
         } else if release_ns > tally.last_release_ns {
             tally.renumbered += 1;
         } else {
@@ -110,7 +111,9 @@ impl SequenceAudit {
     /// Sequence numbers that never arrived: channel, and how many of all its seats.
     #[must_use]
     pub fn gaps(&self) -> Vec<(&str, u64)> {
-        let gaps = |seats: &BTreeMap<u32, Tally>| seats.values().map(|tally| tally.gaps).sum();
+        let gaps = |seats: &BTreeMap<u32, Tally>| {
+            seats.values().map(|tally| tally.gaps).fold(0, u64::saturating_add)
+        };
         let all = self.streams.iter().map(|(channel, seats)| (channel.as_str(), gaps(seats)));
         all.filter(|(_, gaps)| *gaps > 0).collect()
     }
@@ -169,6 +172,18 @@ mod tests {
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.first, tally.last, tally.gaps), (5, 3, 11, 4));
+    }
+
+    #[test]
+    fn numbers_at_the_end_of_their_range_are_counted_and_no_sum_overflows() {
+        let mut audit = SequenceAudit::default();
+        let imu = audit.register("/imu");
+        let jumps =
+            [(0, 1, 1), (0, u64::MAX, 2), (0, 1, 3), (0, u64::MAX, 4), (1, 1, 1), (1, 9, 2)];
+        for (seat, sequence, release_ns) in jumps {
+            audit.observe(imu, &header(seat, sequence, release_ns));
+        }
+        assert_eq!(audit.gaps(), [("/imu", u64::MAX)]);
     }
 
     #[test]

@@ -58,7 +58,9 @@ impl Tally {
             writer.longest_ns = writer.longest_ns.max(interval_ns);
             // Whoever takes a seat in flight counts from elsewhere.
             if header.generation == writer.last.generation {
-                writer.gaps += header.sequence.saturating_sub(writer.last.sequence + 1);
+                let missing =
+                    header.sequence.saturating_sub(writer.last.sequence.saturating_add(1));
+                writer.gaps = writer.gaps.saturating_add(missing);
             }
         }
         writer.last = *header;

@@ -308,7 +308,8 @@ impl Copy {
     }
 
     fn finish(mut self, from: &Path) -> Result<Recovered, McapError> {
-        self.recovered.gaps = self.audit.tallies().map(|(_, _, tally)| tally.gaps).sum();
+        let gaps = self.audit.tallies().map(|(.., tally)| tally.gaps);
+        self.recovered.gaps = gaps.fold(0, u64::saturating_add);
         let name = from.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut about = BTreeMap::from([("from".to_owned(), name)]);
         if let Some(damage) = &self.recovered.damage {

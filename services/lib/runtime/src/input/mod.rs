@@ -97,14 +97,14 @@ impl Newest {
 
     /// True if another process has taken the seat, one that does not go on from its last words.
     pub(crate) fn is_followed_by(&self, header: &Header) -> bool {
-        self.generation != header.generation && header.sequence != self.sequence + 1
+        self.generation != header.generation && header.sequence != self.sequence.saturating_add(1)
     }
 
     /// Samples that are missing before this one. In a slot, `counts_anew`, each process has numbers of its
     /// own; elsewhere a restarted one goes on with those of its predecessor, whose last words may be lost.
     pub(crate) fn missing_before(&self, header: &Header, counts_anew: bool) -> u64 {
         let comparable = self.generation == header.generation || !counts_anew;
-        if comparable { header.sequence.saturating_sub(self.sequence + 1) } else { 0 }
+        if comparable { header.sequence.saturating_sub(self.sequence.saturating_add(1)) } else { 0 }
     }
 }
 
@@ -248,8 +248,8 @@ impl<T: Sample> Input<T> {
             let newest = usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i));
             let before = newest.and_then(|newest| newest.replace(Newest::of(&header)));
             let counts_anew = self.counts_anew();
-            self.counts.lost +=
-                before.map_or(0, |before| before.missing_before(&header, counts_anew));
+            let lost = before.map_or(0, |before| before.missing_before(&header, counts_anew));
+            self.counts.lost = self.counts.lost.saturating_add(lost);
             self.receive_mono_ns = *receive_mono_ns;
             // Samples are large: what was in effect moves only where something is new.
             if self.fresh_from > 1 {
