@@ -3,7 +3,7 @@
 
 use runtime::ipc::RECORDER_CAPACITY;
 use serde::Serialize;
-use shared_types::{AppliedCommand, GateMode, NO_SEAT, OwnerRecord, Role, WrenchCommand};
+use shared_types::{AppliedCommand, GateMode, Header, NO_SEAT, OwnerRecord, Role, WrenchCommand};
 use std::collections::{BTreeMap, VecDeque};
 
 /// Ticks after which everything about a tick has arrived. The recorder takes one topic after the other, the ticks
@@ -53,12 +53,25 @@ struct Tick {
     command: (u32, u64),
 }
 
+/// Commands that a writer has numbered and that never arrived here.
+#[derive(Debug, Clone, Copy)]
+struct Gap {
+    seat: u32,
+    first: u64,
+    last: u64,
+    /// When the next one that arrived begins to count \[ns\].
+    until_ns: u64,
+}
+
 /// Judges every tick once everything about it is known.
 #[derive(Debug, Clone, Default)]
 pub(super) struct CommandAudit {
     epochs: BTreeMap<u64, Epoch>,
     /// By seat and sequence; whoever follows on a seat may count as the one before did.
     commands: BTreeMap<(u32, u64), Vec<Life>>,
+    /// By seat, generation and sequence of the last command that has arrived.
+    last_of: BTreeMap<u32, (u32, u64)>,
+    gaps: Vec<Gap>,
     waiting: VecDeque<Tick>,
     /// Whose commands counted in the epoch before, and in the one of the last tick.
     before: Option<(u64, u32)>,
@@ -84,6 +97,15 @@ impl CommandAudit {
         self.heard_ns = self.heard_ns.max(from_ns);
         let key = (command.header.seat, command.header.sequence);
         self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
+        let Header { seat, sequence, generation, .. } = command.header;
+        // Whoever takes a seat in flight may count from anywhere.
+        let before = self.last_of.insert(seat, (generation, sequence));
+        let before = before
+            .filter(|(known, _)| *known == generation)
+            .map(|(_, last)| last.saturating_add(1));
+        if let Some(first) = before.filter(|first| *first < sequence) {
+            self.gaps.push(Gap { seat, first, last: sequence - 1, until_ns: from_ns });
+        }
     }
 
     pub(super) fn applied(&mut self, applied: &AppliedCommand) {
@@ -128,8 +150,16 @@ impl CommandAudit {
         rest.tally
     }
 
+    /// True if the recorder, which was kept from its topics for too long, never had the command in effect.
+    fn is_of_a_lost_command(&self, tick: &Tick) -> bool {
+        let (seat, sequence) = tick.command;
+        tick.mode == GateMode::Normal
+            && !self.commands.contains_key(&tick.command)
+            && self.gaps.iter().any(|g| g.seat == seat && (g.first..=g.last).contains(&sequence))
+    }
+
     fn judge(&mut self, tick: &Tick) {
-        self.tally.ticks += 1;
+        self.tally.ticks += u64::from(!self.is_of_a_lost_command(tick));
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
         }
@@ -154,7 +184,7 @@ impl CommandAudit {
         let (seat, sequence) = tick.command;
         // Before the first command the plant hovers by itself, within the gate's patience; where
         // nobody says who may command, everybody may.
-        if sequence == 0 || self.epochs.is_empty() {
+        if sequence == 0 || self.epochs.is_empty() || self.is_of_a_lost_command(tick) {
             return;
         }
         let counts = self.commands.get(&tick.command).into_iter().flatten().any(|life| {
@@ -163,7 +193,13 @@ impl CommandAudit {
                 record.is_some_and(|record| life.from_ns < record.from_ns)
                     && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
             };
-            let its_own = seat == obeyed || carried();
+            // What a fallback said before it was made the owner counts only if it was obeyed already.
+            let was_asked = || {
+                tick.failed_over
+                    || record.is_none_or(|record| life.from_ns >= record.from_ns)
+                    || self.before.is_some_and(|(_, obeyed)| obeyed == seat)
+            };
+            let its_own = seat == obeyed && was_asked() || carried();
             let lasted = tick.at_ns <= life.until_ns || began_ns < life.until_ns;
             its_own && life.from_ns <= tick.at_ns && lasted
         });
@@ -176,13 +212,14 @@ impl CommandAudit {
             lives.retain(|life| life.until_ns.saturating_add(CARRIED_NS) > now_ns);
             !lives.is_empty()
         });
+        self.gaps.retain(|gap| gap.until_ns.saturating_add(CARRIED_NS) > now_ns);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Flag, Header};
+    use shared_types::Flag;
 
     const MS: u64 = 1_000_000;
 
@@ -243,6 +280,20 @@ mod tests {
     }
 
     #[test]
+    fn what_a_fallback_said_before_it_became_the_owner_is_not_its_to_give() {
+        let mut audit = flip();
+        audit.record(&record(3, 25, 0, 1));
+        audit.applied(&applied(21, 2, (1, 3), false));
+        audit.applied(&applied(26, 3, (0, 3), false));
+        assert_eq!(audit.tally().wrong_owner, 1);
+        let mut audit = flip();
+        audit.record(&record(3, 25, 0, 1));
+        audit.applied(&applied(21, 2, (0, 3), true));
+        audit.applied(&applied(26, 3, (0, 3), false));
+        assert_eq!(audit.tally().wrong_owner, 0, "it had been obeyed as the fallback");
+    }
+
+    #[test]
     fn a_command_that_runs_out_within_a_tick_has_had_its_part_of_it() {
         let audit = |until_us: u64| {
             let mut audit = CommandAudit::default();
@@ -300,6 +351,18 @@ mod tests {
     }
 
     #[test]
+    fn a_tick_whose_command_the_recorder_lost_is_not_judged() {
+        let mut audit = flip();
+        audit.record(&record(2, 20, 1, 0));
+        audit.command(&command(1, 9, 80));
+        for (at_ms, sequence) in [(25, 3), (45, 5), (75, 8), (81, 9), (82, 10)] {
+            audit.applied(&applied(at_ms, 2, (1, sequence), false));
+        }
+        let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
+        assert_eq!(audit.tally(), expected);
+    }
+
+    #[test]
     fn a_tick_whose_command_was_cut_off_is_not_settled() {
         let mut audit = flip();
         for at_ms in (15..=40).chain([1_040]) {
@@ -308,7 +371,7 @@ mod tests {
         let of = |tally: CommandTally| (tally.ticks, tally.wrong_owner);
         // The last command that has arrived begins to count at 20 ms: later ones may be what is missing.
         assert_eq!((of(audit.settled()), of(audit.tally())), ((5, 5), (27, 27)));
-        audit.command(&command(1, 200, 1_040));
+        audit.command(&command(0, 4, 1_040));
         assert_eq!((of(audit.settled()), of(audit.tally())), ((25, 25), (27, 27)));
     }
 

@@ -134,7 +134,12 @@ class Obedience:
         if turned:
             self._kind_changes = self.record.kind_changed and self.seat != obeyed
             self._carried = self._last
-            self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
+            for seat, command in list(self._held.items()):
+                # What the new owner said while it was not asked, as the fallback, was not its to give.
+                is_from_before = command.valid_ns < self.record.effective_ns
+                was_not_asked = seat == self.record.owner and seat != obeyed and is_from_before
+                if was_not_asked or not self.record.is_taken(seat):
+                    del self._held[seat]
 
     def trip(self, epoch, instance, at_ns):
         """Takes the monitor's word that the owner of an epoch is not to be followed any more: the fallback counts as

@@ -103,9 +103,13 @@ impl Desk {
     /// Keeps what was in effect until the new owner speaks; call it when [`Consumer::advance`] says
     /// that a record came into effect.
     pub fn turn(&mut self, turn: &Turn) {
+        let Turn { record, from, .. } = turn;
         self.carried = self.last;
         for (held, seat) in self.held.iter_mut().zip(Seat::ALL) {
-            if !turn.record.is_taken(seat) {
+            // What the new owner said while it was not asked, as the fallback, was not its to give.
+            let is_from_before = held.effective_ns < record.effective_ns;
+            let was_not_asked = seat == record.owner && *from != Some(seat) && is_from_before;
+            if !record.is_taken(seat) || was_not_asked {
                 *held = Command::default();
             }
         }
@@ -255,6 +259,27 @@ mod tests {
         assert_eq!(table.at(30, &[A]), Some((A, 30)), "the new owner never spoke");
         assert_eq!(table.consumer.counters().fail_overs, 1);
         assert_eq!(table.at(40, &[A, B]), Some((A, 40)), "latched for the epoch");
+    }
+
+    #[test]
+    fn a_rollback_obeys_nothing_that_the_old_owner_said_as_the_fallback() {
+        let back = record(3, 37, 0, Some(1));
+        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
+        assert_eq!(table.at(10, &[A]), Some((A, 10)));
+        assert_eq!(table.at(20, &[A, B]), Some((B, 20)));
+        assert_eq!(table.at(30, &[A, B]), Some((B, 30)));
+        assert_eq!(table.at(37, &[]), Some((B, 30)), "not what A said at 30");
+        assert_eq!(table.at(40, &[A, B]), Some((A, 40)));
+        assert_eq!(table.consumer.counters().missed, 0);
+    }
+
+    #[test]
+    fn a_rollback_after_a_fail_over_goes_on_with_the_fallbacks_last_command() {
+        let back = record(2, 37, 1, Some(0));
+        let mut table = Table::new(&[record(1, 0, 0, Some(1)), back]);
+        assert_eq!(table.at(0, &[A, B]), Some((A, 0)));
+        assert_eq!(table.at(30, &[B]), Some((B, 30)), "the owner is silent");
+        assert_eq!(table.at(37, &[]), Some((B, 30)));
     }
 
     #[test]
