@@ -235,8 +235,9 @@ code! {
         /// it would have been late.
         Ended = 6,
         /// Sample `first` was the first of this writer that the loop had; the writer may have published others
-        /// before. It is told at the first step of a process that went on from a state or joined in flight, and where
-        /// another process follows on the writer's seat.
+        /// before. A process that went on from a state or joined in flight tells it of every writer whom it hears at all,
+        /// with 0 of those of whom it had something before its first step; any process tells it where another
+        /// one follows on the writer's seat.
         Began = 7,
     }
 }

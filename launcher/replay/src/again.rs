@@ -75,8 +75,6 @@ impl Again<'_> {
         let now_ns = Rc::new(Cell::new(0));
         let latched = last_state(recorded, life).filter(|_| !life.in_order);
         let latched = latched.map(|state| latched_in(&layout, state)).unwrap_or_default();
-        let heard = first_state(recorded, life);
-        let heard = heard.map(|state| latched_in(&layout, state)).unwrap_or_default();
         let handed = life.handed_over(recorded);
         if let Some(release) = life.lacks_state(handed) {
             return Err(ReplayError::NoState { role, release });
@@ -98,9 +96,9 @@ impl Again<'_> {
             recorded,
             life,
             seated_ns: joined.map(|(join_ns, _)| join_ns).or(life.seated_ns),
-            restored_ns: restored.map(|state| state.header.release_ns),
+            is_restored: restored.is_some(),
+            in_flight: handed.is_some() || joined.is_some(),
             latched: latched.into_iter(),
-            heard: heard.into_iter(),
             now_ns: Rc::clone(&now_ns),
             out: Rc::clone(&out),
         };
@@ -144,14 +142,14 @@ struct Connect<'a> {
     role: Role,
     recorded: &'a Recorded,
     life: &'a Life,
-    /// When it took a seat of a flight under way, and the release of the state that it went on from
-    /// \[ns\].
+    /// When it took a seat of a flight under way \[ns\].
     seated_ns: Option<u64>,
-    restored_ns: Option<u64>,
+    /// It goes on from a state.
+    is_restored: bool,
+    /// It did so in flight, or joined there.
+    in_flight: bool,
     /// Of each input in turn: what the last state of a life that was killed had in effect.
     latched: std::vec::IntoIter<Option<Header>>,
-    /// Of each input in turn: what the first state had in effect.
-    heard: std::vec::IntoIter<Option<Header>>,
     now_ns: Rc<Cell<u64>>,
     out: Rc<RefCell<Replayed>>,
 }
@@ -170,11 +168,8 @@ impl InputVisitor for Connect<'_> {
             exceptions = exceptions.killed_after(last.as_ref());
         }
         let samples = self.recorded.tapes.of(topic);
-        // What a restored state had already in effect was not heard by this process.
-        let heard = self.heard.next().flatten().filter(|header| {
-            self.restored_ns.is_none_or(|t_ns| !edge.in_effect(header.valid_ns, t_ns))
-        });
-        let arrival = Arrival { at_ns: self.seated_ns, blank: self.restored_ns.is_none(), heard };
+        let (blank, in_flight) = (!self.is_restored, self.in_flight);
+        let arrival = Arrival { at_ns: self.seated_ns, blank, in_flight };
         let now_ns = Rc::clone(&self.now_ns);
         let source = TapeSource::new(&samples, &topic.info, edge, exceptions, arrival, now_ns);
         input.connect(Box::new(source), Some(edge));
@@ -200,11 +195,6 @@ fn last_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedSta
     recorded.states.iter().rev().find(|state| {
         LifeKey::of(&state.header) == life.key && state.header.release_ns == life.last_ns
     })
-}
-
-/// The state in which a life was first seen.
-fn first_state<'a>(recorded: &'a Recorded, life: &Life) -> Option<&'a RecordedState> {
-    recorded.states.iter().find(|state| LifeKey::of(&state.header) == life.key)
 }
 
 /// What each input had in effect in a state; nothing is told of one of another layout.

@@ -33,7 +33,7 @@ pub(super) struct Exceptions {
     late: BTreeMap<(Writer, u64), (u64, u64)>,
     /// Writer and first sequence -> last sequence that never arrived.
     lost: BTreeMap<(Writer, u64), u64>,
-    /// First sequence that arrived, of those writers of whom it is known.
+    /// First sequence that arrived, of those writers of whom it is known; 0 if it is not.
     first: BTreeMap<Writer, u64>,
     /// Last sequence that arrived, of those writers of whom it is known.
     last: BTreeMap<Writer, u64>,
@@ -92,6 +92,12 @@ impl Exceptions {
             || self.latched.is_some_and(newer)
     }
 
+    /// True if the process told that it has heard a writer, or one before it on the seat whose numbers it goes on with.
+    fn is_heard(&self, writer: Writer) -> bool {
+        let seat = Writer { generation: 0, ..writer }..=writer;
+        self.first.range(seat).next().is_some()
+    }
+
     fn is_lost(&self, writer: Writer, sequence: u64) -> bool {
         if self.first.get(&writer).is_some_and(|first| sequence < *first) {
             return true;
@@ -115,8 +121,8 @@ pub(super) struct Arrival {
     pub(super) at_ns: Option<u64>,
     /// Without a state to go on from.
     pub(super) blank: bool,
-    /// What it had in effect after its first step, if it got that itself.
-    pub(super) heard: Option<Header>,
+    /// It joined, or goes on from a state: it told of every writer whom it heard.
+    pub(super) in_flight: bool,
 }
 
 /// What one writer said.
@@ -137,8 +143,7 @@ pub(super) struct TapeSource<T> {
 
 impl<T: Sample> TapeSource<T> {
     /// Plays `samples`; to a process that joined a flight, what writers that were there had kept for it,
-    /// and what came after. A writer that has nothing to say after the joining was there if the process
-    /// has heard it all the same: if its first state holds a sample of it, or if it told of its last one.
+    /// and what came after. A writer may have left before such a process had its ports open.
     pub(super) fn new(
         samples: &[T],
         topic: &TopicInfo,
@@ -147,23 +152,19 @@ impl<T: Sample> TapeSource<T> {
         arrival: Arrival,
         now_ns: Rc<Cell<u64>>,
     ) -> Self {
-        let heard = arrival.heard.map(|header| Writer::of(&header, topic));
         let mut by_writer: BTreeMap<Writer, Vec<T>> = BTreeMap::new();
         for sample in samples {
             by_writer.entry(Writer::of(sample.header(), topic)).or_default().push(*sample);
         }
         let reel = |(writer, samples): (Writer, Vec<T>)| {
-            let mut next = 0;
-            if let Some(at_ns) = arrival.at_ns {
-                let before = samples.partition_point(|s| s.header().release_ns < at_ns);
-                let silent = before == samples.len() && topic.from.is_stepping();
-                let is_heard = heard == Some(writer) || exceptions.last.contains_key(&writer);
-                if silent && !is_heard {
-                    next = before;
-                } else if arrival.blank {
-                    next = before.saturating_sub(topic.history);
+            let next = match arrival.at_ns {
+                _ if arrival.in_flight && !exceptions.is_heard(writer) => samples.len(),
+                Some(at_ns) if arrival.blank => {
+                    let before = samples.partition_point(|s| s.header().release_ns < at_ns);
+                    before.saturating_sub(topic.history)
                 }
-            }
+                _ => 0,
+            };
             Reel { writer, samples, next }
         };
         let reels = by_writer.into_iter().map(reel).collect();
@@ -284,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_that_had_left_when_the_process_joined_is_heard_if_its_end_is_told() {
+    fn a_writer_that_had_left_when_the_process_joined_is_heard_if_that_is_told() {
         let slot = &topics::WRENCH_COMMAND.info;
         let said = |seat, sequence, valid_ms| {
             let header = Header {
@@ -304,16 +305,21 @@ mod tests {
                 slot,
                 Edge::unwaited(slot, Role::Plant),
                 Exceptions::of(slot, deviations.iter()),
-                Arrival { at_ns: Some(3 * MS), blank: true, heard: None },
+                Arrival { at_ns: Some(3 * MS), blank: true, in_flight: true },
                 Rc::new(Cell::new(8 * MS)),
             );
             let heard = core::iter::from_fn(|| source.receive());
             heard.map(|s| (s.header.seat, s.header.sequence)).collect::<Vec<_>>()
         };
         let input = Deviation::input_from(slot.name);
-        let ended = Deviation { input, ..deviation(DeviationKind::Ended, 8, 2, 2) };
-        assert!(!heard(&[]).iter().any(|(seat, _)| *seat == 0));
-        assert!(heard(&[ended]).contains(&(0, 2)));
+        let began = |writer_seat, first| Deviation {
+            input,
+            writer_seat,
+            ..deviation(DeviationKind::Began, 3, first, first)
+        };
+        assert_eq!(heard(&[began(1, 0)]), [(1, 1), (1, 2)]);
+        assert_eq!(heard(&[began(0, 0), began(1, 2)]), [(0, 1), (0, 2), (1, 2)]);
+        assert_eq!(heard(&[began(0, 2)]), [(0, 2)]);
     }
 
     #[test]

@@ -145,7 +145,9 @@ impl Load<'_> {
         // The numbers of two processes say nothing of one another.
         let key = (topic.name, header.seat, header.generation);
         let before = self.newest.get(&key);
-        if let Some(before) = before.filter(|before| header.sequence > before.sequence + 1) {
+        if let Some(before) =
+            before.filter(|before| header.sequence > before.sequence.saturating_add(1))
+        {
             self.recorded.jumps.entry(topic.name).or_insert(before.release_ns);
         }
         if before.is_none_or(|before| header.sequence > before.sequence) {

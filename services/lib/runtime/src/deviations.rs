@@ -64,11 +64,9 @@ impl<'a> Report<'a> {
         self.sample(DeviationKind::Ended, input, writer, last.sequence);
     }
 
-    /// The first that the loop had of a writer, if there may have been others before.
-    fn began(&mut self, input: &str, writer: (u32, u32), first: &Header) {
-        if first.sequence > 1 {
-            self.sample(DeviationKind::Began, input, writer, first.sequence);
-        }
+    /// The first that the loop had of a writer; 0 if it had some before its first step.
+    fn began(&mut self, input: &str, writer: (u32, u32), first: u64) {
+        self.sample(DeviationKind::Began, input, writer, first);
     }
 
     fn sample(
@@ -169,7 +167,9 @@ pub(crate) struct ReportInputs<'a> {
     pub(crate) report: Report<'a>,
     /// Instant of the step before, from which lateness is judged.
     pub(crate) previous_ns: Option<u64>,
-    /// This is the first step of a process that goes on from a state, or has joined in flight.
+    /// The process goes on from a state, or has joined in flight.
+    pub(crate) in_flight: bool,
+    /// This is its first step since.
     pub(crate) begins: bool,
 }
 
@@ -184,6 +184,12 @@ impl InputVisitor for ReportInputs<'_> {
         let mut newest = input.newest_before();
         let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
         let counts_anew = input.counts_anew();
+        for (seat, known) in (0..).zip(newest).filter(|_| self.begins) {
+            if let Some(known) = known {
+                let generation = if counts_anew { known.generation } else { 0 };
+                self.report.began(name, (seat, generation), 0);
+            }
+        }
         for sample in input.fresh() {
             let header = sample.header();
             let seat = usize::try_from(header.seat).unwrap_or(SEATS);
@@ -196,7 +202,9 @@ impl InputVisitor for ReportInputs<'_> {
                 Some(before) => {
                     if counts_anew && before.is_followed_by(header) {
                         self.report.ended(name, (header.seat, before.generation), &before);
-                        self.report.began(name, writer, header);
+                        if self.in_flight || header.sequence > 1 {
+                            self.report.began(name, writer, header.sequence);
+                        }
                     }
                     before.missing_before(header, counts_anew)
                 }
@@ -205,8 +213,8 @@ impl InputVisitor for ReportInputs<'_> {
                     header.sequence.saturating_sub(1)
                 }
                 None => {
-                    if self.begins {
-                        self.report.began(name, writer, header);
+                    if self.in_flight {
+                        self.report.began(name, writer, header.sequence);
                     }
                     0
                 }

@@ -79,7 +79,9 @@ pub struct Executor {
     track_until_ns: u64,
     /// The release before the first of a component that joins a flight \[ns\].
     joins_after_ns: Option<u64>,
-    /// The next step is the first since the process went on from a state or joined.
+    /// The process went on from a state, or joined in flight.
+    in_flight: bool,
+    /// The next step is the first since then.
     begins: bool,
     /// Runs every past release until the first that is in time, whatever the policy.
     catching_up: bool,
@@ -119,6 +121,7 @@ impl Executor {
             costs: [Costs::default(); 2],
             track_until_ns: 0,
             joins_after_ns: None,
+            in_flight: false,
             begins: false,
             catching_up: false,
         }
@@ -168,7 +171,7 @@ impl Executor {
         self.go_to(header.release_index + 1);
         self.component.parts().knows_until(header.release_ns);
         self.pending.resumed = Some(header.release_index);
-        self.begins = true;
+        (self.in_flight, self.begins) = (true, true);
         self.previous_ns = Some(header.release_ns);
         self.state_sequence = header.state_sequence;
         self.stats.resume_after(header.stats_sequence);
@@ -185,7 +188,7 @@ impl Executor {
     pub fn take_up(&mut self, state: &[u8]) -> Result<(), RestoreError> {
         self.restore(state)?;
         self.pending.resumed = None;
-        self.begins = false;
+        (self.in_flight, self.begins) = (false, false);
         self.deviations.resume_after(self.counts.deviation_sequence);
         Ok(())
     }
@@ -200,7 +203,7 @@ impl Executor {
     /// zero: what the writer of its state missed was missed by another process.
     pub fn join_at(&mut self, t_ns: u64, track_until_ns: u64) {
         self.before = (0, 0);
-        self.begins = true;
+        (self.in_flight, self.begins) = (true, true);
         let StateHeader { layout_hash, release_index, release_ns, .. } = self.counts;
         self.counts =
             StateHeader { layout_hash, release_index, release_ns, ..StateHeader::default() };
@@ -390,8 +393,8 @@ impl Executor {
     fn publish_deviations(&mut self, header: &Header) {
         let mut report = Report::new(&mut self.deviations, header, self.node.role);
         self.pending.publish(&mut report, self.next_index);
-        let begins = core::mem::take(&mut self.begins);
-        let mut inputs = ReportInputs { report, previous_ns: self.previous_ns, begins };
+        let (in_flight, begins) = (self.in_flight, core::mem::take(&mut self.begins));
+        let mut inputs = ReportInputs { report, previous_ns: self.previous_ns, in_flight, begins };
         self.component.parts().report(&mut inputs);
     }
 
