@@ -9,6 +9,7 @@ pub(crate) type Held = (TopicFactory<Roll>, IpcSink<Roll>);
 
 /// Puts this connection on the roll as `role`, so that its samples are heard.
 pub(crate) fn enrol(bus: &Bus, role: Role) -> Result<Held, PortError> {
+    bus.lead()?;
     let factory = bus.create_service::<Roll>(ServiceKind::Roll, 2)?;
     let mut writer = bus.open_writer::<Roll>(ServiceKind::Roll)?;
     let mut roll = Roll { count: 1, ..Roll::default() };

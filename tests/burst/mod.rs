@@ -235,6 +235,7 @@ impl Burst {
         let membership = Membership::found(id)?;
         note_measurement(membership.folder()).map_err(system("write the run's folder"))?;
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        bus.lead()?;
         let services = HeldServices::create(&bus)?;
         let path = options.record.as_deref().map(|dir| recording_path(dir, id)).transpose()?;
         // In realtime nobody waits for the recorder, but the recorder has a disk to fill.

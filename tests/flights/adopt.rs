@@ -151,6 +151,32 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
     assert_nothing_left(&run);
 }
 
+#[test]
+#[ignore = "soak: by the wall clock, on a busy machine the vehicle strays by itself"]
+fn a_process_that_frees_what_a_dead_launcher_left_and_writes_in_its_place_is_not_obeyed() {
+    let running = realtime(&["--for", "60s"]);
+    let run = running.id().to_owned();
+    assert!(kill(running.launcher_pid(), Signal::KILL));
+    let folder = format!("/dev/shm/mq-{run}");
+    let mut usurper = Command::new(rogue()).args(["usurp", &folder]).spawn().expect("it starts");
+    pause_ms(1_500);
+    let adopter = Adopter::start(&run);
+    wait_until("another launcher leads", || {
+        ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
+    });
+    pause_ms(1_000);
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
+    usurper.kill().expect("it still writes");
+    usurper.wait().expect("it ends");
+    assert_eq!(code, Some(130), "{summary} {said}");
+    assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary}");
+    assert_eq!(summary["wrong_owner_ticks"], 0, "{summary}");
+    let named = format!("process {} (rogue) writes without a seat on", usurper.id());
+    assert!(said.contains(&named), "{said}");
+    assert_nothing_left(&run);
+}
+
 /// The watch needs no launcher: it is a process of the flight, and each consumer follows its trips by itself.
 #[test]
 #[ignore = "soak: the owner turns away 12 s later, by which the swap must have been made"]

@@ -256,8 +256,9 @@ fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
 }
 
 #[test]
-fn a_stranger_that_forges_every_field_of_commands_moves_no_motor_and_is_named() {
-    let scenario = ["hover", "--for", "24s", "--speed", "4"];
+fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_named() {
+    // The estimator that is started again goes on from the last state that it has published itself.
+    let scenario = ["hover", "--for", "24s", "--speed", "4", "--fault", "kill:estimator@12s"];
     let expected = fly(&scenario);
     let executable = rogue();
     let mut running = Running::start_and_fly(&scenario);
@@ -270,7 +271,28 @@ fn a_stranger_that_forges_every_field_of_commands_moves_no_motor_and_is_named() 
     stray.kill().expect("it still writes");
     stray.wait().expect("it ends");
     assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
-    let named = format!("process {pid} (rogue) writes on wrench_command without a seat");
-    assert!(flown.said().contains(&named), "{}", flown.said());
+    let named = format!("process {pid} (rogue) writes without a seat on ");
+    let said = flown.said();
+    let services = said.lines().filter_map(|line| Some(line.split_once(&named)?.1));
+    let services: Vec<&str> =
+        services.flat_map(|list| list.split(": ").next().unwrap_or(list).split(", ")).collect();
+    for service in ["wrench_command", "attitude_owner", "state/estimator", "clock", "roll"] {
+        assert!(services.contains(&service), "{service}: {said}");
+    }
     assert!(flown.said().contains("samples of strangers ignored"), "{}", flown.said());
+}
+
+#[test]
+fn a_service_that_another_program_removes_in_flight_is_told_and_the_flight_goes_on() {
+    let scenario = ["hover", "--for", "12s", "--speed", "4"];
+    let expected = fly(&scenario);
+    let mut running = Running::start_and_fly(&scenario);
+    let services = format!("/dev/shm/mq-{}/ipc/services", running.id());
+    let mut files = std::fs::read_dir(&services).expect("services").flatten();
+    let file = files.next().expect("a service").path();
+    std::fs::remove_file(&file).expect("it is ours");
+    let flown = running.wait();
+    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
+    let told = flown.stderr.matches("another program has removed services of this run (").count();
+    assert_eq!(told, 1, "{}", flown.said());
 }

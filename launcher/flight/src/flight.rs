@@ -26,14 +26,14 @@ use protocol::control::protocol::{Done, Reply, Request};
 use protocol::topic::feed::Flying;
 use record::{Recording, Severity};
 use runtime::clock::{mono_now_ns, sleep_until};
-use runtime::ipc::Bus;
+use runtime::ipc::{Bus, LatestPort};
 use runtime::namespace::{Membership, sweep_dead_runs};
 use runtime::watch::StopFlags;
 use runtime::{Graph, MarkView as _};
 use scenario::needs::shared_memory_mb;
 use scenario::orders::Planner;
 use shared_types::time::ns_from_s;
-use shared_types::{ClockMode, Role, Seat};
+use shared_types::{ClockMode, ClockRecord, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
     RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, require_descriptors,
@@ -162,7 +162,7 @@ struct Flight {
     stop: StopFlags,
     bus: Bus,
     live: Live,
-    _services: HeldServices,
+    services: HeldServices,
     /// Logical and host instant from which on this launcher leads \[ns\].
     begun: (u64, u64),
     stall_limit_ns: u64,
@@ -173,6 +173,10 @@ struct Flight {
     monitored_ns: u64,
     rehearser: Rehearser,
     known_strays: usize,
+    /// When to look again whether all services are there \[ns\].
+    next_service_look_ns: u64,
+    /// The clock as the run's processes hear it.
+    clock_reader: LatestPort<ClockRecord>,
     progress: Option<indicatif::ProgressBar>,
     notices: Vec<String>,
 }
@@ -189,6 +193,7 @@ impl Flight {
             let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
             self.publish_notices(drained);
             self.name_strays();
+            self.name_vanished_services(now_ns);
             if let Err(error) = looked_after {
                 return Outcome::Lost(error.to_string());
             }

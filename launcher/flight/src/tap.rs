@@ -2,9 +2,7 @@
 
 use record::Stream;
 use runtime::clock::mono_now_ns;
-use runtime::ipc::{
-    Bus, IpcSource, LatestPort, PortError, ServiceKind, StateSubscriber, recorder_capacity,
-};
+use runtime::ipc::{Bus, IpcSource, LatestPort, PortError, StateSubscriber, recorder_capacity};
 use runtime::{Graph, SeatMarks, Source as _};
 use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
 use simulate::Sinks;
@@ -101,7 +99,7 @@ impl Tap {
             Ok(SeatTap {
                 seat,
                 progress: LatestPort::progress(bus, seat)?,
-                states: StateSubscriber::open(bus, ServiceKind::State(seat))?,
+                states: StateSubscriber::of_seat(bus, seat)?,
                 last_state: LastState::default(),
             })
         };

@@ -12,6 +12,8 @@ use std::any::Any;
 #[derive(Debug)]
 pub struct HeldServices {
     _factories: Vec<Box<dyn Any>>,
+    /// Names of those that were there at the last look.
+    names: Vec<String>,
 }
 
 /// Makes services, or finds those of a launcher that has died.
@@ -27,6 +29,7 @@ struct Holder<'a> {
     /// The loop whose topics are wanted; none for all topics.
     only_for: Option<(&'a Graph, Role)>,
     factories: Vec<Box<dyn Any>>,
+    names: Vec<String>,
 }
 
 impl TopicVisitor for Holder<'_> {
@@ -39,12 +42,25 @@ impl TopicVisitor for Holder<'_> {
             Way::Create => self.bus.create_topic(topic)?,
             Way::Open => self.bus.open_topic(topic)?,
         };
-        self.factories.push(Box::new(factory));
+        self.hold(topic.info.name.to_owned(), factory);
         Ok(())
     }
 }
 
-impl Holder<'_> {
+impl<'a> Holder<'a> {
+    fn new(bus: &'a Bus, way: Way, only_for: Option<(&'a Graph, Role)>) -> Self {
+        Self { bus, way, only_for, factories: Vec::new(), names: Vec::new() }
+    }
+
+    fn hold<F: 'static>(&mut self, name: String, factory: F) {
+        self.factories.push(Box::new(factory));
+        self.names.push(name);
+    }
+
+    fn held(self) -> HeldServices {
+        HeldServices { _factories: self.factories, names: self.names }
+    }
+
     fn service<T: Wire + 'static>(
         &mut self,
         kind: ServiceKind,
@@ -54,7 +70,7 @@ impl Holder<'_> {
             Way::Create => self.bus.create_service::<T>(kind, capacity)?,
             Way::Open => self.bus.open_service::<T>(kind)?,
         };
-        self.factories.push(Box::new(factory));
+        self.hold(kind.name(), factory);
         Ok(())
     }
 
@@ -77,7 +93,7 @@ impl Holder<'_> {
             Way::Create => self.bus.create_state_service(kind, depth)?,
             Way::Open => self.bus.open_state_service(kind)?,
         };
-        self.factories.push(Box::new(factory));
+        self.hold(kind.name(), factory);
         Ok(())
     }
 }
@@ -110,8 +126,7 @@ impl HeldServices {
     /// # Errors
     /// If a service of the transport cannot be opened.
     pub fn create_for(bus: &Bus, graph: &Graph, seat: Seat) -> Result<Self, PortError> {
-        let only_for = Some((graph, seat.role));
-        let mut holder = Holder { bus, way: Way::Create, only_for, factories: Vec::new() };
+        let mut holder = Holder::new(bus, Way::Create, Some((graph, seat.role)));
         topics::visit_all(&mut holder)?;
         let (pipe, mut neighbours) = (stand_in(graph, seat.role), Vec::new());
         bus.create_wake(seat)?;
@@ -129,15 +144,23 @@ impl HeldServices {
         }
         holder.seat(seat)?;
         holder.launcher()?;
-        Ok(Self { _factories: holder.factories })
+        Ok(holder.held())
+    }
+
+    /// Services that have gone since the last look: any client of the transport can remove one by force.
+    pub fn vanished(&mut self, bus: &Bus) -> Vec<String> {
+        let names = core::mem::take(&mut self.names).into_iter();
+        let (held, vanished) = names.partition(|name| bus.has_service(name));
+        self.names = held;
+        vanished
     }
 
     fn hold(bus: &Bus, way: Way) -> Result<Self, PortError> {
-        let mut holder = Holder { bus, way, only_for: None, factories: Vec::new() };
+        let mut holder = Holder::new(bus, way, None);
         topics::visit_all(&mut holder)?;
         Role::STEPPING.into_iter().flat_map(Seat::all).try_for_each(|seat| holder.seat(seat))?;
         holder.launcher()?;
-        Ok(Self { _factories: holder.factories })
+        Ok(holder.held())
     }
 }
 

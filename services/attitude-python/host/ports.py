@@ -1,4 +1,4 @@
-"""The run's services: opened, never created, and heard only from those on the roll."""
+"""The run's services: opened, never created, and heard only from those on the roll, or from the launcher."""
 
 import ctypes
 import importlib.util
@@ -101,7 +101,10 @@ class Bus:
             .signal_handling_mode(iox2.SignalHandlingMode.Disabled)
             .create(iox2.ServiceType.Ipc)
         )
-        self._roll_reader = self._read("roll", samples.Roll, 2)
+        self._leader_file = folder / "launcher.node"
+        # Connections that led when they were first heard.
+        self._leaders = set()
+        self._roll_reader = self.announced("roll", samples.Roll, 2)
         self._labels = {role.value: role.name.lower() for role in samples.Role}
         # By identity of the writer: role, seat, generation, whether it is there, and its period [ns].
         self._roll = {}
@@ -138,6 +141,19 @@ class Bus:
             line = self._roll.get(node)
         return line
 
+    def is_leader(self, node):
+        """Whether a connection is the launcher's, or was that of one that has died: a file that others cannot write
+        names it."""
+        if node not in self._leaders:
+            try:
+                named = int(self._leader_file.read_text(), 16)
+            except (OSError, ValueError):
+                return False
+            if named != node:
+                return False
+            self._leaders.add(node)
+        return True
+
     # Ports.
 
     def _service(self, name, sample_type):
@@ -158,8 +174,8 @@ class Bus:
         return Reader(subscriber, sample_type, passes)
 
     def announced(self, name, sample_type, depth):
-        """What the launcher alone can write: the transport refuses a second writer."""
-        return self._read(name, sample_type, depth)
+        """What the launcher alone may write."""
+        return self._read(name, sample_type, depth, lambda node, _packed: self.is_leader(node))
 
     def topic(self, name, producer):
         """A topic, from processes of a role alone: each sample must come from where it says it does."""
@@ -169,7 +185,9 @@ class Bus:
             return line is not None and line[0] == producer and line[1:3] == SEATED.unpack_from(packed)
 
         sample_type = self.samples.TOPICS[name].type
-        return self._read(name, sample_type, 1024, None if producer == "supervisor" else passes)
+        if producer == "supervisor":
+            return self.announced(name, sample_type, 1024)
+        return self._read(name, sample_type, 1024, passes)
 
     def marks(self, role, seat):
         """How far the processes on a seat have got, as they come: mark, instant at which readers had been served

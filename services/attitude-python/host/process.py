@@ -215,10 +215,11 @@ class Process:
         limit_ns = now_ns() + int(HANDOVER_LIMIT_S * 1e9)
         while now_ns() < limit_ns and self.ending() is None:
             while (sample := self._handover.receive()) is not None:
-                generation = sample.user_header().contents.generation
+                is_meant = sample.user_header().contents.generation == self.options.generation
+                is_meant = is_meant and self._bus.is_leader(sample.header.node_id.value)
                 packed = bytes(sample.payload().as_memory_view())
                 sample.delete()
-                if generation == self.options.generation:
+                if is_meant:
                     # Without padding the packed form of a structure is its form in memory.
                     return self.samples.Handover.from_buffer_copy(packed)
             self.wait(0.002)

@@ -1,8 +1,9 @@
 //! A controller that misbehaves when told to, and a stranger that was never asked.
 //!
 //! As a candidate (`morphquad swap attitude --to PATH --config FILE`) it flies like the template that
-//! users begin with, until the instant at which its file wants something else. As `rogue stray RUN` it
-//! forges every field of commands and publishes them without a seat.
+//! users begin with, until the instant at which its file wants something else. As `rogue stray RUN` it forges every
+//! field of commands and of whatever a flight obeys, and publishes them without a seat; as `rogue usurp RUN` it frees
+//! what a dead launcher has left before that.
 
 mod stray;
 
@@ -186,7 +187,8 @@ impl Service for Rogue {
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().collect();
     match words.as_slice() {
-        [_, word, folder] if word == "stray" => stray::write_on(folder.as_ref()),
+        [_, word, folder] if word == "stray" => stray::write_on(folder.as_ref(), false),
+        [_, word, folder] if word == "usurp" => stray::write_on(folder.as_ref(), true),
         _ => host::controller("rogue", Rogue::new),
     }
 }

@@ -1,31 +1,137 @@
 //! A process that nobody has given a seat.
 
 use host::BuildError;
-use runtime::Sink as _;
-use runtime::ipc::Bus;
+use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind, StatePublisher};
 use runtime::namespace::Membership;
-use shared_types::{Header, WrenchCommand, topics};
+use runtime::{Sink as _, StateSink as _};
+use shared_types::{
+    ClockMode, ClockRecord, Flag, Header, NO_SEAT, OwnerRecord, Progress, Role, Roll, RollEntry,
+    Seat, WrenchCommand, topics,
+};
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Publishes full thrust upside down for all of a flight to come, in the name of every seat, for a minute or until it
-/// is killed.
-pub(super) fn write_on(folder: &Path) -> ExitCode {
-    match write(folder) {
+/// A number that no sum survives.
+const FAR: u64 = u64::MAX / 2;
+
+/// Publishes all that could take a flight over, for a minute or until it is killed. `usurps`: it first frees
+/// what dead processes have left, as any client of the transport can.
+pub(super) fn write_on(folder: &Path, usurps: bool) -> ExitCode {
+    match write(folder, usurps) {
         Ok(()) => ExitCode::SUCCESS,
         Err(_) => ExitCode::FAILURE,
     }
 }
 
-fn write(folder: &Path) -> Result<(), BuildError> {
+fn write(folder: &Path, usurps: bool) -> Result<(), BuildError> {
     let membership = Membership::join(folder)?;
     let bus = Bus::join(&membership.ipc_config(), "rogue")?;
-    let mut port = bus.writer(&topics::WRENCH_COMMAND)?;
+    if usurps {
+        bus.sweep_dead_processes(|| ());
+    }
+    let mut forger = Forger::open(&bus)?;
     for k in 0_u64..12_000 {
+        forger.forge(k);
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "it waits for nobody, which is what is tested"
+        )]
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Ok(())
+}
+
+/// What one process tells of itself and hears of its launcher.
+struct Post {
+    seat: Seat,
+    state: StatePublisher,
+    handover: StatePublisher,
+    progress: IpcSink<Progress>,
+}
+
+/// Writes on every service that a flight obeys.
+struct Forger {
+    commands: IpcSink<WrenchCommand>,
+    posts: Vec<Post>,
+    clock: IpcSink<ClockRecord>,
+    roll: IpcSink<Roll>,
+    owners: Vec<(Role, IpcSink<OwnerRecord>)>,
+    /// The line of the roll that it gives itself.
+    line: RollEntry,
+}
+
+impl Forger {
+    fn open(bus: &Bus) -> Result<Self, PortError> {
+        let post = |seat| {
+            Ok(Post {
+                seat,
+                state: StatePublisher::open(bus, ServiceKind::State(seat), 4096)?,
+                handover: StatePublisher::open(bus, ServiceKind::Handover(seat), 4096)?,
+                progress: bus.open_writer(ServiceKind::Progress(seat))?,
+            })
+        };
+        let seats = Role::STEPPING.into_iter().flat_map(Seat::all);
+        let slots =
+            [(Role::Attitude, &topics::ATTITUDE_OWNER), (Role::Position, &topics::POSITION_OWNER)];
+        let owners = slots.map(|(role, topic)| Ok((role, bus.writer(topic)?)));
+        Ok(Self {
+            commands: bus.writer(&topics::WRENCH_COMMAND)?,
+            posts: seats.map(post).collect::<Result<_, PortError>>()?,
+            clock: bus.open_writer(ServiceKind::Clock)?,
+            roll: bus.open_writer(ServiceKind::Roll)?,
+            owners: owners.into_iter().collect::<Result<_, PortError>>()?,
+            line: RollEntry {
+                node: bus.identity(),
+                role: Role::Attitude,
+                period_ns: 2_000_000,
+                present: Flag::Yes,
+                ..RollEntry::default()
+            },
+        })
+    }
+
+    /// Full thrust upside down for all of a flight to come, in the name of every seat, and whatever would make it count.
+    fn forge(&mut self, k: u64) {
+        let mut roll = Roll { count: 1, ..Roll::default() };
+        roll.entries[0] = self.line;
+        self.roll.send(&roll);
+        self.clock.send(&ClockRecord {
+            end_ns: 1,
+            speed: 1.0,
+            mode: ClockMode::Lockstep,
+            started: Flag::Yes,
+            may_leave: Flag::Yes,
+            ..ClockRecord::default()
+        });
+        for (slot, owner) in &mut self.owners {
+            owner.send(&OwnerRecord {
+                header: Header { sequence: FAR + k, ..Header::default() },
+                epoch: FAR + k,
+                period_ns: [2_000_000; 4],
+                owner: 3,
+                fallback: NO_SEAT,
+                slot: *slot,
+                ..OwnerRecord::default()
+            });
+        }
+        let release_ns = 50_000_000 * k;
+        for Post { seat, state, handover, progress } in &mut self.posts {
+            for generation in 0..2 {
+                let header = Header {
+                    sequence: FAR + k,
+                    release_ns: FAR + release_ns,
+                    seat: seat.index,
+                    generation,
+                    ..Header::default()
+                };
+                state.send(&header, &[0xff; 1000]);
+                handover.send(&header, &[0xff; 1000]);
+                progress.send(&Progress { mark_ns: FAR, generation, ..Progress::default() });
+            }
+        }
         for seat in 0..4 {
-            let release_ns = 50_000_000 * k;
-            port.send(&WrenchCommand {
+            self.commands.send(&WrenchCommand {
                 header: Header {
                     sequence: 1_000_000 + k,
                     release_ns,
@@ -39,11 +145,5 @@ fn write(folder: &Path) -> Result<(), BuildError> {
                 validity_ns: 60_000_000_000,
             });
         }
-        #[expect(
-            clippy::disallowed_methods,
-            reason = "it waits for nobody, which is what is tested"
-        )]
-        std::thread::sleep(Duration::from_millis(5));
     }
-    Ok(())
 }

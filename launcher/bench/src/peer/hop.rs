@@ -125,6 +125,7 @@ fn mailbox() -> Seat {
 /// A port cannot be had, or nobody receives.
 pub fn send(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
     let bus = end.join("hop-from")?;
+    bus.lead()?;
     let mut roll = bus.open_writer::<Roll>(ServiceKind::Roll)?;
     let mut entries = Roll { count: 1, ..Roll::default() };
     entries.entries[0].node = bus.identity();

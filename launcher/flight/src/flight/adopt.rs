@@ -203,14 +203,15 @@ impl Flight {
         let graph = graph_of(scenario)?;
         remove_unborn_objects(folder);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        bus.lead()?;
         let services = HeldServices::take_over(&bus)?;
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let of = Of { adoptions: notes.of.adoptions + 1, ..notes.of.clone() };
         let policy = restart_policy(scenario);
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
-        // A launcher's services admit one writer: the dead one has to be swept away first.
+        // Services admit only so many readers and writers: the dead launcher's have to be swept away first.
         let supervisor = loop {
-            bus.sweep_dead_processes();
+            bus.sweep_dead_processes(|| ());
             let notebook = Notebook::new(folder, of.clone(), &notes.clock.0);
             let found =
                 Supervisor::take_over(&bus, folder.to_path_buf(), notes, &hello, policy, notebook);

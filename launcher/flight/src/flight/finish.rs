@@ -37,8 +37,10 @@ impl Flight {
             self.supervisor.kill_all();
         }
         let pilot_error = self.stop_pilot();
-        self.tap.drain(mono_now_ns());
-        self.bus.sweep_dead_processes();
+        let tap = &mut self.tap;
+        self.bus.sweep_dead_processes(|| {
+            tap.drain(mono_now_ns());
+        });
         if let Some(bar) = &self.progress {
             bar.finish_and_clear();
         }

@@ -14,7 +14,7 @@ use observe::Metrics;
 use record::Recording;
 use runtime::Graph;
 use runtime::clock::{mono_now_ns, sleep_until};
-use runtime::ipc::{Bus, ServiceKind};
+use runtime::ipc::{Bus, LatestPort, ServiceKind};
 use runtime::namespace::Membership;
 use runtime::watch::StopFlags;
 use scenario::Scenario;
@@ -73,6 +73,7 @@ impl Flight {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        bus.lead()?;
         let services = HeldServices::create(&bus)?;
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
@@ -118,6 +119,7 @@ impl Flight {
         let mut sinks = Sinks::new(&roles, Metrics::of(&options.scenario), recording);
         sinks.slot_watch = Some(SlotWatch::new(&options.scenario.modelled_vehicle()));
         sinks.feed = live.take_feed();
+        let clock_reader = LatestPort::clock(&bus)?;
         Ok(Self {
             tap: Tap::open(&bus, &graph, sinks)?,
             conductor,
@@ -133,7 +135,7 @@ impl Flight {
             stop,
             bus,
             live,
-            _services: services,
+            services,
             begun: (0, 0),
             stall_limit_ns: ns_from_s(settings.launcher.stall_timeout_s),
             lag_limit_ns: ns_from_s(settings.launcher.lag_timeout_s),
@@ -142,6 +144,8 @@ impl Flight {
             drained_ns: 0,
             monitored_ns: 0,
             known_strays: 0,
+            next_service_look_ns: 0,
+            clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),
             notices: Vec::new(),
         })

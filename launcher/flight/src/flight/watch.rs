@@ -4,22 +4,52 @@ use super::Flight;
 use crate::conductor::Patience;
 use record::Severity;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
+use std::collections::BTreeMap;
 use std::io::Write as _;
 use swap::{FlightError, Slots};
+
+/// How often the services are looked after \[ns\].
+const SERVICE_LOOK_NS: u64 = 500_000_000;
 
 impl Flight {
     /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
     pub(super) fn name_strays(&mut self) {
+        // The launcher reads neither by itself.
+        let _ = self.bus.look_at_roll(|_| ());
+        self.clock_reader.for_each_new(|_| {});
         let strays = self.bus.strays();
+        let mut services = BTreeMap::<u32, Vec<&str>>::new();
         for stray in strays.iter().skip(self.known_strays) {
-            let comm = std::fs::read_to_string(format!("/proc/{}/comm", stray.pid));
+            services.entry(stray.pid).or_default().push(&stray.service);
+        }
+        for (pid, services) in services {
+            let comm = std::fs::read_to_string(format!("/proc/{pid}/comm"));
             let name = comm.as_deref().map_or("gone by now", str::trim);
             self.notice(&format!(
-                "process {} ({name}) writes on {} without a seat: every sample of it is ignored",
-                stray.pid, stray.service
+                "process {pid} ({name}) writes without a seat on {}: every sample of it is ignored",
+                services.join(", ")
             ));
         }
         self.known_strays = strays.len();
+    }
+
+    /// Says so when a service is no longer there: nothing flies worse for it, but whatever dies stays dead.
+    pub(super) fn name_vanished_services(&mut self, now_ns: u64) {
+        if now_ns < self.next_service_look_ns {
+            return;
+        }
+        self.next_service_look_ns = now_ns + SERVICE_LOOK_NS;
+        let vanished = self.services.vanished(&self.bus);
+        if !vanished.is_empty() {
+            let text = format!(
+                "another program has removed services of this run ({}): what flies goes on, but no process can join or be \
+                 started again; end the flight",
+                vanished.join(", ")
+            );
+            let at_ns = self.drained_ns;
+            self.tap.sinks.note(at_ns, Severity::Warning, "launcher", &text);
+            self.notice(&text);
+        }
     }
 
     pub(super) fn mark_of(&self, entry: &RollEntry) -> u64 {

@@ -61,10 +61,11 @@ impl Supervisor {
         let how = describe(death);
         let words = post.words();
         post.child = None;
-        // What it said last goes with what it leaves behind.
-        tap.drain(now_ns);
         remove_unborn_objects(&self.folder);
-        bus.sweep_dead_processes();
+        // What the dead said last goes with what they leave behind.
+        bus.sweep_dead_processes(|| {
+            tap.drain(now_ns);
+        });
         let lost = |reason: String| {
             let (name, how, words) = (name.clone(), how.clone(), words.clone());
             FlightError::Lost { name, how, words, reason }

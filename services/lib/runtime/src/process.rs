@@ -113,7 +113,7 @@ impl<'a> Process<'a> {
             graph,
             neighbours,
             slots,
-            clock: LatestPort::open(bus, ServiceKind::Clock)?,
+            clock: LatestPort::clock(bus)?,
             progress: bus.open_writer(ServiceKind::Progress(seat))?,
             listener: WakeListener::open(bus, seat)?,
             marks: SeatMarks::default(),
@@ -153,8 +153,7 @@ impl<'a> Process<'a> {
     /// # Errors
     /// Nothing came, or the state does not fit this build.
     pub fn take_over(&mut self) -> Result<(), ProcessError> {
-        let kind = ServiceKind::Handover(self.seat);
-        let mut port = StateSubscriber::open(self.bus, kind)?;
+        let mut port = StateSubscriber::handovers(self.bus, self.seat)?;
         let deadline_ns = mono_now_ns() + HANDOVER_LIMIT_NS;
         let mut outcome = None;
         while outcome.is_none() {

@@ -114,6 +114,7 @@ impl Namespace {
         std::fs::write(folder.join("scenario.toml"), scenario.to_toml())
             .map_err(OutsideError::system("write the scenario"))?;
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
+        bus.lead()?;
         let services = HeldServices::create_for(&bus, graph, seat)?;
         Ok(Self {
             periods_ns: Role::STEPPING

@@ -3,7 +3,7 @@
 use super::super::observer::Overhear;
 use super::super::wires::{QueueSink, Wires};
 use runtime::graph::READER_CAPACITY;
-use runtime::ipc::{Bus, IpcSource, PortError, ServiceKind, StateSubscriber};
+use runtime::ipc::{Bus, IpcSource, PortError, StateSubscriber};
 use runtime::{Graph, Sink as _, Source as _};
 use shared_types::{Edge, Role, Sample, Seat, Topic, TopicVisitor, topics};
 use std::rc::Rc;
@@ -73,7 +73,7 @@ impl Outputs {
         let topics = opener.topics;
         let observer = wires.observer();
         let observes_states = observer.wants_states();
-        let states = StateSubscriber::open(bus, ServiceKind::State(place))?;
+        let states = StateSubscriber::of_seat(bus, place)?;
         Ok(Self { place, topics, states, state: Vec::new(), observer, observes_states })
     }
 

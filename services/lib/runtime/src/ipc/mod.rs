@@ -5,6 +5,7 @@
 //! a stopped reader never blocks a writer.
 
 mod bare;
+mod lead;
 mod names;
 mod payload;
 mod ports;
@@ -16,19 +17,20 @@ pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
 pub use roll::Stray;
+use roll::{Authority, SharedRoll};
 pub use state::{StateFactory, StatePublisher, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
 
 use crate::graph::READER_CAPACITY;
 use iceoryx2::prelude::{
-    AttributeSpecifier, Config, FilePath, LogLevel, MessagingPattern, Node as IpcNode, NodeBuilder,
-    SemanticString, Service as _, ServiceName, SignalHandlingMode, ZeroCopySend, ipc,
-    set_log_level,
+    AttributeSpecifier, CallbackProgression, Config, FilePath, LogLevel, MessagingPattern,
+    Node as IpcNode, NodeBuilder, NodeState, SemanticString, Service as _, ServiceName,
+    SignalHandlingMode, ZeroCopySend, ipc, set_log_level,
 };
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::{Schema, Wire};
 use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
-use std::cell::RefCell;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use thiserror::Error;
@@ -68,8 +70,6 @@ struct Crowd {
 impl Crowd {
     /// A service between the launcher and everybody.
     const ALL: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: MOST_PROCESSES };
-    /// A service that only the launcher writes: the transport refuses a second writer.
-    const ANNOUNCED: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: 1 };
 
     fn of(topic: &TopicInfo) -> Self {
         let seats: u32 = topic.to.iter().map(|role| role.seats()).sum();
@@ -77,7 +77,7 @@ impl Crowd {
         match (topic.from, topic.edge) {
             (Role::Supervisor, Edge::RecordOnly) => Self { readers, writers: MOST_PROCESSES },
             // Whoever waits for a slot reads its records beside the component that judges by them.
-            (Role::Supervisor, _) => Self { readers: 2 * MOST_PROCESSES + WATCHERS, writers: 1 },
+            (Role::Supervisor, _) => Self { readers: 2 * MOST_PROCESSES + WATCHERS, writers: 8 },
             _ => Self { readers, writers: 8 },
         }
     }
@@ -99,6 +99,14 @@ pub enum PortError {
         ours: String,
         /// The run's layout hash.
         theirs: String,
+    },
+    /// The run cannot be led.
+    #[error("cannot say in {} who leads the run: {source}", folder.display())]
+    Lead {
+        /// The run's folder.
+        folder: PathBuf,
+        /// Why not.
+        source: io::Error,
     },
     /// The transport refused.
     #[error("service {service}: cannot {action}: {reason}")]
@@ -128,8 +136,10 @@ pub struct Bus {
     node: IpcNode<Ipc>,
     /// Where the run keeps what is not the transport's.
     folder: PathBuf,
+    /// Who leads, for all readers of this process.
+    authority: Rc<Authority>,
     /// Who sits where, for all readers of this process.
-    roll: roll::SharedRoll,
+    roll: SharedRoll,
 }
 
 impl Bus {
@@ -156,7 +166,18 @@ impl Bus {
             .create::<Ipc>()
             .map_err(PortError::transport(name, "create a node"))?;
         let folder = config_file.parent().unwrap_or(Path::new(".")).to_path_buf();
-        Ok(Self { node, folder, roll: Rc::new(RefCell::new(None)) })
+        let authority = Rc::new(Authority::new(&folder));
+        Ok(Self { node, folder, authority, roll: SharedRoll::default() })
+    }
+
+    /// Makes this connection the launcher's, before it writes anything: what only the launcher says is believed of it
+    /// alone from now on, and what a launcher before it has said still counts.
+    ///
+    /// # Errors
+    /// The run's folder cannot be written.
+    pub fn lead(&self) -> Result<(), PortError> {
+        lead::claim(&self.folder, self.identity())
+            .map_err(|error| PortError::Lead { folder: self.folder.clone(), source: error })
     }
 
     /// This connection as the transport names it to others.
@@ -165,10 +186,23 @@ impl Bus {
         roll::node_id(*self.node.id())
     }
 
-    /// Frees what dead processes of this run left behind; only the launcher does this.
-    pub fn sweep_dead_processes(&self) {
-        // A peer that dies during the sweep is found by the next one.
-        let _ = self.node.try_cleanup_dead_nodes();
+    /// Frees what dead processes of this run left behind; only the launcher does this. `drain` takes what they have
+    /// sent, once it is known which they are: of one that dies meanwhile nothing is freed before the next sweep.
+    pub fn sweep_dead_processes(&self, drain: impl FnOnce()) {
+        let mut dead = Vec::new();
+        let look = |state| {
+            if let NodeState::Dead(node) = state {
+                dead.push(node);
+            }
+            CallbackProgression::Continue
+        };
+        // Nodes behind one that cannot be looked at are found by the next sweep.
+        let _ = IpcNode::<Ipc>::list(self.node.config(), look);
+        drain();
+        for node in dead {
+            // Somebody else may be removing the same one.
+            let _ = node.try_remove_stale_resources();
+        }
     }
 
     /// Creates a topic's service (launcher only).
@@ -252,6 +286,14 @@ impl Bus {
             .publish_subscribe::<T>()
             .open()
             .map_err(PortError::transport(service, "open the service"))
+    }
+
+    /// False once a service is gone: whoever has opened it keeps it, and nobody can open it any more.
+    #[must_use]
+    pub fn has_service(&self, service: &str) -> bool {
+        let pattern = MessagingPattern::PublishSubscribe;
+        let exists = |name| Ipc::does_exist(&name, self.node.config(), pattern).unwrap_or(true);
+        service_name(service).is_ok_and(exists)
     }
 
     /// Compares the layout that a type has here with the one that a service was created with.

@@ -7,7 +7,7 @@ use crate::input::Source;
 use crate::output::Sink;
 use shared_types::wire::Wire;
 use shared_types::{
-    Edge as EdgeKind, NodeId, Progress, Role, Roll, RollEntry, Sample, Seat, Topic,
+    ClockRecord, Edge as EdgeKind, NodeId, Progress, Role, Roll, RollEntry, Sample, Seat, Topic,
 };
 use std::rc::Rc;
 
@@ -105,13 +105,12 @@ pub struct LatestPort<T: Wire> {
 }
 
 impl<T: Wire + 'static> LatestPort<T> {
-    /// Opens a service that is not a topic.
-    ///
-    /// # Errors
-    /// [`PortError`].
-    pub fn open(bus: &Bus, kind: ServiceKind) -> Result<Self, PortError> {
+    /// Opens a service that is not a topic, for what `accepts` lets pass.
+    fn open(bus: &Bus, kind: ServiceKind, accepts: Accepts<T>) -> Result<Self, PortError> {
         let factory = bus.open::<T>(&kind.name())?;
-        Ok(Self { source: IpcSource::with_capacity(&factory, 2)?, latest: None })
+        let mut source = IpcSource::with_capacity(&factory, 2)?;
+        source.0.guard(bus.guard(&kind.name(), accepts)?);
+        Ok(Self { source, latest: None })
     }
 
     /// The newest sample, if there ever was one.
@@ -136,10 +135,17 @@ impl LatestPort<Progress> {
     /// # Errors
     /// [`PortError`].
     pub fn progress(bus: &Bus, seat: Seat) -> Result<Self, PortError> {
-        let kind = ServiceKind::Progress(seat);
-        let mut port = Self::open(bus, kind)?;
-        port.source.0.guard(bus.guard(&kind.name(), Accepts::from_seat(seat))?);
-        Ok(port)
+        Self::open(bus, ServiceKind::Progress(seat), Accepts::from_seat(seat))
+    }
+}
+
+impl LatestPort<ClockRecord> {
+    /// Opens the clock, as the launcher tells it.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn clock(bus: &Bus) -> Result<Self, PortError> {
+        Self::open(bus, ServiceKind::Clock, Accepts::Launcher)
     }
 }
 
@@ -153,11 +159,7 @@ impl Bus {
         kind: ServiceKind,
         capacity: usize,
     ) -> Result<TopicFactory<T>, PortError> {
-        let crowd = match kind {
-            ServiceKind::Clock | ServiceKind::Roll => Crowd::ANNOUNCED,
-            _ => Crowd::ALL,
-        };
-        self.create::<T>(&kind.name(), capacity, 1, crowd)
+        self.create::<T>(&kind.name(), capacity, 1, Crowd::ALL)
     }
 
     /// Opens a service that is not a topic.
@@ -191,8 +193,7 @@ impl Bus {
     }
 
     /// Opens a topic for reading: what the processes of role `from` publish on it, and nobody else.
-    /// Topics that everybody writes about itself come from all on the roll; an owner record has one
-    /// writer, the transport sees to that.
+    /// Topics that everybody writes about itself come from all on the roll, owner records from the launcher.
     ///
     /// # Errors
     /// [`PortError`].
@@ -205,7 +206,7 @@ impl Bus {
         let mut source = IpcSource::with_capacity(&self.open_topic(topic)?, capacity)?;
         let accepts = match (from, topic.info.edge) {
             (Role::Supervisor, EdgeKind::RecordOnly) => Accepts::from_all(),
-            (Role::Supervisor, _) => return Ok(source),
+            (Role::Supervisor, _) => Accepts::Launcher,
             _ => Accepts::from_role(from),
         };
         source.0.guard(self.guard(topic.info.name, accepts)?);
@@ -226,16 +227,29 @@ impl Bus {
 }
 
 impl Bus {
-    fn guard<T>(&self, service: &str, accepts: Accepts<T>) -> Result<Guard<T>, PortError> {
-        self.with_roll(|_| ())?;
-        Ok(Guard::new(Rc::clone(&self.roll), service, accepts))
+    /// Tells a reader of `service` whose samples it takes.
+    pub(super) fn guard<T>(
+        &self,
+        service: &str,
+        accepts: Accepts<T>,
+    ) -> Result<Guard<T>, PortError> {
+        let roll = match accepts {
+            Accepts::Launcher => None,
+            Accepts::Registered { .. } => {
+                self.with_roll(|_| ())?;
+                Some(Rc::clone(&self.roll))
+            }
+        };
+        Ok(Guard::new(Rc::clone(&self.authority), roll, service, accepts))
     }
 
     fn with_roll<R>(&self, look: impl FnOnce(&mut RollBook) -> R) -> Result<R, PortError> {
         let mut roll = self.roll.borrow_mut();
         if roll.is_none() {
-            let factory = self.open_service::<Roll>(ServiceKind::Roll)?;
-            let port = IpcSource::with_capacity(&factory, 2)?;
+            let kind = ServiceKind::Roll;
+            let factory = self.open_service::<Roll>(kind)?;
+            let mut port = IpcSource::with_capacity(&factory, 2)?;
+            port.0.guard(self.guard(&kind.name(), Accepts::Launcher)?);
             *roll = Some(RollBook::new(Box::new(port)));
         }
         match roll.as_mut() {
@@ -258,6 +272,6 @@ impl Bus {
     /// Writers whose samples this process's readers have ignored.
     #[must_use]
     pub fn strays(&self) -> Vec<Stray> {
-        self.roll.borrow().as_ref().map(|roll| roll.strays().to_vec()).unwrap_or_default()
+        self.authority.strays()
     }
 }

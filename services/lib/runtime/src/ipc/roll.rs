@@ -1,17 +1,21 @@
-//! Who may publish what: the roll, and what is received from whoever is not on it.
+//! Who may publish what: the roll, the launcher, and what is received from all others.
 //!
 //! A sample counts only if the process that the transport names as its writer sits where the sample
-//! says it does. Nothing that a writer fills in is believed, and a stray writer is counted and named.
+//! says it does, or is the launcher where the launcher alone writes. Nothing that a writer fills in is believed, and a
+//! stray writer is counted and named.
 
-use super::Ipc;
+use super::{Ipc, lead};
 use crate::input::Source;
 use core::cell::{Cell, RefCell};
 use iceoryx2::identifiers::UniqueNodeId;
-use shared_types::{NodeId, Progress, Role, Roll, RollEntry, Sample, Seat};
+use shared_types::{Header, NodeId, Progress, Role, Roll, RollEntry, Sample, Seat};
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Stray writers that are told apart; further ones count with the last.
-const MOST_STRAYS: usize = 16;
+/// Stray writers that are told apart, by service; further ones count with the last.
+const MOST_STRAYS: usize = 64;
+/// Launchers that one process may come to know without allocating.
+const USUAL_LAUNCHERS: usize = 8;
 
 /// Splits an identity of the transport for the wire.
 pub(super) fn node_id(id: UniqueNodeId) -> NodeId {
@@ -32,11 +36,61 @@ pub struct Stray {
     node: NodeId,
 }
 
+/// What all readers of a process share, the roll's own included: who leads, and who wrote without a right to.
+#[derive(Debug)]
+pub(super) struct Authority {
+    leader_file: PathBuf,
+    /// Connections that led when they were first heard: the next launcher does not unsay what one has said.
+    leaders: RefCell<Vec<NodeId>>,
+    strays: RefCell<Vec<Stray>>,
+}
+
+impl Authority {
+    pub(super) fn new(folder: &Path) -> Self {
+        Self {
+            leader_file: lead::path_in(folder),
+            leaders: RefCell::new(Vec::with_capacity(USUAL_LAUNCHERS)),
+            strays: RefCell::new(Vec::with_capacity(MOST_STRAYS)),
+        }
+    }
+
+    pub(super) fn strays(&self) -> Vec<Stray> {
+        self.strays.borrow().clone()
+    }
+
+    /// True for the launcher's connection. A launcher claims the lead before it writes anything, so that a connection
+    /// that has been turned away once need not be looked up again.
+    fn is_leader(&self, node: NodeId) -> bool {
+        if self.leaders.borrow().contains(&node) {
+            return true;
+        }
+        let is_stray = self.strays.borrow().iter().any(|stray| stray.node == node);
+        let leads = !is_stray && lead::claimed(&self.leader_file) == Some(node);
+        if leads {
+            self.leaders.borrow_mut().push(node);
+        }
+        leads
+    }
+
+    fn count_stray(&self, id: UniqueNodeId, service: &Rc<str>) {
+        let node = node_id(id);
+        let mut strays = self.strays.borrow_mut();
+        let known = |s: &Stray| s.node == node && s.service == *service;
+        if let Some(stray) = strays.iter_mut().find(|s| known(s)) {
+            stray.samples += 1;
+        } else if strays.len() < MOST_STRAYS {
+            let pid = id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
+            strays.push(Stray { pid, service: Rc::clone(service), samples: 1, node });
+        } else if let Some(last) = strays.last_mut() {
+            last.samples += 1;
+        }
+    }
+}
+
 /// A reader's view of the roll.
 pub(super) struct RollBook {
     port: Box<dyn Source<Roll>>,
     roll: Roll,
-    strays: Vec<Stray>,
 }
 
 impl core::fmt::Debug for RollBook {
@@ -47,11 +101,7 @@ impl core::fmt::Debug for RollBook {
 
 impl RollBook {
     pub(super) fn new(port: Box<dyn Source<Roll>>) -> Self {
-        Self { port, roll: Roll::default(), strays: Vec::new() }
-    }
-
-    pub(super) fn strays(&self) -> &[Stray] {
-        &self.strays
+        Self { port, roll: Roll::default() }
     }
 
     fn find(&mut self, node: NodeId) -> Option<RollEntry> {
@@ -75,19 +125,6 @@ impl RollBook {
     fn entry(&self, node: NodeId) -> Option<RollEntry> {
         self.entries().iter().find(|entry| entry.node == node).copied()
     }
-
-    fn count_stray(&mut self, id: UniqueNodeId, service: &Rc<str>) {
-        let node = node_id(id);
-        let known = |s: &Stray| s.node == node && s.service == *service;
-        if let Some(stray) = self.strays.iter_mut().find(|s| known(s)) {
-            stray.samples += 1;
-        } else if self.strays.len() < MOST_STRAYS {
-            let pid = id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
-            self.strays.push(Stray { pid, service: Rc::clone(service), samples: 1, node });
-        } else if let Some(last) = self.strays.last_mut() {
-            last.samples += 1;
-        }
-    }
 }
 
 /// The roll as all readers of a process share it; opened with the first of them.
@@ -95,28 +132,39 @@ pub(super) type SharedRoll = Rc<RefCell<Option<RollBook>>>;
 
 /// Lets pass what comes from where it says it does.
 pub(super) struct Guard<T> {
-    roll: SharedRoll,
+    authority: Rc<Authority>,
+    /// None where only the launcher writes, such as the roll.
+    roll: Option<SharedRoll>,
     service: Rc<str>,
     accepts: Accepts<T>,
     /// The writer of the last sample: nearly always that of the next.
     last: Cell<Option<(UniqueNodeId, RollEntry)>>,
 }
 
-/// Whose samples a reader takes, and how to see whose they claim to be.
-pub(super) struct Accepts<T> {
-    /// None: everybody on the roll.
-    seats: Option<(Role, Option<u32>)>,
-    claims: fn(&T, &RollEntry) -> bool,
+impl<T> core::fmt::Debug for Guard<T> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Guard").field("service", &self.service).finish_non_exhaustive()
+    }
+}
+
+/// Whose samples a reader takes.
+pub(super) enum Accepts<T> {
+    /// The launcher's.
+    Launcher,
+    /// Those of processes on the roll.
+    Registered {
+        /// The role, and the seat if it matters; none: every process on the roll.
+        seats: Option<(Role, Option<u32>)>,
+        /// Whether a sample says the same of its writer as the roll.
+        claims: fn(&T, &RollEntry) -> bool,
+    },
 }
 
 impl<T: Sample> Accepts<T> {
     /// Samples that a role's processes write.
     pub(super) fn from_role(role: Role) -> Self {
-        let claims = |sample: &T, entry: &RollEntry| {
-            let header = sample.header();
-            header.seat == entry.seat && header.generation == entry.generation
-        };
-        Self { seats: Some((role, None)), claims }
+        let claims = |sample: &T, entry: &RollEntry| is_of(sample.header(), entry);
+        Self::Registered { seats: Some((role, None)), claims }
     }
 
     /// Samples that everybody writes about itself.
@@ -125,7 +173,7 @@ impl<T: Sample> Accepts<T> {
             let header = sample.header();
             header.generation == entry.generation
         };
-        Self { seats: None, claims }
+        Self::Registered { seats: None, claims }
     }
 }
 
@@ -133,32 +181,61 @@ impl Accepts<Progress> {
     /// The progress of one seat.
     pub(super) fn from_seat(seat: Seat) -> Self {
         let claims = |p: &Progress, entry: &RollEntry| p.generation == entry.generation;
-        Self { seats: Some((seat.role, Some(seat.index))), claims }
+        Self::Registered { seats: Some((seat.role, Some(seat.index))), claims }
     }
 }
 
+impl Accepts<Header> {
+    /// The published states of one seat, by their headers.
+    pub(super) fn states_of(seat: Seat) -> Self {
+        Self::Registered { seats: Some((seat.role, Some(seat.index))), claims: is_of }
+    }
+}
+
+/// True if a header names the seat and the process that the roll has.
+fn is_of(header: &Header, entry: &RollEntry) -> bool {
+    header.seat == entry.seat && header.generation == entry.generation
+}
+
 impl<T> Guard<T> {
-    pub(super) fn new(roll: SharedRoll, service: &str, accepts: Accepts<T>) -> Self {
-        Self { roll, service: Rc::from(service), accepts, last: Cell::new(None) }
+    pub(super) fn new(
+        authority: Rc<Authority>,
+        roll: Option<SharedRoll>,
+        service: &str,
+        accepts: Accepts<T>,
+    ) -> Self {
+        Self { authority, roll, service: Rc::from(service), accepts, last: Cell::new(None) }
     }
 
     /// True if the writer sits where the sample says it does.
     pub(super) fn passes(&self, id: UniqueNodeId, sample: &T) -> bool {
-        let last = self.last.get().filter(|(node, _)| *node == id).map(|(_, entry)| entry);
-        let entry = last.or_else(|| {
-            let entry = self.roll.borrow_mut().as_mut()?.find(node_id(id))?;
-            self.last.set(Some((id, entry)));
-            Some(entry)
+        let entry = self.entry(id);
+        let passes = entry.is_some_and(|entry| match &self.accepts {
+            Accepts::Launcher => true,
+            Accepts::Registered { seats, claims } => {
+                let sits = |(role, seat): (Role, Option<u32>)| {
+                    role == entry.role && seat.is_none_or(|seat| seat == entry.seat)
+                };
+                seats.is_none_or(sits) && claims(sample, &entry)
+            }
         });
-        let passes = entry.is_some_and(|entry| {
-            let seated = self.accepts.seats.is_none_or(|(role, seat)| {
-                role == entry.role && seat.is_none_or(|seat| seat == entry.seat)
-            });
-            seated && (self.accepts.claims)(sample, &entry)
-        });
-        if !passes && let Some(roll) = self.roll.borrow_mut().as_mut() {
-            roll.count_stray(id, &self.service);
+        if !passes {
+            self.authority.count_stray(id, &self.service);
         }
         passes
+    }
+
+    /// What is known of a writer that may write; the launcher is on no line of the roll.
+    fn entry(&self, id: UniqueNodeId) -> Option<RollEntry> {
+        let last = self.last.get().filter(|(node, _)| *node == id).map(|(_, entry)| entry);
+        last.or_else(|| {
+            let node = node_id(id);
+            let entry = match &self.roll {
+                Some(roll) => roll.borrow_mut().as_mut()?.find(node)?,
+                None => self.authority.is_leader(node).then(RollEntry::default)?,
+            };
+            self.last.set(Some((id, entry)));
+            Some(entry)
+        })
     }
 }

@@ -1,13 +1,15 @@
 //! Published states: packed bytes of one service kind, with the header of the step.
 
+use super::roll::{Accepts, Guard};
 use super::{Bus, Ipc, PortError, ServiceKind, service_name};
 use crate::executor::StateSink;
 use crate::upkeep::in_transport;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
+use iceoryx2::service::header::payload_header::PayloadHeader as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use shared_types::Header;
+use shared_types::{Header, Seat};
 
 /// Factory of the ports of a state or hand-over service.
 pub type StateFactory = PortFactory<Ipc, [u8], Header>;
@@ -91,34 +93,48 @@ impl StateSink for StatePublisher {
     }
 }
 
-/// Reads states.
+/// Reads states of those who may write them.
 #[derive(Debug)]
 pub struct StateSubscriber {
     subscriber: Subscriber<Ipc, [u8], Header>,
+    guard: Guard<Header>,
 }
 
 impl StateSubscriber {
-    /// Opens the service.
+    /// Opens the states of a seat, as published by the process that sits there.
     ///
     /// # Errors
     /// [`PortError`].
-    pub fn open(bus: &Bus, kind: ServiceKind) -> Result<Self, PortError> {
+    pub fn of_seat(bus: &Bus, seat: Seat) -> Result<Self, PortError> {
+        Self::open(bus, ServiceKind::State(seat), Accepts::states_of(seat))
+    }
+
+    /// Opens what the launcher hands to the process that takes a seat.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn handovers(bus: &Bus, seat: Seat) -> Result<Self, PortError> {
+        Self::open(bus, ServiceKind::Handover(seat), Accepts::Launcher)
+    }
+
+    fn open(bus: &Bus, kind: ServiceKind, accepts: Accepts<Header>) -> Result<Self, PortError> {
+        let guard = bus.guard(&kind.name(), accepts)?;
         let subscriber = bus
             .open_state_service(kind)?
             .subscriber_builder()
             .create()
             .map_err(PortError::transport(&kind.name(), "create a reader"))?;
-        Ok(Self { subscriber })
+        Ok(Self { subscriber, guard })
     }
 
     /// Shows the next state, if one has arrived; false if none has.
     pub fn receive(&mut self, mut show: impl FnMut(&Header, &[u8])) -> bool {
-        match self.subscriber.receive() {
-            Ok(Some(sample)) => {
+        while let Ok(Some(sample)) = self.subscriber.receive() {
+            if self.guard.passes(sample.header().node_id(), sample.user_header()) {
                 show(sample.user_header(), sample.payload());
-                true
+                return true;
             }
-            _ => false,
         }
+        false
     }
 }

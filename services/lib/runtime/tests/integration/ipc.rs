@@ -4,17 +4,14 @@
 //! uses topics and roles of its own.
 
 use core::time::Duration;
-use runtime::executor::StateSink as _;
 use runtime::ipc::{
-    Bus, IpcSource, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber,
-    TopicFactory, WakeListener, WakeNotifier,
+    Bus, IpcSource, PortError, ServiceKind, TopicFactory, WakeListener, WakeNotifier,
 };
 use runtime::namespace::Membership;
 use runtime::{Sink as _, Source as _};
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Disturbance, Header, Hello, Imu, MorphAngle, PoseFix, Progress, Role, Roll,
-    RollEntry, Sample, Seat, Truth, topics,
+    ClockRecord, Disturbance, Header, Hello, Imu, MorphAngle, Role, Sample, Seat, Truth, topics,
 };
 use std::sync::{Arc, Mutex, Weak};
 
@@ -126,42 +123,6 @@ fn a_topic_that_nobody_created_is_refused_by_name() {
 }
 
 #[test]
-fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() {
-    let run = join("roll");
-    let _topic = run.bus.create_topic(&topics::POSE_FIX).unwrap();
-    let _roll = run.bus.create_service::<Roll>(ServiceKind::Roll, 2).unwrap();
-    let mut roll = run.bus.open_writer::<Roll>(ServiceKind::Roll).unwrap();
-    assert!(run.bus.open_writer::<Roll>(ServiceKind::Roll).is_err(), "there is one writer");
-    let mut reader = run.bus.reader(&topics::POSE_FIX, Role::Plant).unwrap();
-    let (plant, stranger) = (join("plant"), join("stranger"));
-    let mut says = [&plant, &stranger].map(|who| who.bus.writer(&topics::POSE_FIX).unwrap());
-    let mut say = |who: usize, sequence, seat, generation| {
-        let header = Header { sequence, seat, generation, ..Header::default() };
-        says[who].send(&PoseFix { header, ..PoseFix::default() });
-    };
-    let mut heard = || {
-        let next = core::iter::from_fn(|| reader.receive());
-        next.map(|sample| sample.header.sequence).collect::<Vec<_>>()
-    };
-    say(0, 1, 0, 2);
-    assert_eq!(heard(), [], "nobody is on the roll");
-    let mut on_it = Roll { count: 1, ..Roll::default() };
-    let node = plant.bus.identity();
-    on_it.entries[0] = RollEntry { node, role: Role::Plant, generation: 2, ..RollEntry::default() };
-    roll.send(&on_it);
-    say(0, 2, 0, 2);
-    say(1, 3, 0, 2);
-    say(0, 4, 1, 2);
-    say(0, 5, 0, 3);
-    say(0, 6, 0, 2);
-    assert_eq!(heard(), [2, 6], "neither a stranger nor a forged seat or generation");
-    let strays = run.bus.strays();
-    let told: Vec<_> = strays.iter().map(|s| (s.pid, &*s.service, s.samples)).collect();
-    let pid = std::process::id();
-    assert_eq!(told, [(pid, "pose_fix", 3), (pid, "pose_fix", 1)]);
-}
-
-#[test]
 fn a_late_reader_gets_the_history_once_the_writer_looks() {
     let run = join("history");
     let factory = run.bus.create_topic(&topics::IMU).unwrap();
@@ -218,43 +179,6 @@ fn what_a_writer_sent_before_it_left_still_arrives_at_a_connected_reader() {
         core::iter::from_fn(|| reader.receive()).map(|s| s.header.sequence).collect();
     seen.sort_unstable();
     assert_eq!(seen, [2, 3, 4]);
-}
-
-#[test]
-fn the_furthest_mark_counts_whatever_the_order_of_a_process_and_its_successor() {
-    let run = join("marks");
-    let kind = ServiceKind::Progress(Seat::first(Role::Pilot));
-    let _service = run.bus.create_service::<Progress>(kind, 4).unwrap();
-    let mut port = LatestPort::<Progress>::open(&run.bus, kind).unwrap();
-    assert!(port.latest().is_none());
-    let mut old = run.bus.open_writer::<Progress>(kind).unwrap();
-    let mut new = run.bus.open_writer::<Progress>(kind).unwrap();
-    for (a, b) in [(40, 50), (70, 60)] {
-        old.send(&Progress { mark_ns: a, ..Progress::default() });
-        new.send(&Progress { mark_ns: b, ..Progress::default() });
-        let mut furthest = 0;
-        port.for_each_new(|p| furthest = p.mark_ns.max(furthest));
-        assert_eq!(furthest, a.max(b));
-    }
-    assert!(port.latest().is_some());
-}
-
-#[test]
-fn a_state_reaches_a_late_joiner_whole() {
-    let run = join("state");
-    let kind = ServiceKind::State(Seat::first(Role::Estimator));
-    let _service = run.bus.create_state_service(kind, 4).unwrap();
-    let mut publisher = StatePublisher::open(&run.bus, kind, 5_000).unwrap();
-    let bytes: Vec<u8> = (0..5_000_u32).map(|i| i.to_le_bytes()[0] ^ 0x5a).collect();
-    publisher.send(&Header { sequence: 1, ..Header::default() }, &bytes[..10]);
-    publisher.send(&Header { sequence: 2, generation: 3, ..Header::default() }, &bytes);
-    let mut subscriber = StateSubscriber::open(&run.bus, kind).unwrap();
-    publisher.serve_late_joiners();
-    let mut seen = Vec::new();
-    while subscriber.receive(|header, state| {
-        seen.push((header.sequence, header.generation, state == bytes));
-    }) {}
-    assert_eq!(seen, [(2, 3, true)]);
 }
 
 #[test]
