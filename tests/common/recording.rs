@@ -188,20 +188,25 @@ impl Recording {
 
     /// Samples of a topic, with the numbers of `fields`, or of `header.FIELD`; nested messages are laid flat.
     pub(crate) fn series(&self, topic: &str, fields: &[&str]) -> Vec<Row> {
-        let topic = format!("/{topic}");
+        let [rows] = self.several([(topic, fields)]);
+        assert!(!rows.is_empty(), "nothing on {topic}");
+        rows
+    }
+
+    /// As [`Recording::series`], of several topics in one reading; a topic may be empty.
+    pub(crate) fn several<const N: usize>(&self, wanted: [(&str, &[&str]); N]) -> [Vec<Row>; N] {
         let mut types: BTreeMap<u16, MessageDescriptor> = BTreeMap::new();
-        let mut rows = Vec::new();
+        let mut rows = [const { Vec::new() }; N];
         for message in MessageStream::new(&self.0).expect("a readable start") {
             let message = message.expect("an unbroken message");
-            if message.channel.topic != topic {
-                continue;
-            }
+            let topic = message.channel.topic.trim_start_matches('/');
+            let mut asked = wanted.iter().zip(&mut rows).filter(|((name, _), _)| *name == topic);
+            let Some(((_, fields), rows)) = asked.next() else { continue };
             let descriptor =
                 types.entry(message.channel.id).or_insert_with(|| descriptor(&message.channel));
             let sample = DynamicMessage::decode(descriptor.clone(), &*message.data);
             rows.push(row(&sample.expect("a message of its schema"), fields));
         }
-        assert!(!rows.is_empty(), "nothing on {topic}");
         rows
     }
 }
@@ -234,6 +239,7 @@ fn flatten(value: &Value, into: &mut Vec<f64>) {
         Value::U64(number) => into.push(*number as f64),
         Value::U32(number) => into.push(f64::from(*number)),
         Value::EnumNumber(number) => into.push(f64::from(*number)),
+        Value::Bool(flag) => into.push(f64::from(u8::from(*flag))),
         Value::List(list) => list.iter().for_each(|value| flatten(value, into)),
         Value::Message(message) => {
             let descriptor = message.descriptor();

@@ -28,6 +28,7 @@ mod recordings;
 mod refusals;
 mod replay;
 mod report;
+mod storms;
 mod study;
 mod swap;
 mod topic;

@@ -26,7 +26,7 @@ const EXEMPT: [&str; 6] = [
     "soak/src/",
 ];
 /// Functions that tests of the soak alone call.
-const HELPERS: [&str; 1] = ["stopped_fourteen_times"];
+const HELPERS: [&str; 2] = ["stopped_fourteen_times", "fly_orders"];
 
 /// What a test of the soak is marked with, written so that this file has no such test.
 fn soak_mark() -> String {

@@ -1,0 +1,196 @@
+//! What a storm must not have done, by the recording alone: this shares no code with what flew, recorded or judged it.
+
+use crate::common::distance;
+use crate::common::recording::{Recording, Row};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// From the reference \[m\], above the ground \[m\], and of the body's vertical from the world's \[°\].
+const EXCURSION_MAX_M: f64 = 0.5;
+const HEIGHT_MIN_M: f64 = 0.1;
+const TILT_MAX_DEG: f64 = 60.0;
+/// Of a time in seconds, as it comes from nanoseconds.
+const EPSILON_S: f64 = 1e-9;
+/// The gate's mode in which a command is in effect.
+const NORMAL: f64 = 0.0;
+/// Who may command from an instant on.
+struct Record {
+    from_s: f64,
+    owner: f64,
+    fallback: f64,
+}
+
+/// A command's validity \[s\].
+struct Command {
+    from_s: f64,
+    until_s: f64,
+}
+
+/// What is needed of a recording, read once.
+struct Flight {
+    truth: Vec<Row>,
+    reference: Vec<Row>,
+    records: Vec<Row>,
+    commands: Vec<Row>,
+    ticks: Vec<Row>,
+    set_points: Vec<Row>,
+    /// Of what other loops publish, who wrote which sample.
+    others: [(&'static str, Vec<Row>); 3],
+}
+
+/// At the beginning of what is asked of each topic: who wrote which sample.
+const WRITER: [&str; 3] = ["header.seat", "header.generation", "header.sequence"];
+
+/// Everything that is wrong with a recorded flight; none of it may be.
+pub(super) fn findings(recording: &Recording) -> Vec<String> {
+    let command = [&WRITER[..], &["validity_ns"]].concat();
+    let tick = ["mode", "command_seat", "command_sequence", "failed_over", "header.release_ns"];
+    let tick = [&WRITER[..], &tick].concat();
+    let [truth, reference, records, commands, ticks, set_points, imu, estimates, asked] = recording
+        .several([
+            ("truth", &["position_w_m", "q_wb"]),
+            ("reference", &["points"]),
+            ("attitude_owner", &["epoch", "owner", "fallback"]),
+            ("wrench_command", &command),
+            ("applied_command", &tick),
+            ("applied_setpoint", &WRITER),
+            ("imu", &WRITER),
+            ("state_estimate", &WRITER),
+            ("attitude_setpoint", &WRITER),
+        ]);
+    let others = [("imu", imu), ("state_estimate", estimates), ("attitude_setpoint", asked)];
+    let flight = Flight { truth, reference, records, commands, ticks, set_points, others };
+    let mut findings = moved_as_it_should(&flight);
+    findings.extend(commanded_by_owners(&flight));
+    findings.extend(complete(&flight));
+    findings
+}
+
+fn moved_as_it_should(flight: &Flight) -> Vec<String> {
+    let mut references = flight.reference.iter().peekable();
+    let mut wanted: Option<&Row> = None;
+    let (mut farthest, mut lowest, mut tilt) = ((0.0, 0.0), (f64::INFINITY, 0.0), (0.0, 0.0));
+    for row in &flight.truth {
+        while let Some(next) = references.next_if(|next| next.t_s <= row.t_s) {
+            wanted = Some(next);
+        }
+        let [x, y, z, _, qx, qy, _] = row.values[..] else { panic!("{row:?}") };
+        if let Some(wanted) = wanted {
+            let away_m = distance(&[x, y, z], &wanted.values[..3]);
+            farthest = if away_m > farthest.0 { (away_m, row.t_s) } else { farthest };
+        }
+        lowest = if z < lowest.0 { (z, row.t_s) } else { lowest };
+        let tilt_deg = (1.0 - 2.0 * (qx * qx + qy * qy)).clamp(-1.0, 1.0).acos().to_degrees();
+        tilt = if tilt_deg > tilt.0 { (tilt_deg, row.t_s) } else { tilt };
+    }
+    let told = |is_bad: bool, what: &str, (value, at_s): (f64, f64)| {
+        is_bad.then(|| format!("{what} {value:.2} at {at_s:.3} s"))
+    };
+    [
+        told(farthest.0 > EXCURSION_MAX_M, "metres from the reference:", farthest),
+        told(lowest.0 < HEIGHT_MIN_M, "metres above the ground:", lowest),
+        told(tilt.0 > TILT_MAX_DEG, "degrees of tilt:", tilt),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// Each tick with a command in effect had it from a writer that was the owner, or the fallback in its turn, by the record
+/// in effect at the command's own instant.
+fn commanded_by_owners(flight: &Flight) -> Vec<String> {
+    let mut records: Vec<(f64, Record)> = flight
+        .records
+        .iter()
+        .map(|row| {
+            let [epoch, owner, fallback] = row.values[..] else { panic!("{row:?}") };
+            (epoch, Record { from_s: row.t_s, owner, fallback })
+        })
+        .collect();
+    records.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let mut commands: BTreeMap<[u64; 2], Vec<Command>> = BTreeMap::new();
+    for row in &flight.commands {
+        let [seat, _, sequence, validity_ns] = row.values[..] else { panic!("{row:?}") };
+        let key = [seat.to_bits(), sequence.to_bits()];
+        let until_s = row.t_s + validity_ns * 1e-9;
+        commands.entry(key).or_default().push(Command { from_s: row.t_s, until_s });
+    }
+    let (mut wrong, mut first, mut before_s) = (0_u32, None, None);
+    // Who had the turn when its command came into effect keeps it for as long as that is valid.
+    let mut accepted = BTreeSet::new();
+    for row in &flight.ticks {
+        let [_, _, _, mode, seat, sequence, failed_over, release_ns] = row.values[..] else {
+            panic!("{row:?}")
+        };
+        let t_s = release_ns * 1e-9;
+        let began_s = before_s.replace(t_s).unwrap_or(t_s);
+        // Before the first command the plant hovers by itself.
+        if mode != NORMAL || sequence == 0.0 {
+            continue;
+        }
+        let key = [seat.to_bits(), sequence.to_bits()];
+        let may = commands.get(&key).into_iter().flatten().any(|command| {
+            let then = records.iter().rev().find(|(_, record)| record.from_s <= command.from_s);
+            let has_the_turn = then.is_some_and(|(_, record)| {
+                record.owner == seat || record.fallback == seat && failed_over > 0.0
+            });
+            let is_valid = command.from_s <= t_s + EPSILON_S
+                && (t_s <= command.until_s + EPSILON_S || began_s < command.until_s);
+            (has_the_turn || accepted.contains(&key)) && is_valid
+        });
+        if may {
+            accepted.insert(key);
+        } else {
+            wrong += 1;
+            first.get_or_insert((t_s, seat, sequence));
+        }
+    }
+    let told = first.map(|(t_s, seat, sequence)| {
+        format!("{wrong} ticks by who did not own the slot, first {sequence} of {seat} at {t_s:.3} s")
+    });
+    told.into_iter().collect()
+}
+
+/// Nothing is missing between the first and the last sample of a process, and what an attitude controller publishes in one
+/// step is there as a whole, but for the step in which it was killed.
+fn complete(flight: &Flight) -> Vec<String> {
+    let mut findings = Vec::new();
+    let (commands, set_points) = (numbers(&flight.commands), numbers(&flight.set_points));
+    let own = [
+        ("wrench_command", commands.clone()),
+        ("applied_setpoint", set_points.clone()),
+        ("applied_command", numbers(&flight.ticks)),
+    ];
+    let others = flight.others.iter().map(|(topic, rows)| (*topic, numbers(rows)));
+    for (topic, by_process) in others.chain(own) {
+        for ([seat, generation], numbers) in by_process {
+            let [first, last] = [numbers.first(), numbers.last()].map(|n| n.copied().unwrap_or(0));
+            let missing = last - first + 1 - numbers.len() as u64;
+            if missing > 0 {
+                let whose = format!("seat {seat}, process {generation}");
+                findings.push(format!("{missing} samples of {topic} are missing ({whose})"));
+            }
+        }
+    }
+    for (process, commands) in commands {
+        let last = commands.last().copied().unwrap_or(0);
+        let told = set_points.get(&process).cloned().unwrap_or_default();
+        // A launcher that takes over gets more of the past of one topic than of another.
+        let first = told.first().copied().unwrap_or(0);
+        let missing = commands.range(first..last).filter(|n| !told.contains(n)).count();
+        if missing > 0 {
+            findings.push(format!("{missing} applied set points of {process:?} are missing"));
+        }
+    }
+    findings
+}
+
+/// Sequences of samples, by seat and generation.
+fn numbers(rows: &[Row]) -> BTreeMap<[u64; 2], BTreeSet<u64>> {
+    let mut numbers: BTreeMap<[u64; 2], BTreeSet<u64>> = BTreeMap::new();
+    for row in rows {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small counts")]
+        let [seat, generation, sequence] = [0, 1, 2].map(|field| row.values[field] as u64);
+        numbers.entry([seat, generation]).or_default().insert(sequence);
+    }
+    numbers
+}

@@ -1,0 +1,203 @@
+//! Storms: twenty and more orders and faults within four seconds, over every process. Whatever they do, the vehicle stays
+//! where it is to be, only owners command, the recording is whole and can be verified, and nothing is left behind.
+//!
+//! A scripted storm has exact instants, so that it is flown twice and must be the same flight. `MORPHQUAD_STORMS` says how
+//! many are flown, `MORPHQUAD_SEED` from which seed on.
+
+mod audit;
+mod plan;
+
+use crate::common::processes::{Process, Running, kill, left_in_shared_memory, processes_of};
+use crate::common::recording::Recording;
+use crate::common::time::{host_s, pause_ms, wait_until};
+use crate::common::{fly, morphquad};
+use plan::{Act, Kind, storm};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Child, Output};
+use std::thread;
+
+/// Time after the storm in which everything may settle again \[s\].
+const FLIGHT_S: &str = "8s";
+/// Exit codes of a flight that was flown to its end, well or not.
+const FLOWN: [Option<i32>; 3] = [Some(0), Some(1), Some(5)];
+
+fn number(name: &str, default: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// Flies storms, each with a seed of its own, and fails with all that any of them has found.
+fn fly_storms(kind: Kind, default: u64, fly_one: impl Fn(u64, &[(f64, Act)]) -> Vec<String>) {
+    let (first, count) = (number("MORPHQUAD_SEED", 1), number("MORPHQUAD_STORMS", default));
+    let mut found = Vec::new();
+    for seed in first..first + count {
+        let acts = storm(seed, kind);
+        for finding in fly_one(seed, &acts) {
+            println!("storm {seed}: {finding}");
+            found.push(format!("storm {seed}: {finding}"));
+        }
+    }
+    assert!(found.is_empty(), "{} findings in {count} storms:\n{}", found.len(), found.join("\n"));
+    println!("{count} storms from seed {first} on, 0 findings");
+}
+
+/// What is wrong with a flight by its exit code, its summary and its recording; `said` goes with it.
+fn judged(code: Option<i32>, summary: &Value, said: &str) -> Vec<String> {
+    let mut findings = Vec::new();
+    let verdict = summary["verdict"]["verdict"].as_str().unwrap_or("none");
+    if !FLOWN.contains(&code) || ["LOST", "CRASHED", "none"].contains(&verdict) {
+        findings.push(format!("{verdict}, code {code:?}: {said}"));
+    }
+    let recording = summary["recording"].as_str().map(Path::new);
+    findings.extend(recording.map(recorded).unwrap_or_default());
+    for key in ["wrong_owner_ticks", "duplicated_ticks", "dropped_samples"] {
+        let count = summary[key].as_f64();
+        if count != Some(0.0) {
+            findings.push(format!("{key}: {count:?}"));
+        }
+    }
+    if let Some(path) = recording.filter(|_| !findings.is_empty()) {
+        let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(path.file_name().expect("a name"));
+        std::fs::copy(path, &kept).expect("room");
+        findings.push(format!("the recording is kept as {}", kept.display()));
+    }
+    findings
+}
+
+/// What is wrong with a recording, by itself and by `replay --verify`.
+fn recorded(path: &Path) -> Vec<String> {
+    let mut findings = audit::findings(&Recording::read(path));
+    if path.to_string_lossy().contains("-adopted-") {
+        // It begins in the middle of a flight, which cannot be flown again.
+        return findings;
+    }
+    let mut verify = morphquad(["replay"]);
+    verify.arg(path).args(["--verify", "--format", "json"]);
+    let output = verify.output().expect("the executable starts");
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    if output.status.code() != Some(0) || json["verify"]["identical"] != true {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let services = json["verify"]["services"].as_array().cloned().unwrap_or_default();
+        let differ: Vec<_> =
+            services.iter().filter(|s| s["differences"] != 0 || s["unrecorded"] != 0).collect();
+        findings.push(format!("verify: {:?} {differ:?} {said}", output.status.code()));
+    }
+    findings
+}
+
+#[test]
+fn a_scripted_storm_is_one_flight_and_loses_nothing() {
+    fly_storms(Kind::Scripted, 10, |_seed, acts| {
+        let script: Vec<String> = acts.iter().flat_map(|(at_s, act)| act.script(*at_s)).collect();
+        let mut words = vec!["hover", "--for", FLIGHT_S];
+        words.extend(script.iter().map(String::as_str));
+        let [first, second] = [fly(&words), fly(&words)];
+        let mut findings = judged(first.code, first.summary(), &first.said());
+        if first.summary()["hash"] != second.summary()["hash"] {
+            findings.push(format!("another hash the second time: {}", second.said()));
+        }
+        findings
+    });
+}
+
+#[test]
+#[ignore = "soak: orders come by the wall clock"]
+fn a_storm_of_orders_in_paced_lockstep_loses_nothing() {
+    fly_storms(Kind::Ordered, 10, |_seed, acts| fly_orders(&["hover", "--speed", "1"], acts));
+}
+
+#[test]
+#[ignore = "soak: by the wall clock, on a busy machine the vehicle strays by itself"]
+fn a_storm_in_realtime_loses_nothing_that_the_recording_does_not_explain() {
+    fly_storms(Kind::Realtime, 10, |_seed, acts| {
+        fly_orders(&["hover", "--clock", "realtime"], acts)
+    });
+}
+
+/// Flies, with orders and signals at their instants by the wall clock, and judges the last recording of the flight.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "short times")]
+fn fly_orders(scenario: &[&str], acts: &[(f64, Act)]) -> Vec<String> {
+    let mut running = Running::start_and_fly(&[scenario, &["--for", FLIGHT_S]].concat());
+    let run = running.id().to_owned();
+    let begun_s = host_s();
+    let mut launchers = Launchers { first_pid: running.launcher_pid(), next: Vec::new() };
+    thread::scope(|scope| {
+        for (at_s, act) in acts {
+            pause_ms((1e3 * (begun_s + at_s - host_s()).max(0.0)) as u64);
+            let run = run.as_str();
+            match act {
+                Act::Kill { name } => signal(run, name, Signal::KILL),
+                Act::Stop { name, for_s } => {
+                    signal(run, name, Signal::STOP);
+                    scope.spawn(move || {
+                        pause_ms((1e3 * for_s) as u64);
+                        signal(run, name, Signal::CONT);
+                    });
+                }
+                Act::Adopt => launchers.replace(run),
+                order => {
+                    let words = order.order().expect("all others are orders");
+                    scope.spawn(move || order_of(run, words));
+                }
+            }
+        }
+    });
+    let flown = running.wait();
+    let mut findings = match launchers.last_words() {
+        Some((code, summary, said)) => judged(code, &summary, &said),
+        None => judged(flown.code, flown.summary(), &flown.said()),
+    };
+    if !processes_of(&run).is_empty() || !left_in_shared_memory(&run).is_empty() {
+        wait_until("everybody leaves", || processes_of(&run).is_empty());
+        wait_until("nothing is left", || left_in_shared_memory(&run).is_empty());
+    }
+    findings.dedup();
+    findings
+}
+
+/// Who leads a flight, one after the other.
+struct Launchers {
+    first_pid: u32,
+    next: Vec<Child>,
+}
+
+impl Launchers {
+    /// Kills the launcher and has another one take over.
+    fn replace(&mut self, run: &str) {
+        let pid = self.next.last().map_or(self.first_pid, Child::id);
+        kill(pid, Signal::KILL);
+        let adopter = morphquad(["adopt", run, "--format", "json"]).spawn();
+        self.next.push(adopter.expect("the executable starts"));
+    }
+
+    /// Exit code, summary and words of the last one, if there is any but the first.
+    fn last_words(mut self) -> Option<(Option<i32>, Value, String)> {
+        let last = self.next.pop()?;
+        for mut killed in self.next {
+            killed.wait().expect("an end");
+        }
+        let Output { status, stdout, stderr } = last.wait_with_output().expect("an end");
+        let said = String::from_utf8_lossy(&stderr).into_owned();
+        let summary = serde_json::from_slice(&stdout).unwrap_or(Value::Null);
+        Some((status.code(), summary, said))
+    }
+}
+
+/// Gives an order; a refusal is an answer like any other.
+fn order_of(run: &str, mut words: Vec<String>) {
+    let at = words.iter().position(|word| word == "--").unwrap_or(words.len());
+    words.splice(at..at, ["--run".to_owned(), run.to_owned()]);
+    let output = morphquad(&words).output().expect("the executable starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code().is_some(), "{words:?}: {said}");
+    assert!(output.status.code() != Some(101), "{words:?}: {said}");
+}
+
+/// To every process of this name that there is.
+fn signal(run: &str, name: &str, signal: Signal) {
+    let of_name = |p: &Process| p.arguments.first().is_some_and(|own| own == name);
+    for process in processes_of(run).into_iter().filter(of_name) {
+        kill(process.pid, signal);
+    }
+}
