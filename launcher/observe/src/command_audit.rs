@@ -77,6 +77,10 @@ pub(super) struct CommandAudit {
     before: Option<(u64, u32)>,
     now: Option<(u64, u32)>,
     last_ns: Option<u64>,
+    /// The command in effect at the last tick, if it counted then.
+    counted: Option<(u32, u64)>,
+    /// The first tick, if it had a command already: a launcher that takes over has not heard that one \[ns\].
+    joined_ns: Option<u64>,
     /// Newest instant at which a command that has arrived begins to count \[ns\].
     heard_ns: u64,
     tally: CommandTally,
@@ -150,15 +154,22 @@ impl CommandAudit {
         rest.tally
     }
 
-    /// True if the recorder, which was kept from its topics for too long, never had the command in effect.
+    /// True if the recorder, which was kept from its topics for too long or has just come, never had the command in
+    /// effect.
     fn is_of_a_lost_command(&self, tick: &Tick) -> bool {
         let (seat, sequence) = tick.command;
+        let is_in = |gap: &Gap| gap.seat == seat && (gap.first..=gap.last).contains(&sequence);
+        let is_from_before =
+            || self.joined_ns.is_some_and(|ns| tick.at_ns < ns.saturating_add(CARRIED_NS));
         tick.mode == GateMode::Normal
             && !self.commands.contains_key(&tick.command)
-            && self.gaps.iter().any(|g| g.seat == seat && (g.first..=g.last).contains(&sequence))
+            && (self.gaps.iter().any(is_in) || is_from_before())
     }
 
     fn judge(&mut self, tick: &Tick) {
+        if self.last_ns.is_none() && tick.command.1 > 0 {
+            self.joined_ns = Some(tick.at_ns);
+        }
         self.tally.ticks += u64::from(!self.is_of_a_lost_command(tick));
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
@@ -188,10 +199,12 @@ impl CommandAudit {
             return;
         }
         let counts = self.commands.get(&tick.command).into_iter().flatten().any(|life| {
-            // What was in effect at a flip stays so while it is valid, until the new owner speaks.
+            // What was in effect at a flip stays so while it is valid, until the new owner speaks, and beyond the next
+            // flip if that comes first.
             let carried = || {
-                record.is_some_and(|record| life.from_ns < record.from_ns)
-                    && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
+                let is_from_before = record.is_some_and(|record| life.from_ns < record.from_ns);
+                is_from_before && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
+                    || self.counted == Some(tick.command)
             };
             // What a fallback said before it was made the owner counts only if it was obeyed already.
             let was_asked = || {
@@ -203,6 +216,7 @@ impl CommandAudit {
             let lasted = tick.at_ns <= life.until_ns || began_ns < life.until_ns;
             its_own && life.from_ns <= tick.at_ns && lasted
         });
+        self.counted = counts.then_some(tick.command);
         self.tally.wrong_owner += u64::from(!counts);
     }
 
@@ -244,9 +258,11 @@ mod tests {
         }
     }
 
-    /// Seat 0 commands from 0 ms on, seat 1 from 20 ms on; both always speak.
+    /// Seat 0 commands from 0 ms on, seat 1 from 20 ms on; both always speak. The first tick has no command, as in a
+    /// flight.
     fn flip() -> CommandAudit {
         let mut audit = CommandAudit::default();
+        audit.applied(&applied(0, 1, (NO_SEAT, 0), false));
         // Topics are drained one after the other, so records may come last.
         for (seat, sequence) in [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3)] {
             audit.command(&command(seat, sequence, 10 * (sequence - 1)));
@@ -261,7 +277,7 @@ mod tests {
         for tick in ticks {
             audit.applied(tick);
         }
-        assert_eq!(audit.tally().ticks, ticks.len() as u64);
+        assert_eq!(audit.tally().ticks, 1 + ticks.len() as u64);
         audit.tally().wrong_owner
     }
 
@@ -273,7 +289,8 @@ mod tests {
         assert_eq!(wrong(&[good[0], applied(21, 2, (0, 3), false)]), 1, "given after the flip");
         assert_eq!(wrong(&[applied(15, 1, (1, 2), false)]), 1, "a shadow's");
         assert_eq!(wrong(&[applied(15, 1, (0, 3), false)]), 1, "before its time");
-        assert_eq!(wrong(&[applied(35, 1, (0, 2), false)]), 1, "after its time");
+        let ends = [applied(30, 1, (0, 2), false), applied(35, 1, (0, 2), false)];
+        assert_eq!(wrong(&ends), 1, "after its time");
         assert_eq!(wrong(&[applied(15, 1, (0, 9), false)]), 1, "never said");
         assert_eq!(wrong(&[applied(25, 2, (0, 3), true)]), 0, "the fallback took over");
         assert_eq!(wrong(&[applied(15, 9, (0, 2), false)]), 1, "an epoch that nobody announced");
@@ -291,6 +308,21 @@ mod tests {
         audit.applied(&applied(21, 2, (0, 3), true));
         audit.applied(&applied(26, 3, (0, 3), false));
         assert_eq!(audit.tally().wrong_owner, 0, "it had been obeyed as the fallback");
+    }
+
+    #[test]
+    fn what_was_in_effect_at_two_flips_before_anybody_spoke_is_still_carried() {
+        let mut audit = CommandAudit::default();
+        audit.applied(&applied(0, 1, (NO_SEAT, 0), false));
+        for (epoch, at_ms, owner, fallback) in [(1, 0, 0, 1), (2, 15, 0, 1), (3, 20, 1, NO_SEAT)] {
+            audit.record(&record(epoch, at_ms, owner, fallback));
+        }
+        audit.command(&command(1, 2, 10));
+        for (at_ms, epoch, failed_over) in [(11, 1, true), (16, 2, false), (21, 3, false)] {
+            audit.applied(&applied(at_ms, epoch, (1, 2), failed_over));
+        }
+        let expected = CommandTally { ticks: 4, ..CommandTally::default() };
+        assert_eq!(audit.tally(), expected);
     }
 
     #[test]
@@ -315,7 +347,7 @@ mod tests {
         audit.applied(&applied(10, 1, (0, 2), false));
         let mode = GateMode::Hold;
         audit.applied(&AppliedCommand { mode, ..applied(40, 1, (0, 2), false) });
-        let expected = CommandTally { ticks: 3, missed: 1, duplicated: 1, wrong_owner: 0 };
+        let expected = CommandTally { ticks: 4, missed: 1, duplicated: 1, wrong_owner: 0 };
         assert_eq!(audit.tally(), expected);
     }
 
@@ -358,8 +390,19 @@ mod tests {
         for (at_ms, sequence) in [(25, 3), (45, 5), (75, 8), (81, 9), (82, 10)] {
             audit.applied(&applied(at_ms, 2, (1, sequence), false));
         }
-        let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
+        let expected = CommandTally { ticks: 4, wrong_owner: 1, ..CommandTally::default() };
         assert_eq!(audit.tally(), expected);
+    }
+
+    #[test]
+    fn a_command_from_before_the_recorder_came_is_not_judged() {
+        let mut audit = CommandAudit::default();
+        audit.record(&record(4, 2_900, 1, NO_SEAT));
+        for at_ms in [3_264, 3_281, 4_263, 4_264] {
+            audit.applied(&applied(at_ms, 4, (1, 126), false));
+        }
+        let expected = CommandTally { ticks: 1, wrong_owner: 1, ..CommandTally::default() };
+        assert_eq!(audit.tally(), expected, "it cannot be in effect for a second");
     }
 
     #[test]
@@ -370,9 +413,9 @@ mod tests {
         }
         let of = |tally: CommandTally| (tally.ticks, tally.wrong_owner);
         // The last command that has arrived begins to count at 20 ms: later ones may be what is missing.
-        assert_eq!((of(audit.settled()), of(audit.tally())), ((5, 5), (27, 27)));
+        assert_eq!((of(audit.settled()), of(audit.tally())), ((6, 5), (28, 27)));
         audit.command(&command(0, 4, 1_040));
-        assert_eq!((of(audit.settled()), of(audit.tally())), ((25, 25), (27, 27)));
+        assert_eq!((of(audit.settled()), of(audit.tally())), ((26, 25), (28, 27)));
     }
 
     #[test]

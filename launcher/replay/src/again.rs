@@ -167,9 +167,13 @@ impl InputVisitor for Connect<'_> {
         if let Some(last) = self.latched.next() {
             exceptions = exceptions.killed_after(last.as_ref());
         }
+        for (whose, from_ns) in self.recorded.free_seats_taken(edge.from) {
+            exceptions.seated(&topic.info, whose, from_ns);
+        }
         let samples = self.recorded.tapes.of(topic);
         let (blank, in_flight) = (!self.is_restored, self.in_flight);
-        let arrival = Arrival { at_ns: self.seated_ns, blank, in_flight };
+        let in_order = self.life.in_order;
+        let arrival = Arrival { at_ns: self.seated_ns, blank, in_flight, in_order };
         let now_ns = Rc::clone(&self.now_ns);
         let source = TapeSource::new(&samples, &topic.info, edge, exceptions, arrival, now_ns);
         input.connect(Box::new(source), Some(edge));

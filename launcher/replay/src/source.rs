@@ -37,6 +37,8 @@ pub(super) struct Exceptions {
     first: BTreeMap<Writer, u64>,
     /// Last sequence that arrived, of those writers of whom it is known.
     last: BTreeMap<Writer, u64>,
+    /// Since when those writers have had their seats that took free ones in flight \[ns\].
+    seated_ns: BTreeMap<Writer, u64>,
     /// Nothing arrived at all.
     silent: bool,
     /// What a process that was killed had in effect: seat, and effect and sequence, which only grow there.
@@ -81,6 +83,17 @@ impl Exceptions {
         self
     }
 
+    /// The same where a writer took a free seat at `from_ns`: of what it said for instants before that nothing counts,
+    /// though another process had the seat at some of them.
+    pub(super) fn seated(
+        &mut self,
+        topic: &TopicInfo,
+        (seat, generation): (u32, u32),
+        from_ns: u64,
+    ) {
+        self.seated_ns.insert(Writer::new(seat, generation, topic), from_ns);
+    }
+
     /// True if the sample came when the loop had ended, or never. Of the seat that was in effect at the end
     /// nothing newer had come, from no process that had it.
     fn came_too_late(&self, writer: Writer, header: &Header) -> bool {
@@ -92,13 +105,22 @@ impl Exceptions {
             || self.latched.is_some_and(newer)
     }
 
-    /// True if the process told that it has heard a writer, or one before it on the seat whose numbers it goes on with.
-    fn is_heard(&self, writer: Writer) -> bool {
-        let seat = Writer { generation: 0, ..writer }..=writer;
-        self.first.range(seat).next().is_some()
+    /// False for a writer of whom the process never had anything. A seat may have had one between two others that was
+    /// killed before its first words had reached everybody.
+    fn is_heard(&self, writer: Writer, arrival: &Arrival, topic: &TopicInfo) -> bool {
+        if arrival.in_order && topic.from.seats() > 1 {
+            return self.last.contains_key(&writer);
+        }
+        // Of one whose numbers go on nothing is told but of the one before it on the seat.
+        let on_seat = Writer { generation: 0, ..writer }..=writer;
+        !arrival.in_flight || self.first.range(on_seat).next().is_some()
     }
 
-    fn is_lost(&self, writer: Writer, sequence: u64) -> bool {
+    fn is_lost(&self, writer: Writer, Header { sequence, valid_ns, .. }: Header) -> bool {
+        let is_from_before = self.seated_ns.get(&writer).is_some_and(|from_ns| valid_ns < *from_ns);
+        if is_from_before && self.arrival_ns(writer, sequence).is_none() {
+            return true;
+        }
         if self.first.get(&writer).is_some_and(|first| sequence < *first) {
             return true;
         }
@@ -121,8 +143,10 @@ pub(super) struct Arrival {
     pub(super) at_ns: Option<u64>,
     /// Without a state to go on from.
     pub(super) blank: bool,
-    /// It joined, or goes on from a state: it told of every writer whom it heard.
+    /// It joined, or goes on from a state: it told of the first sample of every writer whom it heard.
     pub(super) in_flight: bool,
+    /// It left in order: it told of the last sample of every writer whom it heard.
+    pub(super) in_order: bool,
 }
 
 /// What one writer said.
@@ -158,7 +182,7 @@ impl<T: Sample> TapeSource<T> {
         }
         let reel = |(writer, samples): (Writer, Vec<T>)| {
             let next = match arrival.at_ns {
-                _ if arrival.in_flight && !exceptions.is_heard(writer) => samples.len(),
+                _ if !exceptions.is_heard(writer, &arrival, topic) => samples.len(),
                 Some(at_ns) if arrival.blank => {
                     let before = samples.partition_point(|s| s.header().release_ns < at_ns);
                     before.saturating_sub(topic.history)
@@ -177,7 +201,7 @@ impl<T: Sample> Reel<T> {
         loop {
             let sample = *self.samples.get(self.next)?;
             let header = *sample.header();
-            if exceptions.is_lost(self.writer, header.sequence) {
+            if exceptions.is_lost(self.writer, header) {
                 self.next += 1;
                 continue;
             }
@@ -305,7 +329,7 @@ mod tests {
                 slot,
                 Edge::unwaited(slot, Role::Plant),
                 Exceptions::of(slot, deviations.iter()),
-                Arrival { at_ns: Some(3 * MS), blank: true, in_flight: true },
+                Arrival { at_ns: Some(3 * MS), blank: true, in_flight: true, in_order: false },
                 Rc::new(Cell::new(8 * MS)),
             );
             let heard = core::iter::from_fn(|| source.receive());
@@ -320,6 +344,60 @@ mod tests {
         assert_eq!(heard(&[began(1, 0)]), [(1, 1), (1, 2)]);
         assert_eq!(heard(&[began(0, 0), began(1, 2)]), [(0, 1), (0, 2), (1, 2)]);
         assert_eq!(heard(&[began(0, 2)]), [(0, 2)]);
+    }
+
+    #[test]
+    fn a_writer_that_was_killed_before_its_words_reached_the_process_is_not_heard() {
+        let slot = &topics::WRENCH_COMMAND.info;
+        let said = |generation, sequence| {
+            let header = Header { generation, sequence, valid_ns: MS, ..Header::default() };
+            WrenchCommand { header, ..WrenchCommand::default() }
+        };
+        let ended = |writer_generation, last| Deviation {
+            input: Deviation::input_from(slot.name),
+            writer_generation,
+            ..deviation(DeviationKind::Ended, 8, last, last)
+        };
+        let mut source = TapeSource::new(
+            &[said(0, 7), said(0, 8), said(1, 8), said(2, 8), said(2, 9)],
+            slot,
+            Edge::unwaited(slot, Role::Plant),
+            Exceptions::of(slot, [ended(0, 7), ended(2, 9)].iter()),
+            Arrival { in_order: true, ..Arrival::default() },
+            Rc::new(Cell::new(8 * MS)),
+        );
+        let heard = core::iter::from_fn(|| source.receive());
+        let heard: Vec<_> = heard.map(|s| (s.header.generation, s.header.sequence)).collect();
+        assert_eq!(heard, [(0, 7), (2, 8), (2, 9)]);
+    }
+
+    #[test]
+    fn what_a_writer_says_for_instants_before_it_had_its_seat_does_not_count() {
+        let slot = &topics::WRENCH_COMMAND.info;
+        let said = |sequence| {
+            let header =
+                Header { generation: 1, sequence, valid_ns: sequence * MS, ..Header::default() };
+            WrenchCommand { header, ..WrenchCommand::default() }
+        };
+        let samples: Vec<_> = (1..=6).map(said).collect();
+        // It catches up from 1 ms on and has its seat from 4 ms on; that sample 2 was heard all the same is told.
+        let late = Deviation {
+            input: Deviation::input_from(slot.name),
+            writer_generation: 1,
+            ..deviation(DeviationKind::LateSamples, 5, 2, 2)
+        };
+        let mut exceptions = Exceptions::of(slot, [late].iter());
+        exceptions.seated(slot, (0, 1), 4 * MS);
+        let mut source = TapeSource::new(
+            &samples,
+            slot,
+            Edge::unwaited(slot, Role::Plant),
+            exceptions,
+            Arrival::default(),
+            Rc::new(Cell::new(8 * MS)),
+        );
+        let heard = core::iter::from_fn(|| source.receive());
+        assert_eq!(heard.map(|s| s.header.sequence).collect::<Vec<_>>(), [2, 4, 5, 6]);
     }
 
     #[test]

@@ -63,6 +63,8 @@ pub(super) struct Recorded {
     pub(super) traces: BTreeMap<LifeKey, u64>,
     /// How those began that took a seat in flight.
     pub(super) seatings: BTreeMap<LifeKey, Seating>,
+    /// When processes of any role joined: role, seat and generation \[ns\].
+    pub(super) joined: BTreeMap<(Role, u32, u32), u64>,
     /// Scenarios that configure one controller alone, by their names.
     pub(super) configs: BTreeMap<String, String>,
     /// Those who left in order.
@@ -77,6 +79,31 @@ impl Recorded {
     pub(super) fn loss(&self) -> Option<Loss> {
         let lost = self.jumps.iter().filter(|(topic, _)| self.has_gaps(topic));
         lost.map(|(topic, after_ns)| Loss { topic, after_ns: *after_ns }).min_by_key(|l| l.after_ns)
+    }
+
+    /// Seat and generation of those who took a free seat of a slot in flight, and since when they have had it, as far as
+    /// the slot's owner records are among the inputs \[ns\].
+    pub(super) fn free_seats_taken(&self, slot: Role) -> Vec<((u32, u32), u64)> {
+        let records = match slot {
+            Role::Attitude => self.tapes.of(&topics::ATTITUDE_OWNER),
+            Role::Position => self.tapes.of(&topics::POSITION_OWNER),
+            _ => return Vec::new(),
+        };
+        let joined = self.joined.iter().filter(|((role, ..), _)| *role == slot);
+        let taken = joined.filter_map(|((_, seat, generation), joined_ns)| {
+            let known = records.iter().filter(|record| record.header.valid_ns <= *joined_ns);
+            let index = usize::try_from(*seat).ok()?;
+            let (mut was_taken, mut since_ns) = (true, None);
+            for record in known {
+                let is_taken = record.period_ns.get(index).is_some_and(|period_ns| *period_ns > 0);
+                if is_taken && !was_taken {
+                    since_ns = Some(record.header.valid_ns);
+                }
+                was_taken = is_taken;
+            }
+            Some(((*seat, *generation), since_ns?))
+        });
+        taken.collect()
     }
 
     /// True if the flight's own audit says that the recorder lost samples of a topic.
@@ -168,9 +195,12 @@ impl RecordVisitor for Load<'_> {
         let any: &dyn Any = sample;
         let header = sample.header();
         let role = if let Some(seating) = any.downcast_ref::<Seating>() {
-            if seating.role == self.role && seating.kind == SeatingKind::Joined {
-                let Seating { seat, generation, .. } = *seating;
-                self.recorded.seatings.insert(LifeKey { seat, generation }, *seating);
+            if seating.kind == SeatingKind::Joined {
+                let Seating { role, seat, generation, .. } = *seating;
+                self.recorded.joined.insert((role, seat, generation), header.valid_ns);
+                if role == self.role {
+                    self.recorded.seatings.insert(LifeKey { seat, generation }, *seating);
+                }
             }
             return;
         } else if let Some(deviation) = any.downcast_ref::<Deviation>() {

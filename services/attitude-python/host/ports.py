@@ -102,8 +102,8 @@ class Bus:
             .create(iox2.ServiceType.Ipc)
         )
         self._leader_file = folder / "launcher.node"
-        # Connections that led when they were first heard.
-        self._leaders = set()
+        # Connections that have been heard where the launcher alone writes: whether they led then.
+        self._leads = {}
         self._roll_reader = self.announced("roll", samples.Roll, 2)
         self._labels = {role.value: role.name.lower() for role in samples.Role}
         # By identity of the writer: role, seat, generation, whether it is there, and its period [ns].
@@ -144,15 +144,14 @@ class Bus:
     def is_leader(self, node):
         """Whether a connection is the launcher's, or was that of one that has died: a file that others cannot write
         names it."""
-        if node not in self._leaders:
+        if node not in self._leads:
             try:
                 named = int(self._leader_file.read_text(), 16)
             except (OSError, ValueError):
-                return False
-            if named != node:
-                return False
-            self._leaders.add(node)
-        return True
+                named = None
+            # A launcher claims the lead before it says anything, so that the answer stays.
+            self._leads[node] = named == node
+        return self._leads[node]
 
     # Ports.
 

@@ -1,5 +1,11 @@
 //! What a storm must not have done, by the recording alone: this shares no code with what flew, recorded or judged it.
 
+#![expect(clippy::float_cmp, reason = "whole numbers, as they were written")]
+#![expect(
+    clippy::disallowed_methods,
+    reason = "an oracle shares no function with the code under test"
+)]
+
 use crate::common::distance;
 use crate::common::recording::{Recording, Row};
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,8 +16,11 @@ const HEIGHT_MIN_M: f64 = 0.1;
 const TILT_MAX_DEG: f64 = 60.0;
 /// Of a time in seconds, as it comes from nanoseconds.
 const EPSILON_S: f64 = 1e-9;
+/// Longest that a command may be in effect \[s\].
+const CARRIED_S: f64 = 1.0;
 /// The gate's mode in which a command is in effect.
 const NORMAL: f64 = 0.0;
+
 /// Who may command from an instant on.
 struct Record {
     from_s: f64,
@@ -115,6 +124,8 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         commands.entry(key).or_default().push(Command { from_s: row.t_s, until_s });
     }
     let (mut wrong, mut first, mut before_s) = (0_u32, None, None);
+    let joined_s = flight.ticks.first().filter(|tick| tick.values[5] > 0.0).map(|tick| tick.t_s);
+    let mut failed_over_before = 0.0;
     // Who had the turn when its command came into effect keeps it for as long as that is valid.
     let mut accepted = BTreeSet::new();
     for row in &flight.ticks {
@@ -123,15 +134,22 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         };
         let t_s = release_ns * 1e-9;
         let began_s = before_s.replace(t_s).unwrap_or(t_s);
+        // A tick tells of the stretch that ends with it, in which the move to the fallback may be over again.
+        let fell_back = failed_over + core::mem::replace(&mut failed_over_before, failed_over);
         // Before the first command the plant hovers by itself.
         if mode != NORMAL || sequence == 0.0 {
             continue;
         }
         let key = [seat.to_bits(), sequence.to_bits()];
+        // A launcher that took over has not heard what was in effect then.
+        let is_from_before = joined_s.is_some_and(|joined_s| t_s < joined_s + CARRIED_S);
+        if is_from_before && !commands.contains_key(&key) {
+            continue;
+        }
         let may = commands.get(&key).into_iter().flatten().any(|command| {
             let then = records.iter().rev().find(|(_, record)| record.from_s <= command.from_s);
             let has_the_turn = then.is_some_and(|(_, record)| {
-                record.owner == seat || record.fallback == seat && failed_over > 0.0
+                record.owner == seat || record.fallback == seat && fell_back > 0.0
             });
             let is_valid = command.from_s <= t_s + EPSILON_S
                 && (t_s <= command.until_s + EPSILON_S || began_s < command.until_s);
@@ -145,7 +163,9 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         }
     }
     let told = first.map(|(t_s, seat, sequence)| {
-        format!("{wrong} ticks by who did not own the slot, first {sequence} of {seat} at {t_s:.3} s")
+        format!(
+            "{wrong} ticks by who did not own the slot, first {sequence} of {seat} at {t_s:.3} s"
+        )
     });
     told.into_iter().collect()
 }

@@ -64,6 +64,16 @@ impl<'a> Report<'a> {
         self.sample(DeviationKind::Ended, input, writer, last.sequence);
     }
 
+    /// The writers of whom the loop had something before its first step.
+    fn known(&mut self, input: &str, newest: &[Option<Newest>; SEATS], counts_anew: bool) {
+        for (seat, known) in (0..).zip(newest) {
+            if let Some(known) = known {
+                let generation = if counts_anew { known.generation } else { 0 };
+                self.began(input, (seat, generation), 0);
+            }
+        }
+    }
+
     /// The first that the loop had of a writer; 0 if it had some before its first step.
     fn began(&mut self, input: &str, writer: (u32, u32), first: u64) {
         self.sample(DeviationKind::Began, input, writer, first);
@@ -184,11 +194,8 @@ impl InputVisitor for ReportInputs<'_> {
         let mut newest = input.newest_before();
         let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
         let counts_anew = input.counts_anew();
-        for (seat, known) in (0..).zip(newest).filter(|_| self.begins) {
-            if let Some(known) = known {
-                let generation = if counts_anew { known.generation } else { 0 };
-                self.report.began(name, (seat, generation), 0);
-            }
+        if self.begins {
+            self.report.known(name, &newest, counts_anew);
         }
         for sample in input.fresh() {
             let header = sample.header();
@@ -200,9 +207,12 @@ impl InputVisitor for ReportInputs<'_> {
             let writer = (header.seat, generation);
             let missing = match newest.replace(Newest::of(header)) {
                 Some(before) => {
-                    if counts_anew && before.is_followed_by(header) {
+                    if counts_anew && before.generation != header.generation {
+                        // The last words of one that was killed may have reached others, and its successor repeats their
+                        // numbers.
                         self.report.ended(name, (header.seat, before.generation), &before);
-                        if self.in_flight || header.sequence > 1 {
+                        let anew = before.is_followed_by(header);
+                        if anew && (self.in_flight || header.sequence > 1) {
                             self.report.began(name, writer, header.sequence);
                         }
                     }

@@ -259,6 +259,22 @@ fn who_joins_in_flight_tells_of_the_first_sample_of_each_writer_that_it_hears() 
 }
 
 #[test]
+fn the_last_sample_of_a_writer_is_told_when_another_process_has_its_seat() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.comes_from_a_slot();
+    bench.says((1, 0), 7, 0);
+    assert_eq!(bench.step(), []);
+    // It repeats the number that its predecessor may have given to others, or goes on after it.
+    for (generation, sequence) in [(1, 8), (2, 9)] {
+        bench.says((1, generation), sequence, sequence - 7);
+        let told = bench.step();
+        let ended: Vec<_> = told.iter().filter(|(k, ..)| *k == DeviationKind::Ended).collect();
+        assert_eq!(ended.len(), 1, "{told:?}");
+        assert_eq!(ended[0].1, sequence - 1);
+    }
+}
+
+#[test]
 fn what_happens_to_the_loop_is_told_with_the_step_that_follows_and_can_be_repeated() {
     let edge = Edge::unwaited(&topics::IMU.info, Role::Estimator);
     for policy in [MissPolicy::Skip, MissPolicy::Hold, MissPolicy::CatchUp] {

@@ -28,6 +28,7 @@ fn number(name: &str, default: u64) -> u64 {
 }
 
 /// Flies storms, each with a seed of its own, and fails with all that any of them has found.
+#[expect(clippy::print_stdout, reason = "what a long row of storms has found so far")]
 fn fly_storms(kind: Kind, default: u64, fly_one: impl Fn(u64, &[(f64, Act)]) -> Vec<String>) {
     let (first, count) = (number("MORPHQUAD_SEED", 1), number("MORPHQUAD_STORMS", default));
     let mut found = Vec::new();
