@@ -156,7 +156,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
 fn a_process_that_frees_what_a_dead_launcher_left_and_writes_in_its_place_is_not_obeyed() {
     let running = realtime(&["--for", "60s"]);
     let run = running.id().to_owned();
-    assert!(kill(running.launcher_pid(), Signal::KILL));
+    running.kill_launcher();
     let folder = format!("/dev/shm/mq-{run}");
     let mut usurper = Command::new(rogue()).args(["usurp", &folder]).spawn().expect("it starts");
     pause_ms(1_500);
@@ -165,10 +165,11 @@ fn a_process_that_frees_what_a_dead_launcher_left_and_writes_in_its_place_is_not
         ps(&run).is_some_and(|status| status["launcher_pid"] == adopter.0.id())
     });
     pause_ms(1_000);
-    assert!(kill(adopter.0.id(), Signal::INT));
-    let (code, summary, said) = adopter.end();
+    // Who is killed as the last of a run leaves the run to the next one's sweep.
     usurper.kill().expect("it still writes");
     usurper.wait().expect("it ends");
+    assert!(kill(adopter.0.id(), Signal::INT));
+    let (code, summary, said) = adopter.end();
     assert_eq!(code, Some(130), "{summary} {said}");
     assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary}");
     assert_eq!(summary["wrong_owner_ticks"], 0, "{summary}");

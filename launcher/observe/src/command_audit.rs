@@ -77,8 +77,8 @@ pub(super) struct CommandAudit {
     before: Option<(u64, u32)>,
     now: Option<(u64, u32)>,
     last_ns: Option<u64>,
-    /// The command in effect at the last tick, if it counted then.
-    counted: Option<(u32, u64)>,
+    /// The command in effect at the last tick, if it counted then, and until when it is valid \[ns\].
+    counted: Option<((u32, u64), u64)>,
     /// The first tick, if it had a command already: a launcher that takes over has not heard that one \[ns\].
     joined_ns: Option<u64>,
     /// Newest instant at which a command that has arrived begins to count \[ns\].
@@ -174,6 +174,7 @@ impl CommandAudit {
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
         }
+        let counted = self.counted.take();
         // A tick tells of the stretch that ends with it, within which a command may run out.
         let began_ns = self.last_ns.replace(tick.at_ns).unwrap_or(tick.at_ns);
         let record = self.epochs.get(&tick.epoch).copied();
@@ -198,26 +199,28 @@ impl CommandAudit {
         if sequence == 0 || self.epochs.is_empty() || self.is_of_a_lost_command(tick) {
             return;
         }
-        let counts = self.commands.get(&tick.command).into_iter().flatten().any(|life| {
+        let mut lives = self.commands.get(&tick.command).into_iter().flatten();
+        let counts = lives.find(|life| {
             // What was in effect at a flip stays so while it is valid, until the new owner speaks, and beyond the next
             // flip if that comes first.
             let carried = || {
                 let is_from_before = record.is_some_and(|record| life.from_ns < record.from_ns);
                 is_from_before && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
-                    || self.counted == Some(tick.command)
+                    || counted.is_some_and(|(command, _)| command == tick.command)
             };
-            // What a fallback said before it was made the owner counts only if it was obeyed already.
+            // What a fallback said before it was made the owner counts if it was obeyed already, or nothing else did.
             let was_asked = || {
                 tick.failed_over
                     || record.is_none_or(|record| life.from_ns >= record.from_ns)
-                    || self.before.is_some_and(|(_, obeyed)| obeyed == seat)
+                    || self.before.is_none_or(|(_, obeyed)| obeyed == seat)
+                    || counted.is_none_or(|(_, until_ns)| until_ns <= tick.at_ns)
             };
             let its_own = seat == obeyed && was_asked() || carried();
             let lasted = tick.at_ns <= life.until_ns || began_ns < life.until_ns;
             its_own && life.from_ns <= tick.at_ns && lasted
         });
-        self.counted = counts.then_some(tick.command);
-        self.tally.wrong_owner += u64::from(!counts);
+        self.counted = counts.map(|life| (tick.command, life.until_ns));
+        self.tally.wrong_owner += u64::from(counts.is_none());
     }
 
     /// Drops commands that nothing can descend from any more.

@@ -108,12 +108,19 @@ impl Exceptions {
     /// False for a writer of whom the process never had anything. A seat may have had one between two others that was
     /// killed before its first words had reached everybody.
     fn is_heard(&self, writer: Writer, arrival: &Arrival, topic: &TopicInfo) -> bool {
-        if arrival.in_order && topic.from.seats() > 1 {
-            return self.last.contains_key(&writer);
+        let is_told = self.first.contains_key(&writer);
+        if topic.from.seats() == 1 {
+            return is_told || !arrival.in_flight;
         }
-        // Of one whose numbers go on nothing is told but of the one before it on the seat.
-        let on_seat = Writer { generation: 0, ..writer }..=writer;
-        !arrival.in_flight || self.first.range(on_seat).next().is_some()
+        if is_told || self.last.contains_key(&writer) {
+            return true;
+        }
+        // Who was there from the start and was killed told nothing of the first writer of a seat.
+        let on_seat =
+            Writer { generation: 0, ..writer }..=Writer { generation: u32::MAX, ..writer };
+        let is_silent_of_seat = self.first.range(on_seat.clone()).next().is_none()
+            && self.last.range(on_seat).next().is_none();
+        !arrival.in_flight && !arrival.in_order && is_silent_of_seat
     }
 
     fn is_lost(&self, writer: Writer, Header { sequence, valid_ns, .. }: Header) -> bool {

@@ -91,13 +91,16 @@ impl Recorded {
         };
         let joined = self.joined.iter().filter(|((role, ..), _)| *role == slot);
         let taken = joined.filter_map(|((_, seat, generation), joined_ns)| {
-            let known = records.iter().filter(|record| record.header.valid_ns <= *joined_ns);
             let index = usize::try_from(*seat).ok()?;
             let (mut was_taken, mut since_ns) = (true, None);
-            for record in known {
+            for record in records.iter() {
+                let is_after = record.header.valid_ns > *joined_ns;
+                if is_after && was_taken {
+                    break;
+                }
                 let is_taken = record.period_ns.get(index).is_some_and(|period_ns| *period_ns > 0);
-                if is_taken && !was_taken {
-                    since_ns = Some(record.header.valid_ns);
+                if is_taken != was_taken {
+                    since_ns = is_taken.then_some(record.header.valid_ns);
                 }
                 was_taken = is_taken;
             }
@@ -116,11 +119,19 @@ impl Recorded {
 
     /// Finds those who told how far their inputs had got when they left.
     fn find_ends(&mut self) {
+        // At a step the same word tells of the end of a writer in a slot; of inputs from elsewhere only the end tells.
+        let of_the_end: BTreeSet<&str> = topics::all()
+            .into_iter()
+            .filter(|topic| topic.from.seats() == 1)
+            .map(|topic| topic.name)
+            .collect();
         for told in self.tapes.of(&topics::DEVIATION).iter() {
             let life = LifeKey::of_deviation(&told.header);
             let last_ns = self.traces.get(&life).copied().unwrap_or(0);
-            // The end of a writer is told by the same word, at a step.
-            if told.kind == DeviationKind::Ended && told.header.release_ns > last_ns {
+            if told.kind == DeviationKind::Ended
+                && of_the_end.contains(told.input_name())
+                && told.header.release_ns > last_ns
+            {
                 self.in_order.insert(life);
             }
         }

@@ -7,6 +7,7 @@ use shared_types::{
     ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicInfo, TopicVisitor, topics,
 };
 use std::any::Any;
+use std::collections::BTreeSet;
 
 /// Keeps the services alive; children only open what is held here.
 #[derive(Debug)]
@@ -14,13 +15,16 @@ pub struct HeldServices {
     _factories: Vec<Box<dyn Any>>,
     /// Names of those that were there at the last look.
     names: Vec<String>,
+    /// Their files.
+    files: BTreeSet<u64>,
 }
 
-/// Makes services, or finds those of a launcher that has died.
+/// Makes services, or finds those of a launcher that has died and makes what is missing: another program may have freed
+/// what that launcher alone held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Way {
     Create,
-    Open,
+    TakeOver,
 }
 
 struct Holder<'a> {
@@ -38,9 +42,10 @@ impl TopicVisitor for Holder<'_> {
         if self.only_for.is_some_and(|(graph, role)| !concerns(graph, role, &topic.info)) {
             return Ok(());
         }
-        let factory = match self.way {
-            Way::Create => self.bus.create_topic(topic)?,
-            Way::Open => self.bus.open_topic(topic)?,
+        let factory = if self.creates(topic.info.name) {
+            self.bus.create_topic(topic)?
+        } else {
+            self.bus.open_topic(topic)?
         };
         self.hold(topic.info.name.to_owned(), factory);
         Ok(())
@@ -58,7 +63,12 @@ impl<'a> Holder<'a> {
     }
 
     fn held(self) -> HeldServices {
-        HeldServices { _factories: self.factories, names: self.names }
+        let files = self.bus.service_files();
+        HeldServices { _factories: self.factories, names: self.names, files }
+    }
+
+    fn creates(&self, service: &str) -> bool {
+        self.way == Way::Create || !self.bus.has_service(service)
     }
 
     fn service<T: Wire + 'static>(
@@ -66,9 +76,10 @@ impl<'a> Holder<'a> {
         kind: ServiceKind,
         capacity: usize,
     ) -> Result<(), PortError> {
-        let factory = match self.way {
-            Way::Create => self.bus.create_service::<T>(kind, capacity)?,
-            Way::Open => self.bus.open_service::<T>(kind)?,
+        let factory = if self.creates(&kind.name()) {
+            self.bus.create_service::<T>(kind, capacity)?
+        } else {
+            self.bus.open_service::<T>(kind)?
         };
         self.hold(kind.name(), factory);
         Ok(())
@@ -89,9 +100,10 @@ impl<'a> Holder<'a> {
     }
 
     fn states(&mut self, kind: ServiceKind, depth: usize) -> Result<(), PortError> {
-        let factory = match self.way {
-            Way::Create => self.bus.create_state_service(kind, depth)?,
-            Way::Open => self.bus.open_state_service(kind)?,
+        let factory = if self.creates(&kind.name()) {
+            self.bus.create_state_service(kind, depth)?
+        } else {
+            self.bus.open_state_service(kind)?
         };
         self.hold(kind.name(), factory);
         Ok(())
@@ -111,12 +123,13 @@ impl HeldServices {
     }
 
     /// Holds what a launcher has left that has died. Without anybody who holds them, services would
-    /// vanish with what it left behind; so this comes before the dead are swept.
+    /// vanish with what it left behind; so this comes before the dead are swept. Those that have vanished already, because
+    /// another program has swept, are made anew.
     ///
     /// # Errors
     /// If a service of the transport cannot be opened.
     pub fn take_over(bus: &Bus) -> Result<Self, PortError> {
-        Self::hold(bus, Way::Open)
+        Self::hold(bus, Way::TakeOver)
     }
 
     /// Creates what the process of one seat opens, in a run that has no other process: the topics that
@@ -147,11 +160,20 @@ impl HeldServices {
         Ok(holder.held())
     }
 
-    /// Services that have gone since the last look: any client of the transport can remove one by force.
+    /// Services that have gone since the last look, perhaps for others of their names: any client of the transport can
+    /// remove one by force.
     pub fn vanished(&mut self, bus: &Bus) -> Vec<String> {
+        let files = bus.service_files();
+        if self.files.is_subset(&files) {
+            return Vec::new();
+        }
+        self.files = files;
         let names = core::mem::take(&mut self.names).into_iter();
-        let (held, vanished) = names.partition(|name| bus.has_service(name));
+        let (held, mut vanished): (_, Vec<_>) = names.partition(|name| bus.has_service(name));
         self.names = held;
+        if vanished.is_empty() {
+            vanished.push("one that has been made anew".to_owned());
+        }
         vanished
     }
 

@@ -134,12 +134,7 @@ class Obedience:
         if turned:
             self._kind_changes = self.record.kind_changed and self.seat != obeyed
             self._carried = self._last
-            for seat, command in list(self._held.items()):
-                # What the new owner said while it was not asked, as the fallback, was not its to give.
-                is_from_before = command.valid_ns < self.record.effective_ns
-                was_not_asked = seat == self.record.owner and seat != obeyed and is_from_before
-                if was_not_asked or not self.record.is_taken(seat):
-                    del self._held[seat]
+            self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
 
     def trip(self, epoch, instance, at_ns):
         """Takes the monitor's word that the owner of an epoch is not to be followed any more: the fallback counts as
@@ -189,8 +184,11 @@ class Obedience:
             return None
         self.open_ns = max(self.open_ns, t_ns + 1)
         owners, fallbacks = self._valid(record.owner, t_ns), self._valid(record.fallback, t_ns)
-        if owners is None and self._carried and self._carried.is_valid(t_ns):
-            owners = self._carried
+        if self._carried and self._carried.is_valid(t_ns):
+            # What the new owner said while it was not asked, as the fallback, counts only once nothing else does.
+            is_from_before = owners is not None and owners.valid_ns < record.effective_ns
+            if owners is None or (is_from_before and self._carried.seat != record.owner):
+                owners = self._carried
         is_late = t_ns >= self._tripped_ns + REJECTED_AFTER_TRIP_NS
         owner_counts = not self.tripped or (is_late and fallbacks is None)
         if owners is not None and not self.failed_over and owner_counts:

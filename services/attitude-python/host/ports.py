@@ -103,7 +103,7 @@ class Bus:
         )
         self._leader_file = folder / "launcher.node"
         # Connections that have been heard where the launcher alone writes: whether they led then.
-        self._leads = {}
+        self._leads = {self._named_leader(): True}
         self._roll_reader = self.announced("roll", samples.Roll, 2)
         self._labels = {role.value: role.name.lower() for role in samples.Role}
         # By identity of the writer: role, seat, generation, whether it is there, and its period [ns].
@@ -145,13 +145,15 @@ class Bus:
         """Whether a connection is the launcher's, or was that of one that has died: a file that others cannot write
         names it."""
         if node not in self._leads:
-            try:
-                named = int(self._leader_file.read_text(), 16)
-            except (OSError, ValueError):
-                named = None
             # A launcher claims the lead before it says anything, so that the answer stays.
-            self._leads[node] = named == node
+            self._leads[node] = node == self._named_leader()
         return self._leads[node]
+
+    def _named_leader(self):
+        try:
+            return int(self._leader_file.read_text(), 16)
+        except (OSError, ValueError):
+            return None
 
     # Ports.
 

@@ -64,20 +64,22 @@ struct Forger {
 impl Forger {
     fn open(bus: &Bus) -> Result<Self, PortError> {
         let post = |seat| {
-            Ok(Post {
+            Ok::<_, PortError>(Post {
                 seat,
                 state: StatePublisher::open(bus, ServiceKind::State(seat), 4096)?,
                 handover: StatePublisher::open(bus, ServiceKind::Handover(seat), 4096)?,
                 progress: bus.open_writer(ServiceKind::Progress(seat))?,
             })
         };
+        // What a dead launcher alone held is gone once it has been swept.
         let seats = Role::STEPPING.into_iter().flat_map(Seat::all);
+        let posts = seats.filter_map(|seat| post(seat).ok());
         let slots =
             [(Role::Attitude, &topics::ATTITUDE_OWNER), (Role::Position, &topics::POSITION_OWNER)];
         let owners = slots.map(|(role, topic)| Ok((role, bus.writer(topic)?)));
         Ok(Self {
             commands: bus.writer(&topics::WRENCH_COMMAND)?,
-            posts: seats.map(post).collect::<Result<_, PortError>>()?,
+            posts: posts.collect(),
             clock: bus.open_writer(ServiceKind::Clock)?,
             roll: bus.open_writer(ServiceKind::Roll)?,
             owners: owners.into_iter().collect::<Result<_, PortError>>()?,

@@ -126,8 +126,9 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
     let (mut wrong, mut first, mut before_s) = (0_u32, None, None);
     let joined_s = flight.ticks.first().filter(|tick| tick.values[5] > 0.0).map(|tick| tick.t_s);
     let mut failed_over_before = 0.0;
-    // Who had the turn when its command came into effect keeps it for as long as that is valid.
-    let mut accepted = BTreeSet::new();
+    // Who had the turn when its command came into effect keeps it for as long as that is valid: the command, and from when
+    // until when it is.
+    let mut in_effect: Option<([u64; 2], f64, f64)> = None;
     for row in &flight.ticks {
         let [_, _, _, mode, seat, sequence, failed_over, release_ns] = row.values[..] else {
             panic!("{row:?}")
@@ -146,18 +147,22 @@ fn commanded_by_owners(flight: &Flight) -> Vec<String> {
         if is_from_before && !commands.contains_key(&key) {
             continue;
         }
-        let may = commands.get(&key).into_iter().flatten().any(|command| {
+        let counts = commands.get(&key).into_iter().flatten().find(|command| {
             let then = records.iter().rev().find(|(_, record)| record.from_s <= command.from_s);
             let has_the_turn = then.is_some_and(|(_, record)| {
                 record.owner == seat || record.fallback == seat && fell_back > 0.0
             });
+            // What a fallback has said before it becomes the owner counts once nothing else does.
+            let is_next = then.is_some_and(|(_, record)| record.fallback == seat)
+                && in_effect.is_none_or(|(_, _, until_s)| until_s <= t_s + EPSILON_S);
+            let is_carried = in_effect
+                .is_some_and(|(before, from_s, _)| before == key && from_s == command.from_s);
             let is_valid = command.from_s <= t_s + EPSILON_S
                 && (t_s <= command.until_s + EPSILON_S || began_s < command.until_s);
-            (has_the_turn || accepted.contains(&key)) && is_valid
+            (has_the_turn || is_next || is_carried) && is_valid
         });
-        if may {
-            accepted.insert(key);
-        } else {
+        in_effect = counts.map(|command| (key, command.from_s, command.until_s)).or(in_effect);
+        if counts.is_none() {
             wrong += 1;
             first.get_or_insert((t_s, seat, sequence));
         }

@@ -211,10 +211,7 @@ impl InputVisitor for ReportInputs<'_> {
                         // The last words of one that was killed may have reached others, and its successor repeats their
                         // numbers.
                         self.report.ended(name, (header.seat, before.generation), &before);
-                        let anew = before.is_followed_by(header);
-                        if anew && (self.in_flight || header.sequence > 1) {
-                            self.report.began(name, writer, header.sequence);
-                        }
+                        self.report.began(name, writer, header.sequence);
                     }
                     before.missing_before(header, counts_anew)
                 }

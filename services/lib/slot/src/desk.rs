@@ -103,13 +103,9 @@ impl Desk {
     /// Keeps what was in effect until the new owner speaks; call it when [`Consumer::advance`] says
     /// that a record came into effect.
     pub fn turn(&mut self, turn: &Turn) {
-        let Turn { record, from, .. } = turn;
         self.carried = self.last;
         for (held, seat) in self.held.iter_mut().zip(Seat::ALL) {
-            // What the new owner said while it was not asked, as the fallback, was not its to give.
-            let is_from_before = held.effective_ns < record.effective_ns;
-            let was_not_asked = seat == record.owner && *from != Some(seat) && is_from_before;
-            if !record.is_taken(seat) || was_not_asked {
+            if !turn.record.is_taken(seat) {
                 *held = Command::default();
             }
         }
@@ -141,7 +137,11 @@ impl Desk {
     pub fn decide(&mut self, consumer: &mut Consumer, now_ns: u64) -> Option<Choice> {
         let record = consumer.record()?;
         let of = |seat: Seat| Some((seat, self.held[seat.index()].valid(now_ns)?));
-        let owner = of(record.owner).or_else(|| self.carried.valid(now_ns));
+        let (held, carried) = (of(record.owner), self.carried.valid(now_ns));
+        // What the new owner said while it was not asked, as the fallback, counts only once nothing else does.
+        let is_from_before = held.is_some_and(|(_, held)| held.effective_ns < record.effective_ns);
+        let is_anothers = carried.is_some_and(|(seat, _)| seat != record.owner);
+        let owner = if is_from_before && is_anothers { carried } else { held.or(carried) };
         let fallback = record.fallback.and_then(of);
         let source = consumer.decide(now_ns, owner.is_some(), fallback.is_some());
         let given = match source {
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rollback_obeys_nothing_that_the_old_owner_said_as_the_fallback() {
+    fn a_rollback_obeys_what_the_old_owner_said_as_the_fallback_only_if_nothing_else_counts() {
         let back = record(3, 37, 0, Some(1));
         let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
         assert_eq!(table.at(10, &[A]), Some((A, 10)));
@@ -270,6 +270,13 @@ mod tests {
         assert_eq!(table.at(30, &[A, B]), Some((B, 30)));
         assert_eq!(table.at(37, &[]), Some((B, 30)), "not what A said at 30");
         assert_eq!(table.at(40, &[A, B]), Some((A, 40)));
+        // The owner died at 20, and the old one commands again at 37.
+        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
+        for (now_ns, writers) in [(10, &[A][..]), (20, &[A, B]), (35, &[A])] {
+            table.at(now_ns, writers);
+        }
+        assert_eq!(table.at(37, &[]), Some((B, 20)));
+        assert_eq!(table.at(41, &[]), Some((A, 35)), "what was carried has run out");
         assert_eq!(table.consumer.counters().missed, 0);
     }
 

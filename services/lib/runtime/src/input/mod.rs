@@ -95,11 +95,6 @@ impl Newest {
         (header.valid_ns, header.sequence) <= (self.valid_ns, self.sequence)
     }
 
-    /// True if another process has taken the seat, one that does not go on from its last words.
-    pub(crate) fn is_followed_by(&self, header: &Header) -> bool {
-        self.generation != header.generation && header.sequence != self.sequence.saturating_add(1)
-    }
-
     /// Samples that are missing before this one. In a slot, `counts_anew`, each process has numbers of its
     /// own; elsewhere a restarted one goes on with those of its predecessor, whose last words may be lost.
     pub(crate) fn missing_before(&self, header: &Header, counts_anew: bool) -> u64 {

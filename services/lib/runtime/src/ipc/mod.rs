@@ -30,9 +30,11 @@ use iceoryx2::prelude::{
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::{Schema, Wire};
 use shared_types::{Edge, NodeId, Role, Sample, Topic, TopicInfo, topics};
-use std::io;
+use std::collections::BTreeSet;
+use std::os::unix::fs::DirEntryExt as _;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::{fs, io};
 use thiserror::Error;
 
 /// The service variant used throughout.
@@ -60,6 +62,9 @@ const WATCHERS: usize = 3;
 /// Processes that may take part at once, and those that have just died.
 const MOST_PROCESSES: usize = 16;
 
+/// Connections that may write where the launcher alone is believed.
+const LAUNCHERS: usize = 4;
+
 /// How many readers and writers a service is made for.
 #[derive(Debug, Clone, Copy)]
 struct Crowd {
@@ -70,6 +75,8 @@ struct Crowd {
 impl Crowd {
     /// A service between the launcher and everybody.
     const ALL: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: MOST_PROCESSES };
+    /// A service that the launcher alone writes; there is room for dead ones, and each look at an empty port walks over it.
+    const ANNOUNCED: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: LAUNCHERS };
 
     fn of(topic: &TopicInfo) -> Self {
         let seats: u32 = topic.to.iter().map(|role| role.seats()).sum();
@@ -77,7 +84,9 @@ impl Crowd {
         match (topic.from, topic.edge) {
             (Role::Supervisor, Edge::RecordOnly) => Self { readers, writers: MOST_PROCESSES },
             // Whoever waits for a slot reads its records beside the component that judges by them.
-            (Role::Supervisor, _) => Self { readers: 2 * MOST_PROCESSES + WATCHERS, writers: 8 },
+            (Role::Supervisor, _) => {
+                Self { readers: 2 * MOST_PROCESSES + WATCHERS, writers: LAUNCHERS }
+            }
             _ => Self { readers, writers: 8 },
         }
     }
@@ -286,6 +295,13 @@ impl Bus {
             .publish_subscribe::<T>()
             .open()
             .map_err(PortError::transport(service, "open the service"))
+    }
+
+    /// The services of the run, as numbers by which one that is made anew differs from the one before it.
+    #[must_use]
+    pub fn service_files(&self) -> BTreeSet<u64> {
+        let files = fs::read_dir(self.folder.join("ipc").join("services"));
+        files.into_iter().flatten().flatten().map(|entry| entry.ino()).collect()
     }
 
     /// False once a service is gone: whoever has opened it keeps it, and nobody can open it any more.

@@ -159,7 +159,11 @@ impl Bus {
         kind: ServiceKind,
         capacity: usize,
     ) -> Result<TopicFactory<T>, PortError> {
-        self.create::<T>(&kind.name(), capacity, 1, Crowd::ALL)
+        let crowd = match kind {
+            ServiceKind::Clock | ServiceKind::Roll => Crowd::ANNOUNCED,
+            _ => Crowd::ALL,
+        };
+        self.create::<T>(&kind.name(), capacity, 1, crowd)
     }
 
     /// Opens a service that is not a topic.

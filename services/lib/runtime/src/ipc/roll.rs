@@ -16,6 +16,8 @@ use std::rc::Rc;
 const MOST_STRAYS: usize = 64;
 /// Launchers that one process may come to know without allocating.
 const USUAL_LAUNCHERS: usize = 8;
+/// Connections that are known not to lead; of further ones the oldest is asked for again.
+const MOST_REFUSED: usize = 16;
 
 /// Splits an identity of the transport for the wire.
 pub(super) fn node_id(id: UniqueNodeId) -> NodeId {
@@ -42,14 +44,21 @@ pub(super) struct Authority {
     leader_file: PathBuf,
     /// Connections that led when they were first heard: the next launcher does not unsay what one has said.
     leaders: RefCell<Vec<NodeId>>,
+    /// Connections that did not lead when they were first heard, the last of them first.
+    refused: RefCell<[NodeId; MOST_REFUSED]>,
     strays: RefCell<Vec<Stray>>,
 }
 
 impl Authority {
+    /// Who leads when a process joins is believed even if the next one leads before its words are heard.
     pub(super) fn new(folder: &Path) -> Self {
+        let leader_file = lead::path_in(folder);
+        let mut leaders = Vec::with_capacity(USUAL_LAUNCHERS);
+        leaders.extend(lead::claimed(&leader_file));
         Self {
-            leader_file: lead::path_in(folder),
-            leaders: RefCell::new(Vec::with_capacity(USUAL_LAUNCHERS)),
+            leader_file,
+            leaders: RefCell::new(leaders),
+            refused: RefCell::new([NodeId::default(); MOST_REFUSED]),
             strays: RefCell::new(Vec::with_capacity(MOST_STRAYS)),
         }
     }
@@ -64,10 +73,16 @@ impl Authority {
         if self.leaders.borrow().contains(&node) {
             return true;
         }
-        let is_stray = self.strays.borrow().iter().any(|stray| stray.node == node);
-        let leads = !is_stray && lead::claimed(&self.leader_file) == Some(node);
+        let mut refused = self.refused.borrow_mut();
+        if refused.contains(&node) {
+            return false;
+        }
+        let leads = lead::claimed(&self.leader_file) == Some(node);
         if leads {
             self.leaders.borrow_mut().push(node);
+        } else {
+            refused.rotate_right(1);
+            refused[0] = node;
         }
         leads
     }
