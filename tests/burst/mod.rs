@@ -11,7 +11,7 @@ use runtime::ipc::{
 };
 use runtime::namespace::Membership;
 use runtime::{Graph, Sink as _, StateSink as _};
-use shared_types::{Header, Role, Roll, Sample, Seat, Topic};
+use shared_types::{Edge, Header, Role, Roll, Sample, Seat, Topic};
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, require_shared_memory, system};
@@ -82,7 +82,9 @@ impl<T: Sample> Lane for Samples<T> {
     }
 
     fn open(&mut self, buses: &Buses<'_>) -> Result<(), PortError> {
-        let bus = buses.of(buses.graph.producer(&self.topic.info));
+        let producer = buses.graph.producer(&self.topic.info);
+        let is_announced = producer == Role::Supervisor && self.topic.info.edge != Edge::RecordOnly;
+        let bus = if is_announced { buses.own } else { buses.of(producer) };
         self.sink = Some(bus.writer(self.topic)?);
         Ok(())
     }
