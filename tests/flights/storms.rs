@@ -19,7 +19,7 @@ use std::process::{Child, Output};
 use std::thread;
 
 /// Time after the storm in which everything may settle again \[s\].
-const FLIGHT_S: &str = "8s";
+const FLIGHT_S: &str = "6s";
 /// Exit codes of a flight that was flown to its end, well or not.
 const FLOWN: [Option<i32>; 3] = [Some(0), Some(1), Some(5)];
 
