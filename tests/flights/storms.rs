@@ -18,7 +18,7 @@ use std::path::Path;
 use std::process::{Child, Output};
 use std::thread;
 
-/// Time after the storm in which everything may settle again \[s\].
+/// Duration of a flight: the storm ends at 4.5 s, and then everything may settle.
 const FLIGHT_S: &str = "6s";
 /// Exit codes of a flight that was flown to its end, well or not.
 const FLOWN: [Option<i32>; 3] = [Some(0), Some(1), Some(5)];
@@ -146,15 +146,12 @@ fn fly_orders(scenario: &[&str], acts: &[(f64, Act)]) -> Vec<String> {
         }
     });
     let flown = running.wait();
-    let mut findings = match launchers.last_words() {
+    let findings = match launchers.last_words() {
         Some((code, summary, said)) => judged(code, &summary, &said),
         None => judged(flown.code, flown.summary(), &flown.said()),
     };
-    if !processes_of(&run).is_empty() || !left_in_shared_memory(&run).is_empty() {
-        wait_until("everybody leaves", || processes_of(&run).is_empty());
-        wait_until("nothing is left", || left_in_shared_memory(&run).is_empty());
-    }
-    findings.dedup();
+    wait_until("everybody leaves", || processes_of(&run).is_empty());
+    wait_until("nothing is left", || left_in_shared_memory(&run).is_empty());
     findings
 }
 

@@ -77,7 +77,7 @@ pub(super) struct CommandAudit {
     before: Option<(u64, u32)>,
     now: Option<(u64, u32)>,
     last_ns: Option<u64>,
-    /// The command in effect at the last tick, if it counted then, and until when it is valid \[ns\].
+    /// The last command that counted, as long as one is in effect, and until when it is valid \[ns\].
     counted: Option<((u32, u64), u64)>,
     /// The first tick, if it had a command already: a launcher that takes over has not heard that one \[ns\].
     joined_ns: Option<u64>,
@@ -170,7 +170,8 @@ impl CommandAudit {
         if self.last_ns.is_none() && tick.command.1 > 0 {
             self.joined_ns = Some(tick.at_ns);
         }
-        self.tally.ticks += u64::from(!self.is_of_a_lost_command(tick));
+        let is_lost = self.is_of_a_lost_command(tick);
+        self.tally.ticks += u64::from(!is_lost);
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
         }
@@ -196,7 +197,7 @@ impl CommandAudit {
         let (seat, sequence) = tick.command;
         // Before the first command the plant hovers by itself, within the gate's patience; where
         // nobody says who may command, everybody may.
-        if sequence == 0 || self.epochs.is_empty() || self.is_of_a_lost_command(tick) {
+        if sequence == 0 || self.epochs.is_empty() || is_lost {
             return;
         }
         let mut lives = self.commands.get(&tick.command).into_iter().flatten();
@@ -219,7 +220,7 @@ impl CommandAudit {
             let lasted = tick.at_ns <= life.until_ns || began_ns < life.until_ns;
             its_own && life.from_ns <= tick.at_ns && lasted
         });
-        self.counted = counts.map(|life| (tick.command, life.until_ns));
+        self.counted = counts.map(|life| (tick.command, life.until_ns)).or(counted);
         self.tally.wrong_owner += u64::from(counts.is_none());
     }
 
@@ -305,7 +306,8 @@ mod tests {
         audit.record(&record(3, 25, 0, 1));
         audit.applied(&applied(21, 2, (1, 3), false));
         audit.applied(&applied(26, 3, (0, 3), false));
-        assert_eq!(audit.tally().wrong_owner, 1);
+        audit.applied(&applied(27, 3, (0, 3), false));
+        assert_eq!(audit.tally().wrong_owner, 2);
         let mut audit = flip();
         audit.record(&record(3, 25, 0, 1));
         audit.applied(&applied(21, 2, (0, 3), true));
