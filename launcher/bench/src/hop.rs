@@ -140,7 +140,7 @@ fn cell(
         let more: Hops = reader.answer()?;
         let _: u64 = sender.answer()?;
         hops.iter_mut().zip(more).for_each(|(all, more)| all.extend(more));
-        bus.sweep_dead_processes(|| ());
+        bus.sweep_dead_processes(&mut || ());
     }
     let of = |carrier: Carrier| {
         let at = waiting.carriers().iter().position(|c| *c == carrier);

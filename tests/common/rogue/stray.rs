@@ -28,7 +28,7 @@ fn write(folder: &Path, usurps: bool) -> Result<(), BuildError> {
     let membership = Membership::join(folder)?;
     let bus = Bus::join(&membership.ipc_config(), "rogue")?;
     if usurps {
-        bus.sweep_dead_processes(|| ());
+        bus.sweep_dead_processes(&mut || ());
     }
     let mut forger = Forger::open(&bus)?;
     for k in 0_u64..12_000 {

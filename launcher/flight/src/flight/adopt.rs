@@ -211,7 +211,7 @@ impl Flight {
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
         // Services admit only so many readers and writers: the dead launcher's have to be swept away first.
         let supervisor = loop {
-            bus.sweep_dead_processes(|| ());
+            bus.sweep_dead_processes(&mut || ());
             let notebook = Notebook::new(folder, of.clone(), &notes.clock.0);
             let found =
                 Supervisor::take_over(&bus, folder.to_path_buf(), notes, &hello, policy, notebook);

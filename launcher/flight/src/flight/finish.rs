@@ -38,7 +38,7 @@ impl Flight {
         }
         let pilot_error = self.stop_pilot();
         let tap = &mut self.tap;
-        self.bus.sweep_dead_processes(|| {
+        self.bus.sweep_dead_processes(&mut || {
             tap.drain(mono_now_ns());
         });
         if let Some(bar) = &self.progress {

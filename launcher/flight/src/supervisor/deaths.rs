@@ -63,7 +63,7 @@ impl Supervisor {
         post.child = None;
         remove_unborn_objects(&self.folder);
         // What the dead said last goes with what they leave behind.
-        bus.sweep_dead_processes(|| {
+        bus.sweep_dead_processes(&mut || {
             tap.drain(now_ns);
         });
         let lost = |reason: String| {

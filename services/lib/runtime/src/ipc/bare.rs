@@ -4,9 +4,8 @@
 use super::payload::{Reader, Writer};
 use super::{Bus, Crowd, Ipc, PortError, RECORDER_CAPACITY, TopicFactory, service_name};
 use crate::graph::READER_CAPACITY;
+use core::any::Any;
 use core::time::Duration;
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::service::port_factory::event;
 use shared_types::wire::Wire;
 
@@ -45,33 +44,41 @@ impl<T> BareReader<T> {
 }
 
 /// The transport's own way of waking somebody.
-#[derive(Debug)]
-pub struct BareNotifier(Notifier<Ipc>);
+pub struct BareNotifier(Box<dyn Fn()>);
+
+impl core::fmt::Debug for BareNotifier {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("BareNotifier").finish_non_exhaustive()
+    }
+}
 
 impl BareNotifier {
     /// Wakes whoever listens.
     pub fn notify(&self) {
-        // Nobody listening is fine.
-        let _ = self.0.notify();
+        (self.0)();
     }
 }
 
 /// The transport's own way of being woken.
-#[derive(Debug)]
-pub struct BareListener(Listener<Ipc>);
+pub struct BareListener(Box<dyn Fn(Duration) -> bool>);
+
+impl core::fmt::Debug for BareListener {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("BareListener").finish_non_exhaustive()
+    }
+}
 
 impl BareListener {
     /// Waits until somebody notifies, at most this long; true if somebody did.
     #[must_use]
     pub fn wait(&self, limit: Duration) -> bool {
-        let mut woken = false;
-        let waited = self.0.timed_wait(|_| woken = true, limit);
-        waited.is_ok() && woken
+        (self.0)(limit)
     }
 }
 
 /// Keeps an event service there.
-pub type BareEvents = event::PortFactory<Ipc>;
+#[derive(Debug)]
+pub struct BareEvents(#[expect(dead_code, reason = "held until it is dropped")] Box<dyn Any>);
 
 impl Bus {
     /// Creates a service of samples as deep as a topic's, which keeps so many for a reader that comes
@@ -108,8 +115,9 @@ impl Bus {
     /// # Errors
     /// [`PortError`].
     pub fn create_bare_events(&self, name: &str) -> Result<BareEvents, PortError> {
-        let builder = self.node.service_builder(&service_name(name)?).event();
-        builder.create().map_err(PortError::transport(name, "create the events"))
+        let builder = self.node().service_builder(&service_name(name)?).event();
+        let events = builder.create().map_err(PortError::transport(name, "create the events"))?;
+        Ok(BareEvents(Box::new(events)))
     }
 
     /// Opens the waking end of an event service.
@@ -118,7 +126,11 @@ impl Bus {
     /// [`PortError`].
     pub fn bare_notifier(&self, name: &str) -> Result<BareNotifier, PortError> {
         let notifier = self.open_bare_events(name)?.notifier_builder().create();
-        Ok(BareNotifier(notifier.map_err(PortError::transport(name, "create a notifier"))?))
+        let notifier = notifier.map_err(PortError::transport(name, "create a notifier"))?;
+        Ok(BareNotifier(Box::new(move || {
+            // Nobody listening is fine.
+            let _ = notifier.notify();
+        })))
     }
 
     /// Opens the waiting end of an event service.
@@ -127,11 +139,16 @@ impl Bus {
     /// [`PortError`].
     pub fn bare_listener(&self, name: &str) -> Result<BareListener, PortError> {
         let listener = self.open_bare_events(name)?.listener_builder().create();
-        Ok(BareListener(listener.map_err(PortError::transport(name, "create a listener"))?))
+        let listener = listener.map_err(PortError::transport(name, "create a listener"))?;
+        Ok(BareListener(Box::new(move |limit| {
+            let mut woken = false;
+            let waited = listener.timed_wait(|_| woken = true, limit);
+            waited.is_ok() && woken
+        })))
     }
 
-    fn open_bare_events(&self, name: &str) -> Result<BareEvents, PortError> {
-        let builder = self.node.service_builder(&service_name(name)?).event();
+    fn open_bare_events(&self, name: &str) -> Result<event::PortFactory<Ipc>, PortError> {
+        let builder = self.node().service_builder(&service_name(name)?).event();
         builder.open().map_err(PortError::transport(name, "open the events"))
     }
 }

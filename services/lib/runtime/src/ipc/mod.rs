@@ -18,7 +18,7 @@ pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
 pub use roll::Stray;
 use roll::{Authority, SharedRoll};
-pub use state::{StateFactory, StatePublisher, StateSubscriber};
+pub use state::{StatePublisher, StateService, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
 
 use crate::graph::READER_CAPACITY;
@@ -139,10 +139,22 @@ impl PortError {
     }
 }
 
+/// The transport's node behind an object. What is dropped in a crate is compiled there, and a node's end is much generic
+/// code.
+trait Connection: core::fmt::Debug {
+    fn node(&self) -> &IpcNode<Ipc>;
+}
+
+impl Connection for IpcNode<Ipc> {
+    fn node(&self) -> &Self {
+        self
+    }
+}
+
 /// A process's connection to its run.
 #[derive(Debug)]
 pub struct Bus {
-    node: IpcNode<Ipc>,
+    connection: Box<dyn Connection>,
     /// Where the run keeps what is not the transport's.
     folder: PathBuf,
     /// Who leads, for all readers of this process.
@@ -176,7 +188,7 @@ impl Bus {
             .map_err(PortError::transport(name, "create a node"))?;
         let folder = config_file.parent().unwrap_or(Path::new(".")).to_path_buf();
         let authority = Rc::new(Authority::new(&folder));
-        Ok(Self { node, folder, authority, roll: SharedRoll::default() })
+        Ok(Self { connection: Box::new(node), folder, authority, roll: SharedRoll::default() })
     }
 
     /// Makes this connection the launcher's, before it writes anything: what only the launcher says is believed of it
@@ -189,15 +201,19 @@ impl Bus {
             .map_err(|error| PortError::Lead { folder: self.folder.clone(), source: error })
     }
 
+    fn node(&self) -> &IpcNode<Ipc> {
+        self.connection.node()
+    }
+
     /// This connection as the transport names it to others.
     #[must_use]
     pub fn identity(&self) -> NodeId {
-        roll::node_id(*self.node.id())
+        roll::node_id(*self.node().id())
     }
 
     /// Frees what dead processes of this run left behind; only the launcher does this. `drain` takes what they have
     /// sent, once it is known which they are: of one that dies meanwhile nothing is freed before the next sweep.
-    pub fn sweep_dead_processes(&self, drain: impl FnOnce()) {
+    pub fn sweep_dead_processes(&self, drain: &mut dyn FnMut()) {
         let mut dead = Vec::new();
         let look = |state| {
             if let NodeState::Dead(node) = state {
@@ -206,7 +222,7 @@ impl Bus {
             CallbackProgression::Continue
         };
         // Nodes behind one that cannot be looked at are found by the next sweep.
-        let _ = IpcNode::<Ipc>::list(self.node.config(), look);
+        let _ = IpcNode::<Ipc>::list(self.node().config(), look);
         drain();
         for node in dead {
             // Somebody else may be removing the same one.
@@ -272,7 +288,7 @@ impl Bus {
                 &layout.as_str().try_into().map_err(PortError::transport(service, "set a key"))?,
             )
             .map_err(PortError::transport(service, "define attributes"))?;
-        self.node
+        self.node()
             .service_builder(&service_name(service)?)
             .publish_subscribe::<T>()
             .max_publishers(crowd.writers)
@@ -290,7 +306,7 @@ impl Bus {
         &self,
         service: &str,
     ) -> Result<PortFactory<Ipc, T, ()>, PortError> {
-        self.node
+        self.node()
             .service_builder(&service_name(service)?)
             .publish_subscribe::<T>()
             .open()
@@ -308,7 +324,7 @@ impl Bus {
     #[must_use]
     pub fn has_service(&self, service: &str) -> bool {
         let pattern = MessagingPattern::PublishSubscribe;
-        let exists = |name| Ipc::does_exist(&name, self.node.config(), pattern).unwrap_or(true);
+        let exists = |name| Ipc::does_exist(&name, self.node().config(), pattern).unwrap_or(true);
         service_name(service).is_ok_and(exists)
     }
 
@@ -326,7 +342,7 @@ impl Bus {
     /// Layout that a service was created with.
     fn layout_of(&self, name: &ServiceName) -> Result<String, PortError> {
         let service = name.as_str();
-        let details = Ipc::details(name, self.node.config(), MessagingPattern::PublishSubscribe)
+        let details = Ipc::details(name, self.node().config(), MessagingPattern::PublishSubscribe)
             .map_err(PortError::transport(service, "look up the service"))?
             .ok_or_else(|| PortError::Transport {
                 service: service.to_owned(),

@@ -2,7 +2,7 @@
 
 use runtime::executor::StateSink as _;
 use runtime::ipc::{
-    Bus, IpcSink, LatestPort, ServiceKind, StateFactory, StatePublisher, StateSubscriber,
+    Bus, IpcSink, LatestPort, ServiceKind, StatePublisher, StateService, StateSubscriber,
     TopicFactory,
 };
 use runtime::namespace::Membership;
@@ -130,7 +130,7 @@ fn a_state_counts_only_from_its_seat_and_reaches_a_late_joiner_whole() {
     let mut run = Run::found("states");
     run.enter_plant();
     let kind = ServiceKind::State(PLANT);
-    let _service: StateFactory = run.launcher.create_state_service(kind, 8).unwrap();
+    let _service: StateService = run.launcher.create_state_service(kind, 8).unwrap();
     let mut says = [&run.plant, &run.stranger]
         .map(|bus| StatePublisher::open(bus, kind, 5_000).expect("a writer"));
     let bytes: Vec<u8> = (0..5_000_u32).map(|i| i.to_le_bytes()[0] ^ 0x5a).collect();
