@@ -1,9 +1,10 @@
 //! `run --live` and `live`: what viewers see and may do, and that the flight does not notice them. The page itself
 //! is driven by `.ci/page`, the WebSocket by an independent client in `.ci/live`.
 
-use crate::common::processes::{Running, left_in_shared_memory, make_executable};
+use crate::common::processes::{Running, kill, left_in_shared_memory, make_executable};
 use crate::common::time::wait_until;
 use crate::common::{fly, judged, morphquad};
+use rustix::process::Signal;
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -84,6 +85,16 @@ impl Live {
             "POST {path} HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {token}\r\n\
              Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
         ))
+    }
+
+    /// True once it answers at all.
+    fn answers(&self) -> bool {
+        let Ok(mut stream) = TcpStream::connect(&self.page) else { return false };
+        let ask = format!("HEAD / HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.page);
+        let mut answer = String::new();
+        stream.write_all(ask.as_bytes()).is_ok()
+            && stream.read_to_string(&mut answer).is_ok()
+            && answer.starts_with("HTTP/1.1 200")
     }
 
     /// Code and body of an answer, by hand: the server's own library would share its mistakes.
@@ -172,6 +183,42 @@ fn viewers_that_stall_or_order_nothing_leave_the_flight_as_it_is_unseen() {
     flown.assert_clean();
     assert_eq!(flown.hash(), fly(&["hover", "--for", "20s", "--no-record"]).hash());
     wait_until("nothing is left", || left_in_shared_memory(flown.word("run")).is_empty());
+}
+
+/// Longest body of a ping (RFC 6455, 5.5).
+const PING_BYTES: u8 = 125;
+
+/// Sends pings without end and reads none of the answers, until it is sent away.
+fn flood_with_pings(mut stream: TcpStream) {
+    // The first bit of the second byte says that the body is masked, here with zeros.
+    let ping = [&[0x89, 0x80 | PING_BYTES, 0, 0, 0, 0][..], &[b'x'; PING_BYTES as usize]].concat();
+    let pings = ping.repeat(1000);
+    while stream.write_all(&pings).is_ok() {}
+}
+
+#[test]
+fn a_viewer_that_only_sends_pings_costs_bounded_memory_and_the_page_its_history() {
+    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "1"]);
+    let live = Live::beside(running.id());
+    let before = live.flight("");
+    flood_with_pings(stalling_viewer(&live.socket));
+    // The same process, at the same addresses and with the same token.
+    wait_until("the page", || live.answers());
+    assert_eq!(live.flight("")["live"]["run"], before["live"]["run"]);
+    let (code, body) = live.order(&live.token, r#"{"request":"ps"}"#);
+    assert_eq!(code, 200, "{body}");
+    drop(stalling_viewer(&live.socket));
+    assert!(peak_mb(live.child.id()) < 100, "the new one holds little");
+    assert!(kill(running.launcher_pid(), Signal::INT));
+    assert_eq!(running.wait().code, Some(130));
+}
+
+/// Most memory that a process has held since it began as this executable \[MB\].
+fn peak_mb(pid: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it is there");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("a peak");
+    let kb: u64 = line.trim().trim_end_matches(" kB").parse().expect("a number");
+    kb / 1024
 }
 
 /// The replies to a button of a demo.

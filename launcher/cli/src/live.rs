@@ -8,16 +8,24 @@ use core::sync::atomic::AtomicBool;
 use host::exit;
 use protocol::control::runs;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use std::io::Write;
+use std::io::{self, Write};
+use std::os::unix::process::CommandExt as _;
+use std::process::Command;
 use std::sync::Arc;
-use viewers::live::{LiveError, LiveServer};
+use viewers::live::{LiveError, LiveServer, Places};
 
 /// How far it stands back for the flight.
 const NICE: i32 = 10;
 
+/// Where a server goes on that has begun anew. Only this user and root can read it.
+const PLACES: &str = "MORPHQUAD_LIVE_PLACES";
+
 /// Serves until the run is over.
 pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
-    stand_back(arguments.away_from);
+    let places: Option<Places> = std::env::var(PLACES).ok().and_then(|text| text.parse().ok());
+    if places.is_none() {
+        stand_back(arguments.away_from);
+    }
     let run = runs::find(arguments.run.run.as_deref()).map_err(|error| {
         let trouble = Trouble::from(error);
         let code = trouble.exit_code();
@@ -35,8 +43,19 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
         Failure::plain(&error, code)
     };
     let rate_hz = (!arguments.every_sample).then_some(arguments.rate);
-    let server = LiveServer::open(run, arguments.listen, rate_hz, arguments.demo.as_deref())
-        .map_err(refused)?;
+    let (listen, demo) = (arguments.listen, arguments.demo.as_deref());
+    let server = LiveServer::open(run, listen, rate_hz, demo, places.as_ref()).map_err(refused)?;
+    if places.is_none() {
+        tell(&server, arguments, out)?;
+    }
+    match server.serve(&end).map_err(refused)? {
+        None => Ok(exit::PASS),
+        Some(server) => Err(begin_anew(&server.places())),
+    }
+}
+
+/// Says where it listens, and shows it.
+fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> io::Result<()> {
     if !arguments.listen.ip().is_loopback() {
         let warning =
             "everybody who reaches this address can watch; only its token lets them order";
@@ -51,8 +70,18 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
     if !arguments.no_open {
         browser::open(&server.open_url(), &server.page_url());
     }
-    server.serve(&end).map_err(refused)?;
-    Ok(exit::PASS)
+    Ok(())
+}
+
+/// Replaces this process by one that serves in the same places. What comes back is why it cannot.
+fn begin_anew(places: &Places) -> Failure {
+    let told =
+        "a viewer that sends without reading has filled the memory of `live`, which begins anew";
+    eprintln!("morphquad: {told}: viewers have to connect again");
+    let mut again = Command::new("/proc/self/exe");
+    again.args(std::env::args_os().skip(1)).env(PLACES, places.to_string());
+    let error = LiveError::System { action: "begin anew", cause: again.exec() };
+    Failure::plain(&error, exit::UNFIT)
 }
 
 /// Makes room for whoever flies.

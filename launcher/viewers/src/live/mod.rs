@@ -5,12 +5,14 @@
 //! holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
 //! slowly loses samples here, and the flight knows nothing of it.
 
+mod anew;
 mod desk;
 mod past;
 mod picture;
 mod token;
 mod viewers;
 
+pub use anew::{NoPlaces, Places};
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use desk::Desk;
@@ -42,6 +44,8 @@ const STATUS_EVERY: Duration = Duration::from_millis(500);
 const SUCCESSOR_LIMIT_NS: u64 = 120_000_000_000;
 /// How often to look for it \[ns\].
 const LOOK_EVERY_NS: u64 = 200_000_000;
+/// How often to look at the memory that viewers make this process hold \[ns\].
+const WEIGH_EVERY_NS: u64 = 50_000_000;
 /// How long a page may take to fetch the end \[ns\].
 const LAST_LOOK_NS: u64 = 20_000_000_000;
 
@@ -115,7 +119,7 @@ impl LiveServer {
     /// Listens to `run`, and for viewers: the WebSocket at `listen`, the page on the port after it,
     /// or any free one, of the same address. At most `rate_hz` samples per second of flight of each writer of a topic
     /// are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the page has
-    /// buttons for it and for a kill.
+    /// buttons for it and for a kill. What served before in these `places`, at the same `listen`, is gone on with.
     ///
     /// # Errors
     /// [`LiveError`].
@@ -124,19 +128,21 @@ impl LiveServer {
         listen: SocketAddr,
         rate_hz: Option<f64>,
         demo: Option<&Path>,
+        places: Option<&Places>,
     ) -> Result<Self, LiveError> {
         let file = run.folder().join("scenario.toml");
         let scenario = Scenario::load(&file.to_string_lossy(), &[])
             .map_err(|cause| LiveError::Scenario { run: run.id().to_owned(), cause })?;
         let listening = Listening::to_everything(&run)?;
+        let listen = places.map_or(listen, |places| places.viewers);
         let viewers = Viewers::open(listen, run.id(), &scenario, listening.flying(), rate_hz)?;
         let mut picture = Picture::new(run.id(), &scenario, listening.flying());
         if demo.is_some() {
             picture.is_demo();
         }
         let shared = Arc::new(Shared { picture: Mutex::new(picture) });
-        let token =
-            Token::random().map_err(|cause| LiveError::System { action: "make a token", cause })?;
+        let token = places.map_or_else(Token::random, |places| Ok(places.token.clone()));
+        let token = token.map_err(|cause| LiveError::System { action: "make a token", cause })?;
         let open = |port: u16| {
             let address = SocketAddr::new(listen.ip(), port);
             Desk::open(
@@ -146,8 +152,11 @@ impl LiveServer {
                 (Arc::clone(&shared), demo.map(Path::to_owned)),
             )
         };
-        let after = if listen.port() == 0 { 0 } else { listen.port().wrapping_add(1) };
-        let desk = open(after).or_else(|_| open(0))?;
+        let desk = match places {
+            Some(places) => open(places.page.port())?,
+            None if listen.port() == 0 => open(0)?,
+            None => open(listen.port().wrapping_add(1)).or_else(|_| open(0))?,
+        };
         let (dismiss, dismissed) = channel();
         let watcher = watch(run.clone(), Arc::clone(&shared), dismissed)
             .map_err(|cause| LiveError::System { action: "start a thread", cause })?;
@@ -190,12 +199,20 @@ impl LiveServer {
         format!("http://{address}/#token={}", self.token.as_str())
     }
 
-    /// Hands on what it hears until the flight is over or `end` is set.
+    /// Hands on what it hears until the flight is over or `end` is set. A server comes back, as it is, if viewers make it
+    /// hold more memory than it may: who replaces the process opens it anew in its [`Self::places`].
     ///
     /// # Errors
     /// The launcher says what this build does not understand.
-    pub fn serve(mut self, end: &AtomicBool) -> Result<(), LiveError> {
+    pub fn serve(mut self, end: &AtomicBool) -> Result<Option<Self>, LiveError> {
+        let mut weighed_ns = mono_now_ns();
         while !end.load(Ordering::Relaxed) {
+            if mono_now_ns() >= weighed_ns + WEIGH_EVERY_NS {
+                weighed_ns = mono_now_ns();
+                if anew::holds_too_much() {
+                    return Ok(Some(self));
+                }
+            }
             match self.listening.next(MOMENT)? {
                 Word::Sample(topic, packed) => self.sample(topic, &packed),
                 Word::Told(log) => {
@@ -206,13 +223,13 @@ impl LiveServer {
                 Word::Nothing => {}
                 Word::Ended(ending) => {
                     self.finish(ending);
-                    return Ok(());
+                    return Ok(None);
                 }
                 Word::Over => {
                     let Some(listening) = self.successor(end) else {
                         let text = "its launcher has died, and nobody goes on with it";
                         self.finish(Ending { is_good: false, text: text.to_owned() });
-                        return Ok(());
+                        return Ok(None);
                     };
                     self.shared.picture().orphaned(false);
                     self.listening = listening;
@@ -221,7 +238,14 @@ impl LiveServer {
         }
         let text = "still in the air, but shown no more";
         self.finish(Ending { is_good: false, text: text.to_owned() });
-        Ok(())
+        Ok(None)
+    }
+
+    /// Where it listens.
+    #[must_use]
+    pub fn places(&self) -> Places {
+        let (viewers, page) = (self.viewers.address(), self.desk.address());
+        Places { viewers, page, token: self.token.clone() }
     }
 
     fn sample(&mut self, topic: &'static TopicInfo, packed: &[u8]) {

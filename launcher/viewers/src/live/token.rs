@@ -7,7 +7,7 @@ use std::io;
 const BYTES: usize = 16;
 
 /// A secret of one server, as it stands in the address of its page.
-#[derive(Clone)]
+#[derive(Clone, PartialEq, Eq)]
 pub(super) struct Token(String);
 
 impl core::fmt::Debug for Token {
@@ -25,6 +25,12 @@ impl Token {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         Ok(Self(format!("{:032x}", u128::from_ne_bytes(bytes))))
+    }
+
+    /// One that was made before; none if it is no token.
+    pub(super) fn known(text: &str) -> Option<Self> {
+        let is_one = text.len() == 2 * BYTES && text.bytes().all(|b| b.is_ascii_hexdigit());
+        is_one.then(|| Self(text.to_owned()))
     }
 
     /// As shown to whoever may give orders.
