@@ -62,12 +62,9 @@ fn free() -> Finding {
 }
 
 fn writable() -> Finding {
-    let path = Path::new(BASE).join(format!(".mq-doctor-{}", std::process::id()));
-    let made = fs::create_dir(&path);
-    // It was made just now, and is empty.
-    let _ = fs::remove_dir(&path);
-    match made {
-        Ok(()) => Finding::ok("shm access", "runs can be founded"),
+    // It goes again at once.
+    match tempfile::Builder::new().prefix(".mq-doctor-").tempdir_in(BASE) {
+        Ok(_) => Finding::ok("shm access", "runs can be founded"),
         Err(error) => {
             Finding::fail("shm access", format!("{BASE}: {error}"), format!("`chmod 1777 {BASE}`"))
         }

@@ -100,13 +100,14 @@ fn fly(
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
     let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
+    // Declared before everything that uses the transport, so that it is dropped last and wipes; and before the recording,
+    // whose name would tell another user the run's while that can still be taken.
+    let membership = Membership::found(&id)?;
     let recording_path = options.recording_path(&id)?;
     let facts = facts(&id, options);
     let recording =
         recording_path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;
     let unflown = Unflown::of(recording_path.as_deref());
-    // Declared before everything that uses the transport, so that it is dropped last and wipes.
-    let membership = Membership::found(&id)?;
     let scenario_file = membership.folder().join("scenario.toml");
     std::fs::write(&scenario_file, options.scenario.to_toml())
         .map_err(system(format!("write {}", scenario_file.display())))?;

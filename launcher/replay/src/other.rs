@@ -9,13 +9,14 @@ use runtime::watch::StopFlags;
 use rustix::io::Errno;
 use rustix::process::{Pid, test_kill_process};
 use shared_types::Role;
-use std::fs::{self, DirBuilder, File};
+use std::fs::{self, File, Permissions};
 use std::io;
-use std::os::unix::fs::DirBuilderExt as _;
-use std::path::{Path, PathBuf};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use tempfile::TempDir;
 
-/// Start of the folder's name; the rest is the process that owns it.
+/// Start of the folder's name; then comes the process that owns it, and what nobody can guess and make beforehand.
 const PREFIX: &str = "morphquad-replay-";
 /// Between two looks at whether the other build has ended \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;
@@ -34,8 +35,8 @@ pub(super) fn outputs_of(
     let complain = |said: String| ReplayError::Other { executable: name.clone(), said };
     let system = |error: io::Error| complain(format!("{error}; {REMEDY}"));
     let stop = StopFlags::watch_signals().map_err(system)?;
-    let scratch = Scratch::create(&std::env::temp_dir()).map_err(system)?;
-    let (out, words) = (scratch.0.join("outputs.mcap"), scratch.0.join("said"));
+    let scratch = scratch_below(&std::env::temp_dir()).map_err(system)?;
+    let (out, words) = (scratch.path().join("outputs.mcap"), scratch.path().join("said"));
     let child = Command::new(executable)
         .arg("replay")
         .arg(flight.path())
@@ -74,35 +75,25 @@ fn wait(mut child: Child, stop: &StopFlags) -> io::Result<Option<ExitStatus>> {
     }
 }
 
-/// A folder of this process, gone when dropped.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    /// Makes one below `base`, and wipes those of processes that have died without doing so.
-    fn create(base: &Path) -> io::Result<Self> {
-        for entry in fs::read_dir(base)?.flatten() {
-            let name = entry.file_name();
-            let owner = name.to_str().and_then(|name| name.strip_prefix(PREFIX)?.parse().ok());
-            let gone = |pid: Pid| test_kill_process(pid) == Err(Errno::SRCH);
-            if owner.and_then(Pid::from_raw).is_some_and(gone) {
-                // Another user's stays, and does no harm.
-                let _ = fs::remove_dir_all(entry.path());
-            }
+/// A folder of this process and user below `base`, gone when dropped. Those of processes that have died are wiped.
+fn scratch_below(base: &Path) -> io::Result<TempDir> {
+    for entry in fs::read_dir(base)?.flatten() {
+        let gone = |pid: Pid| test_kill_process(pid) == Err(Errno::SRCH);
+        if entry.file_name().to_str().and_then(owner).is_some_and(gone) {
+            // Another user's stays, and does no harm.
+            let _ = fs::remove_dir_all(entry.path());
         }
-        let path = base.join(format!("{PREFIX}{}", std::process::id()));
-        // What has the own number is of a process before.
-        if path.exists() {
-            fs::remove_dir_all(&path)?;
-        }
-        DirBuilder::new().mode(0o700).create(&path)?;
-        Ok(Self(path))
     }
+    tempfile::Builder::new()
+        .prefix(&format!("{PREFIX}{}-", std::process::id()))
+        .permissions(Permissions::from_mode(0o700))
+        .tempdir_in(base)
 }
 
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
+/// The process that a folder with this name belongs to; none if it is no such folder.
+fn owner(folder: &str) -> Option<Pid> {
+    let (pid, _) = folder.strip_prefix(PREFIX)?.split_once('-')?;
+    Pid::from_raw(pid.parse().ok()?)
 }
 
 #[cfg(test)]
@@ -114,16 +105,18 @@ mod tests {
         let base = tempfile::tempdir().unwrap();
         let mut dead = Command::new("true").spawn().unwrap();
         dead.wait().unwrap();
-        let of = |pid: u32| base.path().join(format!("{PREFIX}{pid}"));
+        let of = |pid: u32| base.path().join(format!("{PREFIX}{pid}-x"));
         let alive = std::os::unix::process::parent_id();
         let (dead, alive, other) =
             (of(dead.id()), of(alive), base.path().join("morphquad-replay-x"));
         for folder in [&dead, &alive, &other] {
             fs::create_dir(folder).unwrap();
         }
-        let scratch = Scratch::create(base.path()).unwrap();
-        assert!(!dead.exists() && alive.exists() && other.exists() && scratch.0.exists());
+        let scratch = scratch_below(base.path()).unwrap();
+        assert!(!dead.exists() && alive.exists() && other.exists());
+        let own = scratch.path().to_owned();
+        assert_eq!(own.metadata().unwrap().permissions().mode() & 0o777, 0o700);
         drop(scratch);
-        assert!(!of(std::process::id()).exists());
+        assert!(!own.exists());
     }
 }
