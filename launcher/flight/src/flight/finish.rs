@@ -37,10 +37,8 @@ impl Flight {
             self.supervisor.kill_all();
         }
         let pilot_error = self.stop_pilot();
-        let tap = &mut self.tap;
-        self.bus.sweep_dead_processes(&mut || {
-            tap.drain(mono_now_ns());
-        });
+        // All have left. What they leave behind goes with the run, which is wiped whole.
+        self.tap.drain(mono_now_ns());
         if let Some(bar) = &self.progress {
             bar.finish_and_clear();
         }
