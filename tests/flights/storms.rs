@@ -2,7 +2,8 @@
 //! where it is to be, only owners command, the recording is whole and can be verified, and nothing is left behind.
 //!
 //! A scripted storm has exact instants, so that it is flown twice and must be the same flight. `MORPHQUAD_STORMS` says how
-//! many are flown, `MORPHQUAD_SEED` from which seed on.
+//! many are flown, `MORPHQUAD_SEED` from which seed on; `cargo run --release -p soak -- --only storms::` flies a storm of
+//! each kind for each seed, and writes what comes of them to one file.
 
 mod audit;
 mod plan;
@@ -89,23 +90,34 @@ fn recorded(path: &Path) -> Vec<String> {
 
 #[test]
 fn a_scripted_storm_is_one_flight_and_loses_nothing() {
-    fly_storms(Kind::Scripted, 10, |_seed, acts| {
-        let script: Vec<String> = acts.iter().flat_map(|(at_s, act)| act.script(*at_s)).collect();
-        let mut words = vec!["hover", "--for", FLIGHT_S];
-        words.extend(script.iter().map(String::as_str));
-        let first = fly(&words);
-        let mut findings = judged(first.code, first.summary(), &first.said());
-        // Of the second flight only the hash is wanted, which is that of a flight without rehearsals if none of them refused.
-        words.push("--no-record");
-        if !is_refused_by_a_rehearsal(first.summary()) {
-            words.extend(["--set", "rehearsal.enabled=false"]);
-        }
-        let second = fly(&words);
-        if first.summary()["hash"] != second.summary()["hash"] {
-            findings.push(format!("another hash the second time: {}", second.said()));
-        }
-        findings
-    });
+    fly_storms(Kind::Scripted, 10, fly_script);
+}
+
+#[test]
+#[ignore = "soak: storms of more seeds than the gate has the time for"]
+fn a_scripted_storm_of_any_other_seed_loses_nothing() {
+    fly_storms(Kind::Scripted, 1, fly_script);
+}
+
+/// Flies a storm as fast as it can be and once more at a pace, which must be the same flight. Every second storm is flown
+/// with rehearsals, which are no part of the flight unless one refuses.
+fn fly_script(seed: u64, acts: &[(f64, Act)]) -> Vec<String> {
+    let script: Vec<String> = acts.iter().flat_map(|(at_s, act)| act.script(*at_s)).collect();
+    let mut words = vec!["hover", "--for", FLIGHT_S];
+    words.extend(script.iter().map(String::as_str));
+    let unrehearsed = ["--set", "rehearsal.enabled=false"];
+    let is_rehearsed = seed.is_multiple_of(2);
+    let first = if is_rehearsed { fly(&words) } else { fly(&[&words[..], &unrehearsed].concat()) };
+    let mut findings = judged(first.code, first.summary(), &first.said());
+    words.extend(["--speed", "8", "--no-record"]);
+    if !is_refused_by_a_rehearsal(first.summary()) {
+        words.extend(unrehearsed);
+    }
+    let second = fly(&words);
+    if first.summary()["hash"] != second.summary()["hash"] {
+        findings.push(format!("another hash the second time: {}", second.said()));
+    }
+    findings
 }
 
 fn is_refused_by_a_rehearsal(summary: &Value) -> bool {
@@ -116,13 +128,13 @@ fn is_refused_by_a_rehearsal(summary: &Value) -> bool {
 #[test]
 #[ignore = "soak: orders come by the wall clock"]
 fn a_storm_of_orders_in_paced_lockstep_loses_nothing() {
-    fly_storms(Kind::Ordered, 10, |_seed, acts| fly_orders(&["hover", "--speed", "1"], acts));
+    fly_storms(Kind::Ordered, 1, |_seed, acts| fly_orders(&["hover", "--speed", "1"], acts));
 }
 
 #[test]
 #[ignore = "soak: by the wall clock, on a busy machine the vehicle strays by itself"]
 fn a_storm_in_realtime_loses_nothing_that_the_recording_does_not_explain() {
-    fly_storms(Kind::Realtime, 10, |_seed, acts| {
+    fly_storms(Kind::Realtime, 1, |_seed, acts| {
         fly_orders(&["hover", "--clock", "realtime"], acts)
     });
 }

@@ -71,7 +71,7 @@ fn fly_scripted(scenario: &[&str], swaps: &[String], faults: &[String]) -> Flown
 
 #[test]
 fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_flight_as_it_was() {
-    let wanted = swaps(60);
+    let wanted = swaps(30);
     let scenario = ["figure8-morph", "--no-record"];
     let expected = fly(&scenario);
     let mut random = ChaCha8Rng::seed_from_u64(5);
@@ -163,7 +163,7 @@ fn rehearsal() -> [&'static str; 2] {
 #[test]
 fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
     let folder = TempDir::new().expect("a folder");
-    let wanted = swaps(60);
+    let wanted = swaps(30);
     let mut random = ChaCha8Rng::seed_from_u64(6);
     let (mut made, mut flipped, mut worst_bump, mut furthest_m) = (0, 0, 0.0_f64, 0.0_f64);
     let (mut ticks, mut hurt, mut spoilt) = (0.0, 0, 0);
@@ -285,21 +285,5 @@ fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed
         assert_eq!(flown.code, Some(SWAP_FAILED), "{}", flown.said());
         assert!(flown.number("unguided_ticks") <= 20.0, "{}", flown.said());
         assert!(flown.number("position_max_m") <= 0.1, "{}", flown.said());
-    }
-}
-
-#[test]
-fn a_scripted_flight_with_swaps_and_deaths_has_one_hash() {
-    let swaps = [
-        "attitude=attitude-pid@1s,shadow=400ms,rollback=200ms".to_owned(),
-        "position=position-pid@1500ms,shadow=600ms,rollback=2s".to_owned(),
-        "attitude=attitude-lqr@3s,shadow=400ms,rollback=1s".to_owned(),
-    ];
-    let faults = ["kill:position-pid@3100ms".to_owned(), "stop:attitude-lqr@3600ms".to_owned()];
-    let fly = || fly_scripted(&["figure8-morph", "--for", "6s"], &swaps, &faults);
-    let first = fly();
-    assert_eq!(first.code, Some(0), "{}", first.said());
-    for _ in 0..3 {
-        assert_eq!(fly().hash(), first.hash(), "{}", first.said());
     }
 }
