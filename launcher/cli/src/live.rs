@@ -4,29 +4,32 @@ use super::browser;
 use super::options::LiveArguments;
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
-use core::sync::atomic::AtomicBool;
+use core::sync::atomic::{AtomicBool, Ordering};
 use host::exit;
 use protocol::control::runs;
+use scenario::process::OWN_EXECUTABLE;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::io::{self, Write};
 use std::os::unix::process::CommandExt as _;
 use std::process::Command;
 use std::sync::Arc;
-use viewers::live::{LiveError, LiveServer, Places};
+use viewers::live::{Listen, LiveError, LiveServer, Place};
 
 /// How far it stands back for the flight.
 const NICE: i32 = 10;
 
-/// Where a server goes on that has begun anew. Only this user and root can read it.
-const PLACES: &str = "MORPHQUAD_LIVE_PLACES";
+/// Names the place of a server to the process that replaces it, after the process's id: of an older one it says nothing.
+/// Only this user and root can read it.
+const PLACE: &str = "MORPHQUAD_LIVE_PLACE";
 
 /// Serves until the run is over.
 pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
-    let places: Option<Places> = std::env::var(PLACES).ok().and_then(|text| text.parse().ok());
-    if places.is_none() {
+    let place = place_before();
+    if place.is_none() {
         stand_back(arguments.away_from);
     }
-    let run = runs::find(arguments.run.run.as_deref()).map_err(|error| {
+    let wanted = place.as_ref().map(Place::run).or(arguments.run.run.as_deref());
+    let run = runs::find(wanted).map_err(|error| {
         let trouble = Trouble::from(error);
         let code = trouble.exit_code();
         Failure::report(trouble, code)
@@ -43,14 +46,15 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
         Failure::plain(&error, code)
     };
     let rate_hz = (!arguments.every_sample).then_some(arguments.rate);
-    let (listen, demo) = (arguments.listen, arguments.demo.as_deref());
-    let server = LiveServer::open(run, listen, rate_hz, demo, places.as_ref()).map_err(refused)?;
-    if places.is_none() {
+    let is_first = place.is_none();
+    let at = place.map_or(Listen::At(arguments.listen), Listen::Again);
+    let server = LiveServer::open(run, &at, rate_hz, arguments.demo.as_deref()).map_err(refused)?;
+    if is_first {
         tell(&server, arguments, out)?;
     }
     match server.serve(&end).map_err(refused)? {
         None => Ok(exit::PASS),
-        Some(server) => Err(begin_anew(&server.places())),
+        Some(server) => restart(&server.place(), &end),
     }
 }
 
@@ -73,15 +77,27 @@ fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> 
     Ok(())
 }
 
-/// Replaces this process by one that serves in the same places. What comes back is why it cannot.
-fn begin_anew(places: &Places) -> Failure {
+/// The place of the server that this process had before it was replaced.
+fn place_before() -> Option<Place> {
+    let told = std::env::var(PLACE).ok()?;
+    let (pid, place) = told.split_once(' ')?;
+    place.parse().ok().filter(|_| pid == std::process::id().to_string())
+}
+
+/// Replaces this process by one that serves in the same place, unless it has been told to end.
+fn restart(place: &Place, end: &AtomicBool) -> Done {
     let told =
-        "a viewer that sends without reading has filled the memory of `live`, which begins anew";
+        "a viewer that sends without reading has filled the memory of `live`, which restarts";
     eprintln!("morphquad: {told}: viewers have to connect again");
-    let mut again = Command::new("/proc/self/exe");
-    again.args(std::env::args_os().skip(1)).env(PLACES, places.to_string());
-    let error = LiveError::System { action: "begin anew", cause: again.exec() };
-    Failure::plain(&error, exit::UNFIT)
+    let mut arguments = std::env::args_os();
+    let mut command = Command::new(OWN_EXECUTABLE);
+    command.arg0(arguments.next().unwrap_or_default()).args(arguments);
+    command.env(PLACE, format!("{} {place}", std::process::id()));
+    if end.load(Ordering::Relaxed) {
+        return Ok(exit::PASS);
+    }
+    let error = LiveError::System { action: "restart", cause: command.exec() };
+    Err(Failure::plain(&error, exit::UNFIT))
 }
 
 /// Makes room for whoever flies.

@@ -62,7 +62,7 @@ fn free() -> Finding {
 }
 
 fn writable() -> Finding {
-    // It goes again at once.
+    // It is removed at once.
     match tempfile::Builder::new().prefix(".mq-doctor-").tempdir_in(BASE) {
         Ok(_) => Finding::ok("shm access", "runs can be founded"),
         Err(error) => {

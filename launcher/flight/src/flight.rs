@@ -101,7 +101,7 @@ fn fly(
     let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
     // Declared before everything that uses the transport, so that it is dropped last and wipes; and before the recording,
-    // whose name would tell another user the run's while that can still be taken.
+    // whose file name would reveal the run's id to other users before it is claimed.
     let membership = Membership::found(&id)?;
     let recording_path = options.recording_path(&id)?;
     let facts = facts(&id, options);

@@ -16,7 +16,7 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use tempfile::TempDir;
 
-/// Start of the folder's name; then comes the process that owns it, and what nobody can guess and make beforehand.
+/// Start of the folder's name, followed by the owner's process id and a suffix that nobody can guess.
 const PREFIX: &str = "morphquad-replay-";
 /// Between two looks at whether the other build has ended \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;

@@ -30,14 +30,15 @@ function fits(flight, news) {
     || more.first <= held.count && more.step_s === held.step_s && news.from_s === flight.from_s
       // A track without values has none for any frame.
       && Object.keys(TRACKS).every((name) => (held[name].length === 0) === (more[name].length === 0));
-  return news.events_first <= flight.known.length
+  return news.server === flight.server
+    && news.events_first <= flight.known.length
     && framesFit(flight.frames, news.frames)
     && news.charts.every((chart, i) => chart.series.every((series, k) => seriesFits(flight.charts[i].series[k], series)));
 }
 
 /** Joins an answer that fits to the flight. */
 function join(flight, news) {
-  for (const key of ["from_s", "to_s", "outcome", "loops"]) flight[key] = news[key];
+  for (const key of ["server", "from_s", "to_s", "outcome", "loops"]) flight[key] = news[key];
   const { first, count, step_s } = news.frames;
   for (const [name, width] of Object.entries(TRACKS)) {
     flight.frames[name] = joined(flight.frames[name], first * width, news.frames[name]);

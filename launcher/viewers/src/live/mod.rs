@@ -5,14 +5,13 @@
 //! holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
 //! slowly loses samples here, and the flight knows nothing of it.
 
-mod anew;
 mod desk;
 mod past;
 mod picture;
+mod restart;
 mod token;
 mod viewers;
 
-pub use anew::{NoPlaces, Places};
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use desk::Desk;
@@ -23,6 +22,7 @@ use protocol::control::status::RunStatus;
 use protocol::control::{Reply, Request};
 use protocol::topic::feed::Ending;
 use protocol::topic::live::{ListenError, Listening, Word};
+pub use restart::{NoPlace, Place};
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::namespace::living_runs;
 use scenario::{Scenario, ScenarioError};
@@ -96,6 +96,15 @@ impl Shared {
     }
 }
 
+/// Where a server listens.
+#[derive(Debug, Clone)]
+pub enum Listen {
+    /// For viewers at this address, for browsers on the port after it or, if that is taken, on any.
+    At(SocketAddr),
+    /// Where a server did that this one replaces.
+    Again(Place),
+}
+
 /// Serves one run until it is over.
 pub struct LiveServer {
     run: Run,
@@ -116,35 +125,35 @@ impl core::fmt::Debug for LiveServer {
 }
 
 impl LiveServer {
-    /// Listens to `run`, and for viewers: the WebSocket at `listen`, the page on the port after it,
-    /// or any free one, of the same address. At most `rate_hz` samples per second of flight of each writer of a topic
-    /// are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the page has
-    /// buttons for it and for a kill. What served before in these `places`, at the same `listen`, is gone on with.
+    /// Listens to `run`, and for viewers as `at` says. At most `rate_hz` samples per second of flight of each writer of a
+    /// topic are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the page
+    /// has buttons for it and for a kill.
     ///
     /// # Errors
     /// [`LiveError`].
     pub fn open(
         run: Run,
-        listen: SocketAddr,
+        at: &Listen,
         rate_hz: Option<f64>,
         demo: Option<&Path>,
-        places: Option<&Places>,
     ) -> Result<Self, LiveError> {
         let file = run.folder().join("scenario.toml");
         let scenario = Scenario::load(&file.to_string_lossy(), &[])
             .map_err(|cause| LiveError::Scenario { run: run.id().to_owned(), cause })?;
         let listening = Listening::to_everything(&run)?;
-        let listen = places.map_or(listen, |places| places.viewers);
+        let (Listen::At(listen) | Listen::Again(Place { viewers: listen, .. })) = *at;
         let viewers = Viewers::open(listen, run.id(), &scenario, listening.flying(), rate_hz)?;
         let mut picture = Picture::new(run.id(), &scenario, listening.flying());
         if demo.is_some() {
             picture.is_demo();
         }
         let shared = Arc::new(Shared { picture: Mutex::new(picture) });
-        let token = places.map_or_else(Token::random, |places| Ok(places.token.clone()));
+        let token = match at {
+            Listen::At(_) => Token::random(),
+            Listen::Again(place) => Ok(place.token.clone()),
+        };
         let token = token.map_err(|cause| LiveError::System { action: "make a token", cause })?;
-        let open = |port: u16| {
-            let address = SocketAddr::new(listen.ip(), port);
+        let open = |address: SocketAddr| {
             Desk::open(
                 address,
                 run.clone(),
@@ -152,10 +161,13 @@ impl LiveServer {
                 (Arc::clone(&shared), demo.map(Path::to_owned)),
             )
         };
-        let desk = match places {
-            Some(places) => open(places.page.port())?,
-            None if listen.port() == 0 => open(0)?,
-            None => open(listen.port().wrapping_add(1)).or_else(|_| open(0))?,
+        let desk = match at {
+            Listen::Again(place) => open(place.page)?,
+            Listen::At(listen) => {
+                let [after, any] = [listen.port().wrapping_add(1), 0]
+                    .map(|port| SocketAddr::new(listen.ip(), port));
+                if listen.port() == 0 { open(any)? } else { open(after).or_else(|_| open(any))? }
+            }
         };
         let (dismiss, dismissed) = channel();
         let watcher = watch(run.clone(), Arc::clone(&shared), dismissed)
@@ -199,8 +211,8 @@ impl LiveServer {
         format!("http://{address}/#token={}", self.token.as_str())
     }
 
-    /// Hands on what it hears until the flight is over or `end` is set. A server comes back, as it is, if viewers make it
-    /// hold more memory than it may: who replaces the process opens it anew in its [`Self::places`].
+    /// Hands on what it hears until the flight is over or `end` is set. It comes back if viewers make it hold more memory
+    /// than it may: then the process has to be replaced by one that listens in the same [`Self::place`].
     ///
     /// # Errors
     /// The launcher says what this build does not understand.
@@ -209,7 +221,7 @@ impl LiveServer {
         while !end.load(Ordering::Relaxed) {
             if mono_now_ns() >= weighed_ns + WEIGH_EVERY_NS {
                 weighed_ns = mono_now_ns();
-                if anew::holds_too_much() {
+                if restart::holds_too_much() {
                     return Ok(Some(self));
                 }
             }
@@ -241,11 +253,11 @@ impl LiveServer {
         Ok(None)
     }
 
-    /// Where it listens.
+    /// What another process needs to replace this one.
     #[must_use]
-    pub fn places(&self) -> Places {
+    pub fn place(&self) -> Place {
         let (viewers, page) = (self.viewers.address(), self.desk.address());
-        Places { viewers, page, token: self.token.clone() }
+        Place { run: self.run.id().to_owned(), viewers, page, token: self.token.clone() }
     }
 
     fn sample(&mut self, topic: &'static TopicInfo, packed: &[u8]) {
@@ -256,7 +268,7 @@ impl LiveServer {
     }
 
     /// Whoever takes the run over from a launcher that has died.
-    fn successor(&self, end: &AtomicBool) -> Option<Listening> {
+    fn successor(&mut self, end: &AtomicBool) -> Option<Listening> {
         self.shared.picture().orphaned(true);
         let give_up_ns = mono_now_ns() + SUCCESSOR_LIMIT_NS;
         while mono_now_ns() < give_up_ns && !end.load(Ordering::Relaxed) {
@@ -266,6 +278,10 @@ impl LiveServer {
             if let Ok(listening) = Listening::to_everything(&self.run) {
                 return Some(listening);
             }
+            // As long as nobody leads the run, no other process could show it.
+            if restart::holds_too_much() {
+                self.viewers.close();
+            }
             sleep_until(mono_now_ns() + LOOK_EVERY_NS);
         }
         None
@@ -274,13 +290,12 @@ impl LiveServer {
     /// Tells the end to whoever is looking, and leaves.
     fn finish(mut self, ending: Ending) {
         self.shared.picture().end(ending);
+        self.viewers.close();
         self.desk.await_last_look(LAST_LOOK_NS);
         self.dismiss.take();
         if let Some(watcher) = self.watcher.take() {
             let _ = watcher.join();
         }
-        drop(self.desk);
-        self.viewers.close();
     }
 }
 

@@ -4,6 +4,7 @@ use crate::view::{Collect, Happening, Owners, json};
 use protocol::control::status::RunStatus;
 use protocol::topic::feed::{Ending, Flying};
 use record::read::{RecordVisitor as _, RecordedEvent};
+use runtime::clock::mono_now_ns;
 use scenario::candidate::Slot;
 use scenario::{Scenario, services};
 use serde_json::{Value, json};
@@ -17,6 +18,8 @@ const OVERLAP_NS: u64 = 1_000_000_000;
 /// A flight as far as it has come.
 #[derive(Debug)]
 pub(super) struct Picture {
+    /// When this process began to draw it \[ns\]: a page asks another one for everything.
+    begun_mono_ns: u64,
     collect: Collect,
     vehicle: Value,
     facts: Value,
@@ -53,6 +56,7 @@ impl Picture {
             json!({ "slot": slot.label(), "controllers": controllers })
         });
         Self {
+            begun_mono_ns: mono_now_ns(),
             collect: Collect::new(
                 Owners::default(),
                 flying.epoch_unix_ns,
@@ -154,6 +158,7 @@ impl Picture {
         let news: &[Happening] = &collect.happenings[first..];
         json!({
             "format": 1,
+            "server": self.begun_mono_ns,
             "from_s": s_from_ns(begin_ns),
             "to_s": s_from_ns(end_ns),
             "is_over": ending.is_some(),

@@ -127,7 +127,8 @@ pub(super) fn winds(script: &[Event], until_s: f64) -> Vec<Happening> {
 #[derive(Debug, Default)]
 pub(super) struct World {
     last: Option<Disturbance>,
-    gate: GateMode,
+    /// None before the first tick that is seen.
+    gate: Option<GateMode>,
     /// Worst mode of the gate's troubles of late, and when they are over unless there is another \[ns\].
     episode: (GateMode, u64),
     guidance: GuidanceOrder,
@@ -209,14 +210,14 @@ impl World {
 
     /// True if the gate has given up.
     pub(super) fn has_cut_rotors(&self) -> bool {
-        self.gate == GateMode::Cut
+        self.gate == Some(GateMode::Cut)
     }
 
     /// What a change of the gate's mode means.
     pub(super) fn gate(&mut self, at_ns: u64, mode: GateMode) -> Option<Happening> {
-        let before = core::mem::replace(&mut self.gate, mode);
+        let before = self.gate.replace(mode);
         // Until the first command arrives the gate holds, in every flight.
-        if before == mode || at_ns == 0 {
+        if before.is_none_or(|before| before == mode) {
             return None;
         }
         let text = match mode {

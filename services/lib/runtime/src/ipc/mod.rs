@@ -139,8 +139,7 @@ impl PortError {
     }
 }
 
-/// The transport's node behind an object. What is dropped in a crate is compiled there, and a node's end is much generic
-/// code.
+/// The transport's node behind an object: dropping a node instantiates much generic code in each crate that does so.
 trait Connection: core::fmt::Debug {
     fn node(&self) -> &IpcNode<Ipc>;
 }
