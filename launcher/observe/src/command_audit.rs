@@ -102,12 +102,11 @@ impl CommandAudit {
         let key = (command.header.seat, command.header.sequence);
         self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
         let Header { seat, sequence, generation, .. } = command.header;
-        // Whoever takes a seat in flight may count from anywhere.
+        // Whoever takes a seat in flight may count from anywhere: of it, any before the first that arrived may be lost.
         let before = self.last_of.insert(seat, (generation, sequence));
-        let before = before
-            .filter(|(known, _)| *known == generation)
-            .map(|(_, last)| last.saturating_add(1));
-        if let Some(first) = before.filter(|first| *first < sequence) {
+        let before = before.filter(|(known, _)| *known == generation);
+        let first = before.map_or(0, |(_, last)| last.saturating_add(1));
+        if first < sequence {
             self.gaps.push(Gap { seat, first, last: sequence - 1, until_ns: from_ns });
         }
     }
@@ -396,6 +395,19 @@ mod tests {
             audit.applied(&applied(at_ms, 2, (1, sequence), false));
         }
         let expected = CommandTally { ticks: 4, wrong_owner: 1, ..CommandTally::default() };
+        assert_eq!(audit.tally(), expected);
+    }
+
+    #[test]
+    fn a_tick_by_a_command_that_a_new_writer_gave_before_it_was_heard_is_not_judged() {
+        let mut audit = flip();
+        let mut first = command(1, 9, 80);
+        first.header.generation = 1;
+        audit.command(&first);
+        for (at_ms, sequence) in [(75, 8), (81, 9), (82, 10)] {
+            audit.applied(&applied(at_ms, 2, (1, sequence), false));
+        }
+        let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
         assert_eq!(audit.tally(), expected);
     }
 

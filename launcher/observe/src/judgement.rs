@@ -67,7 +67,7 @@ pub fn exit_code(closing: &Closing, verdict: &Verdict) -> u8 {
         (End::Interrupted, _) => exit::INTERRUPTED,
         _ if closing.unrecorded.is_some() => exit::UNFIT,
         (_, Grade::Passed) => exit::PASS,
-        _ => exit::GATE_FAILED,
+        _ => exit::FAILED,
     }
 }
 
