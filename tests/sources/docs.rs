@@ -44,7 +44,7 @@ fn the_topic_table_of_the_architecture_is_the_one_of_the_code() {
 
 #[test]
 fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
-    assert_eq!(first_cells("## Processes"), services::names());
+    assert_eq!(first_cells("## Processes"), services::names().collect::<Vec<_>>());
     for name in services::names() {
         let role = services::role_of(name).map_or("none", Role::label);
         assert!(ARCHITECTURE.contains(&format!("| `{name}` | {role} |")), "{name} fills {role}");

@@ -53,7 +53,7 @@ fn hop(arguments: &HopArguments) -> Result<(String, u8), BenchError> {
     bar.finish_and_clear();
     let worst = report.worst_ratio().unwrap_or(0.0);
     let failed = arguments.max_ratio.is_some_and(|most| worst > most);
-    let code = if failed { exit::GATE_FAILED } else { exit::PASS };
+    let code = if failed { exit::FAILED } else { exit::PASS };
     let text = match arguments.format {
         Format::Json => report.to_json().to_string(),
         Format::Text => {
@@ -98,7 +98,8 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
         let role = services::role_of(name);
         let full = role.and_then(|role| crew.name(role)).unwrap_or(name);
         let fly = &mut |hz: f64| rate::fly(&words, name, hz);
-        let ladder = rate::climb(name, settings.rate_hz(full), fly);
+        let rate_hz = services::rate_hz(full, settings).unwrap_or_default();
+        let ladder = rate::climb(name, rate_hz, fly);
         bar.inc(1);
         ladder
     });

@@ -14,7 +14,7 @@ pub(super) fn count_allocations() {
 /// Runs one process of a flight to its end and returns its exit code.
 pub(super) fn run(service: &str, place: PlaceArguments) -> u8 {
     let Some(role) = services::role_of(service) else {
-        let known = services::names().join(", ");
+        let known = services::names().collect::<Vec<_>>().join(", ");
         let _ = writeln!(io::stderr(), "{service}: no such service; there are {known}");
         return exit::USAGE;
     };

@@ -54,7 +54,7 @@ pub(super) fn run(arguments: &ReplayArguments, out: &mut dyn Write) -> Done {
         Format::Json => writeln!(out, "{}", Value::Object(answer.json))?,
     }
     out.flush()?;
-    Ok(if answer.differs { exit::GATE_FAILED } else { exit::PASS })
+    Ok(if answer.differs { exit::FAILED } else { exit::PASS })
 }
 
 /// A file that cannot be read, however it came to that, was asked for wrongly.
@@ -164,7 +164,7 @@ fn controller(with: &str, whom: &[Who], overrides: &[Override]) -> Result<(Who, 
             let what = format!("--with {with} replaces {}, not what --service names", role.label());
             return Err(Refusal::Usage(what));
         }
-        let name = services::names().into_iter().find(|name| *name == with);
+        let name = services::names().find(|name| *name == with);
         let who = whom.first().copied().unwrap_or_else(|| Who::all_of(role));
         return Ok((who, With::Service { name, overrides: overrides.to_vec() }));
     }

@@ -1,4 +1,5 @@
-//! The one table that turns a scenario into components: a new built-in service is a line here.
+//! The one table that turns a scenario into components. What else a new controller needs stands in ARCHITECTURE.md under
+//! "Adding a controller".
 //!
 //! It is a crate beside `scenario` because here each service is compiled into what its loop runs, which has to
 //! be fast, and there texts are read, which need not be.
@@ -58,7 +59,7 @@ pub fn build_service(name: Option<&str>, scenario: &Scenario) -> Result<Componen
 /// Builds a service by name, the pilot without one, and hands it to the visitor.
 ///
 /// # Errors
-/// The component refuses its configuration.
+/// There is no such service, or the component refuses its configuration.
 pub fn visit_service<V: ServiceVisitor>(
     name: Option<&str>,
     scenario: &Scenario,
@@ -111,7 +112,8 @@ pub fn visit_service<V: ServiceVisitor>(
         Some("monitor") => {
             visitor.visit(Monitor::new(&scenario.monitor_config(landing), &vehicle), 1)
         }
-        _ => match scenario.plan() {
+        Some(other) => return Err(format!("no service is called `{other}`").into()),
+        None => match scenario.plan() {
             Plan::Flight(config) => {
                 let service = Pilot::new(&config, &vehicle)?;
                 visitor.visit(service, PILOT_STATE_EVERY)

@@ -1,7 +1,6 @@
 //! The keys of a scenario, told by the types that read them: what each is called, takes and means.
 
 use super::pilot;
-use super::settings as own;
 use super::trajectory::Trajectory;
 use disturbance_injector as event;
 use schemars::generate::SchemaSettings;
@@ -41,31 +40,13 @@ pub struct Key {
 /// All sections in the order of the alphabet.
 #[must_use]
 pub fn sections() -> Vec<Section> {
-    let mut sections = vec![
-        section::<own::ScenarioSettings>("scenario"),
-        section::<own::VehicleSettings>("vehicle"),
-        section::<own::StartSettings>("start"),
-        pilot(),
-        section::<plant::settings::Settings>("plant"),
-        section::<estimator::settings::Settings>("estimator"),
-        section::<position_mpc::settings::Settings>("position_mpc"),
-        section::<attitude_mpc::settings::Settings>("attitude_mpc"),
-        section::<position_pid::settings::Settings>("position_pid"),
-        section::<attitude_lqr::settings::Settings>("attitude_lqr"),
-        section::<attitude_pid::settings::Settings>("attitude_pid"),
-        section::<own::CrewSettings>("crew"),
-        injector(),
-        section::<monitor::settings::Settings>("watch"),
-        section::<own::LatencySettings>("latency"),
-        section::<own::RealtimeSettings>("realtime"),
-        section::<own::LauncherSettings>("launcher"),
-        section::<own::RehearsalSettings>("rehearsal"),
-        section::<own::VerdictSettings>("verdict"),
-        list::<own::SwapSettings>("swap"),
-        list::<own::StandbySettings>("standby"),
-        list::<own::FaultSettings>("fault"),
-        list::<own::OrderSettings>("order"),
-    ];
+    macro_rules! told {
+        (@ section $name:ident $type:ty) => { section::<$type>(stringify!($name)) };
+        (@ list $name:ident $type:ty) => { list::<$type>(stringify!($name)) };
+        (@ $how:ident $name:ident $type:ty) => { $how(stringify!($name)) };
+        ($($name:ident $how:ident $type:ty,)*) => { vec![$(told!(@ $how $name $type)),*] };
+    }
+    let mut sections = with_sections!(told);
     sections.sort_by_key(|section| section.name);
     sections
 }
@@ -78,17 +59,17 @@ fn section<T: JsonSchema>(name: &'static str) -> Section {
 }
 
 /// A section of which there may be several.
-fn list<T: JsonSchema>(name: &'static str) -> Section {
-    let schema = schema::<T>();
+fn list<T: IntoIterator<Item: JsonSchema>>(name: &'static str) -> Section {
+    let schema = schema::<T::Item>();
     let mut keys = Vec::new();
     walk(&format!("{name}[]"), &schema, None, &mut keys);
     Section { name, meaning: meaning(&schema), keys }
 }
 
-fn pilot() -> Section {
+fn pilot(name: &'static str) -> Section {
     let meaning = "Where to fly and how wide to spread the arms.".to_owned();
-    let mut section = Section { meaning, ..section::<pilot::Common>("pilot") };
-    section.keys.push(kind("pilot.kind", &pilot::KINDS));
+    let mut section = Section { meaning, ..section::<pilot::Common>(name) };
+    section.keys.push(kind(&format!("{name}.kind"), &pilot::KINDS));
     let kinds = [
         ("hover", schema::<pilot::Hover>()),
         ("figure8", schema::<pilot::Figure8>()),
@@ -97,30 +78,25 @@ fn pilot() -> Section {
         ("attitude_step", schema::<pilot::Step>()),
     ];
     for (kind, schema) in kinds {
-        walk("pilot", &schema, Some(kind), &mut section.keys);
+        walk(name, &schema, Some(kind), &mut section.keys);
     }
     section
 }
 
-fn injector() -> Section {
-    let mut section = section::<disturbance_injector::settings::Settings>("disturbance_injector");
-    let kinds = [
-        ("constant", schema::<event::Constant>()),
-        ("step", schema::<event::Step>()),
-        ("pulse", schema::<event::Pulse>()),
-        ("sine", schema::<event::Sine>()),
-        ("ramp", schema::<event::Ramp>()),
-        ("rd", schema::<event::Rd>()),
-        ("kick", schema::<event::Kick>()),
-        ("wind", schema::<event::Wind>()),
-        ("payload", schema::<event::Payload>()),
-        ("rotor_efficiency", schema::<event::RotorEfficiency>()),
-    ];
-    let script = "disturbance_injector.script[]";
-    section.keys.retain(|key| key.name != "disturbance_injector.script");
+fn injector(name: &'static str) -> Section {
+    let mut section = section::<event::settings::Settings>(name);
+    macro_rules! told {
+        ($($kind:ident $variant:ident,)*) => {
+            [$((stringify!($kind), schema::<event::$variant>())),*]
+        };
+    }
+    let kinds = with_events!(told);
+    let list = format!("{name}.script");
+    section.keys.retain(|key| key.name != list);
+    let script = format!("{list}[]");
     section.keys.push(kind(&format!("{script}.kind"), &kinds.each_ref().map(|(kind, _)| *kind)));
     for (kind, schema) in kinds {
-        walk(script, &schema, Some(kind), &mut section.keys);
+        walk(&script, &schema, Some(kind), &mut section.keys);
     }
     section
 }

@@ -4,6 +4,9 @@
 //! Open [`settings`] for the keys, [`pilot`] for the manoeuvres, `check` for the rules that span
 //! sections and [`wiring`] for the graph. Each service owns the type of its section.
 
+#[macro_use]
+mod sections;
+
 mod begin;
 pub mod candidate;
 mod check;
@@ -365,7 +368,7 @@ impl Scenario {
     /// Rate of the loop in a slot \[Hz\].
     #[must_use]
     pub fn slot_rate_hz(&self, role: Role) -> f64 {
-        self.settings.rate_hz(Crew::of(&self.settings).name(role).unwrap_or("pilot"))
+        Crew::of(&self.settings).rate_hz(role, &self.settings)
     }
 
     /// Times on the way of an attitude command at the rate of `[attitude_mpc]`.

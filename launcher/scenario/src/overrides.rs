@@ -4,23 +4,8 @@ use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
 use super::suggest;
 use crate::candidate::share;
-use crate::services;
+use crate::services::{self, LOOPS, Loop};
 use miette::NamedSource;
-use shared_types::Role;
-
-/// Names under which a loop may be given to `--rate`, with the section that holds its rate.
-const LOOPS: [(&str, &str, Role); 10] = [
-    ("plant", "plant", Role::Plant),
-    ("estimator", "estimator", Role::Estimator),
-    ("position-mpc", "position_mpc", Role::Position),
-    ("attitude-mpc", "attitude_mpc", Role::Attitude),
-    ("disturbance-injector", "disturbance_injector", Role::Disturbance),
-    ("pilot", "pilot", Role::Pilot),
-    ("monitor", "watch", Role::Monitor),
-    ("position-pid", "position_pid", Role::Position),
-    ("attitude-lqr", "attitude_lqr", Role::Attitude),
-    ("attitude-pid", "attitude_pid", Role::Attitude),
-];
 
 /// One edit of the scenario, remembered with the flag that asked for it.
 #[derive(Debug, Clone)]
@@ -54,16 +39,15 @@ impl Override {
             return Err(refusal("--rate", &shown, "has no `=`", remedy));
         };
         let (name, hz) = (name.trim().replace('_', "-"), hz.trim());
-        let known = |(full, _, role): &&(&str, &str, Role)| name == *full || name == role.label();
-        let Some((_, section, _)) = LOOPS.iter().find(known) else {
-            let remedy = suggest::remedy(&name, LOOPS.iter().map(|(full, ..)| *full));
+        let Some(found) = Loop::named(&name) else {
+            let remedy = suggest::remedy(&name, LOOPS.iter().map(|known| known.name));
             return Err(refusal("--rate", &shown, &format!("no loop is called `{name}`"), &remedy));
         };
         if hz.parse::<f64>().is_err() {
             let remedy = "give the rate in Hz as a number, for example 500";
             return Err(refusal("--rate", &shown, &format!("`{hz}` is not a number"), remedy));
         }
-        Ok(Self(Edit::set(shown, format!("{section}.rate_hz"), toml_number(hz))))
+        Ok(Self(Edit::set(shown, format!("{}.rate_hz", found.section), toml_number(hz))))
     }
 
     /// `--swap SLOT=NAME@TIME`, with `,shadow=TIME`, `,rollback=TIME`, `,max-bump=SHARE`, `,config=FILE`,

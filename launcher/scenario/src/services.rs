@@ -4,30 +4,82 @@ use crate::Settings;
 use runtime::graph::ROLES;
 use shared_types::Role;
 
-/// Services and the roles they fill, in data-flow order; the first of a role fills it unless another
-/// one is asked for.
-const PROCESSES: [(&str, Role); 9] = [
-    ("plant", Role::Plant),
-    ("estimator", Role::Estimator),
-    ("position-mpc", Role::Position),
-    ("position-pid", Role::Position),
-    ("attitude-mpc", Role::Attitude),
-    ("attitude-lqr", Role::Attitude),
-    ("attitude-pid", Role::Attitude),
-    ("disturbance-injector", Role::Disturbance),
-    ("monitor", Role::Monitor),
+/// What steps at a rate of its own.
+#[derive(Debug)]
+pub(crate) struct Loop {
+    /// Its name in commands and messages.
+    pub(crate) name: &'static str,
+    /// The section of a scenario that configures it.
+    pub(crate) section: &'static str,
+    role: Role,
+    /// Rate in a scenario \[Hz\].
+    rate_hz: fn(&Settings) -> f64,
+}
+
+/// The built-in services in data-flow order, the first of a role filling it unless another one is asked for; then the
+/// pilot, which is no process. Controllers of a slot run at the rate of its MPC unless they have their own.
+pub(crate) const LOOPS: &[Loop] = &[
+    Loop::new("plant", "plant", Role::Plant, |s| s.plant.rate_hz),
+    Loop::new("estimator", "estimator", Role::Estimator, |s| s.estimator.rate_hz),
+    Loop::new("position-mpc", "position_mpc", Role::Position, |s| s.position_mpc.rate_hz),
+    Loop::new("position-pid", "position_pid", Role::Position, |s| {
+        s.position_pid.rate_hz.unwrap_or(s.position_mpc.rate_hz)
+    }),
+    Loop::new("attitude-mpc", "attitude_mpc", Role::Attitude, |s| s.attitude_mpc.rate_hz),
+    Loop::new("attitude-lqr", "attitude_lqr", Role::Attitude, |s| {
+        s.attitude_lqr.rate_hz.unwrap_or(s.attitude_mpc.rate_hz)
+    }),
+    Loop::new("attitude-pid", "attitude_pid", Role::Attitude, |s| {
+        s.attitude_pid.rate_hz.unwrap_or(s.attitude_mpc.rate_hz)
+    }),
+    Loop::new("disturbance-injector", "disturbance_injector", Role::Disturbance, |s| {
+        s.disturbance_injector.rate_hz
+    }),
+    Loop::new("monitor", "watch", Role::Monitor, |s| s.watch.rate_hz),
+    Loop::new("pilot", "pilot", Role::Pilot, |s| s.pilot.common.rate_hz),
 ];
 
+impl Loop {
+    const fn new(
+        name: &'static str,
+        section: &'static str,
+        role: Role,
+        rate_hz: fn(&Settings) -> f64,
+    ) -> Self {
+        Self { name, section, role, rate_hz }
+    }
+
+    /// By its name or, the first, by that of its role.
+    pub(crate) fn named(name: &str) -> Option<&'static Self> {
+        LOOPS.iter().find(|known| known.name == name || known.role.label() == name)
+    }
+
+    /// The first that fills a role.
+    pub(crate) fn of(role: Role) -> Option<&'static Self> {
+        LOOPS.iter().find(|known| known.role == role)
+    }
+}
+
+/// Those that are processes.
+fn services() -> impl Iterator<Item = &'static Loop> + Clone {
+    LOOPS.iter().filter(|known| known.role != Role::Pilot)
+}
+
 /// Names of all built-in services.
-#[must_use]
-pub fn names() -> [&'static str; 9] {
-    PROCESSES.map(|(name, _)| name)
+pub fn names() -> impl Iterator<Item = &'static str> + Clone {
+    services().map(|service| service.name)
 }
 
 /// Role that a service fills.
 #[must_use]
 pub fn role_of(name: &str) -> Option<Role> {
-    PROCESSES.iter().find(|(n, _)| *n == name).map(|(_, role)| *role)
+    services().find(|service| service.name == name).map(|service| service.role)
+}
+
+/// Rate at which a loop steps in a scenario \[Hz\], by its name or that of its role; none if there is no such loop.
+#[must_use]
+pub fn rate_hz(name: &str, settings: &Settings) -> Option<f64> {
+    Loop::named(name).map(|found| (found.rate_hz)(settings))
 }
 
 /// Roles whose owner can change.
@@ -51,14 +103,9 @@ pub fn fillings() -> Vec<String> {
     SLOTS.into_iter().flat_map(names).collect()
 }
 
-/// Name of the service that fills a role by default.
-fn name_of(role: Role) -> Option<&'static str> {
-    PROCESSES.iter().find(|(_, r)| *r == role).map(|(name, _)| *name)
-}
-
 /// Services that fill `role`.
 pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> + Clone {
-    PROCESSES.into_iter().filter(move |(_, r)| *r == role).map(|(name, _)| name)
+    services().filter(move |service| service.role == role).map(|service| service.name)
 }
 
 /// Who fills which role.
@@ -67,7 +114,7 @@ pub struct Crew([Option<&'static str>; ROLES]);
 
 impl Default for Crew {
     fn default() -> Self {
-        Self(Role::STEPPING.map(name_of))
+        Self(Role::STEPPING.map(|role| names_for(role).next()))
     }
 }
 
@@ -87,6 +134,12 @@ impl Crew {
     #[must_use]
     pub fn name(&self, role: Role) -> Option<&'static str> {
         self.0.get(role.index()).copied().flatten()
+    }
+
+    /// Rate of the loop that fills a role \[Hz\].
+    #[must_use]
+    pub fn rate_hz(&self, role: Role, settings: &Settings) -> f64 {
+        rate_hz(self.name(role).unwrap_or("pilot"), settings).unwrap_or_default()
     }
 
     /// Lets another service fill a role. False if the service is of another role.

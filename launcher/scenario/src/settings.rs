@@ -3,7 +3,6 @@
 pub use super::clock::{Clock, Speed};
 pub use super::ordered::OrderSettings;
 pub use super::patience::LauncherSettings;
-use super::pilot::PilotSettings;
 pub use super::rehearsal::RehearsalSettings;
 pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 pub use super::start::StartSettings;
@@ -17,56 +16,22 @@ use serde::{Deserialize, Serialize};
 use shared_types::Role;
 use std::collections::BTreeMap;
 
-/// A whole scenario.
-#[derive(Debug, Clone)]
-pub struct Settings {
-    /// `[scenario]`.
-    pub scenario: ScenarioSettings,
-    /// `[vehicle]`.
-    pub vehicle: VehicleSettings,
-    /// `[start]`.
-    pub start: StartSettings,
-    /// `[pilot]`.
-    pub pilot: PilotSettings,
-    /// `[plant]`.
-    pub plant: plant::settings::Settings,
-    /// `[estimator]`.
-    pub estimator: estimator::settings::Settings,
-    /// `[position_mpc]`.
-    pub position_mpc: position_mpc::settings::Settings,
-    /// `[attitude_mpc]`.
-    pub attitude_mpc: attitude_mpc::settings::Settings,
-    /// `[position_pid]`.
-    pub position_pid: position_pid::settings::Settings,
-    /// `[attitude_lqr]`.
-    pub attitude_lqr: attitude_lqr::settings::Settings,
-    /// `[attitude_pid]`.
-    pub attitude_pid: attitude_pid::settings::Settings,
-    /// `[crew]`.
-    pub crew: CrewSettings,
-    /// `[disturbance_injector]`.
-    pub disturbance_injector: disturbance_injector::settings::Settings,
-    /// `[watch]`.
-    pub watch: monitor::settings::Settings,
-    /// `[latency]`.
-    pub latency: LatencySettings,
-    /// `[realtime]`.
-    pub realtime: RealtimeSettings,
-    /// `[launcher]`.
-    pub launcher: LauncherSettings,
-    /// `[rehearsal]`.
-    pub rehearsal: RehearsalSettings,
-    /// `[verdict]`.
-    pub verdict: VerdictSettings,
-    /// Each `[[swap]]`.
-    pub swap: Vec<SwapSettings>,
-    /// Each `[[standby]]`.
-    pub standby: Vec<StandbySettings>,
-    /// Each `[[fault]]`.
-    pub fault: Vec<FaultSettings>,
-    /// Each `[[order]]`.
-    pub order: Vec<OrderSettings>,
+macro_rules! settings {
+    ($($name:ident $how:ident $type:ty,)*) => {
+        /// A whole scenario.
+        #[derive(Debug, Clone)]
+        pub struct Settings {
+            $(
+                #[doc = concat!("What the scenario says under `", stringify!($name), "`.")]
+                pub $name: $type,
+            )*
+        }
+
+        /// Names of the sections.
+        pub(super) const SECTIONS: &[&str] = &[$(stringify!($name)),*];
+    };
 }
+with_sections!(settings);
 
 impl Settings {
     /// True if something is to be done to the flight in the air.
@@ -84,26 +49,6 @@ impl Settings {
         let most = [mpc.thrust_max_weights, pid.thrust_max_weights].into_iter().flatten();
         // What is left to the laws is within the monitor's own thresholds.
         self.watch.limits([least.fold(1.0, f64::min), most.fold(1.0, f64::max)])
-    }
-}
-
-impl Settings {
-    /// Rate of the loop that `service` would run \[Hz\]; the controllers of a slot take that of its MPC
-    /// unless they have their own.
-    #[must_use]
-    pub fn rate_hz(&self, service: &str) -> f64 {
-        match service {
-            "plant" => self.plant.rate_hz,
-            "estimator" => self.estimator.rate_hz,
-            "position-mpc" => self.position_mpc.rate_hz,
-            "position-pid" => self.position_pid.rate_hz.unwrap_or(self.position_mpc.rate_hz),
-            "attitude-mpc" => self.attitude_mpc.rate_hz,
-            "attitude-lqr" => self.attitude_lqr.rate_hz.unwrap_or(self.attitude_mpc.rate_hz),
-            "attitude-pid" => self.attitude_pid.rate_hz.unwrap_or(self.attitude_mpc.rate_hz),
-            "disturbance-injector" => self.disturbance_injector.rate_hz,
-            "monitor" => self.watch.rate_hz,
-            _ => self.pilot.common.rate_hz,
-        }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::document::{Document, Value};
 use super::pilot::{self, Manoeuvre, PilotSettings};
 use super::problem::Problem;
-use super::settings::Settings;
+use super::settings::{SECTIONS, Settings};
 use super::suggest;
 use core::ops::Range;
 use disturbance_injector::Event;
@@ -12,46 +12,13 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-/// Every section of a scenario.
-pub(super) const SECTIONS: [&str; 23] = [
-    "scenario",
-    "vehicle",
-    "start",
-    "pilot",
-    "plant",
-    "estimator",
-    "position_mpc",
-    "attitude_mpc",
-    "position_pid",
-    "attitude_lqr",
-    "attitude_pid",
-    "crew",
-    "disturbance_injector",
-    "watch",
-    "latency",
-    "realtime",
-    "launcher",
-    "rehearsal",
-    "verdict",
-    "swap",
-    "standby",
-    "fault",
-    "order",
-];
-
-/// Words for `kind` of an event of the disturbance injector.
-pub(super) const EVENT_KINDS: [&str; 10] = [
-    "constant",
-    "step",
-    "pulse",
-    "sine",
-    "ramp",
-    "rd",
-    "kick",
-    "wind",
-    "payload",
-    "rotor_efficiency",
-];
+macro_rules! kinds {
+    ($($kind:ident $variant:ident,)*) => {
+        /// Words for `kind` of an event of the disturbance injector.
+        pub(super) const EVENT_KINDS: &[&str] = &[$(stringify!($kind)),*];
+    };
+}
+with_events!(kinds);
 
 /// Types the whole document.
 pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>> {
@@ -61,31 +28,12 @@ pub(super) fn settings(document: &Document<'_>) -> Result<Settings, Vec<Problem>
     if !reader.problems.is_empty() {
         return Err(reader.problems);
     }
-    let settings = Settings {
-        scenario: reader.section("scenario"),
-        vehicle: reader.section("vehicle"),
-        start: reader.section("start"),
-        pilot: reader.pilot(),
-        plant: reader.section("plant"),
-        estimator: reader.section("estimator"),
-        position_mpc: reader.section("position_mpc"),
-        attitude_mpc: reader.section("attitude_mpc"),
-        position_pid: reader.section("position_pid"),
-        attitude_lqr: reader.section("attitude_lqr"),
-        attitude_pid: reader.section("attitude_pid"),
-        crew: reader.section("crew"),
-        disturbance_injector: reader.injector(),
-        watch: reader.section("watch"),
-        latency: reader.section("latency"),
-        realtime: reader.section("realtime"),
-        launcher: reader.section("launcher"),
-        rehearsal: reader.section("rehearsal"),
-        verdict: reader.section("verdict"),
-        swap: reader.list("swap"),
-        standby: reader.list("standby"),
-        fault: reader.list("fault"),
-        order: reader.list("order"),
-    };
+    macro_rules! read {
+        ($($name:ident $how:ident $type:ty,)*) => {
+            Settings { $($name: reader.$how(stringify!($name)),)* }
+        };
+    }
+    let settings = with_sections!(read);
     if reader.problems.is_empty() { Ok(settings) } else { Err(reader.problems) }
 }
 
@@ -99,7 +47,7 @@ impl<'t> Reader<'_, 't> {
         for (key, _) in self.document.root() {
             let name = key.get_ref().as_ref();
             if !SECTIONS.contains(&name) {
-                let remedy = suggest::remedy(name, SECTIONS.into_iter());
+                let remedy = suggest::remedy(name, SECTIONS.iter().copied());
                 self.complain(name, "there is no such section", remedy, &key.span());
             }
         }
@@ -176,13 +124,13 @@ impl<'t> Reader<'_, 't> {
     }
 
     /// `kind` decides which keys the section has; serde's tagged enums would lose the places.
-    fn pilot(&mut self) -> PilotSettings {
-        let Some(section) = self.document.root().get("pilot") else {
+    fn pilot(&mut self, name: &str) -> PilotSettings {
+        let Some(section) = self.document.root().get(name) else {
             return PilotSettings::default();
         };
         let span = section.span();
         let Some(table) = section.get_ref().as_table() else {
-            self.complain("pilot", "is not a section", "write [pilot]".to_owned(), &span);
+            self.complain(name, "is not a section", format!("write [{name}]"), &span);
             return PilotSettings::default();
         };
         let (mut common, mut own) = (DeTable::new(), table.clone());
@@ -191,25 +139,24 @@ impl<'t> Reader<'_, 't> {
                 common.insert(key, value);
             }
         }
-        let Some(kind) = self.kind(&mut own, &span, "pilot", &pilot::KINDS) else {
+        let Some(kind) = self.kind(&mut own, &span, name, &pilot::KINDS) else {
             return PilotSettings::default();
         };
         let section = |table| Some(Spanned::new(span.clone(), DeValue::Table(table)));
-        let common = self.validated("pilot", section(common));
+        let common = self.validated(name, section(common));
         let own = section(own);
         let manoeuvre = match kind {
-            "hover" => Manoeuvre::Hover(self.validated("pilot", own)),
-            "figure8" => Manoeuvre::Figure8(self.validated("pilot", own)),
-            "waypoints" => Manoeuvre::Waypoints(self.validated("pilot", own)),
-            "trajectory" => Manoeuvre::Trajectory(self.validated("pilot", own)),
-            _ => Manoeuvre::AttitudeStep(self.validated("pilot", own)),
+            "hover" => Manoeuvre::Hover(self.validated(name, own)),
+            "figure8" => Manoeuvre::Figure8(self.validated(name, own)),
+            "waypoints" => Manoeuvre::Waypoints(self.validated(name, own)),
+            "trajectory" => Manoeuvre::Trajectory(self.validated(name, own)),
+            _ => Manoeuvre::AttitudeStep(self.validated(name, own)),
         };
         PilotSettings { common, manoeuvre }
     }
 
-    fn injector(&mut self) -> disturbance_injector::settings::Settings {
-        const NAME: &str = "disturbance_injector";
-        let Some(mut section) = self.document.root().get(NAME).cloned() else {
+    fn injector(&mut self, name: &str) -> disturbance_injector::settings::Settings {
+        let Some(mut section) = self.document.root().get(name).cloned() else {
             return disturbance_injector::settings::Settings::default();
         };
         let script = match section.get_mut() {
@@ -220,8 +167,9 @@ impl<'t> Reader<'_, 't> {
             self.typed::<disturbance_injector::settings::Settings>(section).unwrap_or_default();
         let events = script.as_ref().and_then(|script| script.get_ref().as_array());
         if let (Some(script), None) = (&script, events) {
-            let remedy = format!("write [[{NAME}.script]] above each event");
-            self.complain("disturbance_injector.script", "is not a list", remedy, &script.span());
+            let key = format!("{name}.script");
+            let remedy = format!("write [[{key}]] above each event");
+            self.complain(&key, "is not a list", remedy, &script.span());
         }
         let complaints = self.problems.len();
         for (index, event) in events.into_iter().flat_map(|array| array.iter()).enumerate() {
@@ -229,7 +177,7 @@ impl<'t> Reader<'_, 't> {
         }
         // With an event missing the places of the others would be wrong.
         if self.problems.len() == complaints {
-            self.validate(NAME, &settings);
+            self.validate(name, &settings);
         }
         settings
     }
@@ -242,20 +190,17 @@ impl<'t> Reader<'_, 't> {
             self.complain(&path, "is not an event", remedy, &span);
             return None;
         };
-        let kind = self.kind(&mut table, &span, &path, &EVENT_KINDS)?;
+        let kind = self.kind(&mut table, &span, &path, EVENT_KINDS)?;
         let own = Spanned::new(span, DeValue::Table(table));
-        match kind {
-            "constant" => self.typed(own).map(Event::Constant),
-            "step" => self.typed(own).map(Event::Step),
-            "pulse" => self.typed(own).map(Event::Pulse),
-            "sine" => self.typed(own).map(Event::Sine),
-            "ramp" => self.typed(own).map(Event::Ramp),
-            "rd" => self.typed(own).map(Event::Rd),
-            "kick" => self.typed(own).map(Event::Kick),
-            "wind" => self.typed(own).map(Event::Wind),
-            "payload" => self.typed(own).map(Event::Payload),
-            _ => self.typed(own).map(Event::RotorEfficiency),
+        macro_rules! read {
+            ($($word:ident $variant:ident,)*) => {
+                $(if kind == stringify!($word) {
+                    return self.typed(own).map(Event::$variant);
+                })*
+            };
         }
+        with_events!(read);
+        None
     }
 
     /// Takes `kind` out of a table.

@@ -15,115 +15,86 @@ const ORDERED_M_S: f64 = 2.0;
 /// Standard deviations that gusts may reach.
 const SIGMAS: f64 = 3.0;
 
-/// Limits by their keys; what is left out is derived from the flight. Each fails the flight if it is not kept.
-#[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
-#[serde(deny_unknown_fields, default)]
-pub struct VerdictSettings {
+macro_rules! limits {
+    ($($(#[$about:meta])* $key:ident: $number:ty,)*) => {
+        /// Limits by their keys; what is left out is derived from the flight. Each fails the flight if it is not kept.
+        #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct VerdictSettings {
+            /// How long a recovery may take after a scripted fault, or after a process was lost \[s\].
+            #[garde(range(min = 0.0, max = 60.0))]
+            pub recovery_s: f64,
+            $($(#[$about])* pub $key: Option<$number>,)*
+        }
+
+        impl Default for VerdictSettings {
+            fn default() -> Self {
+                Self { recovery_s: 3.0, $($key: None),* }
+            }
+        }
+
+        impl VerdictSettings {
+            /// Every limit that is set, by the key of its check.
+            fn limits(&self) -> impl Iterator<Item = (&'static str, f64)> {
+                let all = [$((stringify!($key), self.$key.map(f64::from))),*];
+                all.into_iter().filter_map(|(key, limit)| Some((key, limit?)))
+            }
+        }
+    };
+}
+
+limits! {
     /// Largest tracking error, apart from recoveries \[m\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub tracking_max_m: Option<f64>,
+    tracking_max_m: f64,
     /// Largest mean tracking error over a second \[m\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub tracking_sustained_max_m: Option<f64>,
+    tracking_sustained_max_m: f64,
     /// Largest root mean square of the tracking error \[m\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub tracking_rms_max_m: Option<f64>,
+    tracking_rms_max_m: f64,
     /// Largest error of the heading along a path, apart from recoveries \[rad\].
     #[garde(range(min = 0.0, max = 3.2))]
-    pub heading_max_rad: Option<f64>,
+    heading_max_rad: f64,
     /// Largest tracking error while the flight recovers from a fault or a restart \[m\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub recovery_max_m: Option<f64>,
-    /// How long a recovery may take after a scripted fault, or after a process was lost \[s\].
-    #[garde(range(min = 0.0, max = 60.0))]
-    pub recovery_s: f64,
+    recovery_max_m: f64,
     /// Mean distance from the path in the last second from which the vehicle counts as lost \[m\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub lost_m: Option<f64>,
+    lost_m: f64,
     /// Error of a rig's angle at the end from which the vehicle counts as lost \[rad\].
     #[garde(range(min = 0.0, max = 10.0))]
-    pub lost_rad: Option<f64>,
+    lost_rad: f64,
     /// Largest error of a rig's angle at the end \[rad\].
     #[garde(range(min = 0.0, max = 10.0))]
-    pub attitude_end_max_rad: Option<f64>,
+    attitude_end_max_rad: f64,
     /// Longest time on the ground where the path has none \[s\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub contact_max_s: Option<f64>,
+    contact_max_s: f64,
     /// Largest angle between the vehicle's axis and the vertical \[rad\].
     #[garde(range(min = 0.0, max = 3.2))]
-    pub tilt_max_rad: Option<f64>,
+    tilt_max_rad: f64,
     /// Most safe-mode episodes that no scripted fault, trip or loss of a process explains.
     #[garde(skip)]
-    pub safe_mode_max: Option<u32>,
+    safe_mode_max: u32,
     /// Longest safe-mode episode of all \[s\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub safe_mode_max_s: Option<f64>,
+    safe_mode_max_s: f64,
     /// Longest stretch with clipped rotors \[s\].
     #[garde(range(min = 0.0, max = 1e6))]
-    pub clipped_max_s: Option<f64>,
+    clipped_max_s: f64,
     /// Largest share of ticks with clipped rotors.
     #[garde(range(min = 0.0, max = 1.0))]
-    pub clipped_max_share: Option<f64>,
+    clipped_max_share: f64,
     /// Largest share of its steps in which a controller may have no solved optimum.
     #[garde(range(min = 0.0, max = 1.0))]
-    pub unsolved_max_share: Option<f64>,
+    unsolved_max_share: f64,
     /// Largest share of its releases that a loop may miss, or run without final inputs.
     #[garde(range(min = 0.0, max = 1.0))]
-    pub missed_max_share: Option<f64>,
+    missed_max_share: f64,
     /// Most samples that may come after their step, as a share of the releases of their loop.
     #[garde(range(min = 0.0, max = 100.0))]
-    pub late_max_share: Option<f64>,
-}
-
-impl Default for VerdictSettings {
-    fn default() -> Self {
-        Self {
-            tracking_max_m: None,
-            tracking_sustained_max_m: None,
-            tracking_rms_max_m: None,
-            heading_max_rad: None,
-            recovery_max_m: None,
-            recovery_s: 3.0,
-            lost_m: None,
-            lost_rad: None,
-            attitude_end_max_rad: None,
-            contact_max_s: None,
-            tilt_max_rad: None,
-            safe_mode_max: None,
-            safe_mode_max_s: None,
-            clipped_max_s: None,
-            clipped_max_share: None,
-            unsolved_max_share: None,
-            missed_max_share: None,
-            late_max_share: None,
-        }
-    }
-}
-
-impl VerdictSettings {
-    /// Every limit that is set, by the key of its check.
-    fn limits(&self) -> impl Iterator<Item = (&'static str, f64)> {
-        let all = [
-            ("tracking_max_m", self.tracking_max_m),
-            ("tracking_sustained_max_m", self.tracking_sustained_max_m),
-            ("tracking_rms_max_m", self.tracking_rms_max_m),
-            ("heading_max_rad", self.heading_max_rad),
-            ("recovery_max_m", self.recovery_max_m),
-            ("lost_m", self.lost_m),
-            ("lost_rad", self.lost_rad),
-            ("attitude_end_max_rad", self.attitude_end_max_rad),
-            ("contact_max_s", self.contact_max_s),
-            ("tilt_max_rad", self.tilt_max_rad),
-            ("safe_mode_max", self.safe_mode_max.map(f64::from)),
-            ("safe_mode_max_s", self.safe_mode_max_s),
-            ("clipped_max_s", self.clipped_max_s),
-            ("clipped_max_share", self.clipped_max_share),
-            ("unsolved_max_share", self.unsolved_max_share),
-            ("missed_max_share", self.missed_max_share),
-            ("late_max_share", self.late_max_share),
-        ];
-        all.into_iter().filter_map(|(key, limit)| Some((key, limit?)))
-    }
+    late_max_share: f64,
 }
 
 impl Scenario {

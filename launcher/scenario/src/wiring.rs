@@ -1,7 +1,7 @@
 //! From a scenario to the flight's graph: loops with their rates, arrows with their latencies.
 
 use super::settings::{Clock, LatencySettings, Settings};
-use crate::services::Crew;
+use crate::services::{Crew, Loop};
 use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
 use shared_types::time::ns_from_s;
@@ -36,16 +36,7 @@ pub enum WiringError {
 /// Section of a scenario that configures the loop of `role`.
 #[must_use]
 pub fn section(role: Role) -> &'static str {
-    match role {
-        Role::Plant => "plant",
-        Role::Estimator => "estimator",
-        Role::Position => "position_mpc",
-        Role::Attitude => "attitude_mpc",
-        Role::Disturbance => "disturbance_injector",
-        Role::Pilot => "pilot",
-        Role::Monitor => "watch",
-        _ => "launcher",
-    }
+    Loop::of(role).map_or("launcher", |first| first.section)
 }
 
 /// The graph of a flight with these settings.
@@ -67,7 +58,7 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
 }
 
 fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
-    let rate_hz = settings.rate_hz(Crew::of(settings).name(role).unwrap_or("pilot"));
+    let rate_hz = Crew::of(settings).rate_hz(role, settings);
     let rate = Rate::from_hz(rate_hz)
         .map_err(|error| WiringError::Rate { section: section(role), error })?;
     let lead_ns = match role {

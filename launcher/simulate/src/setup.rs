@@ -7,20 +7,12 @@ use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+pub use scenario::settings::Speed;
 use scenario::{Scenario, needs};
 use shared_types::ClockMode;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-/// Pace of logical time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Speed {
-    /// Logical seconds per wall second.
-    Times(f64),
-    /// As fast as the machine can (lockstep only).
-    Max,
-}
 
 /// Which processor a flight's processes stay on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

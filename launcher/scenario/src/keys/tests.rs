@@ -33,7 +33,7 @@ fn settable() -> impl Iterator<Item = Key> {
 #[test]
 fn every_section_that_the_parser_knows_has_keys_and_a_meaning() {
     let told: Vec<&str> = sections().iter().map(|section| section.name).collect();
-    let mut known = crate::typed::SECTIONS.to_vec();
+    let mut known = crate::settings::SECTIONS.to_vec();
     known.sort_unstable();
     assert_eq!(told, known);
     for section in sections() {
@@ -48,7 +48,7 @@ fn every_section_that_the_parser_knows_has_keys_and_a_meaning() {
 fn every_kind_that_the_parser_knows_has_keys() {
     for (list, known) in [
         ("pilot.", &crate::pilot::KINDS[..]),
-        ("disturbance_injector.script[].", &crate::typed::EVENT_KINDS[..]),
+        ("disturbance_injector.script[].", crate::typed::EVENT_KINDS),
     ] {
         let of_kinds: Vec<Key> =
             keys().filter(|key| key.name.starts_with(list) && key.kind.is_some()).collect();
