@@ -73,7 +73,7 @@ fn measure(options: &Options) -> Result<(String, u8), BenchError> {
     let (overall, most) = (report.overall(), options.max_ratio);
     let certainly = overall.and_then(|change| Some((change.between?, most?)));
     let failed = certainly.is_some_and(|([low, _], most)| low > most);
-    let code = if failed { exit::GATE_FAILED } else { flown };
+    let code = if failed { exit::FAILED } else { flown };
     let text = if options.format == Format::Json {
         serde_json::json!({ "place": place, "watch": report, "overall": overall }).to_string()
     } else {

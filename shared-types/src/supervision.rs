@@ -59,6 +59,12 @@ impl Role {
         }
     }
 
+    /// True for a role whose owner can change.
+    #[must_use]
+    pub const fn is_slot(self) -> bool {
+        self.seats() > 1
+    }
+
     /// Lower-case name used for progress services, tables and the command line.
     #[must_use]
     pub fn label(self) -> &'static str {

@@ -99,7 +99,7 @@ fn a_scripted_storm_of_any_other_seed_loses_nothing() {
     fly_storms(Kind::Scripted, 1, fly_script);
 }
 
-/// Flies a storm as fast as it can be and once more at a pace, which must be the same flight. Every second storm is flown
+/// Flies a storm as fast as it can be and once more paced, which must be the same flight. Every second storm is flown
 /// with rehearsals, which are no part of the flight unless one refuses.
 fn fly_script(seed: u64, acts: &[(f64, Act)]) -> Vec<String> {
     let script: Vec<String> = acts.iter().flat_map(|(at_s, act)| act.script(*at_s)).collect();

@@ -143,7 +143,7 @@ fn fly_one(replay: &ReplayArguments, at: At) -> Result<(String, u8), Trouble> {
     let identical = first.is_none() && same > 0;
     let departs = change.is_none(branch.scenario()) && !identical && !summary.interrupted;
     let code = summary.exit_code();
-    let code = if departs && code == exit::PASS { exit::GATE_FAILED } else { code };
+    let code = if departs && code == exit::PASS { exit::FAILED } else { code };
     let compared_to_s = branch.recorded_ns().min(summary.flown_ns) as f64 / 1e9;
     let text = match replay.format {
         Format::Json => {

@@ -22,7 +22,7 @@ pub(super) fn reproduce(arguments: &PaperArguments, out: &mut dyn Write) -> Done
     let findings = run(arguments).map_err(|error| Failure::plain(&error, exit::USAGE))?;
     write(&findings, &mut folder).map_err(unwritable)?;
     print(&findings, &folder, arguments.format, out)?;
-    Ok(if report::holds(&findings) { exit::PASS } else { exit::GATE_FAILED })
+    Ok(if report::holds(&findings) { exit::PASS } else { exit::FAILED })
 }
 
 fn run(arguments: &PaperArguments) -> Result<Vec<Findings>, PaperError> {

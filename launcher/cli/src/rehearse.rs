@@ -40,7 +40,7 @@ pub(super) fn run(arguments: &RehearseArguments, out: &mut dyn Write) -> Done {
             }
         }
     }
-    Ok(if told.accepted { exit::PASS } else { exit::GATE_FAILED })
+    Ok(if told.accepted { exit::PASS } else { exit::FAILED })
 }
 
 /// False once so much wall time is over.
@@ -73,7 +73,7 @@ fn serve(file: &Path, by: i32, out: &mut dyn Write) -> Done {
     let _ = setrlimit(Resource::Cpu, Rlimit { current: Some(cpu_s), maximum: Some(cpu_s + 1) });
     let told = verdict(spec, &mut until(wall_max_s));
     line(&told, out)?;
-    Ok(if told.accepted { exit::PASS } else { exit::GATE_FAILED })
+    Ok(if told.accepted { exit::PASS } else { exit::FAILED })
 }
 
 fn line(told: &Verdict, out: &mut dyn Write) -> Result<(), Failure> {

@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write, said: &mut d
     }
     let verdict = match &folder {
         Folder { unread, .. } if !unread.is_empty() => exit::USAGE,
-        Folder { reports, .. } if !reports.iter().all(Report::passes) => exit::GATE_FAILED,
+        Folder { reports, .. } if !reports.iter().all(Report::passes) => exit::FAILED,
         _ => exit::PASS,
     };
     match tell(&folder, is_folder, arguments, out) {

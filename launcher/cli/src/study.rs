@@ -83,7 +83,7 @@ fn compare_controllers(output: &StudyOutput) -> Result<(String, u8), StudyError>
             files(&folder),
         ),
     };
-    Ok((text, if broken { exit::GATE_FAILED } else { exit::PASS }))
+    Ok((text, if broken { exit::FAILED } else { exit::PASS }))
 }
 
 fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyError> {
@@ -100,7 +100,7 @@ fn fly_morphing(arguments: &MorphingArguments) -> Result<(String, u8), StudyErro
     bar.finish_and_clear();
     morphing::report::write(&study, &mut folder)?;
     let marks = morphing::marks(&study);
-    let code = if marks.iter().all(|mark| mark.holds) { exit::PASS } else { exit::GATE_FAILED };
+    let code = if marks.iter().all(|mark| mark.holds) { exit::PASS } else { exit::FAILED };
     let text = match arguments.out.format {
         Format::Json => morphing::report::to_json(&study).to_string(),
         Format::Text => format!(

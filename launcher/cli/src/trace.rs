@@ -40,7 +40,7 @@ pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {
         Format::Json => writeln!(out, "{json}")?,
     }
     out.flush()?;
-    Ok(if complete { exit::PASS } else { exit::GATE_FAILED })
+    Ok(if complete { exit::PASS } else { exit::FAILED })
 }
 
 /// Every command of a sequence; two seats, or two lives of one, may both have sent one.

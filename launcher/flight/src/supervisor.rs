@@ -184,7 +184,7 @@ impl Supervisor {
                 let in_flight = has_state || !post.goes_on || self.wall.is_some();
                 let seat = post.seat;
                 match start(post, &self.folder, in_flight) {
-                    Err(error) if seat.role.seats() > 1 => {
+                    Err(error) if seat.role.is_slot() => {
                         // Its file is gone, or no process can be had: who commands now is for the slot to say.
                         self.leave_roll(seat, tap);
                         self.never_started(seat, &error);

@@ -21,7 +21,7 @@ impl Writer {
     }
 
     fn new(seat: u32, generation: u32, topic: &TopicInfo) -> Self {
-        let slot = topic.from.seats() > 1;
+        let slot = topic.from.is_slot();
         Self { seat, generation: if slot { generation } else { 0 } }
     }
 }

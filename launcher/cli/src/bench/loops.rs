@@ -36,7 +36,7 @@ pub(super) fn measure(arguments: &LoopsArguments) -> Result<(String, u8), BenchE
     let failures: Vec<String> =
         arguments.gate.iter().flat_map(|gate| gate.judge(report, before.as_ref())).collect();
     let code = match measured.summary.exit_code() {
-        exit::PASS | exit::SWAP_FAILED if !failures.is_empty() => exit::GATE_FAILED,
+        exit::PASS | exit::SWAP_FAILED if !failures.is_empty() => exit::FAILED,
         // A flight that did not pass has measured something else.
         code => code,
     };

@@ -90,7 +90,7 @@ pub fn exit_code(flown: &[(Case, Outcome)]) -> u8 {
     } else if refused == flown.len() {
         exit::USAGE
     } else if passed + refused < flown.len() {
-        exit::GATE_FAILED
+        exit::FAILED
     } else {
         exit::PASS
     }
@@ -309,7 +309,7 @@ mod tests {
         assert_eq!([passed, lost, refused, crashed], [2, 1, 1, 0]);
         let flown = flown();
         let codes = [&flown[..1], &flown[..], &flown[3..]].map(exit_code);
-        assert_eq!(codes, [exit::PASS, exit::GATE_FAILED, exit::USAGE]);
+        assert_eq!(codes, [exit::PASS, exit::FAILED, exit::USAGE]);
         assert_eq!(spread(&flown, "position_max_m"), Some([0.3, 0.6, 0.6]));
         assert_eq!(spread(&flown, "settling_s"), None);
     }

@@ -46,7 +46,7 @@ impl Supervisor {
             post.finished = true;
             post.child = None;
             let place = post.seat;
-            if place.role.seats() > 1 {
+            if place.role.is_slot() {
                 let unheard = !post.ready && !post.scripted;
                 let obituary = unheard.then(|| {
                     let (name, words) = (post.spec.name.clone(), words);
@@ -74,7 +74,7 @@ impl Supervisor {
             return Err(lost(PLANT_GONE.to_owned()));
         }
         let mark_ns = tap.marks.of_seat(post.seat, post.generation);
-        if post.seat.role.seats() > 1 {
+        if post.seat.role.is_slot() {
             // Whoever dies of what it meets there would do so again and again.
             let (times, there_ns) = post.died;
             post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
@@ -82,7 +82,7 @@ impl Supervisor {
         // One that has stepped and published no state, such as a controller in Python, has nothing to go on from.
         let is_stateless = mark_ns > 0 && tap.last_state(post.seat).is_none();
         let incurable = post.died.0 > DEATHS_MAX || is_stateless;
-        if post.seat.role.seats() > 1 && (post.scripted || incurable || !keeps(post.seat)) {
+        if post.seat.role.is_slot() && (post.scripted || incurable || !keeps(post.seat)) {
             // Who commands the slot now is not decided here.
             let place = post.seat;
             let obituary = (!post.scripted).then(|| format!("{name} {how}{words}"));
@@ -145,7 +145,7 @@ impl Supervisor {
             && let Some(child) = &mut post.child
         {
             child.stop();
-            if seat.role.seats() > 1 {
+            if seat.role.is_slot() {
                 self.leave_roll(seat, tap);
             }
         }

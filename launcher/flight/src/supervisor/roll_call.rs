@@ -17,7 +17,7 @@ impl Joined {
     /// For a slot of several seats.
     pub(super) fn to_event(&self) -> Option<PostEvent> {
         let Self { seat, layout, period_ns } = *self;
-        (seat.role.seats() > 1).then_some(PostEvent::Joined { place: seat, layout, period_ns })
+        seat.role.is_slot().then_some(PostEvent::Joined { place: seat, layout, period_ns })
     }
 }
 

@@ -231,7 +231,7 @@ impl Reason {
             | Self::UnknownName
             | Self::NoSense
             | Self::OutOfRange => exit::USAGE,
-            Self::Gate | Self::Rehearsal | Self::Failed => exit::GATE_FAILED,
+            Self::Gate | Self::Rehearsal | Self::Failed => exit::FAILED,
             Self::Busy | Self::TooMany => exit::UNFIT,
         }
     }

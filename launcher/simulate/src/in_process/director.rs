@@ -65,7 +65,7 @@ impl Director {
         let crew = Crew::of(scenario.settings());
         let mut specs = Vec::new();
         for l in loops {
-            let Some(name) = crew.name(l.node.role).filter(|_| l.place.role.seats() > 1) else {
+            let Some(name) = crew.name(l.node.role).filter(|_| l.place.role.is_slot()) else {
                 continue;
             };
             specs.push((l.node.role, cabin.seat_first(l, name)));

@@ -142,7 +142,8 @@ impl Slots {
     ) -> Self {
         let config = slot_config(mode, scenario);
         let (vehicle, rehearsing) = (scenario.modelled_vehicle(), Rehearsing::of(scenario));
-        let pattern = specs.first().map(|(_, spec)| spec.clone());
+        // Not with the pause that disorder has given the first of them.
+        let pattern = specs.first().map(|(_, spec)| ChildSpec { pause_ns: 0, ..spec.clone() });
         let mut orders = Orders::default();
         orders.set_rehearses(rehearsing.is_enabled);
         let (mut machines, mut around) = (Machines::new(), BTreeMap::new());

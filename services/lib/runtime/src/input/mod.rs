@@ -299,7 +299,7 @@ impl<T: Sample> Input<T> {
 
     /// True if whoever takes the producer's place begins to count anew.
     pub(crate) fn counts_anew(&self) -> bool {
-        self.edge.is_some_and(|edge| edge.topic.from.seats() > 1)
+        self.edge.is_some_and(|edge| edge.topic.from.is_slot())
     }
 
     /// Generation of a writer among those that have numbers of their own. Where numbers go on, a restarted

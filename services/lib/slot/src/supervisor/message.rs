@@ -102,10 +102,10 @@ pub enum Fault {
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum RehearsalRefusal {
     /// Flown ahead, it leaves the tube or loses the vehicle; in words, with number and limit.
-    #[error("flown ahead, {0} (swap --force overrides)")]
+    #[error("flown ahead, {0} (`force` overrides it)")]
     Fails(String),
     /// There is no answer; the words say why.
-    #[error("not rehearsed: {0} (swap --no-rehearsal goes without)")]
+    #[error("not rehearsed: {0} (`no-rehearsal` goes without)")]
     NotRehearsed(String),
 }
 
