@@ -88,17 +88,17 @@ fn find_rates(arguments: &RateArguments) -> Result<(String, u8), BenchError> {
     let usual = usual.into_iter().filter_map(|role| crew.name(role)).map(str::to_owned);
     let names: Vec<String> =
         if arguments.only.is_empty() { usual.collect() } else { arguments.only.clone() };
+    let mut rates_hz = Vec::new();
     for name in &names {
         Override::rate(&format!("{name}=100"))?;
+        let filled = services::role_of(name).and_then(|role| crew.name(role));
+        rates_hz.extend(services::rate_hz(filled.unwrap_or(name), settings));
     }
     let words = scenario_words(&arguments.scenario, "5s");
     let words: Vec<String> = words.into_iter().chain(arguments.place.words()).collect();
     let bar = bar(names.len(), "loops");
-    let ladders = names.iter().map(|name| {
-        let role = services::role_of(name);
-        let full = role.and_then(|role| crew.name(role)).unwrap_or(name);
+    let ladders = names.iter().zip(rates_hz).map(|(name, rate_hz)| {
         let fly = &mut |hz: f64| rate::fly(&words, name, hz);
-        let rate_hz = services::rate_hz(full, settings).unwrap_or_default();
         let ladder = rate::climb(name, rate_hz, fly);
         bar.inc(1);
         ladder

@@ -5,7 +5,7 @@ use super::options::LiveArguments;
 use super::ps::Trouble;
 use super::refusal::{Done, Failure};
 use core::sync::atomic::{AtomicBool, Ordering};
-use host::exit;
+use host::{exit, name_thread};
 use protocol::control::runs;
 use scenario::process::OWN_EXECUTABLE;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -18,12 +18,14 @@ use viewers::live::{Listen, LiveError, LiveServer, Place};
 /// How far it stands back for the flight.
 const NICE: i32 = 10;
 
-/// Names the place of a server to the process that replaces it, after the process's id: of an older one it says nothing.
-/// Only this user and root can read it.
+/// Names the place of a server to the process that replaces it, after the process's id, which stays: what another process
+/// has left is ignored. Only this user and root can read it.
 const PLACE: &str = "MORPHQUAD_LIVE_PLACE";
 
 /// Serves until the run is over.
 pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
+    // As `run --live` calls it, however the process was started.
+    name_thread("morphquad-live");
     let place = place_before();
     if place.is_none() {
         stand_back(arguments.away_from);

@@ -69,8 +69,8 @@ pub(super) struct CommandAudit {
     epochs: BTreeMap<u64, Epoch>,
     /// By seat and sequence; whoever follows on a seat may count as the one before did.
     commands: BTreeMap<(u32, u64), Vec<Life>>,
-    /// By seat, generation and sequence of the last command that has arrived.
-    last_of: BTreeMap<u32, (u32, u64)>,
+    /// By seat and generation, sequence of the last command that has arrived.
+    last_of: BTreeMap<(u32, u32), u64>,
     gaps: Vec<Gap>,
     waiting: VecDeque<Tick>,
     /// Whose commands counted in the epoch before, and in the one of the last tick.
@@ -103,9 +103,8 @@ impl CommandAudit {
         self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
         let Header { seat, sequence, generation, .. } = command.header;
         // Whoever takes a seat in flight may count from anywhere: of it, any before the first that arrived may be lost.
-        let before = self.last_of.insert(seat, (generation, sequence));
-        let before = before.filter(|(known, _)| *known == generation);
-        let first = before.map_or(0, |(_, last)| last.saturating_add(1));
+        let before = self.last_of.insert((seat, generation), sequence);
+        let first = before.map_or(0, |last| last.saturating_add(1));
         if first < sequence {
             self.gaps.push(Gap { seat, first, last: sequence - 1, until_ns: from_ns });
         }
@@ -155,21 +154,35 @@ impl CommandAudit {
 
     /// True if the recorder, which was kept from its topics for too long or has just come, never had the command in
     /// effect.
-    fn is_of_a_lost_command(&self, tick: &Tick) -> bool {
+    fn is_of_a_lost_command(&self, tick: &Tick, obeyed: u32) -> bool {
         let (seat, sequence) = tick.command;
-        let is_in = |gap: &Gap| gap.seat == seat && (gap.first..=gap.last).contains(&sequence);
+        let is_in = |gap: &Gap| {
+            gap.seat == seat
+                && (gap.first..=gap.last).contains(&sequence)
+                && tick.at_ns <= gap.until_ns.saturating_add(CARRIED_NS)
+        };
         let is_from_before =
             || self.joined_ns.is_some_and(|ns| tick.at_ns < ns.saturating_add(CARRIED_NS));
         tick.mode == GateMode::Normal
             && !self.commands.contains_key(&tick.command)
-            && (self.gaps.iter().any(is_in) || is_from_before())
+            && (self.may_command(seat, obeyed) && self.gaps.iter().any(is_in) || is_from_before())
+    }
+
+    /// True if a seat could be obeyed in this tick, now or since before, as far as it is known who may be.
+    fn may_command(&self, seat: u32, obeyed: u32) -> bool {
+        let counted = self.counted.map(|((seat, _), _)| seat);
+        let before = [self.now, self.before].map(|epoch| epoch.map(|(_, obeyed)| obeyed));
+        [seat, NO_SEAT].contains(&obeyed) || counted == Some(seat) || before.contains(&Some(seat))
     }
 
     fn judge(&mut self, tick: &Tick) {
         if self.last_ns.is_none() && tick.command.1 > 0 {
             self.joined_ns = Some(tick.at_ns);
         }
-        let is_lost = self.is_of_a_lost_command(tick);
+        let record = self.epochs.get(&tick.epoch).copied();
+        let of = |record: Epoch| if tick.failed_over { record.fallback } else { record.owner };
+        let obeyed = record.map_or(NO_SEAT, of);
+        let is_lost = self.is_of_a_lost_command(tick, obeyed);
         self.tally.ticks += u64::from(!is_lost);
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
@@ -177,14 +190,6 @@ impl CommandAudit {
         let counted = self.counted.take();
         // A tick tells of the stretch that ends with it, within which a command may run out.
         let began_ns = self.last_ns.replace(tick.at_ns).unwrap_or(tick.at_ns);
-        let record = self.epochs.get(&tick.epoch).copied();
-        let obeyed =
-            record.map_or(
-                NO_SEAT,
-                |record| {
-                    if tick.failed_over { record.fallback } else { record.owner }
-                },
-            );
         if self.now.is_none_or(|(epoch, _)| epoch != tick.epoch) {
             self.before = self.now;
         }
@@ -197,6 +202,7 @@ impl CommandAudit {
         // Before the first command the plant hovers by itself, within the gate's patience; where
         // nobody says who may command, everybody may.
         if sequence == 0 || self.epochs.is_empty() || is_lost {
+            self.counted = counted;
             return;
         }
         let mut lives = self.commands.get(&tick.command).into_iter().flatten();
@@ -407,6 +413,15 @@ mod tests {
         for (at_ms, sequence) in [(75, 8), (81, 9), (82, 10)] {
             audit.applied(&applied(at_ms, 2, (1, sequence), false));
         }
+        let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
+        assert_eq!(audit.tally(), expected);
+        // Nobody obeys a shadow, whatever of it was lost.
+        let mut audit = flip();
+        let mut shadow = command(2, 9, 80);
+        shadow.header.generation = 1;
+        audit.command(&shadow);
+        audit.applied(&applied(21, 2, (1, 3), false));
+        audit.applied(&applied(75, 2, (2, 8), false));
         let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
         assert_eq!(audit.tally(), expected);
     }

@@ -38,9 +38,9 @@ impl Override {
             let remedy = "write --rate NAME=HZ, for example --rate attitude-mpc=500";
             return Err(refusal("--rate", &shown, "has no `=`", remedy));
         };
-        let (name, hz) = (name.trim().replace('_', "-"), hz.trim());
-        let Some(found) = Loop::named(&name) else {
-            let remedy = suggest::remedy(&name, LOOPS.iter().map(|known| known.name));
+        let (name, hz) = (name.trim(), hz.trim());
+        let Some(found) = Loop::named(name) else {
+            let remedy = suggest::remedy(name, LOOPS.iter().map(|known| known.name));
             return Err(refusal("--rate", &shown, &format!("no loop is called `{name}`"), &remedy));
         };
         if hz.parse::<f64>().is_err() {

@@ -4,7 +4,7 @@ use crate::Settings;
 use runtime::graph::ROLES;
 use shared_types::Role;
 
-/// What steps at a rate of its own.
+/// Who steps, and at what rate.
 #[derive(Debug)]
 pub(crate) struct Loop {
     /// Its name in commands and messages.
@@ -49,8 +49,9 @@ impl Loop {
         Self { name, section, role, rate_hz }
     }
 
-    /// By its name or, the first, by that of its role.
+    /// By its name or, the first, by that of its role; it may be written as its section is.
     pub(crate) fn named(name: &str) -> Option<&'static Self> {
+        let name = name.trim().replace('_', "-");
         LOOPS.iter().find(|known| known.name == name || known.role.label() == name)
     }
 

@@ -173,7 +173,7 @@ impl<'t> Reader<'_, 't> {
         }
         let complaints = self.problems.len();
         for (index, event) in events.into_iter().flat_map(|array| array.iter()).enumerate() {
-            settings.script.extend(self.event(index, event.clone()));
+            settings.script.extend(self.event(&format!("{name}.script[{index}]"), event.clone()));
         }
         // With an event missing the places of the others would be wrong.
         if self.problems.len() == complaints {
@@ -182,15 +182,14 @@ impl<'t> Reader<'_, 't> {
         settings
     }
 
-    fn event(&mut self, index: usize, event: Value<'t>) -> Option<Event> {
+    fn event(&mut self, path: &str, event: Value<'t>) -> Option<Event> {
         let span = event.span();
-        let path = format!("disturbance_injector.script[{index}]");
         let DeValue::Table(mut table) = event.into_inner() else {
             let remedy = "write { kind = \"...\", ... }".to_owned();
-            self.complain(&path, "is not an event", remedy, &span);
+            self.complain(path, "is not an event", remedy, &span);
             return None;
         };
-        let kind = self.kind(&mut table, &span, &path, EVENT_KINDS)?;
+        let kind = self.kind(&mut table, &span, path, EVENT_KINDS)?;
         let own = Spanned::new(span, DeValue::Table(table));
         macro_rules! read {
             ($($word:ident $variant:ident,)*) => {

@@ -101,7 +101,7 @@ impl Shared {
 pub enum Listen {
     /// For viewers at this address, for browsers on the port after it or, if that is taken, on any.
     At(SocketAddr),
-    /// Where a server did that this one replaces.
+    /// Where the server listened that this one replaces.
     Again(Place),
 }
 
@@ -245,6 +245,9 @@ impl LiveServer {
                     };
                     self.shared.picture().orphaned(false);
                     self.listening = listening;
+                    if self.viewers.is_closed() {
+                        return Ok(Some(self));
+                    }
                 }
             }
         }

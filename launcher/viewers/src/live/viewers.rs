@@ -152,6 +152,11 @@ impl Viewers {
         self.past.keep(self.events.topic(), stamp_ns, log);
     }
 
+    /// True once it has said goodbye.
+    pub(super) fn is_closed(&self) -> bool {
+        self.server.is_none()
+    }
+
     /// Says goodbye to everybody; whoever has stopped reading is not waited for.
     pub(super) fn close(&mut self) {
         let Some(server) = self.server.take() else { return };

@@ -105,7 +105,7 @@ pub enum RehearsalRefusal {
     #[error("flown ahead, {0} (`force` overrides it)")]
     Fails(String),
     /// There is no answer; the words say why.
-    #[error("not rehearsed: {0} (`no-rehearsal` goes without)")]
+    #[error("not rehearsed: {0} (`no-rehearsal` skips it)")]
     NotRehearsed(String),
 }
 
