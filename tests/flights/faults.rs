@@ -345,11 +345,14 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
             let flown = running.wait();
             assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
             assert_eq!(flown.word("ended"), "interrupted");
-            assert_eq!(flown.verdict(), "INCOMPLETE", "{}", flown.said());
             assert!(flown.stderr.contains("interrupted"), "{}", flown.said());
-            // In order: nobody had to be killed, nothing was lost, all loops end together.
+            // In order: nobody had to be killed, nothing was lost, all loops end together. Where the launcher gets no
+            // processor for seconds its recorder loses samples, and says so.
+            let has_lost = flown.number("dropped_samples") > 0.0;
+            let verdict = if has_lost { "FAILED" } else { "INCOMPLETE" };
+            assert_eq!(flown.verdict(), verdict, "{}", flown.said());
             if !flight.contains(&"realtime") {
-                assert!(flown.number("dropped_samples") == 0.0, "{}", flown.said());
+                assert!(!has_lost, "{}", flown.said());
                 assert_eq!(flown.summary()["recovered_crashes"], 0, "{}", flown.said());
             }
             assert!(
