@@ -83,7 +83,7 @@ fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> 
 fn place_before() -> Option<Place> {
     let told = std::env::var(PLACE).ok()?;
     let (pid, place) = told.split_once(' ')?;
-    place.parse().ok().filter(|_| pid == std::process::id().to_string())
+    Place::parse(place).filter(|_| pid == std::process::id().to_string())
 }
 
 /// Replaces this process by one that serves in the same place, unless it has been told to end.

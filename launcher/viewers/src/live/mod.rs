@@ -22,7 +22,7 @@ use protocol::control::status::RunStatus;
 use protocol::control::{Reply, Request};
 use protocol::topic::feed::Ending;
 use protocol::topic::live::{ListenError, Listening, Word};
-pub use restart::{NoPlace, Place};
+pub use restart::Place;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::namespace::living_runs;
 use scenario::{Scenario, ScenarioError};

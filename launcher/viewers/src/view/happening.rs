@@ -216,7 +216,7 @@ impl World {
     /// What a change of the gate's mode means.
     pub(super) fn gate(&mut self, at_ns: u64, mode: GateMode) -> Option<Happening> {
         let before = self.gate.replace(mode);
-        // Until the first command arrives the gate holds, in every flight.
+        // The first tick that is seen is no change, whatever its mode.
         if before.is_none_or(|before| before == mode) {
             return None;
         }
