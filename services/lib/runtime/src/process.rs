@@ -162,7 +162,11 @@ impl<'a> Process<'a> {
                     outcome = Some(begin(&mut self.executor, bytes));
                 }
             }) {}
-            if self.stop.stop() || mono_now_ns() > deadline_ns {
+            // Told to stop meanwhile, it has nothing to take over: `run` ends before its first step.
+            if self.stop_requested().is_some() {
+                return Ok(());
+            }
+            if mono_now_ns() > deadline_ns {
                 return Err(ProcessError::NoHandover);
             }
             let _ = self.listener.wait(Duration::from_millis(2));
