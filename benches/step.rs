@@ -34,13 +34,13 @@ fn print_single_steps(name: &str, replay: &mut Replay<'_>) {
     );
 }
 
-/// Crews that have each service of a slot once, the default one first.
-fn crews() -> impl Iterator<Item = Vec<Override>> {
+/// Assignments that have each service of a slot once, the default one first.
+fn assignments() -> impl Iterator<Item = Vec<Override>> {
     let most = SLOTS.into_iter().map(|slot| names_for(slot).count()).max().unwrap_or(0);
     (0..most).map(|index| {
         let pick = |slot: Role| {
             let name = names_for(slot).nth(index).or(names_for(slot).next())?;
-            Override::crew(&format!("{}={name}", slot.label())).ok()
+            Override::controller(&format!("{}={name}", slot.label())).ok()
         };
         SLOTS.into_iter().filter_map(pick).collect()
     })
@@ -48,8 +48,8 @@ fn crews() -> impl Iterator<Item = Vec<Override>> {
 
 fn steps(criterion: &mut Criterion) {
     let mut printed = Vec::new();
-    for crew in crews() {
-        let flight = Flight::fly_with(SCENARIO, &crew).expect("a shipped scenario flies");
+    for assignment in assignments() {
+        let flight = Flight::fly_with(SCENARIO, &assignment).expect("a shipped scenario flies");
         for node in flight.graph.nodes() {
             let name = flight.name(node.role);
             if !printed.contains(&name) {

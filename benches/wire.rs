@@ -6,15 +6,15 @@ use observe::FlightHash;
 use record::encode;
 use runtime::StateHeader;
 use scenario::Scenario;
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use shared_types::{Reference, Role, Sample, StateEstimate, Topic, Truth, topics};
 
 fn pack(criterion: &mut Criterion) {
     let scenario = Scenario::load("figure8-morph", &[]).expect("it is shipped");
-    let crew = Crew::of(scenario.settings());
+    let assignment = Assignment::of(scenario.settings());
     let mut group = criterion.benchmark_group("pack_state");
     for role in Role::STEPPING {
-        let component = components::build(&crew, role, &scenario).expect("it flies");
+        let component = components::build(&assignment, role, &scenario).expect("it flies");
         let mut bytes = vec![0; component.layout().state_size()];
         group.throughput(Throughput::Bytes(bytes.len() as u64));
         group.bench_function(role.label(), |b| {

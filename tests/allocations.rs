@@ -120,10 +120,14 @@ fn no_step_of_a_rig_allocates_where_the_pilot_writes_the_set_points() {
 
 #[test]
 fn no_step_of_any_other_controller_allocates() {
-    for crew in
+    for assignment in
         ["attitude=\"attitude-lqr\"", "attitude=\"attitude-pid\"", "position=\"position-pid\""]
     {
-        assert_no_step_allocates(&scenario("figure8-morph", 4_000, &[&format!("crew.{crew}")]));
+        assert_no_step_allocates(&scenario(
+            "figure8-morph",
+            4_000,
+            &[&format!("controller.{assignment}")],
+        ));
     }
 }
 
@@ -138,11 +142,12 @@ fn one_process_and_six_fly_the_same_flight_bit_for_bit() {
 }
 
 #[test]
-fn another_crew_flies_the_same_flight_in_one_process_and_in_six() {
-    let crew = ["crew.attitude=attitude-lqr", "crew.position=position-pid"];
-    let hash = hash_of(start(&scenario("figure8-morph", 4_000, &crew), FlightHash::default()));
-    let crew = "attitude=attitude-lqr,position=position-pid";
-    let flown = fly(&["figure8-morph", "--for", "4s", "--no-record", "--crew", crew]);
+fn other_controllers_fly_the_same_flight_in_one_process_and_in_six() {
+    let assignment = ["controller.attitude=attitude-lqr", "controller.position=position-pid"];
+    let hash =
+        hash_of(start(&scenario("figure8-morph", 4_000, &assignment), FlightHash::default()));
+    let assignment = "attitude=attitude-lqr,position=position-pid";
+    let flown = fly(&["figure8-morph", "--for", "4s", "--no-record", "--controller", assignment]);
     flown.assert_clean();
     assert_eq!(hash, flown.hash());
 }

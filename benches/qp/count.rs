@@ -12,7 +12,7 @@ use crate::contenders::{Contender, Entry, Verdict};
 use crate::series::{Group, Series, Tick};
 
 /// A group with more ticks is counted on its leading series.
-const MOST_TICKS: usize = 500;
+const MAX_TICKS: usize = 500;
 
 #[inline(never)]
 fn counted_run(contender: &mut dyn Contender, tick: &Tick) -> Verdict {
@@ -29,7 +29,7 @@ fn sample(group: &Group) -> &[Series] {
     let mut ticks = 0;
     let beyond = group.series.iter().position(|series| {
         ticks += series.ticks.len();
-        ticks > MOST_TICKS
+        ticks > MAX_TICKS
     });
     &group.series[..beyond.unwrap_or(group.series.len()).max(1)]
 }

@@ -11,7 +11,7 @@ use crate::series::{Group, Series};
 const EVICTED_BYTES: usize = 32 << 20;
 const LINE_BYTES: usize = 64;
 /// Enough that hardly any tick is interrupted in all of them.
-const LEAST_REPLAYS: usize = 5;
+const MIN_REPLAYS: usize = 5;
 const COLD_REPLAYS: usize = 3;
 
 /// How much measuring is wanted.
@@ -124,7 +124,7 @@ fn replay(
     let mut samples = Vec::new();
     loop {
         // One replay may have been interrupted; only what is far too slow has but one.
-        let allowed_ns = budget_ns * if samples.len() < LEAST_REPLAYS { 20 } else { 1 };
+        let allowed_ns = budget_ns * if samples.len() < MIN_REPLAYS { 20 } else { 1 };
         let over = mono_now_ns() - start_ns >= allowed_ns || samples.len() >= most;
         if over && !samples.is_empty() {
             return samples;

@@ -11,7 +11,7 @@ use runtime::{
     Executor, Graph, Input, InputVisitor, Node, Output, OutputVisitor, Place, Sink, Source,
     StateSink, StepStamps,
 };
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use scenario::{Override, Scenario};
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Sample, Topic, TopicVisitor, topics};
 use simulate::in_process::{InProcess, StateSource};
@@ -168,7 +168,7 @@ impl Flight {
 
     /// Who fills a role.
     pub(crate) fn name(&self, role: Role) -> &'static str {
-        Crew::of(self.scenario.settings()).name(role).unwrap_or(role.label())
+        Assignment::of(self.scenario.settings()).name(role).unwrap_or(role.label())
     }
 
     /// Flies the beginning of a shipped scenario in this process.
@@ -188,8 +188,8 @@ impl Flight {
     }
 
     fn build(&self, node: Node) -> Result<Executor, BuildError> {
-        let crew = Crew::of(self.scenario.settings());
-        let component = components::build(&crew, node.role, &self.scenario)?;
+        let assignment = Assignment::of(self.scenario.settings());
+        let component = components::build(&assignment, node.role, &self.scenario)?;
         let mut executor = Executor::new(component, node, Place::default());
         let mut wiring = Wiring { tape: &self.tape, graph: &self.graph, node };
         let Ok(()) = executor.component.visit_inputs(&mut wiring);

@@ -1,4 +1,4 @@
-//! launcher -> pilot and injector: what was ordered while the flight was in the air.
+//! launcher -> pilot and injector: what was ordered in flight.
 //!
 //! Each sample is complete: it says everything that has been ordered so far and still holds, so that
 //! the latest one is enough for whoever joins late.

@@ -208,7 +208,7 @@ sample! {
         pub minor_faults: u64,
         /// Realtime: page faults since the loop was warm that waited for a disk.
         pub major_faults: u64,
-        /// Allocations meanwhile in stretches next to a change of the crew, not counted above.
+        /// Allocations meanwhile in stretches next to a change of the roll, not counted above.
         pub allocations_at_changes: u64,
         /// Page faults in such stretches, not counted above.
         pub faults_at_changes: u64,

@@ -8,7 +8,7 @@ use crate::header::Sample;
 use crate::wire::Schema;
 use core::marker::PhantomData;
 
-/// How the logical time of an arrow is judged (see ARCHITECTURE.md, "Logical execution time").
+/// How the logical time of an arrow is judged (see `launcher/docs/time.md`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Edge {
     /// The consumer's step at t starts when this input is final through t.

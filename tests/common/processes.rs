@@ -1,4 +1,4 @@
-//! A run in the air and its processes, seen from outside through /proc and /dev/shm.
+//! A running flight and its processes, seen from outside through /proc and /dev/shm.
 
 use super::recording::Recording;
 use super::time::wait_until;
@@ -86,7 +86,7 @@ pub(crate) fn left_in_shared_memory(id: &str) -> Vec<PathBuf> {
     paths.collect()
 }
 
-/// A run in the air. Nothing of it survives the test.
+/// A running flight. Nothing of it survives the test.
 pub(crate) struct Running {
     launcher: Option<Child>,
     pid: u32,

@@ -106,7 +106,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
     stand_by(&run);
     let (owner, _) = in_attitude(&run, "owner").expect("an owner");
     let (standby, _) = in_attitude(&run, "fallback").expect("a standby");
-    let flown_s = ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("in the air");
+    let flown_s = ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("a running flight");
     assert!(kill(running.launcher_pid(), Signal::KILL));
     pause_ms(200);
     strike(owner, Signal::KILL);
@@ -173,7 +173,7 @@ fn a_process_that_frees_what_a_dead_launcher_left_and_writes_in_its_place_is_not
     assert_eq!(code, Some(130), "{summary} {said}");
     assert!(summary["position_max_m"].as_f64() <= Some(0.5), "{summary}");
     assert_eq!(summary["wrong_owner_ticks"], 0, "{summary}");
-    let named = format!("process {} (rogue) writes without a seat on", usurper.id());
+    let named = format!("process {} (rogue) publishes without being registered on", usurper.id());
     assert!(said.contains(&named), "{said}");
     assert_nothing_left(&run);
 }
@@ -187,7 +187,8 @@ fn without_a_launcher_an_owner_that_turns_away_is_tripped_and_the_fallback_flies
     let run = running.id().to_owned();
     let proven = in_attitude(&run, "owner").expect("an owner");
     // Well after the swap, however long a busy machine takes for it.
-    let flown_s = || ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("in the air");
+    let flown_s =
+        || ps(&run).and_then(|status| status["flown_s"].as_f64()).expect("a running flight");
     let turns_s = flown_s() + 12.0;
     let config = config(&folder, "gain", turns_s, -1.0);
     let swap = ["swap", "attitude", "--to", rogue, "--config", &config, "--shadow", "400ms"];

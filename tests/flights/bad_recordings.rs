@@ -11,7 +11,7 @@ use std::process::Command;
 /// Exit codes.
 const USAGE: i32 = 2;
 /// Most address space that a command may take [kB]; the executable alone maps little of it.
-const MOST_KB: u32 = 1_500_000;
+const MAX_KB: u32 = 1_500_000;
 /// Begin and end of a file of this format.
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
@@ -39,7 +39,7 @@ fn say(command: &str, file: &Path) -> (Option<i32>, String) {
         "OUT" => out.as_os_str().to_owned(),
         word => word.into(),
     });
-    let script = format!("ulimit -v {MOST_KB}; exec \"$0\" \"$@\"");
+    let script = format!("ulimit -v {MAX_KB}; exec \"$0\" \"$@\"");
     let mut shell = Command::new("bash");
     shell.args(["-c", &script, env!("CARGO_BIN_EXE_morphquad")]).args(words);
     let output = shell.current_dir(folder.path()).output().expect("bash is there");

@@ -101,7 +101,7 @@ fn settings_and_seeds_take_effect_at_the_tick_and_not_before() {
 }
 
 #[test]
-fn what_cannot_be_changed_in_the_air_is_refused_with_a_reason() {
+fn what_cannot_be_changed_in_flight_is_refused_with_a_reason() {
     let flown = fly(&["hover", "--for", "1s"]);
     for (at, flags, named) in [
         ("@500", &["--set", "start.yaw_deg=9"][..], "began"),

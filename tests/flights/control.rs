@@ -1,4 +1,4 @@
-//! A run in the air is asked from outside: through the command, and through its socket.
+//! A running flight is asked from outside: through the command, and through its socket.
 
 use crate::common::morphquad;
 use crate::common::processes::{Running, kill, processes_of};

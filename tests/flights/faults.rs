@@ -26,7 +26,7 @@ const MORTALS: [&str; 4] = ["estimator", "position-mpc", "attitude-mpc", "distur
 const CRASHED: i32 = 4;
 /// Exit code when the user ended the flight.
 const INTERRUPTED: i32 = 130;
-/// A flight with wind and morphing, slow enough to be hit in the air: four seconds at least.
+/// A flight with wind and morphing, slow enough to be hit in flight: four seconds at least.
 const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "8s"];
 const PACE: [&str; 2] = ["--speed", "2"];
 /// Part of it in which it is struck \[s\].

@@ -25,8 +25,8 @@ fn pairs() -> impl Iterator<Item = (&'static str, &'static str, &'static str)> {
 
 /// Flies with a swap, which must come about.
 fn swap(scenario: &[&str], (slot, owner, to): (&str, &str, &str), how: &str) -> Value {
-    let (crew, swap) = (format!("{slot}={owner}"), format!("{slot}={to}@{how}"));
-    let flags = ["--no-record", "--crew", &crew, "--swap", &swap];
+    let (assignment, swap) = (format!("{slot}={owner}"), format!("{slot}={to}@{how}"));
+    let flags = ["--no-record", "--controller", &assignment, "--swap", &swap];
     // Those that hover change hands between processes; one process flies the others with the same bits.
     let alone = scenario[0] != "hover" && !scenario.contains(&"realtime");
     let alone: &[&str] = if alone || how.ends_with("shadow=30s") { &["--in-process"] } else { &[] };

@@ -1,8 +1,8 @@
 //! Where to go, how wide to spread the arms, what to disturb: ordered by a script and live.
 
 use crate::common::processes::{Running, kill, ps};
-use crate::common::recording::Row;
-use crate::common::time::wait_for;
+use crate::common::recording::{Recording, Row};
+use crate::common::time::{wait_for, wait_until};
 use crate::common::{Flown, distance, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -235,7 +235,7 @@ fn assert_led_live(pace: &[&str]) {
 }
 
 #[test]
-fn a_run_in_the_air_is_led_live_and_its_recording_verifies() {
+fn a_running_flight_is_led_live_and_its_recording_verifies() {
     assert_led_live(&["--speed", "4"]);
 }
 
@@ -275,6 +275,13 @@ fn an_order_by_hand_to_a_run_that_is_adopted_still_holds() {
     let there_s = went["done_s"].as_f64().expect("an instant") + 0.1;
     let words = || std::fs::read_to_string(&log).expect("its words");
     wait_until_flown(&run, adopter.id(), there_s, words);
+    // On a busy machine that is so at once, before the pilot that it has started has said anything.
+    wait_until("a reference of the next pilot", || {
+        let mut files = std::fs::read_dir(folder.path()).expect("a folder").flatten();
+        let recording =
+            files.find(|file| file.path().extension().is_some_and(|kind| kind == "mcap"));
+        recording.is_some_and(|file| Recording::read(&file.path()).has_begun("reference"))
+    });
     assert!(kill(adopter.id(), Signal::INT));
     let adopted = Flown::new(&adopter.wait_with_output().expect("an end"), folder);
     assert_eq!(adopted.code, Some(130), "{}", adopted.said());

@@ -57,7 +57,7 @@ fn assert_refused(scenario: &[&str], misdeeds: &[(&str, f64, f64, &str)]) {
 }
 
 #[test]
-fn no_misdeed_gets_a_candidate_into_the_air_and_no_bit_of_the_flight_changes() {
+fn no_misdeed_gives_a_candidate_the_slot_and_no_bit_of_the_flight_changes() {
     assert_refused(&["figure8-morph", "--for", "20s", "--no-record"], &MISDEEDS);
 }
 
@@ -117,7 +117,7 @@ fn a_killed_owner_whose_file_is_gone_makes_room_for_the_initial_controller() {
     let config = config(&folder, "nothing", 0.0, 0.0);
     let path = folder.path().join("gone");
     let script = format!("#!/bin/sh\nrm -- \"$0\"\nexec {} \"$@\"\n", rogue());
-    let flight = ["hover", "--for", "6s", "--no-record", "--set", "watch.fallback=none"];
+    let flight = ["hover", "--for", "6s", "--no-record", "--set", "monitor.fallback=none"];
     let swap =
         format!("attitude={}@1s,shadow=500ms,rollback=100ms,config={config}", path.display());
     let orders = ["--set", "rehearsal.enabled=false", "--swap", &swap, "--fault", "kill:gone@3s"];
@@ -271,7 +271,7 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
     stray.kill().expect("it still writes");
     stray.wait().expect("it ends");
     assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
-    let named = format!("process {pid} (rogue) writes without a seat on ");
+    let named = format!("process {pid} (rogue) publishes without being registered on ");
     let said = flown.said();
     let services = said.lines().filter_map(|line| Some(line.split_once(&named)?.1));
     let services: Vec<&str> =
@@ -279,7 +279,7 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
     for service in ["wrench_command", "attitude_owner", "state/estimator", "clock", "roll"] {
         assert!(services.contains(&service), "{service}: {said}");
     }
-    assert!(flown.said().contains("samples of strangers ignored"), "{}", flown.said());
+    assert!(flown.said().contains("samples from unregistered publishers"), "{}", flown.said());
 }
 
 #[test]

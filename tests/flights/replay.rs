@@ -172,7 +172,7 @@ fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verifie
         let config = config(&folder, "gain", turns_at_s, -1.0);
         let how = format!("shadow=400ms,rollback={rollback},no-rehearsal,config={config}");
         let swap = format!("attitude={}@1s,{how}", rogue());
-        let fallback = format!("watch.fallback=\"{fallback}\"");
+        let fallback = format!("monitor.fallback=\"{fallback}\"");
         let flown = fly(&["figure8-morph", "--for", "5s", "--swap", &swap, "--set", &fallback]);
         let said = flown.said();
         assert!(said.contains("limit 0.21 rad; attitude-mpc@0 is to take over"), "{said}");

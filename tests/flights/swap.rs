@@ -264,7 +264,7 @@ fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller()
     for (what, unguided, furthest_m, code) in cases {
         let config = config(&folder, what, 4.0, 0.0);
         let swap = format!("attitude={}@1s,shadow=1s,rollback=300ms,config={config}", rogue());
-        let scenario = ["figure8-morph", "--for", "10s", "--set", "watch.fallback=none"];
+        let scenario = ["figure8-morph", "--for", "10s", "--set", "monitor.fallback=none"];
         let flown = fly_scripted(&scenario, &[swap], &[]);
         assert_eq!(flown.code, Some(code), "{}", flown.said());
         assert!(flown.stderr.contains("what the flight began with"), "{}", flown.said());

@@ -1,4 +1,4 @@
-//! `morphquad topic`: what is shown of a run in the air and of a recording, beside independent readers.
+//! `morphquad topic`: what is shown of a running flight and of a recording, beside independent readers.
 
 use crate::common::processes::{
     Running, all_processes, in_a_terminal, kill, left_in_shared_memory, processes_of,
@@ -169,7 +169,7 @@ fn tables_hold_every_sample_in_both_forms() {
 }
 
 #[test]
-fn a_run_in_the_air_is_heard_and_has_the_hash_that_it_has_unheard() {
+fn a_running_flight_is_heard_and_has_the_hash_that_it_has_unheard() {
     let flight = ["hover", "--for", "30s", "--speed", "2"];
     let mut running = Running::start_and_fly(&flight);
     let run = ["--run", running.id()];
@@ -262,7 +262,7 @@ fn one_look_at_a_run_tells_of_every_loop_in_text_and_json() {
     };
     assert!(age("attitude") > Some(0.0) && age("plant").is_none(), "{look}");
     let text = top(&[]);
-    for words in ["attitude-mpc@0", "owner", "LATE", "epoch 1", "in the air"] {
+    for words in ["attitude-mpc@0", "owner", "LATE", "epoch 1", "running"] {
         assert!(text.contains(words), "{text}");
     }
     assert!(!text.contains('\u{1b}') && text.lines().all(|line| line.len() <= 80), "{text}");

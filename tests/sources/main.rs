@@ -6,3 +6,4 @@ mod docs;
 mod new_controller;
 mod scripts;
 mod time;
+mod words;

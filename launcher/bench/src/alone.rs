@@ -11,7 +11,7 @@ use simulate::in_process::{InProcess, InProcessError, StateSource};
 use std::collections::BTreeMap;
 use std::thread;
 
-/// Steps of every loop of a scenario in lockstep, as the crew flies it.
+/// Steps of every loop of a scenario in lockstep, by the controllers that are assigned.
 ///
 /// # Errors
 /// The scenario does not fly without processes.

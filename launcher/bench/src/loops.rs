@@ -115,7 +115,7 @@ impl LoopsPlan {
 /// Flies and measures.
 ///
 /// # Errors
-/// [`BenchError`] if nothing was measured; what happens in the air is in the summary.
+/// [`BenchError`] if nothing was measured; what happens in flight is in the summary.
 pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
     let scenario = &plan.scenario;
     let graph = plan.graph()?;

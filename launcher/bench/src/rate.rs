@@ -2,7 +2,7 @@
 
 use super::BenchError;
 use super::fleet::{Flight, Flown};
-use super::report::{LoopReport, LoopsReport, MOST_MISSES};
+use super::report::{LoopReport, LoopsReport, MAX_MISS_SHARE};
 use super::series::Rank;
 use figures::results::Table;
 use runtime::rate::MAX_RATE_HZ;
@@ -67,7 +67,7 @@ impl Trial {
             miss_share,
             lateness_us: [0, 1].map(|i| worse(self.lateness_us[i], other.lateness_us[i])),
             compute_us: worse(self.compute_us, other.compute_us),
-            holds: miss_share <= MOST_MISSES && lost.is_none(),
+            holds: miss_share <= MAX_MISS_SHARE && lost.is_none(),
             lost,
             ..other
         }
@@ -178,7 +178,7 @@ fn of(report: &LoopsReport, name: &str, trial: Trial) -> Trial {
         miss_share,
         lateness_us: [at("lateness", Rank::P50), at("lateness", Rank::P99)],
         compute_us: at("compute", Rank::P99),
-        holds: miss_share <= MOST_MISSES,
+        holds: miss_share <= MAX_MISS_SHARE,
         ..trial
     }
 }

@@ -14,7 +14,7 @@ pub const FORMAT: &str = "morphquad bench loops";
 /// Its version.
 pub const FORMAT_VERSION: u32 = 2;
 /// Share of a loop's releases that it may miss and still hold its rate.
-pub const MOST_MISSES: f64 = 1e-3;
+pub const MAX_MISS_SHARE: f64 = 1e-3;
 
 /// A figure with its floor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

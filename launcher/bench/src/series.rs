@@ -4,7 +4,7 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 
 /// Longest duration that is told apart \[ns\]; longer ones count as this.
-const LONGEST_NS: u64 = 600_000_000_000;
+const MAX_DURATION_NS: u64 = 600_000_000_000;
 
 /// A histogram of durations to three digits.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,7 +68,7 @@ impl Rank {
 
 impl Default for Series {
     fn default() -> Self {
-        let empty = Histogram::new_with_bounds(1, LONGEST_NS, 3);
+        let empty = Histogram::new_with_bounds(1, MAX_DURATION_NS, 3);
         Self(empty.unwrap_or_else(|_| unreachable!("constant bounds are valid")))
     }
 }

@@ -6,8 +6,7 @@ use host::realtime::may_lock_memory;
 use monitor::Limits;
 use monitor::settings::Fallback;
 use runtime::{Graph, MissPolicy, Node};
-use scenario::pilot::Manoeuvre;
-use scenario::services::{self, Crew};
+use scenario::services::{self, Assignment};
 use scenario::settings::{Clock, FaultSettings, ScenarioSettings, StandbySettings, SwapSettings};
 use scenario::{self, Scenario, needs};
 use serde_json::json;
@@ -32,12 +31,12 @@ pub fn print(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 /// Those of `out`.
 pub fn print_json(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let graph = scenario.graph().map_err(io::Error::other)?;
-    let crew = Crew::of(scenario.settings());
+    let assignment = Assignment::of(scenario.settings());
     let whole: toml::Table = scenario.to_toml().parse().map_err(io::Error::other)?;
     let loops = graph.nodes().iter().map(|node| {
         json!({
             "loop": node.role.label(),
-            "flown_by": crew.name(node.role).unwrap_or("launcher"),
+            "flown_by": assignment.name(node.role).unwrap_or("launcher"),
             "rate_hz": node.rate.hz(),
             "lead_ns": node.lead_ns,
             "missed": missed(node),
@@ -83,7 +82,7 @@ fn summary(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
 }
 
 fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<()> {
-    let crew = Crew::of(scenario.settings());
+    let assignment = Assignment::of(scenario.settings());
     writeln!(
         out,
         "{:<14}{:<22}{:>10}{:>14}{:>14}  MISSED",
@@ -94,14 +93,14 @@ fn loops(scenario: &Scenario, graph: &Graph, out: &mut dyn Write) -> io::Result<
             out,
             "{:<14}{:<22}{:>10}{:>14}{:>14}  {}",
             node.role.label(),
-            crew.name(node.role).unwrap_or("launcher"),
+            assignment.name(node.role).unwrap_or("launcher"),
             format!("{} Hz", node.rate.hz()),
             milliseconds(node.rate.period_ns()),
             milliseconds(node.lead_ns),
             missed(node)
         )?;
     }
-    writeln!(out, "Others can fill a slot: --crew {}.\n", services::fillings().join(" or "))
+    writeln!(out, "Others can fill a slot: --controller {}.\n", services::fillings().join(" or "))
 }
 
 fn missed(node: &Node) -> &'static str {
@@ -146,13 +145,7 @@ fn arrows(graph: &Graph, flown: &ScenarioSettings, out: &mut dyn Write) -> io::R
 
 fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     let settings = scenario.settings();
-    let manoeuvre = match settings.pilot.manoeuvre {
-        Manoeuvre::Hover(_) => "hover",
-        Manoeuvre::Figure8(_) => "figure eight",
-        Manoeuvre::Waypoints(_) => "waypoints",
-        Manoeuvre::Trajectory(_) => "trajectory",
-        Manoeuvre::AttitudeStep(_) => "attitude step, no position loop",
-    };
+    let manoeuvre = settings.pilot.manoeuvre.describe();
     let given = scenario.trajectory().filter(|path| path.pieces().is_some());
     match given.as_ref().and_then(|path| Some((path, path.pieces()?, path.rest_s()?))) {
         Some((path, pieces, rest_s)) => {
@@ -202,28 +195,28 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     if script.is_empty() {
         writeln!(out, "wind    none")?;
     }
-    watch(settings, out)?;
+    monitor(settings, out)?;
     script_of(settings, out)
 }
 
 /// Beyond what a new owner trips.
-fn watch(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
-    if !settings.watch.enabled {
-        return writeln!(out, "watch   off: an owner that loses the vehicle keeps the slot");
+fn monitor(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+    if !settings.monitor.enabled {
+        return writeln!(out, "monitor off: an owner that loses the vehicle keeps the slot");
     }
-    let limits = settings.watch_limits();
+    let limits = settings.monitor_limits();
     let Limits { turn_away_rad, tilt_rad, heading_rad, astray_rad, astray_s, .. } = limits;
     let Limits { swing_rate_rad_s, swing_tilt_rad, setpoint_tilt_rad, clipped_s, .. } = limits;
     let [least, most] = limits.setpoint_thrust_weights;
     let Limits { thrust_speed_m_s, excursion_m, off_course_m, off_course_s, height_m, .. } = limits;
-    let standby = match settings.watch.fallback {
+    let standby = match settings.monitor.fallback {
         Fallback::Auto => "the owner before it",
         Fallback::None => "nothing, so that the actuation guard levels the vehicle,",
     };
     let gate = &settings.plant.gate;
     writeln!(
         out,
-        "watch   a new owner trips, and {standby} follows, when the vehicle can be stopped only beyond\n\
+        "monitor a new owner trips, and {standby} follows, when the vehicle can be stopped only beyond\n\
          \x20       {turn_away_rad:.3} rad away from its set point, {tilt_rad:.3} rad of tilt, {heading_rad:.3} rad of heading,\n\
          \x20       {excursion_m} m away from its reference, {height_m} m above the ground, or when it is\n\
          \x20       {astray_rad:.3} rad off for {astray_s} s or {off_course_m} m for {off_course_s} s, swings by {swing_rate_rad_s} rad/s or is swung by {swing_tilt_rad:.3} rad,\n\

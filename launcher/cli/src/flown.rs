@@ -94,7 +94,7 @@ fn listed(what: &str, mut found: Vec<PathBuf>) -> String {
 pub(super) struct Writers(Vec<Run>);
 
 impl Writers {
-    /// Those in the air.
+    /// Those that are running.
     pub(super) fn now() -> Self {
         let mut living = runs::living();
         living.retain(|run| leading(run.folder()).is_some());

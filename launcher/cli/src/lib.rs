@@ -65,7 +65,11 @@ pub fn execute(
     diagnostics: &mut dyn Write,
 ) -> u8 {
     proc::count_allocations();
-    let arguments: Vec<OsString> = arguments.collect();
+    let mut arguments: Vec<OsString> = arguments.collect();
+    for (old, new) in with_names_of_today(&mut arguments) {
+        // Whether or not anybody reads it.
+        let _ = writeln!(diagnostics, "morphquad: `{old}` is now `{new}`");
+    }
     if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
         let told = writeln!(out, "{:016x}", layout_hash());
         return if told.is_ok() { exit::PASS } else { exit::UNFIT };
@@ -99,6 +103,25 @@ pub fn execute(
             exit::UNFIT
         }
     }
+}
+
+/// Options that had another name before, and what they are called now.
+const RENAMED: [(&str, &str); 1] = [("--crew", "--controller")];
+
+/// Gives options the names of today, and tells which were others.
+fn with_names_of_today(arguments: &mut [OsString]) -> Vec<(&'static str, &'static str)> {
+    let mut found = Vec::new();
+    for (old, new) in RENAMED {
+        for argument in arguments.iter_mut() {
+            let value = argument.to_str().and_then(|text| text.strip_prefix(old));
+            if let Some(value) = value.filter(|value| value.is_empty() || value.starts_with('=')) {
+                *argument = format!("{new}{value}").into();
+                found.push((old, new));
+            }
+        }
+    }
+    found.dedup();
+    found
 }
 
 fn dispatch(command: Command, out: &mut dyn Write, diagnostics: &mut dyn Write) -> Done {
@@ -367,18 +390,23 @@ mod tests {
     #[test]
     fn check_says_who_flies_and_refuses_who_cannot_with_those_who_can() {
         let (code, out, _) =
-            morphquad("check hover --crew attitude=attitude-pid,position=position-pid");
+            morphquad("check hover --controller attitude=attitude-pid,position=position-pid");
         assert_eq!(code, exit::PASS);
         assert!(out.contains("attitude-pid ") && out.contains("position-pid "), "{out}");
         let (_, out, _) =
-            morphquad("check hover --crew attitude=attitude-lqr --rate attitude-lqr=250");
+            morphquad("check hover --controller attitude=attitude-lqr --rate attitude-lqr=250");
         assert!(out.contains("attitude-lqr") && out.contains("250 Hz"), "{out}");
+        for old in ["--crew attitude=attitude-pid", "--crew=attitude=attitude-pid"] {
+            let (code, out, diagnostics) = morphquad(&format!("check hover {old}"));
+            assert!(code == exit::PASS && out.contains("attitude-pid "), "{out}");
+            assert_eq!(diagnostics, "morphquad: `--crew` is now `--controller`\n");
+        }
         for (bad, remedy) in [
-            ("check hover --crew attitude=attitude-lqg", "attitude=attitude-lqr"),
-            ("check hover --crew attitude", "position=position-pid"),
-            ("check hover --crew height=attitude-lqr", "SLOT=NAME"),
-            ("check hover --set crew.attitude=attitude-lqg", "did you mean `attitude-lqr`"),
-            ("check hover --set crew.estimator=estimator", "crew"),
+            ("check hover --controller attitude=attitude-lqg", "attitude=attitude-lqr"),
+            ("check hover --controller attitude", "position=position-pid"),
+            ("check hover --controller height=attitude-lqr", "SLOT=NAME"),
+            ("check hover --set controller.attitude=attitude-lqg", "did you mean `attitude-lqr`"),
+            ("check hover --set controller.estimator=estimator", "controller"),
             ("check hover --set attitude_lqr.integral_s=[1.0,1.0,0.0]", "0.001"),
         ] {
             let (code, out, diagnostics) = morphquad(bad);

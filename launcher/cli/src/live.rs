@@ -1,4 +1,4 @@
-//! `morphquad live`: a run in the air, for viewers.
+//! `morphquad live`: a running flight, for viewers.
 
 use super::browser;
 use super::options::LiveArguments;

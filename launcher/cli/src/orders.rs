@@ -1,5 +1,5 @@
 //! `morphquad swap`, `rollback`, `retire`, `standby`, `stop`, `goto`, `morph` and `disturb`: orders to a
-//! run in the air.
+//! running flight.
 
 use super::options::{
     DisturbArguments, Format, GotoArguments, MorphArguments, RetireArguments, RollbackArguments,

@@ -1,4 +1,4 @@
-//! `morphquad ps`: the processes and slots of a run in the air.
+//! `morphquad ps`: the processes and slots of a running flight.
 
 use super::options::{Format, PsArguments};
 use super::refusal::Done;
@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use thiserror::Error;
 
-/// Why a run in the air did not do as asked.
+/// Why a running flight did not do as asked.
 #[derive(Debug, Error, Diagnostic)]
 pub(super) enum Trouble {
     #[error(transparent)]
@@ -81,7 +81,7 @@ fn json_of(status: &RunStatus) -> Value {
 
 fn table(status: &RunStatus) -> String {
     let RunStatus { run, scenario, clock, flown_s, end_s, launcher_pid, .. } = status;
-    let stage = if status.started { "in the air" } else { "getting ready" };
+    let stage = if status.started { "running" } else { "getting ready" };
     let mut text = format!(
         "run {run}  {scenario}, {clock}, {stage}: {flown_s:.3} of {end_s:.3} s, launcher {launcher_pid}\n"
     );

@@ -22,7 +22,7 @@ pub(super) fn run(arguments: &RecoverArguments, out: &mut dyn Write) -> Done {
     let writer = RecordedFlight::open(from).ok().and_then(|flight| Writers::now().of(&flight));
     if let Some(run) = writer {
         let told = format!(
-            "{}: run {run} is in the air and still writes it; recover it if it is cut when the run is over",
+            "{}: run {run} is active and still writes it; recover it if it is cut when the run is over",
             from.display()
         );
         return Err(Failure::plain(&told, exit::USAGE));

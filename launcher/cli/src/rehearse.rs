@@ -85,8 +85,8 @@ fn line(told: &Verdict, out: &mut dyn Write) -> Result<(), Failure> {
 
 fn scenario(arguments: &RehearseArguments) -> Result<Scenario, Failure> {
     let set = arguments.set.iter().map(|argument| Override::set(argument));
-    let crew = arguments.crew.iter().map(|argument| Override::crew(argument));
-    let edits: Result<Vec<Override>, _> = set.chain(crew).collect();
+    let controller = arguments.controller.iter().map(|argument| Override::controller(argument));
+    let edits: Result<Vec<Override>, _> = set.chain(controller).collect();
     let loaded = edits.and_then(|mut edits| {
         edits.extend(arguments.seed.map(Override::seed));
         edits.push(Override::clock("lockstep"));

@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &ReportArguments, out: &mut dyn Write, said: &mut d
             let file = file.display();
             return Err(unreadable(&format!(
                 "{file}: {}; look at it with `morphquad top --run {run}`",
-                in_the_air(&run)
+                still_writes(&run)
             )));
         }
         let busy = super::bar::busy("reading");
@@ -76,7 +76,7 @@ fn of_folder(files: &[PathBuf]) -> Folder {
         }
         let flight = RecordedFlight::open(path);
         if let Some(run) = flight.as_ref().ok().and_then(|flight| writers.of(flight)) {
-            folder.left_out.push((file(), in_the_air(&run)));
+            folder.left_out.push((file(), still_writes(&run)));
             continue;
         }
         let report = flight.map_err(|error| error.to_string());
@@ -91,8 +91,8 @@ fn of_folder(files: &[PathBuf]) -> Folder {
     folder
 }
 
-fn in_the_air(run: &str) -> String {
-    format!("run {run} is in the air and still writes it; it is judged when the run is over")
+fn still_writes(run: &str) -> String {
+    format!("run {run} is active and still writes it; it is judged when the run is over")
 }
 
 /// Where `recover` puts the complete copy of a recording.

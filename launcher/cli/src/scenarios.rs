@@ -7,7 +7,7 @@ use super::refusal::{Done, Failure};
 use host::exit;
 use scenario::keys::{Key, Section, sections};
 use scenario::{shell_path, shipped, suggestion};
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::fs::File;
 use std::io::{self, Write};
 
@@ -100,8 +100,8 @@ fn show(section: &Section, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "[{}]  {}", section.name, section.meaning)?;
     for key in &section.keys {
         let kind = key.kind.map_or(String::new(), |kind| format!("  (kind = \"{kind}\")"));
-        let value = match &key.default {
-            Some(value) => format!(" = {}", in_toml(value)),
+        let value = match key.default_in_toml() {
+            Some(value) => format!(" = {value}"),
             None if key.is_required => "  required".to_owned(),
             None => String::new(),
         };
@@ -109,20 +109,4 @@ fn show(section: &Section, out: &mut dyn Write) -> io::Result<()> {
         writeln!(out, "      {}{}. {}", key.takes, key.range_in_words(), key.meaning)?;
     }
     Ok(())
-}
-
-/// A default as a scenario has it.
-fn in_toml(value: &Value) -> String {
-    match value {
-        Value::Array(list) => {
-            format!("[{}]", list.iter().map(in_toml).collect::<Vec<_>>().join(", "))
-        }
-        // A conversion of units leaves digits that mean nothing.
-        Value::Number(number) if number.is_f64() => {
-            let number = number.as_f64().unwrap_or_default();
-            format!("{:?}", format!("{number:.12e}").parse::<f64>().unwrap_or(number))
-        }
-        Value::Object(table) if table.is_empty() => "{}".to_owned(),
-        value => json!(value).to_string(),
-    }
 }

@@ -1,5 +1,5 @@
-//! The one table that turns a scenario into components. What else a new controller needs stands in ARCHITECTURE.md under
-//! "Adding a controller".
+//! The one table that turns a scenario into components. What else a new controller needs stands in
+//! `launcher/docs/controllers.md`.
 //!
 //! It is a crate beside `scenario` because here each service is compiled into what its loop runs, which has to
 //! be fast, and there texts are read, which need not be.
@@ -15,7 +15,7 @@ use plant::Plant;
 use position_mpc::{Landing, PositionMpc};
 use position_pid::PositionPid;
 use runtime::{Component, Service};
-use scenario::services::{Crew, names_for};
+use scenario::services::{Assignment, names_for};
 use scenario::{Plan, Scenario};
 use shared_types::Role;
 
@@ -33,12 +33,16 @@ pub trait ServiceVisitor {
 /// Why a component cannot be built although its scenario is valid.
 pub type BuildError = Box<dyn std::error::Error>;
 
-/// Builds the component that fills `role` when `crew` flies a scenario.
+/// Builds the component that fills `role` by an assignment of controllers.
 ///
 /// # Errors
 /// The component refuses its configuration.
-pub fn build(crew: &Crew, role: Role, scenario: &Scenario) -> Result<Component, BuildError> {
-    build_service(crew.name(role), scenario)
+pub fn build(
+    assignment: &Assignment,
+    role: Role,
+    scenario: &Scenario,
+) -> Result<Component, BuildError> {
+    build_service(assignment.name(role), scenario)
 }
 
 /// Builds a service by name; the pilot has none.
@@ -148,12 +152,12 @@ pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError
         StateLayout { role, type_name: layout.memory.name, hash: layout.hash() }
     };
     let graph = scenario.graph()?;
-    let crew = Crew::of(scenario.settings());
+    let assignment = Assignment::of(scenario.settings());
     let mut layouts = Vec::new();
     for role in graph.nodes().iter().map(|node| node.role) {
-        layouts.push(layout(role, &build(&crew, role, scenario)?));
+        layouts.push(layout(role, &build(&assignment, role, scenario)?));
         // Whoever does not fit the scenario has not flown in it.
-        let others = names_for(role).filter(|name| Some(*name) != crew.name(role));
+        let others = names_for(role).filter(|name| Some(*name) != assignment.name(role));
         let others = others.filter_map(|name| build_service(Some(name), scenario).ok());
         layouts.extend(others.map(|component| layout(role, &component)));
     }

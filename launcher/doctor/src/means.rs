@@ -3,7 +3,7 @@
 use super::{Finding, Machine};
 
 /// Free memory below which flights get into trouble \[kB\].
-const LEAST_MEMORY_KB: u64 = 200 * 1024;
+const MIN_MEMORY_KB: u64 = 200 * 1024;
 /// Free memory that leaves room for recordings' pages \[kB\].
 const ENOUGH_MEMORY_KB: u64 = 512 * 1024;
 /// Share of time that a host may take away before loops feel it \[%\].
@@ -30,7 +30,7 @@ pub(super) fn memory(machine: &Machine) -> Finding {
     };
     let found = format!("{} MB available", available >> 10);
     let remedy = "end other programs";
-    if available < LEAST_MEMORY_KB {
+    if available < MIN_MEMORY_KB {
         return Finding::fail(name, found, remedy);
     }
     Finding::warn_if(available < ENOUGH_MEMORY_KB, name, found, remedy)

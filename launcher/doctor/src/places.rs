@@ -2,7 +2,7 @@
 
 use super::Finding;
 use runtime::clock::mono_now_ns;
-use runtime::namespace::{BASE, dead_runs, orphans, runs_in_the_air, sweep_dead_runs};
+use runtime::namespace::{BASE, active_runs, dead_runs, orphans, sweep_dead_runs};
 use rustix::fs::{fdatasync, statvfs};
 use scenario::needs;
 use std::fs::{self, File};
@@ -15,7 +15,7 @@ use std::time::Duration;
 /// Room for an hour or so of recording \[MB\].
 const RECORDING_MB: u64 = 2048;
 /// What a flight as shipped writes, and what leaves it room \[MB/s\].
-const LEAST_RATE: f64 = 2.0;
+const MIN_RATE_MB_S: f64 = 2.0;
 const ENOUGH_RATE: f64 = 20.0;
 /// Size of the trial \[MB\], and how long it may take.
 const TRIAL_MB: usize = 16;
@@ -86,8 +86,8 @@ fn leftovers() -> Finding {
 }
 
 fn living() -> Finding {
-    let count = runs_in_the_air().len();
-    let found = format!("{count} in the air");
+    let count = active_runs().len();
+    let found = format!("{count} active");
     Finding::warn_if(
         count > 0,
         "other runs",
@@ -146,7 +146,7 @@ fn rate(folder: &Path, place: &str, other: &str) -> Finding {
     match heard.recv_timeout(TRIAL_LIMIT) {
         Ok(Ok(rate)) => {
             let found = format!("{rate:.0} MB/s in {place}; a flight writes 1 to 2 MB/s");
-            if rate < LEAST_RATE {
+            if rate < MIN_RATE_MB_S {
                 return Finding::fail(name, found, other);
             }
             Finding::warn_if(rate < ENOUGH_RATE, name, found, other)

@@ -9,7 +9,7 @@ use simulate::Speed;
 
 /// How long loops may stand still, and what time it is.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patience {
+pub(super) struct StallCheck {
     pub(super) now_mono_ns: u64,
     pub(super) stall_ns: u64,
     pub(super) lag_ns: u64,
@@ -171,30 +171,30 @@ impl Conductor {
         graph: &Graph,
         present: &[RollEntry],
         marks: &SeatMarks,
-        patience: Patience,
+        check: StallCheck,
     ) -> Vec<RollEntry> {
-        stalled(&self.record, graph, present, marks, patience)
+        stalled(&self.record, graph, present, marks, check)
     }
 }
 
 /// Processes to blame for standing still. Lockstep, once nobody has moved for long enough: whoever has
 /// permission to step. Realtime: whoever lags behind the plant by more than `lag_ns`, or the plant, if it
 /// lags behind the wall clock by more than `stall_ns`; a machine that stalls as a whole stalls all of them,
-/// and only the longer patience applies. Once the plant has finished it cannot run ahead of a loop that
+/// and only the longer timeout applies. Once the plant has finished it cannot run ahead of a loop that
 /// stands still just before the end: the wall clock does.
 fn stalled(
     record: &ClockRecord,
     graph: &Graph,
     present: &[RollEntry],
     marks: &SeatMarks,
-    patience: Patience,
+    check: StallCheck,
 ) -> Vec<RollEntry> {
-    let wall_ns = WallMap::new(record).logical_ns(patience.now_mono_ns);
+    let wall_ns = WallMap::new(record).logical_ns(check.now_mono_ns);
     let plant_ns = match marks.of_role(Role::Plant) {
         mark_ns if mark_ns < record.end_ns => mark_ns,
         _ => wall_ns.max(record.end_ns),
     };
-    let long_over = record.end_ns.saturating_add(patience.stall_ns) < wall_ns;
+    let long_over = record.end_ns.saturating_add(check.stall_ns) < wall_ns;
     let is_stalled = |entry: &&RollEntry| {
         let Some(node) = graph.node(entry.role) else { return false };
         let seat = Seat { role: entry.role, index: entry.seat };
@@ -206,9 +206,9 @@ fn stalled(
         } else if record.mode == ClockMode::Lockstep {
             graph.runnable(node, mark_ns, marks, record.allowed_ns)
         } else if node.role == Role::Plant {
-            mark_ns.saturating_add(patience.stall_ns) < wall_ns
+            mark_ns.saturating_add(check.stall_ns) < wall_ns
         } else {
-            mark_ns.saturating_add(patience.lag_ns) < plant_ns
+            mark_ns.saturating_add(check.lag_ns) < plant_ns
         }
     };
     present.iter().filter(is_stalled).copied().collect()
@@ -241,8 +241,8 @@ mod tests {
         for (entry, (role, mark_ms)) in present.iter().zip(marks_ms) {
             marks.advance(*role, 0, entry.generation, mark_ms.saturating_mul(MS));
         }
-        let patience = Patience { now_mono_ns: now_ms * MS, stall_ns: 2000 * MS, lag_ns: 300 * MS };
-        stalled(&record, &graph, &present, &marks, patience).iter().map(|e| e.role).collect()
+        let check = StallCheck { now_mono_ns: now_ms * MS, stall_ns: 2000 * MS, lag_ns: 300 * MS };
+        stalled(&record, &graph, &present, &marks, check).iter().map(|e| e.role).collect()
     }
 
     #[test]
@@ -262,7 +262,7 @@ mod tests {
             |plant_ms| blamed(3000, 0, &[(Role::Plant, plant_ms), (Role::Position, 1000)], 2500);
         assert_eq!(of(1200), []);
         assert_eq!(of(1400), [Role::Position]);
-        assert_eq!(of(400), [Role::Plant], "which has the longer patience");
+        assert_eq!(of(400), [Role::Plant], "which has the longer timeout");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use shared_types::Role;
 use swap::child::ChildSpec;
 
 /// Longest pause before a start \[ns\].
-const LONGEST_PAUSE_NS: u64 = 20_000_000;
+const MAX_PAUSE_NS: u64 = 20_000_000;
 /// Least priority that is given.
 const NICEST: i32 = 15;
 
@@ -19,6 +19,6 @@ pub(super) fn shuffle(specs: &mut [(Role, ChildSpec)], seed: u64, processors: &[
     for (_, spec) in specs {
         spec.cpu = processors.get(random.random_range(0..=processors.len())).copied();
         spec.nice = Some(random.random_range(0..=NICEST));
-        spec.pause_ns = random.random_range(0..LONGEST_PAUSE_NS);
+        spec.pause_ns = random.random_range(0..MAX_PAUSE_NS);
     }
 }

@@ -1,6 +1,6 @@
 //! One flight from founding its run to its last word.
 //!
-//! `start.rs` brings it into the air, `adopt.rs` finds it there, `finish.rs` has the last word;
+//! `start.rs` starts it, `adopt.rs` takes it over while it flies, `finish.rs` has the last word;
 //! `watch.rs` is what the main loop looks at besides.
 
 mod adopt;
@@ -10,7 +10,6 @@ mod watch;
 
 pub use adopt::{AdoptError, AdoptOptions, adopt};
 
-use super::audience::Audience;
 use super::conductor::Conductor;
 use super::grants::Grants;
 use super::live::{Live, View};
@@ -20,6 +19,7 @@ use super::processes::Processes;
 use super::rehearser::Rehearser;
 use super::supervisor::Supervisor;
 use super::tap::Tap;
+use super::viewer_process::ViewerProcess;
 use host::realtime::may_lock_memory;
 use observe::stopwatch::Stopwatch;
 use protocol::control::protocol::{Done, Reply, Request};
@@ -42,14 +42,14 @@ use simulate::setup::{
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
 use swap::services::{HeldServices, Wakers};
-use swap::{FlightError, Means, Script, Slots};
+use swap::{FlightError, Script, SlotContext, Slots};
 
 /// Wall time between two looks around \[ns\].
 const LOOK_EVERY_NS: u64 = 1_000_000;
 /// No swap is accepted while the monitor has not stepped for so many of its periods and for so much wall time \[s\]:
 /// faster than the wall clock, or at a high rate, no machine keeps to three periods.
 const MONITOR_PERIODS_MAX: u64 = 3;
-const LEAST_SILENCE_S: f64 = 0.03;
+const MIN_SILENCE_S: f64 = 0.03;
 /// How long processes may take to leave after the end of the flight \[ns\].
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
 
@@ -64,7 +64,7 @@ enum Outcome {
 /// Flies a scenario and returns what came of it.
 ///
 /// # Errors
-/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+/// [`RunError`] if the flight never started; what happens in flight is in the summary.
 pub fn run(options: &RunOptions) -> Result<Summary, RunError> {
     fly(options, None).map(|(summary, _)| summary)
 }
@@ -117,8 +117,8 @@ fn fly(
     let name = &options.scenario.settings().scenario.name;
     let flying = Flying::new(facts.epoch_unix_ns, facts.clock);
     let live = Live::open(membership.folder(), &id, name, recording_path.as_deref(), flying)?;
-    let audience = options.live.as_ref().map(|live| Audience::open(live, &id, cpu_of(options)));
-    let audience = audience.transpose()?;
+    let viewers = options.live.as_ref().map(|live| ViewerProcess::open(live, &id, cpu_of(options)));
+    let viewers = viewers.transpose()?;
     let of = Of {
         run: id.clone(),
         recording: recording_path.as_deref().map(|path| path.canonicalize().unwrap_or(path.into())),
@@ -139,12 +139,12 @@ fn fly(
             return Err(error);
         }
     };
-    if let Some(audience) = &audience {
-        audience.flight_is_over();
+    if let Some(viewers) = &viewers {
+        viewers.flight_is_over();
     }
     let concluded = flight.conclude(outcome, options, &id, recording_path);
-    if let Some(audience) = audience {
-        audience.leave();
+    if let Some(viewers) = viewers {
+        viewers.leave();
     }
     Ok(concluded)
 }
@@ -262,8 +262,8 @@ impl Flight {
         if orders.is_empty() {
             return Ok(());
         }
-        self.with_slots(now_ns, |slots, means| {
-            orders.into_iter().try_for_each(|(order, answer)| slots.order(&order, answer, means))
+        self.with_slots(now_ns, |slots, context| {
+            orders.into_iter().try_for_each(|(order, answer)| slots.order(&order, answer, context))
         })
     }
 
@@ -286,7 +286,7 @@ impl Flight {
             return Ok(());
         }
         let mut script = core::mem::take(&mut self.script);
-        let done = self.with_slots(now_mono_ns, |slots, means| script.run(slots, means));
+        let done = self.with_slots(now_mono_ns, |slots, context| script.run(slots, context));
         self.script = script;
         done.and_then(|()| self.look_after(now_mono_ns))
     }
@@ -294,7 +294,7 @@ impl Flight {
     fn with_slots(
         &mut self,
         now_mono_ns: u64,
-        act: impl FnOnce(&mut Slots, &mut Means<'_>) -> Result<(), FlightError>,
+        act: impl FnOnce(&mut Slots, &mut SlotContext<'_>) -> Result<(), FlightError>,
     ) -> Result<(), FlightError> {
         let now = self.logical_now(now_mono_ns);
         let monitor_silent_ns = self.monitor_silent_ns();
@@ -305,7 +305,7 @@ impl Flight {
             rehearser: &mut self.rehearser,
             now_mono_ns,
         };
-        let mut means = Means {
+        let mut context = SlotContext {
             posts: &mut posts,
             graph: &self.graph,
             orders: &mut self.orders,
@@ -314,13 +314,13 @@ impl Flight {
             is_over: self.drained_ns >= self.conductor.end_ns(),
             monitor_silent_ns,
         };
-        let done = act(&mut self.slots, &mut means);
+        let done = act(&mut self.slots, &mut context);
         self.pass_on_news(now.logical_ns);
         done
     }
 
     /// By the wall clock: for how long the monitor has not stepped, if that is longer than [`MONITOR_PERIODS_MAX`] and
-    /// [`LEAST_SILENCE_S`] allow \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
+    /// [`MIN_SILENCE_S`] allow \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
     fn monitor_silent_ns(&mut self) -> Option<u64> {
         let monitor = self.graph.node(Role::Monitor)?;
         let record = self.conductor.record();
@@ -330,7 +330,7 @@ impl Flight {
         let plant_ns = marks.of_role(Role::Plant).min(self.conductor.end_ns());
         let silent_ns = plant_ns.saturating_sub(self.monitored_ns);
         let periods_ns = MONITOR_PERIODS_MAX * monitor.rate.period_ns();
-        let is_too_long = silent_ns > periods_ns.max(ns_from_s(LEAST_SILENCE_S * record.speed));
+        let is_too_long = silent_ns > periods_ns.max(ns_from_s(MIN_SILENCE_S * record.speed));
         (is_too_long && self.conductor.mode() == ClockMode::Realtime).then_some(silent_ns)
     }
 

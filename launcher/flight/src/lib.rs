@@ -3,7 +3,6 @@
 //! [`run`] starts the processes, publishes the clock, supervises and records them and sums the flight up; [`adopt`]
 //! goes on with a flight whose launcher has died. `supervisor/deaths.rs` has what happens when a process dies.
 
-mod audience;
 mod conductor;
 mod disorder;
 mod flight;
@@ -15,5 +14,6 @@ mod processes;
 mod rehearser;
 mod supervisor;
 pub mod tap;
+mod viewer_process;
 
 pub use flight::{AdoptError, AdoptOptions, adopt, run, run_measured};

@@ -139,7 +139,7 @@ impl View<'_> {
             ready: true,
             finished: false,
         });
-        self.supervisor.crew().chain(pilot)
+        self.supervisor.members().chain(pilot)
     }
 
     /// Name of whoever sits on a seat of a slot.

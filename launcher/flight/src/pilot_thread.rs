@@ -6,7 +6,7 @@ use runtime::ipc::Bus;
 use runtime::watch::StopFlags;
 use runtime::{Component, Ending, Executor, Graph, Place};
 use scenario::Scenario;
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use shared_types::Role;
 use std::path::Path;
 use std::thread::{self, JoinHandle};
@@ -72,8 +72,9 @@ pub(super) fn start(
         }
         let setup = scenario.flight().ok().and_then(|flight| flight.setup(Role::Pilot));
         let bus = Bus::join(&ipc_config, "pilot").map_err(|error| error.to_string())?;
-        let component = components::build(&Crew::of(scenario.settings()), Role::Pilot, &scenario)
-            .map_err(|error| error.to_string())?;
+        let component =
+            components::build(&Assignment::of(scenario.settings()), Role::Pilot, &scenario)
+                .map_err(|error| error.to_string())?;
         FlyPilot { bus: &bus, graph, stop, entry, setup }.fly(component)
     })
 }

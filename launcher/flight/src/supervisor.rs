@@ -1,4 +1,4 @@
-//! Keeps the processes of a flight alive: ready, owners, restarts, stalls, obituaries.
+//! Keeps the processes of a flight alive: ready, owners, restarts, stalls, exit reasons.
 //!
 //! `roll_call.rs` has who comes, `deaths.rs` who goes, `take_over.rs` how the next launcher goes on.
 
@@ -58,7 +58,7 @@ pub(super) struct Supervisor {
     orders: OrderSinks,
     events: Vec<PostEvent>,
     notebook: Notebook,
-    /// The pilot of a flight that was taken over: it joins in the air.
+    /// The pilot of a flight that was taken over: it joins in flight.
     pilot: Option<Post>,
     /// Logical time of a flight that was taken over.
     wall: Option<WallMap>,
@@ -243,7 +243,7 @@ impl Supervisor {
     }
 
     fn never_started(&mut self, place: Seat, why: &FlightError) {
-        self.events.push(PostEvent::Gone { place, obituary: Some(why.to_string()) });
+        self.events.push(PostEvent::Gone { place, exit_reason: Some(why.to_string()) });
     }
 
     /// Starts the process of a seat again; it will be told where to begin.
@@ -303,7 +303,7 @@ impl Supervisor {
     }
 
     /// Who fills which seat now, for those who ask.
-    pub(super) fn crew(&self) -> impl Iterator<Item = Member<'_>> {
+    pub(super) fn members(&self) -> impl Iterator<Item = Member<'_>> {
         // Whoever has left its seat in a slot is not there any more.
         let there = |post: &&Post| post.seat.role.seats() == 1 || Self::flies_on(post);
         self.posts.iter().filter(there).map(|post| Member {

@@ -1,4 +1,4 @@
-//! From what was measured to a verdict, for a flight in the air, a recording and a case of a campaign alike.
+//! From what was measured to a verdict, for a running flight, a recording and a case of a campaign alike.
 
 use super::facts::Facts;
 use super::loops::{missed, seat_name};

@@ -158,9 +158,9 @@ impl Stopwatch {
     pub fn look<'a>(
         &mut self,
         now_mono_ns: u64,
-        crew: impl Iterator<Item = (Role, u32, &'a str, u32)>,
+        processes: impl Iterator<Item = (Role, u32, &'a str, u32)>,
     ) {
-        let seen = crew.filter_map(|(role, seat, name, pid)| {
+        let seen = processes.filter_map(|(role, seat, name, pid)| {
             let usage = if role == Role::Pilot {
                 Usage::of_own_thread(name)?
             } else {

@@ -60,7 +60,7 @@ def run(
     duration_s: float | None = None,
     clock: str | None = None,
     set: Mapping[str, Any] | None = None,
-    crew: Mapping[str, str] | None = None,
+    controllers: Mapping[str, str] | None = None,
     swap: Iterable[str] = (),
     standby: Iterable[str] = (),
     fault: Iterable[str] = (),
@@ -72,7 +72,7 @@ def run(
 ) -> Flight:
     """Flies a scenario, shipped or of a file, and waits for its end.
 
-    `set` changes keys of the scenario, for example `{"start.morph_angle_deg": 120}`; `crew` fills slots, for
+    `set` changes keys of the scenario, for example `{"start.morph_angle_deg": 120}`; `controllers` fills slots, for
     example `{"attitude": "attitude-lqr"}`; `swap`, `standby`, `fault`, `goto` and `morph` take what the flags of
     `morphquad run` take, such as `"attitude=attitude-pid@6s"`. The recording goes into the folder `record`, or
     nowhere if that is None.
@@ -91,8 +91,8 @@ def run(
     words += ["--in-process"] if in_process else []
     for key, value in _mapping("set", set).items():
         words += ["--set", f"{key}={_toml(key, value)}"]
-    for slot, controller in _mapping("crew", crew).items():
-        words += ["--crew", f"{slot}={controller}"]
+    for slot, controller in _mapping("controllers", controllers).items():
+        words += ["--controller", f"{slot}={controller}"]
     lists = {"swap": swap, "standby": standby, "fault": fault, "goto": goto, "morph": morph}
     for flag, values in lists.items():
         for value in [values] if isinstance(values, str) else values:

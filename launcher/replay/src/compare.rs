@@ -12,7 +12,7 @@ use components::build_service;
 use core::convert::Infallible;
 use record::read::{RecordedFlight, RecordedState};
 use runtime::{Graph, Layout};
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use shared_types::{Header, Role, Sample, Topic, TopicVisitor, topics};
 
 /// Fields that depend on the machine and are reproduced all the same.
@@ -106,7 +106,7 @@ pub fn verify(
     if let Some(who) = whom.iter().find(|who| graph.node(who.role).is_none()) {
         return Err(ReplayError::NotFlown { role: who.role.label() });
     }
-    let crew = Crew::of(scenario.settings());
+    let assignment = Assignment::of(scenario.settings());
     let mut verification = Verification { services: Vec::new(), complete: true };
     for node in graph.nodes() {
         let role = node.role;
@@ -118,7 +118,7 @@ pub fn verify(
         verification.complete = recorded.closing.complete;
         let mut meant = Vec::new();
         for who in of_role.iter().copied().chain(whom.is_empty().then_some(&Who::all_of(role))) {
-            meant.extend(chosen(instances(&recorded, role, &crew), who)?);
+            meant.extend(chosen(instances(&recorded, role, &assignment), who)?);
         }
         for (instance, lives) in meant {
             let mut verdict = judge(flight, &graph, (&recorded, &instance, &lives))?;

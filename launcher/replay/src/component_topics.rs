@@ -3,7 +3,7 @@
 use super::ReplayError;
 use components::build_service;
 use scenario::Scenario;
-use scenario::services::{Crew, names_for};
+use scenario::services::{Assignment, names_for};
 use shared_types::Role;
 
 /// Topics that a component reads and writes.
@@ -27,7 +27,7 @@ impl Topics {
 
     /// Of all who may have filled `role` in `scenario`.
     pub(super) fn of_all(role: Role, scenario: &Scenario) -> Result<Self, ReplayError> {
-        let begins = Crew::of(scenario.settings()).name(role);
+        let begins = Assignment::of(scenario.settings()).name(role);
         let mut all = Self::of(begins, role, scenario)?;
         for name in names_for(role).filter(|name| Some(*name) != begins) {
             // Whoever does not fit the scenario has not flown in it.

@@ -14,7 +14,7 @@ use core::convert::Infallible;
 use record::read::RecordedFlight;
 use record::{RecordError, Recording};
 use runtime::{Layout, Node};
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use scenario::{Override, Scenario};
 use shared_types::{Sample, Topic, TopicVisitor};
 use std::collections::BTreeMap;
@@ -117,14 +117,14 @@ fn flown(
     topics: &Topics,
 ) -> Result<(Recorded, Flown), ReplayError> {
     let role = who.role;
-    let crew = Crew::of(flight.scenario().settings());
+    let assignment = Assignment::of(flight.scenario().settings());
     let recorded = load(flight, role, topics)?;
-    let all = instances(&recorded, role, &crew);
+    let all = instances(&recorded, role, &assignment);
     let label = if all.len() > 1 { None } else { Some(role.label().to_owned()) };
     let (instance, lives) = only(all, who)?;
     let made_of = service_of(&instance, &recorded, &lives);
     let label = label.unwrap_or_else(|| instance.to_string());
-    Ok((recorded, Flown { lives, made_of, label, begins: crew.name(role) }))
+    Ok((recorded, Flown { lives, made_of, label, begins: assignment.name(role) }))
 }
 
 /// The recorded scenario with changes.

@@ -5,7 +5,7 @@ use super::life_key::LifeKey;
 use super::tapes::Recorded;
 use record::read::{RecordedState, seat_config};
 use runtime::service::StateHeader;
-use scenario::services::{self, Crew};
+use scenario::services::{self, Assignment};
 use shared_types::wire::Value as _;
 use shared_types::{Deviation, DeviationKind, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;
@@ -125,11 +125,11 @@ pub(super) fn state_header(state: &RecordedState) -> StateHeader {
 pub(super) fn instances(
     recorded: &Recorded,
     role: Role,
-    crew: &Crew,
+    assignment: &Assignment,
 ) -> Vec<(Instance, Vec<Life>)> {
     let deviations = recorded.tapes.of(&topics::DEVIATION);
     let stats = recorded.tapes.of(&topics::LOOP_STATS);
-    let begins = crew.name(role).unwrap_or(role.label());
+    let begins = assignment.name(role).unwrap_or(role.label());
     let mut by_instance: Vec<(Instance, Vec<Life>)> = Vec::new();
     // By seat: who is there.
     let mut there: BTreeMap<u32, String> = BTreeMap::new();

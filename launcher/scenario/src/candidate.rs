@@ -12,7 +12,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 /// As much of a script's first line as the system reads \[bytes\].
-const LONGEST_FIRST_LINE: u64 = 255;
+const MAX_FIRST_LINE_BYTES: u64 = 255;
 
 /// As much of a program as tells for which machine it is \[bytes\].
 const ELF_HEAD: u64 = 20;
@@ -20,7 +20,7 @@ const ELF_HEAD: u64 = 20;
 /// How executables begin that are services by their name alone.
 const PREFIX: &str = "morphquad-";
 
-/// A place in the data flow whose process can be exchanged in the air.
+/// A place in the data flow whose process can be exchanged in flight.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema,
 )]
@@ -185,7 +185,7 @@ fn machine(elf: &[u8]) -> Option<(&[u8], &[u8])> {
 /// The program that has to run a script and cannot be found; none for what runs by itself.
 fn missing_interpreter(path: &Path) -> Option<String> {
     // What cannot be read is for the system to judge.
-    let head = head(path, LONGEST_FIRST_LINE)?;
+    let head = head(path, MAX_FIRST_LINE_BYTES)?;
     let line = head.strip_prefix(b"#!")?.split(|byte| *byte == b'\n').next()?;
     let mut words = str::from_utf8(line).ok()?.split_whitespace();
     let interpreter = words.next()?;

@@ -1,6 +1,6 @@
 //! Rules that span keys or sections, after every section is valid by itself.
 
-mod crew;
+mod assignment;
 mod laws;
 
 pub use laws::TESTED_RATES_HZ;
@@ -8,14 +8,13 @@ pub use laws::TESTED_RATES_HZ;
 use super::deadlines;
 use super::document::Document;
 use super::ordered;
-use super::pilot::{Manoeuvre, Plan};
 use super::pilot_error::pilot_error;
 use super::problem::Problem;
 use super::script;
 use super::settings::{Clock, Settings};
-use super::trajectory::{FASTEST_M_S, SLOWEST, Trajectory as Given};
 use super::wiring::{self, WiringError};
 use super::{Scenario, ns_from_s};
+use ::pilot::settings::{MAX_SPEED_M_S, MAX_TIME_SCALE, Manoeuvre, Plan, Trajectory as Given};
 use ::pilot::{Pilot, RigPilot, Trajectory};
 use disturbance_injector::Event;
 use runtime::{Graph, GraphError};
@@ -30,7 +29,7 @@ const TILT_SHARE: f64 = 0.8;
 const BEGINS_WITHIN_M: f64 = 0.2;
 
 /// Fastest turn of a heading that a trajectory may mean \[rad/s\].
-const FASTEST_TURN_RAD_S: f64 = 4.0;
+const MAX_TURN_RAD_S: f64 = 4.0;
 
 /// Height up to which a vehicle counts as standing on the ground \[m\].
 const ON_THE_GROUND_M: f64 = 0.05;
@@ -44,7 +43,7 @@ pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Proble
     if !scenario.settings.pilot.is_rig() {
         checker.position();
     }
-    checker.crew();
+    checker.assignment();
     checker.idle_keys();
     checker.estimator();
     checker.gate();
@@ -205,7 +204,7 @@ impl<'s> Checker<'s> {
         let window_ns = self.scenario.flown_of_the_plan_ns();
         let [from_ns, until_ns] = window_ns;
         let speed_m_s = trajectory.peak_speed_m_s(window_ns);
-        if speed_m_s > FASTEST_M_S {
+        if speed_m_s > MAX_SPEED_M_S {
             let what = format!("leads along at up to {speed_m_s:.0} m/s");
             self.error(
                 "pilot",
@@ -234,7 +233,7 @@ impl<'s> Checker<'s> {
                 format!("ends {left_s:.2} s before the trajectory rests, at {rest_s:.2} s of it");
             self.warn("scenario.duration_s", what, "leave it out, or fly longer");
         }
-        if turn_rad_s > FASTEST_TURN_RAD_S {
+        if turn_rad_s > MAX_TURN_RAD_S {
             let what = format!("turns by up to {turn_rad_s:.1} rad/s, faster than the vehicle can");
             let remedy = "turn slower; headings are in radians, those of samples in degrees in a column yaw_deg";
             self.warn("pilot", what, remedy);
@@ -281,7 +280,7 @@ impl<'s> Checker<'s> {
                 Manoeuvre::Trajectory(given) if drag_n < given_n => {
                     let longer = ((asked_n - drag_n) / (given_n - drag_n)).sqrt();
                     let scale = libm::ceil(100.0 * given.time_scale * longer) / 100.0;
-                    if scale <= SLOWEST {
+                    if scale <= MAX_TIME_SCALE {
                         format!("fly slower: pilot.time_scale = {scale} keeps within it")
                     } else {
                         "no time_scale keeps within it: fly in less wind, or along another path"

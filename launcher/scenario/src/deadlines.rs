@@ -9,7 +9,7 @@ use runtime::{Graph, MissPolicy};
 use shared_types::{Role, topics};
 
 /// Longest deadline of an edge \[s\].
-const LONGEST_S: f64 = 1.0;
+const MAX_DEADLINE_S: f64 = 1.0;
 
 /// Deadlines of edges that do not exist, or out of range.
 pub(super) fn of_unknown_edges(settings: &RealtimeSettings) -> Vec<Complaint> {
@@ -32,8 +32,8 @@ pub(super) fn of_unknown_edges(settings: &RealtimeSettings) -> Vec<Complaint> {
                     suggest::remedy(name, known.iter().map(String::as_str))
                 };
                 complaints.push((key, what, remedy));
-            } else if !(0.0..=LONGEST_S).contains(deadline_s) {
-                let remedy = format!("write a number of seconds from 0 to {LONGEST_S}");
+            } else if !(0.0..=MAX_DEADLINE_S).contains(deadline_s) {
+                let remedy = format!("write a number of seconds from 0 to {MAX_DEADLINE_S}");
                 complaints.push((key, format!("{deadline_s} s is no deadline"), remedy));
             }
         }

@@ -103,17 +103,25 @@ impl Texts {
     }
 }
 
+/// Sections that had another name in scenarios and recordings of before, and what they are called now.
+const RENAMED: [(&[&str], &[&str]); 3] = [
+    (&["crew"], &["controller"]),
+    (&["watch"], &["monitor"]),
+    (&["realtime", "watch"], &["realtime", "monitor"]),
+];
+
 /// The merged document.
 #[derive(Debug)]
 pub(super) struct Document<'t> {
     texts: &'t Texts,
     root: Table<'t>,
+    renamed: Vec<Problem>,
 }
 
 impl<'t> Document<'t> {
     /// Parses the scenario and puts each edit in place of what it says.
     pub(super) fn parse(texts: &'t Texts, edits: &[Edit]) -> Result<Self, Problem> {
-        let mut document = Self { texts, root: Table::new() };
+        let mut document = Self { texts, root: Table::new(), renamed: Vec::new() };
         for (index, text) in texts.0.iter().enumerate() {
             let table = DeTable::parse(&text.padded).map_err(|error| {
                 let place = error.span().and_then(|span| texts.place(&span));
@@ -124,8 +132,42 @@ impl<'t> Document<'t> {
                 None => document.root = table.into_inner(),
                 Some(edit) => document.apply(edit, table.into_inner(), text)?,
             }
+            document.rename()?;
         }
         Ok(document)
+    }
+
+    /// Gives sections the names of today.
+    fn rename(&mut self) -> Result<(), Problem> {
+        for (old, new) in RENAMED {
+            let Some((key, value)) = take(&mut self.root, old) else { continue };
+            if get(&self.root, new).is_some() {
+                let what = format!("is called `{}` now, and that is there too", new.join("."));
+                let place = self.texts.place(&key.span());
+                return Err(Problem::new(old.join("."), what, "keep one of the two", place));
+            }
+            // Only a table was taken out of where this goes.
+            let _ = put(&mut self.root, new, &key.span(), value);
+            self.warn_of_name(old, new, &key.span());
+        }
+        Ok(())
+    }
+
+    /// Once for each text.
+    fn warn_of_name(&mut self, old: &[&str], new: &[&str], span: &Range<usize>) {
+        let (old, new) = (old.join("."), new.join("."));
+        let (what, remedy) = (format!("is called `{new}` now"), format!("write `{new}`"));
+        let place = self.texts.place(span);
+        let warning = Problem::new(old, what, remedy, place).into_warning();
+        let is_same = |told: &Problem| (told.key(), told.file()) == (warning.key(), warning.file());
+        if !self.renamed.iter().any(is_same) {
+            self.renamed.push(warning);
+        }
+    }
+
+    /// Warnings about names of before.
+    pub(super) fn renamed(&self) -> &[Problem] {
+        &self.renamed
     }
 
     fn apply(&mut self, edit: &Edit, mut table: Table<'t>, text: &Text) -> Result<(), Problem> {
@@ -135,6 +177,15 @@ impl<'t> Document<'t> {
             let remedy = "write --set SECTION.KEY=VALUE with the value in TOML";
             let what = "is not a plain dotted key";
             return Err(Problem::new(&*edit.key, what, remedy, place).into_malformed());
+        };
+        let renamed =
+            RENAMED.iter().find_map(|(old, new)| Some((*old, *new, keys.strip_prefix(*old)?)));
+        let keys = match renamed {
+            Some((old, new, rest)) => {
+                self.warn_of_name(old, new, &key.span());
+                [new, rest].concat()
+            }
+            None => keys,
         };
         let value = if edit.added { joined(self.root.get(keys[0]), value) } else { value };
         put(&mut self.root, &keys, &key.span(), value).map_err(|blocking| {
@@ -166,8 +217,8 @@ impl<'t> Document<'t> {
     }
 
     fn value(&self, key: &str) -> Option<&Value<'t>> {
-        let (section, key) = key.split_once('.')?;
-        self.root.get(section)?.get_ref().as_table()?.get(key)
+        let keys: Vec<&str> = key.split('.').collect();
+        get(&self.root, &keys)
     }
 
     /// Takes a value out.
@@ -238,6 +289,12 @@ fn joined<'t>(list: Option<&Value<'t>>, more: Value<'t>) -> Value<'t> {
         both.push(entry.clone());
     }
     Spanned::new(more.span(), DeValue::Array(both))
+}
+
+fn get<'d, 't>(table: &'d Table<'t>, keys: &[&str]) -> Option<&'d Value<'t>> {
+    let (first, rest) = keys.split_first()?;
+    let value = table.get(*first)?;
+    if rest.is_empty() { Some(value) } else { get(value.get_ref().as_table()?, rest) }
 }
 
 fn take<'t>(table: &mut Table<'t>, keys: &[&str]) -> Option<(Key<'t>, Value<'t>)> {

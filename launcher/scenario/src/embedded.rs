@@ -2,12 +2,11 @@
 //! long a flight flies.
 
 use super::document::{Document, Edit, Value};
-use super::pilot::COMMON_KEYS;
 use super::pilot_error::pilot_error;
 use super::problem::Problem;
 use super::text;
-use super::trajectory::{FASTEST_M_S, Trajectory};
 use super::trajectory_file::Table;
+use ::pilot::settings::{COMMON_KEYS, MAX_SPEED_M_S, Trajectory};
 use garde::Validate as _;
 use serde::Deserialize as _;
 use shared_types::time::ns_from_s;
@@ -20,7 +19,7 @@ use toml::de::{DeValue, ValueDeserializer};
 const HOLD_S: f64 = 2.0;
 
 /// Longest flight that a scenario may have \[s\].
-const LONGEST_S: f64 = 1e6;
+const MAX_FLIGHT_S: f64 = 1e6;
 
 /// Speed below which a flight begins at rest \[m/s\].
 const REST_M_S: f64 = 1e-3;
@@ -84,15 +83,15 @@ fn implied(
         let remedy = format!("let {key} say otherwise, or change the trajectory");
         Err(Problem::new("pilot", what, remedy, document.place_of("pilot.file")))
     };
-    if speed_m_s > FASTEST_M_S && is_implied("start.velocity_w_m_s") {
+    if speed_m_s > MAX_SPEED_M_S && is_implied("start.velocity_w_m_s") {
         let what = format!(
-            "the trajectory begins with {speed_m_s:.1} m/s, and a flight with {FASTEST_M_S} m/s at most"
+            "the trajectory begins with {speed_m_s:.1} m/s, and a flight with {MAX_SPEED_M_S} m/s at most"
         );
         return refuse(what, "start.velocity_w_m_s");
     }
-    if length_s > LONGEST_S && is_implied("scenario.duration_s") {
+    if length_s > MAX_FLIGHT_S && is_implied("scenario.duration_s") {
         let what =
-            format!("the trajectory takes {length_s:.0} s, and a flight {LONGEST_S} s at most");
+            format!("the trajectory takes {length_s:.0} s, and a flight {MAX_FLIGHT_S} s at most");
         return refuse(what, "scenario.duration_s");
     }
     let [duration_s, position_w_m, yaw_deg, velocity_w_m_s] = [

@@ -1,7 +1,6 @@
 //! The keys of a scenario, told by the types that read them: what each is called, takes and means.
 
-use super::pilot;
-use super::trajectory::Trajectory;
+use ::pilot::settings as pilot;
 use disturbance_injector as event;
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema};
@@ -74,7 +73,7 @@ fn pilot(name: &'static str) -> Section {
         ("hover", schema::<pilot::Hover>()),
         ("figure8", schema::<pilot::Figure8>()),
         ("waypoints", schema::<pilot::Waypoints>()),
-        ("trajectory", schema::<Trajectory>()),
+        ("trajectory", schema::<pilot::Trajectory>()),
         ("attitude_step", schema::<pilot::Step>()),
     ];
     for (kind, schema) in kinds {
@@ -253,6 +252,12 @@ impl Key {
         }
     }
 
+    /// The value if left out, as a scenario has it.
+    #[must_use]
+    pub fn default_in_toml(&self) -> Option<String> {
+        self.default.as_ref().map(in_toml)
+    }
+
     /// As an object.
     #[must_use]
     pub fn to_json(&self) -> Value {
@@ -267,6 +272,22 @@ impl Key {
             ("required".to_owned(), (*is_required).into()),
             ("meaning".to_owned(), meaning.as_str().into()),
         ]))
+    }
+}
+
+/// A default as a scenario has it.
+fn in_toml(value: &Value) -> String {
+    match value {
+        Value::Array(list) => {
+            format!("[{}]", list.iter().map(in_toml).collect::<Vec<_>>().join(", "))
+        }
+        // A conversion of units leaves digits that mean nothing.
+        Value::Number(number) if number.is_f64() => {
+            let number = number.as_f64().unwrap_or_default();
+            format!("{:?}", format!("{number:.12e}").parse::<f64>().unwrap_or(number))
+        }
+        Value::Object(table) if table.is_empty() => "{}".to_owned(),
+        value => value.to_string(),
     }
 }
 

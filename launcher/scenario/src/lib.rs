@@ -1,7 +1,7 @@
 //! What is flown: one TOML text, edited by the command line, typed, checked, wired.
 //!
 //! [`Scenario::load`] is the way in; every complaint ([`Problem`]) has a place, a key and a remedy.
-//! Open [`settings`] for the keys, [`pilot`] for the manoeuvres, `check` for the rules that span
+//! Open [`settings`] for the keys, [`pilot::settings`] for the manoeuvres, `check` for the rules that span
 //! sections and [`wiring`] for the graph. Each service owns the type of its section.
 
 #[macro_use]
@@ -11,6 +11,7 @@ mod begin;
 pub mod candidate;
 mod check;
 mod clock;
+mod configs;
 mod deadlines;
 mod document;
 mod embedded;
@@ -20,7 +21,6 @@ mod ordered;
 pub mod orders;
 mod overrides;
 mod patience;
-pub mod pilot;
 mod pilot_error;
 mod problem;
 pub mod process;
@@ -36,17 +36,16 @@ mod suggest;
 #[cfg(test)]
 mod tests;
 mod text;
-pub mod trajectory;
 mod trajectory_file;
 mod typed;
 mod vehicle;
 mod verdict;
 pub mod wiring;
 
+pub use ::pilot::settings::Plan;
 pub use begin::is_recording;
 pub use check::TESTED_RATES_HZ;
 pub use overrides::Override;
-pub use pilot::Plan;
 pub use problem::{Problem, ScenarioError};
 pub use settings::Settings;
 pub use shell::{shell_path, shell_word};
@@ -54,28 +53,12 @@ pub use suggest::remedy as suggestion;
 pub use wiring::WiringError;
 pub use wiring::delayed_topics;
 
-use ::monitor::MonitorConfig;
-use ::pilot::TakenUp;
 use ::vehicle::{MorphAngle, ParameterError, VehicleParameters};
-use attitude_lqr::LqrConfig;
-use attitude_mpc::settings::Surroundings;
-use attitude_mpc::{AttitudeLawConfig, TorqueBound};
-use attitude_pid::PidConfig;
-use controller::attitude::Timing;
 use document::{Document, Edit, Texts};
-use estimator::{FilterConfig, InitialState};
 use host::Flight;
 use host::flight::{Clock, Facts};
 use host::realtime::Realtime;
-use pilot::Frame;
-use plant::gate::UnprovenRange;
-use position_mpc::Landing;
-use position_mpc::PositionLawConfig;
-use position_pid::PositionPidConfig;
-use position_pid::settings::Shared;
 use runtime::Graph;
-use services::Crew;
-use shared_types::Role;
 use shared_types::time::ns_from_s;
 use std::path::Path;
 
@@ -170,8 +153,9 @@ impl Scenario {
             own.entry("name").or_insert_with(|| settings.scenario.name.clone().into());
         }
         let effective = toml::to_string(&effective).map_err(|_| unwritable(name))?;
-        if effective.len() as u64 > text::LONGEST {
-            let what = format!("with all of its rows it has more than {} MB", text::LONGEST >> 20);
+        if effective.len() as u64 > text::MAX_BYTES {
+            let what =
+                format!("with all of its rows it has more than {} MB", text::MAX_BYTES >> 20);
             let remedy = "give fewer rows, or numbers with fewer digits";
             return Err(Problem::new(name, what, remedy, document.place_of("pilot")).into());
         }
@@ -184,7 +168,7 @@ impl Scenario {
         let (absent, doubtful) = script::candidates(&scenario.settings);
         scenario.absent = absent.into_iter().map(placed).collect();
         refuse(errors).map_or(Ok(()), Err)?;
-        scenario.warnings = warnings;
+        scenario.warnings = [document.renamed(), &warnings].concat();
         let doubtful = doubtful.into_iter().map(placed).map(Problem::into_warning);
         scenario.warnings.extend(doubtful);
         Ok(scenario)
@@ -293,145 +277,6 @@ impl Scenario {
     #[must_use]
     pub fn start_yaw_rad(&self) -> f64 {
         self.settings.start.yaw_deg.to_radians()
-    }
-
-    /// What the plant is built from.
-    ///
-    /// # Errors
-    /// None for a scenario that has been loaded.
-    pub fn plant_config(&self) -> Result<plant::PlantConfig, ParameterError> {
-        let settings = &self.settings.plant;
-        let believed = self.modelled_vehicle();
-        let limits = self.settings.watch_limits();
-        let weights = limits.setpoint_thrust_weights;
-        let unproven = UnprovenRange {
-            believed,
-            thrust_n: weights.map(|weights| weights * believed.weight_n()),
-            tilt_rad: limits.tilt_rad,
-        };
-        let keeps_to_rotors =
-            self.attitude_law().is_ok_and(|law| law.torque_bound == TorqueBound::Rotors);
-        Ok(plant::PlantConfig {
-            vehicle: self.real_vehicle(),
-            model: settings.model_kind(),
-            imu: settings.imu.clone(),
-            pose_fix: settings.pose_fix.clone(),
-            morph_encoder: settings.morph_encoder.clone(),
-            gate: settings.gate.clone(),
-            unproven: (self.settings.watch.enabled && keeps_to_rotors).then_some(unproven),
-            position_w_m: self.settings.start.position_w_m.into(),
-            yaw_rad: self.start_yaw_rad(),
-            morph_angle: self.start_morph_angle()?,
-            motion: self.settings.start.motion(),
-            seed: self.settings.scenario.seed,
-        })
-    }
-
-    /// What the estimator is built from.
-    ///
-    /// # Errors
-    /// None for a scenario that has been loaded.
-    pub fn filter(&self) -> Result<(FilterConfig, InitialState), estimator::ConfigError> {
-        let Settings { estimator, plant, start, vehicle, .. } = &self.settings;
-        let config = estimator.filter_config(vehicle.gravity_m_s2, plant.imu.rate_hz.into())?;
-        let morph_angle_rad = start.morph_angle_deg.to_radians();
-        let yaw_rad = self.start_yaw_rad();
-        let (position_w_m, velocity_w, attitude) = start.belief();
-        let initial = estimator.initial_state(position_w_m, yaw_rad, morph_angle_rad);
-        let q_wb = attitude.unwrap_or(initial.q_wb);
-        Ok((config, InitialState { velocity_w, q_wb, ..initial }))
-    }
-
-    /// What the attitude controller is built from.
-    ///
-    /// # Errors
-    /// None for a scenario that has been loaded.
-    pub fn attitude_law(&self) -> Result<AttitudeLawConfig, attitude_mpc::ConfigError> {
-        let settings = &self.settings;
-        let rig = settings.pilot.is_rig();
-        settings.attitude_mpc.law_config(Surroundings {
-            rotor_lag_s: settings.vehicle.rotor_lag_s,
-            wrench_latency_s: settings.latency.wrench_command_s,
-            report_period_s: 1.0 / settings.plant.rate_hz,
-            setpoint_period_s: if rig { 0.0 } else { 1.0 / self.slot_rate_hz(Role::Position) },
-        })
-    }
-
-    /// What the position controller is built from; it flies unless the pilot has a rig.
-    ///
-    /// # Errors
-    /// None for a scenario that has been loaded.
-    pub fn position_law(&self) -> Result<PositionLawConfig, position_mpc::ConfigError> {
-        self.settings.position_mpc.law_config(self.settings.vehicle.rotor_lag_s)
-    }
-
-    /// Rate of the loop in a slot \[Hz\].
-    #[must_use]
-    pub fn slot_rate_hz(&self, role: Role) -> f64 {
-        Crew::of(&self.settings).rate_hz(role, &self.settings)
-    }
-
-    /// Times on the way of an attitude command at the rate of `[attitude_mpc]`.
-    fn attitude_timing(&self) -> Timing {
-        Timing {
-            period_s: 1.0 / self.settings.attitude_mpc.rate_hz,
-            latency_s: self.settings.latency.wrench_command_s,
-            report_s: 1.0 / self.settings.plant.rate_hz,
-            rotor_lag_s: self.settings.vehicle.rotor_lag_s,
-        }
-    }
-
-    /// What the attitude LQR is built from.
-    #[must_use]
-    pub fn attitude_lqr(&self) -> LqrConfig {
-        self.settings.attitude_lqr.law_config(self.attitude_timing())
-    }
-
-    /// What the attitude PID is built from.
-    #[must_use]
-    pub fn attitude_pid(&self) -> PidConfig {
-        self.settings.attitude_pid.law_config(self.attitude_timing())
-    }
-
-    /// What the position PID is built from; its bounds are those of the position MPC unless it has its
-    /// own.
-    ///
-    /// # Errors
-    /// None for a scenario that has been loaded.
-    pub fn position_pid(&self) -> Result<PositionPidConfig, position_mpc::ConfigError> {
-        let mpc = self.position_law()?;
-        Ok(self.settings.position_pid.law_config(&Shared {
-            rate_hz: mpc.rate_hz,
-            tilt_max_rad: mpc.tilt_max_rad,
-            tilt_step_max_rad: mpc.tilt_step_max_rad,
-            thrust_weights: [mpc.thrust_min_weights, mpc.thrust_max_weights],
-            thrust_step_max_weights: mpc.thrust_step_max_weights,
-        }))
-    }
-
-    /// What the monitor is built from; `landing` is what position controllers fly without a reference.
-    #[must_use]
-    pub fn monitor_config(&self, landing: Landing) -> MonitorConfig {
-        let Settings { watch, latency, .. } = &self.settings;
-        MonitorConfig {
-            limits: self.settings.watch_limits(),
-            period_s: 1.0 / watch.rate_hz,
-            latency_s: latency.trip_s,
-            landing,
-        }
-    }
-
-    /// What the pilot is built from.
-    #[must_use]
-    pub fn plan(&self) -> Plan {
-        let Settings { pilot, start, scenario, .. } = &self.settings;
-        pilot.plan(&Frame {
-            position_w_m: start.position_w_m,
-            yaw_deg: start.yaw_deg,
-            morph_angle_deg: start.morph_angle_deg,
-            duration_s: start.plan_s.unwrap_or(scenario.duration_s),
-            taken_up: TakenUp { at_ns: start.at_ns(), order: start.guidance.order() },
-        })
     }
 }
 

@@ -138,22 +138,24 @@ impl Override {
         Self(Edit::added(shown, list, entry))
     }
 
-    /// `--crew SLOT=NAME`: who fills a slot.
+    /// `--controller SLOT=NAME`: who fills a slot.
     ///
     /// # Errors
     /// No `=`, no such slot, or nobody of that name who fills it.
-    pub fn crew(argument: &str) -> Result<Self, ScenarioError> {
-        let shown = format!("--crew {argument}");
+    pub fn controller(argument: &str) -> Result<Self, ScenarioError> {
+        let shown = format!("--controller {argument}");
         let (slot, name) = argument.split_once('=').unwrap_or((argument, ""));
         match services::filling(slot.trim(), name.trim()) {
             Ok((role, name)) => {
-                let key = format!("crew.{}", role.label());
+                let key = format!("controller.{}", role.label());
                 Ok(Self(Edit::set(shown, key, format!("{name:?}"))))
             }
             Err(what) => {
-                let remedy =
-                    format!("write --crew SLOT=NAME with {}", services::fillings().join(" or "));
-                Err(refusal("--crew", &shown, what, &remedy))
+                let remedy = format!(
+                    "write --controller SLOT=NAME with {}",
+                    services::fillings().join(" or ")
+                );
+                Err(refusal("--controller", &shown, what, &remedy))
             }
         }
     }

@@ -4,7 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Patience of the launcher, in wall time.
+/// Timeouts and restarts of the launcher, in wall time.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct LauncherSettings {
@@ -15,7 +15,7 @@ pub struct LauncherSettings {
     #[garde(range(min = 0.1, max = 600.0))]
     pub stall_timeout_s: f64,
     /// Realtime: a process that lags behind the plant by more than this is killed \[s\]. Shorter than
-    /// the gate's patience, so that a successor still finds the vehicle in the air.
+    /// the actuation guard holds, so that a successor still finds the vehicle flying.
     #[garde(range(min = 0.05, max = 600.0))]
     pub lag_timeout_s: f64,
     /// How long the processes go on after the launcher's death, for another one to take over: then they

@@ -8,7 +8,7 @@ use super::settings::Settings;
 use super::suggest;
 use crate::candidate::{Candidate, NoCandidate, Slot, name_of, unstartable};
 use crate::process::has_process;
-use crate::services::Crew;
+use crate::services::Assignment;
 use garde::Validate;
 use runtime::Graph;
 use schemars::JsonSchema;
@@ -202,10 +202,10 @@ fn check_faults(settings: &Settings, graph: &Graph) -> Vec<Complaint> {
     let mut complaints = Vec::new();
     let end_s = settings.scenario.duration_s;
     let flown = graph.nodes().iter().map(|node| node.role).filter(|role| has_process(*role));
-    let crew = Crew::of(settings);
+    let assignment = Assignment::of(settings);
     let swaps = settings.swap.iter().map(|swap| name_of(&swap.to));
     let standbys = settings.standby.iter().map(|standby| name_of(&standby.name));
-    let names = flown.filter_map(|role| crew.name(role)).chain(swaps).chain(standbys);
+    let names = flown.filter_map(|role| assignment.name(role)).chain(swaps).chain(standbys);
     let mut known: Vec<&str> = Vec::new();
     for name in names {
         if !known.contains(&name) {

@@ -35,7 +35,7 @@ pub(crate) const LOOPS: &[Loop] = &[
     Loop::new("disturbance-injector", "disturbance_injector", Role::Disturbance, |s| {
         s.disturbance_injector.rate_hz
     }),
-    Loop::new("monitor", "watch", Role::Monitor, |s| s.watch.rate_hz),
+    Loop::new("monitor", "monitor", Role::Monitor, |s| s.monitor.rate_hz),
     Loop::new("pilot", "pilot", Role::Pilot, |s| s.pilot.common.rate_hz),
 ];
 
@@ -111,24 +111,24 @@ pub fn names_for(role: Role) -> impl Iterator<Item = &'static str> + Clone {
 
 /// Who fills which role.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Crew([Option<&'static str>; ROLES]);
+pub struct Assignment([Option<&'static str>; ROLES]);
 
-impl Default for Crew {
+impl Default for Assignment {
     fn default() -> Self {
         Self(Role::STEPPING.map(|role| names_for(role).next()))
     }
 }
 
-impl Crew {
+impl Assignment {
     /// Who flies a scenario. A name that fills nothing, which no scenario that has been loaded has,
     /// changes nothing.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
-        let mut crew = Self::default();
-        for (role, name) in settings.crew.slots() {
-            let _ = name.is_some_and(|name| crew.swap(role, name));
+        let mut assignment = Self::default();
+        for (role, name) in settings.controller.slots() {
+            let _ = name.is_some_and(|name| assignment.swap(role, name));
         }
-        crew
+        assignment
     }
 
     /// Name of the service that fills a role; the pilot has none.

@@ -34,7 +34,7 @@ macro_rules! settings {
 with_sections!(settings);
 
 impl Settings {
-    /// True if something is to be done to the flight in the air.
+    /// True if something is to be done to the running flight.
     #[must_use]
     pub fn is_scripted(&self) -> bool {
         let slots = self.swap.is_empty() && self.standby.is_empty() && self.fault.is_empty();
@@ -43,19 +43,19 @@ impl Settings {
 
     /// Thresholds of the monitor for the position controllers as they are configured here.
     #[must_use]
-    pub fn watch_limits(&self) -> ::monitor::Limits {
+    pub fn monitor_limits(&self) -> ::monitor::Limits {
         let (mpc, pid) = (&self.position_mpc, &self.position_pid);
         let least = [mpc.thrust_min_weights, pid.thrust_min_weights].into_iter().flatten();
         let most = [mpc.thrust_max_weights, pid.thrust_max_weights].into_iter().flatten();
         // What is left to the laws is within the monitor's own thresholds.
-        self.watch.limits([least.fold(1.0, f64::min), most.fold(1.0, f64::max)])
+        self.monitor.limits([least.fold(1.0, f64::min), most.fold(1.0, f64::max)])
     }
 }
 
 /// Who fills the slots, by the name of a service; the first of `morphquad check`'s list if left out.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
-pub struct CrewSettings {
+pub struct ControllerSettings {
     /// Position slot.
     #[garde(skip)]
     pub position: Option<String>,
@@ -64,7 +64,7 @@ pub struct CrewSettings {
     pub attitude: Option<String>,
 }
 
-impl CrewSettings {
+impl ControllerSettings {
     /// What is said about each slot.
     #[must_use]
     pub fn slots(&self) -> [(Role, Option<&str>); 2] {
@@ -207,7 +207,7 @@ pub struct RealtimeSettings {
     pub pilot: LoopSettings,
     /// Monitor.
     #[garde(dive)]
-    pub watch: LoopSettings,
+    pub monitor: LoopSettings,
 }
 
 /// One loop against the wall clock.
@@ -274,7 +274,7 @@ impl Default for RealtimeSettings {
             attitude_mpc: usual(),
             disturbance_injector: usual(),
             pilot: usual(),
-            watch: usual(),
+            monitor: usual(),
         }
     }
 }
@@ -290,7 +290,7 @@ impl RealtimeSettings {
             Role::Attitude => Some(&self.attitude_mpc),
             Role::Disturbance => Some(&self.disturbance_injector),
             Role::Pilot => Some(&self.pilot),
-            Role::Monitor => Some(&self.watch),
+            Role::Monitor => Some(&self.monitor),
             _ => None,
         }
     }

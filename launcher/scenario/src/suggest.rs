@@ -7,7 +7,7 @@ const UNITS: [&str; 22] = [
 ];
 
 /// Below this similarity a guess only confuses.
-const LEAST_SIMILARITY: f64 = 0.75;
+const MIN_SIMILARITY: f64 = 0.75;
 
 /// A sentence that leads from `given` to one of `known`.
 pub fn remedy<'a>(given: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
@@ -25,7 +25,7 @@ pub fn remedy<'a>(given: &str, known: impl Iterator<Item = &'a str> + Clone) -> 
 fn closest<'a>(given: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     known
         .map(|key| (strsim::jaro_winkler(given, key), key))
-        .filter(|(similarity, _)| *similarity >= LEAST_SIMILARITY)
+        .filter(|(similarity, _)| *similarity >= MIN_SIMILARITY)
         .max_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, key)| key)
 }

@@ -1,6 +1,6 @@
 //! Every complaint names file or flag, line, key and remedy; every shipped scenario flies.
 
-use super::{Override, Problem, Scenario, ScenarioError, shipped};
+use super::{Override, Problem, Scenario, ScenarioError, Settings, services, shipped};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use shared_types::Role;
 
@@ -347,6 +347,39 @@ fn keys_that_change_nothing_are_warned_of_at_their_line() {
 }
 
 #[test]
+fn a_section_under_the_name_of_before_is_read_with_a_warning() {
+    let text = "[scenario]\n[watch]\ntilt_rad = 0.9\n[realtime.watch]\npriority = 7\n";
+    let scenario = Scenario::from_text("old.toml", text, &[set("watch.enabled=false")]).unwrap();
+    let Settings { monitor, realtime, .. } = scenario.settings();
+    assert_eq!((monitor.tilt_rad, monitor.enabled), (Some(0.9), false));
+    assert_eq!(realtime.monitor.priority, Some(7));
+    let told: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.line())).collect();
+    assert_eq!(told, [("watch", Some(2)), ("realtime.watch", Some(4)), ("watch", Some(1))]);
+    assert_eq!(scenario.warnings()[1].remedy(), "write `realtime.monitor`");
+    let again = Scenario::from_text("new.toml", scenario.to_toml(), &[]).unwrap();
+    assert!(again.warnings().is_empty() && !again.to_toml().contains("watch"));
+    let crew = set("crew.attitude=attitude-lqr");
+    let scenario =
+        Scenario::from_text("old.toml", "[crew]\nposition = \"position-pid\"\n", &[crew]).unwrap();
+    let told: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.file())).collect();
+    assert_eq!(told, [("crew", Some("old.toml")), ("crew", Some("command line"))]);
+    let assignment = services::Assignment::of(scenario.settings());
+    let flies = [Role::Attitude, Role::Position].map(|role| assignment.name(role));
+    assert_eq!(flies, [Some("attitude-lqr"), Some("position-pid")]);
+    let whole =
+        Scenario::from_text("new.toml", "", &[set("realtime={watch={priority=7}}")]).unwrap();
+    assert_eq!(whole.settings().realtime.monitor.priority, Some(7));
+    for (both, key) in [
+        ("[watch]\ntilt_rad = 0.9\n[monitor]\ntilt_rad = 0.8\n", "watch"),
+        ("[realtime.monitor]\n[realtime.watch]\n", "realtime.watch"),
+        ("[controller]\n[crew]\n", "crew"),
+    ] {
+        let problem = problem(both);
+        assert_eq!((problem.key(), problem.remedy()), (key, "keep one of the two"));
+    }
+}
+
+#[test]
 fn the_rig_flies_at_every_rate_and_size_without_a_warning() {
     for rate in [50, 75, 100, 150, 200, 333, 500, 1000] {
         for angle in [45.0, 94.5, 160.0] {
@@ -393,6 +426,6 @@ fn an_unproven_owner_is_held_to_the_laws_of_its_slot_unless_those_may_ask_for_mo
     assert!((least_n / weight_n - 0.2).abs() < 1e-12 && (most_n / weight_n - 2.1).abs() < 1e-12);
     // The vehicle's real mass is not known on board.
     assert_eq!(range(&["plant.mismatch.mass_scale=1.2"]), range(&[]));
-    assert_eq!(range(&["watch.enabled=false"]), None);
+    assert_eq!(range(&["monitor.enabled=false"]), None);
     assert_eq!(range(&["attitude_mpc.torque_bound=\"rotor-thrusts\""]), None);
 }

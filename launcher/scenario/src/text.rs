@@ -8,7 +8,7 @@ use std::os::unix::fs::FileTypeExt as _;
 use std::path::Path;
 
 /// Longest text of a scenario \[bytes\].
-pub(super) const LONGEST: u64 = 4 << 20;
+pub(super) const MAX_BYTES: u64 = 4 << 20;
 
 /// Reads the text at a path.
 ///
@@ -59,9 +59,9 @@ pub(super) fn text_of(path: &str) -> io::Result<String> {
 /// It cannot be read, is no text, or is too long.
 pub(super) fn read_all(from: impl Read) -> io::Result<String> {
     let mut text = String::new();
-    let length = from.take(LONGEST + 1).read_to_string(&mut text)?;
-    if length as u64 > LONGEST {
-        let told = format!("it is longer than {} MB", LONGEST >> 20);
+    let length = from.take(MAX_BYTES + 1).read_to_string(&mut text)?;
+    if length as u64 > MAX_BYTES {
+        let told = format!("it is longer than {} MB", MAX_BYTES >> 20);
         return Err(io::Error::other(told));
     }
     Ok(text)

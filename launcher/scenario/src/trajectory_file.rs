@@ -1,7 +1,7 @@
 //! Trajectories as files of comma-separated values: what planners write, and tables of samples.
 
 use super::problem::{Place, Problem};
-use super::trajectory::{MOST_ROWS, out_of_order};
+use ::pilot::settings::{MAX_ROWS, first_not_increasing};
 use core::ops::Range;
 use miette::NamedSource;
 
@@ -115,8 +115,8 @@ impl Table {
             let (first, what) = (first.clone(), "has names of columns, and no rows".to_owned());
             return Err(refuse(first, what, "write a row of numbers for each piece or sample"));
         }
-        if records.len() > MOST_ROWS {
-            let what = format!("has {} rows, and at most {MOST_ROWS} fit", records.len());
+        if records.len() > MAX_ROWS {
+            let what = format!("has {} rows, and at most {MAX_ROWS} fit", records.len());
             return Err(refuse(0..0, what, "keep every second row, or fewer"));
         }
         let mut table = Self {
@@ -132,7 +132,7 @@ impl Table {
             table.rows.push(row);
             table.spans.push(span);
         }
-        if let Some(row) = out_of_order(&table.rows).filter(|_| !table.is_pieces) {
+        if let Some(row) = first_not_increasing(&table.rows).filter(|_| !table.is_pieces) {
             let at = |row: usize| table.rows[row].first().copied().unwrap_or(0.0);
             let what = format!("{:?} s comes after {:?} s", at(row), at(row - 1));
             return Err(table.problem(Some(row), &what, "let the times increase from row to row"));

@@ -1,10 +1,10 @@
 //! From the merged document to types, section by section, with every complaint at its place.
 
 use super::document::{Document, Value};
-use super::pilot::{self, Manoeuvre, PilotSettings};
 use super::problem::Problem;
 use super::settings::{SECTIONS, Settings};
 use super::suggest;
+use ::pilot::settings::{self as pilot, Manoeuvre};
 use core::ops::Range;
 use disturbance_injector::Event;
 use garde::Validate;
@@ -124,14 +124,14 @@ impl<'t> Reader<'_, 't> {
     }
 
     /// `kind` decides which keys the section has; serde's tagged enums would lose the places.
-    fn pilot(&mut self, name: &str) -> PilotSettings {
+    fn pilot(&mut self, name: &str) -> pilot::Settings {
         let Some(section) = self.document.root().get(name) else {
-            return PilotSettings::default();
+            return pilot::Settings::default();
         };
         let span = section.span();
         let Some(table) = section.get_ref().as_table() else {
             self.complain(name, "is not a section", format!("write [{name}]"), &span);
-            return PilotSettings::default();
+            return pilot::Settings::default();
         };
         let (mut common, mut own) = (DeTable::new(), table.clone());
         for key in pilot::COMMON_KEYS {
@@ -140,7 +140,7 @@ impl<'t> Reader<'_, 't> {
             }
         }
         let Some(kind) = self.kind(&mut own, &span, name, &pilot::KINDS) else {
-            return PilotSettings::default();
+            return pilot::Settings::default();
         };
         let section = |table| Some(Spanned::new(span.clone(), DeValue::Table(table)));
         let common = self.validated(name, section(common));
@@ -152,7 +152,7 @@ impl<'t> Reader<'_, 't> {
             "trajectory" => Manoeuvre::Trajectory(self.validated(name, own)),
             _ => Manoeuvre::AttitudeStep(self.validated(name, own)),
         };
-        PilotSettings { common, manoeuvre }
+        pilot::Settings { common, manoeuvre }
     }
 
     fn injector(&mut self, name: &str) -> disturbance_injector::settings::Settings {

@@ -1,7 +1,7 @@
 //! From a scenario to the flight's graph: loops with their rates, arrows with their latencies.
 
 use super::settings::{Clock, LatencySettings, Settings};
-use crate::services::{Crew, Loop};
+use crate::services::{Assignment, Loop};
 use runtime::graph::Edge;
 use runtime::{Graph, GraphError, MissPolicy, Node, Rate, RateError};
 use shared_types::time::ns_from_s;
@@ -45,7 +45,7 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
     let nodes = Role::STEPPING
         .into_iter()
         .filter(|role| !(rig && *role == Role::Position))
-        .filter(|role| settings.watch.enabled || *role != Role::Monitor)
+        .filter(|role| settings.monitor.enabled || *role != Role::Monitor)
         .map(|role| node(settings, role))
         .collect::<Result<Vec<_>, _>>()?;
     let graph = Graph::new(nodes, &|topic| latency_ns(&settings.latency, topic))?;
@@ -58,7 +58,7 @@ pub(super) fn graph(settings: &Settings) -> Result<Graph, WiringError> {
 }
 
 fn node(settings: &Settings, role: Role) -> Result<Node, WiringError> {
-    let rate_hz = Crew::of(settings).rate_hz(role, settings);
+    let rate_hz = Assignment::of(settings).rate_hz(role, settings);
     let rate = Rate::from_hz(rate_hz)
         .map_err(|error| WiringError::Rate { section: section(role), error })?;
     let lead_ns = match role {

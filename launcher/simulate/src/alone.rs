@@ -27,7 +27,7 @@ const LOOK_EVERY_NS: u64 = 20_000_000;
 /// recording as with processes.
 ///
 /// # Errors
-/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+/// [`RunError`] if the flight never started; what happens in flight is in the summary.
 pub fn run_in_process(options: &RunOptions) -> Result<Summary, RunError> {
     let scenario = &options.scenario;
     if clock_of(scenario) == ClockMode::Realtime {
@@ -74,7 +74,7 @@ pub struct FlownAlone<O> {
 /// `branched` tells in the recording from where on its scenario holds.
 ///
 /// # Errors
-/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+/// [`RunError`] if the flight never started; what happens in flight is in the summary.
 pub fn fly_alone<O: Observer + Default>(
     options: &RunOptions,
     branched: Option<record::Branched>,

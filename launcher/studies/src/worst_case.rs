@@ -17,7 +17,7 @@ use vehicle::{MorphAngle, VehicleParameters};
 /// Free optima up to this many times the bound.
 const REACH: f64 = 10.0;
 /// Paths after which an enumeration gives up.
-const MOST_PATHS: u64 = 1_000_000;
+const MAX_PATHS: u64 = 1_000_000;
 
 /// Why there is no certificate.
 #[derive(Debug, thiserror::Error)]
@@ -63,7 +63,7 @@ pub fn certify(
     let program = axis(rate_hz, morph_angle, control)?;
     let start = if warm { Start::Warm } else { Start::Cold };
     let certificate = program
-        .certify(start, MOST_PATHS)
+        .certify(start, MAX_PATHS)
         .map_err(|source| WorstCaseError::Certificate { control, source })?;
     let (changes, starts, paths) = (certificate.changes, certificate.starts, certificate.paths);
     Ok(WorstCase { control, warm, changes, starts, paths })

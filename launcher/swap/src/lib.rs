@@ -26,6 +26,7 @@ pub use post_event::{FlightError, PostEvent};
 pub use post_note::PostNote;
 pub use rehearsal_spec::{Owners, RehearsalSpec};
 pub use slots::{
-    FAULT, Means, News, Posts, Script, Seen, SlotWatch, Slots, SwapEnd, SwapReport, write_table,
+    FAULT, News, Posts, Script, Seen, SlotContext, SlotWatch, Slots, SwapEnd, SwapReport,
+    write_table,
 };
 pub use standstill::Standstill;

@@ -64,12 +64,12 @@ pub enum PostEvent {
         /// Period of its loop \[ns\].
         period_ns: u64,
     },
-    /// A process has left, with an obituary unless it did so in order.
+    /// A process has left, with the reason unless it did so in order.
     Gone {
         /// Its role and seat.
         place: Seat,
         /// How it has ended; none if in order.
-        obituary: Option<String>,
+        exit_reason: Option<String>,
     },
 }
 

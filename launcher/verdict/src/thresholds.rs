@@ -31,7 +31,7 @@ const ANSWER_S: f64 = 0.5;
 /// Permitted error of an angle at the end of a flight on a rig, as a share of its step.
 const STEP_SHARE: f64 = 0.25;
 /// Smallest limit on that error, for small steps and for a rig without a step \[rad\].
-const STEP_LEAST_RAD: f64 = 0.02;
+const MIN_STEP_RAD: f64 = 0.02;
 /// Longest permitted time with clipped rotors \[s\]: the time that a position loop may be without authority
 /// before the error exceeds [`AT_REST_M`].
 const CLIPPED_S: f64 = 0.5;
@@ -154,9 +154,9 @@ impl Thresholds {
         let end_rad = if after_step_s < ANSWER_S {
             LOST_RAD
         } else {
-            STEP_LEAST_RAD.max(STEP_SHARE * step_rad.unwrap_or(0.0).abs())
+            MIN_STEP_RAD.max(STEP_SHARE * step_rad.unwrap_or(0.0).abs())
         };
-        let why = format!("{STEP_SHARE} of the step, at least {STEP_LEAST_RAD} rad");
+        let why = format!("{STEP_SHARE} of the step, at least {MIN_STEP_RAD} rad");
         self.put("attitude_end_max_rad", end_rad, why);
         let tilt_max_rad = (2.0 * tilt_rad + TILT_MARGIN_RAD).clamp(0.0, core::f64::consts::PI);
         let why =

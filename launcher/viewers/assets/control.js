@@ -1,6 +1,6 @@
 // Buttons for what can be asked of a flight under way. Ranges are those of the launcher's orders.
 
-const LONGEST_S = 3600;
+const MAX_DURATION_S = 3600;
 const REACH_M = 100;
 /** A second click on Stop counts for this long. */
 const SURE_MS = 3000;
@@ -153,7 +153,7 @@ class Control {
     const angle = made("input", { type: "range", min: 45, max: 160, step: 1, value: 90, aria: "deployable angle β [deg]" });
     const shown = made("output", { className: "angle", textContent: "90°" });
     angle.addEventListener("input", () => { shown.textContent = `${angle.value}°`; });
-    const over = numeric({ name: "over s", unit: "s", min: 0, max: LONGEST_S, value: 2 });
+    const over = numeric({ name: "over s", unit: "s", min: 0, max: MAX_DURATION_S, value: 2 });
     return this.row("morph β", [angle, shown, over.label, made("button", { textContent: "Morph", type: "submit" })], (button) => {
       const morph = { angle_deg: angle.valueAsNumber, over_s: over.input.valueAsNumber };
       this.send(button, "morph", { request: "order", order: { morph } });
@@ -163,7 +163,7 @@ class Control {
   disturb() {
     const choice = made("select", { aria: "what disturbs" }, ...Object.keys(LOADS).map((name) => made("option", { value: name, textContent: name })));
     const place = made("span", { className: "fields" });
-    const during = numeric({ name: "for s", unit: "s", min: 0.001, max: LONGEST_S, required: false });
+    const during = numeric({ name: "for s", unit: "s", min: 0.001, max: MAX_DURATION_S, required: false });
     during.input.placeholder = "ever";
     during.input.className = "optional";
     let inputs = [];

@@ -1,7 +1,7 @@
 """What any controller in Python needs to be a process of a morphquad run, in lockstep and in realtime.
 
 A controller file imports this first, defines a law, and ends with `attitude.main` or `position.main`.
-ARCHITECTURE.md, "A controller in another language", has the rules that the modules here follow.
+`launcher/docs/controllers.md` has the rules that the modules here follow.
 """
 
 import os

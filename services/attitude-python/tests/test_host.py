@@ -57,7 +57,7 @@ def idler():
     return subprocess.Popen(["sleep", "60"])
 
 
-def bury(process):
+def reap(process):
     process.kill()
     process.wait()
 
@@ -76,12 +76,12 @@ class LauncherRules(unittest.TestCase):
             lock.write_text(f"{first.pid} {process_start(first.pid)}\n")
             launcher = Launcher(pathlib.Path(folder), first.pid, 600.0)
             self.assertFalse(launcher.is_gone)
-            bury(first)
+            reap(first)
             await_that(lambda: launcher.is_gone)
             lock.write_text(f"{second.pid} {process_start(second.pid)}\n")
             await_that(lambda: not launcher.is_gone)
             self.assertFalse(launcher.is_given_up)
-            bury(second)
+            reap(second)
             await_that(lambda: launcher.is_gone)
 
     def test_a_controller_that_hangs_does_not_outlive_its_launcher(self):
@@ -96,7 +96,7 @@ class LauncherRules(unittest.TestCase):
         folder = pathlib.Path(__file__).resolve().parent.parent
         with subprocess.Popen([sys.executable, "-c", hangs], cwd=folder, stdout=subprocess.PIPE) as process:
             process.stdout.readline()
-            bury(leader)
+            reap(leader)
             self.assertEqual(process.wait(), -signal.SIGKILL)
 
 

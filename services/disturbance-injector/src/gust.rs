@@ -7,12 +7,12 @@
 use noise::Noise;
 
 /// Least airspeed in the correlation time \[m/s\].
-const LEAST_AIRSPEED: f64 = 1.0;
+const MIN_AIRSPEED: f64 = 1.0;
 
 /// V of the correlation time \[m/s\].
 pub(crate) fn airspeed(mean_w_m_s: &[f64; 3]) -> f64 {
     let [x, y, z] = mean_w_m_s;
-    (x * x + y * y + z * z).sqrt().max(LEAST_AIRSPEED)
+    (x * x + y * y + z * z).sqrt().max(MIN_AIRSPEED)
 }
 
 /// A draw from the stationary distribution, of unit variance on each axis.

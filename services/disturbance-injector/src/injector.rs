@@ -79,7 +79,7 @@ impl Injector {
 
     /// Continues from a memory: bit for bit if it is of the same script. In another script an event
     /// takes over what was at its place unless it begins later, so that a fault can be added to a
-    /// flight in the air; one that would have been over by now stays away.
+    /// running flight; one that would have been over by now stays away.
     pub fn restore(&mut self, memory: &InjectorMemory) {
         self.last_ns = memory.last_ns;
         self.ordered.restore(&memory.ordered);

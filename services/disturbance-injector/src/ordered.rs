@@ -1,4 +1,4 @@
-//! Disturbances that are ordered while the flight is in the air.
+//! Disturbances that are ordered in flight.
 
 use crate::event::{Constant, Event, Kick, Load, Payload, RotorEfficiency, Wind};
 use crate::player::{Disturbance, EventMemory, Player};

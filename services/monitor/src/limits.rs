@@ -59,7 +59,7 @@ impl Default for Limits {
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
     /// * `excursion_m`: a little less than half a metre, within which the vehicle is to stay of where it would have
     ///   been (`swap_table patient` of the catalogue). No shipped controller gets to 0.35 m (`swap_table good all
-    ///   watch.excursion_m=0.35`).
+    ///   monitor.excursion_m=0.35`).
     /// * `off_course_m`, `off_course_s`: two thirds of `excursion_m`, for longer than the vehicle needs to cover
     ///   that distance.
     /// * `height_m`: the length of an arm, with the arms spread.

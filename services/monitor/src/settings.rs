@@ -1,4 +1,4 @@
-//! The section `[watch]` of a scenario.
+//! The section `[monitor]` of a scenario.
 
 use crate::limits::Limits;
 use garde::Validate;

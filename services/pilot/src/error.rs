@@ -5,7 +5,7 @@ use thiserror::Error;
 
 /// Largest gap between two pieces of each measure: files have six decimals, of which high powers of time make
 /// millimetres.
-pub(super) const LARGEST_GAPS: [(f64, &str); 4] =
+pub(super) const MAX_GAPS: [(f64, &str); 4] =
     [(0.01, "m"), (0.1, "m/s"), (0.02, "rad"), (0.2, "rad/s")];
 
 /// A flight plan that cannot be flown as written.

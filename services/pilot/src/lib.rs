@@ -3,7 +3,8 @@
 //! [`Pilot`] publishes a [`Trajectory`] with preview and a [`MorphSchedule`] with its path;
 //! [`RigPilot`] holds the position slot of a rig flight and steps the attitude instead. Open
 //! [`trajectory`] for the shapes, [`morph`] for the deployable angle, [`diversion`] for what orders make
-//! of both, [`flight`] and [`rig`] for what is published.
+//! of both, [`flight`] and [`rig`] for what is published,
+//! [`settings`] for the section of a scenario.
 
 pub mod diversion;
 pub mod divert;
@@ -14,6 +15,7 @@ pub mod morph;
 mod pace;
 pub mod polynomials;
 pub mod rig;
+pub mod settings;
 mod spline;
 #[cfg(test)]
 mod tests;

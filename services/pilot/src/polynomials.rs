@@ -2,7 +2,7 @@
 //!
 //! Nothing stops at a joint. What moves in the end comes to rest along a cubic of its speed.
 
-use super::error::{LARGEST_GAPS, position, within};
+use super::error::{MAX_GAPS, position, within};
 use super::pace::{POSITION_BRAKE, YAW, braked};
 use super::spline::Spline;
 use super::{PilotError, TrajectoryPoint};
@@ -247,7 +247,7 @@ fn joins(
     let apart = |order: usize| norm(core::array::from_fn(|i| begin[i][order] - end[i][order]));
     let turned = |order: usize| (begin[3][order] - end[3][order]).abs();
     let gaps = [apart(0), apart(1), turned(0), turned(1)];
-    for (gap, (limit, unit)) in gaps.into_iter().zip(LARGEST_GAPS) {
+    for (gap, (limit, unit)) in gaps.into_iter().zip(MAX_GAPS) {
         if gap > limit || gap.is_nan() {
             return Err(PilotError::Disjoint { list, index, gap, limit, unit });
         }

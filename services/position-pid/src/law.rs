@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use vehicle::VehicleParameters;
 
 /// Thrust is raised with the tilt up to this: cos 0.8, beyond which no set point goes.
-const LEAST_COSINE: f64 = 0.7;
+const MIN_COSINE: f64 = 0.7;
 
 /// Everything the law is told before it flies; gains for x, y and z.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -264,7 +264,7 @@ impl PositionPidLaw {
         Vector3::new(
             libm::atan2(acceleration.x, lift),
             -libm::atan2(acceleration.y, lift),
-            self.mass_kg * (acceleration.z + g) / cosine.max(LEAST_COSINE),
+            self.mass_kg * (acceleration.z + g) / cosine.max(MIN_COSINE),
         )
     }
 

@@ -175,7 +175,7 @@ fn fly(morphquad: &Path, case: &Case, is_watched: bool) -> Result<Flown, Box<dyn
     let output = Command::new(morphquad)
         .args(["run", scenario, "--in-process", "--no-record", "--format", "json"])
         .args(["--seed", &seed.to_string()])
-        .args(["--set", &format!("watch.enabled={is_watched}")])
+        .args(["--set", &format!("monitor.enabled={is_watched}")])
         .args(["--set", "rehearsal.wall_max_s=600"])
         .arg("--swap")
         .arg(format!(

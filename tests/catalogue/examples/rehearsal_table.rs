@@ -172,8 +172,9 @@ fn main() {
                     let set = flight.set.iter().map(|set| Override::set(set));
                     let mut edits: Vec<Override> = set.map(|set| set.expect("a setting")).collect();
                     edits.push(Override::seed(seed));
-                    let crew = format!("{}={owner}", slot.label());
-                    edits.push(Override::crew(&crew).expect("a controller of the slot"));
+                    let assignment = format!("{}={owner}", slot.label());
+                    edits
+                        .push(Override::controller(&assignment).expect("a controller of the slot"));
                     let scenario = Scenario::load(flight.scenario, &edits).expect("a scenario");
                     for at_s in flight.at_s {
                         let at_ms = at_s * 1e3 + 13.0 * seed as f64;

@@ -4,7 +4,7 @@
 //! `swap_table [attitude|position] [all|watch|none] [good] [patient] [pairs] [python] [SEEDS] [KEY=VALUE...] [ENTRY...]`:
 //! `good` flies every shipped controller in place of every other, `patient` those whose fault begins after rehearsal
 //! and rollback window, `pairs` each of those in the position slot after an attitude controller of `entries_of_pairs`,
-//! `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for example `watch.rate_hz=200.0`. Run it after
+//! `python` the controllers in Python, good or bad, and `KEY=VALUE` sets a key of the scenario, for example `monitor.rate_hz=200.0`. Run it after
 //! `cargo build --release --workspace --examples --bins`; Python needs the environment of
 //! `services/attitude-python/README.md`.
 #![expect(clippy::print_stdout, reason = "its table is for people")]

@@ -231,7 +231,7 @@ pub fn plain(
 
 /// The settings that make `holder` the first owner of its slot.
 fn held(holder: Option<Holder>) -> Result<Vec<Override>, ScenarioError> {
-    let edit = holder.map(|(slot, name)| Override::crew(&format!("{}={name}", slot.label())));
+    let edit = holder.map(|(slot, name)| Override::controller(&format!("{}={name}", slot.label())));
     Ok(edit.transpose()?.into_iter().collect())
 }
 
@@ -330,8 +330,8 @@ fn swap(
         swap.push_str(",no-rehearsal,force");
     }
     if guard == Guard::None {
-        edits.push(Override::set("watch.enabled=false")?);
-        edits.push(Override::set("watch.fallback=\"none\"")?);
+        edits.push(Override::set("monitor.enabled=false")?);
+        edits.push(Override::set("monitor.fallback=\"none\"")?);
     }
     edits.push(Override::swap(&swap)?);
     Ok(edits)

@@ -82,7 +82,7 @@ pub(super) fn storm(seed: u64, kind: Kind) -> Vec<(f64, Act)> {
     acts
 }
 
-/// False for the end of a process that is in none of these acts, nor in the air from the start.
+/// False for the end of a process that is in none of these acts, nor running from the start.
 fn flies(act: &Act, acts: &[(f64, Act)]) -> bool {
     let (Act::Kill { name } | Act::Stop { name, .. }) = act else { return true };
     let is_swapped_in = |(_, act): &(f64, Act)| matches!(act, Act::Swap { to, .. } if to == name);

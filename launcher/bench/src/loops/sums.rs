@@ -5,12 +5,12 @@ use crate::floor::{FloorData, FloorPlan};
 use crate::measure::{Chains, FIGURES, SETPOINT_HOLD, Steps, Window, taken, totals};
 use crate::peer::floor::Payload;
 use crate::report::{
-    Cost, Counts, Figure, FloorReport, LinkReport, LoopReport, MOST_MISSES, PathReport,
+    Cost, Counts, Figure, FloorReport, LinkReport, LoopReport, MAX_MISS_SHARE, PathReport,
 };
 use crate::series::{Quantiles, Series};
 use observe::stopwatch::Stopwatch;
 use runtime::{Graph, Node};
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use shared_types::{LoopStats, Role, Seat as LoopSeat, topics};
 use std::collections::BTreeMap;
 
@@ -54,7 +54,7 @@ pub(super) struct Sums<'a> {
 
 impl Sums<'_> {
     pub(super) fn loops(&self) -> (Vec<LoopReport>, Vec<(String, Steps)>) {
-        let crew = Crew::of(self.plan.scenario.settings());
+        let assignment = Assignment::of(self.plan.scenario.settings());
         let mut upstream = None;
         let (mut reports, mut all) = (Vec::new(), Vec::new());
         // Steps are known by the stamps of what they publish; the monitor is silent while all is well.
@@ -72,7 +72,7 @@ impl Sums<'_> {
             for (key, steps, cold) in seats {
                 let mut seen = self.watch.looks.iter().flat_map(|look| &look.seen);
                 let seen = seen.find(|s| (s.role, s.seat) == key).map(|s| s.name.as_str());
-                let usual = crew.name(node.role).unwrap_or(node.role.label());
+                let usual = assignment.name(node.role).unwrap_or(node.role.label());
                 let mut name = seen.unwrap_or(usual).to_owned();
                 if key.1 > 0 {
                     name = format!("{name}@{}", key.1);
@@ -121,7 +121,7 @@ impl Sums<'_> {
             timed: ping_of(node.role).is_none() || node.role == Role::Plant,
             rate_hz: node.rate.hz(),
             achieved_hz: (due > 0).then(|| node.rate.hz() * (steps.ran as f64 / due as f64)),
-            holds: counts.miss_share() <= MOST_MISSES,
+            holds: counts.miss_share() <= MAX_MISS_SHARE,
             warm_up_steps: cold.ran,
             figures: figures.collect(),
             counts,
@@ -179,8 +179,8 @@ impl Sums<'_> {
         &self,
         steps: &[(String, Steps)],
     ) -> (Vec<PathReport>, Vec<(String, Chains)>) {
-        let crew = Crew::of(self.plan.scenario.settings());
-        let name = |role: Role| crew.name(role).unwrap_or(role.label());
+        let assignment = Assignment::of(self.plan.scenario.settings());
+        let name = |role: Role| assignment.name(role).unwrap_or(role.label());
         let compute = |role: Role| -> Option<Quantiles> {
             let found = steps.iter().find(|(known, _)| known == name(role));
             found.and_then(|(_, steps)| steps.compute.quantiles())

@@ -90,7 +90,7 @@ pub fn taken(looks: &[Look], role: Role, seat: u32, window: &Window) -> Taken {
     let within: Vec<&Look> =
         looks.iter().filter(|look| (from_ns..to_ns).contains(&look.mono_ns)).collect();
     let of = |look: &Look| look.seen.iter().find(|s| s.role == role && s.seat == seat).cloned();
-    let crew = |look: &Look| -> Vec<u32> { look.seen.iter().map(|seen| seen.pid).collect() };
+    let pids = |look: &Look| -> Vec<u32> { look.seen.iter().map(|seen| seen.pid).collect() };
     let mut taken = Taken::default();
     for pair in within.windows(2) {
         let (Some(before), Some(after)) = (of(pair[0]), of(pair[1])) else { continue };
@@ -99,7 +99,7 @@ pub fn taken(looks: &[Look], role: Role, seat: u32, window: &Window) -> Taken {
             continue;
         }
         let since = after.usage.since(&before.usage);
-        if crew(pair[0]) == crew(pair[1]) {
+        if pids(pair[0]) == pids(pair[1]) {
             taken.settled = taken.settled.and(&since);
             taken.settled_ns += pair[1].mono_ns - pair[0].mono_ns;
         } else {

@@ -1,4 +1,4 @@
-//! Arguments of the commands to a run in the air.
+//! Arguments of the commands to a running flight.
 
 use super::Format;
 use super::duration::duration;
@@ -14,7 +14,7 @@ Examples:
 
 AT is the first instant that a process has not yet published completely, AGE the wall time since this \
 last advanced. CPU counts from the start of the process, RSS with the memory that processes share. \
-Ends with 2 if no run is in the air, or several and none is named.";
+Ends with 2 if no run is active, or several and none is named.";
 
 pub(super) const SWAP_EXAMPLES: &str = "\
 Examples:
@@ -38,9 +38,9 @@ When the launcher of a realtime flight dies, its processes fly on for launcher.l
 the scenario says otherwise: the vehicle hovers, warm fallbacks take over, and nobody restarts anything. This \
 command leads the flight to its end, as `run` would have: restarts, orders, summary, and a recording from here \
 on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if somebody \
-leads it, it never was in the air, or it is of another build: the run then goes on as it was.";
+leads it, it never started, or it is of another build: the run then goes on as it was.";
 
-/// A run in the air.
+/// A running flight.
 #[derive(Debug, Clone, Args)]
 pub struct RunChoice {
     /// The run, by its name or the beginning of it; not needed if there is only one
@@ -48,7 +48,7 @@ pub struct RunChoice {
     pub run: Option<String>,
 }
 
-/// What to show of a run in the air.
+/// What to show of a running flight.
 #[derive(Debug, Clone, Args)]
 pub struct PsArguments {
     /// The run.

@@ -82,7 +82,7 @@ pub fn scenario_words(scenario: &ScenarioArguments, usual: &str) -> Vec<String> 
     words.extend(scenario.seed.map(|seed| format!("--seed={seed}")));
     let lists = [
         ("--rate", &scenario.rate),
-        ("--crew", &scenario.crew),
+        ("--controller", &scenario.controller),
         ("--set", &scenario.set),
         ("--swap", &scenario.swap),
         ("--standby", &scenario.standby),

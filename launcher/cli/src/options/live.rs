@@ -12,7 +12,7 @@ Examples:
   morphquad live
   morphquad live --listen 127.0.0.1:0 --every-sample --no-open
 
-Serves a run in the air, any number of times: to a browser as a page with buttons, and over the Foxglove \
+Serves a running flight, any number of times: to a browser as a page with buttons, and over the Foxglove \
 WebSocket protocol, where nobody can write. Whoever opens the address as printed, with its token, may give \
 orders. Ends with the run; with 2 for an address that cannot be used.";
 

@@ -13,7 +13,7 @@ Examples:
 
 The reference leaves its plan smoothly from wherever it is, moving or not, and rests there for the rest of \
 the flight. Up to 100 m from the origin; over ground not below 0.2 m. \
-Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are in the air.";
+Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are active.";
 
 pub(super) const MORPH_EXAMPLES: &str = "\
 Examples:
@@ -21,7 +21,7 @@ Examples:
   morphquad morph 45 --over 500ms
 
 From 45 to 160 degrees, no faster than the servo's rate limit; a sweep that is under way is left smoothly. \
-Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are in the air.";
+Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are active.";
 
 pub(super) const DISTURB_EXAMPLES: &str = "\
 Examples:
@@ -31,7 +31,7 @@ Examples:
   morphquad disturb off
 
 Adds to what the scenario's script does, up to eight at a time, until its time or `off`. \
-Ends with 0 once the injector has it; 2 if it is out of range, or no run or several are in the air; 3 if \
+Ends with 0 once the injector has it; 2 if it is out of range, or no run or several are active; 3 if \
 eight are under way.";
 
 /// A place to go.

@@ -34,7 +34,7 @@ pub struct RehearseArguments {
     pub set: Vec<String>,
     /// Who fills a slot before, for example `attitude=attitude-lqr`
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
-    pub crew: Vec<String>,
+    pub controller: Vec<String>,
     /// Number of the swap within the run, from which the draws follow
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub number: u64,
@@ -46,7 +46,7 @@ pub struct RehearseArguments {
     pub format: Format,
     /// Rehearse what this file of JSON says, or standard input for `-`, and print the verdict as one line
     /// of JSON; ends when the process that started it does
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["swap", "seed", "set", "crew", "scenario_of"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["swap", "seed", "set", "controller", "scenario_of"])]
     pub spec: Option<PathBuf>,
     /// How much to stand back for other processes while it flies what `--spec` says
     #[arg(long, value_name = "N", default_value_t = 0, requires = "spec")]

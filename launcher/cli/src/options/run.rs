@@ -35,7 +35,7 @@ pub struct ScenarioArguments {
     pub rate: Vec<String>,
     /// Who fills a slot, for example `attitude=attitude-lqr`; `check` names them
     #[arg(long, value_name = "SLOT=NAME", value_delimiter = ',')]
-    pub crew: Vec<String>,
+    pub controller: Vec<String>,
     /// Any key of the scenario, for example `start.morph_angle_deg=120`
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
@@ -73,11 +73,12 @@ impl ScenarioArguments {
         let swap = self.swap.iter().map(|argument| Override::swap(argument));
         let fault = self.fault.iter().map(|argument| Override::fault(argument));
         let standby = self.standby.iter().map(|argument| Override::standby(argument));
-        let crew = self.crew.iter().map(|argument| Override::crew(argument));
+        let assigned = self.controller.iter().map(|argument| Override::controller(argument));
         let goto = self.goto.iter().map(|argument| Override::goto(argument));
         let morph = self.morph.iter().map(|argument| Override::morph(argument));
         let orders = goto.chain(morph);
-        let all = set.chain(rate).chain(crew).chain(swap).chain(standby).chain(fault).chain(orders);
+        let all =
+            set.chain(rate).chain(assigned).chain(swap).chain(standby).chain(fault).chain(orders);
         let mut overrides = all.collect::<Result<Vec<_>, _>>()?;
         overrides.extend(self.strict.then(|| Override::set("realtime.strict=true")).transpose()?);
         overrides.extend(self.clock.as_deref().map(Override::clock));

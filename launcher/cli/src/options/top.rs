@@ -14,7 +14,7 @@ was that it descends from: medians of the last second (u for us, m for ms). MISS
 deadlines missed in the whole flight, Q releases that the plant has passed and the loop has not published. EP \
 is the epoch of a slot's owner, GEN how often a process was restarted. \
 Keys: s swap, r roll back, d disturb, m morph, g goto; each begins a command line, which Enter carries out \
-and Esc drops. q ends. Ends with 2 if no run is in the air, or several and none is named.";
+and Esc drops. q ends. Ends with 2 if no run is active, or several and none is named.";
 
 /// What to watch.
 #[derive(Debug, Clone, Args)]

@@ -11,7 +11,7 @@ Examples:
   morphquad topic list
   morphquad topic list --format json
 
-With a run in the air, HZ is what came within --for; without one it stays empty.";
+With a running flight, HZ is what came within --for; without one it stays empty.";
 
 pub(super) const ECHO_EXAMPLES: &str = "\
 Examples:
@@ -24,7 +24,7 @@ Examples:
 Live, the launcher hands on copies of what it records: no loop has to do with it. Whoever reads too slowly \
 loses samples and is told how many. With --field a line has the instant from which the sample is in effect, \
 then the values. Without --count it goes on to the end of the flight. \
-Ends with 2 for an unknown topic or file, or if no run or several are in the air.";
+Ends with 2 for an unknown topic or file, or if no run or several are active.";
 
 pub(super) const HZ_EXAMPLES: &str = "\
 Examples:
@@ -54,7 +54,7 @@ which a sample is in effect, then every field by its name; `field[2]` is an elem
 /// What to do with topics.
 #[derive(Debug, Clone, Subcommand)]
 pub enum TopicCommand {
-    /// Name the topics, and how often they come in a run in the air
+    /// Name the topics, and how often they come in a running flight
     #[command(after_help = LIST_EXAMPLES)]
     List(TopicListArguments),
     /// Show samples, field by field

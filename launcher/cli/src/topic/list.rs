@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use shared_types::{TopicInfo, topics};
 use std::io::Write;
 
-/// Names every topic; with a run in the air, also how often it comes.
+/// Names every topic; with a running flight, also how often it comes.
 pub(super) fn run(arguments: &TopicListArguments, out: &mut dyn Write) -> Done {
     let tallies = match runs::find(arguments.run.run.as_deref()) {
         Ok(run) => Some(listen(&run, &topics::all(), arguments.duration)?.0),

@@ -1,4 +1,4 @@
-//! `morphquad topic`: topics of a run in the air, and of a recording.
+//! `morphquad topic`: topics of a running flight, and of a recording.
 
 mod echo;
 mod export;

@@ -1,14 +1,14 @@
-//! What may be changed in the air.
+//! What may be changed in flight.
 
 use miette::Diagnostic;
-use scenario::services::{self, Crew};
+use scenario::services::{self, Assignment};
 use scenario::{Override, Scenario, ScenarioError};
 use thiserror::Error;
 
 /// Keys, or sections, that a flight cannot be taken up with, and why. Everything else takes effect
 /// at the branch, unless a component refuses its memory under it.
 const FIXED: [(&str, &str); 12] = [
-    ("start", "is where the flight began, and it is in the air"),
+    ("start", "is where the flight began, and it is past"),
     ("scenario.seed", "is changed by --seed, or --seeds for many branches"),
     ("scenario.clock", "is lockstep in a branch, whose flight is in one process"),
     ("scenario.speed", "does nothing in a branch, which flies as fast as it can"),
@@ -54,7 +54,7 @@ pub enum ChangeError {
         reason: &'static str,
     },
     /// Where slots change hands.
-    #[error("--set {setting}: in a flight whose slots change hands it cannot be set in the air")]
+    #[error("--set {setting}: where slots change hands it cannot be set at a branch")]
     #[diagnostic(help(
         "swap a controller, take another seed, or fly it from the start with the setting"
     ))]
@@ -96,10 +96,13 @@ impl Change {
     /// True if the flight goes on as it was `recorded`; one swapped for its like is no change.
     #[must_use]
     pub fn is_none(&self, recorded: &Scenario) -> bool {
-        let same_crew = self.crew(recorded).is_ok_and(|crew| crew == Crew::of(recorded.settings()));
-        // Whoever has the slot at the instant need not be the one of the crew.
-        let same_crew = same_crew && (self.swap.is_empty() || !recorded.settings().is_scripted());
-        self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_crew
+        let same_assignment = self
+            .assignment(recorded)
+            .is_ok_and(|assignment| assignment == Assignment::of(recorded.settings()));
+        // Whoever has the slot at the instant need not be the one that was assigned.
+        let same_assignment =
+            same_assignment && (self.swap.is_empty() || !recorded.settings().is_scripted());
+        self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_assignment
     }
 
     /// True if steps may differ from those recorded; a flight that only ends elsewhere has the same.
@@ -109,8 +112,8 @@ impl Change {
     }
 
     /// Who flies from the branch on.
-    fn crew(&self, recorded: &Scenario) -> Result<Crew, ChangeError> {
-        let mut crew = Crew::of(recorded.settings());
+    fn assignment(&self, recorded: &Scenario) -> Result<Assignment, ChangeError> {
+        let mut assignment = Assignment::of(recorded.settings());
         for swap in &self.swap {
             let (slot, name) = swap.split_once('=').unwrap_or((swap, ""));
             let filled = services::filling(slot.trim(), name.trim());
@@ -119,9 +122,9 @@ impl Change {
                 what: what.to_owned(),
                 known: services::fillings().join(" or "),
             })?;
-            let _ = crew.swap(role, name);
+            let _ = assignment.swap(role, name);
         }
-        Ok(crew)
+        Ok(assignment)
     }
 
     /// The scenario from `at_ns` on.
@@ -135,7 +138,7 @@ impl Change {
             refuse_fixed(setting)?;
             edits.push(Override::set(setting)?);
         }
-        let crew = self.crew(recorded)?;
+        let assignment = self.assignment(recorded)?;
         if scripted {
             // One more line of the script: whoever takes the slot does so by the protocol.
             for swap in &self.swap {
@@ -143,10 +146,10 @@ impl Change {
                 let line = format!("{swap}@{at_ns}ns,shadow={shadow_ns}ns,rollback=0s,force");
                 edits.push(Override::swap(&line)?);
             }
-        } else if crew != Crew::of(recorded.settings()) {
+        } else if assignment != Assignment::of(recorded.settings()) {
             for role in services::SLOTS {
-                let name = crew.name(role).unwrap_or_default();
-                edits.push(Override::crew(&format!("{}={name}", role.label()))?);
+                let name = assignment.name(role).unwrap_or_default();
+                edits.push(Override::controller(&format!("{}={name}", role.label()))?);
             }
         }
         // What lies before is flown again, with the seed of then.

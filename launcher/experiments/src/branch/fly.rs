@@ -23,7 +23,7 @@ pub struct FlownBranch {
 /// `branched` from where on its scenario holds.
 ///
 /// # Errors
-/// [`RunError`] if the flight never started; what happens in the air is in the summary.
+/// [`RunError`] if the flight never started; what happens in flight is in the summary.
 pub fn run_branch(
     branch: &Branch,
     changed: &Changed,

@@ -3,7 +3,7 @@
 //!
 //! [`Branch::prepare`] restores every component from the last recorded states, flies on to the tick
 //! and compares what it repeats with the recording; from there [`Branch::resume`] goes on. [`At`] is
-//! the tick, `change` what may be changed in the air, [`sweep`] the many.
+//! the tick, `change` what may be changed in flight, [`sweep`] the many.
 
 mod at;
 mod change;
@@ -209,7 +209,7 @@ impl Branch {
     /// A flight that goes on with a change; what `observer` has not seen of it lies before.
     ///
     /// # Errors
-    /// [`BranchError`]: the change cannot be made in the air, or a component refuses its state.
+    /// [`BranchError`]: the change cannot be made in flight, or a component refuses its state.
     pub fn resume<O: Observer>(
         &self,
         changed: &Changed,

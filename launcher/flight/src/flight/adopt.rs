@@ -1,6 +1,6 @@
 //! `morphquad adopt`: a flight whose launcher has died goes on under another one.
 
-use super::start::{Crewed, graph_of, restart_policy};
+use super::start::{Prepared, graph_of, restart_policy};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
 use crate::conductor::Conductor;
 use crate::live::Live;
@@ -66,7 +66,7 @@ pub enum AdoptError {
         leave_s: f64,
     },
     /// Its launcher died too early.
-    #[error("run {run} was not in the air yet when its launcher died: its processes leave")]
+    #[error("run {run} had not started when its launcher died: its processes leave")]
     NotStarted {
         /// The run.
         run: String,
@@ -101,7 +101,7 @@ impl From<PortError> for AdoptError {
 /// Takes a run over whose launcher has died, and leads it to its end.
 ///
 /// # Errors
-/// [`AdoptError`]; nothing has been done to the run then, and what happens in the air is in the summary.
+/// [`AdoptError`]; nothing has been done to the run then, and what happens in flight is in the summary.
 pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     let AdoptOptions { run, folder, .. } = options;
     let run = run.clone();
@@ -230,9 +230,9 @@ impl Flight {
         let name = &scenario.settings().scenario.name;
         let flying = Flying::new(notes.of.epoch_unix_ns, stamps_of(options));
         let live = Live::open(folder, &notes.of.run, name, path, flying)?;
-        let crewed =
-            Crewed { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
-        Ok(Self::of(crewed, options)?)
+        let prepared =
+            Prepared { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
+        Ok(Self::of(prepared, options)?)
     }
 
     /// Takes the lead: says again what the launcher before has said last, brings the pilot back, and
@@ -264,8 +264,8 @@ impl Flight {
         for record in &notes.owners {
             let posts = &notes.posts;
             let living: Vec<_> = self.supervisor.living().collect();
-            self.with_slots(mono_now_ns(), |slots, means| {
-                slots.take_over(&record.0, posts, &living, means)
+            self.with_slots(mono_now_ns(), |slots, context| {
+                slots.take_over(&record.0, posts, &living, context)
             })
             .map_err(|error| error.to_string())?;
         }

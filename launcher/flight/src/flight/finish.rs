@@ -47,7 +47,7 @@ impl Flight {
         self.slots.finish();
         let ignored: u64 = self.bus.strays().iter().map(|stray| stray.samples).sum();
         if ignored > 0 {
-            self.notice(&format!("{ignored} samples of strangers ignored"));
+            self.notice(&format!("ignored {ignored} samples from unregistered publishers"));
         }
         let mut summary = Summary {
             run_id: id.to_owned(),

@@ -1,4 +1,4 @@
-//! How a flight comes into the air.
+//! How a flight starts.
 
 use super::{Flight, LOOK_EVERY_NS};
 use crate::conductor::Conductor;
@@ -21,7 +21,7 @@ use scenario::Scenario;
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
 use scenario::process::has_process;
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use shared_types::time::ns_from_s;
 use shared_types::{ClockMode, Hello, Role};
 use simulate::Sinks;
@@ -36,7 +36,7 @@ use swap::{FlightError, Script, SlotWatch, Slots};
 const COUNTDOWN_NS: u64 = 100_000_000;
 
 /// A flight's processes and what they are led with.
-pub(super) struct Crewed {
+pub(super) struct Prepared {
     pub(super) graph: Graph,
     pub(super) bus: Bus,
     pub(super) services: HeldServices,
@@ -50,11 +50,11 @@ pub(super) struct Crewed {
 
 /// What a scenario says about crashes.
 pub(super) fn restart_policy(scenario: &Scenario) -> RestartPolicy {
-    let patience = &scenario.settings().launcher;
+    let launcher = &scenario.settings().launcher;
     RestartPolicy {
-        backoff_ns: ns_from_s(patience.restart_backoff_s),
-        backoff_max_ns: ns_from_s(patience.restart_backoff_max_s),
-        limit: patience.restart_limit as usize,
+        backoff_ns: ns_from_s(launcher.restart_backoff_s),
+        backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
+        limit: launcher.restart_limit as usize,
     }
 }
 
@@ -78,9 +78,9 @@ impl Flight {
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
         let cpu = pinned_cpu(options.pin, clock_of(scenario));
-        let crew = Crew::of(scenario.settings());
+        let assignment = Assignment::of(scenario.settings());
         let spec = |role: Role| {
-            let (name, executable) = (crew.name(role)?.to_owned(), OWN_EXECUTABLE.into());
+            let (name, executable) = (assignment.name(role)?.to_owned(), OWN_EXECUTABLE.into());
             let launch = Launch::Service { config: None };
             Some((role, ChildSpec { name, executable, launch, cpu, nice: None, pause_ns: 0 }))
         };
@@ -96,14 +96,14 @@ impl Flight {
         let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, notebook)?;
         let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
         let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
-        let crewed =
-            Crewed { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
-        Self::of(crewed, options)
+        let prepared =
+            Prepared { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
+        Self::of(prepared, options)
     }
 
     /// The flight around its processes, before anything has been drained.
-    pub(super) fn of(crewed: Crewed, options: &RunOptions) -> Result<Self, RunError> {
-        let Crewed {
+    pub(super) fn of(prepared: Prepared, options: &RunOptions) -> Result<Self, RunError> {
+        let Prepared {
             graph,
             bus,
             services,
@@ -113,7 +113,7 @@ impl Flight {
             recording,
             mut live,
             stop,
-        } = crewed;
+        } = prepared;
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let mut sinks = Sinks::new(&roles, Metrics::of(&options.scenario), recording);

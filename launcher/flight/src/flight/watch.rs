@@ -1,7 +1,7 @@
-//! What the main loop looks at besides: strangers, loops that stand still, what is to be told.
+//! What the main loop looks at besides: unregistered publishers, loops that stand still, what is to be told.
 
 use super::Flight;
-use crate::conductor::Patience;
+use crate::conductor::StallCheck;
 use record::Severity;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use swap::{FlightError, Slots};
 const SERVICE_LOOK_NS: u64 = 500_000_000;
 
 impl Flight {
-    /// Names whoever writes on the flight's topics without a seat; nobody listens to it.
+    /// Names the unregistered publishers on the flight's topics; nobody listens to them.
     pub(super) fn name_strays(&mut self) {
         // The launcher reads neither by itself.
         let _ = self.bus.look_at_roll(|_| ());
@@ -26,7 +26,7 @@ impl Flight {
             let comm = std::fs::read_to_string(format!("/proc/{pid}/comm"));
             let name = comm.as_deref().map_or("gone by now", str::trim);
             self.notice(&format!(
-                "process {pid} ({name}) writes without a seat on {}: every sample of it is ignored",
+                "process {pid} ({name}) publishes without being registered on {}: its samples are ignored",
                 services.join(", ")
             ));
         }
@@ -80,13 +80,13 @@ impl Flight {
         // In realtime a successor gets as long to catch up as it may then lag.
         let patience_ns = if realtime { 2 * self.lag_limit_ns } else { self.stall_limit_ns };
         if now_ns.saturating_sub(since_ns) > patience_ns {
-            let patience = Patience {
+            let check = StallCheck {
                 now_mono_ns: now_ns,
                 stall_ns: self.stall_limit_ns,
                 lag_ns: self.lag_limit_ns,
             };
             let marks = &self.tap.marks;
-            let stalled = self.conductor.stalled(&self.graph, &present, marks, patience);
+            let stalled = self.conductor.stalled(&self.graph, &present, marks, check);
             if !stalled.is_empty() {
                 self.progress_at.0 = now_ns;
                 let killed = self.supervisor.kill_stalled(&stalled, &self.tap);
@@ -105,11 +105,11 @@ impl Flight {
         if over || !stopwatch.wants_look(now_ns) {
             return;
         }
-        let crew = self.supervisor.crew().filter(|member| member.ready);
-        let crew = crew.filter_map(|m| Some((m.seat.role, m.seat.index, m.name, m.pid?)));
+        let members = self.supervisor.members().filter(|member| member.ready);
+        let members = members.filter_map(|m| Some((m.seat.role, m.seat.index, m.name, m.pid?)));
         let pilot = self.graph.node(Role::Pilot).map(|node| node.role.label());
         let pilot = pilot.map(|name| (Role::Pilot, 0, name, std::process::id()));
-        stopwatch.look(now_ns, crew.chain(pilot));
+        stopwatch.look(now_ns, members.chain(pilot));
     }
 
     pub(super) fn publish_notices(&mut self, logical_ns: u64) {

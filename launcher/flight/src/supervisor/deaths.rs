@@ -48,12 +48,12 @@ impl Supervisor {
             let place = post.seat;
             if place.role.is_slot() {
                 let unheard = !post.ready && !post.scripted;
-                let obituary = unheard.then(|| {
+                let exit_reason = unheard.then(|| {
                     let (name, words) = (post.spec.name.clone(), words);
                     format!("{name} exited with status 0 before it said hello{words}")
                 });
                 self.leave_roll(place, tap);
-                self.events.push(PostEvent::Gone { place, obituary });
+                self.events.push(PostEvent::Gone { place, exit_reason });
             }
             return Ok(());
         }
@@ -85,12 +85,12 @@ impl Supervisor {
         if post.seat.role.is_slot() && (post.scripted || incurable || !keeps(post.seat)) {
             // Who commands the slot now is not decided here.
             let place = post.seat;
-            let obituary = (!post.scripted).then(|| format!("{name} {how}{words}"));
+            let exit_reason = (!post.scripted).then(|| format!("{name} {how}{words}"));
             post.scripted = false;
             post.ready = false;
             post.died = (0, 0);
             self.leave_roll(place, tap);
-            self.events.push(PostEvent::Gone { place, obituary });
+            self.events.push(PostEvent::Gone { place, exit_reason });
             return Ok(());
         }
         let place = post.seat;

@@ -102,7 +102,7 @@ impl Conversation {
         }
         let request = self.next_request(now_ns);
         if now_ns >= self.deadline_ns {
-            self.lose_patience(now_ns);
+            self.check_timeouts(now_ns);
         }
         self.speak(now_ns);
         // Nobody is left to answer; what was asked for happens all the same.
@@ -207,7 +207,7 @@ impl Conversation {
         }
     }
 
-    fn lose_patience(&mut self, now_ns: u64) {
+    fn check_timeouts(&mut self, now_ns: u64) {
         if self.state == State::Listening && self.outbox.is_empty() {
             let text = format!(
                 "no whole request within {} s: connect again when there is one",

@@ -81,10 +81,10 @@ impl Run {
 #[derive(Debug, Error)]
 pub enum FindError {
     /// There is none at all.
-    #[error("no run is in the air: start one with `morphquad run`")]
+    #[error("no run is active: start one with `morphquad run`")]
     NoRun,
     /// There is none of that name.
-    #[error("no run is called {wanted}; in the air {}", list(.living))]
+    #[error("no run is called {wanted}; active: {}", list(.living))]
     Unknown {
         /// As asked for.
         wanted: String,
@@ -92,7 +92,7 @@ pub enum FindError {
         living: Vec<Run>,
     },
     /// Every run has its launcher.
-    #[error("no run has lost its launcher; in the air {}", list(.led))]
+    #[error("no run has lost its launcher; active: {}", list(.led))]
     NoOrphan {
         /// All there are.
         led: Vec<Run>,
@@ -104,7 +104,7 @@ pub enum FindError {
         orphans: Vec<Run>,
     },
     /// There is more than one.
-    #[error("{} runs are in the air, name one with --run:{}", .living.len(), list(.living))]
+    #[error("{} runs are active, name one with --run:{}", .living.len(), list(.living))]
     Several {
         /// All that could be meant.
         living: Vec<Run>,
@@ -113,7 +113,7 @@ pub enum FindError {
 
 fn list(runs: &[Run]) -> String {
     if runs.is_empty() {
-        return "is none".to_owned();
+        return "none".to_owned();
     }
     let lines: Vec<String> = runs.iter().map(Run::described).collect();
     format!("\n  {}", lines.join("\n  "))
@@ -221,7 +221,7 @@ mod tests {
                 assert!(text.contains(word), "{text}");
             }
         };
-        listed(None, &[], &["no run is in the air"]);
+        listed(None, &[], &["no run is active"]);
         listed(Some("7"), &[], &["no run is called 7", "none"]);
         listed(None, &["7f3a", "9b01"], &["2 runs", "--run", "7f3a", "9b01"]);
         listed(Some("7"), &["7f3a", "7f3b", "9b01"], &["2 runs", "7f3a", "7f3b"]);

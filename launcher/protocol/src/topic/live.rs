@@ -1,4 +1,4 @@
-//! The other end: listens to topics of a run in the air.
+//! The other end: listens to topics of a running flight.
 
 use super::feed::{DROPPED, ENDED, Ending, Flying, Heard, Listen, TOLD};
 use super::{SOCKET, schema};

@@ -1,4 +1,4 @@
-//! Topics looked at: of a run in the air, without disturbing it, and of a recording.
+//! Topics looked at: of a running flight, without disturbing it, and of a recording.
 //!
 //! The launcher drains every topic anyway. [`feed`] lets others have a copy: a socket in the run's folder
 //! and a thread that owns it. No reader is added to a topic, so no writer has to know of it; who does not

@@ -126,7 +126,7 @@ impl RecordedFlight {
         self.facts.get("epoch_unix_ns").and_then(|text| text.parse().ok()).unwrap_or(0)
     }
 
-    /// The change in the air, if it was flown with one.
+    /// The change in flight, if it was flown with one.
     #[must_use]
     pub fn branched(&self) -> Option<&Branched> {
         self.branched.as_ref()

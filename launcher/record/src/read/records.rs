@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Longest record or chunk that is read \[bytes\]: ours have a megabyte, and a damaged length must
 /// not fill the memory.
-const LONGEST: usize = 64 << 20;
+const MAX_RECORD_BYTES: usize = 64 << 20;
 
 /// How the file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,7 +142,7 @@ fn damaged(path: PathBuf, (at, length): (u64, u64), cause: &McapError) -> ReadEr
 fn options() -> LinearReaderOptions {
     LinearReaderOptions::default()
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(LONGEST)
+        .with_record_length_limit(MAX_RECORD_BYTES)
 }
 
 /// What ends a reading before its end.
@@ -178,7 +178,7 @@ fn drive(
         match event? {
             LinearReadEvent::ReadRequest(wanted) => {
                 // One byte more than the file has shows its end.
-                let wanted = wanted.min(LONGEST);
+                let wanted = wanted.min(MAX_RECORD_BYTES);
                 let read = source.read(reader.insert(wanted)).map_err(Trouble::System)?;
                 reader.notify_read(read);
                 *at += read as u64;

@@ -31,7 +31,7 @@ const WIND_M: f64 = 0.1;
 /// Wind is drawn so far above the vehicle \[m\].
 const WIND_ABOVE_M: f64 = 0.15;
 /// Shorter arrows are not drawn \[m\].
-const SHORTEST_ARROW_M: f64 = 1e-3;
+const MIN_ARROW_M: f64 = 1e-3;
 
 /// From the x axis to z.
 const UP: Quaternion = Quaternion { x: 0.0, y: -FRAC_1_SQRT_2, z: 0.0, w: FRAC_1_SQRT_2 };
@@ -127,7 +127,7 @@ fn towards([x, y, z]: [f64; 3]) -> Quaternion {
 fn along(tail: [f64; 3], value: [f64; 3], scale: f64, color: Color) -> Option<ArrowPrimitive> {
     let norm = value.iter().map(|v| v * v).sum::<f64>().sqrt();
     let length_m = norm * scale;
-    let is_seen = length_m.is_finite() && length_m > SHORTEST_ARROW_M;
+    let is_seen = length_m.is_finite() && length_m > MIN_ARROW_M;
     is_seen.then(|| arrow(tail, towards(value.map(|v| v / norm)), length_m, color))
 }
 
@@ -137,7 +137,7 @@ pub(super) fn thrusts(thrust_n: &[f64; 4], scale_m_n: f64, stamp: Timestamp) -> 
         let length_m = scale_m_n * thrust_n;
         let mut entity = entity(frame, frame, stamp);
         entity.metadata = vec![number("thrust_n", *thrust_n)];
-        if length_m > SHORTEST_ARROW_M {
+        if length_m > MIN_ARROW_M {
             entity.arrows = vec![arrow([0.0; 3], UP, length_m, GREEN)];
         }
         entity

@@ -7,13 +7,13 @@ use attitude_mpc::{AttitudeLawConfig, MpcError, TorqueBound};
 const PAPER_TORQUE_RANGE: f64 = 10.5;
 
 /// An attitude prediction shorter than this many rotor lags does not see what its torque does.
-const LEAST_ROTOR_LAGS: f64 = 5.0;
+const MIN_ROTOR_LAGS: f64 = 5.0;
 /// Rates at which the steps of 0.2 rad are tested \[Hz\].
 pub const TESTED_RATES_HZ: core::ops::RangeInclusive<f64> = 50.0..=1000.0;
 
 /// Soft bounds on torques cheaper than this end in limit cycles: at 50 Hz and 160° a price of 100
 /// does, 1000 settles like hard bounds.
-const LEAST_LEVEL_PENALTY: f64 = 1000.0;
+const MIN_LEVEL_PENALTY: f64 = 1000.0;
 
 /// Sections of the two laws.
 const ATTITUDE: &str = "attitude_mpc";
@@ -47,9 +47,9 @@ impl Checker<'_> {
             let remedy = "set plant.gate.torque_range_factor = 100, as for the paper's own vehicle";
             self.warn("attitude_mpc.torque_bound", what, remedy);
         }
-        if config.level_penalty.is_some_and(|price| price < LEAST_LEVEL_PENALTY) {
+        if config.level_penalty.is_some_and(|price| price < MIN_LEVEL_PENALTY) {
             let what = "lets the law plan torques that the rotors do not have";
-            let remedy = format!("set it to {LEAST_LEVEL_PENALTY} or more, or leave it out");
+            let remedy = format!("set it to {MIN_LEVEL_PENALTY} or more, or leave it out");
             self.warn("attitude_mpc.level_penalty", what, remedy);
         }
         self.blind(ATTITUDE, config.output_weight);
@@ -71,7 +71,7 @@ impl Checker<'_> {
         // The rotors' own lag: the margin on the modelled one asks for no longer look.
         let lag_s = law.rotor_lag_s.unwrap_or(self.settings().vehicle.rotor_lag_s);
         let lag_s = lag_s.min(config.rotor_lag_s);
-        let needed_s = LEAST_ROTOR_LAGS * lag_s;
+        let needed_s = MIN_ROTOR_LAGS * lag_s;
         let asked_s = law.horizon_s.unwrap_or(f64::INFINITY);
         let look_ahead_s = attitude_mpc::settings::Settings::look_ahead_s(config);
         let Some(look_ahead_s) = look_ahead_s.ok().map(|s| s.min(asked_s)) else { return };
@@ -79,7 +79,7 @@ impl Checker<'_> {
             return;
         }
         let what = format!(
-            "{look_ahead_s:.3} s of prediction do not cover {LEAST_ROTOR_LAGS} rotor lags of {lag_s} s"
+            "{look_ahead_s:.3} s of prediction do not cover {MIN_ROTOR_LAGS} rotor lags of {lag_s} s"
         );
         // To blame is what was chosen: the look before the lag.
         let key = if law.horizon_s.is_some() {

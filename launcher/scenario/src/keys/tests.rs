@@ -47,7 +47,7 @@ fn every_section_that_the_parser_knows_has_keys_and_a_meaning() {
 #[test]
 fn every_kind_that_the_parser_knows_has_keys() {
     for (list, known) in [
-        ("pilot.", &crate::pilot::KINDS[..]),
+        ("pilot.", &::pilot::settings::KINDS[..]),
         ("disturbance_injector.script[].", crate::typed::EVENT_KINDS),
     ] {
         let of_kinds: Vec<Key> =

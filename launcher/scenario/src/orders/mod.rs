@@ -20,9 +20,9 @@ pub const REACH_M: f64 = 100.0;
 /// Lowest that it may be sent over ground \[m\].
 pub const FLOOR_M: f64 = 0.2;
 /// Shortest that a sweep of the arms may take; the servo asks for more \[s\].
-const SHORTEST_S: f64 = 1e-3;
+const MIN_DURATION_S: f64 = 1e-3;
 /// Longest that anything ordered may take or last \[s\].
-pub const LONGEST_S: f64 = 3600.0;
+pub const MAX_DURATION_S: f64 = 3600.0;
 
 /// One order.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -163,12 +163,12 @@ impl Order {
             }
             Self::Morph(Morph { angle_deg, over_s }) => {
                 within("angle", *angle_deg, (45.0, 160.0), "deg")?;
-                within("over", *over_s, (SHORTEST_S, LONGEST_S), "s")
+                within("over", *over_s, (MIN_DURATION_S, MAX_DURATION_S), "s")
             }
             Self::Disturb(Disturb { load, in_s, for_s }) => {
                 load.check()?;
-                within("in", *in_s, (0.0, LONGEST_S), "s")?;
-                within("for", for_s.unwrap_or(1.0), (0.001, LONGEST_S), "s")
+                within("in", *in_s, (0.0, MAX_DURATION_S), "s")?;
+                within("for", for_s.unwrap_or(1.0), (0.001, MAX_DURATION_S), "s")
             }
             Self::Calm(_) => Ok(()),
         }

@@ -8,16 +8,16 @@ use super::InProcessError;
 use super::loops::Loop;
 use super::marks::FlightMarks;
 use super::outside::ExitReport;
-use super::posts::{Cabin, Revived, Seats, flying};
+use super::posts::{InProcessHost, RestartOutcome, Seats, flying};
 use runtime::Graph;
 use runtime::graph::CREDIT_NS;
 use scenario::Scenario;
 use scenario::candidate::{Candidate, Slot};
 use scenario::orders::Planner;
-use scenario::services::{self, Crew};
+use scenario::services::{self, Assignment};
 use shared_types::{ClockMode, Role};
 use slot::supervisor::Now;
-use swap::{FlightError, Means, Script, Slots, SwapReport};
+use swap::{FlightError, Script, SlotContext, Slots, SwapReport};
 
 /// Runs the script of a flight and the slots' state machines.
 pub(super) struct Director {
@@ -25,7 +25,7 @@ pub(super) struct Director {
     script: Script,
     /// What orders make of the flight's plan.
     pub(super) orders: Planner,
-    cabin: Cabin,
+    host: InProcessHost,
     /// Steps from here on have not been allowed \[ns\].
     pub(super) allowed_ns: u64,
     /// Everything before has been flown \[ns\].
@@ -56,19 +56,19 @@ fn refuse_impossible(scenario: &Scenario) -> Result<(), InProcessError> {
 impl Director {
     /// Takes over the slots of a flight whose `loops` are ready and have not stepped.
     pub(super) fn new(
-        mut cabin: Cabin,
+        mut host: InProcessHost,
         graph: &Graph,
         loops: &[Loop],
     ) -> Result<Self, InProcessError> {
-        let scenario = cabin.scenario.clone();
+        let scenario = host.scenario.clone();
         refuse_impossible(&scenario)?;
-        let crew = Crew::of(scenario.settings());
+        let assignment = Assignment::of(scenario.settings());
         let mut specs = Vec::new();
         for l in loops {
-            let Some(name) = crew.name(l.node.role).filter(|_| l.place.role.is_slot()) else {
+            let Some(name) = assignment.name(l.node.role).filter(|_| l.place.role.is_slot()) else {
                 continue;
             };
-            specs.push((l.node.role, cabin.seat_first(l, name)));
+            specs.push((l.node.role, host.register_initial(l, name)));
         }
         let settings = scenario.settings();
         Ok(Self {
@@ -79,7 +79,7 @@ impl Director {
                 role: Role::Pilot.label(),
                 error: error.to_string(),
             })?,
-            cabin,
+            host,
             allowed_ns: 0,
             drained_ns: 0,
             notices: Vec::new(),
@@ -116,11 +116,12 @@ impl Director {
             }
             if self.script.next_ns() <= self.now().logical_ns {
                 let mut script = core::mem::take(&mut self.script);
-                let run = |slots: &mut Slots, means: &mut Means<'_>| script.run(slots, means);
+                let run =
+                    |slots: &mut Slots, context: &mut SlotContext<'_>| script.run(slots, context);
                 let done = self.act(graph, loops, marks, end_ns, run);
                 self.script = script;
                 done?;
-            } else if !self.cabin.start_all(graph, loops, marks) && !self.cabin.has_news() {
+            } else if !self.host.start_all(graph, loops, marks) && !self.host.has_news() {
                 break;
             }
             self.act(graph, loops, marks, end_ns, Slots::tend)?;
@@ -142,12 +143,12 @@ impl Director {
         loops: &mut Vec<Loop>,
         marks: &mut FlightMarks,
         end_ns: u64,
-        act: impl FnOnce(&mut Slots, &mut Means<'_>) -> Result<(), FlightError>,
+        act: impl FnOnce(&mut Slots, &mut SlotContext<'_>) -> Result<(), FlightError>,
     ) -> Result<(), InProcessError> {
         let now = self.now();
         let recovered = &mut self.recovered;
-        let mut seats = Seats { loops, marks, cabin: &mut self.cabin, recovered };
-        let mut means = Means {
+        let mut seats = Seats { loops, marks, host: &mut self.host, recovered };
+        let mut context = SlotContext {
             posts: &mut seats,
             graph,
             orders: &mut self.orders,
@@ -156,9 +157,9 @@ impl Director {
             is_over: self.drained_ns >= end_ns,
             monitor_silent_ns: None,
         };
-        let done = act(&mut self.slots, &mut means);
+        let done = act(&mut self.slots, &mut context);
         for news in core::mem::take(&mut self.slots.news) {
-            self.cabin.wires.observer().note(now.logical_ns, news.warning, &news.text);
+            self.host.wires.observer().note(now.logical_ns, news.warning, &news.text);
             self.notices.extend(news.warning.then_some(news.text));
         }
         done.map_err(|error| InProcessError::Slots(error.to_string()))
@@ -176,15 +177,15 @@ impl Director {
         let Some(at) = loops.iter().position(|l| l.stepper.has_failed()) else { return Ok(false) };
         let failed = loops.remove(at);
         let instances = flying(loops);
-        match self.cabin.revive(graph, failed, &instances, marks)? {
-            Revived::Yes(l, text) => {
+        match self.host.restart(graph, failed, &instances, marks)? {
+            RestartOutcome::Restarted(l, text) => {
                 loops.insert(at, l);
                 self.recovered += 1;
-                self.cabin.wires.observer().note(self.drained_ns, true, &text);
+                self.host.wires.observer().note(self.drained_ns, true, &text);
                 self.notices.push(text);
             }
-            Revived::No(failed) => {
-                self.cabin.bury(failed, marks);
+            RestartOutcome::Gone(failed) => {
+                self.host.reap(failed, marks);
                 let slowest_ns = instances.iter().map(|instance| instance.mark_ns).min();
                 self.drained_ns = slowest_ns.unwrap_or(0).max(self.drained_ns);
                 self.act(graph, loops, marks, end_ns, Slots::tend)?;
@@ -195,7 +196,7 @@ impl Director {
 
     /// What has become of processes that failed.
     pub(super) fn exits(&mut self) -> &mut Vec<ExitReport> {
-        &mut self.cabin.exits
+        &mut self.host.exits
     }
 
     /// Those whose seat is no longer theirs leave in order.
@@ -204,7 +205,7 @@ impl Director {
         let Some(at) = loops.iter().position(over) else { return false };
         let mut l = loops.remove(at);
         l.stepper.finish();
-        self.cabin.bury(l, marks);
+        self.host.reap(l, marks);
         true
     }
 

@@ -4,8 +4,8 @@ use super::checkpoint::Checkpoint;
 use super::director::Director;
 use super::loops::{Connect, Loop};
 use super::marks::FlightMarks;
-use super::observer::Ears;
-use super::posts::Cabin;
+use super::observer::SampleTaps;
+use super::posts::InProcessHost;
 use super::stepper::{InstanceMark, StepContext};
 use super::wires::Wires;
 use super::{Conclusion, InProcessError, Outside, PerfectState, StateSource};
@@ -14,7 +14,7 @@ use runtime::Graph;
 use runtime::graph::{CREDIT_NS, ROLES};
 use scenario::Scenario;
 use scenario::candidate::Slot;
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use shared_types::{Role, Seat};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -52,15 +52,15 @@ impl Kernel {
     pub(super) fn build(
         scenario: &Scenario,
         state: StateSource,
-        ears: Ears,
+        taps: SampleTaps,
         (from, outside): (Option<&Checkpoint>, &Outside),
     ) -> Result<Self, InProcessError> {
         let graph = scenario.graph()?;
-        let crew = Crew::of(scenario.settings());
+        let assignment = Assignment::of(scenario.settings());
         let scripted = scenario.settings().is_scripted() && from.is_none();
         let watch =
             scripted.then(|| Rc::new(RefCell::new(SlotWatch::new(&scenario.modelled_vehicle()))));
-        let mut wires = Wires::new(ears, watch.clone());
+        let mut wires = Wires::new(taps, watch.clone());
         let mut loops = Vec::new();
         for &node in graph.nodes() {
             let place = Seat::first(node.role);
@@ -68,7 +68,7 @@ impl Kernel {
             let wires = &mut wires;
             let component = match (state, node.role) {
                 (StateSource::Truth, Role::Estimator) => PerfectState::component(),
-                (_, role) => components::build(&crew, role, scenario).map_err(|error| {
+                (_, role) => components::build(&assignment, role, scenario).map_err(|error| {
                     InProcessError::Component { role: role.label(), error: error.to_string() }
                 })?,
             };
@@ -85,8 +85,8 @@ impl Kernel {
         let (mut marks, mut director) = (FlightMarks::Plain([0; ROLES]), None);
         if let Some(watch) = watch {
             marks = FlightMarks::Seats(Box::default());
-            let cabin = Cabin::new(scenario, wires, watch, outside);
-            director = Some(Box::new(Director::new(cabin, &graph, &loops)?));
+            let host = InProcessHost::new(scenario, wires, watch, outside);
+            director = Some(Box::new(Director::new(host, &graph, &loops)?));
         }
         Ok(Self {
             graph,

@@ -2,7 +2,7 @@
 
 use super::InProcessError;
 use super::checkpoint::Checkpoint;
-use super::observer::Overhear;
+use super::observer::ErasedObserver;
 use super::outside::OutsideLoop;
 use super::stepper::{InstanceMark, Stepper};
 use super::wires::Wires;
@@ -16,7 +16,7 @@ use swap::PostEvent;
 /// Shows states to the observer.
 struct StateTap {
     role: Role,
-    observer: Rc<dyn Overhear>,
+    observer: Rc<dyn ErasedObserver>,
 }
 
 impl StateSink for StateTap {

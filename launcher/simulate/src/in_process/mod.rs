@@ -28,7 +28,7 @@ pub use compare::{Compare, Difference, Likeness};
 pub use error::InProcessError;
 pub use kernel::Kernel;
 use observe::Observer;
-use observer::{Audience, Ears};
+use observer::{SampleTaps, SharedObserver};
 pub(crate) use outside::joins_executable;
 pub use outside::{ExitReport, Outside};
 pub use perfect_state::PerfectState;
@@ -68,7 +68,7 @@ pub struct Conclusion {
 #[derive(Debug)]
 pub struct InProcess<O> {
     kernel: Kernel,
-    observer: Rc<Audience<O>>,
+    observer: Rc<SharedObserver<O>>,
 }
 
 impl<O> Deref for InProcess<O> {
@@ -107,8 +107,8 @@ impl<O: Observer> InProcess<O> {
         observer: O,
         outside: &Outside,
     ) -> Result<Self, InProcessError> {
-        let observer = Rc::new(Audience::new(observer));
-        let kernel = Kernel::build(scenario, state, Ears::of(&observer), (None, outside))?;
+        let observer = Rc::new(SharedObserver::new(observer));
+        let kernel = Kernel::build(scenario, state, SampleTaps::of(&observer), (None, outside))?;
         Ok(Self { kernel, observer })
     }
 
@@ -122,8 +122,8 @@ impl<O: Observer> InProcess<O> {
         observer: O,
         checkpoint: &Checkpoint,
     ) -> Result<Self, InProcessError> {
-        let observer = Rc::new(Audience::new(observer));
-        let kernel = Kernel::resume(scenario, Ears::of(&observer), checkpoint)?;
+        let observer = Rc::new(SharedObserver::new(observer));
+        let kernel = Kernel::resume(scenario, SampleTaps::of(&observer), checkpoint)?;
         Ok(Self { kernel, observer })
     }
 

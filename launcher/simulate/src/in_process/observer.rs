@@ -10,12 +10,12 @@ use std::rc::Rc;
 
 /// An observer among those who publish, who may be told to look away.
 #[derive(Debug)]
-pub(super) struct Audience<O> {
+pub(super) struct SharedObserver<O> {
     observer: RefCell<O>,
     looks_away: Cell<bool>,
 }
 
-impl<O: Observer> Audience<O> {
+impl<O: Observer> SharedObserver<O> {
     pub(super) fn new(observer: O) -> Self {
         Self { observer: RefCell::new(observer), looks_away: Cell::new(false) }
     }
@@ -32,12 +32,12 @@ impl<O: Observer> Audience<O> {
 
 /// What an observer is shown of one topic, with the type of the observer forgotten: otherwise the compiler
 /// would make a copy of the whole flight for each.
-pub(super) trait Listen<T: Sample> {
+pub(super) trait SampleTap<T: Sample> {
     fn alter(&self, topic: &'static Topic<T>, sample: &mut T);
     fn observe(&self, topic: &'static Topic<T>, sample: &T);
 }
 
-impl<T: Sample, O: Observer> Listen<T> for Audience<O> {
+impl<T: Sample, O: Observer> SampleTap<T> for SharedObserver<O> {
     fn alter(&self, topic: &'static Topic<T>, sample: &mut T) {
         self.observer.borrow_mut().alter(topic, sample);
     }
@@ -50,13 +50,13 @@ impl<T: Sample, O: Observer> Listen<T> for Audience<O> {
 }
 
 /// What it is shown besides.
-pub(super) trait Overhear {
+pub(super) trait ErasedObserver {
     fn wants_states(&self) -> bool;
     fn observe_state(&self, role: Role, header: &Header, state: &[u8]);
     fn note(&self, logical_ns: u64, warning: bool, text: &str);
 }
 
-impl<O: Observer> Overhear for Audience<O> {
+impl<O: Observer> ErasedObserver for SharedObserver<O> {
     fn wants_states(&self) -> bool {
         self.observer.borrow().wants_states()
     }
@@ -74,44 +74,44 @@ impl<O: Observer> Overhear for Audience<O> {
     }
 }
 
-/// An observer with its type forgotten.
+/// What an observer is shown of a flight: a tap for each topic, and everything else.
 #[derive(Clone)]
-pub(super) struct Ears {
-    /// `Rc<dyn Listen<T>>` by topic name.
+pub(super) struct SampleTaps {
+    /// `Rc<dyn SampleTap<T>>` by topic name.
     topics: Rc<BTreeMap<&'static str, Box<dyn Any>>>,
-    others: Rc<dyn Overhear>,
+    others: Rc<dyn ErasedObserver>,
 }
 
-impl Ears {
-    pub(super) fn of<O: Observer>(audience: &Rc<Audience<O>>) -> Self {
-        let mut collect = Collect { audience, topics: BTreeMap::new() };
+impl SampleTaps {
+    pub(super) fn of<O: Observer>(shared: &Rc<SharedObserver<O>>) -> Self {
+        let mut collect = Collect { shared, topics: BTreeMap::new() };
         let Ok(()) = topics::visit_all(&mut collect);
         let topics = Rc::new(collect.topics);
-        Self { topics, others: Rc::<Audience<O>>::clone(audience) }
+        Self { topics, others: Rc::<SharedObserver<O>>::clone(shared) }
     }
 
     /// Those for one topic.
-    pub(super) fn on<T: Sample>(&self, topic: &'static Topic<T>) -> Rc<dyn Listen<T>> {
-        let ear = self.topics.get(topic.info.name).and_then(|ear| ear.downcast_ref());
-        ear.map_or_else(|| unreachable!("every topic is of the table"), Rc::clone)
+    pub(super) fn on<T: Sample>(&self, topic: &'static Topic<T>) -> Rc<dyn SampleTap<T>> {
+        let tap = self.topics.get(topic.info.name).and_then(|tap| tap.downcast_ref());
+        tap.map_or_else(|| unreachable!("every topic is of the table"), Rc::clone)
     }
 
     /// Those for everything else.
-    pub(super) fn others(&self) -> Rc<dyn Overhear> {
+    pub(super) fn others(&self) -> Rc<dyn ErasedObserver> {
         Rc::clone(&self.others)
     }
 }
 
 struct Collect<'a, O> {
-    audience: &'a Rc<Audience<O>>,
+    shared: &'a Rc<SharedObserver<O>>,
     topics: BTreeMap<&'static str, Box<dyn Any>>,
 }
 
 impl<O: Observer> TopicVisitor for Collect<'_, O> {
     type Error = Infallible;
     fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
-        let ear: Rc<dyn Listen<T>> = Rc::<Audience<O>>::clone(self.audience);
-        self.topics.insert(topic.info.name, Box::new(ear));
+        let tap: Rc<dyn SampleTap<T>> = Rc::<SharedObserver<O>>::clone(self.shared);
+        self.topics.insert(topic.info.name, Box::new(tap));
         Ok(())
     }
 }

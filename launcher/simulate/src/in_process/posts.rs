@@ -34,8 +34,8 @@ pub(super) struct Post {
     died: (u32, u64),
 }
 
-/// What is needed to start loops in flight.
-pub(super) struct Cabin {
+/// The processes of a flight in one thread, and what is needed to start others.
+pub(super) struct InProcessHost {
     pub(super) scenario: Scenario,
     pub(super) wires: Wires,
     outside: Outside,
@@ -53,8 +53,8 @@ pub(super) struct Cabin {
     pub(super) exits: Vec<ExitReport>,
 }
 
-impl Cabin {
-    /// Before anybody sits anywhere.
+impl InProcessHost {
+    /// Before any process is there.
     pub(super) fn new(
         scenario: &Scenario,
         wires: Wires,
@@ -76,7 +76,7 @@ impl Cabin {
     }
 
     /// Takes in a loop that flies from the start, and tells how its service would be started.
-    pub(super) fn seat_first(&mut self, l: &Loop, name: &str) -> ChildSpec {
+    pub(super) fn register_initial(&mut self, l: &Loop, name: &str) -> ChildSpec {
         let spec = ChildSpec {
             name: name.to_owned(),
             executable: self.outside.services.clone().unwrap_or_default(),
@@ -114,10 +114,10 @@ impl Cabin {
                     .map(|process| processes.push(((node, place, generation), process)))
             };
             // What is ordered in flight never ends the flight.
-            let obituary = started.err().map(|error| error.to_string());
-            marks.seat(place, generation, obituary.is_none());
-            if obituary.is_some() {
-                self.events.push(PostEvent::Gone { place, obituary });
+            let exit_reason = started.err().map(|error| error.to_string());
+            marks.seat(place, generation, exit_reason.is_none());
+            if exit_reason.is_some() {
+                self.events.push(PostEvent::Gone { place, exit_reason });
             }
         }
         // They open their ports side by side.
@@ -172,16 +172,16 @@ impl Cabin {
             .map_err(|error| InProcessError::Outside { name: spec.name.clone(), error })
     }
 
-    /// A loop is gone, perhaps with an obituary: its last state stays, and nobody waits for it.
-    pub(super) fn bury(&mut self, mut l: Loop, marks: &mut FlightMarks) {
+    /// A loop is gone, perhaps for a reason that is told: its last state stays, and nobody waits for it.
+    pub(super) fn reap(&mut self, mut l: Loop, marks: &mut FlightMarks) {
         marks.seat(l.place, l.generation, false);
         self.keep_state(&mut l);
-        let obituary = l.stepper.take_failure().map(|report| {
+        let exit_reason = l.stepper.take_failure().map(|report| {
             let text = report.to_string();
             self.exits.push(report);
             text
         });
-        self.events.push(PostEvent::Gone { place: l.place, obituary });
+        self.events.push(PostEvent::Gone { place: l.place, exit_reason });
     }
 
     fn keep_state(&mut self, l: &mut Loop) {
@@ -194,13 +194,13 @@ impl Cabin {
 
     /// Starts a process that has failed again, from its last state, if it commands or may have to: time
     /// waits for it. Gives it back if it is not, or fails again.
-    pub(super) fn revive(
+    pub(super) fn restart(
         &mut self,
         graph: &Graph,
         mut l: Loop,
         instances: &[InstanceMark],
         marks: &mut FlightMarks,
-    ) -> Result<Revived, InProcessError> {
+    ) -> Result<RestartOutcome, InProcessError> {
         let place = l.place;
         let commands = self
             .records
@@ -209,14 +209,14 @@ impl Cabin {
         self.keep_state(&mut l);
         let mark_ns = l.stepper.next_ns();
         let Some(post) = self.posts.get_mut(&place).filter(|_| commands) else {
-            return Ok(Revived::No(l));
+            return Ok(RestartOutcome::Gone(l));
         };
         // Whoever dies of what it meets there would do so again and again.
         let (times, there_ns) = post.died;
         post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         let Some((_, state)) = post.last_state.clone().filter(|_| post.died.0 <= DEATHS_MAX) else {
             post.died = (0, 0);
-            return Ok(Revived::No(l));
+            return Ok(RestartOutcome::Gone(l));
         };
         post.generation += 1;
         let (spec, generation) = (post.spec.clone(), post.generation);
@@ -239,33 +239,33 @@ impl Cabin {
             self.exits.push(report);
             text
         });
-        Ok(Revived::Yes(l, text.unwrap_or_default()))
+        Ok(RestartOutcome::Restarted(l, text.unwrap_or_default()))
     }
 }
 
 /// What has become of a loop whose process has failed.
-pub(super) enum Revived {
+pub(super) enum RestartOutcome {
     /// Another process goes on in its place, and what is told of that.
-    Yes(Loop, String),
+    Restarted(Loop, String),
     /// It is gone.
-    No(Loop),
+    Gone(Loop),
 }
 
 /// Loops on seats.
 pub(super) struct Seats<'a> {
     pub(super) loops: &'a mut Vec<Loop>,
     pub(super) marks: &'a mut FlightMarks,
-    pub(super) cabin: &'a mut Cabin,
+    pub(super) host: &'a mut InProcessHost,
     pub(super) recovered: &'a mut u64,
 }
 
 impl Seats<'_> {
     fn start(&mut self, place: Place, spec: ChildSpec) {
-        let cabin = &mut *self.cabin;
-        let generation = cabin.posts.get(&place).map_or(0, |post| post.generation + 1);
-        let last_state = cabin.posts.remove(&place).and_then(|post| post.last_state);
-        cabin.posts.insert(place, Post { spec, generation, last_state, died: (0, 0) });
-        cabin.starting.push(place);
+        let host = &mut *self.host;
+        let generation = host.posts.get(&place).map_or(0, |post| post.generation + 1);
+        let last_state = host.posts.remove(&place).and_then(|post| post.last_state);
+        host.posts.insert(place, Post { spec, generation, last_state, died: (0, 0) });
+        host.starting.push(place);
     }
 
     fn at(&self, place: Place) -> Option<usize> {
@@ -280,7 +280,7 @@ impl Posts for Seats<'_> {
 
     fn restart(&mut self, place: Place) -> Result<(), FlightError> {
         *self.recovered += 1;
-        let spec = self.cabin.posts.get(&place).map(|post| post.spec.clone());
+        let spec = self.host.posts.get(&place).map(|post| post.spec.clone());
         if let Some(spec) = spec {
             self.start(place, spec);
         }
@@ -291,8 +291,8 @@ impl Posts for Seats<'_> {
         let role = record.slot;
         let attitude = role == Role::Attitude;
         let topic = if attitude { &topics::ATTITUDE_OWNER } else { &topics::POSITION_OWNER };
-        self.cabin.wires.announce(topic, record);
-        self.cabin.records.insert(role, record);
+        self.host.wires.announce(topic, record);
+        self.host.records.insert(role, record);
         let FlightMarks::Seats(marks) = &mut *self.marks else { return };
         let Some(book) = marks.book(role) else { return };
         book.learn(&record);
@@ -326,16 +326,16 @@ impl Posts for Seats<'_> {
             let l = &mut self.loops[at];
             Some((l.generation, l.stepper.state()?))
         });
-        there.or_else(|| self.cabin.posts.get(&place)?.last_state.clone())
+        there.or_else(|| self.host.posts.get(&place)?.last_state.clone())
     }
 
     fn kill(&mut self, place: Place) {
-        if let Some(at) = self.cabin.starting.iter().position(|starting| *starting == place) {
-            self.cabin.starting.remove(at);
-            self.cabin.events.push(PostEvent::Gone { place, obituary: None });
+        if let Some(at) = self.host.starting.iter().position(|starting| *starting == place) {
+            self.host.starting.remove(at);
+            self.host.events.push(PostEvent::Gone { place, exit_reason: None });
         } else if let Some(at) = self.at(place) {
             let l = self.loops.remove(at);
-            self.cabin.bury(l, self.marks);
+            self.host.reap(l, self.marks);
         }
     }
 
@@ -357,27 +357,27 @@ impl Posts for Seats<'_> {
     }
 
     fn seat_of(&self, name: &str) -> Option<Place> {
-        self.cabin.posts.iter().find(|(_, post)| post.spec.name == name).map(|(place, _)| *place)
+        self.host.posts.iter().find(|(_, post)| post.spec.name == name).map(|(place, _)| *place)
     }
 
     fn generation(&self, place: Place) -> Option<u32> {
-        self.cabin.posts.get(&place).map(|post| post.generation)
+        self.host.posts.get(&place).map(|post| post.generation)
     }
 
     fn take_events(&mut self) -> Vec<PostEvent> {
-        core::mem::take(&mut self.cabin.events)
+        core::mem::take(&mut self.host.events)
     }
 
     fn take_seen(&mut self) -> Vec<Seen> {
-        self.cabin.watch.borrow_mut().take()
+        self.host.watch.borrow_mut().take()
     }
 
     fn snapshot(&self, at_ns: u64) -> Option<Snapshot> {
-        self.cabin.watch.borrow().snapshot(at_ns)
+        self.host.watch.borrow().snapshot(at_ns)
     }
 
     fn tracking_error_m(&self, at_ns: u64) -> Option<f64> {
-        self.cabin.watch.borrow().tracking_error_m(at_ns)
+        self.host.watch.borrow().tracking_error_m(at_ns)
     }
 
     fn rehearse(
@@ -389,27 +389,27 @@ impl Posts for Seats<'_> {
         // Time stands still until the verdict, so it may as well be awaited here.
         let end_ns = mono_now_ns().saturating_add(ns_from_s(wall_max_s));
         let verdict = rehearse::verdict(spec, &mut || mono_now_ns() < end_ns);
-        self.cabin.rehearsed.push((place, verdict));
+        self.host.rehearsed.push((place, verdict));
         Ok(())
     }
 
     fn end_rehearsal(&mut self, place: Place) {
-        self.cabin.rehearsed.retain(|(of, _)| *of != place);
+        self.host.rehearsed.retain(|(of, _)| *of != place);
     }
 
     fn take_rehearsed(&mut self) -> Vec<(Place, Verdict)> {
-        core::mem::take(&mut self.cabin.rehearsed)
+        core::mem::take(&mut self.host.rehearsed)
     }
 
     fn send_order(&mut self, sent: &Sent) {
         match sent {
-            Sent::Guidance(order) => self.cabin.wires.say(&topics::GUIDANCE_ORDER, *order),
-            Sent::Disturbance(order) => self.cabin.wires.say(&topics::DISTURBANCE_ORDER, *order),
+            Sent::Guidance(order) => self.host.wires.say(&topics::GUIDANCE_ORDER, *order),
+            Sent::Disturbance(order) => self.host.wires.say(&topics::DISTURBANCE_ORDER, *order),
         }
     }
 
     fn tell_seating(&mut self, seating: &Seating, _config: Option<&Path>) {
-        self.cabin.wires.show(&topics::SEATING, seating);
+        self.host.wires.show(&topics::SEATING, seating);
     }
 }
 

@@ -1,7 +1,7 @@
 //! A flight goes on from a checkpoint, and leaves one behind.
 
 use super::checkpoint::{Checkpoint, Feed};
-use super::observer::Ears;
+use super::observer::SampleTaps;
 use super::tape::Tape;
 use super::{InProcessError, Kernel, Outside, StateSource};
 use replay::Course;
@@ -13,11 +13,11 @@ impl Kernel {
     /// Goes on from a checkpoint.
     pub(super) fn resume(
         scenario: &Scenario,
-        ears: Ears,
+        taps: SampleTaps,
         checkpoint: &Checkpoint,
     ) -> Result<Self, InProcessError> {
         let from = (Some(checkpoint), &Outside::of(scenario.settings()));
-        let mut flight = Self::build(scenario, StateSource::Estimator, ears, from)?;
+        let mut flight = Self::build(scenario, StateSource::Estimator, taps, from)?;
         for l in &flight.loops {
             flight.marks.advance(l.place, l.generation, l.stepper.next_ns());
         }

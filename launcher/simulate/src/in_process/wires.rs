@@ -1,6 +1,6 @@
 //! Topics as queues: every writer to every reader, in order, with room for a whole flight's worst.
 
-use super::observer::{Ears, Listen, Overhear};
+use super::observer::{ErasedObserver, SampleTap, SampleTaps};
 use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use runtime::graph::{Edge, READER_CAPACITY};
@@ -70,7 +70,7 @@ pub(super) struct QueueSink<T: Sample> {
     topic: &'static Topic<T>,
     line: Rc<Line<T>>,
     kept: Option<Rc<Kept<T>>>,
-    observer: Rc<dyn Listen<T>>,
+    observer: Rc<dyn SampleTap<T>>,
     watch: Option<Rc<RefCell<SlotWatch>>>,
 }
 
@@ -95,7 +95,7 @@ impl<T: Sample> Sink<T> for QueueSink<T> {
 pub(super) struct Wires {
     /// [`Line`] by topic name.
     lines: BTreeMap<&'static str, Box<dyn Any>>,
-    ears: Ears,
+    taps: SampleTaps,
     /// Who looks at the slots, if they change hands.
     watch: Option<Rc<RefCell<SlotWatch>>>,
     /// The owner records, by topic name.
@@ -103,18 +103,18 @@ pub(super) struct Wires {
 }
 
 impl Wires {
-    pub(super) fn new(ears: Ears, watch: Option<Rc<RefCell<SlotWatch>>>) -> Self {
-        Self { lines: BTreeMap::new(), ears, watch, records: BTreeMap::new() }
+    pub(super) fn new(taps: SampleTaps, watch: Option<Rc<RefCell<SlotWatch>>>) -> Self {
+        Self { lines: BTreeMap::new(), taps, watch, records: BTreeMap::new() }
     }
 
     /// Who is shown what is not published on a topic.
-    pub(super) fn observer(&self) -> Rc<dyn Overhear> {
-        self.ears.others()
+    pub(super) fn observer(&self) -> Rc<dyn ErasedObserver> {
+        self.taps.others()
     }
 
     /// Shows the observer a sample.
     pub(super) fn show<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {
-        self.ears.on(topic).observe(topic, sample);
+        self.taps.on(topic).observe(topic, sample);
     }
 
     fn line<T: Sample>(&mut self, topic: &'static Topic<T>) -> Rc<Line<T>> {
@@ -147,7 +147,7 @@ impl Wires {
             topic,
             kept: self.watch.is_some().then(|| line.keep()),
             line,
-            observer: self.ears.on(topic),
+            observer: self.taps.on(topic),
             watch: self.watch.clone(),
         }
     }

@@ -3,12 +3,12 @@
 
 use super::facts;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use pilot::settings::Manoeuvre;
 use pilot::{Trajectory, diversion};
 use rehearsal::{Challenge, Draw, Facts, Guidance, Schedule, Snapshot, Turn, Way};
 use scenario::candidate::Slot;
 use scenario::orders::{FLOOR_M, REACH_M};
-use scenario::pilot::Manoeuvre;
-use scenario::services::Crew;
+use scenario::services::Assignment;
 use scenario::start::GuidanceSettings;
 use scenario::{Plan, Scenario};
 use std::path::PathBuf;
@@ -121,11 +121,11 @@ pub(super) fn scenario(
     orders(&mut root, flown, snapshot, schedule)?;
     // Unless it is about a trip, the monitor and a fallback would take command from a bad candidate and hide its errors.
     let (watched, fallback) = if who == Role::Obeying { (true, "auto") } else { (false, "none") };
-    let watch = section(&mut root, "watch");
+    let monitor = section(&mut root, "monitor");
     // How soon and by which limits the flight's own monitor trips does not matter.
-    watch.clear();
+    monitor.clear();
     set(
-        watch,
+        monitor,
         [("enabled", Value::Boolean(watched)), ("fallback", Value::String(fallback.to_owned()))],
     );
     let taken_over = match who {
@@ -135,7 +135,8 @@ pub(super) fn scenario(
     let by = taken_over.map(|by| swap(spec.slot, by, JOIN_S, facts));
     let mut swaps: Vec<Value> = by.into_iter().collect();
     if who == Role::Obeying {
-        let owner = Crew::of(flown.settings()).name(Slot::Position.role()).map(ToOwned::to_owned);
+        let owner =
+            Assignment::of(flown.settings()).name(Slot::Position.role()).map(ToOwned::to_owned);
         let owner = owner.ok_or("there is no position slot")?;
         swaps.push(swap(Slot::Position, (&owner, None), flip_s(facts, Slot::Attitude), facts));
     }

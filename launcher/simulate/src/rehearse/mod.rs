@@ -48,7 +48,7 @@ impl Rehearsal {
         let mut edits = vec![Override::clock("lockstep")];
         for slot in Slot::ALL {
             let owner = spec.owners.of(slot).map(|name| format!("{}={name}", slot.label()));
-            let edit = owner.map(|owner| Override::crew(&owner)).transpose();
+            let edit = owner.map(|owner| Override::controller(&owner)).transpose();
             edits.extend(edit.map_err(not_rehearsed)?);
         }
         let scenario = Scenario::from_text("the flight's scenario", &spec.scenario, &edits)
@@ -96,8 +96,8 @@ impl Rehearsal {
         if let Some((executable, _)) = &self.spec.owner {
             return name_of(executable).to_owned();
         }
-        let crew = scenario::services::Crew::of(self.scenario.settings());
-        crew.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
+        let assignment = scenario::services::Assignment::of(self.scenario.settings());
+        assignment.name(self.spec.slot.role()).unwrap_or("the owner").to_owned()
     }
 
     /// Flies all flights and compares candidate and owner. `go_on` is called every 50 ms of logical time and

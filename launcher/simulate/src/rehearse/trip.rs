@@ -91,7 +91,7 @@ pub(super) fn fly_tripped<E: Observer>(
 ) -> Result<(), Box<RehearsalRefusal>> {
     let scenario = rehearsal.scenario(0, Role::Obeying)?;
     let facts = &rehearsal.facts;
-    let [_, limit_weights] = scenario.settings().watch_limits().setpoint_thrust_weights;
+    let [_, limit_weights] = scenario.settings().monitor_limits().setpoint_thrust_weights;
     let thrust_n = 2.0 * limit_weights * facts.vehicle.weight_n();
     let observer = (Tripping { thrust_n, ..Tripping::default() }, extra);
     let mut flight =

@@ -1,7 +1,7 @@
 //! The controllers of both slots side by side: every attitude law under every position law.
 //!
 //! [`Plan`] says what is flown, [`fly`] flies it on all cores in this process and gives a [`Study`] of
-//! one [`Row`] per crew. Open `flown.rs` for what is measured in a flight, `report.rs` for table and
+//! one [`Row`] per pair. Open `flown.rs` for what is measured in a flight, `report.rs` for table and
 //! files.
 
 mod flown;
@@ -24,7 +24,7 @@ const PUSH_S: [f64; 2] = [2.0, 3.0];
 /// When the shipped disturbance comes here, so that the step before it is over \[s\].
 const PULSE_AT_S: f64 = 2.5;
 
-/// What to fly: every crew.
+/// What to fly: every pair of controllers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Seeds of the figure eight, from 1.
@@ -56,12 +56,12 @@ impl Plan {
 
     fn cases(&self) -> Vec<Case> {
         let mut cases = Vec::new();
-        for crew in crews() {
-            let of = |kind| Case { crew, kind };
+        for pair in pairs() {
+            let of = |kind| Case { pair, kind };
             cases.extend((1..=self.seeds).map(|seed| of(Kind::Figure { seed })));
             cases.push(of(Kind::Push));
             // On the rig there is no position loop.
-            if Some(crew.position) == names_for(Role::Position).next() {
+            if Some(pair.position) == names_for(Role::Position).next() {
                 for &size_deg in &self.sizes_deg {
                     cases.push(of(Kind::Step { size_deg }));
                     cases.push(of(Kind::Pulse { size_deg }));
@@ -74,7 +74,7 @@ impl Plan {
 
 /// Who fills the slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Crew {
+pub struct ControllerPair {
     /// Service of the attitude slot.
     pub attitude: &'static str,
     /// Service of the position slot.
@@ -82,9 +82,10 @@ pub struct Crew {
 }
 
 /// Every attitude controller under every position controller.
-fn crews() -> Vec<Crew> {
-    let under =
-        |position| names_for(Role::Attitude).map(move |attitude| Crew { attitude, position });
+fn pairs() -> Vec<ControllerPair> {
+    let under = |position| {
+        names_for(Role::Attitude).map(move |attitude| ControllerPair { attitude, position })
+    };
     names_for(Role::Position).flat_map(under).collect()
 }
 
@@ -104,15 +105,15 @@ enum Kind {
 /// One flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Case {
-    crew: Crew,
+    pair: ControllerPair,
     kind: Kind,
 }
 
-/// One crew in numbers; the worst over seeds and sizes unless it says otherwise.
+/// One pair in numbers; the worst over seeds and sizes unless it says otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// Who flew.
-    pub crew: Crew,
+    pub pair: ControllerPair,
     /// Root mean square of the position error over all figure eights \[m\].
     pub rms_m: f64,
     /// Largest position error in them \[m\].
@@ -139,7 +140,7 @@ pub struct Row {
     pub step_ns: [u64; 2],
 }
 
-/// All crews, position law by position law.
+/// All pairs, position law by position law.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Study {
     /// What was flown.
@@ -167,14 +168,14 @@ pub fn fly(plan: &Plan, progress: Progress<'_>) -> Result<Study, ControllersErro
     let cases = plan.cases();
     let flown = fan_out(&cases, progress, |case| fly_one(&scenario(plan, case)?, case))?;
     let flown: Vec<(Case, Flown)> = cases.into_iter().zip(flown).collect();
-    let rows = crews().into_iter().map(|crew| row(crew, &flown)).collect();
+    let rows = pairs().into_iter().map(|pair| row(pair, &flown)).collect();
     Ok(Study { plan: plan.clone(), rows })
 }
 
-/// Sums the flights of a crew up; those on the rig are of the attitude law alone.
-fn row(crew: Crew, flown: &[(Case, Flown)]) -> Row {
-    let own = || flown.iter().filter(|(case, _)| case.crew == crew);
-    let rig = || flown.iter().filter(|(case, _)| case.crew.attitude == crew.attitude);
+/// Sums the flights of a pair up; those on the rig are of the attitude law alone.
+fn row(pair: ControllerPair, flown: &[(Case, Flown)]) -> Row {
+    let own = || flown.iter().filter(|(case, _)| case.pair == pair);
+    let rig = || flown.iter().filter(|(case, _)| case.pair.attitude == pair.attitude);
     let figures = || own().filter(|(case, _)| matches!(case.kind, Kind::Figure { .. }));
     let steps = || rig().filter(|(case, _)| matches!(case.kind, Kind::Step { .. }));
     let pulses = || rig().filter(|(case, _)| matches!(case.kind, Kind::Pulse { .. }));
@@ -187,7 +188,7 @@ fn row(crew: Crew, flown: &[(Case, Flown)]) -> Row {
     };
     let squares: f64 = figures().map(|(_, f)| f.rms_m * f.rms_m).sum();
     let all = own().chain(rig().filter(|(case, _)| {
-        case.crew != crew && matches!(case.kind, Kind::Step { .. } | Kind::Pulse { .. })
+        case.pair != pair && matches!(case.kind, Kind::Step { .. } | Kind::Pulse { .. })
     }));
     let (violations, lost) = all.fold((0, 0), |(violations, lost), (_, f)| {
         (violations + f.violations, lost + u64::from(f.lost))
@@ -198,7 +199,7 @@ fn row(crew: Crew, flown: &[(Case, Flown)]) -> Row {
         medians.get(medians.len() / 2).copied().unwrap_or(0)
     };
     Row {
-        crew,
+        pair,
         rms_m: (squares / count).sqrt(),
         max_m: most(&mut figures().map(|(_, f)| f.max_m)),
         push_m: most(&mut push().map(|(_, f)| f.max_m)),
@@ -216,10 +217,10 @@ fn row(crew: Crew, flown: &[(Case, Flown)]) -> Row {
 
 /// The shipped scenario with the edits that make it this flight.
 fn scenario(plan: &Plan, case: &Case) -> Result<Scenario, ScenarioError> {
-    let Crew { attitude, position } = case.crew;
+    let ControllerPair { attitude, position } = case.pair;
     let mut overrides = vec![
-        Override::crew(&format!("attitude={attitude}"))?,
-        Override::crew(&format!("position={position}"))?,
+        Override::controller(&format!("attitude={attitude}"))?,
+        Override::controller(&format!("position={position}"))?,
     ];
     let size = |size_deg: f64| Override::set(&format!("start.morph_angle_deg={size_deg:?}"));
     let name = match case.kind {

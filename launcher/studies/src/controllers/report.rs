@@ -4,7 +4,7 @@ use super::{Row, Study};
 use figures::results::{ResultsError, ResultsFolder, Table};
 use serde_json::{Value, json};
 
-/// One row per crew. Times of a step are over those of the first row, the MPCs.
+/// One row per pair. Times of a step are over those of the first row, the MPCs.
 #[must_use]
 pub fn table(study: &Study) -> Table {
     let mut table = Table::new([
@@ -28,8 +28,8 @@ pub fn table(study: &Study) -> Table {
     for row in &study.rows {
         let [attitude, position] = ratios(study, row);
         table.push([
-            row.crew.position.to_owned(),
-            row.crew.attitude.to_owned(),
+            row.pair.position.to_owned(),
+            row.pair.attitude.to_owned(),
             format!("{:.1}", row.rms_m * 1e3),
             format!("{:.1}", row.max_m * 1e3),
             format!("{:.2}", row.push_m),
@@ -65,8 +65,8 @@ pub fn to_json(study: &Study) -> Value {
     let row = |row: &Row| {
         let [attitude, position] = ratios(study, row);
         json!({
-            "position": row.crew.position,
-            "attitude": row.crew.attitude,
+            "position": row.pair.position,
+            "attitude": row.pair.attitude,
             "rms_m": row.rms_m,
             "max_m": row.max_m,
             "push_m": row.push_m,
@@ -86,7 +86,7 @@ pub fn to_json(study: &Study) -> Value {
     json!({
         "seeds": study.plan.seeds,
         "sizes_deg": study.plan.sizes_deg,
-        "crews": study.rows.iter().map(row).collect::<Vec<_>>(),
+        "pairs": study.rows.iter().map(row).collect::<Vec<_>>(),
     })
 }
 

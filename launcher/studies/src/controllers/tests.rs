@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn every_crew_flies_within_its_bounds_recovers_and_is_the_same_again() {
+fn every_pair_flies_within_its_bounds_recovers_and_is_the_same_again() {
     let told = std::sync::atomic::AtomicUsize::new(0);
     let tell = || {
         told.fetch_add(1, std::sync::atomic::Ordering::Relaxed);

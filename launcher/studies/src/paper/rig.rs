@@ -14,7 +14,7 @@ use vehicle::{
 /// Longest integration step \[ns\], and the distance of the points in between.
 const TICK_NS: u64 = 1_000_000;
 /// Shortest lag that the vehicle's equations take \[s\].
-const LEAST_LAG_S: f64 = 1e-4;
+const MIN_LAG_S: f64 = 1e-4;
 /// Where the attitude stands in the memory of the linear plant.
 const LINEAR_GAMMA: usize = 6;
 
@@ -36,7 +36,7 @@ impl World {
     /// The vehicle as `morphquad run` flies it.
     pub const FLIGHT: Self = Self::Rotors { lag_s: 0.015, delay_ns: 1_000_000 };
     /// With the rotors' limits, but without their lag and without delay.
-    pub const PROMPT: Self = Self::Rotors { lag_s: LEAST_LAG_S, delay_ns: 0 };
+    pub const PROMPT: Self = Self::Rotors { lag_s: MIN_LAG_S, delay_ns: 0 };
 }
 
 /// What happens to the vehicle once.
@@ -144,7 +144,7 @@ impl Experiment {
         let mut vehicle = VehicleParameters::default();
         let mut law = AttitudeLaw::new(self.law, &vehicle)?;
         if let World::Rotors { lag_s, .. } = self.world {
-            vehicle.rotor_lag_s = lag_s.max(LEAST_LAG_S);
+            vehicle.rotor_lag_s = lag_s.max(MIN_LAG_S);
         }
         let mut loop_ = ClosedLoop::new(self, vehicle)?;
         let mut k: u32 = 0;

@@ -4,11 +4,11 @@ use super::{Bench, LinearLoop, Model, Quantity, StabilityError, answer};
 use serde::Serialize;
 
 /// Largest rotor lag looked at \[s\]; a loop that is stable up to an end has no limit there.
-const MOST_LAG_S: f64 = 0.5;
+const MAX_LAG_S: f64 = 0.5;
 /// Least and largest inertia looked at, over the modelled one.
 const INERTIA_RATIOS: [f64; 2] = [0.05, 50.0];
 /// Longest delay looked at \[control periods\].
-const MOST_DELAY: f64 = 10.0;
+const MAX_DELAY: f64 = 10.0;
 /// Halvings of the bracket.
 const HALVINGS: usize = 12;
 
@@ -56,9 +56,9 @@ pub fn limits(
     let settles =
         |value: f64| Ok(answer(bench, &law, &bench.world(model, quantity, value))?.is_stable());
     let (modelled, ends) = match quantity {
-        Quantity::Lag => (law.rotor_lag_s, [0.0, MOST_LAG_S]),
+        Quantity::Lag => (law.rotor_lag_s, [0.0, MAX_LAG_S]),
         Quantity::Inertia => (1.0, INERTIA_RATIOS),
-        Quantity::Delay => (0.0, [0.0, MOST_DELAY]),
+        Quantity::Delay => (0.0, [0.0, MAX_DELAY]),
     };
     Ok(Limits {
         model,

@@ -28,7 +28,7 @@ const SHRINKS: f64 = 0.97;
 /// A vehicle that rolls further is lost \[rad\].
 const LOST_RAD: f64 = 1.2;
 /// Shortest lag that the vehicle's equations take \[s\].
-const LEAST_LAG_S: f64 = 1e-4;
+const MIN_LAG_S: f64 = 1e-4;
 /// Longest integration step \[ns\].
 const TICK_NS: u64 = 1_000_000;
 
@@ -147,7 +147,7 @@ struct World {
 impl World {
     fn new(bench: &Bench, mismatch: &Mismatch, delay_s: f64) -> Result<Self, StabilityError> {
         let real = VehicleParameters {
-            rotor_lag_s: mismatch.lag_s.max(LEAST_LAG_S),
+            rotor_lag_s: mismatch.lag_s.max(MIN_LAG_S),
             inertia_scale: bench.vehicle.inertia_scale * mismatch.inertia_ratio,
             ..bench.vehicle
         };

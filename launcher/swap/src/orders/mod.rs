@@ -16,9 +16,9 @@ mod telling;
 mod tests;
 
 /// The longest window that can be asked for \[ns\].
-const LONGEST_NS: u64 = 3_600_000_000_000;
+const MAX_WINDOW_NS: u64 = 3_600_000_000_000;
 /// The largest bump that can be allowed, over the largest command.
-const LARGEST_BUMP: f64 = 2.0;
+const MAX_BUMP: f64 = 2.0;
 
 /// What a process is started from.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -415,8 +415,8 @@ fn check(order: &Order) -> Result<(), Refusal> {
     check_window("shadow", order.shadow_ns)?;
     check_window("rollback", order.rollback_ns)?;
     match order.max_bump {
-        Some(bump) if !(0.0..=LARGEST_BUMP).contains(&bump) => {
-            let text = format!("max_bump {bump} is none: give a share from 0 to {LARGEST_BUMP}");
+        Some(bump) if !(0.0..=MAX_BUMP).contains(&bump) => {
+            let text = format!("max_bump {bump} is none: give a share from 0 to {MAX_BUMP}");
             Err(Refusal::new(Reason::BadRequest, text))
         }
         _ => Ok(()),
@@ -424,7 +424,7 @@ fn check(order: &Order) -> Result<(), Refusal> {
 }
 
 fn check_window(name: &str, window_ns: u64) -> Result<(), Refusal> {
-    if window_ns <= LONGEST_NS {
+    if window_ns <= MAX_WINDOW_NS {
         return Ok(());
     }
     let text = format!("{name} {} s is too long: at most an hour", window_ns / 1_000_000_000);

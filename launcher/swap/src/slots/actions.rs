@@ -1,8 +1,8 @@
 //! What the swap protocol wants done, done.
 
-use super::facts::Yardstick;
+use super::facts::CommandScale;
 use super::gatekeeper::{Gatekeeper, Tracks};
-use super::{Expected, Means, PATIENCE_NS, Slots, seating};
+use super::{EXIT_TIMEOUT_NS, Expected, SlotContext, Slots, seating};
 use crate::FlightError;
 use crate::child::{ChildSpec, Launch};
 use crate::orders::Executable;
@@ -34,16 +34,16 @@ impl Slots {
         &mut self,
         slot: Slot,
         actions: Vec<Action>,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        actions.into_iter().try_for_each(|action| self.act(slot, action, means))
+        actions.into_iter().try_for_each(|action| self.act(slot, action, context))
     }
 
-    /// Expects something of a seat before patience is over.
-    fn expect(&mut self, slot: Slot, seat: Seat, what: Expected, means: &Means<'_>) {
-        let patience_ns = if what == Expected::Hello { self.startup_ns } else { PATIENCE_NS };
-        if let Some(around) = self.around.get_mut(&slot) {
-            around.expected.push((seat, what, means.now_mono_ns.saturating_add(patience_ns)));
+    /// Expects something of a seat before a timeout.
+    fn expect(&mut self, slot: Slot, seat: Seat, what: Expected, context: &SlotContext<'_>) {
+        let timeout_ns = if what == Expected::Hello { self.startup_ns } else { EXIT_TIMEOUT_NS };
+        if let Some(state) = self.states.get_mut(&slot) {
+            state.expected.push((seat, what, context.now_mono_ns.saturating_add(timeout_ns)));
         }
     }
 
@@ -51,7 +51,7 @@ impl Slots {
         &mut self,
         slot: Slot,
         action: Action,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         let role = slot.role();
         let place = |seat: Seat| Place { role, index: seat.into() };
@@ -59,22 +59,22 @@ impl Slots {
             Action::Spawn(seat, program) => {
                 let Some(spec) = self.spec(slot, program) else { return Ok(()) };
                 self.orders.seat(slot, seat, program);
-                if let Some(around) = self.around.get_mut(&slot) {
-                    around.struck.retain(|struck| *struck != seat);
+                if let Some(state) = self.states.get_mut(&slot) {
+                    state.struck.retain(|struck| *struck != seat);
                 }
-                self.expect(slot, seat, Expected::Hello, means);
-                means.posts.spawn(place(seat), spec);
+                self.expect(slot, seat, Expected::Hello, context);
+                context.posts.spawn(place(seat), spec);
             }
             Action::Restart(seat, _) => {
-                self.expect(slot, seat, Expected::Hello, means);
-                means.posts.restart(place(seat))?;
+                self.expect(slot, seat, Expected::Hello, context);
+                context.posts.restart(place(seat))?;
             }
             Action::Publish(record) => {
-                means.posts.announce(record.to_sample(role));
+                context.posts.announce(record.to_sample(role));
             }
             Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
                 let from = state_of.map(place);
-                let state = from.and_then(|from| means.posts.last_state(from));
+                let state = from.and_then(|from| context.posts.last_state(from));
                 let same = state_of.is_some_and(|of| of != seat);
                 // In realtime a successor of the same kind runs what it has missed, from history.
                 let catches_up = same && self.mode != ClockMode::Lockstep;
@@ -86,23 +86,23 @@ impl Slots {
                 };
                 let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
                 let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
-                means.posts.hand_over(place(seat), order, &state)?;
-                self.tell_seating(slot, seat, seating, means);
+                context.posts.hand_over(place(seat), order, &state)?;
+                self.tell_seating(slot, seat, seating, context);
                 let tracks =
                     Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
-                self.open_gate(slot, seat, state_of.is_some(), Some(tracks), means);
+                self.open_gate(slot, seat, state_of.is_some(), Some(tracks), context);
             }
             Action::Judge(seat) => {
-                let gate = self.around.get(&slot).and_then(|around| around.gate.as_ref());
+                let gate = self.states.get(&slot).and_then(|state| state.gate.as_ref());
                 if let Some(verdict) = gate.map(Gatekeeper::verdict) {
-                    return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), means);
+                    return self.tell(slot, Event::Verdict(seat, verdict.map(Box::new)), context);
                 }
             }
-            Action::Rehearse(seat) => return self.rehearse(slot, seat, means),
+            Action::Rehearse(seat) => return self.rehearse(slot, seat, context),
             Action::AwaitExit(seat) => {
-                self.expect(slot, seat, Expected::Exit, means);
+                self.expect(slot, seat, Expected::Exit, context);
             }
-            Action::Kill(seat) => means.posts.kill(place(seat)),
+            Action::Kill(seat) => context.posts.kill(place(seat)),
             Action::Report(report) => self.report(slot, &report),
         }
         Ok(())
@@ -115,27 +115,27 @@ impl Slots {
         seat: Seat,
         same_kind: bool,
         tracks: Option<Tracks>,
-        means: &Means<'_>,
+        context: &SlotContext<'_>,
     ) {
         let Some(machine) = self.machines.get(&slot) else { return };
         let Some(owner) = machine.record().map(|record| record.owner) else { return };
         if machine.candidate() != Some(seat) || owner == seat {
             return;
         }
-        let yardstick = Yardstick::of(slot.role(), &self.vehicle);
-        let Some(around) = self.around.get_mut(&slot) else { return };
+        let scale = CommandScale::of(slot.role(), &self.vehicle);
+        let Some(state) = self.states.get_mut(&slot) else { return };
         let mut limits = if same_kind { GateLimits::SAME_KIND } else { GateLimits::OTHER_KIND };
-        if let Some(max_bump) = around.max_bump {
+        if let Some(max_bump) = state.max_bump {
             limits = limits.within(max_bump);
         }
         let patient = self.mode != ClockMode::Lockstep;
         if patient {
             limits = limits.patient();
         }
-        let now_ns = means.now.logical_ns;
+        let now_ns = context.now.logical_ns;
         let tracks = tracks.filter(|tracks| !same_kind && tracks.until_ns > now_ns);
         let who = (u32::from(seat), u32::from(owner));
-        let gate = Gatekeeper::new(yardstick, limits, who, tracks, patient);
-        around.gate = Some(gate);
+        let gate = Gatekeeper::new(scale, limits, who, tracks, patient);
+        state.gate = Some(gate);
     }
 }

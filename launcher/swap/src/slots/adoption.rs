@@ -3,7 +3,7 @@
 use super::consumers::Consumers;
 use super::facts::{command_latency_ns, millihertz};
 use super::rehearsal::Rehearsing;
-use super::{Around, Machines, Means, Slots, slot_config};
+use super::{Machines, SlotContext, SlotState, Slots, slot_config};
 use crate::child::{ChildSpec, Launch};
 use crate::orders::{Executable, Orders};
 use crate::{FlightError, PostNote};
@@ -26,7 +26,7 @@ impl Slots {
         orders.set_rehearses(rehearsing.is_enabled);
         Self {
             machines: Machines::new(),
-            around: BTreeMap::new(),
+            states: BTreeMap::new(),
             consumers: Consumers::default(),
             orders,
             pattern: pattern.map(|spec| ChildSpec { pause_ns: 0, ..spec.clone() }),
@@ -50,7 +50,7 @@ impl Slots {
         record: &OwnerRecord,
         posts: &[PostNote],
         living: &[(Place, u64, u64)],
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         let Some(slot) = Slot::ALL.into_iter().find(|slot| slot.role() == record.slot) else {
             return Ok(());
@@ -73,16 +73,16 @@ impl Slots {
             };
             let instance = Instance {
                 layout,
-                millihertz: millihertz(means.graph, place.role, period_ns),
-                latency_ns: command_latency_ns(means.graph, place.role),
+                millihertz: millihertz(context.graph, place.role, period_ns),
+                latency_ns: command_latency_ns(context.graph, place.role),
             };
             seated[seat.index()] = programs[seat.index()].map(|program| (program, instance));
         }
         let config = self.config;
-        let (machine, actions) = slot::Slot::adopt(config, means.now, &record, owner, seated);
+        let (machine, actions) = slot::Slot::adopt(config, context.now, &record, owner, seated);
         self.machines.insert(slot, machine);
-        self.around.insert(slot, Around::default());
-        self.carry_out(slot, actions, means)
+        self.states.insert(slot, SlotState::default());
+        self.carry_out(slot, actions, context)
     }
 }
 

@@ -3,7 +3,7 @@
 use super::facts::{command_latency_ns, millihertz};
 use super::trip_reason::TripReason;
 use super::watch::{Obeyed, Seen};
-use super::{Expected, Means, Slots};
+use super::{Expected, SlotContext, Slots};
 use crate::{FlightError, PostEvent};
 use scenario::candidate::Slot;
 use shared_types::{Role, Seat as Place, Trip};
@@ -15,39 +15,43 @@ impl Slots {
     pub(super) fn hear(
         &mut self,
         event: &PostEvent,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         let place = event.place();
         let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
             return Ok(());
         };
-        if let Some(around) = self.around.get_mut(&slot) {
-            around.expected.retain(|(expected, ..)| *expected != seat);
+        if let Some(state) = self.states.get_mut(&slot) {
+            state.expected.retain(|(expected, ..)| *expected != seat);
         }
         match event {
             PostEvent::Joined { layout, period_ns, .. } => {
                 let instance = Instance {
                     layout: *layout,
-                    millihertz: millihertz(means.graph, place.role, *period_ns),
-                    latency_ns: command_latency_ns(means.graph, place.role),
+                    millihertz: millihertz(context.graph, place.role, *period_ns),
+                    latency_ns: command_latency_ns(context.graph, place.role),
                 };
-                self.tell(slot, Event::Ready(seat, instance), means)
+                self.tell(slot, Event::Ready(seat, instance), context)
             }
-            PostEvent::Gone { .. } if means.is_over => Ok(()),
-            PostEvent::Gone { obituary, .. } => {
-                if let Some(obituary) = obituary {
-                    self.lost(slot, seat, means);
-                    self.say(obituary.clone(), true);
-                    self.orders.explain(slot, seat, obituary);
+            PostEvent::Gone { .. } if context.is_over => Ok(()),
+            PostEvent::Gone { exit_reason, .. } => {
+                if let Some(exit_reason) = exit_reason {
+                    self.lost(slot, seat, context);
+                    self.say(exit_reason.clone(), true);
+                    self.orders.explain(slot, seat, exit_reason);
                 }
-                self.tell(slot, Event::Died(seat), means)
+                self.tell(slot, Event::Died(seat), context)
             }
         }
     }
 
-    pub(super) fn see(&mut self, seen: &Seen, means: &mut Means<'_>) -> Result<(), FlightError> {
+    pub(super) fn see(
+        &mut self,
+        seen: &Seen,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
         let role = match seen {
-            Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, means),
+            Seen::Angle { at_ns, angle_rad } => return self.see_angle(*at_ns, *angle_rad, context),
             Seen::Trip(trip) => {
                 self.say_trip(trip);
                 return Ok(());
@@ -64,19 +68,19 @@ impl Slots {
         }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));
-        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        let Some(state) = self.states.get_mut(&slot) else { return Ok(()) };
         match seen {
             Seen::Angle { .. } | Seen::Trip(_) => Ok(()),
             Seen::Command(command) => {
-                let judged = around.gate.as_mut().map(|gate| gate.take(&command));
-                self.refuse(slot, judged, means)
+                let judged = state.gate.as_mut().map(|gate| gate.take(&command));
+                self.refuse(slot, judged, context)
             }
             Seen::Hears { seat, at_ns, something } => {
-                let judged = around.gate.as_mut().map(|gate| gate.hears(seat, at_ns, something));
-                self.refuse(slot, judged, means)
+                let judged = state.gate.as_mut().map(|gate| gate.hears(seat, at_ns, something));
+                self.refuse(slot, judged, context)
             }
             Seen::Missed { seat, steps, at_ns, .. } => {
-                if let Some(gate) = &mut around.gate {
+                if let Some(gate) = &mut state.gate {
                     gate.missed(seat, steps, at_ns);
                 }
                 Ok(())
@@ -87,15 +91,15 @@ impl Slots {
                 Ok(())
             }
             Seen::Obeys { obeyed, .. } => {
-                self.consumer_says(slot, &obeyed, means)?;
+                self.consumer_says(slot, &obeyed, context)?;
                 let told = (role == Role::Attitude).then(|| self.consumers.plant_tells(&obeyed));
                 match (told.flatten(), self.slot_of(Role::Position)) {
-                    (Some(told), Some(slot)) => self.consumer_says(slot, &told, means),
+                    (Some(told), Some(slot)) => self.consumer_says(slot, &told, context),
                     _ => Ok(()),
                 }
             }
             Seen::Unguided { epoch, since_ns, at_ns, .. } => {
-                self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, means)
+                self.tell(slot, Event::Unguided { epoch, since_ns, at_ns }, context)
             }
         }
     }
@@ -132,12 +136,12 @@ impl Slots {
         &mut self,
         at_ns: u64,
         angle_rad: f64,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         for slot in Slot::ALL {
-            let gate = self.around.get_mut(&slot).and_then(|around| around.gate.as_mut());
+            let gate = self.states.get_mut(&slot).and_then(|state| state.gate.as_mut());
             let judged = gate.map(|gate| gate.morphs(at_ns, angle_rad));
-            self.refuse(slot, judged, means)?;
+            self.refuse(slot, judged, context)?;
         }
         Ok(())
     }
@@ -147,12 +151,12 @@ impl Slots {
         &mut self,
         slot: Slot,
         judged: Option<Result<(), Refusal>>,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
         match (judged, candidate) {
             (Some(Err(refusal)), Some(seat)) => {
-                self.tell(slot, Event::Verdict(seat, Err(refusal)), means)
+                self.tell(slot, Event::Verdict(seat, Err(refusal)), context)
             }
             _ => Ok(()),
         }
@@ -162,50 +166,50 @@ impl Slots {
         &mut self,
         slot: Slot,
         obeyed: &Obeyed,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         let Obeyed { at_ns, epoch, seat, failed_over, tripped, refused_epoch } = *obeyed;
-        let Some(around) = self.around.get_mut(&slot) else { return Ok(()) };
+        let Some(state) = self.states.get_mut(&slot) else { return Ok(()) };
         let mut events = Vec::new();
-        if refused_epoch > around.refused_epoch {
-            around.refused_epoch = refused_epoch;
+        if refused_epoch > state.refused_epoch {
+            state.refused_epoch = refused_epoch;
             events.push(Event::RecordRefused { epoch: refused_epoch });
         }
-        if let Some(seat) = Seat::new(seat).filter(|_| epoch > around.acknowledged) {
-            around.acknowledged = epoch;
+        if let Some(seat) = Seat::new(seat).filter(|_| epoch > state.acknowledged) {
+            state.acknowledged = epoch;
             events.push(Event::Acknowledged { epoch, seat, at_ns });
         }
-        if tripped && epoch > around.tripped {
-            around.tripped = epoch;
+        if tripped && epoch > state.tripped {
+            state.tripped = epoch;
             events.push(Event::Tripped { epoch, at_ns });
         }
-        if failed_over && epoch > around.fell_over {
-            around.fell_over = epoch;
-            events.push(Event::FellOver { epoch, at_ns });
+        if failed_over && epoch > state.failed_over {
+            state.failed_over = epoch;
+            events.push(Event::FailedOver { epoch, at_ns });
         }
-        events.into_iter().try_for_each(|event| self.tell(slot, event, means))
+        events.into_iter().try_for_each(|event| self.tell(slot, event, context))
     }
 
     /// Whoever takes too long to come or to go is dealt with.
-    pub(super) fn lose_patience(
+    pub(super) fn check_timeouts(
         &mut self,
         slot: Slot,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        let now_mono_ns = means.now_mono_ns;
+        let now_mono_ns = context.now_mono_ns;
         let late = |(_, _, by_ns): &(Seat, Expected, u64)| *by_ns < now_mono_ns;
-        while let Some(around) = self.around.get_mut(&slot)
-            && let Some(at) = around.expected.iter().position(late)
+        while let Some(state) = self.states.get_mut(&slot)
+            && let Some(at) = state.expected.iter().position(late)
         {
-            let (seat, what, _) = around.expected.swap_remove(at);
+            let (seat, what, _) = state.expected.swap_remove(at);
             let fault = if what == Expected::Hello { Fault::NeverReady } else { Fault::Stalled };
             let place = Place { role: slot.role(), index: seat.into() };
-            let words = means.posts.words_so_far(place);
+            let words = context.posts.words_so_far(place);
             if !words.is_empty() {
                 let name = self.orders.name(slot, seat);
                 self.orders.explain(slot, seat, &format!("{name} is killed{words}"));
             }
-            self.tell(slot, Event::Misbehaved(seat, fault), means)?;
+            self.tell(slot, Event::Misbehaved(seat, fault), context)?;
         }
         Ok(())
     }

@@ -9,14 +9,14 @@ use vehicle::{MorphAngle, VehicleParameters};
 
 /// What commands of a slot are measured by.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Yardstick {
+pub(super) enum CommandScale {
     /// Torques, of which the arms' length decides how large they can be.
     Wrench(VehicleParameters),
     /// Thrust and tilt.
     Setpoint(VehicleParameters),
 }
 
-impl Yardstick {
+impl CommandScale {
     pub(super) fn of(slot: Role, vehicle: &VehicleParameters) -> Self {
         match slot {
             Role::Attitude => Self::Wrench(*vehicle),

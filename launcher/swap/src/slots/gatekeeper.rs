@@ -1,6 +1,6 @@
 //! Sets a candidate's commands beside the owner's, and measures the bump of a flip.
 
-use super::facts::Yardstick;
+use super::facts::CommandScale;
 use super::watch::Commanded;
 use slot::gate::{Gate, GateFigures, GateLimits, Pair, Phase, Refusal};
 use std::collections::VecDeque;
@@ -57,7 +57,7 @@ impl MissedSteps {
 /// Two streams of commands of one slot, compared instant by instant.
 #[derive(Debug)]
 pub(super) struct Gatekeeper {
-    yardstick: Yardstick,
+    scale: CommandScale,
     gate: Gate,
     candidate: u32,
     owner: u32,
@@ -83,15 +83,15 @@ pub(super) struct Gatekeeper {
 
 impl Gatekeeper {
     pub(super) fn new(
-        yardstick: Yardstick,
+        scale: CommandScale,
         limits: GateLimits,
         (candidate, owner): (u32, u32),
         tracks: Option<Tracks>,
         patient: bool,
     ) -> Self {
         Self {
-            yardstick,
-            gate: Gate::new(yardstick.axes(), limits, tracks.is_some()),
+            scale,
+            gate: Gate::new(scale.axes(), limits, tracks.is_some()),
             candidate,
             owner,
             hearing: match tracks {
@@ -150,13 +150,13 @@ impl Gatekeeper {
     /// Largest command at an instant; `None` until the deployable angle there is known. Whatever the
     /// order in which topics were read, it is the same.
     fn u_max(&self, at_ns: u64) -> Option<[f64; 4]> {
-        if !self.yardstick.morphs() {
-            return Some(self.yardstick.largest(MorphAngle::MIN));
+        if !self.scale.morphs() {
+            return Some(self.scale.largest(MorphAngle::MIN));
         }
         self.angles.back().filter(|(known_ns, _)| *known_ns >= at_ns)?;
         let then = self.angles.iter().rev().find(|(reading_ns, _)| *reading_ns <= at_ns);
         let (_, angle_rad) = *then.or_else(|| self.angles.front())?;
-        Some(self.yardstick.largest(MorphAngle::saturating_from_rad(angle_rad)?))
+        Some(self.scale.largest(MorphAngle::saturating_from_rad(angle_rad)?))
     }
 
     /// Compares all that both have said something about.
@@ -284,9 +284,9 @@ mod tests {
     const OWNER: u32 = 0;
 
     fn gatekeeper(patient: bool) -> Gatekeeper {
-        let yardstick = Yardstick::of(Role::Attitude, &VehicleParameters::default());
+        let scale = CommandScale::of(Role::Attitude, &VehicleParameters::default());
         let who = (CANDIDATE, OWNER);
-        let mut gatekeeper = Gatekeeper::new(yardstick, GateLimits::SAME_KIND, who, None, patient);
+        let mut gatekeeper = Gatekeeper::new(scale, GateLimits::SAME_KIND, who, None, patient);
         // What they missed before they flew side by side is nobody's business.
         gatekeeper.missed(OWNER, 30, 900 * MS);
         gatekeeper.missed(CANDIDATE, 7, 1000 * MS);

@@ -1,11 +1,11 @@
 //! Orders to pilot and injector, which concern no slot: they only come the same way.
 
-use super::{Means, News, Slots};
+use super::{News, SlotContext, Slots};
 use protocol::control::server::Answer;
 use protocol::control::{Reason, Refusal, Reply};
 use scenario::orders::{Order, OrderReport, Planner, RefusedOrder};
 
-impl Means<'_> {
+impl SlotContext<'_> {
     /// Carries an order out that shows from `begin_ns` on.
     fn carry_out(
         &mut self,
@@ -22,10 +22,10 @@ impl Means<'_> {
 
 impl Slots {
     /// Takes an order from outside.
-    pub(super) fn give(&mut self, order: &Order, answer: &Answer, means: &mut Means<'_>) {
-        let now = means.now;
-        let begin_ns = Planner::begin_ns(order, means.graph, now.logical_ns, now.allowed_ns);
-        let reply = match means.carry_out(order, begin_ns, false) {
+    pub(super) fn give(&mut self, order: &Order, answer: &Answer, context: &mut SlotContext<'_>) {
+        let now = context.now;
+        let begin_ns = Planner::begin_ns(order, context.graph, now.logical_ns, now.allowed_ns);
+        let reply = match context.carry_out(order, begin_ns, false) {
             Ok(report) => {
                 self.say(format!("ordered {}", report.sentence()), false);
                 Reply::Ordered(report)
@@ -45,8 +45,13 @@ impl Slots {
     }
 
     /// Takes an order of the script, for its instant.
-    pub(super) fn give_scripted(&mut self, order: &Order, at_ns: u64, means: &mut Means<'_>) {
-        let (text, warning) = match means.carry_out(order, at_ns, true) {
+    pub(super) fn give_scripted(
+        &mut self,
+        order: &Order,
+        at_ns: u64,
+        context: &mut SlotContext<'_>,
+    ) {
+        let (text, warning) = match context.carry_out(order, at_ns, true) {
             Ok(report) => (format!("script: {}", report.sentence()), false),
             Err(refused) => (format!("script: {order}: {refused}"), true),
         };

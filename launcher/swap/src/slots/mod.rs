@@ -45,7 +45,7 @@ use std::collections::BTreeMap;
 use vehicle::VehicleParameters;
 
 /// Wall time that a process may take to leave \[ns\].
-const PATIENCE_NS: u64 = 10_000_000_000;
+const EXIT_TIMEOUT_NS: u64 = 10_000_000_000;
 
 /// A sentence about a slot, for whoever follows the flight.
 #[derive(Debug, Clone)]
@@ -56,9 +56,9 @@ pub struct News {
     pub warning: bool,
 }
 
-/// What goes on around one slot's state machine.
+/// What is kept of a slot beside the state machine of its protocol.
 #[derive(Debug, Default)]
-struct Around {
+struct SlotState {
     gate: Option<Gatekeeper>,
     /// The candidate that is being flown ahead.
     rehearsal: Option<Underway>,
@@ -75,7 +75,7 @@ struct Around {
     /// Of the consumer, as far as it has been told to the protocol.
     acknowledged: u64,
     refused_epoch: u64,
-    fell_over: u64,
+    failed_over: u64,
     tripped: u64,
 }
 
@@ -85,8 +85,8 @@ enum Expected {
     Exit,
 }
 
-/// What the slots may use.
-pub struct Means<'a> {
+/// What of the flight the slots see and act on in one round.
+pub struct SlotContext<'a> {
     /// Who does what is decided.
     pub posts: &'a mut dyn Posts,
     /// The wiring of the flight.
@@ -103,9 +103,9 @@ pub struct Means<'a> {
     pub monitor_silent_ns: Option<u64>,
 }
 
-impl core::fmt::Debug for Means<'_> {
+impl core::fmt::Debug for SlotContext<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Means").field("now", &self.now).finish_non_exhaustive()
+        f.debug_struct("SlotContext").field("now", &self.now).finish_non_exhaustive()
     }
 }
 
@@ -113,7 +113,7 @@ impl core::fmt::Debug for Means<'_> {
 #[derive(Debug)]
 pub struct Slots {
     machines: Machines,
-    around: BTreeMap<Slot, Around>,
+    states: BTreeMap<Slot, SlotState>,
     consumers: Consumers,
     orders: Orders,
     /// How a service of this executable is started.
@@ -146,7 +146,7 @@ impl Slots {
         let pattern = specs.first().map(|(_, spec)| ChildSpec { pause_ns: 0, ..spec.clone() });
         let mut orders = Orders::default();
         orders.set_rehearses(rehearsing.is_enabled);
-        let (mut machines, mut around) = (Machines::new(), BTreeMap::new());
+        let (mut machines, mut states) = (Machines::new(), BTreeMap::new());
         for slot in Slot::ALL {
             let spec = specs.iter().find(|(role, _)| *role == slot.role());
             let found = spec.and_then(|(_, spec)| Candidate::find(slot, &spec.name).ok());
@@ -154,12 +154,12 @@ impl Slots {
             let program = orders.program(Executable::new(candidate, None));
             orders.seat(slot, Seat::ALL[0], program);
             machines.insert(slot, slot::Slot::new(config, Seat::ALL[0], program));
-            around.insert(slot, Around::default());
+            states.insert(slot, SlotState::default());
         }
         let (reports, news) = (Vec::new(), Vec::new());
         Self {
             machines,
-            around,
+            states,
             consumers: Consumers::default(),
             orders,
             pattern,
@@ -218,8 +218,8 @@ impl Slots {
     /// end.
     fn departures_ns(&self) -> impl Iterator<Item = u64> + '_ {
         let awaits_exit =
-            |around: &Around| around.expected.iter().any(|(_, what, _)| *what == Expected::Exit);
-        let slots = self.around.iter().filter(move |(_, around)| awaits_exit(around));
+            |state: &SlotState| state.expected.iter().any(|(_, what, _)| *what == Expected::Exit);
+        let slots = self.states.iter().filter(move |(_, state)| awaits_exit(state));
         slots.filter_map(|(slot, _)| Some(self.machines.get(slot)?.record()?.effective_ns))
     }
 
@@ -227,29 +227,34 @@ impl Slots {
     ///
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
-    pub fn tend(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
-        for seen in means.posts.take_seen() {
-            self.see(&seen, means)?;
+    pub fn tend(&mut self, context: &mut SlotContext<'_>) -> Result<(), FlightError> {
+        for seen in context.posts.take_seen() {
+            self.see(&seen, context)?;
         }
-        for event in means.posts.take_events() {
-            self.hear(&event, means)?;
+        for event in context.posts.take_events() {
+            self.hear(&event, context)?;
         }
-        self.take_rehearsals(means)?;
+        self.take_rehearsals(context)?;
         for slot in Slot::ALL {
-            self.lose_patience(slot, means)?;
+            self.check_timeouts(slot, context)?;
             let deadline_ns = self.machines.get(&slot).and_then(slot::Slot::deadline_ns);
-            if deadline_ns.is_some_and(|at_ns| at_ns <= means.now.logical_ns) {
-                self.tell(slot, Event::Time, means)?;
+            if deadline_ns.is_some_and(|at_ns| at_ns <= context.now.logical_ns) {
+                self.tell(slot, Event::Time, context)?;
             }
         }
         Ok(())
     }
 
     /// Gives an event to the protocol and does what it wants done.
-    fn tell(&mut self, slot: Slot, event: Event, means: &mut Means<'_>) -> Result<(), FlightError> {
+    fn tell(
+        &mut self,
+        slot: Slot,
+        event: Event,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
         let Some(machine) = self.machines.get_mut(&slot) else { return Ok(()) };
-        let actions = machine.on(means.now, event);
-        self.carry_out(slot, actions, means)
+        let actions = machine.on(context.now, event);
+        self.carry_out(slot, actions, context)
     }
 
     /// Seat that commands a slot by the newest record.
@@ -280,20 +285,24 @@ impl Slots {
     ///
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
-    pub fn unwatched(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
-        Slot::ALL.into_iter().try_for_each(|slot| self.tell(slot, Event::Unwatched, means))
+    pub fn unwatched(&mut self, context: &mut SlotContext<'_>) -> Result<(), FlightError> {
+        Slot::ALL.into_iter().try_for_each(|slot| self.tell(slot, Event::Unwatched, context))
     }
 
     /// A scripted fault: the process on a seat has been stopped, and is to be counted as silent.
     ///
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
-    pub fn stopped(&mut self, place: Place, means: &mut Means<'_>) -> Result<(), FlightError> {
+    pub fn stopped(
+        &mut self,
+        place: Place,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
         let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) else {
             return Ok(());
         };
-        self.lost(slot, seat, means);
-        self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), means)
+        self.lost(slot, seat, context);
+        self.tell(slot, Event::Misbehaved(seat, Fault::Stalled), context)
     }
 }
 
@@ -304,5 +313,5 @@ fn slot_config(mode: ClockMode, scenario: &Scenario) -> SlotConfig {
         ClockMode::Lockstep => SlotConfig::LOCKSTEP,
         _ => SlotConfig::REALTIME,
     };
-    SlotConfig { keeps_fallback: scenario.settings().watch.fallback == Fallback::Auto, ..config }
+    SlotConfig { keeps_fallback: scenario.settings().monitor.fallback == Fallback::Auto, ..config }
 }

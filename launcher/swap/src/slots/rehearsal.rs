@@ -1,6 +1,6 @@
 //! Has candidates rehearsed, and reports the verdicts to the swap protocol.
 
-use super::{Means, Slots};
+use super::{SlotContext, Slots};
 use crate::orders::Executable;
 use crate::{FlightError, Owners, RehearsalSpec};
 use ::rehearsal::{RehearsalRefusal as Refused, Verdict};
@@ -50,16 +50,16 @@ impl Slots {
         &mut self,
         slot: Slot,
         seat: Seat,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        let from_ns = means.now.logical_ns;
-        if let Some(around) = self.around.get_mut(&slot) {
-            around.rehearsal = Some(Underway { seat, from_ns });
+        let from_ns = context.now.logical_ns;
+        if let Some(state) = self.states.get_mut(&slot) {
+            state.rehearsal = Some(Underway { seat, from_ns });
         }
         self.rehearsing.asked += 1;
         let place = Place { role: slot.role(), index: seat.into() };
-        let begun = match self.rehearsal_of(slot, seat, from_ns, means) {
-            Some(spec) => means.posts.rehearse(place, spec, self.rehearsing.wall_max_s),
+        let begun = match self.rehearsal_of(slot, seat, from_ns, context) {
+            Some(spec) => context.posts.rehearse(place, spec, self.rehearsing.wall_max_s),
             None => Err("the vehicle's state is not known yet: swap later".to_owned()),
         };
         match begun {
@@ -69,7 +69,7 @@ impl Slots {
                 seat,
                 Err(RehearsalRefusal::NotRehearsed(why)),
                 false,
-                means,
+                context,
             ),
         }
     }
@@ -87,9 +87,9 @@ impl Slots {
         slot: Slot,
         seat: Seat,
         at_ns: u64,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Option<RehearsalSpec> {
-        let snapshot = means.posts.snapshot(at_ns)?;
+        let snapshot = context.posts.snapshot(at_ns)?;
         let executable = self.orders.seated_on(slot, seat)?;
         let candidate = name_of(executable);
         let owner_of = |slot: Slot| {
@@ -118,13 +118,16 @@ impl Slots {
     }
 
     /// Takes the verdicts that have arrived, and ends rehearsals whose candidate has been withdrawn.
-    pub(super) fn take_rehearsals(&mut self, means: &mut Means<'_>) -> Result<(), FlightError> {
-        for (place, verdict) in means.posts.take_rehearsed() {
+    pub(super) fn take_rehearsals(
+        &mut self,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
+        for (place, verdict) in context.posts.take_rehearsed() {
             let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index))
             else {
                 continue;
             };
-            let left_tube = has_left_tube(&verdict, means);
+            let left_tube = has_left_tube(&verdict, context);
             let course = verdict.refusal.as_ref().map_or(&[][..], Refused::course);
             if !course.is_empty() {
                 self.orders.show_failure(slot, course.to_vec());
@@ -134,13 +137,13 @@ impl Slots {
                 Some(Refused::NotRehearsed { why }) => Err(RehearsalRefusal::NotRehearsed(why)),
                 Some(refusal) => Err(RehearsalRefusal::Fails(format!("it {refusal}"))),
             };
-            self.answer_rehearsal(slot, seat, verdict, left_tube, means)?;
+            self.answer_rehearsal(slot, seat, verdict, left_tube, context)?;
         }
         for slot in Slot::ALL {
             let candidate = self.machines.get(&slot).and_then(slot::Slot::candidate);
-            let Some(around) = self.around.get_mut(&slot) else { continue };
-            if let Some(gone) = around.rehearsal.take_if(|it| Some(it.seat) != candidate) {
-                means.posts.end_rehearsal(Place { role: slot.role(), index: gone.seat.into() });
+            let Some(state) = self.states.get_mut(&slot) else { continue };
+            if let Some(gone) = state.rehearsal.take_if(|it| Some(it.seat) != candidate) {
+                context.posts.end_rehearsal(Place { role: slot.role(), index: gone.seat.into() });
             }
         }
         Ok(())
@@ -152,24 +155,24 @@ impl Slots {
         seat: Seat,
         verdict: Result<String, RehearsalRefusal>,
         left_tube: bool,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        let around = self.around.get_mut(&slot);
-        let underway = around.and_then(|around| around.rehearsal.take_if(|it| it.seat == seat));
+        let state = self.states.get_mut(&slot);
+        let underway = state.and_then(|state| state.rehearsal.take_if(|it| it.seat == seat));
         let Some(Underway { from_ns, .. }) = underway else { return Ok(()) };
-        self.tell(slot, Event::Rehearsed(seat, Rehearsed { from_ns, left_tube, verdict }), means)
+        self.tell(slot, Event::Rehearsed(seat, Rehearsed { from_ns, left_tube, verdict }), context)
     }
 }
 
 /// True if the vehicle is now further from its reference than the tube allows, so that the rehearsal, which
 /// began closer to the reference, no longer applies to it.
-fn has_left_tube(verdict: &Verdict, means: &Means<'_>) -> bool {
+fn has_left_tube(verdict: &Verdict, context: &SlotContext<'_>) -> bool {
     let Some(figures) = &verdict.figures else { return false };
     let limits = figures.figures.iter().filter(|f| f.measure == Measure::PositionPeak);
     let Some(limit_m) = limits.map(|figure| figure.limit).reduce(f64::max) else {
         return false;
     };
-    means.posts.tracking_error_m(means.now.logical_ns).is_some_and(|error_m| error_m > limit_m)
+    context.posts.tracking_error_m(context.now.logical_ns).is_some_and(|error_m| error_m > limit_m)
 }
 
 /// Name or path of a controller, in the form that a request for a swap uses.

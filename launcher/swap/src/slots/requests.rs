@@ -1,6 +1,6 @@
 //! Orders from outside and of the script, given to the swap protocol.
 
-use super::{Means, Slots, SwapReport};
+use super::{SlotContext, Slots, SwapReport};
 use crate::FlightError;
 use crate::orders::Ordered;
 use protocol::control::protocol::{Reason as Refused, Refusal};
@@ -29,19 +29,19 @@ impl Slots {
         &mut self,
         asked: &Asked,
         answer: Answer,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         if let Asked::Order { order } = asked {
-            self.give(order, &answer, means);
+            self.give(order, &answer, context);
             return Ok(());
         }
-        let understood = match (means.monitor_silent_ns, asked) {
+        let understood = match (context.monitor_silent_ns, asked) {
             (Some(ns), Asked::Swap(_)) => Err(monitor_is_silent(ns)),
             _ => self.orders.understand(asked, &self.machines),
         };
         match understood {
             Ok(None) => Ok(()),
-            Ok(Some(ordered)) => self.request(&ordered, Some(answer), means),
+            Ok(Some(ordered)) => self.request(&ordered, Some(answer), context),
             Err(refusal) => {
                 answer.send(Reply::Refused(refusal));
                 Ok(())
@@ -53,16 +53,20 @@ impl Slots {
     ///
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
-    pub fn script(&mut self, asked: &Asked, means: &mut Means<'_>) -> Result<(), FlightError> {
+    pub fn script(
+        &mut self,
+        asked: &Asked,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
         match self.orders.understand(asked, &self.machines) {
             Ok(None) => Ok(()),
-            Ok(Some(ordered)) => self.request(&ordered, None, means),
+            Ok(Some(ordered)) => self.request(&ordered, None, context),
             Err(refusal) => {
                 if let Asked::Swap(order) = asked
                     && let Some(slot) = Slot::named(&order.slot)
                 {
                     let mut report =
-                        SwapReport::new(slot, "", &order.to, means.now.logical_ns, true);
+                        SwapReport::new(slot, "", &order.to, context.now.logical_ns, true);
                     report.refuse(&refusal.text);
                     self.reports.push(report);
                 }
@@ -76,20 +80,20 @@ impl Slots {
         &mut self,
         ordered: &Ordered,
         answer: Option<Answer>,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
         let slot = ordered.slot;
-        let (Some(machine), Some(around)) =
-            (self.machines.get_mut(&slot), self.around.get_mut(&slot))
+        let (Some(machine), Some(state)) =
+            (self.machines.get_mut(&slot), self.states.get_mut(&slot))
         else {
             return Ok(());
         };
         let from = machine.record().map(|record| record.owner);
-        let actions = machine.on(means.now, Event::Request(ordered.request));
+        let actions = machine.on(context.now, Event::Request(ordered.request));
         let refused =
             actions.iter().any(|action| matches!(action, Action::Report(Report::Refused(_))));
         if let Request::Swap(target, _) = ordered.request {
-            if around.current.is_none() || refused {
+            if state.current.is_none() || refused {
                 let to = match target {
                     Target::New(program) => {
                         let executable = self.orders.executable(program);
@@ -98,14 +102,14 @@ impl Slots {
                     Target::Seated(seat) => self.orders.name(slot, seat),
                 };
                 let from = from.map_or(String::new(), |seat| self.orders.name(slot, seat));
-                let at_ns = means.now.logical_ns;
+                let at_ns = context.now.logical_ns;
                 self.reports.push(SwapReport::new(slot, &from, &to, at_ns, answer.is_none()));
             }
             if refused {
                 self.end_last(&actions);
             } else {
-                around.current = Some(self.reports.len() - 1);
-                around.max_bump = ordered.max_bump;
+                state.current = Some(self.reports.len() - 1);
+                state.max_bump = ordered.max_bump;
             }
         }
         if ordered.skips_rehearsal && !refused {
@@ -115,7 +119,7 @@ impl Slots {
         if let Some(answer) = answer {
             self.orders.follow(ordered, &self.machines, &actions, answer);
         }
-        self.carry_out(slot, actions, means)?;
+        self.carry_out(slot, actions, context)?;
         if refused && is_answered {
             // Whoever asked knows, and the flight is none the worse for it.
             self.news.iter_mut().skip(told).for_each(|news| news.warning = false);
@@ -125,7 +129,7 @@ impl Slots {
         {
             // It has been there all along, and is handed nothing.
             let alike = self.machines.get(&slot).is_some_and(|m| m.are_alike(owner, seat));
-            self.open_gate(slot, seat, alike, None, means);
+            self.open_gate(slot, seat, alike, None, context);
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! What is done to a flight on purpose, at logical instants: swaps, standbys, faults and orders.
 
-use super::{Means, News, Slots};
+use super::{News, SlotContext, Slots};
 use crate::FlightError;
 use protocol::control::Request;
 use protocol::control::protocol::Order;
@@ -63,19 +63,23 @@ impl Script {
     ///
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
-    pub fn run(&mut self, slots: &mut Slots, means: &mut Means<'_>) -> Result<(), FlightError> {
-        while self.next_ns() <= means.now.logical_ns
+    pub fn run(
+        &mut self,
+        slots: &mut Slots,
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
+        while self.next_ns() <= context.now.logical_ns
             && let Some((_, deed)) = self.deeds.pop()
         {
             match deed {
-                Deed::Swap(swap) => slots.script(&order(&swap), means)?,
+                Deed::Swap(swap) => slots.script(&order(&swap), context)?,
                 Deed::Standby(StandbySettings { slot, name, shadow_s, rehearse, .. }) => {
                     let slot = slot.label().to_owned();
                     let shadow_ns = ns_from_s(shadow_s);
-                    slots.script(&Request::Standby { slot, name, shadow_ns, rehearse }, means)?;
+                    slots.script(&Request::Standby { slot, name, shadow_ns, rehearse }, context)?;
                 }
-                Deed::Fault(fault) => afflict(&fault, slots, means)?,
-                Deed::Order(order, at_ns) => slots.give_scripted(&order, at_ns, means),
+                Deed::Fault(fault) => afflict(&fault, slots, context)?,
+                Deed::Order(order, at_ns) => slots.give_scripted(&order, at_ns, context),
             }
         }
         Ok(())
@@ -104,10 +108,10 @@ fn order(swap: &SwapSettings) -> Request {
 fn afflict(
     fault: &FaultSettings,
     slots: &mut Slots,
-    means: &mut Means<'_>,
+    context: &mut SlotContext<'_>,
 ) -> Result<(), FlightError> {
     let in_slot = slots.seats_of(&fault.name).first().copied();
-    let Some(place) = in_slot.or_else(|| means.posts.seat_of(&fault.name)) else {
+    let Some(place) = in_slot.or_else(|| context.posts.seat_of(&fault.name)) else {
         return Ok(());
     };
     let deed = if matches!(fault.kind, FaultKind::Kill) { "killed" } else { "stopped" };
@@ -116,13 +120,13 @@ fn afflict(
     slots.strike(place);
     match fault.kind {
         FaultKind::Kill => {
-            slots.killed(place, means);
-            means.posts.kill_at_once(place);
+            slots.killed(place, context);
+            context.posts.kill_at_once(place);
         }
         FaultKind::Stop => {
-            means.posts.stop(place);
+            context.posts.stop(place);
             if slots.has(place.role) {
-                slots.stopped(place, means)?;
+                slots.stopped(place, context)?;
             }
         }
     }

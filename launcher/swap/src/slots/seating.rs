@@ -1,6 +1,6 @@
 //! What the recording is told of who sits where, so that every life of a process can be flown again.
 
-use super::{Executable, Means, Slots};
+use super::{Executable, SlotContext, Slots};
 use runtime::life_number;
 use runtime::service::StateHeader;
 use scenario::candidate::{Candidate, Slot};
@@ -40,10 +40,10 @@ impl Slots {
         slot: Slot,
         seat: Seat,
         seating: Seating,
-        means: &mut Means<'_>,
+        context: &mut SlotContext<'_>,
     ) {
         let place = Place { role: slot.role(), index: seat.into() };
-        let Some(generation) = means.posts.generation(place) else { return };
+        let Some(generation) = context.posts.generation(place) else { return };
         let executable = self.orders.seated_on(slot, seat);
         let built_in = executable.is_some_and(|e| matches!(e.candidate, Candidate::Service(_)));
         let name = executable.map_or("", |executable| executable.candidate.name());
@@ -53,7 +53,7 @@ impl Slots {
             header: Header {
                 sequence: u64::from(seating.kind.0) + 1,
                 valid_ns: seating.header.release_ns,
-                publish_mono_ns: means.now_mono_ns,
+                publish_mono_ns: context.now_mono_ns,
                 seat: life_number(place, generation),
                 generation,
                 ..seating.header
@@ -66,21 +66,21 @@ impl Slots {
             configured: Flag::from(config.is_some()),
             ..seating
         };
-        means.posts.tell_seating(&told, config.as_deref());
+        context.posts.tell_seating(&told, config.as_deref());
     }
 
     /// Nobody waits any more for who sits there, and it did not leave in order.
-    pub(super) fn lost(&self, slot: Slot, seat: Seat, means: &mut Means<'_>) {
-        let release_ns = means.now.logical_ns;
+    pub(super) fn lost(&self, slot: Slot, seat: Seat, context: &mut SlotContext<'_>) {
+        let release_ns = context.now.logical_ns;
         let header = Header { release_ns, ..Header::default() };
         let seating = Seating { header, kind: SeatingKind::Lost, ..Seating::default() };
-        self.tell_seating(slot, seat, seating, means);
+        self.tell_seating(slot, seat, seating, context);
     }
 
     /// As [`lost`](Self::lost), of somebody who is killed on purpose.
-    pub(super) fn killed(&self, place: Place, means: &mut Means<'_>) {
+    pub(super) fn killed(&self, place: Place, context: &mut SlotContext<'_>) {
         if let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) {
-            self.lost(slot, seat, means);
+            self.lost(slot, seat, context);
         }
     }
 }

@@ -67,17 +67,17 @@ impl Slots {
             }
             _ => {}
         }
-        let Some(around) = self.around.get_mut(&slot) else { return };
-        if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut around.gate) {
+        let Some(state) = self.states.get_mut(&slot) else { return };
+        if let (Step::FlipsAt { at_ns, .. }, Some(gate)) = (step, &mut state.gate) {
             gate.flips_at(*at_ns);
         }
         match step {
-            Step::Flipped { seat, .. } => around.commanding[seat.index()] = around.current,
+            Step::Flipped { seat, .. } => state.commanding[seat.index()] = state.current,
             // Another process has the seat next.
-            Step::Left(seat) | Step::Joined { seat, .. } => around.commanding[seat.index()] = None,
+            Step::Left(seat) | Step::Joined { seat, .. } => state.commanding[seat.index()] = None,
             _ => {}
         }
-        let Some(report) = around.current.and_then(|at| self.reports.get_mut(at)) else { return };
+        let Some(report) = state.current.and_then(|at| self.reports.get_mut(at)) else { return };
         match step {
             Step::Joined { same_kind, at_ns, .. } => {
                 report.joined_s = Some(s_from_ns(*at_ns));
@@ -97,15 +97,15 @@ impl Slots {
 
     /// How a swap to the process on a seat has ended that came to nothing.
     fn how_aborted(&self, slot: Slot, seat: Seat, reason: &Reason) -> SwapEnd {
-        let around = self.around.get(&slot);
-        let struck = around.map_or(&[][..], |around| &around.struck);
+        let state = self.states.get(&slot);
+        let struck = state.map_or(&[][..], |state| &state.struck);
         let is_meant = match reason {
             Reason::RolledBack | Reason::Retired => true,
             Reason::OwnerLost => !struck.is_empty(),
             Reason::Fault(_) => struck.contains(&seat),
             _ => false,
         };
-        let report = around.and_then(|around| self.reports.get(around.current?));
+        let report = state.and_then(|state| self.reports.get(state.current?));
         match report {
             _ if is_meant => SwapEnd::Withdrawn,
             Some(report) if report.flipped_s.is_some() => SwapEnd::TakenBack,
@@ -115,9 +115,9 @@ impl Slots {
 
     /// Writes down that the owner on `seat` has lost the slot after its swap had ended well.
     fn take_back(&mut self, slot: Slot, seat: Seat, why: &str) {
-        let Some(around) = self.around.get_mut(&slot) else { return };
-        let is_meant = around.struck.contains(&seat);
-        let commanding = around.commanding[seat.index()].take();
+        let Some(state) = self.states.get_mut(&slot) else { return };
+        let is_meant = state.struck.contains(&seat);
+        let commanding = state.commanding[seat.index()].take();
         let report = commanding.and_then(|at| self.reports.get_mut(at));
         if let Some(report) = report.filter(|report| report.done) {
             report.outcome = format!("taken back: {why}");
@@ -126,7 +126,7 @@ impl Slots {
     }
 
     fn refuse_rehearsed(&mut self, slot: Slot, words: &str) {
-        let current = self.around.get(&slot).and_then(|around| around.current);
+        let current = self.states.get(&slot).and_then(|state| state.current);
         if let Some(report) = current.and_then(|at| self.reports.get_mut(at)) {
             report.rehearsal = Some(words.to_owned());
         }
@@ -134,9 +134,9 @@ impl Slots {
 
     /// Writes down how what was going on ended.
     pub(super) fn end(&mut self, slot: Slot, outcome: &str, (ended, done): (SwapEnd, bool)) {
-        let Some(around) = self.around.get_mut(&slot) else { return };
-        let gate = around.gate.take();
-        let report = around.current.take().and_then(|at| self.reports.get_mut(at));
+        let Some(state) = self.states.get_mut(&slot) else { return };
+        let gate = state.gate.take();
+        let report = state.current.take().and_then(|at| self.reports.get_mut(at));
         let Some(report) = report else { return };
         if let Some(gate) = &gate {
             report.measured(gate);
@@ -147,9 +147,9 @@ impl Slots {
 
     /// A fault of the script strikes the process on a seat: what becomes of a swap by that is meant to.
     pub(super) fn strike(&mut self, place: Place) {
-        let slot = self.slot_of(place.role).and_then(|slot| self.around.get_mut(&slot));
-        if let (Some(around), Some(seat)) = (slot, Seat::new(place.index)) {
-            around.struck.push(seat);
+        let slot = self.slot_of(place.role).and_then(|slot| self.states.get_mut(&slot));
+        if let (Some(state), Some(seat)) = (slot, Seat::new(place.index)) {
+            state.struck.push(seat);
         }
     }
 

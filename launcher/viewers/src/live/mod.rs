@@ -1,4 +1,4 @@
-//! A run in the air, for viewers: `morphquad live`, which `run --live` starts as a process of its own.
+//! A running flight, for viewers: `morphquad live`, which `run --live` starts as a process of its own.
 //!
 //! It listens to the run as `topic` does, and hands what it hears on: `viewers` over the Foxglove
 //! WebSocket protocol, where nobody can write, and `desk` to our own page, with buttons for whoever
@@ -251,7 +251,7 @@ impl LiveServer {
                 }
             }
         }
-        let text = "still in the air, but shown no more";
+        let text = "still running, but shown no more";
         self.finish(Ending { is_good: false, text: text.to_owned() });
         Ok(None)
     }

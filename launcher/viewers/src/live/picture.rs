@@ -1,4 +1,4 @@
-//! What the page shows of a flight in the air, in bounded memory: everything so far, or what is new.
+//! What the page shows of a running flight, in bounded memory: everything so far, or what is new.
 
 use crate::view::{Collect, Happening, Owners, json};
 use protocol::control::status::RunStatus;
@@ -75,9 +75,7 @@ impl Picture {
                 None => {
                     "its launcher has died, and in lockstep nobody can go on with it; its recording can be read"
                 }
-                Some(_) => {
-                    "in the air, but its launcher has died: `morphquad adopt` goes on with it"
-                }
+                Some(_) => "running, but its launcher has died: `morphquad adopt` goes on with it",
             },
         }
     }
@@ -148,9 +146,8 @@ impl Picture {
             }),
             None => {
                 let trouble = collect.trouble();
-                let text = trouble
-                    .as_ref()
-                    .map_or("in the air".to_owned(), |why| format!("in the air, {why}"));
+                let text =
+                    trouble.as_ref().map_or("running".to_owned(), |why| format!("running, {why}"));
                 json!({ "is_good": trouble.is_none(), "text": text })
             }
         };
@@ -241,7 +238,7 @@ mod tests {
         assert_eq!(picture.since(0.0, 99)["events_first"], 1);
         assert_eq!(
             (&news["is_over"], &news["outcome"]["text"]),
-            (&false.into(), &"in the air".into())
+            (&false.into(), &"running".into())
         );
         picture.orphaned(true);
         let told = picture.since(0.0, 1)["outcome"]["text"].to_string();

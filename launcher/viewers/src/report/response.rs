@@ -7,7 +7,7 @@ use serde::Serialize;
 const BEFORE_S: f64 = 1.0;
 const AFTER_S: f64 = 2.0;
 /// Things told of; a storm of faults is told by its beginning, and hides nothing else.
-const MOST: usize = 40;
+const MAX_FAULTS: usize = 40;
 
 /// The error around one instant. Of a flight on a path it is that of the position, of a rig that of the
 /// attitude; each along its worst axis.
@@ -36,7 +36,7 @@ pub(super) fn responses(gathered: &Gathered) -> Vec<Response> {
     let mut faults = 0;
     let marks = gathered.happenings.iter().filter(|happening| {
         faults += usize::from(happening.is_mark && happening.kind == Kind::Fault);
-        happening.is_mark && (happening.kind != Kind::Fault || faults <= MOST)
+        happening.is_mark && (happening.kind != Kind::Fault || faults <= MAX_FAULTS)
     });
     let around = marks.filter_map(|mark| {
         let within = |from: f64, to: f64| {

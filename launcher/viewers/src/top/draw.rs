@@ -126,7 +126,7 @@ fn head_of(snapshot: &Snapshot, talk: &Talk, palette: Palette, width: u16) -> Ve
     let RunStatus { run, scenario, clock, started, flown_s, end_s, .. } = &snapshot.status;
     let stage = match (talk.over, started) {
         (true, _) => "ended",
-        (false, true) => "in the air",
+        (false, true) => "running",
         (false, false) => "getting ready",
     };
     let share = if *end_s > 0.0 { (flown_s / end_s).clamp(0.0, 1.0) } else { 0.0 };

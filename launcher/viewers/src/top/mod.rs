@@ -1,4 +1,4 @@
-//! `morphquad top`: a run in the air on one screen.
+//! `morphquad top`: a running flight on one screen.
 //!
 //! What it shows comes from the control socket and from copies of topics that the launcher hands on, so
 //! no loop has to do with it. [`gauges`] measures loops by what they publish, [`snapshot`] puts that beside

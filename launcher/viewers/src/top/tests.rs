@@ -102,7 +102,7 @@ fn everything_is_on_80_by_24_even_where_all_numbers_are_wide() {
     };
     let lines = screen(80, 24, &snapshot(), &talk);
     let text = lines.join("\n");
-    assert!(lines[0].starts_with("run 785359bad9  figure8-morph, realtime, in the air"), "{text}");
+    assert!(lines[0].starts_with("run 785359bad9  figure8-morph, realtime, running"), "{text}");
     assert!(lines[1].ends_with("] 12.0 of 20.0 s"), "{text}");
     let heading = lines.iter().position(|line| line.starts_with("LOOP")).expect("a table");
     for (row, line) in snapshot().loops.iter().zip(&lines[heading + 1..]) {

@@ -9,7 +9,7 @@ use shared_types::Header;
 /// Chains told one by one as the slowest.
 const SLOWEST: usize = 5;
 /// Commands without a chain that are told one by one.
-const MOST_UNTRACED: usize = 10;
+const MAX_UNTRACED: usize = 10;
 
 /// Length of one span over all chains that have it \[ns\].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -261,12 +261,12 @@ impl fmt::Display for Report {
                 us(one.longest.1),
             )?;
         }
-        for (command, broken) in self.untraced.iter().take(MOST_UNTRACED) {
+        for (command, broken) in self.untraced.iter().take(MAX_UNTRACED) {
             let Header { sequence, seat, release_ns, .. } = *command;
             let at_s = release_ns as f64 * 1e-9;
             writeln!(f, "not traced: command {sequence} of seat {seat} at {at_s:.4} s {broken}")?;
         }
-        if let Some(more) = self.untraced.len().checked_sub(MOST_UNTRACED).filter(|n| *n > 0) {
+        if let Some(more) = self.untraced.len().checked_sub(MAX_UNTRACED).filter(|n| *n > 0) {
             writeln!(f, "not traced: {more} further ones; --format json names them all")?;
         }
         if let Some(end_ns) = self.cut_at_ns {

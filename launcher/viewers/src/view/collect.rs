@@ -30,7 +30,7 @@ pub(crate) struct Frames {
 /// Sees every record once.
 #[derive(Debug)]
 pub(crate) struct Collect {
-    /// Who commands; complete before the first sample of a recording, and ahead of the commands in the air.
+    /// Who commands; complete before the first sample of a recording, and ahead of the commands of a running flight.
     pub(crate) owners: Owners,
     epoch_unix_ns: u64,
     clock: Clock,

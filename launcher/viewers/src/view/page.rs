@@ -26,7 +26,7 @@ pub fn page(scene: &Scene) -> String {
     document(scene.to_json())
 }
 
-/// The same document for a flight in the air, which asks its server for what comes.
+/// The same document for a running flight, which asks its server for what comes.
 pub(crate) fn live_page(flight: &Value) -> String {
     document(flight).replacen("connect-src 'none'", "connect-src 'self'", 1)
 }

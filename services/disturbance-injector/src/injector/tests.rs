@@ -213,7 +213,7 @@ fn a_restored_injector_continues_bit_for_bit_and_a_step_allocates_nothing() {
 }
 
 #[test]
-fn a_fault_added_in_the_air_begins_at_its_instant_and_leaves_the_rest_alone() {
+fn a_fault_added_in_flight_begins_at_its_instant_and_leaves_the_rest_alone() {
     let fault = "kind = 'rotor_efficiency'\nat_s = 1.0\nrotor = 2\nefficiency = 0.5";
     let kick =
         |at_s: &str| format!("kind = 'kick'\nat_s = {at_s}\nbody_rate_b_rad_s = [1.0, 0.0, 0.0]");

@@ -4,7 +4,7 @@ use rustix::thread::{CpuSet, sched_setaffinity, set_name};
 use std::ffi::CString;
 
 /// Characters in the name of a thread, as the system keeps it.
-const LONGEST_NAME: usize = 15;
+const MAX_NAME_LEN: usize = 15;
 
 /// Name in `ps -L`, `top -H` and debuggers.
 pub fn name_thread(name: &str) {
@@ -16,7 +16,7 @@ pub fn name_thread(name: &str) {
 
 /// As many words of a name as fit.
 fn short(name: &str) -> &str {
-    let fits = name.floor_char_boundary(LONGEST_NAME);
+    let fits = name.floor_char_boundary(MAX_NAME_LEN);
     if fits == name.len() {
         return name;
     }

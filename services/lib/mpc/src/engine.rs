@@ -26,14 +26,14 @@ impl SolverKind {
     fn build(self, moves: usize, rows: usize) -> Result<Box<dyn QpSolver>, MpcError> {
         let settings = match self {
             Self::ActiveSet => {
-                let settings = Settings { max_work: Some(MOST_WORK), ..Settings::default() };
+                let settings = Settings { max_work: Some(MAX_WORK), ..Settings::default() };
                 return Ok(Box::new(ActiveSet::new(moves, rows, settings)?));
             }
             Self::Hildreth => HildrethSettings::textbook(),
             Self::HildrethConverged => {
                 // With soft rows a row has an entry of its own beside those of the moves.
                 let sweep = 2 * rows.max(1) as u64 * (moves + rows) as u64;
-                let sweeps = u32::try_from(MOST_WORK / sweep).unwrap_or(u32::MAX);
+                let sweeps = u32::try_from(MAX_WORK / sweep).unwrap_or(u32::MAX);
                 let converged = HildrethSettings::converged();
                 let most = converged.max_sweeps.min(sweeps);
                 let least = HildrethSettings::textbook().max_sweeps;
@@ -47,7 +47,7 @@ impl SolverKind {
 /// Multiply-adds of one solve, some tens of milliseconds of one core: how many changes of the working
 /// set or sweeps that is falls with the size of the program. Those that fly need a hundredth; a
 /// process that computes for seconds is taken for one that hangs.
-const MOST_WORK: u64 = 40_000_000;
+const MAX_WORK: u64 = 40_000_000;
 
 /// Violation of a soft bound, relative to half of what lies between it and its counterpart, from
 /// which it counts.

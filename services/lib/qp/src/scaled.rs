@@ -16,7 +16,7 @@ use crate::solver::{QpError, QpStatus, check_compliance};
 const SYMMETRY: f64 = 1e-8;
 
 /// Above this the squares of the methods overflow.
-const LARGEST_GRADIENT: f64 = 1e140;
+const MAX_GRADIENT: f64 = 1e140;
 
 #[derive(Debug, Clone)]
 pub(crate) struct ScaledProblem<T = f64> {
@@ -206,7 +206,7 @@ impl<T: Real> ScaledProblem<T> {
         free.iter_mut().zip(f).for_each(|(g, f)| *g = T::from(*f));
         self.gradient(g);
         // `all` of a comparison refuses NaN as well.
-        if !g.iter().all(|g| g.round().abs() < LARGEST_GRADIENT) {
+        if !g.iter().all(|g| g.round().abs() < MAX_GRADIENT) {
             return Err(QpStatus::NotFinite);
         }
         let feasible = (0..m).all(|i| {

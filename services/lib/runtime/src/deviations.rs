@@ -10,7 +10,7 @@ use core::convert::Infallible;
 use shared_types::{Deviation, DeviationKind, Header, Role, SEATS, Sample, Seat, Topic, topics};
 
 /// Inputs of one loop that are waited for; nobody has more.
-const MOST_AWAITED: usize = 8;
+const MAX_AWAITED: usize = 8;
 
 /// Roles that a number tells apart.
 const ROLE_RADIX: u32 = 8;
@@ -101,7 +101,7 @@ impl<'a> Report<'a> {
 #[derive(Debug, Default)]
 pub(crate) struct Pending {
     /// Topics that were not final at a deadline.
-    missed: [Option<&'static str>; MOST_AWAITED],
+    missed: [Option<&'static str>; MAX_AWAITED],
     /// Deadlines missed.
     misses: u64,
     /// First release left out.

@@ -13,7 +13,7 @@ mod segment;
 
 pub use crate::namespace_error::NamespaceError;
 pub use look::{
-    dead_runs, living_runs, orphans, remove_unborn_objects, runs_in_the_air, sweep_dead_runs,
+    active_runs, dead_runs, living_runs, orphans, remove_unborn_objects, sweep_dead_runs,
 };
 pub use names::BASE;
 

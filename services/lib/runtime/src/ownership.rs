@@ -9,7 +9,7 @@ use crate::input::Input;
 use shared_types::{NO_SEAT, OwnerRecord, Progress, Role, RollEntry, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.
-const MOST_TENURES: usize = 8;
+const MAX_TENURES: usize = 8;
 
 /// What a seat has to say in its slot at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,7 +82,7 @@ struct Tenure {
 /// The tenures of one slot: the one in effect and those announced.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SlotBook {
-    tenures: [Tenure; MOST_TENURES],
+    tenures: [Tenure; MAX_TENURES],
     count: usize,
 }
 
@@ -93,7 +93,7 @@ impl SlotBook {
         if record.epoch <= known {
             return;
         }
-        if self.count == MOST_TENURES {
+        if self.count == MAX_TENURES {
             self.tenures.copy_within(1.., 0);
             self.count -= 1;
         }

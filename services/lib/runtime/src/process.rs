@@ -79,7 +79,7 @@ pub struct Process<'a> {
     lost_pilot: Option<u32>,
     upkeep: Upkeep,
     /// Who was there at the last look.
-    crew: u64,
+    registered: u64,
     timed_out: bool,
 }
 
@@ -126,7 +126,7 @@ impl<'a> Process<'a> {
             opened_mono_ns: mono_now_ns(),
             lost_pilot: None,
             upkeep: Upkeep::of_this_thread(),
-            crew: 0,
+            registered: 0,
             timed_out: false,
         })
     }

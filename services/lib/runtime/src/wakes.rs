@@ -10,7 +10,7 @@ use crate::rate::Rate;
 use shared_types::Role;
 
 /// Releases looked at; whoever is unblocked for more is woken without looking.
-const MOST_RELEASES: usize = 8;
+const MAX_RELEASES: usize = 8;
 
 impl Graph {
     /// Of [`wakes`](Self::wakes), the roles for which the mark of `from` may be the last that one
@@ -37,7 +37,7 @@ impl Graph {
     /// True if some release of `node` that `edge` permits since its mark moved may then run.
     fn may_come_last(&self, edge: &Edge, node: &Node, old_ns: u64, new_ns: u64) -> bool {
         let mut releases = edge.unblocked(node.rate, old_ns, new_ns);
-        releases.by_ref().take(MOST_RELEASES).any(|t_ns| !self.is_implied(edge, t_ns))
+        releases.by_ref().take(MAX_RELEASES).any(|t_ns| !self.is_implied(edge, t_ns))
             || releases.next().is_some()
     }
 

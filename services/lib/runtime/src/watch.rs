@@ -191,7 +191,7 @@ mod tests {
         Command::new("sleep").arg("60").spawn().unwrap()
     }
 
-    fn bury(mut child: Child) {
+    fn reap(mut child: Child) {
         child.kill().unwrap();
         child.wait().unwrap();
     }
@@ -217,7 +217,7 @@ mod tests {
         // However late this thread names the successor, it is in time.
         flags.watch_launcher(&folder, first.id(), 600.0, tell()).unwrap();
         assert!(!flags.launcher_gone());
-        bury(first);
+        reap(first);
         await_that(|| flags.launcher_gone());
         let pid = second.id();
         let line = format!("{pid} {}\n", process_start(pid).unwrap());
@@ -229,7 +229,7 @@ mod tests {
         let flags = StopFlags::default();
         heard.lock().unwrap().clear();
         flags.watch_launcher(&folder, pid, 0.1, tell()).unwrap();
-        bury(second);
+        reap(second);
         await_that(|| flags.grace_over());
         assert!(
             flags.launcher_gone() && flags.stop(),
@@ -248,7 +248,7 @@ mod tests {
     fn whoever_is_gone_before_the_watch_begins_cannot_be_watched() {
         let child = idler();
         let pid = child.id();
-        bury(child);
+        reap(child);
         let flags = StopFlags::default();
         assert!(flags.watch_launcher(Path::new("/nowhere"), pid, 1.0, |_| {}).is_err());
     }

@@ -17,7 +17,7 @@ const THRUST_MEMORY_S: f64 = 0.5;
 const STEP_RAD: f64 = 0.2 * TILT_BOUND_RAD;
 /// Rate at which an error that a step has made has to vanish \[1/s\]: that of an attitude loop that is far slower than any
 /// shipped one.
-const SLOWEST_RAD_S: f64 = 6.0;
+const MIN_DECAY_RATE_S: f64 = 6.0;
 /// Share of the rotors' deceleration with which a turn has to be braked that the vehicle had as its set point stepped.
 const BRAKED_SHARE: f64 = 0.5;
 /// Time constant with which the peak of the attitude error decays \[s\]; that peak decides which of the two
@@ -94,7 +94,7 @@ impl Judge {
     ) {
         let braked_rad_s2 = BRAKED_SHARE * braking.turn_rad_s2;
         let memory = &mut self.memory;
-        memory.stepped_rad *= libm::exp(-SLOWEST_RAD_S * moment.elapsed_s);
+        memory.stepped_rad *= libm::exp(-MIN_DECAY_RATE_S * moment.elapsed_s);
         let inherited_rad_s = memory.inherited_rad_s - braked_rad_s2 * moment.elapsed_s;
         memory.inherited_rad_s = inherited_rad_s.max(0.0);
         // An owner that has just begun inherits what the vehicle does.

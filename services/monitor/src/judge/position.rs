@@ -18,7 +18,7 @@ const OF_SETPOINT: [Oscillation; 2] = [
 /// Time constant with which the acceleration by wind and other forces is averaged \[s\].
 const PUSH_MEMORY_S: f64 = 0.5;
 /// Share of the horizontal acceleration that is left for braking in any wind.
-const LEAST_BRAKING: f64 = 0.3;
+const MIN_BRAKING: f64 = 0.3;
 /// How much farther the fallback lets the vehicle go than it could be stopped \[m\]: it continues from what was applied,
 /// and returns to its path rather than braking as hard as it can (`swap_table` of the catalogue compares both).
 const FALLBACK_M: f64 = 0.1;
@@ -127,7 +127,7 @@ impl Judge {
         let pushed = if speed > 1e-6 { push.dot(&then) / speed } else { 0.0 };
         // A head wind may drop.
         let most = braking.across_m_s2;
-        let across = (most - pushed).clamp(LEAST_BRAKING * most, most);
+        let across = (most - pushed).clamp(MIN_BRAKING * most, most);
         let stopping_s = turning_s + 0.5 * speed / across;
         error + velocity * kept_s + acceleration * (0.5 * kept_s * kept_s) + then * stopping_s
     }

@@ -137,8 +137,9 @@ fn every_shipped_controller_may_replace_every_other() {
     for (flight, at_s) in [("hover", 2.0), ("figure8-morph", 5.3)] {
         for slot in Slot::ALL {
             for owner in names_for(slot.role()) {
-                let crew = Override::crew(&format!("{}={owner}", slot.label())).unwrap();
-                let scenario = Scenario::load(flight, &[crew]).unwrap();
+                let assignment =
+                    Override::controller(&format!("{}={owner}", slot.label())).unwrap();
+                let scenario = Scenario::load(flight, &[assignment]).unwrap();
                 for candidate in names_for(slot.role()) {
                     let told = verdict(spec(&scenario, at_s, slot, candidate), &mut || true);
                     assert!(told.accepted, "{flight}, {owner}: {}", told.words);

@@ -86,7 +86,7 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
 #[test]
 fn without_a_fallback_a_trip_costs_a_metre_at_most() {
     let flights = Flights::new();
-    let alone = Override::set("watch.fallback=none").expect("a setting");
+    let alone = Override::set("monitor.fallback=none").expect("a setting");
     let situation = &SITUATIONS[0];
     let plain = plain(situation, SEED, None, &[alone]).expect("a flight");
     for slot in Slot::ALL {

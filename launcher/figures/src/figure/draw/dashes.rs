@@ -6,7 +6,7 @@
 use kuva::render::render::{PathData, Primitive};
 
 /// Most periods of a pattern along a line.
-const MOST: f64 = 1e5;
+const MAX_PERIODS: f64 = 1e5;
 
 /// The same drawing with every dashed line as the pieces of it that are drawn.
 pub(super) fn cut(elements: Vec<Primitive>) -> Vec<Primitive> {
@@ -37,7 +37,7 @@ fn pieces(element: Primitive) -> Vec<Primitive> {
         .sum();
     // What is no pattern, and a line that leaves any picture, stay as they are.
     let is_drawable =
-        lengths.iter().all(|length| *length >= 0.0) && period > 0.0 && way < MOST * period;
+        lengths.iter().all(|length| *length >= 0.0) && period > 0.0 && way < MAX_PERIODS * period;
     if !is_drawable {
         return vec![element];
     }

@@ -1,6 +1,6 @@
 //! What a process says: its topics and its state, put on the queues of the flight.
 
-use super::super::observer::Overhear;
+use super::super::observer::ErasedObserver;
 use super::super::wires::{QueueSink, Wires};
 use runtime::graph::READER_CAPACITY;
 use runtime::ipc::{Bus, IpcSource, PortError, StateSubscriber};
@@ -57,7 +57,7 @@ pub(super) struct Outputs {
     states: StateSubscriber,
     /// The last published state; empty before the first.
     state: Vec<u8>,
-    observer: Rc<dyn Overhear>,
+    observer: Rc<dyn ErasedObserver>,
     observes_states: bool,
 }
 

@@ -2,7 +2,7 @@
 
 use super::blocks::Blocks;
 use super::structure::{Member, Shape, Structure};
-use super::tableau::{MOST_ROWS, Small, Tick};
+use super::tableau::{MAX_ROWS, Small, Tick};
 use super::walk::Doubt;
 
 /// Where the answer for the whole problem goes.
@@ -117,7 +117,7 @@ impl Blocks {
             .zip(self.weights[shape.at_tall..].first_chunk());
         let lanes = self.sides[shape.at_tall..].first_chunk_mut().zip(lengths);
         let Some((sides, (reach, weights))) = lanes else { return Err(Doubt) };
-        let tableau = &mut self.tableau[shape.at_order * MOST_ROWS..][..shape.most * M];
+        let tableau = &mut self.tableau[shape.at_order * MAX_ROWS..][..shape.most * M];
         let mut small = Small::<M> {
             structure: &self.structure,
             shape,

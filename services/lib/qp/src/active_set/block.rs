@@ -3,7 +3,7 @@
 use super::blocks::{Blocks, Memory};
 use super::factor::Factor;
 use super::structure::{Shape, Structure};
-use super::tableau::MOST_ROWS;
+use super::tableau::MAX_ROWS;
 
 /// One block.
 #[derive(Debug)]
@@ -68,7 +68,7 @@ impl Blocks {
             values: &mut self.values[at_tall..][..tall],
             lower: &mut self.lower[at_tall..][..tall],
             upper: &mut self.upper[at_tall..][..tall],
-            tableau: &mut self.tableau[at_order * MOST_ROWS..][..most * MOST_ROWS],
+            tableau: &mut self.tableau[at_order * MAX_ROWS..][..most * MAX_ROWS],
             sides: &mut self.sides[at_tall..][..m],
             factor: Factor {
                 count,

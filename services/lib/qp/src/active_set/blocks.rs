@@ -6,7 +6,7 @@ use super::explicit::Explicit;
 use super::front::Front;
 use super::inverse::{invert, times};
 use super::structure::{LANES, Structure, padded};
-use super::tableau::MOST_ROWS;
+use super::tableau::MAX_ROWS;
 use crate::linear::column;
 
 /// Up to this product of a diagonal entry of H and of its inverse, products with the inverse are
@@ -103,7 +103,7 @@ impl Blocks {
             values: vec![0.0; tall],
             lower: vec![0.0; tall],
             upper: vec![0.0; tall],
-            tableau: vec![0.0; m * MOST_ROWS],
+            tableau: vec![0.0; m * MAX_ROWS],
             sides: vec![0; tall],
             order: vec![0; m],
             multipliers: vec![0.0; m],

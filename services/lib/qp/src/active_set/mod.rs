@@ -30,7 +30,7 @@ use tableau::Tick;
 use walk::Doubt;
 
 /// From g'H⁻¹g above this the squares of the methods overflow.
-const LARGEST_DEPTH: f64 = 1e280;
+const MAX_DEPTH: f64 = 1e280;
 
 /// Limits of the active-set solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,7 +200,7 @@ impl ActiveSet {
         self.blocks.release(f);
         // NaN and infinity are not less.
         let depth = self.blocks.front.depth(f);
-        if depth.partial_cmp(&LARGEST_DEPTH) != Some(Ordering::Less) {
+        if depth.partial_cmp(&MAX_DEPTH) != Some(Ordering::Less) {
             return Err(Doubt);
         }
         let n = self.x.len();
@@ -254,7 +254,7 @@ impl ActiveSet {
         let solved = self.blocks.explicit.solve(&tick, self.max_iterations, &mut answer)?;
         let (changes, active, depth) = solved;
         // NaN and infinity are not less.
-        match depth.abs().partial_cmp(&LARGEST_DEPTH) {
+        match depth.abs().partial_cmp(&MAX_DEPTH) {
             Some(Ordering::Less) => Ok((changes, active)),
             _ => Err(Doubt),
         }

@@ -3,13 +3,13 @@
 
 use super::block::Block;
 use super::inverse::times;
-use super::tableau::MOST_ROWS;
+use super::tableau::MAX_ROWS;
 use super::walk::Doubt;
 
 /// Residuals below this need no correction.
 pub(super) const EXACT: f64 = 1e-11;
 /// Corrections of an answer whose residual is measured.
-pub(super) const MOST_CORRECTIONS: usize = 4;
+pub(super) const MAX_CORRECTIONS: usize = 4;
 
 impl Block<'_> {
     /// Measures the residuals of the walk's end in the original problem and corrects them.
@@ -19,9 +19,9 @@ impl Block<'_> {
             *x = self.values[unit as usize];
         }
         let tall = self.shape.tall;
-        let small = tall <= MOST_ROWS;
+        let small = tall <= MAX_ROWS;
         let mut left = f64::INFINITY;
-        for _ in 0..MOST_CORRECTIONS {
+        for _ in 0..MAX_CORRECTIONS {
             left = self.residual();
             if left <= EXACT.min(1e-2 * self.tolerance) || left.is_nan() {
                 break;
@@ -109,7 +109,7 @@ impl Block<'_> {
 
 /// b <- `K_WW`⁻¹ b, from the tableau of a small block.
 fn solve_small(tableau: &[f64], tall: usize, working: &[u32], b: &mut [f64]) {
-    let mut sums = [0.0; MOST_ROWS];
+    let mut sums = [0.0; MAX_ROWS];
     for (row, b) in tableau.chunks_exact(tall).zip(b.iter()) {
         for (sum, &k) in sums.iter_mut().zip(working) {
             *sum += row[k as usize] * b;

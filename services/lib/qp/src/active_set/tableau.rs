@@ -13,7 +13,7 @@ use super::walk::{Doubt, NOISE, SATISFIED, WEAK};
 use crate::work::Work;
 
 /// The largest block: rows, units included, and lanes.
-pub(super) const MOST_ROWS: usize = 16;
+pub(super) const MAX_ROWS: usize = 16;
 
 /// What a solve is about, for the whole problem.
 #[derive(Debug, Clone, Copy)]

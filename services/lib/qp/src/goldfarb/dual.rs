@@ -18,9 +18,9 @@ const SATISFIED: f64 = 2e-13;
 /// The same after long walks, where rounding may feed a cycle.
 const SATISFIED_LATE: f64 = 1e-10;
 /// A row this close to the span of others, in roundings, counts as dependent.
-const LEAST_DEPENDENCE: f64 = 450.0;
+const MIN_INDEPENDENCE: f64 = 450.0;
 /// A row this far from the span, in roundings, counts as independent.
-const MOST_NOISE: f64 = 4.5e6;
+const MAX_NOISE: f64 = 4.5e6;
 /// Rows that meet nowhere within this many times the size of the problem contradict each other if
 /// rounding of their entries explains that they meet at all.
 const FAR: f64 = 1e4;
@@ -212,7 +212,7 @@ impl<T: Real> Goldfarb<T> {
         let miss = side * (dot(self.scaled.normal(p.row), y) - bound);
         let noise = self.scaled.noise * (2.0 + growth);
         let across = rest.round();
-        let independent = across > self.dependence().max(noise.min(MOST_NOISE * T::EPSILON));
+        let independent = across > self.dependence().max(noise.min(MAX_NOISE * T::EPSILON));
         let size = (norm(y) + norm(gradient)).round() + bound.round().abs();
         // Bounds that are given as doubles agree no better than to the rounding of those.
         let given = f64::EPSILON * (2.0 + growth) * (norm(y).round() + bound.round().abs());
@@ -307,6 +307,6 @@ impl<T: Real> Goldfarb<T> {
 
     /// Length of the part across the working rows at which a row counts as dependent on them.
     fn dependence(&self) -> f64 {
-        (LEAST_DEPENDENCE * T::EPSILON).max(2.0 * self.scaled.noise)
+        (MIN_INDEPENDENCE * T::EPSILON).max(2.0 * self.scaled.noise)
     }
 }

@@ -8,11 +8,11 @@ use crate::real::Real;
 use crate::solver::QpStatus;
 
 /// The first refinement brings residuals to rounding level; later ones serve hard cases only.
-const MOST_REFINEMENTS: usize = 3;
+const MAX_REFINEMENTS: usize = 3;
 /// Residual, relative to the promised one, that needs no further refinement.
 const GOOD_ENOUGH: f64 = 1e-3;
 /// No promise makes a residual this close to rounding doubtful.
-const LEAST_RESIDUAL: f64 = 1e-13;
+const MIN_RESIDUAL: f64 = 1e-13;
 
 impl<T: Real> Goldfarb<T> {
     /// Writes solution and multipliers; confirms or withdraws the verdict of the walk.
@@ -26,14 +26,14 @@ impl<T: Real> Goldfarb<T> {
         let mut status = walked;
         if walked == QpStatus::Solved {
             self.evaluate();
-            for _ in 0..MOST_REFINEMENTS {
+            for _ in 0..MAX_REFINEMENTS {
                 self.refine(f, bounds);
                 self.evaluate();
                 let residual = self.residual(f, bounds);
                 let kept = residual <= self.tolerance;
                 status = if kept { QpStatus::Solved } else { QpStatus::IterationLimit };
                 // In an ill-conditioned cost more would let x be 1e4 times as far off.
-                self.doubtful = residual > (self.tolerance * GOOD_ENOUGH).max(LEAST_RESIDUAL);
+                self.doubtful = residual > (self.tolerance * GOOD_ENOUGH).max(MIN_RESIDUAL);
                 if !self.doubtful {
                     break;
                 }

@@ -9,7 +9,7 @@ use std::path::Path;
 /// Inputs per step, fixed by the format.
 const AXES: usize = 3;
 /// Larger counts are damage: the blocks they announce would not fit any file.
-const MOST: usize = 4096;
+const MAX_COUNT: usize = 4096;
 
 /// A file that is not what it should be.
 #[derive(Debug)]
@@ -229,7 +229,7 @@ impl<'a> Cursor<'a> {
     }
 
     fn name(&mut self) -> Result<String, Damaged> {
-        let length = self.within("length of the name", 1, MOST)?;
+        let length = self.within("length of the name", 1, MAX_COUNT)?;
         let at = self.at;
         let name = String::from_utf8(self.take(length)?.to_vec());
         let name = name.map_err(|_| self.damaged_at(at, "the name is not UTF-8"))?;
@@ -239,8 +239,8 @@ impl<'a> Cursor<'a> {
 
     fn sequence(&mut self) -> Result<Sequence, Damaged> {
         let name = self.name()?;
-        let n = self.within("n", AXES, MOST)?;
-        let row_count = self.within("rows of A", 0, MOST)?;
+        let n = self.within("n", AXES, MAX_COUNT)?;
+        let row_count = self.within("rows of A", 0, MAX_COUNT)?;
         let count = self.within("ticks", 1, usize::MAX)?;
         let varying = self.within("hvar", 0, 1)? == 1;
         self.within("Np", 1, usize::MAX)?;

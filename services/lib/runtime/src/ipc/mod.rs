@@ -60,7 +60,7 @@ const MAX_NODES: usize = 32;
 /// Recorder and two observers.
 const WATCHERS: usize = 3;
 /// Processes that may take part at once, and those that have just died.
-const MOST_PROCESSES: usize = 16;
+const MAX_PROCESSES: usize = 16;
 
 /// Connections that may write where the launcher alone is believed.
 const LAUNCHERS: usize = 4;
@@ -74,18 +74,18 @@ struct Crowd {
 
 impl Crowd {
     /// A service between the launcher and everybody.
-    const ALL: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: MOST_PROCESSES };
+    const ALL: Self = Self { readers: MAX_PROCESSES + WATCHERS, writers: MAX_PROCESSES };
     /// A service that the launcher alone writes; there is room for dead ones, and each look at an empty port walks over it.
-    const ANNOUNCED: Self = Self { readers: MOST_PROCESSES + WATCHERS, writers: LAUNCHERS };
+    const ANNOUNCED: Self = Self { readers: MAX_PROCESSES + WATCHERS, writers: LAUNCHERS };
 
     fn of(topic: &TopicInfo) -> Self {
         let seats: u32 = topic.to.iter().map(|role| role.seats()).sum();
         let readers = usize::try_from(seats).unwrap_or(0) + WATCHERS;
         match (topic.from, topic.edge) {
-            (Role::Supervisor, Edge::RecordOnly) => Self { readers, writers: MOST_PROCESSES },
+            (Role::Supervisor, Edge::RecordOnly) => Self { readers, writers: MAX_PROCESSES },
             // Whoever waits for a slot reads its records beside the component that judges by them.
             (Role::Supervisor, _) => {
-                Self { readers: 2 * MOST_PROCESSES + WATCHERS, writers: LAUNCHERS }
+                Self { readers: 2 * MAX_PROCESSES + WATCHERS, writers: LAUNCHERS }
             }
             _ => Self { readers, writers: 8 },
         }

@@ -13,11 +13,11 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 /// Stray writers that are told apart, by service; further ones count with the last.
-const MOST_STRAYS: usize = 64;
+const MAX_STRAYS: usize = 64;
 /// Launchers that one process may come to know without allocating.
 const USUAL_LAUNCHERS: usize = 8;
 /// Connections that are known not to lead; of further ones the oldest is asked for again.
-const MOST_REFUSED: usize = 16;
+const MAX_REFUSED: usize = 16;
 
 /// Splits an identity of the transport for the wire.
 pub(super) fn node_id(id: UniqueNodeId) -> NodeId {
@@ -45,7 +45,7 @@ pub(super) struct Authority {
     /// Connections that led when they were first heard: the next launcher does not unsay what one has said.
     leaders: RefCell<Vec<NodeId>>,
     /// Connections that did not lead when they were first heard, the last of them first.
-    refused: RefCell<[NodeId; MOST_REFUSED]>,
+    refused: RefCell<[NodeId; MAX_REFUSED]>,
     strays: RefCell<Vec<Stray>>,
 }
 
@@ -58,8 +58,8 @@ impl Authority {
         Self {
             leader_file,
             leaders: RefCell::new(leaders),
-            refused: RefCell::new([NodeId::default(); MOST_REFUSED]),
-            strays: RefCell::new(Vec::with_capacity(MOST_STRAYS)),
+            refused: RefCell::new([NodeId::default(); MAX_REFUSED]),
+            strays: RefCell::new(Vec::with_capacity(MAX_STRAYS)),
         }
     }
 
@@ -93,7 +93,7 @@ impl Authority {
         let known = |s: &Stray| s.node == node && s.service == *service;
         if let Some(stray) = strays.iter_mut().find(|s| known(s)) {
             stray.samples += 1;
-        } else if strays.len() < MOST_STRAYS {
+        } else if strays.len() < MAX_STRAYS {
             let pid = id.pid::<Ipc>().map_or(0, |pid| pid.value().cast_unsigned());
             strays.push(Stray { pid, service: Rc::clone(service), samples: 1, node });
         } else if let Some(last) = strays.last_mut() {

@@ -145,7 +145,7 @@ pub(super) fn orphans_in(base: &Path) -> Vec<PathBuf> {
 
 /// Name and folder of every run of this user that has members.
 #[must_use]
-pub fn runs_in_the_air() -> Vec<(String, PathBuf)> {
+pub fn active_runs() -> Vec<(String, PathBuf)> {
     alive(Path::new(BASE))
 }
 
@@ -158,11 +158,11 @@ pub(super) fn alive(base: &Path) -> Vec<(String, PathBuf)> {
     named.collect()
 }
 
-/// As [`runs_in_the_air`], after a sweep of the dead ones.
+/// As [`active_runs`], after a sweep of the dead ones.
 #[must_use]
 pub fn living_runs() -> Vec<(String, PathBuf)> {
     let _ = sweep_dead_runs();
-    runs_in_the_air()
+    active_runs()
 }
 
 fn older_than_a_minute(path: &Path) -> bool {

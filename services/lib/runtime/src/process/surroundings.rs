@@ -62,11 +62,11 @@ impl Process<'_> {
     /// Learns who has come and gone, and who owns which slot from when.
     pub(super) fn look_around(&mut self) {
         let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
-        let (mut somebody_came, mut crew) = (false, 0_u64);
+        let (mut somebody_came, mut registered) = (false, 0_u64);
         // Without a roll nobody would be heard, so the ports could not have been opened.
         let _ = self.bus.look_at_roll(|entries| {
             marks.learn_roll(entries);
-            crew = fingerprint(entries);
+            registered = fingerprint(entries);
             for neighbour in neighbours {
                 let Seat { role, index } = neighbour.seat;
                 let of_seat = |entry: &&RollEntry| (entry.role, entry.seat) == (role, index);
@@ -99,7 +99,7 @@ impl Process<'_> {
             }
         }
         // Also who shares the slot, and who is nobody's neighbour, has ports that others connect to.
-        if core::mem::replace(&mut self.crew, crew) != crew {
+        if core::mem::replace(&mut self.registered, registered) != registered {
             self.upkeep.note_change();
         }
         if somebody_came {
@@ -171,7 +171,7 @@ impl Process<'_> {
     }
 }
 
-/// Tells one crew from another.
+/// Tells one set of registered processes from another.
 fn fingerprint(entries: &[RollEntry]) -> u64 {
     let mut bytes = [0; 16];
     entries.iter().filter(|entry| entry.present.is_set()).fold(0, |hash, entry| {

@@ -1,9 +1,9 @@
 //! The way of a candidate: joining, shadowing, the gate, the flip, the window.
 
-use super::chairs::Chair;
-use super::message::{
-    Action, Instance, Now, Order, Outcome, Reason, RehearsalRefusal, Rehearsed, Report, Step,
-};
+use super::instances::{Instance, InstanceState};
+use super::message::{Action, Now, Order, Rehearsed};
+use super::reason::{Reason, RehearsalRefusal};
+use super::report::{Outcome, Report, Step};
 use super::{Clock, Goal, Phase, Slot, Stage, Standby, step};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
@@ -21,8 +21,8 @@ impl Slot {
         instance: Instance,
         out: &mut Vec<Action>,
     ) {
-        let Chair::Starting(program) = *self.chairs.get(seat) else { return };
-        self.chairs.seat(seat, program, instance, self.ledger.epoch() + 1);
+        let InstanceState::Starting(program) = *self.instances.state(seat) else { return };
+        self.instances.seat(seat, program, instance, self.ledger.epoch() + 1);
         match self.phase {
             Phase::Ownerless { seat: expected, .. } if expected == seat => {
                 let first = self.ledger.newest().is_none();
@@ -56,7 +56,7 @@ impl Slot {
             Clock::Lockstep => now.allowed_ns,
             Clock::Realtime => {
                 let at_ns = self.ledger.effective_ns();
-                let instance = self.chairs.instance(seat);
+                let instance = self.instances.instance(seat);
                 instance.map_or(at_ns, |instance| instance.effective_at_or_after(at_ns))
             }
         }
@@ -71,7 +71,7 @@ impl Slot {
         out: &mut Vec<Action>,
     ) {
         let Some(owner) = self.ledger.owner() else { return };
-        let same_kind = self.chairs.layout(owner) == Some(instance.layout);
+        let same_kind = self.instances.layout(owner) == Some(instance.layout);
         self.publish(now, owner, None, out);
         let join_ns = self.join_ns(now, seat);
         let shadow_ns = goal.shadow_ns();
@@ -240,7 +240,7 @@ impl Slot {
 
     /// Makes the last owner the standby; false if it cannot be, or if there is one already.
     fn keep_as_fallback(&mut self, old: Seat, shadow_ns: u64) -> bool {
-        let program = self.chairs.get(old).program().filter(|_| self.chairs.is_seated(old));
+        let program = self.instances.state(old).program().filter(|_| self.instances.is_seated(old));
         let Some(program) = program.filter(|_| self.config.keeps_fallback) else { return false };
         if self.standby.is_some_and(|standby| standby.seat.is_some()) {
             return false;
@@ -313,27 +313,27 @@ impl Slot {
     fn send_away(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
         self.settle(now.logical_ns);
         let Some(owner) = self.ledger.owner() else { return };
-        match self.chairs.get(seat) {
-            Chair::Seated(..) => {
+        match self.instances.state(seat) {
+            InstanceState::Seated(..) => {
                 self.dismiss(seat, out);
                 self.publish(now, owner, None, out);
             }
-            Chair::Starting(_) => self.kill(seat, out),
+            InstanceState::Starting(_) => self.kill(seat, out),
             _ => {}
         }
     }
 
     /// Its seat is to be left; the record that says so must follow.
     pub(super) fn dismiss(&mut self, seat: Seat, out: &mut Vec<Action>) {
-        if let Chair::Seated(program, _) = *self.chairs.get(seat) {
-            self.chairs.set(seat, Chair::Leaving(program));
+        if let InstanceState::Seated(program, _) = *self.instances.state(seat) {
+            self.instances.set(seat, InstanceState::Leaving(program));
             out.push(Action::AwaitExit(seat));
         }
     }
 
     pub(super) fn kill(&mut self, seat: Seat, out: &mut Vec<Action>) {
-        if let Some(program) = self.chairs.get(seat).program() {
-            self.chairs.set(seat, Chair::Dying(program));
+        if let Some(program) = self.instances.state(seat).program() {
+            self.instances.set(seat, InstanceState::Dying(program));
             out.push(Action::Kill(seat));
         }
     }

@@ -1,6 +1,6 @@
 //! The records that have been written, and whether the consumer has confirmed the last of them.
 
-use super::message::Instance;
+use super::instances::Instance;
 use crate::record::{Record, Seat};
 
 /// Records remembered, to know who is meant by an epoch in the consumer's report.

@@ -1,7 +1,9 @@
 //! What happens when somebody is lost.
 
-use super::chairs::Chair;
-use super::message::{Action, Fault, Now, Reason, Report, Step};
+use super::instances::InstanceState;
+use super::message::{Action, Now};
+use super::reason::{Fault, Reason};
+use super::report::{Report, Step};
 use super::{Phase, Slot, Useless, step};
 use crate::record::Seat;
 
@@ -11,29 +13,29 @@ const RELAPSE_NS: u64 = 5_000_000_000;
 impl Slot {
     /// A process is gone.
     pub(super) fn died(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
-        let chair = *self.chairs.get(seat);
-        self.chairs.set(seat, Chair::Free);
-        match chair {
-            Chair::Free => return,
-            Chair::Starting(program) | Chair::Seated(program, _) => {
+        let state = *self.instances.state(seat);
+        self.instances.set(seat, InstanceState::Free);
+        match state {
+            InstanceState::Free => return,
+            InstanceState::Starting(program) | InstanceState::Seated(program, _) => {
                 self.lost(now, seat, Fault::Died, now.logical_ns, out);
                 self.remember_program(seat, program);
             }
-            Chair::Leaving(_) => step(out, Step::Left(seat)),
-            Chair::Dying(program) => self.remember_program(seat, program),
+            InstanceState::Leaving(_) => step(out, Step::Left(seat)),
+            InstanceState::Dying(program) => self.remember_program(seat, program),
         }
-        self.bury(now, seat);
+        self.reap(now, seat);
     }
 
     /// An owner that is to be started again keeps its seat.
     fn remember_program(&mut self, seat: Seat, program: super::Program) {
         if matches!(self.phase, Phase::Ownerless { seat: owner, .. } if owner == seat) {
-            self.chairs.set(seat, Chair::Dying(program));
+            self.instances.set(seat, InstanceState::Dying(program));
         }
     }
 
     /// The dead have left their seats: who waited for that can go on.
-    fn bury(&mut self, now: Now, seat: Seat) {
+    fn reap(&mut self, now: Now, seat: Seat) {
         match &mut self.phase {
             Phase::Ownerless { seat: owner, at_ns } if *owner == seat => {
                 *at_ns = Some(now.logical_ns.saturating_add(self.config.restart_ns));
@@ -45,20 +47,23 @@ impl Slot {
 
     /// A process is there and of no use.
     pub(super) fn misbehaved(&mut self, now: Now, seat: Seat, fault: Fault, out: &mut Vec<Action>) {
-        if matches!(self.chairs.get(seat), Chair::Starting(_) | Chair::Seated(..)) {
+        if matches!(
+            self.instances.state(seat),
+            InstanceState::Starting(_) | InstanceState::Seated(..)
+        ) {
             self.kill(seat, out);
             self.lost(now, seat, fault, now.logical_ns, out);
-        } else if matches!(self.chairs.get(seat), Chair::Leaving(_)) {
+        } else if matches!(self.instances.state(seat), InstanceState::Leaving(_)) {
             self.kill(seat, out);
         }
     }
 
     /// The consumer left the owner of `epoch` for the fallback. The owner may still run, as one that commands what is no
     /// number does: it leaves in order, so that what it says until then is the same in every flight.
-    pub(super) fn fell_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
+    pub(super) fn failed_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
         let Some(seat) = self.ledger.owner_of(epoch) else { return };
         // Whoever sits there since has nothing to do with it.
-        let there = self.chairs.is_seated(seat) && self.chairs.since(seat) <= epoch;
+        let there = self.instances.is_seated(seat) && self.instances.since(seat) <= epoch;
         if there {
             if self.fallback(seat).is_some() {
                 self.dismiss(seat, out);
@@ -76,8 +81,8 @@ impl Slot {
     pub(super) fn tripped(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
         let Some(seat) = self.ledger.owner_of(epoch) else { return };
         if self.ledger.owner() != Some(seat)
-            || !self.chairs.is_seated(seat)
-            || self.chairs.since(seat) > epoch
+            || !self.instances.is_seated(seat)
+            || self.instances.since(seat) > epoch
         {
             return;
         }
@@ -95,7 +100,7 @@ impl Slot {
     /// without such a one it stays, because it may well be sound.
     pub(super) fn unwatched(&mut self, now: Now, out: &mut Vec<Action>) {
         let owner = self.ledger.owner().filter(|owner| self.is_watched(*owner));
-        let Some(seat) = owner.filter(|seat| self.chairs.is_seated(*seat)) else { return };
+        let Some(seat) = owner.filter(|seat| self.instances.is_seated(*seat)) else { return };
         let heir = self.fallback(seat).filter(|heir| self.untrusted != Some(*heir));
         // Whoever is being taken back has not.
         if heir.is_some() && !matches!(self.phase, Phase::Reverting { .. }) {
@@ -109,11 +114,11 @@ impl Slot {
         let Some(seat) = self.ledger.owner().filter(|_| self.ledger.epoch() == epoch) else {
             return;
         };
-        let patience_ns = self.config.unguided_ns.saturating_add(3 * self.chairs.period_ns(seat));
-        let alone = self.chairs.is_seated(seat) && self.useless.is_none();
+        let timeout_ns = self.config.unguided_ns.saturating_add(3 * self.instances.period_ns(seat));
+        let alone = self.instances.is_seated(seat) && self.useless.is_none();
         // Whoever has just been given the slot has all its time.
         let since_ns = since_ns.max(self.ledger.effective_ns());
-        if alone && at_ns.saturating_sub(since_ns) >= patience_ns {
+        if alone && at_ns.saturating_sub(since_ns) >= timeout_ns {
             let due_ns = at_ns.saturating_add(self.config.react_ns);
             self.useless = Some(Useless { seat, epoch, fault: Fault::Silent, due_ns });
         }
@@ -122,13 +127,13 @@ impl Slot {
     /// An owner that gives nothing to obey makes room for one that does, unless things have changed.
     pub(super) fn clear_seat(&mut self, now: Now, useless: Useless, out: &mut Vec<Action>) {
         let Useless { seat, epoch, fault, due_ns } = useless;
-        if self.ledger.epoch() == epoch && self.chairs.is_seated(seat) {
+        if self.ledger.epoch() == epoch && self.instances.is_seated(seat) {
             self.kill(seat, out);
             self.lost(now, seat, fault, due_ns, out);
         }
     }
 
-    /// Somebody who was starting or seated is out; its chair says so already.
+    /// Somebody who was starting or seated is out; its state says so already.
     fn lost(&mut self, now: Now, seat: Seat, fault: Fault, at_ns: u64, out: &mut Vec<Action>) {
         let stood_by = self.standby.is_some_and(|standby| standby.seat == Some(seat));
         self.forget_standby(seat);
@@ -162,7 +167,7 @@ impl Slot {
 
     /// The same owner, without who has been lost.
     fn say_again(&mut self, now: Now, at_ns: u64, out: &mut Vec<Action>) {
-        if let Some(owner) = self.ledger.owner().filter(|seat| self.chairs.is_seated(*seat)) {
+        if let Some(owner) = self.ledger.owner().filter(|seat| self.instances.is_seated(*seat)) {
             self.publish(now, owner, Some(at_ns), out);
         }
     }
@@ -204,7 +209,7 @@ impl Slot {
             self.publish(now, heir, Some(at_ns), out);
             step(out, Step::TookOver { seat: heir, from: seat, fault });
         } else {
-            let newcomer = self.chairs.get(seat).program() != Some(self.home);
+            let newcomer = self.instances.state(seat).program() != Some(self.home);
             if matches!(fault, Fault::Silent | Fault::Tripped) && newcomer {
                 // Garbage from its last state would be garbage again.
                 self.restarted_ns = Some(now.logical_ns);
@@ -217,18 +222,18 @@ impl Slot {
 
     /// Its seat is empty and it is time.
     pub(super) fn start_owner(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) {
-        let Some(program) = self.chairs.get(seat).program() else { return };
+        let Some(program) = self.instances.state(seat).program() else { return };
         let before_ns = self.restarted_ns.take();
         let relapsed =
             before_ns.is_some_and(|at_ns| now.logical_ns < at_ns.saturating_add(RELAPSE_NS));
         self.phase = Phase::Ownerless { seat, at_ns: None };
         if relapsed {
-            self.chairs.set(seat, Chair::Starting(self.home));
+            self.instances.set(seat, InstanceState::Starting(self.home));
             step(out, Step::Replaced(seat, self.home));
             out.push(Action::Spawn(seat, self.home));
         } else {
             self.restarted_ns = (program != self.home).then_some(now.logical_ns);
-            self.chairs.set(seat, Chair::Starting(program));
+            self.instances.set(seat, InstanceState::Starting(program));
             out.push(Action::Restart(seat, program));
         }
     }

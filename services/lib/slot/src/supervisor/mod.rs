@@ -8,152 +8,27 @@
 //! `loss.rs` what happens when somebody is lost, `publish.rs` how instants are chosen.
 
 mod candidate;
-mod chairs;
+mod config;
+mod instances;
 mod ledger;
 mod loss;
 pub mod message;
+mod progress;
 mod publish;
+mod reason;
+mod report;
 mod request;
 
-pub use message::{
-    Action, Event, Fault, Instance, Now, Order, Outcome, Program, Reason, RehearsalRefusal,
-    Rehearsed, Report, Request, Step, Target,
-};
+pub use config::{Clock, SlotConfig};
+pub use instances::{Instance, Program};
+pub use message::{Action, Event, Now, Order, Rehearsed, Request, Target};
+pub use progress::Progress;
+pub use reason::{Fault, Reason, RehearsalRefusal};
+pub use report::{Outcome, Report, Step};
 
 use crate::record::{Record, SEATS, Seat};
-use chairs::{Chair, Chairs};
+use instances::{InstanceState, Instances};
 use ledger::Ledger;
-
-/// How far a slot is, for who looks on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Progress {
-    /// The owner commands and nothing is under way.
-    Steady,
-    /// Nobody commands; the owner is being started.
-    Ownerless,
-    /// A candidate is being started.
-    Joining(Seat),
-    /// It shadows the owner until this instant \[ns\], and tracks what is applied.
-    Tracking(Seat, u64),
-    /// It shadows the owner and runs free, until this instant \[ns\].
-    Shadowing(Seat, u64),
-    /// It is being flown ahead.
-    Rehearsing(Seat),
-    /// It gets the slot.
-    Flipping(Seat),
-    /// It commands, and can be rolled back until this instant \[ns\].
-    Window(Seat, u64),
-    /// The owner before it gets the slot again.
-    Reverting(Seat),
-}
-
-impl Progress {
-    /// In a word.
-    #[must_use]
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Steady => "steady",
-            Self::Ownerless => "ownerless",
-            Self::Joining(_) => "joining",
-            Self::Tracking(..) => "tracking",
-            Self::Shadowing(..) => "shadowing",
-            Self::Rehearsing(_) => "rehearsing",
-            Self::Flipping(_) => "flipping",
-            Self::Window(..) => "window",
-            Self::Reverting(_) => "reverting",
-        }
-    }
-
-    /// The instance that it is about.
-    #[must_use]
-    pub fn seat(self) -> Option<Seat> {
-        match self {
-            Self::Steady | Self::Ownerless => None,
-            Self::Joining(seat)
-            | Self::Tracking(seat, _)
-            | Self::Shadowing(seat, _)
-            | Self::Rehearsing(seat)
-            | Self::Flipping(seat)
-            | Self::Window(seat, _)
-            | Self::Reverting(seat) => Some(seat),
-        }
-    }
-
-    /// When it is over, if that is known \[ns\].
-    #[must_use]
-    pub fn until_ns(self) -> Option<u64> {
-        match self {
-            Self::Tracking(_, until_ns)
-            | Self::Shadowing(_, until_ns)
-            | Self::Window(_, until_ns) => Some(until_ns),
-            _ => None,
-        }
-    }
-}
-
-/// How the slot's time runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Clock {
-    /// A record is in time if its instant has not been allowed yet.
-    Lockstep,
-    /// A record is in time if it is one and a half periods ahead.
-    Realtime,
-}
-
-/// Times of one slot's supervision. All are logical time \[ns\].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct SlotConfig {
-    /// Clock.
-    pub clock: Clock,
-    /// Lockstep: a flip lies at least this far beyond what is allowed.
-    pub margin_ns: u64,
-    /// From something the flight did to the answer: in lockstep beyond anything that can have been
-    /// allowed by then, so that the answer's instant does not depend on when the supervisor saw it.
-    pub react_ns: u64,
-    /// From an owner's death to its successor's start, if nobody can take over.
-    pub restart_ns: u64,
-    /// How long the consumer may be on its own before its owner is taken for useless, beside three of
-    /// the owner's periods.
-    pub unguided_ns: u64,
-    /// From a record's instant until it is written again, if it is not confirmed.
-    pub acknowledge_ns: u64,
-    /// Flips that are not confirmed so often are taken back.
-    pub tries_max: u32,
-    /// Standbys lost in a row, or refused, before there shall be none.
-    pub standby_losses_max: u32,
-    /// The last proven owner stays as the fallback of an owner that is not trusted.
-    pub keeps_fallback: bool,
-    /// From a rehearsal's instant until its answer is about a flight that is past.
-    pub rehearsal_ns: u64,
-    /// How long the next standby of a slot that was found in flight shadows: how long the first was asked
-    /// to is not known any more.
-    pub adopted_shadow_ns: u64,
-}
-
-impl SlotConfig {
-    /// For simulated time.
-    pub const LOCKSTEP: Self = Self {
-        clock: Clock::Lockstep,
-        margin_ns: 0,
-        react_ns: 500_000_000,
-        restart_ns: 100_000_000,
-        unguided_ns: 200_000_000,
-        acknowledge_ns: 500_000_000,
-        tries_max: 5,
-        standby_losses_max: 3,
-        keeps_fallback: true,
-        rehearsal_ns: 2_000_000_000,
-        adopted_shadow_ns: 2_000_000_000,
-    };
-    /// For flights by the wall clock.
-    pub const REALTIME: Self = Self {
-        clock: Clock::Realtime,
-        react_ns: 0,
-        restart_ns: 0,
-        acknowledge_ns: 100_000_000,
-        ..Self::LOCKSTEP
-    };
-}
 
 /// What is going on in a slot.
 ///
@@ -171,7 +46,7 @@ impl SlotConfig {
 ///                       └─ new owner lost: the old one is owner again ─────┘
 /// ```
 ///
-/// Whoever leaves does so beside this (`Leaving`, `Dying` of its chair), and a record that has not
+/// Whoever leaves does so beside this (`Leaving`, `Dying` of its instance), and a record that has not
 /// been confirmed is written again whatever the phase.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Phase {
@@ -253,7 +128,7 @@ struct Standby {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Slot {
     config: SlotConfig,
-    chairs: Chairs,
+    instances: Instances,
     ledger: Ledger,
     phase: Phase,
     standby: Option<Standby>,
@@ -282,11 +157,11 @@ impl Slot {
     /// Its [`Event::Ready`] gives it the slot.
     #[must_use]
     pub fn new(config: SlotConfig, seat: Seat, program: Program) -> Self {
-        let mut chairs = Chairs::new([Chair::Free; SEATS]);
-        chairs.set(seat, Chair::Starting(program));
+        let mut instances = Instances::new([InstanceState::Free; SEATS]);
+        instances.set(seat, InstanceState::Starting(program));
         Self {
             config,
-            chairs,
+            instances,
             ledger: Ledger::default(),
             phase: Phase::Ownerless { seat, at_ns: None },
             standby: None,
@@ -300,7 +175,7 @@ impl Slot {
     /// A slot found in flight: the newest record that its supervisor had written, and who is there.
     /// Whoever is neither owner nor fallback is sent away; an owner that is not there is replaced, or
     /// started again as an instance of `owner`. If the consumer obeys the fallback, send
-    /// [`Event::FellOver`] next.
+    /// [`Event::FailedOver`] next.
     #[must_use]
     pub fn adopt(
         config: SlotConfig,
@@ -309,15 +184,17 @@ impl Slot {
         owner: Program,
         seated: [Option<(Program, Instance)>; SEATS],
     ) -> (Self, Vec<Action>) {
-        let chair = |who: Option<(Program, Instance)>| {
-            who.map_or(Chair::Free, |(program, instance)| Chair::Seated(program, instance))
+        let state = |who: Option<(Program, Instance)>| {
+            who.map_or(InstanceState::Free, |(program, instance)| {
+                InstanceState::Seated(program, instance)
+            })
         };
-        let chairs = Chairs::new(seated.map(chair));
+        let instances = Instances::new(seated.map(state));
         let mut ledger = Ledger::default();
-        ledger.in_force = chairs.instance(record.owner).map(|owner| (record.owner, *owner));
+        ledger.in_force = instances.instance(record.owner).map(|owner| (record.owner, *owner));
         ledger.take_up(*record);
-        let standby = record.fallback.filter(|seat| chairs.is_seated(*seat)).and_then(|seat| {
-            let program = chairs.get(seat).program()?;
+        let standby = record.fallback.filter(|seat| instances.is_seated(*seat)).and_then(|seat| {
+            let program = instances.state(seat).program()?;
             Some(Standby {
                 program,
                 shadow_ns: config.adopted_shadow_ns,
@@ -332,7 +209,7 @@ impl Slot {
         let phase = Phase::Steady { rejoin_ns: None };
         let mut slot = Self {
             config,
-            chairs,
+            instances,
             ledger,
             phase,
             standby,
@@ -347,10 +224,10 @@ impl Slot {
                 slot.dismiss(seat, &mut actions);
             }
         }
-        if slot.chairs.is_seated(record.owner) {
+        if slot.instances.is_seated(record.owner) {
             slot.publish(now, record.owner, None, &mut actions);
         } else {
-            slot.chairs.set(record.owner, Chair::Starting(owner));
+            slot.instances.set(record.owner, InstanceState::Starting(owner));
             actions.extend(slot.on(now, Event::Died(record.owner)));
         }
         (slot, actions)
@@ -373,7 +250,7 @@ impl Slot {
                 self.try_again(now, out);
             }
             Event::RecordRefused { .. } => {}
-            Event::FellOver { epoch, at_ns } => self.fell_over(now, epoch, at_ns, out),
+            Event::FailedOver { epoch, at_ns } => self.failed_over(now, epoch, at_ns, out),
             Event::Tripped { epoch, at_ns } => self.tripped(now, epoch, at_ns, out),
             Event::Unguided { epoch, since_ns, at_ns } => self.unguided(epoch, since_ns, at_ns),
             Event::Unwatched => self.unwatched(now, out),
@@ -456,14 +333,14 @@ impl Slot {
     /// True if both are there and have states of the same layout.
     #[must_use]
     pub fn are_alike(&self, a: Seat, b: Seat) -> bool {
-        let layout = self.chairs.layout(a);
-        layout.is_some() && layout == self.chairs.layout(b)
+        let layout = self.instances.layout(a);
+        layout.is_some() && layout == self.instances.layout(b)
     }
 
     /// True if `seat` is taken by somebody who is there or on the way, leaving included.
     #[must_use]
     pub fn is_taken(&self, seat: Seat) -> bool {
-        *self.chairs.get(seat) != Chair::Free
+        *self.instances.state(seat) != InstanceState::Free
     }
 
     fn time(&mut self, now: Now, out: &mut Vec<Action>) {

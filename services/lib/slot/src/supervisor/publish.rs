@@ -1,7 +1,9 @@
 //! How a record's instant is chosen, and what makes it be written again.
 
 use super::ledger::Outstanding;
-use super::message::{Action, Now, Reason, Report, Step};
+use super::message::{Action, Now};
+use super::reason::Reason;
+use super::report::{Report, Step};
 use super::{Clock, Phase, Slot, step};
 use crate::record::{Record, Seat};
 
@@ -15,8 +17,8 @@ impl Slot {
                 now.allowed_ns.max(answer_ns)
             }
             Clock::Realtime => {
-                let old_ns = self.ledger.owner().map_or(0, |seat| self.chairs.period_ns(seat));
-                let slower_ns = old_ns.max(self.chairs.period_ns(owner));
+                let old_ns = self.ledger.owner().map_or(0, |seat| self.instances.period_ns(seat));
+                let slower_ns = old_ns.max(self.instances.period_ns(owner));
                 // Further ahead each time, or a machine that is always slow would always be too late.
                 // With one and a half periods a launcher that wakes half a period late loses nothing.
                 let ahead_ns = slower_ns.saturating_mul(3 * u64::from(tries)) / 2;
@@ -48,7 +50,7 @@ impl Slot {
         out: &mut Vec<Action>,
     ) {
         let open_ns = self.first_open_ns(now, owner, at_ns, tries);
-        let effective_ns = match (self.ledger.in_force, self.chairs.instance(owner)) {
+        let effective_ns = match (self.ledger.in_force, self.instances.instance(owner)) {
             // Nothing has flown yet.
             _ if self.ledger.newest().is_none() => now.allowed_ns,
             // One that was started again has no command to flip at: its words count from now on.
@@ -58,13 +60,13 @@ impl Slot {
             _ => open_ns,
         };
         let layout_in_force = self.ledger.in_force.map(|(_, instance)| instance.layout);
-        let layout = self.chairs.layout(owner).or(layout_in_force);
+        let layout = self.instances.layout(owner).or(layout_in_force);
         let record = Record {
             epoch: self.ledger.epoch() + 1,
             owner,
             fallback: self.fallback(owner),
             effective_ns,
-            period_ns: self.chairs.periods_ns(),
+            period_ns: self.instances.periods_ns(),
             watched: self.is_watched(owner),
             kind_changed: layout_in_force.is_some() && layout != layout_in_force,
         };
@@ -99,7 +101,7 @@ impl Slot {
             _ => None,
         };
         let standby = self.standby.and_then(|standby| standby.seat);
-        let fit = |seat: &Seat| *seat != owner && self.chairs.is_seated(*seat);
+        let fit = |seat: &Seat| *seat != owner && self.instances.is_seated(*seat);
         other.filter(fit).or_else(|| standby.filter(fit))
     }
 
@@ -114,7 +116,7 @@ impl Slot {
             Phase::Flipping { new, old, .. } if tries > self.config.tries_max => {
                 let reason = Reason::NotAcknowledged(self.config.tries_max);
                 out.push(Action::Report(Report::Aborted(new, reason)));
-                if self.chairs.is_seated(old) {
+                if self.instances.is_seated(old) {
                     self.revert(now, new, old, false, out);
                 } else {
                     // There is no way back; the record goes on being written.
@@ -138,7 +140,7 @@ impl Slot {
         at_ns: u64,
         out: &mut Vec<Action>,
     ) {
-        if let Some(instance) = self.chairs.instance(seat) {
+        if let Some(instance) = self.instances.instance(seat) {
             self.ledger.in_force = Some((seat, *instance));
         }
         if epoch == self.ledger.epoch() {
@@ -152,7 +154,7 @@ impl Slot {
                 step(out, Step::Flipped { seat: new, epoch, at_ns: since_ns });
                 let until_ns = at_ns.saturating_add(order.rollback_ns);
                 self.phase = Phase::Window { new, old, until_ns, order };
-                if !self.chairs.is_seated(old) {
+                if !self.instances.is_seated(old) {
                     self.commit(now, new, old, out);
                 }
             }

@@ -1,7 +1,9 @@
 //! What users and scripts ask for.
 
-use super::chairs::Chair;
-use super::message::{Action, Now, Order, Outcome, Program, Reason, Report, Request, Target};
+use super::instances::{InstanceState, Program};
+use super::message::{Action, Now, Order, Request, Target};
+use super::reason::Reason;
+use super::report::{Outcome, Report};
 use super::{Goal, Phase, Slot, Stage, Standby};
 use crate::record::Seat;
 
@@ -45,7 +47,9 @@ impl Slot {
             Target::Seated(seat) if self.ledger.owner() == Some(seat) => {
                 Err(Reason::AlreadyOwns(seat))
             }
-            Target::Seated(seat) if !self.chairs.is_seated(seat) => Err(Reason::NobodyThere(seat)),
+            Target::Seated(seat) if !self.instances.is_seated(seat) => {
+                Err(Reason::NobodyThere(seat))
+            }
             Target::Seated(seat) => {
                 // It has been shadowing all along, on its own.
                 let track_until_ns = now.logical_ns;
@@ -58,8 +62,8 @@ impl Slot {
     }
 
     fn spawn(&mut self, program: Program, goal: Goal, out: &mut Vec<Action>) -> Result<(), Reason> {
-        let seat = self.chairs.free().ok_or(Reason::NoFreeSeat)?;
-        self.chairs.set(seat, Chair::Starting(program));
+        let seat = self.instances.free().ok_or(Reason::NoFreeSeat)?;
+        self.instances.set(seat, InstanceState::Starting(program));
         self.phase = Phase::Joining { seat, goal };
         out.push(Action::Spawn(seat, program));
         Ok(())
@@ -68,7 +72,7 @@ impl Slot {
     fn roll_back(&mut self, now: Now, out: &mut Vec<Action>) -> Result<(), Reason> {
         match self.phase {
             Phase::Flipping { new, old, .. } | Phase::Window { new, old, .. }
-                if self.chairs.is_seated(old) =>
+                if self.instances.is_seated(old) =>
             {
                 out.push(Action::Report(Report::Aborted(new, Reason::RolledBack)));
                 self.revert(now, new, old, true, out);
@@ -82,7 +86,10 @@ impl Slot {
     }
 
     fn retire(&mut self, now: Now, seat: Seat, out: &mut Vec<Action>) -> Result<(), Reason> {
-        if !matches!(self.chairs.get(seat), Chair::Seated(..) | Chair::Starting(_)) {
+        if !matches!(
+            self.instances.state(seat),
+            InstanceState::Seated(..) | InstanceState::Starting(_)
+        ) {
             return Err(Reason::NobodyThere(seat));
         }
         match self.phase {
@@ -108,7 +115,8 @@ impl Slot {
             _ => {
                 self.standby = self.standby.filter(|standby| standby.seat != Some(seat));
                 self.dismiss(seat, out);
-                if let Some(owner) = self.ledger.owner().filter(|seat| self.chairs.is_seated(*seat))
+                if let Some(owner) =
+                    self.ledger.owner().filter(|seat| self.instances.is_seated(*seat))
                 {
                     self.publish(now, owner, None, out);
                 }

@@ -1,6 +1,6 @@
 //! From the end of a walk to what it is without rounding.
 
-use super::super::polish::{EXACT, MOST_CORRECTIONS};
+use super::super::polish::{EXACT, MAX_CORRECTIONS};
 use super::super::walk::Doubt;
 use super::cell::Cell;
 use super::tableau::State;
@@ -78,7 +78,7 @@ impl Solve<'_> {
         let tableau = &self.tableaux[usize::from(self.cell.set)].rows;
         let cell = &*self.cell;
         let (mut left, mut reached) = (f64::INFINITY, 0.0);
-        for _ in 0..MOST_CORRECTIONS {
+        for _ in 0..MAX_CORRECTIONS {
             let Residuals { mut rest, misses, worst, size } =
                 cell.residuals(&self.f, &x, &pushes, &bounds);
             (left, reached) = (worst, size);

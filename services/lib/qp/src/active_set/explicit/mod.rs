@@ -23,10 +23,10 @@ use walk::Solve;
 const WIDE: usize = 4;
 const TALL: usize = 8;
 /// Rows of the largest block, and tableaux of all blocks together.
-const MOST_ROWS: usize = 7;
-const MOST_SETS: usize = 512;
+const MAX_EXPLICIT_ROWS: usize = 7;
+const MAX_SETS: usize = 512;
 /// Variables of the largest program.
-const MOST_VARIABLES: usize = 16;
+const MAX_VARIABLES: usize = 16;
 /// No such row.
 const ABSENT: u32 = u32::MAX;
 
@@ -64,7 +64,7 @@ fn combine<const LONG: usize>(columns: &[[f64; LONG]], v: &[f64]) -> [f64; LONG]
 
 impl Explicit {
     pub(super) fn new(n: usize, tolerance: f64) -> Self {
-        let (cells, sets) = if n <= MOST_VARIABLES { (n, MOST_SETS) } else { (0, 0) };
+        let (cells, sets) = if n <= MAX_VARIABLES { (n, MAX_SETS) } else { (0, 0) };
         Self {
             cells: Vec::with_capacity(cells),
             states: Vec::with_capacity(sets),
@@ -85,20 +85,20 @@ impl Explicit {
         let fits = |shape: &Shape| {
             let compliance = &structure.compliance[shape.first_row..][..shape.m];
             let hard = compliance.iter().all(|entry| *entry <= 0.0);
-            let mut counts = [0; MOST_ROWS];
+            let mut counts = [0; MAX_EXPLICIT_ROWS];
             for member in structure.members(shape) {
                 if let Some(count) = counts.get_mut(member.merged as usize) {
                     *count += 1;
                 }
             }
             let paired = counts.iter().all(|count| *count <= 2);
-            shape.n <= WIDE && shape.m <= MOST_ROWS && paired && hard
+            shape.n <= WIDE && shape.m <= MAX_EXPLICIT_ROWS && paired && hard
         };
         let shapes = &structure.shapes;
-        if !shapes.iter().all(fits) || structure.variables.len() > MOST_VARIABLES {
+        if !shapes.iter().all(fits) || structure.variables.len() > MAX_VARIABLES {
             return;
         }
-        if shapes.iter().map(|shape| 1_usize << shape.m).sum::<usize>() > MOST_SETS {
+        if shapes.iter().map(|shape| 1_usize << shape.m).sum::<usize>() > MAX_SETS {
             return;
         }
         let mut at = 0;

@@ -41,7 +41,7 @@ fn any_event() -> impl Strategy<Value = Event> {
             at_ns: 0
         }),
         epoch.clone().prop_map(|epoch| Event::RecordRefused { epoch }),
-        epoch.prop_map(|epoch| Event::FellOver { epoch, at_ns: 0 }),
+        epoch.prop_map(|epoch| Event::FailedOver { epoch, at_ns: 0 }),
         seat.clone().prop_map(Event::Died),
         seat.prop_map(|s| Event::Misbehaved(s, Fault::Stalled)),
     ]

@@ -11,7 +11,7 @@ fn a_new_owner_that_dies_or_falls_silent_in_the_window_is_rolled_back() {
     assert!(desk.record().effective_ns >= at_ns + 500 * MS, "beyond anything allowed");
     let mut desk = Desk::in_window(SlotConfig::LOCKSTEP);
     let epoch = desk.record().epoch;
-    desk.on(Event::FellOver { epoch, at_ns });
+    desk.on(Event::FailedOver { epoch, at_ns });
     assert_eq!(desk.record().owner, SEAT[0]);
     assert!(desk.has(|action| *action == Action::AwaitExit(SEAT[1])), "it may still run");
 }
@@ -33,7 +33,7 @@ fn the_old_owner_may_die_in_the_window_or_before_it() {
 fn a_fail_over_is_answered_and_the_standby_replaced() {
     let mut desk = Desk::with_standby(SlotConfig::LOCKSTEP);
     let epoch = desk.record().epoch;
-    desk.at(1000 * MS).on(Event::FellOver { epoch, at_ns: 1000 * MS });
+    desk.at(1000 * MS).on(Event::FailedOver { epoch, at_ns: 1000 * MS });
     assert_eq!((desk.record().epoch, desk.record().owner), (epoch + 1, SEAT[1]));
     assert_eq!(desk.record().effective_ns, 1501 * MS);
     assert!(desk.has(|action| *action == Action::AwaitExit(SEAT[0])), "it may still run");

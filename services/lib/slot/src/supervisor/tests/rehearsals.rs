@@ -171,7 +171,7 @@ fn after_a_trip_the_fallback_is_owner_and_the_tripped_one_leaves_in_order() {
         assert!(desk.has(|action| *action == Action::AwaitExit(SEAT[1])), "{:?}", desk.actions);
         assert!(!desk.has(|action| matches!(action, Action::Kill(_))));
         // What the consumer says of it later is no news.
-        desk.on(Event::FellOver { epoch, at_ns });
+        desk.on(Event::FailedOver { epoch, at_ns });
         assert_eq!(desk.actions, []);
         desk.confirm().on(Event::Died(SEAT[1]));
         assert!(desk.slot.is_quiet() && desk.slot.deadline_ns().is_none());

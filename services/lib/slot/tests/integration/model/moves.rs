@@ -313,7 +313,7 @@ impl World {
             }
             Word::Refused { .. } if deaf => {}
             Word::Refused { epoch } => self.tell(Event::RecordRefused { epoch }),
-            Word::FellOver { epoch, at_ns } => self.tell(Event::FellOver { epoch, at_ns }),
+            Word::FailedOver { epoch, at_ns } => self.tell(Event::FailedOver { epoch, at_ns }),
             Word::Tripped { epoch, at_ns } => self.tell(Event::Tripped { epoch, at_ns }),
             Word::Unguided { epoch, since_ns, at_ns } => {
                 self.tell(Event::Unguided { epoch, since_ns, at_ns });
@@ -380,7 +380,7 @@ impl World {
         }
         if self.consumer.failed_over() {
             let (epoch, at_ns) = (self.consumer.epoch(), self.consumer.counters().fail_over_ns);
-            self.tell(Event::FellOver { epoch, at_ns });
+            self.tell(Event::FailedOver { epoch, at_ns });
         }
     }
 }

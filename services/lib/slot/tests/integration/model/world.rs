@@ -139,7 +139,7 @@ pub(crate) struct World {
 pub(crate) enum Word {
     Acknowledged { epoch: u64, seat: Seat, at_ns: u64 },
     Refused { epoch: u64 },
-    FellOver { epoch: u64, at_ns: u64 },
+    FailedOver { epoch: u64, at_ns: u64 },
     Tripped { epoch: u64, at_ns: u64 },
     Unguided { epoch: u64, since_ns: u64, at_ns: u64 },
 }
@@ -480,7 +480,7 @@ impl World {
         }
         if counters.fail_overs != fail_overs {
             let at_ns = counters.fail_over_ns;
-            self.say(Word::FellOver { epoch: self.consumer.epoch(), at_ns });
+            self.say(Word::FailedOver { epoch: self.consumer.epoch(), at_ns });
         }
     }
 

@@ -1,24 +1,27 @@
-//! The section `[pilot]`: where to fly and how wide to spread the arms.
+//! The section `[pilot]` of a scenario: where to fly and how wide to spread the arms.
 
-use super::trajectory::Trajectory as Given;
-use ::pilot::{
+mod trajectory;
+
+pub use trajectory::{MAX_ROWS, MAX_SPEED_M_S, MAX_TIME_SCALE, Trajectory, first_not_increasing};
+
+use crate::{
     AttitudeStep, FigureEightConfig, Heading, MorphKnot, PilotConfig, RigPilotConfig, TakenUp,
-    Trajectory, TrajectoryConfig, Waypoint,
+    TrajectoryConfig, Waypoint,
 };
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use shared_types::time::ns_from_s;
 
 /// Keys of the section that belong to no kind of manoeuvre.
-pub(super) const COMMON_KEYS: [&str; 4] = ["rate_hz", "lead_s", "preview_spacing_s", "morph"];
+pub const COMMON_KEYS: [&str; 4] = ["rate_hz", "lead_s", "preview_spacing_s", "morph"];
 
 /// Words for `kind`.
-pub(super) const KINDS: [&str; 5] =
-    ["hover", "figure8", "waypoints", "trajectory", "attitude_step"];
+pub const KINDS: [&str; 5] = ["hover", "figure8", "waypoints", "trajectory", "attitude_step"];
 
 /// The whole section.
 #[derive(Debug, Clone, Default)]
-pub struct PilotSettings {
+pub struct Settings {
     /// What every manoeuvre has.
     pub common: Common,
     /// What is flown.
@@ -69,7 +72,7 @@ pub enum Manoeuvre {
     /// `kind = "waypoints"`.
     Waypoints(#[garde(dive)] Waypoints),
     /// `kind = "trajectory"`.
-    Trajectory(#[garde(dive)] Given),
+    Trajectory(#[garde(dive)] Trajectory),
     /// `kind = "attitude_step"`.
     AttitudeStep(#[garde(dive)] Step),
 }
@@ -227,24 +230,45 @@ pub enum Plan {
 
 /// What a plan takes from other sections.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame {
-    pub(super) position_w_m: [f64; 3],
-    pub(super) yaw_deg: f64,
-    pub(super) morph_angle_deg: f64,
-    pub(super) duration_s: f64,
-    pub(super) taken_up: TakenUp,
+pub struct Frame {
+    /// Where the flight begins \[m\].
+    pub position_w_m: [f64; 3],
+    /// Heading there \[°\].
+    pub yaw_deg: f64,
+    /// β there \[°\].
+    pub morph_angle_deg: f64,
+    /// Length of the whole plan \[s\].
+    pub duration_s: f64,
+    /// Where in the plan the flight takes it up.
+    pub taken_up: TakenUp,
 }
 
-impl PilotSettings {
+impl Manoeuvre {
+    /// As a reader of a scenario would call it.
+    #[must_use]
+    pub fn describe(&self) -> &'static str {
+        match self {
+            Self::Hover(_) => "hover",
+            Self::Figure8(_) => "figure eight",
+            Self::Waypoints(_) => "waypoints",
+            Self::Trajectory(_) => "trajectory",
+            Self::AttitudeStep(_) => "attitude step, no position loop",
+        }
+    }
+}
+
+impl Settings {
     /// True if the pilot sets attitudes and no position controller flies.
     #[must_use]
     pub fn is_rig(&self) -> bool {
         matches!(self.manoeuvre, Manoeuvre::AttitudeStep(_))
     }
 
-    pub(super) fn plan(&self, frame: &Frame) -> Plan {
+    /// What the pilot is built from in a flight that begins at `frame`.
+    #[must_use]
+    pub fn plan(&self, frame: &Frame) -> Plan {
         let morph = self.knots(frame.morph_angle_deg);
-        let spacing_ns = super::ns_from_s(self.common.preview_spacing_s);
+        let spacing_ns = ns_from_s(self.common.preview_spacing_s);
         let trajectory = match &self.manoeuvre {
             Manoeuvre::AttitudeStep(step) => {
                 let (step, taken_up) = (step.attitude(), frame.taken_up);
@@ -300,7 +324,7 @@ impl Figure8 {
             duration_s: Some(duration_s),
             heading,
         });
-        match (Trajectory::new(&ending), ending) {
+        match (crate::Trajectory::new(&ending), ending) {
             (Err(_), TrajectoryConfig::FigureEight(figure)) => {
                 TrajectoryConfig::FigureEight(FigureEightConfig { duration_s: None, ..figure })
             }

@@ -1,18 +1,18 @@
 //! The manoeuvre `kind = "trajectory"`: what a planner or a log has written, as a file or in the scenario.
 
-use ::pilot::{PathSample, Piece, TrajectoryConfig};
+use crate::{PathSample, Piece, TrajectoryConfig};
 use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Most rows: a scenario has all of them in it, and each process of a flight reads it.
-pub(super) const MOST_ROWS: usize = 10_000;
+pub const MAX_ROWS: usize = 10_000;
 
 /// Fastest that a trajectory may be, which is how fast a flight may begin \[m/s\].
-pub(super) const FASTEST_M_S: f64 = 100.0;
+pub const MAX_SPEED_M_S: f64 = 100.0;
 
 /// Largest `time_scale`.
-pub(super) const SLOWEST: f64 = 100.0;
+pub const MAX_TIME_SCALE: f64 = 100.0;
 
 /// A trajectory that is passed through as it is given, without stopping.
 ///
@@ -38,7 +38,7 @@ pub struct Trajectory {
     #[garde(inner(range(min = -10000.0, max = 10000.0)))]
     pub origin_w_m: [f64; 3],
     /// How many times as long as given it takes.
-    #[garde(range(min = 0.01, max = SLOWEST))]
+    #[garde(range(min = 0.01, max = MAX_TIME_SCALE))]
     pub time_scale: f64,
 }
 
@@ -55,8 +55,8 @@ fn rows_of(
     lengths: &'static [usize],
 ) -> impl FnOnce(&Vec<Vec<f64>>, &()) -> garde::Result {
     move |rows, _context| {
-        if rows.len() > MOST_ROWS {
-            let told = format!("{} rows are too many, {MOST_ROWS} fit", rows.len());
+        if rows.len() > MAX_ROWS {
+            let told = format!("{} rows are too many, {MAX_ROWS} fit", rows.len());
             return Err(garde::Error::new(told));
         }
         let first = rows.first().map_or(0, Vec::len);
@@ -72,7 +72,7 @@ fn rows_of(
 /// Refuses times that do not increase.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that the validator calls")]
 fn in_order(rows: &[Vec<f64>], _context: &()) -> garde::Result {
-    out_of_order(rows).map_or(Ok(()), |row| {
+    first_not_increasing(rows).map_or(Ok(()), |row| {
         let at = |row: usize| rows[row].first().copied().unwrap_or(0.0);
         let told = format!("[{row}] is at {:?} s, after one at {:?} s", at(row), at(row - 1));
         Err(garde::Error::new(told))
@@ -80,14 +80,16 @@ fn in_order(rows: &[Vec<f64>], _context: &()) -> garde::Result {
 }
 
 /// The first sample that is not later than the one before it.
-pub(super) fn out_of_order(rows: &[Vec<f64>]) -> Option<usize> {
+#[must_use]
+pub fn first_not_increasing(rows: &[Vec<f64>]) -> Option<usize> {
     let is_late = |pair: &[Vec<f64>]| pair[1].first() > pair[0].first();
     Some(rows.windows(2).position(|pair| !is_late(pair))? + 1)
 }
 
 impl Trajectory {
     /// What the pilot flies.
-    pub(super) fn config(&self) -> TrajectoryConfig {
+    #[must_use]
+    pub fn config(&self) -> TrajectoryConfig {
         if self.pieces.is_empty() {
             TrajectoryConfig::Samples(self.samples.iter().map(|row| self.sample(row)).collect())
         } else {

@@ -26,13 +26,13 @@ const ADDRESS: &str = "live  ";
 const ADDRESSES: usize = 2;
 
 /// Serves viewers until dropped.
-pub(super) struct Audience {
+pub(super) struct ViewerProcess {
     child: Child,
     /// The flight is over, and so is this.
     is_leaving: Arc<AtomicBool>,
 }
 
-impl Audience {
+impl ViewerProcess {
     /// Starts it and waits until it listens.
     pub(super) fn open(
         options: &LiveOptions,
@@ -55,8 +55,8 @@ impl Audience {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
         let mut child = command.spawn().map_err(system("start the process that serves viewers"))?;
         let (words, complaints) = (lines(child.stdout.take()), lines(child.stderr.take()));
-        let audience = Self { child, is_leaving: Arc::default() };
-        audience.await_addresses(&words, complaints)
+        let viewers = Self { child, is_leaving: Arc::default() };
+        viewers.await_addresses(&words, complaints)
     }
 
     fn await_addresses(
@@ -112,7 +112,7 @@ impl Audience {
     }
 }
 
-impl Drop for Audience {
+impl Drop for ViewerProcess {
     fn drop(&mut self) {
         self.flight_is_over();
         let _ = self.child.kill();

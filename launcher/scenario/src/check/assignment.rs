@@ -1,7 +1,7 @@
 //! Who fills the slots, and what the controllers beside the MPCs refuse.
 
 use super::Checker;
-use crate::services::{self, Crew};
+use crate::services::{self, Assignment};
 use crate::suggest;
 use attitude_lqr::{LqrError, LqrLaw};
 use attitude_pid::PidLaw;
@@ -9,14 +9,14 @@ use controller::OutOfRange;
 use position_pid::PositionPidLaw;
 
 impl Checker<'_> {
-    pub(super) fn crew(&mut self) {
-        let slots = self.settings().crew.clone();
+    pub(super) fn assignment(&mut self) {
+        let slots = self.settings().controller.clone();
         for (role, name) in slots.slots() {
             let Some(name) = name else { continue };
             if !services::names_for(role).any(|known| known == name) {
                 let what = format!("no service called `{name}` fills this slot");
                 let remedy = suggest::remedy(name, services::names_for(role));
-                self.error(&format!("crew.{}", role.label()), what, remedy);
+                self.error(&format!("controller.{}", role.label()), what, remedy);
             }
         }
         self.alternates();
@@ -24,9 +24,10 @@ impl Checker<'_> {
 
     /// Builds the laws that fly, or that have a section, so that they say here what they refuse.
     fn alternates(&mut self) {
-        let crew = Crew::of(self.settings());
-        let flies =
-            |name: &str| services::SLOTS.into_iter().any(|role| crew.name(role) == Some(name));
+        let assignment = Assignment::of(self.settings());
+        let flies = |name: &str| {
+            services::SLOTS.into_iter().any(|role| assignment.name(role) == Some(name))
+        };
         let wanted =
             |name: &str, section: &str| flies(name) || self.document.root().contains_key(section);
         let (lqr, pid) =

@@ -1,9 +1,23 @@
 //! Who sits where, from the supervisor's side.
 
-use super::message::{Instance, Program};
 use crate::record::{SEATS, Seat};
 
-/// A seat and who is on it.
+/// An executable with its configuration, as a place in the launcher's own list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Program(pub u32);
+
+/// A process that has connected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Instance {
+    /// Hash of its state's layout: two of one layout are of one kind.
+    pub layout: u64,
+    /// Its rate \[mHz\]; 0 for one without a grid of its own.
+    pub millihertz: u64,
+    /// From its release to its command's effect \[ns\].
+    pub latency_ns: u64,
+}
+
+/// State of the instance on a seat.
 ///
 /// ```text
 ///   Free ──Spawn──▶ Starting ──Ready──▶ Seated ──retired──▶ Leaving
@@ -12,7 +26,7 @@ use crate::record::{SEATS, Seat};
 ///    └──────Died───── Dying ◀─────────────┴────────────────────┘
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Chair {
+pub(super) enum InstanceState {
     Free,
     Starting(Program),
     Seated(Program, Instance),
@@ -20,7 +34,7 @@ pub(super) enum Chair {
     Dying(Program),
 }
 
-impl Chair {
+impl InstanceState {
     pub(super) fn instance(&self) -> Option<&Instance> {
         match self {
             Self::Seated(_, instance) => Some(instance),
@@ -39,22 +53,22 @@ impl Chair {
     }
 }
 
-/// All seats of a slot.
+/// The instances of a slot, by seat.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(super) struct Chairs {
-    chairs: [Chair; SEATS],
+pub(super) struct Instances {
+    states: [InstanceState; SEATS],
     /// First epoch in which whoever is there can have commanded.
     since: [u64; SEATS],
 }
 
-impl Chairs {
-    pub(super) fn new(chairs: [Chair; SEATS]) -> Self {
-        Self { chairs, since: [0; SEATS] }
+impl Instances {
+    pub(super) fn new(states: [InstanceState; SEATS]) -> Self {
+        Self { states, since: [0; SEATS] }
     }
 
     /// A process has connected; the record of `epoch` will be the first that knows it.
     pub(super) fn seat(&mut self, seat: Seat, program: Program, instance: Instance, epoch: u64) {
-        self.set(seat, Chair::Seated(program, instance));
+        self.set(seat, InstanceState::Seated(program, instance));
         self.since[seat.index()] = epoch;
     }
 
@@ -62,16 +76,16 @@ impl Chairs {
         self.since[seat.index()]
     }
 
-    pub(super) fn get(&self, seat: Seat) -> &Chair {
-        &self.chairs[seat.index()]
+    pub(super) fn state(&self, seat: Seat) -> &InstanceState {
+        &self.states[seat.index()]
     }
 
-    pub(super) fn set(&mut self, seat: Seat, chair: Chair) {
-        self.chairs[seat.index()] = chair;
+    pub(super) fn set(&mut self, seat: Seat, state: InstanceState) {
+        self.states[seat.index()] = state;
     }
 
     pub(super) fn instance(&self, seat: Seat) -> Option<&Instance> {
-        self.get(seat).instance()
+        self.state(seat).instance()
     }
 
     pub(super) fn is_seated(&self, seat: Seat) -> bool {
@@ -79,7 +93,7 @@ impl Chairs {
     }
 
     pub(super) fn free(&self) -> Option<Seat> {
-        Seat::ALL.into_iter().find(|seat| *self.get(*seat) == Chair::Free)
+        Seat::ALL.into_iter().find(|seat| *self.state(*seat) == InstanceState::Free)
     }
 
     pub(super) fn layout(&self, seat: Seat) -> Option<u64> {
@@ -91,7 +105,7 @@ impl Chairs {
     }
 
     pub(super) fn periods_ns(&self) -> [u64; SEATS] {
-        self.chairs.map(|chair| chair.instance().map_or(0, Instance::period_ns))
+        self.states.map(|state| state.instance().map_or(0, Instance::period_ns))
     }
 }
 

@@ -1,0 +1,113 @@
+use super::*;
+use shared_types::Flag;
+
+fn monitor() -> Monitor {
+    let config = MonitorConfig {
+        limits: Limits::default(),
+        period_s: 0.01,
+        latency_s: 0.001,
+        landing: Landing::default(),
+    };
+    Monitor::new(&config, &VehicleParameters::default())
+}
+
+#[test]
+fn a_watched_owner_that_the_gate_keeps_from_overturning_the_vehicle_trips() {
+    let trip = |mode: GateMode, tripped: bool| {
+        let mut inputs = Inputs::default();
+        let watched = Flag::from(true);
+        inputs.attitude_owner.offer(OwnerRecord { epoch: 1, watched, ..Default::default() });
+        inputs.attitude_owner.accept(0, None);
+        inputs.position_owner.offer(OwnerRecord { epoch: 1, ..Default::default() });
+        inputs.position_owner.accept(0, None);
+        inputs.applied_command.offer(AppliedCommand {
+            header: Header { sequence: 1, ..Header::default() },
+            epoch: 1,
+            mode,
+            tripped: Flag::from(tripped),
+            ..AppliedCommand::default()
+        });
+        inputs.applied_command.accept(0, None);
+        let mut outputs = Outputs::default();
+        monitor().step(0, &inputs, &mut outputs);
+        outputs.trip.written().map(|trip| (trip.slot, trip.cause, trip.angle_limit_rad))
+    };
+    let limit_rad = Limits::default().tilt_rad;
+    let overturns = (Role::Attitude, TripCause::Overturns, limit_rad);
+    assert_eq!(trip(GateMode::Recover, false), Some(overturns), "without any estimate");
+    assert_eq!(trip(GateMode::Recover, true), None, "the gate answers a trip");
+    assert_eq!(trip(GateMode::Normal, false), None);
+}
+
+#[test]
+fn an_owner_that_a_later_record_names_again_trips_again_at_once_and_no_other_owner_does() {
+    let mut monitor = monitor();
+    let mut inputs = Inputs::default();
+    inputs.position_owner.offer(OwnerRecord { epoch: 1, ..Default::default() });
+    inputs.position_owner.accept(0, None);
+    let name = |inputs: &mut Inputs, epoch: u64, hands: [u32; 2], at_ns: u64| {
+        let header = Header { sequence: epoch, valid_ns: at_ns, ..Header::default() };
+        let ([owner, fallback], watched, period_ns) = (hands, Flag::Yes, [10; 4]);
+        let record = OwnerRecord {
+            header,
+            epoch,
+            owner,
+            fallback,
+            watched,
+            period_ns,
+            ..Default::default()
+        };
+        inputs.attitude_owner.offer(record);
+        inputs.attitude_owner.accept(at_ns, at_ns.checked_sub(1));
+    };
+    let mut step = |inputs: &Inputs, now_ns: u64| {
+        let mut outputs = Outputs::default();
+        monitor.step(now_ns, inputs, &mut outputs);
+        outputs.trip.written().map(|trip| (trip.epoch, trip.instance, trip.cause))
+    };
+    let overturns = |epoch: u64| Some((epoch, 2, TripCause::Overturns));
+    for (epoch, hands, trip) in [
+        (1, [2, 0], overturns(1)),
+        // The trip holds by this record too.
+        (2, [2, 0], None),
+        // The fallback has died, and this was written before the trip was known.
+        (3, [2, NO_SEAT], overturns(3)),
+        (4, [2, NO_SEAT], overturns(4)),
+        (5, [1, NO_SEAT], None),
+        // It has been another one's meanwhile.
+        (6, [2, NO_SEAT], None),
+    ] {
+        let at_ns = 20 * (epoch - 1);
+        name(&mut inputs, epoch, hands, at_ns);
+        inputs.applied_command.offer(AppliedCommand {
+            header: Header { sequence: epoch, valid_ns: at_ns, ..Header::default() },
+            epoch,
+            mode: if epoch == 1 { GateMode::Recover } else { GateMode::Normal },
+            ..AppliedCommand::default()
+        });
+        inputs.applied_command.accept(at_ns, at_ns.checked_sub(1));
+        assert_eq!(step(&inputs, at_ns), trip, "epoch {epoch}");
+        assert_eq!(step(&inputs, at_ns + 10), None, "once in an epoch");
+    }
+}
+
+#[test]
+fn what_is_told_of_an_epoch_that_is_over_replaces_no_owner_of_the_next() {
+    let hands = |of_epoch: u64| {
+        let mut inputs = Inputs::default();
+        let watched = Flag::from(true);
+        inputs.attitude_owner.offer(OwnerRecord { epoch: 2, watched, ..Default::default() });
+        inputs.attitude_owner.accept(0, None);
+        let failed_over = Flag::from(true);
+        inputs.applied_command.offer(AppliedCommand {
+            header: Header { sequence: 1, ..Header::default() },
+            epoch: of_epoch,
+            failed_over,
+            ..AppliedCommand::default()
+        });
+        inputs.applied_command.accept(0, None);
+        monitor().hands(0, &inputs)
+    };
+    assert!(matches!(hands(1), [Hands::Watched(Watched { epoch: 2, .. }), Hands::Proven]));
+    assert!(matches!(hands(2), [Hands::Replaced, Hands::Proven]));
+}
