@@ -5,15 +5,18 @@ use scenario::services;
 use scenario::{Override, Scenario, shipped};
 use shared_types::{Edge, Role, TopicInfo, topics};
 use std::collections::BTreeSet;
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 const ARCHITECTURE: &str = include_str!("../../ARCHITECTURE.md");
 const README: &str = include_str!("../../README.md");
+const TOPICS: &str = include_str!("../../launcher/docs/topics.md");
+const VERDICT: &str = include_str!("../../launcher/docs/verdict.md");
 
-/// First cells of a table's rows, without quotes.
-fn first_cells(heading: &str) -> Vec<&'static str> {
-    let (_, section) = ARCHITECTURE.split_once(heading).expect("the section is there");
+/// First cells of the rows of the first table behind a heading, without quotes.
+fn first_cells(document: &'static str, heading: &str) -> Vec<&'static str> {
+    let (_, section) = document.split_once(heading).expect("the section is there");
     let rows = section.lines().skip_while(|line| !line.starts_with("| `"));
     rows.take_while(|line| line.starts_with("| `"))
         .filter_map(|row| row.split('`').nth(1))
@@ -35,16 +38,16 @@ fn row(topic: &TopicInfo) -> String {
 }
 
 #[test]
-fn the_topic_table_of_the_architecture_is_the_one_of_the_code() {
+fn the_table_of_topics_is_the_one_of_the_code() {
     let rows: Vec<_> = topics::all().into_iter().map(row).collect();
-    let missing: Vec<_> = rows.iter().filter(|row| !ARCHITECTURE.contains(*row)).collect();
-    assert!(missing.is_empty(), "ARCHITECTURE.md lacks these rows:\n{missing:#?}");
-    assert_eq!(first_cells("## Topics"), topics::all().map(|topic| topic.name));
+    let missing: Vec<_> = rows.iter().filter(|row| !TOPICS.contains(*row)).collect();
+    assert!(missing.is_empty(), "topics.md lacks these rows:\n{missing:#?}");
+    assert_eq!(first_cells(TOPICS, "# Topics"), topics::all().map(|topic| topic.name));
 }
 
 #[test]
 fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
-    assert_eq!(first_cells("## Processes"), services::names().collect::<Vec<_>>());
+    assert_eq!(first_cells(ARCHITECTURE, "## Processes"), services::names().collect::<Vec<_>>());
     for name in services::names() {
         let role = services::role_of(name).map_or("none", Role::label);
         assert!(ARCHITECTURE.contains(&format!("| `{name}` | {role} |")), "{name} fills {role}");
@@ -52,14 +55,14 @@ fn the_process_table_of_the_architecture_names_every_service_and_its_role() {
 }
 
 #[test]
-fn the_architecture_explains_every_limit_that_a_scenario_can_set() {
+fn the_page_of_the_verdict_explains_every_limit_that_a_scenario_can_set() {
     let thresholds = Scenario::load("hover", &[]).expect("it ships").thresholds();
     let mut settable = 0;
     for (key, _) in thresholds.iter() {
         let edit = Override::set(&format!("verdict.{key}=1")).expect("a setting");
         if Scenario::load("hover", &[edit]).is_ok() {
             settable += 1;
-            assert!(ARCHITECTURE.contains(&format!("`{key}`")), "ARCHITECTURE.md lacks {key}");
+            assert!(VERDICT.contains(&format!("`{key}`")), "verdict.md lacks {key}");
         }
     }
     assert!(settable > 10, "{settable}");
@@ -72,10 +75,49 @@ fn the_table_of_what_is_told_of_a_flight_is_the_one_of_the_code() {
         let check = fact.check.map_or_else(String::new, |key| format!("`{key}`"));
         format!("| `{}` | {} | {unit} | {check} |", fact.key, fact.name)
     };
-    let (_, section) = ARCHITECTURE.split_once("## What is told of a flight").expect("there");
+    let (_, section) = VERDICT.split_once("## What is told of a flight").expect("there");
     let rows = section.lines().skip_while(|line| !line.starts_with("| `"));
     let rows: Vec<_> = rows.take_while(|line| line.starts_with("| `")).collect();
     assert_eq!(rows, FACTS.iter().map(row).collect::<Vec<_>>());
+}
+
+/// Every section and key of a scenario, as the types that read them tell of themselves.
+fn scenario_reference() -> String {
+    let mut text = "# Scenario reference\n\n\
+        Every section of a scenario with its keys, made of the types that read them. `morphquad scenario keys` tells the\n\
+        same at a prompt, and `morphquad check SCENARIO --format toml` writes a whole scenario, every default filled in.\n"
+        .to_owned();
+    for section in scenario::keys::sections() {
+        let heading = "| key | takes | default | meaning |\n|---|---|---|---|\n";
+        // Writing to a string cannot fail.
+        let _ = write!(text, "\n## `[{}]`\n\n{}\n\n{heading}", section.name, section.meaning);
+        for key in &section.keys {
+            let takes = key.takes.replace(" | ", " or ") + &key.range_in_words();
+            let default = key.default_in_toml().map(|value| format!("`{value}`"));
+            let required = if key.is_required { "required" } else { "" };
+            let default = default.unwrap_or_else(|| required.to_owned());
+            let kind = key.kind.map(|kind| format!("Of `{kind}`: ")).unwrap_or_default();
+            let meaning = key.meaning.replace('|', "\\|");
+            let _ = writeln!(text, "| `{}` | {takes} | {default} | {kind}{meaning} |", key.name);
+        }
+    }
+    text
+}
+
+#[test]
+fn the_scenario_reference_is_the_one_of_the_code() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("launcher/docs/scenario.md");
+    let made = scenario_reference();
+    if std::env::var_os("MORPHQUAD_WRITE_DOCS").is_some() {
+        fs::write(&path, &made).expect("room");
+    }
+    let written = fs::read_to_string(&path).unwrap_or_default();
+    let differ = written.lines().zip(made.lines()).find(|(written, made)| written != made);
+    assert!(!written.is_empty(), "launcher/docs/scenario.md is not there");
+    assert!(
+        written == made,
+        "launcher/docs/scenario.md differs, at {differ:?}: MORPHQUAD_WRITE_DOCS=1 cargo test --release --test sources"
+    );
 }
 
 #[test]
@@ -131,17 +173,53 @@ fn every_test_that_is_ignored_says_why_and_is_listed_for_the_soak() {
     assert_eq!(ignored, names);
 }
 
+/// The documents at the root and the pages.
+fn documents() -> Vec<(PathBuf, String)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folders = ["", "launcher/docs", "launcher/docs/decisions"].map(|folder| root.join(folder));
+    let entries = folders.iter().flat_map(|folder| fs::read_dir(folder).expect("a folder"));
+    let paths = entries.flatten().map(|entry| entry.path());
+    let documents = paths.filter(|path| path.extension().is_some_and(|kind| kind == "md"));
+    documents.map(|path| (path.clone(), fs::read_to_string(path).expect("text"))).collect()
+}
+
+/// Of a heading, as the usual viewers of Markdown name it.
+fn anchor_of(heading: &str) -> String {
+    let kept = |letter: &char| letter.is_alphanumeric() || [' ', '-', '_'].contains(letter);
+    let text: String = heading.trim_start_matches('#').trim().chars().filter(kept).collect();
+    text.to_lowercase().replace(' ', "-")
+}
+
+#[test]
+fn every_link_of_a_document_leads_somewhere() {
+    let mut links = 0;
+    for (document, text) in documents() {
+        let folder = document.parent().expect("a folder");
+        for target in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            if target.contains("://") {
+                continue;
+            }
+            let (path, anchor) = target.split_once('#').unwrap_or((target, ""));
+            let found = if path.is_empty() { document.clone() } else { folder.join(path) };
+            assert!(found.exists(), "{} links to {path}", document.display());
+            let headings = || fs::read_to_string(&found).expect("text");
+            let is_there = anchor.is_empty()
+                || headings()
+                    .lines()
+                    .any(|line| line.starts_with('#') && anchor_of(line) == anchor);
+            assert!(is_there, "{} links to {target}", document.display());
+            links += 1;
+        }
+    }
+    assert!(links > 20, "{links} links");
+}
+
 #[test]
 fn every_path_that_a_document_names_is_there() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folders = ["benches/", "launcher/", "services/", "shared-types/", "tests/"];
     let mut named = 0;
-    for entry in fs::read_dir(root).expect("a folder").flatten() {
-        let document = entry.path();
-        if document.extension().is_none_or(|extension| extension != "md") {
-            continue;
-        }
-        let text = fs::read_to_string(&document).expect("text");
+    for (document, text) in documents() {
         // Every other piece stands between two marks of code.
         for path in text.split('`').skip(1).step_by(2) {
             // Names in capitals stand for any.
