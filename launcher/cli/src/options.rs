@@ -1,4 +1,4 @@
-//! The grammar of the command line; `air` has the commands to a run in the air.
+//! The grammar of the command line; `air` has the commands to a running flight.
 
 mod air;
 mod bench;
@@ -6,6 +6,7 @@ mod demo;
 pub(crate) mod doctor;
 mod duration;
 mod examples;
+mod groups;
 mod live;
 mod orders;
 mod pages;
@@ -61,6 +62,7 @@ pub use topic::{
 use clap::{
     Arg, ArgGroup, Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand, ValueEnum,
 };
+use groups::grouped;
 use host::PlaceArguments;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -80,7 +82,7 @@ impl Cli {
     /// # Errors
     /// They mean nothing, or ask for help.
     pub(super) fn of(arguments: &[OsString]) -> Result<Self, clap::Error> {
-        let command = with_negative_numbers(Self::command()).version(version());
+        let command = with_negative_numbers(grouped(Self::command())).version(version());
         Self::from_arg_matches(&command.try_get_matches_from(arguments)?)
     }
 }
@@ -102,10 +104,10 @@ pub(super) enum Command {
     /// Fly a scenario
     #[command(after_help = examples::RUN)]
     Run(RunArguments),
-    /// See a vehicle fly, and press buttons
+    /// Fly a demonstration in the browser, with buttons to try
     #[command(after_help = demo::EXAMPLES)]
     Demo(DemoArguments),
-    /// Name the scenarios inside the executable
+    /// Name the scenarios that come with morphquad
     #[command(after_help = examples::LIST)]
     List(ListArguments),
     /// Show what a scenario would fly, or what is wrong with it
@@ -114,19 +116,19 @@ pub(super) enum Command {
     /// Begin a scenario of one's own, show one, or tell what can be set
     #[command(subcommand)]
     Scenario(ScenarioCommand),
-    /// Show processes and slots of a run in the air
+    /// Show processes and slots of a running flight
     #[command(after_help = air::PS_EXAMPLES)]
     Ps(PsArguments),
-    /// Let another controller take over a slot of a run in the air
+    /// Let another controller take over a slot, attitude or position, of a running flight
     #[command(after_help = air::SWAP_EXAMPLES)]
     Swap(SwapArguments),
     /// Say whether a controller may take a slot over, by flying it ahead
     #[command(after_help = rehearse::EXAMPLES)]
     Rehearse(RehearseArguments),
-    /// Give a slot back to its old owner while that is still warm
+    /// Undo a swap: give the slot back to the controller before it
     #[command(after_help = "Example:\n  morphquad rollback attitude")]
     Rollback(RollbackArguments),
-    /// Send away an instance that does not command
+    /// Stop a controller that runs beside the one in command
     #[command(
         after_help = "Examples:\n  morphquad retire attitude-lqr\n  morphquad retire attitude-mpc@1"
     )]
@@ -134,46 +136,46 @@ pub(super) enum Command {
     /// Keep an instance warm that takes a slot over when its owner fails
     #[command(after_help = "Example:\n  morphquad standby attitude attitude-mpc")]
     Standby(StandbyArguments),
-    /// Send the vehicle of a run in the air to a place
+    /// Send the vehicle of a running flight to a place
     #[command(after_help = orders::GOTO_EXAMPLES)]
     Goto(GotoArguments),
-    /// Fold or spread the arms of a run in the air
+    /// Fold or spread the arms of a running flight
     #[command(after_help = orders::MORPH_EXAMPLES)]
     Morph(MorphArguments),
-    /// End a run in the air in order, with its recording complete
+    /// End a running flight in order, with its recording complete
     #[command(after_help = air::STOP_EXAMPLES)]
     Stop(StopArguments),
-    /// Serve a run in the air to browsers and Foxglove
+    /// Serve a running flight to browsers and Foxglove
     #[command(after_help = live::EXAMPLES)]
     Live(LiveArguments),
-    /// Disturb a run in the air
+    /// Disturb a running flight
     #[command(after_help = orders::DISTURB_EXAMPLES)]
     Disturb(DisturbArguments),
-    /// Watch a run in the air
+    /// Watch a running flight
     #[command(after_help = top::TOP_EXAMPLES)]
     Top(TopArguments),
-    /// Look at the topics of a run in the air, or of a recording
+    /// Look at the topics of a running flight, or of a recording
     #[command(subcommand)]
     Topic(TopicCommand),
-    /// Lead a realtime run to its end whose launcher has died
+    /// Take over a realtime flight whose launcher has died
     #[command(after_help = air::ADOPT_EXAMPLES)]
     Adopt(AdoptArguments),
-    /// Fly a recording again: verify it bit by bit, hash it, try another controller on it, or branch
+    /// Fly a recording again: bit by bit, with another controller, or branched
     #[command(after_help = examples::REPLAY)]
     Replay(ReplayArguments),
-    /// Tell what of this machine is in the way of realtime flights
+    /// Check whether this machine can fly in realtime, and what is in the way
     #[command(after_help = doctor::EXAMPLES)]
     Doctor(DoctorArguments),
     /// Follow the wrench commands of a recording back to their IMU samples
     #[command(after_help = trace::EXAMPLES)]
     Trace(TraceArguments),
-    /// Show a recording in the browser: the vehicle in space, every constraint, what happened
+    /// Show a recording in the browser: the vehicle, every constraint, what happened
     #[command(after_help = view::EXAMPLES)]
     View(ViewArguments),
     /// Draw numbers of a recording over time
     #[command(after_help = plot::EXAMPLES)]
     Plot(PlotArguments),
-    /// Judge a recording: pass or fail and why, every number with its gate, pictures
+    /// Judge a recording: pass or fail and why, every number with its limit, pictures
     #[command(after_help = report::EXAMPLES)]
     Report(ReportArguments),
     /// Reproduce the paper's Tests I, II and III, on its plant and among rotors
@@ -185,13 +187,13 @@ pub(super) enum Command {
     /// Fly or compute a whole range of conditions
     #[command(subcommand)]
     Study(StudyCommand),
-    /// Measure latencies of loops, paths and hops, with the machine's own noise beside them
+    /// Measure latencies of loops, paths and hops beside the machine's own noise
     #[command(subcommand, after_help = bench::EXAMPLES)]
     Bench(BenchCommand),
     /// Write a small crate that flies a slot, to begin one's own controller with
     #[command(after_help = NEW_CONTROLLER_EXAMPLES)]
     NewController(NewControllerArguments),
-    /// Show the samples as another language declares them
+    /// Write the types of the samples for another language
     #[command(after_help = examples::TYPES)]
     Types(TypesArguments),
     /// Write what a shell needs to complete commands
@@ -206,7 +208,7 @@ pub(super) enum Command {
     /// Make a complete file of a recording that is cut
     #[command(after_help = recover::EXAMPLES)]
     Recover(RecoverArguments),
-    /// Write the layout with which Foxglove, Lichtblick or `plotjuggler` shows a flight
+    /// Write a layout of a flight for Foxglove, Lichtblick or `plotjuggler`
     #[command(after_help = pages::LAYOUT_EXAMPLES)]
     Layout(LayoutArguments),
     /// Be one process of a run
