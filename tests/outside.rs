@@ -308,7 +308,7 @@ fn the_last_words_of_an_executable_that_ends_are_told() {
 }
 
 #[test]
-fn a_controller_that_prints_without_end_is_shown_in_part_and_flies_as_if_it_were_silent() {
+fn a_controller_that_prints_without_end_is_shown_in_part_and_flies_as_before() {
     let _alone = alone();
     let folder = TempDir::new().expect("a folder");
     let fly_one = |what, how: &[&str]| {

@@ -201,7 +201,7 @@ fn fill_the_disk() -> f64 {
 }
 
 #[test]
-fn a_disk_that_fills_in_flight_leaves_a_readable_file_and_the_summary_says_what_it_lacks() {
+fn a_disk_that_fills_leaves_a_readable_file_and_the_summary_says_what_it_lacks() {
     assert!(fill_the_disk() >= -1e-3);
 }
 

@@ -108,11 +108,7 @@ impl Running {
         let pid = launcher.id();
         let mut running =
             Self { launcher: Some(launcher), pid, folder: Some(folder), id: String::new(), place };
-        wait_until("the recording exists", || {
-            let exists = running.recording_path().is_some();
-            assert!(exists || !running.has_ended(), "it has ended: {}", running.wait().said());
-            exists
-        });
+        running.wait_in_flight("the recording", |running| running.recording_path().is_some());
         let path = running.recording_path().expect("just seen");
         running.id = path.file_stem().expect("a name").to_string_lossy().into_owned();
         running
@@ -121,13 +117,23 @@ impl Running {
     /// As [`Running::start`], and waits until a sample of the flight is recorded: not until the file grows, since a
     /// flight that waits for a candidate stands still, and all that it flew before may be in the file at the first look.
     pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
-        let running = Self::start(arguments);
+        let mut running = Self::start(arguments);
         // A candidate of its script may be there as soon as these are.
-        wait_until("six processes", || processes_of(&running.id).len() >= 6);
-        wait_until("the first samples", || {
+        running.wait_in_flight("six processes", |running| processes_of(&running.id).len() >= 6);
+        running.wait_in_flight("the first samples", |running| {
             running.recording_path().is_some_and(|path| Recording::read(&path).has_begun("truth"))
         });
         running
+    }
+
+    /// Waits for something of a flight; one that has ended without it says why.
+    fn wait_in_flight(&mut self, what: &str, is_there: impl Fn(&Self) -> bool) {
+        wait_until(what, || {
+            let is_over = self.has_ended();
+            let is_there = is_there(self);
+            assert!(is_there || !is_over, "ended before {what}: {}", self.wait().said());
+            is_there
+        });
     }
 
     /// Waits until about so much more of the flight has been recorded \[s\], however long that takes.

@@ -100,7 +100,7 @@ fn continued_by(path: &Path) -> String {
 
 #[test]
 #[ignore = "soak: a busy machine keeps a standby from its inputs, and the admission check refuses it"]
-fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from_there() {
+fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
     let running = realtime(&["--for", "60s"]);
     let (run, first) = (running.id().to_owned(), running.recording_path().expect("it records"));
     stand_by(&run);
@@ -153,7 +153,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on_from
 
 #[test]
 #[ignore = "soak: by the wall clock, on a busy machine the vehicle strays by itself"]
-fn a_process_that_frees_what_a_dead_launcher_left_and_writes_in_its_place_is_not_obeyed() {
+fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_obeyed() {
     let running = realtime(&["--for", "60s"]);
     let run = running.id().to_owned();
     running.kill_launcher();
@@ -273,7 +273,7 @@ fn without_a_launcher_the_processes_land_before_they_leave() {
 }
 
 #[test]
-fn who_is_led_stands_still_or_speaks_otherwise_is_not_taken_over_and_of_two_launchers_one_wins() {
+fn a_run_that_is_led_or_in_lockstep_is_not_adopted_and_of_two_launchers_one_wins() {
     let running = realtime(&["--for", "600s", "--set", "launcher.launcher_grace_s=600"]);
     let run = running.id().to_owned();
     let launcher = running.launcher_pid();
@@ -363,8 +363,7 @@ fn assert_it_stayed_in_its_place(recording: &Recording) {
 
 #[test]
 #[ignore = "soak: a busy machine keeps a standby from its inputs, and the vehicle from its place"]
-fn an_owner_that_dies_or_stops_is_followed_by_its_standby_and_the_gate_never_leaves_normal_for_long()
- {
+fn an_owner_that_dies_or_stops_is_followed_by_its_standby_before_the_gate_levels() {
     for signal in [Signal::KILL, Signal::STOP] {
         // Slowly: to a machine that stops for milliseconds, a control period is long.
         let mut running = realtime(&[&["--speed", "0.3", "--for", "6s"][..], &LAG].concat());

@@ -88,7 +88,7 @@ fn yaw_alone_settles_within_450_ms_without_much_overshoot() {
 }
 
 #[test]
-fn all_three_axes_at_once_settle_in_roll_and_pitch_within_130_ms_and_350_ms_at_50_hz() {
+fn all_axes_at_once_settle_in_roll_and_pitch_within_130_ms_and_350_ms_at_50_hz() {
     for_every_rate_and_size("[\"roll\",\"pitch\",\"yaw\"]", |rate, response, case| {
         let limit_s = if rate == "50" { 0.35 } else { 0.13 };
         for axis in [0, 1] {

@@ -243,7 +243,7 @@ fn a_recovered_recording_is_opened_like_any_other_and_says_what_it_lacks() {
 
 /// What lies behind damage is not lost; only who would fly it again refuses.
 #[test]
-fn around_damage_everything_is_recovered_and_whoever_reads_it_says_that_there_are_holes() {
+fn around_damage_everything_is_recovered_and_readers_say_that_there_are_holes() {
     let flown = fly(&["figure8-morph", "--for", "4s"]);
     let mut bytes = fs::read(flown.recording_path()).expect("the recording");
     // Many bytes: one may decode to the same samples.

@@ -53,7 +53,7 @@ fn flights_in_one_process_and_rigs_can_be_taken_up_too() {
 }
 
 #[test]
-fn a_fault_at_a_tick_changes_nothing_before_and_is_the_fault_of_a_whole_flight_after() {
+fn a_fault_at_a_tick_changes_nothing_before_and_is_a_whole_flights_fault_after() {
     let flown = fly(&["hover", "--for", "3s"]);
     let scratch = TempDir::new().expect("a folder");
     let record = scratch.path().to_str().expect("a path");

@@ -260,7 +260,7 @@ fn a_live_run_has_the_pace_of_the_clock_and_the_hash_of_any_other() {
 }
 
 #[test]
-fn a_live_run_is_as_fast_as_it_can_be_only_in_so_many_words_and_says_what_comes_of_it() {
+fn a_live_run_is_as_fast_as_can_be_only_if_told_so_and_says_what_comes_of_it() {
     let fast = ["--live=localhost:0", "--no-open", "--speed", "max"];
     let flown = fly(&[&["hover", "--for", "60s"][..], &fast].concat());
     flown.assert_clean();
@@ -322,7 +322,7 @@ fn a_browser_is_started_with_an_address_that_is_of_no_use_to_another_user() {
 }
 
 #[test]
-fn what_listens_everywhere_is_found_from_elsewhere_and_a_browser_that_is_not_there_is_said() {
+fn a_page_on_all_addresses_is_found_from_elsewhere_and_a_missing_browser_is_told() {
     let mut run = morphquad(["run", "hover", "--for", "1s", "--no-record", "--live=0.0.0.0:0"]);
     // A screen, and nothing that could open a browser on it.
     let folder = nearly_empty_path();
@@ -330,7 +330,7 @@ fn what_listens_everywhere_is_found_from_elsewhere_and_a_browser_that_is_not_the
     let output = output.expect("the executable starts");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
-    assert!(said.contains("everybody who reaches this address can watch"), "{said}");
+    assert!(said.contains("anyone who reaches this address can watch"), "{said}");
     for address in said.lines().filter_map(|line| line.split_once("on other machines  ")) {
         let named = address.1.contains("127.0.0.1") || address.1.contains("0.0.0.0");
         assert!(!named, "{said}");

@@ -70,7 +70,7 @@ fn fly_scripted(scenario: &[&str], swaps: &[String], faults: &[String]) -> Flown
 }
 
 #[test]
-fn null_swaps_of_both_slots_while_morphing_in_gusts_leave_every_bit_of_the_flight_as_it_was() {
+fn null_swaps_of_both_slots_while_morphing_in_gusts_change_no_bit_of_the_flight() {
     let wanted = swaps(30);
     let scenario = ["figure8-morph", "--no-record"];
     let expected = fly(&scenario);
@@ -212,7 +212,7 @@ fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
 }
 
 #[test]
-fn owner_and_fallback_killed_together_leave_nobody_in_command_and_the_vehicle_in_its_tube() {
+fn owner_and_fallback_killed_together_leave_no_command_and_the_vehicle_in_its_tube() {
     let standbys = ["--standby", "attitude=attitude-pid", "--standby", "position=position-pid"];
     for [owner, fallback] in [["attitude-mpc", "attitude-pid"], ["position-mpc", "position-pid"]] {
         let scenario: Vec<&str> =
@@ -233,7 +233,7 @@ fn owner_and_fallback_killed_together_leave_nobody_in_command_and_the_vehicle_in
 }
 
 #[test]
-fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods_and_nobody_levels() {
+fn a_killed_owner_with_a_warm_fallback_is_followed_within_two_periods() {
     // After the flip at 1.4 s the old owner stays warm until 6.4 s.
     let swap = ["attitude=attitude-mpc@1s,shadow=400ms,rollback=5s".to_owned()];
     for kind in ["kill", "stop"] {
@@ -275,8 +275,7 @@ fn a_failed_candidate_without_a_fallback_makes_room_for_the_initial_controller()
 }
 
 #[test]
-fn a_controller_that_is_not_built_in_and_fails_long_after_its_window_is_followed_by_the_last_proven_one()
- {
+fn an_untrusted_owner_that_fails_after_its_window_falls_back_to_the_last_proven_one() {
     let folder = TempDir::new().expect("a folder");
     for what in ["crash", "not-a-number"] {
         let config = config(&folder, what, 4.0, 0.0);

@@ -400,7 +400,7 @@ fn every_crate_that_is_built_may_be_given_away_under_the_licences_of_this_one() 
 }
 
 #[test]
-fn every_locked_crate_comes_from_the_public_registry_and_those_that_must_be_one_are_one() {
+fn every_locked_crate_is_from_the_public_registry_and_those_that_must_be_one_are() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.lock");
     let locked = std::fs::read_to_string(path).expect("a file");
     let locked: toml::Table = locked.parse().expect("TOML");

@@ -94,3 +94,21 @@ fn a_retired_word_is_found_as_a_whole_word_only() {
         assert_eq!(found(text), None, "{text}");
     }
 }
+
+#[test]
+fn names_of_tests_have_at_most_80_characters() {
+    let mut named = 0;
+    for path in texts(Path::new(env!("CARGO_MANIFEST_DIR"))) {
+        if path.extension().is_none_or(|kind| kind != "rs") {
+            continue;
+        }
+        let text = fs::read_to_string(&path).expect("a source");
+        for test in text.split("#[test]\n").skip(1) {
+            let name = test.split("fn ").nth(1).and_then(|rest| rest.split('(').next());
+            let name = name.expect("a function");
+            named += 1;
+            assert!(name.len() <= 80, "{}: {name}", path.display());
+        }
+    }
+    assert!(named > 1000, "{named} tests");
+}

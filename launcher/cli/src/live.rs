@@ -63,8 +63,7 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
 /// Says where it listens, and shows it.
 fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> io::Result<()> {
     if !arguments.listen.ip().is_loopback() {
-        let warning =
-            "everybody who reaches this address can watch; only its token lets them order";
+        let warning = "anyone who reaches this address can watch; only its token allows orders";
         eprintln!("morphquad: {warning}");
         for url in server.urls_elsewhere() {
             eprintln!("morphquad: on other machines  {url}");

@@ -100,7 +100,7 @@ pub(super) fn psi(machine: &Machine) -> Finding {
     };
     let share = text.split_whitespace().find_map(|word| word.strip_prefix("avg10="));
     let share: f64 = share.and_then(|share| share.parse().ok()).unwrap_or(0.0);
-    let found = format!("somebody waited for a processor {share} % of the last 10 s");
+    let found = format!("processes waited for a processor {share} % of the last 10 s");
     Finding::warn_if(share > 20.0, name, found, "end other programs, or fly slower with --speed")
 }
 

@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_hangs_just_before_the_end_is_blamed_once_the_wall_clock_is_ahead_of_it() {
+    fn a_loop_that_hangs_just_before_the_end_is_blamed_once_the_wall_clock_is_ahead() {
         let blamed = |mark_ms, now_ms| {
             blamed(3000, 0, &[(Role::Plant, u64::MAX), (Role::Position, mark_ms)], now_ms)
         };
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_is_blamed_by_the_plant_and_not_by_the_clock_while_the_plant_is_late_itself() {
+    fn a_loop_is_blamed_by_the_plant_and_not_by_the_clock_while_the_plant_is_late() {
         let of =
             |plant_ms| blamed(3000, 0, &[(Role::Plant, plant_ms), (Role::Position, 1000)], 2500);
         assert_eq!(of(1200), []);

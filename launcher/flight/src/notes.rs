@@ -231,7 +231,7 @@ impl Notebook {
             && !core::mem::replace(&mut self.troubled, true)
         {
             self.trouble = Some(format!(
-                "cannot note in {} who flies: {error}; if this launcher dies, nobody can take over",
+                "cannot note in {} who flies: {error}; if this launcher dies, no other can take over",
                 self.path.display()
             ));
         }

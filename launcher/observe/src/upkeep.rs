@@ -74,7 +74,7 @@ impl fmt::Display for Upkeep {
         // Lending a sample takes the transport one small block of memory; there is no way around it.
         write!(f, "; {} of the transport for samples sent", self.transport_allocations())?;
         if at_changes != (0, 0) {
-            write!(f, "; {} and {} as somebody came or left", at_changes.1, at_changes.0)?;
+            write!(f, "; {} and {} while processes joined or left", at_changes.1, at_changes.0)?;
         }
         writeln!(f)?;
         for (name, stats) in &self.loops {
@@ -110,7 +110,7 @@ mod tests {
         let upkeep = Upkeep::of(&[quiet, shadow]);
         let told = upkeep.to_string();
         assert!(told.contains("3 page faults and 2 allocations of warm loops"), "{told}");
-        assert!(told.contains("; 5 and 0 as somebody came or left"), "{told}");
+        assert!(told.contains("; 5 and 0 while processes joined or left"), "{told}");
         assert!(told.contains("attitude@1: 3 page faults") && !told.contains("plant"), "{told}");
         assert_eq!(upkeep.to_json()[1]["faults_at_changes"], 5);
     }

@@ -178,7 +178,7 @@ fn open_recording(
     }
     let before = before.as_deref().and_then(Path::file_name).map(|name| name.to_string_lossy());
     let file = match (before, adoptions) {
-        (None, _) => "a flight that nobody recorded".to_owned(),
+        (None, _) => "a flight without a recording".to_owned(),
         (Some(first), 0) => first.into_owned(),
         (Some(_), number) => format!("{run}-adopted-{number}.mcap"),
     };

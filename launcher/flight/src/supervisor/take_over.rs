@@ -75,7 +75,7 @@ impl Supervisor {
             if post.seat.role == Role::Plant {
                 return Err(FlightError::Lost {
                     name: post.spec.name.clone(),
-                    how: "died while nobody led the flight".to_owned(),
+                    how: "died while the flight had no launcher".to_owned(),
                     words: String::new(),
                     reason: PLANT_GONE.to_owned(),
                 });
@@ -84,7 +84,7 @@ impl Supervisor {
                 post.restart_at_ns = Some(now_ns);
                 self.recovered += 1;
                 let text = format!(
-                    "{} has died while nobody led the flight: starting it anew, without its state",
+                    "{} has died while the flight had no launcher: starting it anew, without its state",
                     post.spec.name
                 );
                 let source = post.spec.name.clone();

@@ -50,7 +50,7 @@ fn wrong(ticks: &[AppliedCommand]) -> u64 {
 }
 
 #[test]
-fn the_owner_of_the_epoch_commands_and_its_last_word_lasts_until_the_next_ones_first() {
+fn the_owner_of_the_epoch_commands_until_the_next_owners_first_command() {
     let good = [applied(15, 1, (0, 2), false), applied(20, 2, (1, 3), false)];
     assert_eq!(wrong(&good), 0);
     assert_eq!(wrong(&[good[0], applied(21, 2, (0, 2), false)]), 0, "carried over");

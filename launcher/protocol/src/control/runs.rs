@@ -59,7 +59,7 @@ impl Run {
                 format!("`morphquad adopt {}` goes on before its processes leave", self.id)
             }
             Some(_) => {
-                "its processes leave within seconds: in lockstep nobody can go on with it, but its \
+                "its processes leave within seconds: a flight in lockstep cannot go on, but its \
                         recording can be read, and flown again it is the same flight"
                     .to_owned()
             }

@@ -19,7 +19,7 @@ const LARGEST: usize = 1 << 20;
 pub enum ListenError {
     /// Nobody there.
     #[error(
-        "run {run} lets nobody listen: {source}; it is just starting, or its launcher has died"
+        "run {run} cannot be listened to: {source}; it is just starting, or its launcher has died"
     )]
     Closed {
         /// The run.

@@ -189,7 +189,7 @@ fn an_error_beyond_the_owners_share_is_refused_with_number_and_limit() {
 }
 
 #[test]
-fn a_position_controller_that_turns_the_vehicle_from_the_heading_of_the_reference_is_refused() {
+fn a_position_controller_that_turns_off_the_references_heading_is_refused() {
     let owner = track(|_| 0.0, 0.02);
     let verdict = judged_in(Slot::Position, &turned(|_| 0.0, 0.02, 0.5), &owner);
     assert!(verdict.words.contains("heading error 28.6 deg, limit 8.0 deg"), "{}", verdict.words);
@@ -197,7 +197,7 @@ fn a_position_controller_that_turns_the_vehicle_from_the_heading_of_the_referenc
 }
 
 #[test]
-fn a_candidate_as_good_as_an_owner_beyond_the_envelope_passes_and_a_worse_one_does_not() {
+fn a_candidate_as_good_as_an_owner_beyond_the_envelope_passes_and_a_worse_does_not() {
     let tube = Tube::default();
     assert!(0.0605 <= tube.limit(0.04, 0.06) && tube.limit(0.04, 0.06) < 0.07);
 }

@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_has_to_leave_the_owner_that_trips_and_to_obey_the_fallback_after_it_levels() {
+    fn a_candidate_has_to_leave_a_tripped_owner_and_to_obey_its_fallback() {
         let leaves = [(10, SWAPPED_SEAT), (30, NO_SEAT), (60, NO_SEAT)];
         let with = |next: &[(u64, u32)]| due(&[&leaves[..], next].concat());
         assert_eq!(with(&[(70, FALLBACK_SEAT), (80, NO_SEAT)]), Some((70, FALLBACK_SEAT)));

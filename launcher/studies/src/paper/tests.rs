@@ -47,7 +47,7 @@ fn test_two_without_weight_and_bounds_overshoots_by_the_closed_percentages() {
 }
 
 #[test]
-fn test_two_has_the_papers_order_for_weights_from_a_hundredth_to_three_tenths_and_not_beyond() {
+fn test_two_has_the_papers_order_for_weights_from_0_01_to_0_3_and_not_beyond() {
     for (weight, expected) in [
         (0.01, true),
         (0.02, true),

@@ -25,7 +25,7 @@ fn assert_near(range: Range, from: f64, to: f64, relative: f64) {
 }
 
 #[test]
-fn the_bare_law_bears_under_two_milliseconds_of_lag_and_a_quarter_less_or_twice_the_inertia() {
+fn the_bare_law_bears_under_2_ms_of_lag_and_a_quarter_less_or_twice_the_inertia() {
     let lag = at_a_quarter(Model::Bare, Quantity::Lag);
     assert_near(lag.linear, 0.0, 1.7e-3, 0.03);
     assert_near(lag.simulated, 0.0, 1.7e-3, 0.1);
@@ -45,7 +45,7 @@ fn the_bare_law_is_unstable_with_one_sample_of_delay_and_already_with_a_fifth_of
 }
 
 #[test]
-fn with_lag_and_delay_modelled_eight_to_25_ms_of_lag_and_two_thirds_to_twice_the_inertia_fly() {
+fn with_lag_and_delay_modelled_8_to_25_ms_of_lag_and_0_7_to_2_times_inertia_fly() {
     let lag = at_a_quarter(Model::LagAndDelay, Quantity::Lag);
     assert_near(lag.linear, 8e-3, 25e-3, 0.03);
     assert_near(lag.simulated, 8e-3, 25e-3, 0.05);
@@ -65,7 +65,7 @@ fn a_larger_weight_widens_every_margin() {
 }
 
 #[test]
-fn on_the_vehicle_as_it_is_modelled_lag_makes_it_settle_and_modelled_delay_makes_it_quicker() {
+fn on_the_modelled_vehicle_lag_makes_it_settle_and_modelled_delay_makes_it_quicker() {
     let settling = |model| {
         let law = bench().law(model, 0.25);
         answer(&bench(), &law, &bench().vehicle_as_it_is(model)).unwrap()

@@ -132,7 +132,7 @@ fn check(qp: &ParametricQp, start: Start, sampled: u32) {
 }
 
 #[test]
-fn no_sampled_solve_needs_more_changes_than_certified_and_the_worst_one_needs_as_many() {
+fn no_sampled_solve_needs_more_changes_than_certified_and_the_worst_needs_as_many() {
     for (prediction, control, ratio) in [(10, 1, 3.0), (10, 2, 3.0), (20, 2, 1.5)] {
         let qp = axis(prediction, control, ratio);
         let [cold, warm] = sampled(&qp, 50_000, 7);

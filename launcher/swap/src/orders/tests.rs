@@ -163,7 +163,7 @@ impl Flight {
 }
 
 #[test]
-fn a_candidate_that_the_gate_refuses_or_that_dies_ends_the_order_with_1_and_its_name() {
+fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
     let refused = slot::Refusal::MissedDeadlines { missed: 3, limit: 0, at_ns: 1_500_000_000 };
     for (event, reason, words) in [
         (Event::Verdict(Seat::ALL[1], Err(refused)), Reason::Gate, "missed 3 deadlines"),

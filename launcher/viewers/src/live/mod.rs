@@ -239,7 +239,7 @@ impl LiveServer {
                 }
                 Word::Over => {
                     let Some(listening) = self.successor(end) else {
-                        let text = "its launcher has died, and nobody goes on with it";
+                        let text = "its launcher has died, and no other has taken over";
                         self.finish(Ending { is_good: false, text: text.to_owned() });
                         return Ok(None);
                     };

@@ -73,7 +73,7 @@ impl Picture {
             is_orphan: false,
             orphan: match flying.speed {
                 None => {
-                    "its launcher has died, and in lockstep nobody can go on with it; its recording can be read"
+                    "its launcher has died, which ends a flight in lockstep; its recording can be read"
                 }
                 Some(_) => "running, but its launcher has died: `morphquad adopt` goes on with it",
             },

@@ -235,7 +235,7 @@ fn count(count: u64) -> String {
 fn slots_of(status: &RunStatus) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
     for slot in &status.slots {
-        let owner = slot.owner.as_deref().unwrap_or("nobody");
+        let owner = slot.owner.as_deref().unwrap_or("none");
         let watched = if slot.watched { " (watched)" } else { "" };
         let owner = format!("{owner}{watched}");
         let fallback = slot.fallback.as_deref().unwrap_or("-");

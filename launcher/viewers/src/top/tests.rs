@@ -156,7 +156,7 @@ fn keys_begin_the_commands_that_they_stand_for() {
 }
 
 #[test]
-fn stamps_give_rate_lateness_compute_and_age_of_the_sample_that_a_step_descends_from() {
+fn stamps_give_rate_lateness_compute_time_and_age_of_the_sample_behind_a_step() {
     let mut gauges = Gauges::default();
     let mut packed = vec![0; Imu::PACKED_SIZE];
     for k in 1..=2000_u64 {

@@ -56,7 +56,7 @@ fn fly(config: &AttitudeLawConfig, steps: usize) -> (Vec<Output>, AttitudeLaw) {
 }
 
 #[test]
-fn a_step_that_would_take_too_long_is_cut_off_at_the_same_place_everywhere_and_counted() {
+fn a_step_that_takes_too_long_is_cut_off_at_the_same_place_everywhere_and_counted() {
     for (solver, soft, steps) in [
         (SolverKind::ActiveSet, true, 24),
         // It takes a while until the rate is more than can be braked.

@@ -120,7 +120,7 @@ fn a_flip_counts_from_its_instant_on_and_a_late_one_is_refused_and_told() {
 }
 
 #[test]
-fn one_who_joins_after_the_owners_word_and_hears_the_fallbacks_first_does_not_fail_over() {
+fn a_consumer_that_joins_late_and_hears_the_fallback_first_does_not_fail_over() {
     let (mut attitude, mut inputs) = (controller(), inputs());
     tell(&mut inputs, 1, 0, A, B, false);
     say(&mut inputs, B, 45, 200);

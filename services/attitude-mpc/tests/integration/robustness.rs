@@ -112,7 +112,7 @@ fn a_morph_sweep_leaves_no_trace_in_hover() {
 }
 
 #[test]
-fn a_law_that_is_not_scheduled_is_the_scheduled_one_at_its_own_angle_and_another_elsewhere() {
+fn an_unscheduled_law_is_the_scheduled_one_at_its_own_angle_and_another_elsewhere() {
     let fixed = AttitudeLawConfig {
         fixed_morph_angle: Some(MorphAngle::MEDIUM),
         ..AttitudeLawConfig::flight(100.0)

@@ -75,7 +75,7 @@ fn a_gap_in_the_inertial_samples_is_counted_and_recovered_from() {
 }
 
 #[test]
-fn while_the_imu_is_silent_the_belief_keeps_its_instant_and_its_sigma_covers_the_error() {
+fn while_the_imu_is_silent_the_belief_keeps_its_instant_and_sigma_covers_the_error() {
     const GAP: std::ops::Range<usize> = 5000..5300;
     let truth = figure_eight(6);
     let script = Script { imu_gap: (GAP.start, GAP.end), ..Script::nominal(3600) };

@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_level_outside_the_coupled_rows_shrinks_towards_zero_and_the_increment_gives_way() {
+    fn a_level_outside_the_coupled_rows_shrinks_to_zero_and_the_increment_gives_way() {
         let bounds = Bounds::symmetric(Vector2::repeat(9.0), Vector2::repeat(0.25));
         let u = Vector2::new(1.5, 0.5);
         let first = FirstMove::new(&bounds, &DIAMOND, &u);

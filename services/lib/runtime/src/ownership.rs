@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mark_from_before_the_readers_ports_were_open_is_not_believed_until_it_is_repeated() {
+    fn a_mark_from_before_the_readers_ports_were_open_counts_once_it_is_repeated() {
         let mut marks = marks([0; SEATS], &[record(1, 0, 0, NO_SEAT)]);
         let said = |served_mono_ns, mark_ms: u64| Progress {
             mark_ns: mark_ms * MS,

@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_launcher_that_is_succeeded_in_time_is_no_loss_and_one_that_is_not_ends_the_flight() {
+    fn a_launcher_succeeded_in_time_is_no_loss_and_one_that_is_not_ends_the_flight() {
         let folder = std::env::temp_dir().join(format!("watch-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let heard = Arc::new(Mutex::new(Vec::new()));

@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rollback_obeys_what_the_old_owner_said_as_the_fallback_only_if_nothing_else_counts() {
+    fn a_rollback_obeys_the_old_owners_words_as_fallback_only_if_nothing_else_counts() {
         let back = record(3, 37, 0, Some(1));
         let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
         assert_eq!(table.at(10, &[A]), Some((A, 10)));

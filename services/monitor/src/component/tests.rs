@@ -40,7 +40,7 @@ fn a_watched_owner_that_the_gate_keeps_from_overturning_the_vehicle_trips() {
 }
 
 #[test]
-fn an_owner_that_a_later_record_names_again_trips_again_at_once_and_no_other_owner_does() {
+fn an_owner_that_a_later_record_names_again_trips_again_at_once() {
     let mut monitor = monitor();
     let mut inputs = Inputs::default();
     inputs.position_owner.offer(OwnerRecord { epoch: 1, ..Default::default() });

@@ -236,7 +236,7 @@ fn a_thrust_error_is_found_by_the_vertical_speed_that_it_causes() {
 }
 
 #[test]
-fn the_position_loop_is_blamed_for_a_departure_only_if_the_attitude_followed_its_set_point() {
+fn the_position_loop_is_blamed_only_if_the_attitude_followed_its_set_point() {
     let leaves = |step: u64| {
         let (t, moment) = (step as f64 * STEP_S, rest(step));
         let away = Vector3::new(1.75 * t * t, 0.0, 0.0);
@@ -270,7 +270,7 @@ fn a_vehicle_that_moves_away_and_is_asked_for_more_is_found_before_it_is_faster(
 }
 
 #[test]
-fn a_vehicle_that_leans_against_a_steady_wind_goes_nowhere_and_brakes_worse_down_the_wind() {
+fn a_vehicle_that_leans_against_a_steady_wind_brakes_worse_down_the_wind() {
     let tilt_rad = 0.25;
     let lean = Vector3::new(0.0, tilt_rad, 0.0);
     let leaning = |step: u64| {

@@ -156,7 +156,7 @@ fn a_record_for_a_past_instant_is_refused_and_told_and_a_later_one_counts() {
 }
 
 #[test]
-fn the_fallback_commands_two_periods_after_the_owners_last_word_until_the_next_epoch() {
+fn the_fallback_commands_two_periods_after_the_owners_last_until_the_next_epoch() {
     let (mut plant, mut inputs) = (plant(), inputs());
     tell(&mut inputs, 1, 0, A, B, false);
     say(&mut inputs, A, 300_000, 50 * MS, 2 * PERIOD_NS);
@@ -209,7 +209,7 @@ fn an_owner_whose_commands_are_garbage_is_silent() {
 }
 
 #[test]
-fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallbacks_is_not() {
+fn an_unproven_owners_commands_are_reduced_to_its_range_and_a_fallbacks_are_not() {
     let believed = VehicleParameters::default();
     let weight_n = believed.weight_n();
     let lawful_nm = believed.torque_bound_nm(MorphAngle::MIN, weight_n).x;
@@ -236,7 +236,7 @@ fn what_an_unproven_owner_asks_for_beyond_its_slots_laws_is_reduced_and_a_fallba
 }
 
 #[test]
-fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle_and_no_other_owner() {
+fn the_gate_levels_before_an_unproven_owner_overturns_the_vehicle() {
     for (unproven, watched, levels) in
         [(Some(range()), true, true), (Some(range()), false, false), (None, true, false)]
     {

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_plant_did_not_give_is_known_at_every_rate_at_which_a_report_is_of_one_command() {
+    fn what_the_plant_did_not_give_is_known_at_every_rate_with_one_report_per_command() {
         for (period_s, steps) in [(10.0 * MS, 1), (2.0 * MS, 1), (MS, 2)] {
             let timing = timing(period_s);
             let mut copy = Actuators::at_rest();

@@ -99,7 +99,7 @@ fn an_unfinished_answer_is_clipped_used_and_visible() {
 }
 
 #[test]
-fn with_a_gain_or_a_reference_that_is_no_number_the_last_input_is_kept_within_its_bounds() {
+fn with_a_gain_or_a_reference_of_nan_the_last_input_is_kept_within_its_bounds() {
     let mut mpc = engine(&bare(HORIZON));
     let now = Measured { u_previous: Vector3::new(0.05, -0.3, 0.0), ..resting() };
     let limits = boxes(0.1, 0.1);

@@ -194,7 +194,7 @@ fn a_restored_consumer_goes_on_as_the_first_would_have() {
 }
 
 #[test]
-fn a_trip_moves_to_the_fallback_until_another_owner_is_named_although_the_first_one_speaks() {
+fn a_trip_moves_to_the_fallback_until_another_owner_is_named() {
     let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 50, 1, Some(0))]);
     consumer.advance(10);
     assert_eq!(consumer.decide(10, true, true), Source::Owner);
@@ -223,7 +223,7 @@ fn a_record_that_names_the_same_owner_and_fallback_does_not_undo_a_trip() {
 }
 
 #[test]
-fn a_trip_survives_a_record_that_names_the_same_owner_and_fallback_before_it_takes_effect() {
+fn a_trip_survives_a_record_of_the_same_owner_and_fallback_before_it_takes_effect() {
     let mut consumer = consumer(&[record(1, 0, 0, Some(1)), record(2, 10, 0, Some(1))]);
     consumer.advance(10);
     assert_eq!(consumer.trip(1, A, 11), Tripped::ToFallback);
@@ -280,7 +280,7 @@ fn a_late_trip_counts_from_the_next_decision_on_and_what_was_decided_stays() {
 }
 
 #[test]
-fn without_a_fallback_an_owner_that_has_tripped_is_not_obeyed_while_another_can_be_started() {
+fn without_a_fallback_a_tripped_owner_is_not_obeyed_while_another_can_be_started() {
     let mut alone = consumer(&[record(1, 0, 0, None), record(2, 50, 0, Some(1))]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
@@ -295,7 +295,7 @@ fn without_a_fallback_an_owner_that_has_tripped_is_not_obeyed_while_another_can_
 }
 
 #[test]
-fn a_trip_by_a_record_that_was_refused_or_comes_later_counts_if_the_owner_is_the_same() {
+fn a_trip_by_a_refused_or_later_record_counts_if_the_owner_is_the_same() {
     let mut late = consumer(&[record(1, 0, 0, Some(1))]);
     late.advance(0);
     assert_eq!(late.decide(10, true, false), Source::Owner);

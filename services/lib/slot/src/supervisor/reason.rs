@@ -57,7 +57,7 @@ pub enum Reason {
     #[error("{0} already owns the slot; to replace it by a new instance name the executable")]
     AlreadyOwns(Seat),
     /// Nobody sits there.
-    #[error("nobody flies on {0}")]
+    #[error("no process is on {0}")]
     NobodyThere(Seat),
     /// The owner cannot be retired.
     #[error("{0} owns the slot: swap to another controller first")]

@@ -146,7 +146,7 @@ fn a_step_that_saw_what_it_should_tells_nothing() {
 }
 
 #[test]
-fn late_and_lost_samples_are_told_by_their_numbers_at_the_step_that_had_to_do_without() {
+fn late_and_lost_samples_are_told_by_number_at_the_step_that_did_without() {
     let mut bench = Bench::new(MissPolicy::CatchUp, 0);
     bench.arrives(1);
     bench.step();
@@ -207,7 +207,7 @@ fn late_samples_of_owner_fallback_and_successor_are_told_each_by_its_own_numbers
 }
 
 #[test]
-fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range_whoever_repeated_them() {
+fn late_and_lost_samples_of_a_producer_without_a_slot_are_one_range() {
     let ranges = |repeated_by: u32| {
         let mut bench = Bench::new(MissPolicy::CatchUp, 0);
         bench.says((0, 0), 1, 0);

@@ -204,7 +204,7 @@ fn a_trip_of_an_owner_that_has_changed_since_is_ignored() {
 }
 
 #[test]
-fn an_owner_that_nothing_watches_leaves_in_order_for_its_fallback_and_stays_without_one() {
+fn an_unwatched_owner_leaves_in_order_for_its_fallback_and_stays_without_one() {
     let mut desk = Desk::watched(SlotConfig::REALTIME);
     desk.confirm().on(Event::Unwatched);
     assert_eq!(desk.record().owner, SEAT[0]);
