@@ -6,6 +6,7 @@
 )]
 #![allow(dead_code, reason = "every test file uses its own part of this")]
 
+pub(crate) mod held;
 pub(crate) mod misdeeds;
 pub(crate) mod processes;
 pub(crate) mod recording;
@@ -157,6 +158,11 @@ impl Flown {
     /// Exit code 0, nothing lost, nothing late, no bound violated.
     pub(crate) fn assert_clean(&self) {
         assert_eq!(self.code, Some(0), "{}", self.said());
+        self.assert_undisturbed();
+    }
+
+    /// Nothing lost, nothing late, no bound violated.
+    pub(crate) fn assert_undisturbed(&self) {
         for key in [
             "dropped_samples",
             "late_samples",

@@ -138,12 +138,18 @@ impl Running {
 
     /// Waits until about so much more of the flight has been recorded \[s\], however long that takes.
     pub(crate) fn fly_on(&self, flown_s: f64) {
-        let size =
-            || self.recording_path().and_then(|p| fs::metadata(p).ok()).map_or(0, |m| m.len());
-        let begin = size();
-        wait_until("more of the flight", || {
-            size().saturating_sub(begin) as f64 >= RECORDED_BYTES_PER_S * flown_s
-        });
+        self.fly_to(self.recorded_s() + flown_s);
+    }
+
+    /// Waits until about so much of the flight has been recorded \[s\], however long that takes.
+    pub(crate) fn fly_to(&self, flown_s: f64) {
+        wait_until("more of the flight", || self.recorded_s() >= flown_s);
+    }
+
+    /// About how much of the flight has been recorded \[s\].
+    fn recorded_s(&self) -> f64 {
+        let bytes = self.recording_path().and_then(|p| fs::metadata(p).ok()).map_or(0, |m| m.len());
+        bytes as f64 / RECORDED_BYTES_PER_S
     }
 
     pub(crate) fn id(&self) -> &str {

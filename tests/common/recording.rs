@@ -73,6 +73,14 @@ impl Recording {
         topics.any(|channel| channel.topic.strip_prefix('/') == Some(topic))
     }
 
+    /// Whether any message of a file that is being written has a text.
+    pub(crate) fn mentions(&self, text: &str) -> bool {
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let Ok(messages) = MessageStream::new_with_options(&self.0, options) else { return false };
+        let has = |bytes: &[u8]| bytes.windows(text.len()).any(|part| part == text.as_bytes());
+        messages.map_while(Result::ok).any(|message| has(&message.data))
+    }
+
     /// When that was published, on the host's clock \[s\].
     pub(crate) fn last_published_of_a_cut_file(&self, topic: &str) -> f64 {
         self.last_of_a_cut_file(topic, &["header.publish_mono_ns"]).values[0] * 1e-9

@@ -4,6 +4,7 @@
 //! `MORPHQUAD_ROUNDS=20 cargo test --release --test flights faults` strikes 20 times per victim; every
 //! round has a moment of its own, drawn from its number.
 
+use crate::common::held::{Held, fly_released};
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{
     Running, all_processes, is_dead, kill, left_in_shared_memory, make_executable, processes_of,
@@ -26,41 +27,54 @@ const MORTALS: [&str; 4] = ["estimator", "position-mpc", "attitude-mpc", "distur
 const CRASHED: i32 = 4;
 /// Exit code when the user ended the flight.
 const INTERRUPTED: i32 = 130;
-/// A flight with wind and morphing, slow enough to be hit in flight: four seconds at least.
+/// A flight with wind and morphing.
 const FLIGHT: [&str; 3] = ["figure8-morph", "--for", "8s"];
+/// Slow enough to be hit at different instants.
 const PACE: [&str; 2] = ["--speed", "2"];
 /// Part of it in which it is struck \[s\].
 const STRUCK_S: f64 = 4.0;
 
-/// Hash of [`FLIGHT`] when nothing happens.
+/// Where the flight waits until it has been struck.
+const HELD_AT: &str = "7s";
+
+/// Flies, strikes at a moment that only `seed` decides about, and flies on to the end.
+fn fly_and_strike(more: &[&str], victims: &[&str], signal: Signal, seed: usize) -> Flown {
+    let held = Held::start(&[&FLIGHT[..], &PACE, more].concat(), HELD_AT);
+    // In the flight and not from now on: by now it may have come to where it waits.
+    let moment = |running: &Running| running.fly_to(random_s(seed, STRUCK_S));
+    strike(&held.running, victims, signal, moment);
+    held.release()
+}
+
+/// Hash of the flight of [`fly_and_strike`] when nothing happens.
 fn undisturbed_hash() -> &'static str {
     static HASH: OnceLock<String> = OnceLock::new();
     HASH.get_or_init(|| {
-        let flown = fly(&FLIGHT);
+        let flown = fly_released(&FLIGHT, HELD_AT);
         flown.assert_clean();
         flown.hash().to_owned()
     })
 }
 
-/// Waits for a moment of the next `within_s` of the flight that only `seed` decides about.
-fn random_moment(running: &Running, seed: usize, within_s: f64) {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed as u64);
-    running.fly_on(rng.random_range(0.0..within_s));
+/// Seconds that only `seed` decides about.
+fn random_s(seed: usize, within_s: f64) -> f64 {
+    ChaCha8Rng::seed_from_u64(seed as u64).random_range(0.0..within_s)
 }
 
-/// Strikes processes at such a moment. They are looked for before, so that little can come between the moment and the
-/// signal: on a busy machine the flight might end meanwhile.
-fn strike(running: &Running, victims: &[&str], signal: Signal, (seed, within_s): (usize, f64)) {
+/// Waits for a moment of the next `within_s` of the flight that only `seed` decides about.
+fn random_moment(running: &Running, seed: usize, within_s: f64) {
+    running.fly_on(random_s(seed, within_s));
+}
+
+/// Strikes processes once `moment` has come. They are looked for before, so that little can come between the moment and
+/// the signal.
+fn strike(running: &Running, victims: &[&str], signal: Signal, moment: impl FnOnce(&Running)) {
     let find = |name: &&str| wait_for(name, || running.process(name).ok_or_else(String::new)).pid;
     let pids: Vec<u32> = victims.iter().map(find).collect();
-    random_moment(running, seed, within_s);
+    moment(running);
     for pid in pids {
         assert!(kill(pid, signal), "{victims:?} and {pid}");
     }
-}
-
-fn lockstep(more: &[&str]) -> Running {
-    Running::start_and_fly(&[&FLIGHT[..], &PACE, more].concat())
 }
 
 /// A flight that only what happens to it ends.
@@ -112,9 +126,7 @@ fn a_silence_of_the_imu_is_counted_and_the_gate_flies_until_it_ends() {
 
 fn strike_in_lockstep(victim: &str) {
     for round in 0..rounds(1) {
-        let mut running = lockstep(&[]);
-        strike(&running, &[victim], Signal::KILL, (round * 7 + victim.len(), STRUCK_S));
-        let flown = running.wait();
+        let flown = fly_and_strike(&[], &[victim], Signal::KILL, round * 7 + victim.len());
         assert_recovered(&flown, victim, "killed by signal 9");
         assert_eq!(flown.hash(), undisturbed_hash(), "round {round}: {}", flown.said());
     }
@@ -144,9 +156,7 @@ fn a_killed_injector_leaves_no_trace_in_a_lockstep_flight() {
 #[test]
 fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
     for round in 0..rounds(1) {
-        let mut running = lockstep(&[]);
-        strike(&running, &MORTALS, Signal::KILL, (round, STRUCK_S));
-        let flown = running.wait();
+        let flown = fly_and_strike(&[], &MORTALS, Signal::KILL, round);
         for victim in MORTALS {
             assert_recovered(&flown, victim, "killed by signal 9");
         }
@@ -156,9 +166,7 @@ fn all_four_killed_at_once_come_back_and_the_vehicle_stays_on_its_way() {
 
 #[test]
 fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
-    let mut running = lockstep(&[]);
-    strike(&running, &["attitude-mpc"], Signal::TERM, (11, STRUCK_S));
-    let flown = running.wait();
+    let flown = fly_and_strike(&[], &["attitude-mpc"], Signal::TERM, 11);
     assert_recovered(&flown, "attitude-mpc", "exit status 130");
     assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
 }
@@ -166,12 +174,25 @@ fn a_process_told_to_terminate_is_restarted_and_leaves_no_trace() {
 #[test]
 fn a_stopped_process_is_killed_restarted_and_leaves_no_trace() {
     for (round, victim) in ["attitude-mpc", "position-mpc", "estimator"].into_iter().enumerate() {
-        let mut running = lockstep(&["--set", "launcher.stall_timeout_s=2"]);
-        strike(&running, &[victim], Signal::STOP, (round, STRUCK_S));
-        let flown = running.wait();
+        let limit = ["--set", "launcher.stall_timeout_s=2"];
+        let flown = fly_and_strike(&limit, &[victim], Signal::STOP, round);
         assert_recovered(&flown, victim, "made no progress");
         assert_eq!(flown.hash(), undisturbed_hash(), "{victim}: {}", flown.said());
     }
+}
+
+/// A candidate that has just come never hears how far a stopped process is, and cannot step for that reason.
+#[test]
+fn a_candidate_is_not_killed_for_a_stopped_process_that_it_waits_for() {
+    let limit = ["--set", "launcher.stall_timeout_s=2"];
+    let held = Held::start(&[&FLIGHT[..], &limit].concat(), HELD_AT);
+    wait_until("it waits for the candidate", || held.running.flown_s() >= Some(7.0));
+    held.running.signal("position-mpc", Signal::STOP);
+    let flown = held.release();
+    assert_recovered(&flown, "position-mpc", "made no progress");
+    assert!(!flown.stderr.contains("held made no progress"), "{}", flown.said());
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
+    assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
 }
 
 /// Nobody else can do its work, so that it is dealt with as if it had been stopped from outside.
@@ -240,7 +261,8 @@ fn a_realtime_flight_stays_in_its_place_after_a_death() {
     for (index, victim) in MORTALS.into_iter().enumerate() {
         for round in 0..rounds(1) {
             let mut running = in_realtime("3s", &[]);
-            strike(&running, &[victim], Signal::KILL, (round * 5 + index, 1.0));
+            let moment = |running: &Running| random_moment(running, round * 5 + index, 1.0);
+            strike(&running, &[victim], Signal::KILL, moment);
             let flown = running.wait();
             assert_recovered(&flown, victim, "killed by signal 9");
             assert!(flown.number("flown_s") >= 3.0, "{}", flown.said());
@@ -256,7 +278,8 @@ fn the_death_of_the_plant_ends_the_flight_with_4_a_reason_and_a_complete_recordi
     for round in 0..rounds(1) {
         for realtime in [false, true] {
             let mut running = if realtime { in_realtime("600s", &[]) } else { endless(&[]) };
-            strike(&running, &["plant"], Signal::KILL, (round, 1.0));
+            let moment = |running: &Running| random_moment(running, round, 1.0);
+            strike(&running, &["plant"], Signal::KILL, moment);
             let flown = running.wait();
             assert_eq!(flown.code, Some(CRASHED), "{}", flown.said());
             assert!(flown.reason().contains("plant killed by signal 9"), "{}", flown.said());
@@ -386,7 +409,7 @@ fn an_interrupted_flight_ends_in_order_however_slow_one_of_its_loops_is() {
 
 #[test]
 fn a_second_interrupt_does_not_wait_for_anybody() {
-    let mut running = lockstep(&["--set", "launcher.stall_timeout_s=600"]);
+    let mut running = endless(&[]);
     // With this one stopped, there is no orderly end to wait for.
     running.signal("estimator", Signal::STOP);
     assert!(kill(running.launcher_pid(), Signal::INT));

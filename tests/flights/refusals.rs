@@ -3,8 +3,11 @@
 //! Candidates are processes of an executable of their own, `tests/common/rogue`, which flies like the template
 //! for users' controllers until its `--config` says otherwise.
 
+use crate::common::held::{Held, fly_released};
 use crate::common::misdeeds::{config, rogue};
 use crate::common::processes::{Running, kill, make_executable};
+use crate::common::recording::Recording;
+use crate::common::time::wait_until;
 use crate::common::{Flown, SWAP_FAILED, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -222,12 +225,12 @@ fn every_refusal_has_its_exit_code() {
         .args(run)
         .spawn()
         .expect("the executable starts");
-    crate::common::time::wait_until("the candidate", || {
+    wait_until("the candidate", || {
         say(&["ps", "--run", running.id()]).words.contains("attitude-pid")
     });
     let said = swap(&["attitude", "--to", "attitude-lqr"]);
     assert_eq!(said.code, Some(3), "{}", said.words);
-    crate::common::time::wait_until("its departure", || {
+    wait_until("its departure", || {
         say(&["retire", "attitude-pid", "--run", running.id()]).code == Some(0)
     });
     assert_eq!(first.wait().expect("it ends").code(), Some(1));
@@ -259,14 +262,14 @@ fn a_candidate_that_misses_its_deadlines_is_refused_in_realtime() {
 fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_named() {
     // The estimator that is started again goes on from the last state that it has published itself.
     let scenario = ["hover", "--for", "24s", "--speed", "4", "--fault", "kill:estimator@12s"];
-    let expected = fly(&scenario);
+    let expected = fly_released(&scenario, "1s");
     let executable = rogue();
-    let mut running = Running::start_and_fly(&scenario);
-    let folder = format!("/dev/shm/mq-{}", running.id());
+    let held = Held::start(&scenario, "1s");
+    let folder = format!("/dev/shm/mq-{}", held.running.id());
     let mut stray =
         Command::new(executable).args(["stray", &folder]).spawn().expect("the executable starts");
     let pid = stray.id().to_string();
-    let flown = running.wait();
+    let flown = held.release();
     // It is there to the end, so that the launcher can tell what it is.
     stray.kill().expect("it still writes");
     stray.wait().expect("it ends");
@@ -284,15 +287,20 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
 
 #[test]
 fn a_service_that_another_program_removes_in_flight_is_told_and_the_flight_goes_on() {
-    let scenario = ["hover", "--for", "12s", "--speed", "4"];
-    let expected = fly(&scenario);
-    let mut running = Running::start_and_fly(&scenario);
+    let mut running = Running::start_and_fly(&["hover", "--for", "600s", "--speed", "2"]);
     let services = format!("/dev/shm/mq-{}/ipc/services", running.id());
     let mut files = std::fs::read_dir(&services).expect("services").flatten();
     let file = files.next().expect("a service").path();
     std::fs::remove_file(&file).expect("it is ours");
+    let text = "another program has removed services of this run (";
+    let recording = running.recording_path().expect("it flies");
+    wait_until("it is told", || Recording::read(&recording).mentions(text));
+    running.fly_on(0.5);
+    assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
-    assert_eq!(flown.hash(), expected.hash(), "{}", flown.said());
-    let told = flown.stderr.matches("another program has removed services of this run (").count();
+    flown.assert_undisturbed();
+    let flown_s = format!("{}s", flown.number("flown_s"));
+    assert_eq!(flown.hash(), fly(&["hover", "--for", &flown_s]).hash(), "{}", flown.said());
+    let told = flown.stderr.matches(text).count();
     assert_eq!(told, 1, "{}", flown.said());
 }

@@ -3,17 +3,9 @@
 use runtime::clock::WallMap;
 use runtime::graph::CREDIT_NS;
 use runtime::ipc::{Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, ServiceKind};
-use runtime::{Graph, MarkView as _, SeatMarks, Sink as _};
-use shared_types::{ClockMode, ClockRecord, Flag, Role, RollEntry, Seat};
+use runtime::{Graph, Sink as _};
+use shared_types::{ClockMode, ClockRecord, Flag};
 use simulate::Speed;
-
-/// How long loops may stand still, and what time it is.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct StallCheck {
-    pub(super) now_mono_ns: u64,
-    pub(super) stall_ns: u64,
-    pub(super) lag_ns: u64,
-}
 
 /// Publishes the clock.
 pub(super) struct Conductor {
@@ -162,114 +154,4 @@ fn credit_ns(graph: &Graph) -> u64 {
     let depth = RECORDER_CAPACITY.min(STATE_DEPTH) as u64;
     let fastest_ns = graph.nodes().iter().map(|n| n.rate.period_ns()).min().unwrap_or(1);
     (depth / 2 * fastest_ns).min(CREDIT_NS)
-}
-
-impl Conductor {
-    /// Processes to blame for standing still; see [`stalled`].
-    pub(super) fn stalled(
-        &self,
-        graph: &Graph,
-        present: &[RollEntry],
-        marks: &SeatMarks,
-        check: StallCheck,
-    ) -> Vec<RollEntry> {
-        stalled(&self.record, graph, present, marks, check)
-    }
-}
-
-/// Processes to blame for standing still. Lockstep, once nobody has moved for long enough: whoever has
-/// permission to step. Realtime: whoever lags behind the plant by more than `lag_ns`, or the plant, if it
-/// lags behind the wall clock by more than `stall_ns`; a machine that stalls as a whole stalls all of them,
-/// and only the longer timeout applies. Once the plant has finished it cannot run ahead of a loop that
-/// stands still just before the end: the wall clock does.
-fn stalled(
-    record: &ClockRecord,
-    graph: &Graph,
-    present: &[RollEntry],
-    marks: &SeatMarks,
-    check: StallCheck,
-) -> Vec<RollEntry> {
-    let wall_ns = WallMap::new(record).logical_ns(check.now_mono_ns);
-    let plant_ns = match marks.of_role(Role::Plant) {
-        mark_ns if mark_ns < record.end_ns => mark_ns,
-        _ => wall_ns.max(record.end_ns),
-    };
-    let long_over = record.end_ns.saturating_add(check.stall_ns) < wall_ns;
-    let is_stalled = |entry: &&RollEntry| {
-        let Some(node) = graph.node(entry.role) else { return false };
-        let seat = Seat { role: entry.role, index: entry.seat };
-        let mark_ns = marks.of_seat(seat, entry.generation);
-        // Whoever has just taken a seat in flight has not had its first word yet.
-        let arrives = mark_ns == 0 && (entry.seat > 0 || entry.generation > 0) && !long_over;
-        if mark_ns >= record.end_ns || (arrives && record.mode != ClockMode::Lockstep) {
-            false
-        } else if record.mode == ClockMode::Lockstep {
-            graph.runnable(node, mark_ns, marks, record.allowed_ns)
-        } else if node.role == Role::Plant {
-            mark_ns.saturating_add(check.stall_ns) < wall_ns
-        } else {
-            mark_ns.saturating_add(check.lag_ns) < plant_ns
-        }
-    };
-    present.iter().filter(is_stalled).copied().collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use scenario::Scenario;
-
-    const MS: u64 = 1_000_000;
-
-    /// Roles blamed for standing still `now_ms` after the beginning of a flight of `end_ms`.
-    fn blamed(end_ms: u64, generation: u32, marks_ms: &[(Role, u64)], now_ms: u64) -> Vec<Role> {
-        let scenario = Scenario::load("hover", &[]).expect("a shipped scenario");
-        let graph = scenario.graph().expect("wired");
-        let record = ClockRecord {
-            end_ns: end_ms * MS,
-            speed: 1.0,
-            mode: ClockMode::Realtime,
-            started: Flag::Yes,
-            ..ClockRecord::default()
-        };
-        let entry = |&(role, _): &(Role, u64)| {
-            let generation = if role == Role::Plant { 0 } else { generation };
-            RollEntry { role, generation, present: Flag::Yes, ..RollEntry::default() }
-        };
-        let present: Vec<RollEntry> = marks_ms.iter().map(entry).collect();
-        let mut marks = SeatMarks::default();
-        for (entry, (role, mark_ms)) in present.iter().zip(marks_ms) {
-            marks.advance(*role, 0, entry.generation, mark_ms.saturating_mul(MS));
-        }
-        let check = StallCheck { now_mono_ns: now_ms * MS, stall_ns: 2000 * MS, lag_ns: 300 * MS };
-        stalled(&record, &graph, &present, &marks, check).iter().map(|e| e.role).collect()
-    }
-
-    #[test]
-    fn a_loop_that_hangs_just_before_the_end_is_blamed_once_the_wall_clock_is_ahead() {
-        let blamed = |mark_ms, now_ms| {
-            blamed(3000, 0, &[(Role::Plant, u64::MAX), (Role::Position, mark_ms)], now_ms)
-        };
-        // It has as long as in the middle of the flight.
-        assert_eq!(blamed(2940, 3200), []);
-        assert_eq!(blamed(2940, 3241), [Role::Position]);
-        assert_eq!(blamed(3000, 9000), [], "it has finished");
-    }
-
-    #[test]
-    fn a_loop_is_blamed_by_the_plant_and_not_by_the_clock_while_the_plant_is_late() {
-        let of =
-            |plant_ms| blamed(3000, 0, &[(Role::Plant, plant_ms), (Role::Position, 1000)], 2500);
-        assert_eq!(of(1200), []);
-        assert_eq!(of(1400), [Role::Position]);
-        assert_eq!(of(400), [Role::Plant], "which has the longer timeout");
-    }
-
-    #[test]
-    fn a_successor_that_never_says_a_word_is_blamed_when_the_flight_has_long_been_over() {
-        let blamed =
-            |now_ms| blamed(3000, 1, &[(Role::Plant, u64::MAX), (Role::Position, 0)], now_ms);
-        assert_eq!(blamed(4900), []);
-        assert_eq!(blamed(5100), [Role::Position]);
-    }
 }

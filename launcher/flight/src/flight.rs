@@ -17,6 +17,7 @@ use super::notes::{Notebook, Of};
 use super::pilot_thread::PilotEnd;
 use super::processes::Processes;
 use super::rehearser::Rehearser;
+use super::stall::Newcomers;
 use super::supervisor::Supervisor;
 use super::tap::Tap;
 use super::viewer_process::ViewerProcess;
@@ -169,6 +170,7 @@ struct Flight {
     stall_limit_ns: u64,
     lag_limit_ns: u64,
     progress_at: (u64, u64),
+    newcomers: Newcomers,
     drained_ns: u64,
     /// How far any monitor has got while this launcher led \[ns\]: one that is started again begins below that.
     monitored_ns: u64,

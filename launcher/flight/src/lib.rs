@@ -12,6 +12,7 @@ mod notes;
 mod pilot_thread;
 mod processes;
 mod rehearser;
+mod stall;
 mod supervisor;
 pub mod tap;
 mod viewer_process;

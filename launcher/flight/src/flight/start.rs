@@ -8,6 +8,7 @@ use crate::live::Live;
 use crate::notes::Notebook;
 use crate::pilot_thread::{self, Entry};
 use crate::rehearser::Rehearser;
+use crate::stall::Newcomers;
 use crate::supervisor::{RestartPolicy, Supervisor};
 use crate::tap::Tap;
 use observe::Metrics;
@@ -140,6 +141,7 @@ impl Flight {
             stall_limit_ns: ns_from_s(settings.launcher.stall_timeout_s),
             lag_limit_ns: ns_from_s(settings.launcher.lag_timeout_s),
             progress_at: (0, 0),
+            newcomers: Newcomers::default(),
             rehearser: Rehearser::new(clock_of(&options.scenario) == ClockMode::Realtime),
             drained_ns: 0,
             monitored_ns: 0,

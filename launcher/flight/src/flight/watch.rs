@@ -1,7 +1,7 @@
 //! What the main loop looks at besides: unregistered publishers, loops that stand still, what is to be told.
 
 use super::Flight;
-use crate::conductor::StallCheck;
+use crate::stall::{StallCheck, stalled};
 use record::Severity;
 use shared_types::{ClockMode, Role, RollEntry, Seat};
 use std::collections::BTreeMap;
@@ -75,6 +75,7 @@ impl Flight {
         let total = marks.fold(known, u64::wrapping_add);
         if !realtime && total != self.progress_at.1 {
             self.progress_at = (now_ns, total);
+            self.newcomers.look(&present, &self.tap.marks);
         }
         let since_ns = self.progress_at.0;
         // In realtime a successor gets as long to catch up as it may then lag.
@@ -86,7 +87,10 @@ impl Flight {
                 lag_ns: self.lag_limit_ns,
             };
             let marks = &self.tap.marks;
-            let stalled = self.conductor.stalled(&self.graph, &present, marks, check);
+            let mut stalled = stalled(self.conductor.record(), &self.graph, &present, marks, check);
+            if !realtime {
+                stalled = self.newcomers.excuse(stalled, marks);
+            }
             if !stalled.is_empty() {
                 self.progress_at.0 = now_ns;
                 let killed = self.supervisor.kill_stalled(&stalled, &self.tap);
