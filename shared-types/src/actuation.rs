@@ -26,14 +26,19 @@ sample! {
         /// Identity and time.
         pub header: Header,
         /// Sequence of the wrench command in effect; 0 while none is.
+        #[identity]
         pub command_sequence: u64,
         /// IMU sample that the command in effect descends from.
+        #[identity]
         pub command_cause_sequence: u64,
         /// Seat of the writer of the command in effect; [`NO_SEAT`](crate::NO_SEAT) while none is.
+        #[identity]
         pub command_seat: u32,
         /// The owner has tripped: true until a record names another owner or fallback.
+        #[identity]
         pub tripped: Flag,
         /// Epoch of the owner record in effect; 0 before the first.
+        #[identity]
         pub epoch: u64,
         /// Allocated collective thrust, after rotor limits \[N\].
         pub thrust_n: f64,
@@ -46,16 +51,21 @@ sample! {
         /// Commands refused because they ask for more than the rotors can ever give.
         pub refused_out_of_range: u64,
         /// Commands refused because their writer has no seat in the attitude slot any more.
+        #[identity]
         pub refused_wrong_owner: u64,
         /// Commands of an owner that has not proven itself, reduced to what the laws of its slot may ask for.
+        #[identity]
         pub reduced: u64,
         /// Times the gate left `Normal`.
         pub safe_mode_episodes: u64,
         /// Moves from owner to fallback so far.
+        #[identity]
         pub fail_overs: u64,
         /// Epoch of the last owner record refused because it came too late; 0 for none.
+        #[identity]
         pub refused_epoch: u64,
         /// Owner records refused so far.
+        #[identity]
         pub refused_records: u64,
         /// Mode of the gate.
         pub mode: GateMode,
@@ -63,8 +73,10 @@ sample! {
         pub clipped: Flag,
         /// Seat whose commands count: the owner's, or after a fail-over the fallback's;
         /// [`NO_SEAT`](crate::NO_SEAT) before the first record.
+        #[identity]
         pub seat: u32,
         /// The fallback commands: until the next epoch, after a trip for as long as `tripped`.
+        #[identity]
         pub failed_over: Flag,
     }
 }

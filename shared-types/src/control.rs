@@ -46,6 +46,7 @@ sample! {
         /// The owner has tripped: true until a record names another owner or fallback.
         pub tripped: Flag,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }

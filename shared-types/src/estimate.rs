@@ -55,6 +55,7 @@ sample! {
         /// No pose fix has been accepted for the configured timeout.
         pub fix_overdue: Flag,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }

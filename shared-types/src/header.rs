@@ -23,16 +23,21 @@ sample! {
         pub input_sequence: u64,
         /// Arrival of that sample at the producing process on `CLOCK_MONOTONIC` \[ns\]; 0 if it came
         /// with a state, or within one process.
+        #[machine]
         pub receive_mono_ns: u64,
         /// Intended release on `CLOCK_MONOTONIC` \[ns\]; in lockstep the instant the step became due.
+        #[machine]
         pub release_mono_ns: u64,
         /// Start of the producing step on `CLOCK_MONOTONIC` \[ns\].
+        #[machine]
         pub start_mono_ns: u64,
         /// Publication on `CLOCK_MONOTONIC` \[ns\].
+        #[machine]
         pub publish_mono_ns: u64,
         /// Seat of the producer within its slot; 0 where a topic has one producer.
         pub seat: u32,
         /// How many times the producing process has been restarted.
+        #[machine]
         pub generation: u32,
     }
 }

@@ -1,19 +1,20 @@
 //! How samples, codes and memories are declared: the struct once, the rest derived.
 
-/// Declares a fixed-layout struct that may live in shared memory, with its reflection.
+/// Declares a fixed-layout struct that may live in shared memory, with its reflection. A field may be marked
+/// `#[identity]`, `#[machine]`, `#[topic]` or `#[padding]`, see [`FieldClass`](crate::wire::FieldClass).
 ///
 /// The caller's module imports [`ZeroCopySend`](crate::ZeroCopySend) for the derive.
 #[macro_export]
 macro_rules! sample {
     ($(#[$meta:meta])* pub struct $name:ident {
-        $($(#[$field_meta:meta])* pub $field:ident : $kind:ty),+ $(,)?
+        $($(#[$attribute:ident $(= $doc:literal)?])* pub $field:ident : $kind:ty),+ $(,)?
     }) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, ZeroCopySend)]
         #[repr(C)]
-        pub struct $name { $($(#[$field_meta])* pub $field: $kind),+ }
+        pub struct $name { $($($(#[doc = $doc])?)* pub $field: $kind),+ }
 
-        $crate::reflect!($name { $($field: $kind),+ });
+        $crate::reflect!($name { $([$($attribute)*] $field: $kind),+ });
     };
 }
 
@@ -22,14 +23,14 @@ macro_rules! sample {
 #[macro_export]
 macro_rules! memory {
     ($(#[$meta:meta])* $vis:vis struct $name:ident {
-        $($(#[$field_meta:meta])* $field_vis:vis $field:ident : $kind:ty),+ $(,)?
+        $($(#[$attribute:ident $(= $doc:literal)?])* $field_vis:vis $field:ident : $kind:ty),+ $(,)?
     }) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy)]
         #[repr(C)]
-        $vis struct $name { $($(#[$field_meta])* $field_vis $field: $kind),+ }
+        $vis struct $name { $($($(#[doc = $doc])?)* $field_vis $field: $kind),+ }
 
-        $crate::reflect!($name { $($field: $kind),+ });
+        $crate::reflect!($name { $([$($attribute)*] $field: $kind),+ });
     };
 }
 
@@ -37,10 +38,11 @@ macro_rules! memory {
 /// [`sample!`](crate::sample) and [`memory!`](crate::memory).
 #[macro_export]
 macro_rules! reflect {
-    ($name:ident { $($field:ident : $kind:ty),+ }) => {
+    ($name:ident { $([$($attribute:ident)*] $field:ident : $kind:ty),+ }) => {
         impl $name {
             const FIELDS: &'static [$crate::wire::Field] = &[$($crate::wire::Field {
                 name: stringify!($field),
+                class: $crate::wire::FieldClass::of(&[$(stringify!($attribute)),*]),
                 kind: <$kind as $crate::wire::Value>::KIND,
                 count: <$kind as $crate::wire::Value>::COUNT,
                 repeated: <$kind as $crate::wire::Value>::REPEATED,

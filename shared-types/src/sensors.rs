@@ -15,6 +15,7 @@ sample! {
         /// A component left the sensor's range and was clipped.
         pub saturated: Flag,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }

@@ -162,7 +162,7 @@ sample! {
         pub header: Header,
         /// Epoch, counted from 1.
         pub epoch: u64,
-        /// Control period of whoever sits on each seat \[ns\]; 0 if the seat is free.
+        /// Control period of the controller on each seat \[ns\]; 0 if the seat is free.
         pub period_ns: [u64; 4],
         /// Seat whose commands count.
         pub owner: u32,
@@ -175,6 +175,7 @@ sample! {
         /// The owner has not proven itself: the monitor judges it, and a trip of it counts.
         pub watched: Flag,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }
@@ -197,24 +198,33 @@ sample! {
         /// Sequence numbers never received.
         pub lost_samples: u64,
         /// Waits that ended by their wall-clock limit although a wake-up was due.
+        #[machine]
         pub rescued_waits: u64,
         /// Restarts of the process.
+        #[machine]
         pub generation: u64,
-        /// Realtime: allocations since the loop was warm; 0 if nobody counts them.
+        /// Realtime: allocations since the loop was warm; 0 if they are not counted.
+        #[machine]
         pub allocations: u64,
         /// Realtime: allocations of the transport meanwhile, not counted above: one for each sample sent.
+        #[machine]
         pub transport_allocations: u64,
         /// Realtime: page faults since the loop was warm that memory resolved.
+        #[machine]
         pub minor_faults: u64,
         /// Realtime: page faults since the loop was warm that waited for a disk.
+        #[machine]
         pub major_faults: u64,
         /// Allocations meanwhile in stretches next to a change of the roll, not counted above.
+        #[machine]
         pub allocations_at_changes: u64,
         /// Page faults in such stretches, not counted above.
+        #[machine]
         pub faults_at_changes: u64,
         /// The loop.
         pub role: Role,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }
@@ -241,9 +251,9 @@ code! {
         /// it would have been late.
         Ended = 6,
         /// Sample `first` was the first of this writer that the loop had; the writer may have published others
-        /// before. A process that went on from a state or joined in flight tells it of every writer whom it hears at all,
-        /// with 0 of those of whom it had something before its first step; any process tells it where another
-        /// one follows on the writer's seat.
+        /// before. A process that went on from a state or joined in flight tells it of every writer whom it hears at
+        /// all, with 0 of those of whom it had something before its first step; any process tells it where another one
+        /// follows on the writer's seat.
         Began = 7,
     }
 }
@@ -262,6 +272,7 @@ sample! {
         /// Instant from which the first late sample should have been in effect \[ns\], else 0.
         pub due_ns: u64,
         /// Topic of the input, padded with zeros; empty if the kind is about the loop as a whole.
+        #[topic]
         pub input: [u8; 24],
         /// What happened.
         pub kind: DeviationKind,
@@ -270,6 +281,7 @@ sample! {
         /// Seat of the input's writer.
         pub writer_seat: u32,
         /// How many processes had that seat before it; 0 where a restarted writer goes on with the numbers.
+        #[machine]
         pub writer_generation: u32,
     }
 }
@@ -300,14 +312,14 @@ code! {
     pub enum SeatingKind {
         /// A process begins in flight.
         Joined = 0,
-        /// Nobody waits for the process any more: it was killed, stopped, or died.
+        /// The process is not waited for any more: it was killed, stopped, or died.
         Lost = 1,
     }
 }
 
 sample! {
     /// A process that takes a slot's seat in flight, and how it begins; or its end, unless it leaves in
-    /// order and says so itself. Whoever begins with the flight is in the scenario.
+    /// order and says so itself. A process that begins with the flight is in the scenario.
     pub struct Seating {
         /// Identity and time of the joining, or of the loss. Each life counts for itself, as in
         /// [`Deviation`].
@@ -327,6 +339,7 @@ sample! {
         /// The seat.
         pub seat: u32,
         /// How many processes had the seat before.
+        #[machine]
         pub generation: u32,
         /// There is a state to go on from.
         pub has_state: Flag,
@@ -392,6 +405,7 @@ sample! {
         /// for readers that have not connected to them yet.
         pub may_leave: Flag,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }

@@ -15,18 +15,20 @@ pub enum Edge {
     ZeroLatency,
     /// Effective a declared latency after release; never waited for in realtime.
     Delayed,
-    /// Nobody in the flight reads it; it exists for the recorder.
+    /// No loop reads it; it exists for the recorder.
     RecordOnly,
 }
 
 /// Facts about a topic that do not depend on its sample type.
 #[derive(Debug, Clone, Copy)]
 pub struct TopicInfo {
+    /// Its number in the hashes of a flight, which no other topic ever gets: a new topic takes the next one.
+    pub id: u32,
     /// Service name.
     pub name: &'static str,
     /// One line for tables and documentation.
     pub summary: &'static str,
-    /// Producing role; a slot's role stands for whoever holds the slot.
+    /// Producing role; a slot's role stands for the controller that holds the slot.
     pub from: Role,
     /// Consuming roles, recorder aside.
     pub to: &'static [Role],
@@ -70,10 +72,11 @@ pub trait TopicVisitor {
 }
 
 macro_rules! floor_plan {
-    ($($constant:ident $name:literal : $sample:ident, $from:ident => [$($to:ident),*],
+    ($($id:literal $constant:ident $name:literal : $sample:ident, $from:ident => [$($to:ident),*],
         $edge:ident, history $history:literal $(, $hashed:ident)? ; $summary:literal)+) => {
         $(#[doc = $summary]
         pub static $constant: Topic<crate::$sample> = Topic::new(TopicInfo {
+            id: $id,
             name: $name,
             summary: $summary,
             from: Role::$from,
@@ -112,51 +115,51 @@ macro_rules! floor_plan {
 }
 
 floor_plan! {
-    IMU "imu": Imu, Plant => [Estimator], ZeroLatency, history 128;
+    1 IMU "imu": Imu, Plant => [Estimator], ZeroLatency, history 128;
         "angular rate and specific force"
-    POSE_FIX "pose_fix": PoseFix, Plant => [Estimator], ZeroLatency, history 32;
+    2 POSE_FIX "pose_fix": PoseFix, Plant => [Estimator], ZeroLatency, history 32;
         "delayed position and attitude from a tracker"
-    MORPH_ANGLE "morph_angle": MorphAngle, Plant => [Estimator], ZeroLatency, history 64;
+    3 MORPH_ANGLE "morph_angle": MorphAngle, Plant => [Estimator], ZeroLatency, history 64;
         "encoder reading of the deployable angle"
-    APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
+    4 APPLIED_COMMAND "applied_command": AppliedCommand, Plant => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
         "wrench and rotor thrusts the gate applied"
-    TRUTH "truth": Truth, Plant => [], RecordOnly, history 1, hashed;
+    5 TRUTH "truth": Truth, Plant => [], RecordOnly, history 1, hashed;
         "real state of the vehicle"
-    ACTUATOR_STATE "actuator_state": ActuatorState, Plant => [], RecordOnly, history 1;
+    6 ACTUATOR_STATE "actuator_state": ActuatorState, Plant => [], RecordOnly, history 1;
         "real rotor thrusts"
-    STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
+    7 STATE_ESTIMATE "state_estimate": StateEstimate, Estimator => [Position, Attitude, Monitor], ZeroLatency, history 64, hashed;
         "believed state with one-sigma errors"
-    REFERENCE "reference": Reference, Pilot => [Position, Monitor], ZeroLatency, history 32;
+    8 REFERENCE "reference": Reference, Pilot => [Position, Monitor], ZeroLatency, history 32;
         "trajectory to follow, with preview"
-    MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
+    9 MORPH_COMMAND "morph_command": MorphCommand, Pilot => [Plant, Position, Attitude], ZeroLatency, history 32;
         "commanded deployable angle, with its path"
-    ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude, Monitor], Delayed, history 32;
+    10 ATTITUDE_SETPOINT "attitude_setpoint": AttitudeSetpoint, Position => [Attitude, Monitor], Delayed, history 32;
         "thrust and Euler angles for the attitude loop"
-    APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position, Monitor], Delayed, history 32;
+    11 APPLIED_SETPOINT "applied_setpoint": AppliedSetpoint, Attitude => [Position, Monitor], Delayed, history 32;
         "set point the attitude loop tracks"
-    WRENCH_COMMAND "wrench_command": WrenchCommand, Attitude => [Plant], Delayed, history 64;
+    12 WRENCH_COMMAND "wrench_command": WrenchCommand, Attitude => [Plant], Delayed, history 64;
         "thrust and torque asked of the rotors"
-    POSITION_REPORT "position_report": PositionReport, Position => [], RecordOnly, history 1;
+    13 POSITION_REPORT "position_report": PositionReport, Position => [], RecordOnly, history 1;
         "bounds, verdict and effort of the position controller"
-    ATTITUDE_REPORT "attitude_report": AttitudeReport, Attitude => [], RecordOnly, history 1;
+    14 ATTITUDE_REPORT "attitude_report": AttitudeReport, Attitude => [], RecordOnly, history 1;
         "bounds, verdict and effort of the attitude controller"
-    DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
+    15 DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
         "wind, force, torque, payload and rotor faults"
-    TRIP "trip": Trip, Monitor => [Plant, Attitude], Delayed, history 32;
+    16 TRIP "trip": Trip, Monitor => [Plant, Attitude], Delayed, history 32;
         "an owner that is not to be obeyed any more, and why"
-    ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant, Position, Monitor], Delayed, history 16;
+    17 ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant, Position, Monitor], Delayed, history 16;
         "owner of the attitude slot"
-    POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude, Monitor], Delayed, history 16;
+    18 POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude, Monitor], Delayed, history 16;
         "owner of the position slot"
-    GUIDANCE_ORDER "guidance_order": GuidanceOrder, Supervisor => [Pilot], Delayed, history 16;
+    19 GUIDANCE_ORDER "guidance_order": GuidanceOrder, Supervisor => [Pilot], Delayed, history 16;
         "where to go and how wide to spread the arms, as ordered in flight"
-    DISTURBANCE_ORDER "disturbance_order": DisturbanceOrder, Supervisor => [Disturbance], Delayed, history 16;
+    20 DISTURBANCE_ORDER "disturbance_order": DisturbanceOrder, Supervisor => [Disturbance], Delayed, history 16;
         "disturbances ordered in flight"
-    LOOP_STATS "loop_stats": LoopStats, Supervisor => [], RecordOnly, history 8;
+    21 LOOP_STATS "loop_stats": LoopStats, Supervisor => [], RecordOnly, history 8;
         "running totals of every loop"
-    DEVIATION "deviation": Deviation, Supervisor => [], RecordOnly, history 64;
+    22 DEVIATION "deviation": Deviation, Supervisor => [], RecordOnly, history 64;
         "where a step's inputs were not what edges and time prescribe"
-    SEATING "seating": Seating, Supervisor => [], RecordOnly, history 64;
+    23 SEATING "seating": Seating, Supervisor => [], RecordOnly, history 64;
         "who takes a slot's seat in flight, and how it begins"
 }
 
@@ -183,6 +186,43 @@ mod tests {
                 _ => {}
             }
         }
+    }
+
+    /// Numbers that have been given, with the names of today; a topic that goes leaves its number here.
+    const GIVEN: [(u32, &str); 23] = [
+        (1, "imu"),
+        (2, "pose_fix"),
+        (3, "morph_angle"),
+        (4, "applied_command"),
+        (5, "truth"),
+        (6, "actuator_state"),
+        (7, "state_estimate"),
+        (8, "reference"),
+        (9, "morph_command"),
+        (10, "attitude_setpoint"),
+        (11, "applied_setpoint"),
+        (12, "wrench_command"),
+        (13, "position_report"),
+        (14, "attitude_report"),
+        (15, "disturbance"),
+        (16, "trip"),
+        (17, "attitude_owner"),
+        (18, "position_owner"),
+        (19, "guidance_order"),
+        (20, "disturbance_order"),
+        (21, "loop_stats"),
+        (22, "deviation"),
+        (23, "seating"),
+    ];
+
+    #[test]
+    fn every_topic_has_a_number_of_its_own_that_it_keeps() {
+        for info in all() {
+            assert!(GIVEN.contains(&(info.id, info.name)), "{}, {}", info.id, info.name);
+        }
+        let mut numbers = GIVEN.map(|(id, _)| id);
+        numbers.sort_unstable();
+        assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]), "{numbers:?}");
     }
 
     #[test]

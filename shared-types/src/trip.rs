@@ -48,10 +48,10 @@ crate::code! {
 sample! {
     /// The monitor's word that the owner of a slot is not to be obeyed any more. Said once per epoch.
     ///
-    /// From its effective instant on the owner is not obeyed any more, but the fallback of this epoch's record, if it has
-    /// one: in the position slot once two of the fallback's periods are over, for which attitude controllers are level.
-    /// A trip of a seat that is not its owner's, or of an epoch before the first that names owner and
-    /// fallback of now, means nothing.
+    /// From its effective instant on the owner is not obeyed any more, but the fallback of this epoch's record, if it
+    /// has one: in the position slot once two of the fallback's periods are over, for which attitude controllers are
+    /// level. A trip of a seat that is not its owner's, or of an epoch before the first that names owner and fallback
+    /// of now, means nothing.
     #[derive(PartialEq)]
     pub struct Trip {
         /// Identity and time.
@@ -89,6 +89,7 @@ sample! {
         /// What went wrong.
         pub cause: TripCause,
         /// Keeps the size a multiple of eight bytes.
+        #[padding]
         pub reserved: u32,
     }
 }

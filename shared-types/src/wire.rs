@@ -26,11 +26,55 @@ pub enum Kind {
     Message(&'static Schema),
 }
 
+/// What a field tells of a flight. The hashes of a flight, and whatever compares two flights, go by it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FieldClass {
+    /// What happened.
+    Flight,
+    /// Which process commanded: `#[identity]`. A swap between equal controllers changes nothing else.
+    Identity,
+    /// When the machine let it happen, and what it interrupted: `#[machine]`. Two runs of one flight differ in it.
+    Machine,
+    /// The name of a topic, padded with zeros: `#[topic]`. In a hash the topic's number stands for it.
+    Topic,
+    /// Nothing: `#[padding]`. It keeps the size a multiple of eight bytes, and is not recorded.
+    Padding,
+}
+
+impl FieldClass {
+    /// Of the attributes of a field's declaration.
+    ///
+    /// # Panics
+    /// In the compiler, if an attribute is another one, or if there are two.
+    #[must_use]
+    pub const fn of(attributes: &[&str]) -> Self {
+        let (mut class, mut marks) = (Self::Flight, 0);
+        let mut i = 0;
+        while i < attributes.len() {
+            let attribute = attributes[i].as_bytes();
+            i += 1;
+            class = match attribute {
+                b"doc" => continue,
+                b"identity" => Self::Identity,
+                b"machine" => Self::Machine,
+                b"topic" => Self::Topic,
+                b"padding" => Self::Padding,
+                _ => panic!("marks of a field: #[identity], #[machine], #[topic], #[padding]"),
+            };
+            marks += 1;
+        }
+        assert!(marks < 2, "a field has one mark");
+        class
+    }
+}
+
 /// One field of a [`Schema`].
 #[derive(Debug, Clone, Copy)]
 pub struct Field {
     /// Field name, unit included.
     pub name: &'static str,
+    /// What it tells.
+    pub class: FieldClass,
     /// Kind of the value, or of each element.
     pub kind: Kind,
     /// Number of elements; 1 for a scalar.

@@ -1,64 +1,42 @@
 //! The two hashes of a flight: what the vehicle did, and everything that was said.
 //!
-//! Both are chains of samples, one per topic and seat, combined in the order of topic and seat. As a
-//! chain has its samples in the order of their sequence, hence of time, this is the order (time,
-//! topic, sequence) without anything to sort.
+//! Both are chains of samples, one per topic and seat, combined in the order of the topics' numbers and of seats; no
+//! name of a topic, type or field is part of them. As a chain has its samples in the order of their sequence, hence of time, this is the order
+//! (time, topic, sequence) without anything to sort.
 
-use shared_types::wire::{Field, Visitor, Wire};
-use shared_types::{Header, Sample, TopicInfo};
+use shared_types::wire::{Field, FieldClass, Kind, Visitor, Wire};
+use shared_types::{Header, Sample, TopicInfo, topics};
+use std::collections::BTreeMap;
 
-/// Hashes logical time and physical values of every topic marked for it. Identity, sequence, epoch
-/// and host stamps stay out, so that a swapped controller or another machine gives the same hash.
+/// Hashes logical time and what happened, of every topic marked for it. Headers and fields of
+/// [`FieldClass::Identity`] stay out, so that a swapped controller or another machine gives the same hash.
 #[derive(Debug, Clone, Default)]
 pub struct FlightHash(Chains);
 
-/// Hashes every sample of every topic, except for [`MACHINE_FIELDS`].
+/// Hashes every sample of every topic, except for fields of [`FieldClass::Machine`].
 #[derive(Debug, Clone, Default)]
 pub struct LogHash(Chains);
 
-/// Fields of hashed samples that tell who commanded, not what happened.
-const IDENTITY_FIELDS: [&str; 12] = [
-    "command_seat",
-    "command_sequence",
-    "command_cause_sequence",
-    "epoch",
-    "refused_wrong_owner",
-    "reduced",
-    "fail_overs",
-    "refused_epoch",
-    "refused_records",
-    "seat",
-    "failed_over",
-    "tripped",
-];
+/// Form of the two hashes. Those of a recording of another form say nothing about ours.
+pub const HASH_FORM: (&str, &str) = ("hash_form", "2");
 
-/// Fields that depend on the machine: when it got to run, and what it interrupted. Whatever
-/// compares samples of two flights leaves these out and nothing else.
-pub const MACHINE_FIELDS: [&str; 13] = [
-    // Of each header: `CLOCK_MONOTONIC`, and how often a process had died.
-    "receive_mono_ns",
-    "release_mono_ns",
-    "start_mono_ns",
-    "publish_mono_ns",
-    "generation",
-    // Of `deviation`: the same of an input's writer.
-    "writer_generation",
-    // Of `loop_stats`: waits that only their limit ended, allocations and page faults.
-    "rescued_waits",
-    "allocations",
-    "transport_allocations",
-    "minor_faults",
-    "major_faults",
-    "allocations_at_changes",
-    "faults_at_changes",
-];
+/// A hash that the summary of a recording keeps, if it is of today's form.
+#[must_use]
+pub fn kept_hash<'a>(summary: &'a BTreeMap<String, String>, key: &str) -> Option<&'a str> {
+    let (form_key, form) = HASH_FORM;
+    let is_comparable = summary.get(form_key).is_some_and(|kept| kept == form);
+    summary.get(key).filter(|_| is_comparable).map(String::as_str)
+}
 
 /// Bytes that are hashed at once: whole subtrees, whose blocks the hash works on side by side.
 const BATCH: usize = 16 * 1024;
 
 /// One hash per topic and seat, in the order of their first samples.
 #[derive(Debug, Clone, Default)]
-struct Chains(Vec<((&'static str, u32), Chain)>);
+struct Chains(Vec<(Key, Chain)>);
+
+/// Number of a topic, and seat.
+type Key = (u32, u32);
 
 #[derive(Debug, Clone, Default)]
 struct Chain {
@@ -68,7 +46,7 @@ struct Chain {
 }
 
 impl Chains {
-    fn add<T: Sample>(&mut self, key: (&'static str, u32), skip: Skip, head: &[u64], sample: &T) {
+    fn add<T: Sample>(&mut self, key: Key, skip: Skip, head: &[u64], sample: &T) {
         let Chain { hasher, buffer } = self.chain(key);
         append(buffer, head.iter().map(|word| word.to_le_bytes()));
         sample.visit(&mut Feed { out: buffer, skip });
@@ -78,12 +56,8 @@ impl Chains {
         }
     }
 
-    fn chain(&mut self, key: (&'static str, u32)) -> &mut Chain {
-        // A topic's name has one address, which is quicker compared than its letters.
-        let same = |(name, seat): &(&'static str, u32)| {
-            *seat == key.1 && (core::ptr::eq(*name, key.0) || *name == key.0)
-        };
-        let at = self.0.iter().position(|(known, _)| same(known)).unwrap_or_else(|| {
+    fn chain(&mut self, key: Key) -> &mut Chain {
+        let at = self.0.iter().position(|(known, _)| *known == key).unwrap_or_else(|| {
             self.0.push((key, Chain::default()));
             self.0.len() - 1
         });
@@ -95,12 +69,9 @@ impl Chains {
         let mut all = blake3::Hasher::new();
         let mut chains: Vec<_> = self.0.iter().collect();
         chains.sort_by_key(|(key, _)| *key);
-        for ((name, seat), Chain { hasher, buffer }) in chains {
-            all.update(name.as_bytes());
-            // Seat 0, the only one of most topics, is understood.
-            if *seat != 0 {
-                all.update(&seat.to_le_bytes());
-            }
+        for ((topic, seat), Chain { hasher, buffer }) in chains {
+            all.update(&topic.to_le_bytes());
+            all.update(&seat.to_le_bytes());
             all.update(hasher.clone().update(buffer).finalize().as_bytes());
         }
         all.finalize().to_hex().as_str()[..32].to_owned()
@@ -117,7 +88,7 @@ fn append(out: &mut Vec<u8>, words: impl ExactSizeIterator<Item = [u8; 8]>) {
 }
 
 /// True for fields that are left out.
-type Skip = fn(&str) -> bool;
+type Skip = fn(&Field) -> bool;
 
 struct Feed<'a> {
     out: &'a mut Vec<u8>,
@@ -125,22 +96,40 @@ struct Feed<'a> {
 }
 
 impl Visitor for Feed<'_> {
-    fn f64s(&mut self, _field: &'static Field, values: &[f64]) {
-        append(self.out, values.iter().map(|value| value.to_le_bytes()));
-    }
-    fn u64s(&mut self, field: &'static Field, values: &[u64]) {
-        if !(self.skip)(field.name) {
+    fn f64s(&mut self, field: &'static Field, values: &[f64]) {
+        if !(self.skip)(field) {
             append(self.out, values.iter().map(|value| value.to_le_bytes()));
         }
     }
-    fn bytes(&mut self, _field: &'static Field, values: &[u8]) {
-        self.out.extend_from_slice(values);
+    fn u64s(&mut self, field: &'static Field, values: &[u64]) {
+        if !(self.skip)(field) {
+            append(self.out, values.iter().map(|value| value.to_le_bytes()));
+        }
+    }
+    fn bytes(&mut self, field: &'static Field, values: &[u8]) {
+        if field.class == FieldClass::Topic {
+            append(self.out, core::iter::once(number_of(values).to_le_bytes()));
+        } else if !(self.skip)(field) {
+            self.out.extend_from_slice(values);
+        }
     }
     fn message<T: Wire>(&mut self, field: &'static Field, value: &T) {
-        if !(self.skip)(field.name) {
+        if !(self.skip)(field) {
             value.visit(self);
         }
     }
+}
+
+/// Number of the topic of a name that zeros may follow; 0 for none.
+fn number_of(name: &[u8]) -> u64 {
+    let name = name.split(|byte| *byte == 0).next().unwrap_or_default();
+    let found = topics::all().into_iter().find(|info| info.name.as_bytes() == name);
+    found.map_or(0, |info| info.id.into())
+}
+
+/// True for headers, of which the hashes take what they need by themselves.
+fn is_header(field: &Field) -> bool {
+    matches!(field.kind, Kind::Message(schema) if schema.layout_hash == Header::SCHEMA.layout_hash)
 }
 
 impl FlightHash {
@@ -148,8 +137,8 @@ impl FlightHash {
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
         if topic.in_flight_hash {
             let Header { release_ns, valid_ns, .. } = *sample.header();
-            let skip = |name: &str| name == "header" || IDENTITY_FIELDS.contains(&name);
-            self.0.add((topic.name, 0), skip, &[release_ns, valid_ns], sample);
+            let skip = |field: &Field| is_header(field) || field.class != FieldClass::Flight;
+            self.0.add((topic.id, 0), skip, &[release_ns, valid_ns], sample);
         }
     }
 
@@ -167,8 +156,10 @@ impl LogHash {
         let Header { sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat, .. } =
             *sample.header();
         let head = [sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat.into()];
-        let skip = |name: &str| name == "header" || MACHINE_FIELDS.contains(&name);
-        self.0.add((topic.name, seat), skip, &head, sample);
+        let skip = |field: &Field| {
+            is_header(field) || matches!(field.class, FieldClass::Machine | FieldClass::Padding)
+        };
+        self.0.add((topic.id, seat), skip, &head, sample);
     }
 
     /// 128 bits as hexadecimal.
@@ -204,6 +195,41 @@ mod tests {
     #[test]
     fn each_hashed_topic_is_in_the_flight_hash_and_every_topic_in_the_log_hash() {
         let Ok(()) = topics::visit_all(&mut Each);
+    }
+
+    /// Adds a sample of each topic whose every byte tells its place.
+    #[derive(Default)]
+    struct All(FlightHash, LogHash);
+
+    impl TopicVisitor for All {
+        type Error = Infallible;
+        fn visit<T: Sample>(&mut self, topic: &'static Topic<T>) -> Result<(), Infallible> {
+            let bytes: Vec<u8> = (1..=250).cycle().take(T::PACKED_SIZE).collect();
+            let sample = T::unpack(&bytes);
+            self.0.add(&topic.info, &sample);
+            self.1.add(&topic.info, &sample);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_is_hashed_of_each_topic_changes_with_the_form_alone() {
+        let mut all = All::default();
+        let Ok(()) = topics::visit_all(&mut all);
+        let expected =
+            ("2", "979e9a97643de1e4e46ed644f7304f2c", "6d8b1fc494f47b20f9a9aca77a0d575c");
+        assert_eq!((HASH_FORM.1, all.0.hex().as_str(), all.1.hex().as_str()), expected);
+    }
+
+    #[test]
+    fn a_topic_that_a_sample_names_is_hashed_by_its_number() {
+        let of = |name: &str| {
+            let mut padded = name.as_bytes().to_vec();
+            padded.resize(24, 0);
+            number_of(&padded)
+        };
+        assert_eq!(of("truth"), u64::from(topics::TRUTH.info.id));
+        assert_eq!((of(""), of("tru")), (0, 0));
     }
 
     fn hash_of(change: impl Fn(&mut Truth)) -> (String, String) {
@@ -261,6 +287,17 @@ mod tests {
         assert_ne!(plain, hash(LoopStats { late_samples: 1, ..stats }, record));
         assert_ne!(plain, hash(stats, OwnerRecord { epoch: 1, ..record }));
         assert_ne!(plain, hash(stats, OwnerRecord { owner: 1, ..record }));
+    }
+
+    #[test]
+    fn a_hash_of_another_form_is_not_compared() {
+        let of = |pairs: &[(&str, &str)]| {
+            pairs.iter().map(|(key, text)| ((*key).to_owned(), (*text).to_owned())).collect()
+        };
+        assert_eq!(kept_hash(&of(&[("hash", "ab")]), "hash"), None, "before there were forms");
+        assert_eq!(kept_hash(&of(&[("hash", "ab"), ("hash_form", "1")]), "hash"), None);
+        assert_eq!(kept_hash(&of(&[("hash", "ab"), HASH_FORM]), "hash"), Some("ab"));
+        assert_eq!(kept_hash(&of(&[HASH_FORM]), "hash"), None, "a cut file");
     }
 
     #[test]

@@ -1,9 +1,8 @@
 //! Protobuf wire bytes back to a sample: the counterpart of `encode.rs`, and as strict as that is
 //! regular. Every field is there, in the order of its number, and nothing else.
 
-use super::schema::PADDING;
 use prost::encoding::{WireType, decode_key, decode_varint};
-use shared_types::wire::{Field, Filler, Kind, Wire};
+use shared_types::wire::{Field, FieldClass, Filler, Kind, Wire};
 use thiserror::Error;
 
 /// Bytes that are no message of their type.
@@ -47,10 +46,10 @@ impl<'a> Decoder<'a> {
 
     /// Reads the key of `field`; false for padding, which is not there.
     fn key(&mut self, field: &Field, expected: WireType) -> Result<bool, DecodeError> {
-        while self.fields.get(self.at).is_some_and(|f| f.name != field.name) {
+        while self.fields.get(self.at).is_some_and(|f| f.offset != field.offset) {
             self.at += 1;
         }
-        if field.name == PADDING {
+        if field.class == FieldClass::Padding {
             return Ok(false);
         }
         let (number, kind) =

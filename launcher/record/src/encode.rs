@@ -3,9 +3,8 @@
 //! Every field is written, zeros included, in the order of its number: the same sample always gives
 //! the same bytes.
 
-use super::schema::PADDING;
 use prost::encoding::{WireType, double, encode_key, encode_varint, encoded_len_varint, uint64};
-use shared_types::wire::{Field, Kind, Visitor, Wire};
+use shared_types::wire::{Field, FieldClass, Kind, Visitor, Wire};
 
 /// Appends the protobuf form of `value` to `out`; numbering as in `schema.rs`.
 pub fn encode<T: Wire>(value: &T, out: &mut Vec<u8>) {
@@ -36,14 +35,14 @@ struct Encoder<'a> {
 }
 
 impl Encoder<'_> {
-    /// Number of a field; `None` for padding. Fields are told apart by name, because a constant
-    /// may have several addresses.
+    /// Number of a field; `None` for padding. Fields are told apart by their offset, because a constant may have
+    /// several addresses.
     fn number(&mut self, field: &Field) -> Option<u32> {
-        while self.fields.get(self.at).is_some_and(|f| f.name != field.name) {
+        while self.fields.get(self.at).is_some_and(|f| f.offset != field.offset) {
             self.at += 1;
         }
         debug_assert!(self.at < self.fields.len(), "{} is not in the schema", field.name);
-        if field.name == PADDING { None } else { u32::try_from(self.at + 1).ok() }
+        if field.class == FieldClass::Padding { None } else { u32::try_from(self.at + 1).ok() }
     }
 }
 

@@ -1,8 +1,7 @@
 //! Protobuf descriptors, derived from the reflection of a sample.
 //!
-//! A field's number is its position in the struct, from 1; padding named `reserved` keeps its
-//! number and is left out. Each set is self-contained, so a channel needs no other file. Flags are
-//! `bool`, which viewers plot.
+//! A field's number is its position in the struct, from 1; padding keeps its number and is left out. Each set is
+//! self-contained, so a channel needs no other file. Flags are `bool`, which viewers plot.
 
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{
@@ -10,13 +9,10 @@ use prost_types::{
     FileDescriptorProto, FileDescriptorSet,
 };
 use shared_types::Flag;
-use shared_types::wire::{EnumSchema, Field, Kind, Schema, Value};
+use shared_types::wire::{EnumSchema, Field, FieldClass, Kind, Schema, Value};
 
 /// Package of every recorded sample.
 pub const PACKAGE: &str = "morphquad.v1";
-
-/// Name of fields that only pad a struct.
-pub(super) const PADDING: &str = "reserved";
 
 /// Full protobuf name of a sample's message.
 #[must_use]
@@ -54,7 +50,7 @@ pub(super) fn add_message(file: &mut FileDescriptorProto, schema: &Schema) {
             _ => {}
         }
     }
-    let fields = (1..).zip(schema.fields).filter(|(_, field)| field.name != PADDING);
+    let fields = (1..).zip(schema.fields).filter(|(_, field)| field.class != FieldClass::Padding);
     file.message_type.push(DescriptorProto {
         name: Some(schema.name.to_owned()),
         field: fields.map(|(number, field)| field_descriptor(number, field)).collect(),
@@ -144,7 +140,7 @@ mod tests {
     use prost_types::DescriptorProto;
     use shared_types::header::Sample;
     use shared_types::topics::visit_all;
-    use shared_types::wire::{EnumSchema, Kind, Schema, Wire as _};
+    use shared_types::wire::{EnumSchema, FieldClass, Kind, Schema, Wire as _};
     use shared_types::{AttitudeReport, Topic, TopicVisitor};
     use std::collections::BTreeMap;
     use std::convert::Infallible;
@@ -162,7 +158,8 @@ mod tests {
                 for (i, field) in schema.fields.iter().enumerate() {
                     let found = message.get_field(u32::try_from(i + 1).unwrap());
                     let name = found.map(|f| f.name().to_owned());
-                    let expected = (field.name != "reserved").then(|| field.name.to_owned());
+                    let expected =
+                        (field.class != FieldClass::Padding).then(|| field.name.to_owned());
                     assert_eq!(name, expected, "{}", topic.info.name);
                 }
                 Ok(())

@@ -1,10 +1,9 @@
 //! Structs as lists of named numbers, to say where two of them differ.
 
 use core::fmt;
-use observe::MACHINE_FIELDS;
 use runtime::Layout;
 use runtime::service::StateParts;
-use shared_types::wire::{Kind, Schema, Value as _, Wire};
+use shared_types::wire::{FieldClass, Kind, Schema, Value as _, Wire};
 
 /// A number as a sample holds it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,8 +61,8 @@ fn numbers_of_packed(schema: &Schema, packed: &[u8], prefix: &str, keep: &[&str]
     for field in schema.fields {
         let values;
         (values, rest) = rest.split_at(field.packed_size * field.count);
-        let left_out = field.name == "reserved"
-            || (MACHINE_FIELDS.contains(&field.name) && !keep.contains(&field.name));
+        let left_out = field.class == FieldClass::Padding
+            || (field.class == FieldClass::Machine && !keep.contains(&field.name));
         if left_out {
             continue;
         }

@@ -1,7 +1,7 @@
 //! The hashes of a recording, computed again from its samples.
 
 use super::ReplayError;
-use observe::{FlightHash, LogHash};
+use observe::{FlightHash, LogHash, kept_hash};
 use record::read::{RecordVisitor, RecordedFlight};
 use shared_types::{Sample, Topic};
 
@@ -12,9 +12,9 @@ pub struct Hashes {
     pub flight: String,
     /// Log hash of the samples in the file.
     pub log: String,
-    /// Flight hash stored at the end of the flight; none in a cut file.
+    /// Flight hash stored at the end of the flight; none in a cut file, or of another form.
     pub stored_flight: Option<String>,
-    /// Log hash stored at the end of the flight; none in a cut file.
+    /// Log hash stored at the end of the flight; none in a cut file, or of another form.
     pub stored_log: Option<String>,
 }
 
@@ -47,7 +47,7 @@ impl RecordVisitor for Both {
 pub fn hashes(flight: &RecordedFlight) -> Result<Hashes, ReplayError> {
     let mut both = Both::default();
     let closing = flight.visit(&mut both)?;
-    let stored = |key: &str| closing.summary.get(key).cloned();
+    let stored = |key: &str| kept_hash(&closing.summary, key).map(str::to_owned);
     Ok(Hashes {
         flight: both.flight.hex(),
         log: both.log.hex(),

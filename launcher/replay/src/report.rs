@@ -203,7 +203,9 @@ impl fmt::Display for Hashes {
         let line = |name: &str, ours: &str, stored: &Option<String>| match stored {
             Some(stored) if stored == ours => format!("{name} {ours} as stored"),
             Some(stored) => format!("{name} {ours} DIFFERS, stored {stored}"),
-            None => format!("{name} {ours}, none stored: the file ends early"),
+            None => format!(
+                "{name} {ours}, none stored of this form: the file ends early, or an earlier build made it"
+            ),
         };
         writeln!(f, "{}", line("hash", &self.flight, &self.stored_flight))?;
         write!(f, "{}", line("log_hash", &self.log, &self.stored_log))

@@ -4,7 +4,8 @@ use ::verdict::{End, Verdict};
 use hdrhistogram::Histogram;
 use host::exit;
 use observe::{
-    Closing, CommandTally, ENDED, Effort, FLOWN_NS, Metrics, Upkeep, exit_code, seat_name, told_end,
+    Closing, CommandTally, ENDED, Effort, FLOWN_NS, HASH_FORM, Metrics, Upkeep, exit_code,
+    seat_name, told_end,
 };
 use record::{SequenceAudit, name_gaps};
 use scenario::orders::OrderReport;
@@ -137,6 +138,8 @@ impl Summary {
             map.insert(key, text);
         }
         map.insert("verdict".to_owned(), self.line());
+        let (key, form) = HASH_FORM;
+        map.insert(key.to_owned(), form.to_owned());
         let lists = [
             ("misses", self.metrics.misses().to_json()),
             ("swaps", json!(self.swaps)),

@@ -2,12 +2,9 @@
 
 use crate::event::{Event, Load};
 use crate::gust;
-use noise::{Noise, NoiseMemory};
+use noise::{Noise, NoiseMemory, Source};
 use shared_types::time::ns_from_s;
 use std::f64::consts::TAU;
-
-/// Name of all sources of noise here; each event is a stream of its own.
-const SOURCE: &str = "disturbance-injector";
 
 /// What acts on the vehicle from a sample's instant until the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,7 +102,7 @@ impl Player {
             burst: event.burst_s().map(|length_s| Burst::new(from_ns, length_s, rate_hz)),
             emitted: 0,
             values: [0.0; 3],
-            noise: Noise::new(seed, SOURCE, place),
+            noise: Noise::new(seed, Source::DISTURBANCE, place),
         }
     }
 

@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use record::{decode, descriptor_set, encode, full_name};
 use shared_types::topics::visit_all;
-use shared_types::wire::{Field, Kind, Schema, Value as _, Visitor, Wire};
+use shared_types::wire::{Field, FieldClass, Kind, Schema, Value as _, Visitor, Wire};
 use shared_types::{Imu, Sample, Topic, TopicVisitor};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -29,7 +29,7 @@ impl Compare<'_> {
     }
 
     fn numbers(&mut self, field: &'static Field, expected: &[Read]) {
-        if field.name == "reserved" {
+        if field.class == FieldClass::Padding {
             assert!(self.read.get_field_by_name(field.name).is_none());
             return;
         }
@@ -123,6 +123,7 @@ shared_types::memory! {
         raw: [u8; 200],
         wide: [f64; 40],
         pair: [u32; 2],
+        #[padding]
         reserved: u32,
         truth: bool,
     }
@@ -155,7 +156,7 @@ fn packed<T: Wire>(value: &T) -> Vec<u8> {
 fn padding(schema: &Schema) -> usize {
     let of = |field: &Field| match field.kind {
         Kind::Message(nested) => field.count * padding(nested),
-        _ if field.name == "reserved" => 4,
+        _ if field.class == FieldClass::Padding => 4,
         _ => 0,
     };
     schema.fields.iter().map(of).sum()

@@ -4,7 +4,7 @@ use super::observe::Observed;
 use crate::trace;
 use crate::view::Gathered;
 use ::verdict::CHECKS;
-use observe::{Fact, Part};
+use observe::{Fact, Part, kept_hash};
 use record::Clock;
 use record::read::{Closing, RecordedFlight};
 use scenario::{Override, Scenario, shell_path, shipped};
@@ -215,12 +215,12 @@ fn of_latency(latency: &trace::Report, numbers: &mut Numbers<'_>) {
 
 fn of_recording(gathered: &Gathered, observed: &Observed, numbers: &mut Numbers<'_>) {
     numbers.tell(("samples", "samples in the file"), observed.samples().to_string());
-    let stored = |key: &str| gathered.closing.summary.get(key);
+    let stored = |key: &str| kept_hash(&gathered.closing.summary, key);
     for (names, key, hash) in [
         (("hash", "flight hash"), "hash", &observed.flight_hash),
         (("log_hash", "hash of all samples"), "log_hash", &observed.log_hash),
     ] {
-        let gate = stored(key).map(|stored| ("as the flight had it".to_owned(), stored == hash));
+        let gate = stored(key).map(|kept| ("as the flight had it".to_owned(), kept == hash));
         numbers.add(names, hash.clone(), gate);
     }
 }

@@ -3,7 +3,9 @@
 use super::AuditRow;
 use super::pursuits::Pursuits;
 use ::verdict::{End, Outcome, Verdict};
-use observe::{ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, read_end, told_end};
+use observe::{
+    ENDED, FLOWN_NS, Facts, FlightHash, LogHash, Metrics, kept_hash, read_end, told_end,
+};
 use record::read::{Closing, ReadError, RecordVisitor, RecordedFlight};
 use record::{STATES, SequenceAudit, Stream, name_gaps};
 use serde_json::{Map, Value};
@@ -83,7 +85,7 @@ impl Observed {
         let mut ending = ending(&closing, until_ns);
         ending.altered = [("hash", &flight_hash), ("log_hash", &log_hash)]
             .into_iter()
-            .map(|(key, hash)| closing.summary.get(key).is_some_and(|stored| stored != hash))
+            .map(|(key, hash)| kept_hash(&closing.summary, key).is_some_and(|kept| kept != hash))
             .map(u64::from)
             .sum();
         let gaps = audit.gaps();

@@ -8,14 +8,45 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
 
-/// Bytes of the key: eight of the seed, the rest for the source's name.
+/// Bytes of the key: eight of the seed, the rest for the source.
 const KEY_BYTES: usize = 32;
+
+/// What has noise. Its bytes are part of the key, hence of every flight with a seed: they stay as they are, whatever
+/// the source, its topic and its service are called today.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Source([u8; KEY_BYTES - 8]);
+
+impl Source {
+    /// The inertial sensor.
+    pub const IMU: Self = Self::of_bytes(b"imu");
+    /// The tracker.
+    pub const POSE_FIX: Self = Self::of_bytes(b"pose_fix");
+    /// The encoder of the deployable angle.
+    pub const MORPH_ENCODER: Self = Self::of_bytes(b"morph_encoder");
+    /// Disturbances; each event is a stream of its own.
+    pub const DISTURBANCE: Self = Self::of_bytes(b"disturbance-injector");
+
+    /// The source of at most 24 bytes; the others are zero.
+    ///
+    /// # Panics
+    /// If there are more.
+    #[must_use]
+    pub const fn of_bytes(bytes: &[u8]) -> Self {
+        let mut key = [0; KEY_BYTES - 8];
+        let mut i = 0;
+        while i < bytes.len() {
+            key[i] = bytes[i];
+            i += 1;
+        }
+        Self(key)
+    }
+}
 
 shared_types::memory! {
     /// A noise generator as plain numbers.
     #[derive(PartialEq, Eq)]
     pub struct NoiseMemory {
-        /// Key: the seed and the source's name.
+        /// Key: the seed and the source.
         pub key: [u64; 4],
         /// One of the key's independent streams.
         pub stream: u64,
@@ -28,27 +59,24 @@ impl NoiseMemory {
     /// The same place in the stream of another seed.
     #[must_use]
     pub fn with_seed(self, seed: u64) -> Self {
-        let [_, name @ ..] = self.key;
-        let [a, b, c] = name;
+        let [_, a, b, c] = self.key;
         Self { key: [seed, a, b, c], ..self }
     }
 }
 
-/// One source of noise: independent of every source of another name, stream or seed.
+/// Noise of one source: independent of that of every other source, stream and seed.
 #[derive(Debug, Clone)]
 pub struct Noise {
     generator: ChaCha8Rng,
 }
 
 impl Noise {
-    /// `source` names the source, in at most 24 bytes; a source has 2⁶⁴ streams.
+    /// From the first number of one of the 2⁶⁴ streams of a source on.
     #[must_use]
-    pub fn new(seed: u64, source: &str, stream: u64) -> Self {
+    pub fn new(seed: u64, Source(source): Source, stream: u64) -> Self {
         let mut key = [0; KEY_BYTES];
         key[..8].copy_from_slice(&seed.to_le_bytes());
-        for (slot, byte) in key[8..].iter_mut().zip(source.bytes()) {
-            *slot = byte;
-        }
+        key[8..].copy_from_slice(&source);
         let mut generator = ChaCha8Rng::from_seed(key);
         generator.set_stream(stream);
         Self { generator }
@@ -122,8 +150,8 @@ mod tests {
 
     #[test]
     fn a_restored_stream_continues_bit_for_bit_from_every_position() {
-        let mut noise = Noise::new(7, "imu", 3);
-        let mut other = Noise::new(1, "x", 0);
+        let mut noise = Noise::new(7, Source::IMU, 3);
+        let mut other = Noise::new(1, Source::of_bytes(b"x"), 0);
         // 200 draws cross the generator's block and buffer borders several times.
         for _ in 0..200 {
             other.restore(&noise.memory());
@@ -136,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_reseeded_stream_is_the_other_seeds_from_the_place_reached() {
-        let (mut noise, mut other) = (Noise::new(1, "imu", 0), Noise::new(2, "imu", 0));
+        let (mut noise, mut other) = (Noise::new(1, Source::IMU, 0), Noise::new(2, Source::IMU, 0));
         noise.normal3();
         other.normal3();
         assert_ne!(noise.memory(), other.memory());
@@ -146,17 +174,38 @@ mod tests {
     }
 
     #[test]
-    fn other_seeds_names_and_streams_give_other_numbers() {
-        let first = |seed, name, stream| Noise::new(seed, name, stream).uniform().to_bits();
-        assert_eq!(first(1, "imu", 0), first(1, "imu", 0));
-        for other in [first(2, "imu", 0), first(1, "pose_fix", 0), first(1, "imu", 1)] {
-            assert_ne!(first(1, "imu", 0), other);
+    fn other_seeds_sources_and_streams_give_other_numbers() {
+        let first = |seed, source, stream| Noise::new(seed, source, stream).uniform().to_bits();
+        let of_imu = first(1, Source::IMU, 0);
+        assert_eq!(first(1, Source::IMU, 0), of_imu);
+        for other in
+            [first(2, Source::IMU, 0), first(1, Source::POSE_FIX, 0), first(1, Source::IMU, 1)]
+        {
+            assert_ne!(of_imu, other);
+        }
+    }
+
+    #[test]
+    fn every_source_keeps_its_bytes() {
+        let words = |source| {
+            let [_, words @ ..] = Noise::new(0, source, 0).memory().key;
+            words.map(u64::to_le_bytes).concat()
+        };
+        for (source, bytes) in [
+            (Source::IMU, &b"imu"[..]),
+            (Source::POSE_FIX, b"pose_fix"),
+            (Source::MORPH_ENCODER, b"morph_encoder"),
+            (Source::DISTURBANCE, b"disturbance-injector"),
+        ] {
+            let mut whole = bytes.to_vec();
+            whole.resize(24, 0);
+            assert_eq!(words(source), whole);
         }
     }
 
     #[test]
     fn the_normal_numbers_follow_the_normal_distribution() {
-        let mut noise = Noise::new(3, "test", 0);
+        let mut noise = Noise::new(3, Source::of_bytes(b"test"), 0);
         let count = 100_000;
         let mut values: Vec<f64> = (0..count / 2).flat_map(|_| noise.normal2()).collect();
         values.sort_by(f64::total_cmp);
@@ -173,7 +222,7 @@ mod tests {
     #[test]
     fn the_stream_is_the_published_chacha8_stream() {
         // First word of ChaCha8 for the all-zero key and nonce (ECRYPT test vector set 1, 256 bit).
-        let mut generator = Noise::new(0, "", 0).generator;
+        let mut generator = Noise::new(0, Source::of_bytes(b""), 0).generator;
         assert_eq!(generator.next_u32().to_le_bytes(), [0x3e, 0x00, 0xef, 0x2f]);
     }
 }

@@ -6,7 +6,7 @@
 
 use garde::Validate;
 use nalgebra::Vector3;
-use noise::{Noise, NoiseMemory};
+use noise::{Noise, NoiseMemory, Source};
 
 use super::config::{BiasStep, ImuConfig, SensorError};
 use super::schedule::Schedule;
@@ -83,7 +83,7 @@ impl Imu {
     /// [`SensorError::Config`] for a value out of its range.
     pub fn new(config: &ImuConfig, seed: u64) -> Result<Self, SensorError> {
         config.validate()?;
-        let mut noise = Noise::new(seed, "imu", 0);
+        let mut noise = Noise::new(seed, Source::IMU, 0);
         let root_rate = f64::from(config.rate_hz).sqrt();
         let level = if config.noise_free { 0.0 } else { 1.0 };
         let mut triad = |density: f64, walk: f64, initial: f64, range: f64| Triad {

@@ -4,7 +4,7 @@
 //! magnet errors of such encoders exceed their last digit, and a filter can be told a variance.
 
 use garde::Validate;
-use noise::{Noise, NoiseMemory};
+use noise::{Noise, NoiseMemory, Source};
 
 use super::config::{MorphEncoderConfig, SensorError};
 use super::schedule::Schedule;
@@ -37,7 +37,7 @@ impl MorphEncoder {
         config.validate()?;
         let sigma_rad = if config.noise_free { 0.0 } else { config.noise_deg.to_radians() };
         let schedule = Schedule::new(config.rate_hz);
-        Ok(Self { schedule, noise: Noise::new(seed, "morph_encoder", 0), sigma_rad })
+        Ok(Self { schedule, noise: Noise::new(seed, Source::MORPH_ENCODER, 0), sigma_rad })
     }
 
     /// Instant of the next reading \[ns\].

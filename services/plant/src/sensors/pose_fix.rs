@@ -2,7 +2,7 @@
 
 use garde::Validate;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use noise::{Noise, NoiseMemory};
+use noise::{Noise, NoiseMemory, Source};
 
 use super::config::{DELAY_LINE_LEN, PoseFixConfig, SensorError};
 use super::schedule::Schedule;
@@ -83,7 +83,7 @@ impl PoseFix {
         let spans = config.drop_outs.iter();
         Ok(Self {
             schedule: Schedule::new(rate_hz),
-            noise: Noise::new(seed, "pose_fix", 0),
+            noise: Noise::new(seed, Source::POSE_FIX, 0),
             latency_ns,
             sigma_position: level * config.position_noise_m,
             sigma_attitude: level * config.attitude_noise_rad,

@@ -29,7 +29,7 @@ struct Stay(Option<Arc<Membership>>);
 
 impl Drop for Stay {
     fn drop(&mut self) {
-        let _nobody_founds = RUN.lock();
+        let _held = RUN.lock();
         self.0.take();
     }
 }
@@ -67,6 +67,7 @@ mod other_build {
             /// As in the real one, untyped.
             pub may_leave: u32,
             /// As in the real one.
+            #[padding]
             pub reserved: u32,
         }
     }
@@ -79,7 +80,7 @@ mod other_build {
     }
 }
 
-/// A reader as deep as those in flight, of whoever writes.
+/// A reader as deep as those in flight, of every writer.
 fn flying<T: Sample>(factory: &TopicFactory<T>) -> IpcSource<T> {
     IpcSource::with_capacity(factory, runtime::graph::READER_CAPACITY).expect("a reader")
 }
@@ -116,7 +117,7 @@ fn a_service_is_made_only_of_a_type_that_has_ports() {
 }
 
 #[test]
-fn a_topic_that_nobody_created_is_refused_by_name() {
+fn a_topic_that_was_not_created_is_refused_by_name() {
     let run = join("missing");
     let text = run.bus.writer(&topics::REFERENCE).unwrap_err().to_string();
     assert!(text.contains("reference") && text.contains("no such topic"), "{text}");
