@@ -184,6 +184,18 @@ fn a_trip_in_the_window_or_at_its_end_gives_the_fallback_the_slot_and_is_verifie
     }
 }
 
+/// Within the window of a swap the owner before it is the fallback, and what the standby says is for none of the loops.
+#[test]
+fn a_standby_that_is_the_fallback_again_after_a_window_has_lost_nothing() {
+    let standby = ["--standby", "attitude=attitude-lqr"];
+    let swap = ["--swap", "attitude=attitude-pid@2s,shadow=500ms"];
+    let flown = fly(&[&["hover", "--for", "5s"][..], &standby, &swap].concat());
+    flown.assert_clean();
+    assert_eq!(flown.summary()["swaps"][0]["done"], true, "{}", flown.said());
+    assert_identical(&flown.recording_path());
+    assert_hashes_agree(&flown);
+}
+
 #[test]
 fn one_changed_bit_is_found_and_named() {
     let flown = fly(&["hover", "--for", "1s"]);

@@ -62,7 +62,7 @@ impl Live {
         Ok(Self { server, feed: Some(feed), run, scenario, recording, seen })
     }
 
-    /// Where samples go that somebody wants to see.
+    /// Where samples go that a client wants to see.
     pub(super) fn take_feed(&mut self) -> Option<Feed> {
         self.feed.take()
     }
@@ -114,6 +114,8 @@ impl Live {
     fn process(&self, view: &View<'_>, member: Member<'_>, now_mono_ns: u64) -> ProcessStatus {
         let Seat { role, index } = member.seat;
         let seen = self.seen.get(&member.seat).copied().unwrap_or_default();
+        // The last word of one that leaves is that nothing will follow.
+        let mark_ns = if seen.mark_ns == u64::MAX { view.drained_ns } else { seen.mark_ns };
         ProcessStatus {
             name: member.name.to_owned(),
             role: role.label().to_owned(),
@@ -122,7 +124,7 @@ impl Live {
             generation: member.generation,
             rate_hz: view.graph.node(role).map_or(0.0, |node| node.rate.hz()),
             state: state(view, member),
-            mark_s: s_from_ns(seen.mark_ns),
+            mark_s: s_from_ns(mark_ns),
             mark_age_s: s_from_ns(now_mono_ns.saturating_sub(seen.since_mono_ns)),
         }
     }
@@ -142,7 +144,7 @@ impl View<'_> {
         self.supervisor.members().chain(pilot)
     }
 
-    /// Name of whoever sits on a seat of a slot.
+    /// Name of the process that sits on a seat of a slot.
     fn name_on(&self, slot: Role, index: u32) -> Option<String> {
         let seat = Seat { role: self.graph.slot_holder(slot), index };
         let member = self.members().find(|member| member.seat == seat)?;

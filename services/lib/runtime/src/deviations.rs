@@ -9,7 +9,7 @@ use crate::service::StateHeader;
 use core::convert::Infallible;
 use shared_types::{Deviation, DeviationKind, Header, Role, SEATS, Sample, Seat, Topic, topics};
 
-/// Inputs of one loop that are waited for; nobody has more.
+/// Inputs of one loop that are waited for; no loop has more.
 const MAX_AWAITED: usize = 8;
 
 /// Roles that a number tells apart.
@@ -191,7 +191,7 @@ impl InputVisitor for ReportInputs<'_> {
         input: &mut Input<T>,
     ) -> Result<(), Infallible> {
         let name = topic.info.name;
-        let mut newest = input.newest_before();
+        let (mut newest, mut unheard) = (input.newest_before(), input.unheard_before());
         let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
         let counts_anew = input.counts_anew();
         if self.begins {
@@ -208,14 +208,14 @@ impl InputVisitor for ReportInputs<'_> {
             let missing = match newest.replace(Newest::of(header)) {
                 Some(before) => {
                     if counts_anew && before.generation != header.generation {
-                        // The last words of one that was killed may have reached others, and its successor repeats their
-                        // numbers.
+                        // The last words of one that was killed may have reached others, and its successor repeats
+                        // their numbers.
                         self.report.ended(name, (header.seat, before.generation), &before);
                         self.report.began(name, writer, header.sequence);
                     }
                     before.missing_before(header, counts_anew)
                 }
-                // The first writer of all counts from 1, whoever comes in flight from anywhere.
+                // The first writer of all counts from 1, one that comes in flight from anywhere.
                 None if header.seat == 0 && header.generation == 0 && !input.joined() => {
                     header.sequence.saturating_sub(1)
                 }
@@ -226,7 +226,8 @@ impl InputVisitor for ReportInputs<'_> {
                     0
                 }
             };
-            if missing > 0 {
+            let is_heard_again = unheard.get_mut(seat).is_some_and(core::mem::take);
+            if missing > 0 && !is_heard_again {
                 let range = [header.sequence - missing, header.sequence - 1];
                 self.report.lost(name, writer, range);
             }

@@ -90,7 +90,7 @@ impl Newest {
     }
 
     /// True if the seat has said this, or something after it, already. Within a seat effect and
-    /// sequence grow together; whoever takes a seat in flight counts from anywhere, but later.
+    /// sequence grow together; a process that takes a seat in flight counts from anywhere, but later.
     fn has(&self, header: &Header) -> bool {
         (header.valid_ns, header.sequence) <= (self.valid_ns, self.sequence)
     }
@@ -121,9 +121,14 @@ pub struct Input<T> {
     newest: [Option<Newest>; SEATS],
     /// The same before this step.
     newest_before: [Option<Newest>; SEATS],
+    /// Of each seat of a slot: it has not counted at some step since its newest sample, so that what it has said
+    /// meanwhile is not missing.
+    unheard: [bool; SEATS],
+    /// The same before this step.
+    unheard_before: [bool; SEATS],
     /// What was in effect at the step of a restored state is known, and comes again as history.
     known_until_ns: Option<u64>,
-    /// Of a slot: whose samples count when. Nobody waits for the others, so that it is for chance to
+    /// Of a slot: whose samples count when. No loop waits for the others, so that it is for chance to
     /// say when those come, and they are left out.
     slot: Option<SlotBook>,
     /// Of owner records: all that have been received, and whether there are new ones.
@@ -154,6 +159,8 @@ impl<T: Sample> Default for Input<T> {
             receive_mono_ns: 0,
             newest: [None; SEATS],
             newest_before: [None; SEATS],
+            unheard: [false; SEATS],
+            unheard_before: [false; SEATS],
             known_until_ns: None,
             slot: None,
             book: SlotBook::default(),
@@ -227,7 +234,7 @@ impl<T: Sample> Input<T> {
     /// the step before, from which lateness is judged.
     pub fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
         self.fresh_from = self.effective.len();
-        self.newest_before = self.newest;
+        (self.newest_before, self.unheard_before) = (self.newest, self.unheard);
         while let Some(Arrived { sample, receive_mono_ns }) = self.pending.front() {
             let header = *sample.header();
             if !self.in_effect(header.valid_ns, t_ns) {
@@ -240,10 +247,13 @@ impl<T: Sample> Input<T> {
             if previous_ns.is_some_and(|p| self.in_effect(header.valid_ns, p)) {
                 self.counts.late += 1;
             }
-            let newest = usize::try_from(header.seat).ok().and_then(|i| self.newest.get_mut(i));
+            let seat = usize::try_from(header.seat).unwrap_or(SEATS);
+            let newest = self.newest.get_mut(seat);
             let before = newest.and_then(|newest| newest.replace(Newest::of(&header)));
+            let unheard = self.unheard.get_mut(seat).is_some_and(core::mem::take);
             let counts_anew = self.counts_anew();
-            let lost = before.map_or(0, |before| before.missing_before(&header, counts_anew));
+            let missing = |before: Newest| before.missing_before(&header, counts_anew);
+            let lost = before.filter(|_| !unheard).map_or(0, missing);
             self.counts.lost = self.counts.lost.saturating_add(lost);
             self.receive_mono_ns = *receive_mono_ns;
             // Samples are large: what was in effect moves only where something is new.
@@ -254,6 +264,11 @@ impl<T: Sample> Input<T> {
             }
             self.effective.push(*sample);
             self.pending.pop_front();
+        }
+        if let Some(slot) = &self.slot {
+            for (seat, unheard) in (0..).zip(&mut self.unheard) {
+                *unheard |= !slot.counts(seat, t_ns);
+            }
         }
     }
 
@@ -297,7 +312,7 @@ impl<T: Sample> Input<T> {
         self.edge.map_or(valid_ns <= t_ns, |edge| edge.in_effect(valid_ns, t_ns))
     }
 
-    /// True if whoever takes the producer's place begins to count anew.
+    /// True if a process that takes the producer's place begins to count anew.
     pub(crate) fn counts_anew(&self) -> bool {
         self.edge.is_some_and(|edge| edge.topic.from.is_slot())
     }
@@ -326,7 +341,7 @@ impl<T: Sample> Input<T> {
         self.effective[..self.fresh_from].last()
     }
 
-    /// The latest sample in effect, whoever wrote it.
+    /// The latest sample in effect, whichever process wrote it.
     #[must_use]
     pub fn latest(&self) -> Option<&T> {
         self.effective.last()
@@ -354,6 +369,11 @@ impl<T: Sample> Input<T> {
     /// Of each seat: what was its newest sample before this step.
     pub(crate) fn newest_before(&self) -> [Option<Newest>; SEATS] {
         self.newest_before
+    }
+
+    /// Of each seat: what it said before this step's first sample of it is not missing.
+    pub(crate) fn unheard_before(&self) -> [bool; SEATS] {
+        self.unheard_before
     }
 
     /// The latest sample, judged by the age of what it describes.

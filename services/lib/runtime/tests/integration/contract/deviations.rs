@@ -3,11 +3,13 @@
 use core::cell::RefCell;
 use runtime::executor::StepStamps;
 use runtime::graph::Edge;
+use runtime::ownership::SlotBook;
 use runtime::{
     Component, Executor, MissPolicy, Node, Place, Rate, Service, Sink, Source, inputs, outputs,
 };
 use shared_types::{
-    Deviation, DeviationKind, Header, Imu, PoseFix, Role, Sample, StateEstimate, topics,
+    Deviation, DeviationKind, Header, Imu, OwnerRecord, PoseFix, Role, Sample, StateEstimate,
+    topics,
 };
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -256,6 +258,35 @@ fn who_joins_in_flight_tells_of_the_first_sample_of_each_writer_that_it_hears() 
     begins.comes_from_a_slot();
     begins.says((1, 0), 7, 0);
     assert_eq!(began(&mut begins), [0; 0], "it was there from the start");
+}
+
+#[test]
+fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
+    let mut bench = Bench::new(MissPolicy::CatchUp, 0);
+    bench.comes_from_a_slot();
+    let mut book = SlotBook::default();
+    // The first seat owns the slot; its fallback is the second, the third, and the second again.
+    for (epoch, fallback, from_ms) in [(1, 1, 0), (2, 2, 3), (3, 1, 6)] {
+        let header = Header { valid_ns: from_ms * MS, ..Header::default() };
+        let record = OwnerRecord { header, epoch, owner: 0, fallback, ..OwnerRecord::default() };
+        book.learn(&record);
+    }
+    let input = bench.executor.component.input(&topics::IMU).expect("it reads that");
+    input.obey(topics::WRENCH_COMMAND.info.from, &book);
+    // What it said meanwhile came, or did not, by chance.
+    for (sequence, instant_ms) in [(1, 0), (2, 1), (3, 2), (5, 4), (7, 6), (8, 7)] {
+        bench.says((1, 0), sequence, instant_ms);
+    }
+    let mut lost = Vec::new();
+    let mut step = |bench: &mut Bench| {
+        let told = bench.step();
+        lost.extend(told.into_iter().filter(|(kind, ..)| *kind == DeviationKind::LostSamples));
+    };
+    (0..8).for_each(|_| step(&mut bench));
+    bench.says((1, 0), 11, 8);
+    step(&mut bench);
+    assert_eq!(lost, [(DeviationKind::LostSamples, 9, 10)]);
+    assert_eq!(bench.executor.component.counts().lost, 2);
 }
 
 #[test]
