@@ -1,14 +1,14 @@
 //! A state estimate from publication to effect through the runtime's ports, against the bare transport
 //! with the same sample and the same service, in one process; and what of it the stamps of a trace cost.
 
-mod roll;
+mod registry;
 
 use core::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Config, NodeBuilder, ipc};
-use roll::{Held, enrol};
+use registry::{Held, enrol};
 use runtime::clock::mono_now_ns;
 use runtime::graph::READER_CAPACITY;
 use runtime::ipc::{Bus, RECORDER_CAPACITY};
@@ -29,7 +29,7 @@ struct Ported {
     input: Input<StateEstimate>,
     release_ns: u64,
     /// Tells the reader that it may listen to this process.
-    roll: Held,
+    registry: Held,
 }
 
 impl Ported {
@@ -38,13 +38,13 @@ impl Ported {
             output: Output::default(),
             input: Input::default(),
             release_ns: 0,
-            roll: enrol(bus, Role::Estimator)?,
+            registry: enrol(bus, Role::Estimator)?,
         };
         let reader = bus.reader(&topics::STATE_ESTIMATE, Role::Estimator)?;
         ported.input.connect(Box::new(reader), None);
         ported.output.connect(Box::new(bus.writer(&topics::STATE_ESTIMATE)?), 0);
-        // The roll was written before its reader was there.
-        ported.roll.1.serve_late_joiners();
+        // The registry was written before its reader was there.
+        ported.registry.1.serve_late_joiners();
         Ok(ported)
     }
 
@@ -115,7 +115,7 @@ fn compare(ported: &mut Ported, bare: &mut Bare) {
     let _ = writeln!(std::io::stdout(), "median hop: {line}");
 }
 
-/// What a step and its hop do for nobody but `morphquad trace`: three stamps, and the header's words.
+/// What a step and its hop do only for `morphquad trace`: three stamps, and the header's words.
 fn tracing(ported: &mut Ported) {
     let stamps = |ported: &Ported| {
         let (receive_mono_ns, start_mono_ns) = (mono_now_ns(), mono_now_ns());

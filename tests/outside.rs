@@ -1,5 +1,5 @@
 //! Controllers that are processes of their own in a flight that is flown in one: the flight is that of the
-//! processes, whoever fails is named, and nothing is left behind.
+//! processes, a process that fails is named, and nothing is left behind.
 
 mod common;
 
@@ -187,7 +187,7 @@ struct Killer {
 impl Observer for Killer {
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         self.hash.observe(topic, sample);
-        // Pilot and injector run ahead of everybody else.
+        // Pilot and injector run ahead of all others.
         let is_time = topic.info.from == Role::Plant && sample.header().release_ns >= self.at_ns;
         if !self.killed && is_time {
             let joined = led_by(std::process::id());

@@ -104,7 +104,7 @@ fn whatever_fits_the_rings_is_recorded_at_any_rate_and_what_does_not_is_named() 
 /// Longest part of a flight that a killed launcher may lose \[s\].
 const MAY_BE_LOST_S: f64 = 0.1;
 
-/// Somebody who is shown every sample of a topic right after the launcher has taken it.
+/// A client that is shown every sample of a topic right after the launcher has taken it.
 struct Listener(Child);
 
 impl Listener {
@@ -137,9 +137,9 @@ fn what_a_killed_launcher_leaves_is_recovered() {
     wait_until("a megabyte", || std::fs::metadata(&path).is_ok_and(|file| file.len() > 1_000_000));
     assert!(kill(running.launcher_pid(), Signal::KILL));
     let id = running.id().to_owned();
-    wait_until("everybody leaves", || processes_of(&id).is_empty());
+    wait_until("all processes leave", || processes_of(&id).is_empty());
     assert_recoverable(&path);
-    assert_nobody_stole(&path);
+    assert_no_sample_was_taken(&path);
     running.wait();
 }
 
@@ -157,7 +157,7 @@ fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
         assert!(kill(running.launcher_pid(), Signal::KILL));
         let heard_s = listener.end("truth");
         let id = running.id().to_owned();
-        wait_until("everybody leaves", || processes_of(&id).is_empty());
+        wait_until("all processes leave", || processes_of(&id).is_empty());
         let recorded_s = Recording::read(&path).last_published_of_a_cut_file("truth");
         let [lost_s, by_clock_s] = [heard_s, killed_s].map(|s| s - recorded_s);
         println!(
@@ -167,7 +167,7 @@ fn a_killed_launcher_loses_less_than_a_tenth_of_a_second() {
         );
         assert!(lost_s < MAY_BE_LOST_S, "{lost_s}");
         assert_recoverable(&path);
-        assert_nobody_stole(&path);
+        assert_no_sample_was_taken(&path);
         running.wait();
     }
 }
@@ -224,8 +224,8 @@ fn assert_incomplete(flown: &Flown, until_s: f64) -> f64 {
     told_s
 }
 
-/// What is torn off differs from topic to topic, and makes no tick somebody else's.
-fn assert_nobody_stole(path: &Path) {
+/// What is torn off differs from topic to topic, and makes no tick another owner's.
+fn assert_no_sample_was_taken(path: &Path) {
     let output = morphquad(["report", "--format", "json"]).arg(path).output();
     let told: Value = serde_json::from_slice(&output.expect("it starts").stdout).expect("JSON");
     let numbers = told["numbers"].as_array().expect("numbers");

@@ -1,7 +1,7 @@
 //! What a simulated millisecond consists of: steps, samples, states, and the time of each.
 
 use crate::flights::scenario;
-use crate::roll::enrol;
+use crate::registry::enrol;
 use crate::{Plan, Result, Rounds};
 use core::hint::black_box;
 use observe::Observer;
@@ -146,11 +146,11 @@ fn each_step_us(flight: &mut InProcess<Packing>) -> Vec<(f64, u64)> {
     spent.into_iter().map(|(ns, steps)| (mean_us(ns, steps), steps)).collect()
 }
 
-/// A sample through shared memory as in flight, without waking anybody [us].
+/// A sample through shared memory as in flight, without waking a process [us].
 pub(crate) fn sample_us(bus: &Bus) -> Result<f64> {
     let topic = &topics::STATE_ESTIMATE;
     let factory = bus.create_topic(topic)?;
-    let _roll = enrol(bus, Role::Estimator)?;
+    let _registry = enrol(bus, Role::Estimator)?;
     let mut output = Output::<StateEstimate>::default();
     let mut input = Input::<StateEstimate>::default();
     let mut recorder = IpcSource::with_capacity(&factory, RECORDER_CAPACITY)?;

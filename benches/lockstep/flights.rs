@@ -26,7 +26,7 @@ pub(crate) fn scenario(plan: Plan, seconds: u64) -> Result<Scenario> {
 /// What the machine counted for the processes of some flights.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Usage {
-    /// Processor time of everybody [s].
+    /// Processor time of all processes [s].
     pub(crate) cpu_s: f64,
     /// Times that a process went to sleep.
     pub(crate) sleeps: f64,

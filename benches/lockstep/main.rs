@@ -10,10 +10,10 @@ mod flights;
 mod floor;
 #[path = "../flown/mod.rs"]
 mod flown;
+#[path = "../registry/mod.rs"]
+mod registry;
 mod report;
 mod ring;
-#[path = "../roll/mod.rs"]
-mod roll;
 
 use clap::{Parser, ValueEnum};
 use floor::{Floor, Ground};

@@ -186,7 +186,7 @@ pub(crate) fn be_a_node(
         }
     }
     writeln!(out, "{}", mono_now_ns() - start_ns)?;
-    // Nobody leaves while another may still read.
+    // No process leaves while another may still read.
     std::io::stdin().lock().read_line(&mut String::new())?;
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Flights without and with a recording and somebody who asks how it goes, in turn, so that the machine's
+//! Flights without and with a recording and a client that asks how it goes, in turn, so that the machine's
 //! moods meet both alike.
 
 use crate::flown;
@@ -27,7 +27,7 @@ pub(crate) fn measure(
 ) -> Result<WatchReport, BenchError> {
     let mut report = WatchReport::default();
     for round in 0..rounds {
-        // Whoever is first finds the machine as the other has left it.
+        // The first of the two finds the machine as the other has left it.
         let order = if round.is_multiple_of(2) { [false, true] } else { [true, false] };
         let mut flown = [None, None];
         for watched in order {

@@ -1,4 +1,4 @@
-//! What being watched costs a flight: flights with and without a recording and somebody who asks how it goes,
+//! What being watched costs a flight: flights with and without a recording and a client that asks how it goes,
 //! or with `--live` stretches of one flight with and without viewers of its live page.
 //!
 //! `cargo bench --bench watch -- SCENARIO --rounds N --max-ratio X` takes the scenario and the place of
@@ -26,7 +26,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// What a recording and somebody who asks how it goes cost a flight, against flights without.
+/// What a recording and a client that asks how it goes cost a flight, against flights without.
 #[derive(Debug, Parser)]
 struct Options {
     /// The scenario; each flight of it takes 5s, each stretch 3s, unless --for says otherwise.
@@ -82,7 +82,7 @@ fn measure(options: &Options) -> Result<(String, u8), BenchError> {
     Ok((text, code))
 }
 
-/// Flights without and with somebody who asks, in turn.
+/// Flights without and with a client that asks, in turn.
 fn one_by_one(options: &Options, folder: &Path) -> Result<WatchReport, BenchError> {
     Scenario::load(&options.scenario.scenario, &options.scenario.overrides()?)?;
     let words = scenario_words(&options.scenario, "5s");
@@ -158,8 +158,8 @@ fn told(report: &WatchReport, options: &Options, place: &Place) -> String {
     text
 }
 
-/// A flight's processes are started as `morphquad`, as which this executable is started by whoever is
-/// one: so who leads a flight is started so as well.
+/// A flight's processes are started as `morphquad`, as which this executable is started by a process that is
+/// one itself: so the process that leads a flight is started so as well.
 fn lead_anew() -> ExitCode {
     let led = flown::morphquad().args(std::env::args_os().skip(1)).arg("--lead").status();
     led.ok()

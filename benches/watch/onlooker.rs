@@ -1,4 +1,4 @@
-//! Somebody who has a flight's live page open, and a viewer that shows every topic, for a measurement.
+//! A client that has a flight's live page open, and a viewer that shows every topic, for a measurement.
 
 use crate::flown;
 use core::sync::atomic::{AtomicU64, Ordering};

@@ -17,7 +17,7 @@ pub(crate) struct Pairs {
     pub(crate) p99_us: Vec<[f64; 2]>,
 }
 
-/// How much more a figure is when somebody watches.
+/// How much more a figure is when a client watches.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Change {
     /// Median of the rounds' ratios.
@@ -31,7 +31,7 @@ pub(crate) struct Change {
 pub(crate) struct WatchReport {
     /// Each figure.
     pub(crate) pairs: Vec<Pairs>,
-    /// Questions that were answered to whoever watched.
+    /// Questions of watching clients that were answered.
     pub(crate) answers: u64,
     /// Messages that viewers of the live page were sent.
     pub(crate) received: u64,

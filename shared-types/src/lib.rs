@@ -44,7 +44,8 @@ pub use order::{
 pub use sensors::{Imu, MorphAngle, PoseFix};
 pub use supervision::{
     ClockMode, ClockRecord, Deviation, DeviationKind, Handover, Hello, LoopStats, NO_SEAT, NodeId,
-    OwnerRecord, Progress, ROLL_LINES, Role, Roll, RollEntry, SEATS, Seat, Seating, SeatingKind,
+    OwnerRecord, Progress, REGISTRY_LINES, Registry, RegistryEntry, Role, SEATS, Seat, Seating,
+    SeatingKind,
 };
 pub use topics::{Edge, Topic, TopicInfo, TopicVisitor};
 pub use trip::{Trip, TripCause};

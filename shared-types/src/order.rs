@@ -1,7 +1,7 @@
 //! launcher -> pilot and injector: what was ordered in flight.
 //!
 //! Each sample is complete: it says everything that has been ordered so far and still holds, so that
-//! the latest one is enough for whoever joins late.
+//! the latest one is enough for a reader that joins late.
 
 use crate::{Flag, Header, sample};
 use iceoryx2::prelude::ZeroCopySend;

@@ -122,8 +122,8 @@ impl Seat {
 pub type NodeId = [u64; 2];
 
 sample! {
-    /// Who sits where: one line of the [`Roll`].
-    pub struct RollEntry {
+    /// Who sits where: one line of the [`Registry`].
+    pub struct RegistryEntry {
         /// The process, as told by the transport.
         pub node: [u64; 2],
         /// Its control period \[ns\].
@@ -139,14 +139,14 @@ sample! {
     }
 }
 
-/// Lines of the roll; the oldest of processes that have left make room.
-pub const ROLL_LINES: usize = 64;
+/// Lines of the registry; the oldest of processes that have left make room.
+pub const REGISTRY_LINES: usize = 64;
 
 sample! {
     /// Every process that may publish. Written by the supervisor alone, who has seen each say hello.
-    pub struct Roll {
+    pub struct Registry {
         /// The lines in use come first.
-        pub entries: [RollEntry; 64],
+        pub entries: [RegistryEntry; 64],
         /// How many are in use.
         pub count: u64,
     }
@@ -215,7 +215,7 @@ sample! {
         /// Realtime: page faults since the loop was warm that waited for a disk.
         #[machine]
         pub major_faults: u64,
-        /// Allocations meanwhile in stretches next to a change of the roll, not counted above.
+        /// Allocations meanwhile in stretches next to a change of the registry, not counted above.
         #[machine]
         pub allocations_at_changes: u64,
         /// Page faults in such stretches, not counted above.

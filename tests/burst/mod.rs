@@ -11,7 +11,7 @@ use runtime::ipc::{
 };
 use runtime::namespace::Membership;
 use runtime::{Graph, Sink as _, StateSink as _};
-use shared_types::{Edge, Header, Role, Roll, Sample, Seat, Topic};
+use shared_types::{Edge, Header, Registry, Role, Sample, Seat, Topic};
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
 use simulate::setup::{RunError, RunOptions, facts, recording_path, require_shared_memory, system};
@@ -177,7 +177,7 @@ impl Observer for Tape {
     }
 }
 
-/// A connection for every role: a connection is one process on the roll.
+/// A connection for every role: a connection is one process in the registry.
 struct Buses<'a> {
     graph: &'a Graph,
     own: &'a Bus,
@@ -186,9 +186,9 @@ struct Buses<'a> {
 
 impl Buses<'_> {
     fn of(&self, role: Role) -> &Bus {
-        // What everybody writes about itself may come from anybody on the roll.
-        let anybody = || self.others.values().next();
-        self.others.get(&role).or_else(anybody).unwrap_or(self.own)
+        // What every process writes about itself may come from any process in the registry.
+        let first = || self.others.values().next();
+        self.others.get(&role).or_else(first).unwrap_or(self.own)
     }
 }
 
@@ -206,7 +206,7 @@ pub(crate) struct Burst {
     path: Option<PathBuf>,
     begun_mono_ns: u64,
     _buses: BTreeMap<Role, Bus>,
-    _roll: IpcSink<Roll>,
+    _registry: IpcSink<Registry>,
     _services: HeldServices,
     _bus: Bus,
     /// Dropped last, because it wipes.
@@ -240,7 +240,7 @@ impl Burst {
         bus.lead()?;
         let services = HeldServices::create(&bus)?;
         let path = options.record.as_deref().map(|dir| recording_path(dir, id)).transpose()?;
-        // In realtime nobody waits for the recorder, but the recorder has a disk to fill.
+        // In realtime no process waits for the recorder, but the recorder has a disk to fill.
         let facts = Facts { clock: Clock::Realtime { speed: 1.0 }, ..facts(id, &options) };
         let mut recording =
             path.as_deref().map(|path| Recording::create(path, &facts)).transpose()?;
@@ -251,15 +251,15 @@ impl Burst {
         let sinks = Sinks::new(&roles, Metrics::of(scenario), recording);
         let tap = Tap::open(&bus, &graph, sinks)?;
         let mut others = BTreeMap::new();
-        let mut roll = Roll::default();
-        for (entry, &role) in roll.entries.iter_mut().zip(&roles) {
+        let mut registry = Registry::default();
+        for (entry, &role) in registry.entries.iter_mut().zip(&roles) {
             let bus = Bus::join(&membership.ipc_config(), role.label())?;
             (entry.node, entry.role) = (bus.identity(), role);
-            roll.count += 1;
+            registry.count += 1;
             others.insert(role, bus);
         }
-        let mut announce = bus.open_writer::<Roll>(ServiceKind::Roll)?;
-        announce.send(&roll);
+        let mut announce = bus.open_writer::<Registry>(ServiceKind::Registry)?;
+        announce.send(&registry);
         let buses = Buses { graph: &graph, own: &bus, others };
         for lane in &mut tape.lanes {
             lane.open(&buses)?;
@@ -277,7 +277,7 @@ impl Burst {
             begun_mono_ns: mono_now_ns(),
             options,
             _buses: others,
-            _roll: announce,
+            _registry: announce,
             _services: services,
             _bus: bus,
             _membership: membership,

@@ -70,8 +70,8 @@ pub(crate) fn rounds(default: usize) -> usize {
     std::env::var("MORPHQUAD_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
-/// The executable under test, with every signal as a shell would have it: whoever runs the tests under
-/// `nohup` has it ignore SIGHUP, and so would the executable.
+/// The executable under test, with every signal as a shell would have it: a test process started under
+/// `nohup` ignores SIGHUP, and so would the executable.
 pub(crate) fn morphquad<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
     start_stopwatch();
     let mut command = Command::new("env");

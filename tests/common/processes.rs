@@ -54,7 +54,7 @@ pub(crate) fn all_processes() -> impl Iterator<Item = Process> {
     let entries = fs::read_dir("/proc").expect("/proc").flatten();
     entries.filter_map(|entry| {
         let pid = entry.file_name().to_str()?.parse().ok()?;
-        // Whoever has gone in the meantime has no files; a zombie has no command line.
+        // A process that has gone in the meantime has no files; a zombie has no command line.
         let line = fs::read_to_string(entry.path().join("cmdline")).ok()?;
         let comm = fs::read_to_string(entry.path().join("comm")).ok()?.trim_end().to_owned();
         let arguments = line.split_terminator('\0').map(str::to_owned).collect::<Vec<_>>();
@@ -115,7 +115,8 @@ impl Running {
     }
 
     /// As [`Running::start`], and waits until a sample of the flight is recorded: not until the file grows, since a
-    /// flight that waits for a candidate stands still, and all that it flew before may be in the file at the first look.
+    /// flight that waits for a candidate stands still, and all that it flew before may be in the file at the first
+    /// look.
     pub(crate) fn start_and_fly(arguments: &[&str]) -> Self {
         let mut running = Self::start(arguments);
         // A candidate of its script may be there as soon as these are.

@@ -45,7 +45,8 @@ impl Recording {
         messages.expect("a readable start").map_while(Result::ok).count()
     }
 
-    /// Counts the messages of the chunks that a killed writer has finished: what is in the torn one no checksum vouches for.
+    /// Counts the messages of the chunks that a killed writer has finished: what is in the torn one no checksum vouches
+    /// for.
     pub(crate) fn count_messages_of_whole_chunks(&self) -> u64 {
         let options = mcap::read::Options::IgnoreEndMagic.into();
         let records = LinearReader::new_with_options(&self.0, options);

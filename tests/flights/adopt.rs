@@ -86,7 +86,7 @@ fn stand_by(run: &str) {
 }
 
 fn assert_nothing_left(run: &str) {
-    wait_until("everybody leaves", || processes_of(run).is_empty());
+    wait_until("all processes leave", || processes_of(run).is_empty());
     wait_until("nothing is left", || left_in_shared_memory(run).is_empty());
 }
 
@@ -249,7 +249,7 @@ fn a_controller_that_prints_outlives_its_launcher_and_the_next_one_shows_it() {
 }
 
 #[test]
-fn without_anybody_to_take_over_the_vehicle_lands_and_nothing_is_left() {
+fn without_a_launcher_to_take_over_the_vehicle_lands_and_nothing_is_left() {
     let mut running = realtime(&["--for", "60s", "--set", "launcher.launcher_grace_s=0.5"]);
     let run = running.id().to_owned();
     assert!(kill(running.launcher_pid(), Signal::KILL));
@@ -380,7 +380,7 @@ fn an_owner_that_dies_or_stops_is_followed_by_its_standby_before_the_gate_levels
         let first = rows.iter().position(|row| is(row, lost)).expect("it commanded");
         let is_another = |row: &&Row| row.values[0] >= 0.0 && row.values[0] < 4.0 && !is(row, lost);
         let taken = rows[first..].iter().find(is_another);
-        let taken = taken.unwrap_or_else(|| panic!("nobody took over: {}", flown.said()));
+        let taken = taken.unwrap_or_else(|| panic!("no other took over: {}", flown.said()));
         let periods = silence_periods(&recording, lost, taken.t_s);
         println!(
             "{signal:?}: the standby commands {periods:.2} control periods after the last command"

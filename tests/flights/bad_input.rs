@@ -89,7 +89,7 @@ fn flags_that_name_a_place_are_named_where_it_cannot_be_used() {
     let whole = fs::read(&recording).expect("a recording");
     fs::write(&cut, &whole[..whole.len() * 9 / 10]).expect("room");
     for (command, file, flag, told) in [
-        ("report", &recording, "--png", "is no folder"),
+        ("report", &recording, "--png", "is not a folder"),
         ("recover", &cut, "--out", "is there already"),
     ] {
         let output = morphquad([command]).args([file, Path::new(flag), &cut]).output();
@@ -296,7 +296,7 @@ fn a_service_without_its_run_says_which_folder_is_missing() {
 
 #[test]
 fn a_recording_folder_that_cannot_be_written_is_named_before_anything_flies() {
-    // Below a regular file nobody can make a folder, not even root.
+    // Below a regular file no user can make a folder, not even root.
     let folder = TempDir::new().expect("a folder");
     let file = folder.path().join("file");
     fs::write(&file, "").expect("a file");

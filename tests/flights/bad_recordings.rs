@@ -117,7 +117,7 @@ fn what_is_no_recording_is_refused_by_every_command_in_the_same_way() {
 
 /// Lengths that stand for more than there is, in every kind of record that has one.
 #[test]
-fn a_length_that_lies_fills_no_memory_and_stops_nobody_from_telling() {
+fn a_length_that_lies_fills_no_memory_and_stops_no_command_from_telling() {
     let flown = fly(&["hover", "--for", "1s", "--in-process"]);
     let whole = fs::read(flown.recording_path()).expect("the recording");
     let folder = tempfile::tempdir().expect("a folder");

@@ -155,7 +155,7 @@ fn the_loops_and_paths_of_a_flight_are_measured_beside_their_floor() {
     let written: Value = serde_json::from_str(&written).expect("it is JSON");
     assert_eq!(&written, report);
 
-    // Another rate, and a file of nobody's.
+    // Another rate.
     let compare = ["--compare", saved];
     let other = bench(&[&flight[..], &["--rate", "attitude=200"], &compare].concat());
     let said = String::from_utf8_lossy(&other.stderr);

@@ -165,7 +165,7 @@ fn an_order_that_makes_no_sense_ends_with_2_and_the_flight_goes_on() {
         (&["swap", "attitude", "--to", "attitude-mpc", "--shadow", "soon"], "--shadow"),
         (&["swap", "attitude"], "--to"),
         (&["rollback", "altitude"], "slot"),
-        (&["retire", "nobody"], "×"),
+        (&["retire", "no-such-process"], "×"),
         (&["standby", "altitude", "attitude-mpc"], "slot"),
     ] {
         let said = say(&[order, &["--run", id]].concat());
@@ -184,7 +184,7 @@ fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_g
     let running = Running::start_and_fly(&[&REALTIME[..], &short].concat());
     running.kill_launcher();
     let mut said = say(&["ps", "--run", running.id()]);
-    wait_until("nobody answers", || {
+    wait_until("no launcher answers", || {
         said = say(&["ps", "--run", running.id()]);
         said.code != Some(0)
     });
@@ -227,11 +227,11 @@ fn a_launcher_in_a_pid_namespace_of_its_own_obeys_orders_from_outside() {
 }
 
 #[test]
-fn the_socket_is_private_and_what_strangers_do_to_it_disturbs_nobody() {
+fn the_socket_is_private_and_what_strangers_do_to_it_disturbs_nothing() {
     let running = Running::start_and_fly(&LOCKSTEP);
     let mode = std::fs::metadata(socket(&running)).expect("the socket").permissions().mode();
     assert_eq!(mode & 0o777, 0o600);
-    let connect = || UnixStream::connect(socket(&running)).expect("somebody listens");
+    let connect = || UnixStream::connect(socket(&running)).expect("the launcher listens");
     let mut silent = connect();
     silent.write_all(b"{\"requ").expect("room for seven bytes");
     let mut garbage = connect();

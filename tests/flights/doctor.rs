@@ -40,7 +40,7 @@ fn there_are_enough_checks_and_each_that_is_not_ok_has_a_remedy() {
 }
 
 #[test]
-fn a_folder_in_which_nobody_can_record_makes_the_machine_unfit() {
+fn a_folder_in_which_no_user_can_record_makes_the_machine_unfit() {
     // Also for the superuser.
     let output = morphquad(["doctor", "--record", "/proc/self"]).output().expect("it starts");
     assert_eq!(output.status.code(), Some(3));

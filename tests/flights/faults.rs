@@ -195,7 +195,7 @@ fn a_candidate_is_not_killed_for_a_stopped_process_that_it_waits_for() {
     assert_eq!(flown.hash(), undisturbed_hash(), "{}", flown.said());
 }
 
-/// Nobody else can do its work, so that it is dealt with as if it had been stopped from outside.
+/// No other process can do its work, so that it is dealt with as if it had been stopped from outside.
 #[test]
 fn a_monitor_that_the_script_stops_is_restarted_and_leaves_no_trace() {
     let flight = ["hover", "--for", "3s"];
@@ -296,7 +296,7 @@ fn assert_all_leave_after_the_launcher(mut running: Running) {
     let id = running.id().to_owned();
     let recording = running.recording_path().expect("it flies");
     assert!(kill(running.launcher_pid(), Signal::KILL));
-    wait_until("everybody leaves", || processes_of(&id).is_empty());
+    wait_until("all processes leave", || processes_of(&id).is_empty());
     // Another test that looks at runs may hold the last leaver's lock for a moment.
     wait_until("nothing is left", || left_in_shared_memory(&id).is_empty());
     assert!(Recording::read(&recording).count_messages_of_a_cut_file() > 100);
@@ -307,7 +307,7 @@ fn assert_all_leave_after_the_launcher(mut running: Running) {
 }
 
 #[test]
-fn when_the_launcher_dies_everybody_leaves_after_the_grace_and_nothing_is_left() {
+fn when_the_launcher_dies_all_processes_leave_after_the_grace_and_nothing_is_left() {
     let no_grace = ["--set", "launcher.launcher_grace_s=0"];
     for round in 0..rounds(1) {
         let running = endless(&no_grace);
@@ -328,7 +328,7 @@ fn a_controller_that_hangs_does_not_outlive_the_launcher() {
     wait_until("the candidate is there", || running.process(rogue()).is_some());
     let id = running.id().to_owned();
     running.kill_launcher();
-    wait_until("everybody leaves", || processes_of(&id).is_empty());
+    wait_until("all processes leave", || processes_of(&id).is_empty());
     // It has left as one that is killed does.
     assert_the_next_run_works();
     wait_until("nothing is left", || left_in_shared_memory(&id).is_empty());
@@ -369,8 +369,8 @@ fn one_interrupt_ends_the_flight_in_order_with_a_complete_recording() {
             assert_eq!(flown.code, Some(INTERRUPTED), "{}", flown.said());
             assert_eq!(flown.word("ended"), "interrupted");
             assert!(flown.stderr.contains("interrupted"), "{}", flown.said());
-            // In order: nobody had to be killed, nothing was lost, all loops end together. Where the launcher gets no
-            // processor for seconds its recorder loses samples, and says so.
+            // In order: no process had to be killed, nothing was lost, all loops end together. Where the launcher gets
+            // no processor for seconds its recorder loses samples, and says so.
             let has_lost = flown.number("dropped_samples") > 0.0;
             let verdict = if has_lost { "FAILED" } else { "INCOMPLETE" };
             assert_eq!(flown.verdict(), verdict, "{}", flown.said());
@@ -408,7 +408,7 @@ fn an_interrupted_flight_ends_in_order_however_slow_one_of_its_loops_is() {
 }
 
 #[test]
-fn a_second_interrupt_does_not_wait_for_anybody() {
+fn a_second_interrupt_waits_for_no_process() {
     let mut running = endless(&[]);
     // With this one stopped, there is no orderly end to wait for.
     running.signal("estimator", Signal::STOP);

@@ -171,7 +171,7 @@ fn a_page_gets_everything_then_what_is_new_and_at_last_the_end() {
 }
 
 #[test]
-fn whoever_has_the_token_orders_and_nobody_else() {
+fn a_client_that_has_the_token_orders_and_no_other() {
     let mut running = Running::start_and_fly(&["hover", "--for", "60s", "--speed", "2"]);
     let live = Live::beside(running.id());
     let stop = r#"{"request":"stop"}"#;
@@ -334,7 +334,7 @@ fn a_page_on_all_addresses_is_found_from_elsewhere_and_a_missing_browser_is_told
     let output = output.expect("the executable starts");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
-    assert!(said.contains("anyone who reaches this address can watch"), "{said}");
+    assert!(said.contains("all who reach this address can watch"), "{said}");
     for address in said.lines().filter_map(|line| line.split_once("on other machines  ")) {
         let named = address.1.contains("127.0.0.1") || address.1.contains("0.0.0.0");
         assert!(!named, "{said}");

@@ -215,7 +215,7 @@ fn deaths_flown_in_one_process_are_those_of_the_processes_and_only_slots_have_th
 }
 
 #[test]
-fn a_branch_at_any_tick_goes_on_with_whoever_sits_where() {
+fn a_branch_at_any_tick_goes_on_with_the_processes_on_their_seats() {
     let mut random = ChaCha8Rng::seed_from_u64(45);
     for script in [SWAPS, DEATHS] {
         let flown = fly(script);
@@ -235,7 +235,7 @@ fn a_branch_at_any_tick_goes_on_with_whoever_sits_where() {
 }
 
 #[test]
-fn a_branch_can_give_a_slot_to_somebody_else_by_the_protocol() {
+fn a_branch_can_give_a_slot_to_another_controller_by_the_protocol() {
     let flown = fly(SWAPS);
     let folder = TempDir::new().expect("a folder");
     let record = folder.path().to_str().expect("a path");

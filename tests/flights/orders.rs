@@ -245,7 +245,7 @@ fn a_realtime_run_is_led_live_and_its_recording_verifies() {
 }
 
 #[test]
-fn orders_to_nobody_end_with_2() {
+fn orders_to_no_run_end_with_2() {
     for arguments in [&["goto", "0", "0", "1"][..], &["morph", "90"], &["disturb", "off"]] {
         let output = morphquad([arguments, &["--run", "no-such-run"]].concat()).output();
         let output = output.expect("the executable starts");

@@ -1,4 +1,4 @@
-//! What the machine sees of a run: separate, named processes whose memory is nobody else's.
+//! What the machine sees of a run: separate, named processes, each with a memory of its own.
 
 use crate::common::processes::{Process, Running, in_a_terminal, kill, processes_of, ps};
 use crate::common::time::wait_until;
@@ -19,7 +19,7 @@ use tempfile::TempDir;
 const SERVICES: [&str; 6] =
     ["plant", "estimator", "position-mpc", "attitude-mpc", "disturbance-injector", "monitor"];
 
-/// A flight that lasts, and in which nobody is started again because a machine is busy.
+/// A flight that lasts, and in which no process is started again because a machine is busy.
 fn fly_on() -> Running {
     Running::start_and_fly(&["hover", "--for", "600s", "--speed", "1"])
 }

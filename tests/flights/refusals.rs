@@ -1,4 +1,4 @@
-//! Whoever may not fly does not, for the right reason, and the flight does not notice.
+//! A candidate that may not fly does not, for the right reason, and the flight does not notice.
 //!
 //! Candidates are processes of an executable of their own, `tests/common/rogue`, which flies like the template
 //! for users' controllers until its `--config` says otherwise.
@@ -279,7 +279,7 @@ fn a_stranger_that_forges_commands_states_and_records_changes_no_bit_and_is_name
     let services = said.lines().filter_map(|line| Some(line.split_once(&named)?.1));
     let services: Vec<&str> =
         services.flat_map(|list| list.split(": ").next().unwrap_or(list).split(", ")).collect();
-    for service in ["wrench_command", "attitude_owner", "state/estimator", "clock", "roll"] {
+    for service in ["wrench_command", "attitude_owner", "state/estimator", "clock", "registry"] {
         assert!(services.contains(&service), "{service}: {said}");
     }
     assert!(flown.said().contains("samples from unregistered publishers"), "{}", flown.said());

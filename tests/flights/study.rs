@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// Exit code, stdout and stderr; without a folder the results go where nobody looks.
+/// Exit code, stdout and stderr; without a folder the results go where no test looks.
 fn study(arguments: &str, out: Option<&Path>) -> (Option<i32>, String, String) {
     let scratch = TempDir::new().expect("a folder");
     let mut command = morphquad(["study"].into_iter().chain(arguments.split_whitespace()));

@@ -105,9 +105,9 @@ struct Plan {
     spoilt: usize,
 }
 
-/// Swaps of one slot and, at any step of some of them or soon after, the death, stop or garbage of whoever
-/// flies there: the old one, the new one or the standby. After it the slot has time to get another fallback
-/// warm.
+/// Swaps of one slot and, at any step of some of them or soon after, the death, stop or garbage of a controller
+/// that flies there: the old one, the new one or the standby. After it the slot has time to get another
+/// fallback warm.
 fn storm(
     random: &mut ChaCha8Rng,
     slot: &str,
@@ -159,7 +159,7 @@ fn rehearsal() -> [&'static str; 2] {
     ["--set", if rehearses { "rehearsal.enabled=true" } else { "rehearsal.enabled=false" }]
 }
 
-/// Both slots have a warm fallback throughout, whoever else comes, dies, stops or writes garbage.
+/// Both slots have a warm fallback throughout, whichever other process comes, dies, stops or writes garbage.
 #[test]
 fn a_storm_of_swaps_between_kinds_and_deaths_leaves_the_vehicle_in_its_tube() {
     let folder = TempDir::new().expect("a folder");

@@ -81,7 +81,7 @@ fn what_was_told_in_words_is_shown_with_its_instant() {
     assert_eq!(fault.expect("the fault")["t_s"].as_f64(), Some(1.0), "{told:?}");
     let text = shown(&["echo", file, "events", "--count", "1"]);
     assert!(text.starts_with("events  1.000000 s  info  launcher: fault: estimator"), "{text}");
-    // With a topic both come; whoever counts samples is told where words are.
+    // With a topic both come; a user who counts samples is told where words are.
     let both = shown(&["echo", file, "events", "seating", "pose_fix", "--format", "jsonl"]);
     assert!(both.contains("{\"pose_fix\"") && both.contains("{\"events\""), "{both:.300}");
     let (code, _, said) = topic(&["hz", file, "events"]);

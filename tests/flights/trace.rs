@@ -31,7 +31,7 @@ pub(super) fn assert_all_trace(flown: &Flown, clock: &str) -> Value {
 }
 
 #[test]
-fn commands_of_shadows_and_of_whoever_takes_over_trace_too() {
+fn commands_of_shadows_and_of_the_controller_that_takes_over_trace_too() {
     let swap =
         ["hover", "--for", "4s", "--swap", "attitude=attitude-lqr@1s,shadow=1s,rollback=0.5s"];
     for clock in ["lockstep", "realtime"] {

@@ -312,7 +312,8 @@ fn all_readers_agree_on_the_verdict_of_a_truncated_or_altered_recording() {
     assert_eq!(of_cut["verdict"]["verdict"], "INCOMPLETE", "{of_cut}");
     assert_all_readers_say(&cut, &of_cut, &bench);
 
-    // Without their messages nobody can say whose three applied commands were; that they are missing is what is wrong.
+    // Without their messages no reader can say whose three applied commands were; that they are missing is what is
+    // wrong.
     let stolen = bench.path("stolen.mcap");
     Recording::read(&recording).copy_to(
         &stolen,

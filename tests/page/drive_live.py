@@ -112,20 +112,20 @@ def refuses_strangers(address):
     check(posted(base + "control", {"Authorization": f"Bearer {token}"}, b"{") == 400, "an order that is none")
     check(posted(base, {"Host": "example.org"}, None) == 403, "a page from elsewhere that gave its name our address")
     page = urllib.request.urlopen(base, timeout=20).read().decode()
-    check(token not in page, "the page tells the token to everybody")
+    check(token not in page, "the page tells the token to every client")
 
 
 def commands(page, pictures):
     """By button: swap, refusal, disturbance, sweep."""
     owner = page.locator('fieldset[aria-label="attitude"] .owner')
-    wait_until(page, lambda: owner.inner_text().startswith("attitude-mpc"), "nobody commands the attitude")
+    wait_until(page, lambda: owner.inner_text().startswith("attitude-mpc"), "no controller commands the attitude")
     page.select_option('fieldset[aria-label="attitude"] select', "attitude-lqr")
     # Back as soon as the swap shows: to a busy machine the seconds of its rollback window are short.
     page.locator('fieldset[aria-label="attitude"]').evaluate(BACK_AT_ONCE, "attitude-lqr")
     press(page, "attitude", "Swap")
     wait_until(page, lambda: page.evaluate("window.wentBack === true"), "the swap does not show")
     wait_until(page, lambda: owner.inner_text().startswith("attitude-mpc"), "the way back does not show")
-    wait_until(page, lambda: page.locator('[aria-busy="true"]').count() == 0, "somebody gets no answer")
+    wait_until(page, lambda: page.locator('[aria-busy="true"]').count() == 0, "an order gets no answer")
 
     page.select_option('fieldset[aria-label="attitude"] select', "attitude-lqr")
     asked(page, "attitude", "Swap")

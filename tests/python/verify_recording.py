@@ -85,7 +85,7 @@ class Audit:
         if tally["count"] == 0:
             tally["first"], tally["writers"] = sequence, 1
         elif sequence > tally["last"]:
-            # Whoever takes a seat in flight counts on from another seat's numbers.
+            # A process that takes a seat in flight counts on from another seat's numbers.
             same = header.generation == self.last_generation[key]
             tally["gaps"] += sequence - tally["last"] - 1 if same else 0
         else:

@@ -35,7 +35,7 @@ fn retired_in<'r>(text: &str, retired: &'r Retired) -> Option<(&'r str, &'r str)
     let begins = |at: usize| !text[..at].ends_with(is_of_a_word);
     let is_whole =
         |at: usize, name: &str| begins(at) && !text[at + name.len()..].starts_with(is_of_a_word);
-    let Retired { identifiers, prefixes, phrases } = retired;
+    let Retired { identifiers, prefixes, phrases, persons } = retired;
     let mut found = identifiers
         .iter()
         .filter(|(name, _)| text.match_indices(name.as_str()).any(|(at, _)| is_whole(at, name)));
@@ -43,8 +43,23 @@ fn retired_in<'r>(text: &str, retired: &'r Retired) -> Option<(&'r str, &'r str)
         .iter()
         .filter(|(name, _)| text.match_indices(name.as_str()).any(|(at, _)| begins(at)));
     let mut said = phrases.iter().filter(|(name, _)| text.contains(name.as_str()));
-    let (name, word) = found.next().or_else(|| begun.next()).or_else(|| said.next())?;
+    let called = words_of(text).find_map(|word| persons.get_key_value(word.as_str()));
+    let found = found.next().or_else(|| begun.next()).or_else(|| said.next());
+    let (name, word) = found.or(called)?;
     Some((name, word))
+}
+
+/// The words of a text in small letters, those in names of either form as well.
+fn words_of(text: &str) -> impl Iterator<Item = String> {
+    let parted = text.split(|letter: char| !letter.is_alphabetic());
+    parted.flat_map(|name| {
+        let begins = name.char_indices().filter(|(_, letter)| letter.is_uppercase());
+        let mut at: Vec<usize> = begins.map(|(at, _)| at).filter(|at| *at > 0).collect();
+        at.insert(0, 0);
+        at.push(name.len());
+        let parts = at.windows(2).map(|ends| name[ends[0]..ends[1]].to_lowercase());
+        parts.collect::<Vec<_>>()
+    })
 }
 
 /// Each retired name with the word for it.
@@ -54,6 +69,7 @@ struct Retired {
     identifiers: BTreeMap<String, String>,
     prefixes: BTreeMap<String, String>,
     phrases: BTreeMap<String, String>,
+    persons: BTreeMap<String, String>,
 }
 
 #[test]
@@ -83,14 +99,25 @@ fn retired_words_stay_out_of_code_documents_and_help() {
 #[test]
 fn a_retired_word_is_found_as_a_whole_word_only() {
     let one = |name: &str| BTreeMap::from([(name.to_owned(), "other".to_owned())]);
-    let retired =
-        Retired { identifiers: one("Old"), prefixes: one("MOST_"), phrases: one("of old") };
+    let retired = Retired {
+        identifiers: one("Old"),
+        prefixes: one("MOST_"),
+        phrases: one("of old"),
+        persons: one("nobody"),
+    };
     let found = |text: &str| retired_in(text, &retired).map(|(name, _)| name.to_owned());
-    for text in ["struct Old;", "let x = Old::new();", "const MOST_ROWS: u8 = 1;", "a word of old"]
-    {
+    for text in [
+        "struct Old;",
+        "let x = Old::new();",
+        "const MOST_ROWS: u8 = 1;",
+        "a word of old",
+        "Nobody",
+        "fn and_nobody_waits()",
+        "NobodyThere",
+    ] {
         assert!(found(text).is_some(), "{text}");
     }
-    for text in ["struct Older;", "TheOld", "ALMOST_ALL", "const OLD: u8 = 1;"] {
+    for text in ["struct Older;", "TheOld", "ALMOST_ALL", "const OLD: u8 = 1;", "nobodyelse"] {
         assert_eq!(found(text), None, "{text}");
     }
 }

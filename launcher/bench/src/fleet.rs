@@ -72,7 +72,7 @@ impl Flight {
 
 impl Drop for Flight {
     fn drop(&mut self) {
-        // A flight that nobody waits for any more ends in order by a signal of its own.
+        // A flight that is not waited for any more is killed; its processes leave by themselves.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }

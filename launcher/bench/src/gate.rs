@@ -56,7 +56,7 @@ pub fn read(path: &Path) -> Result<LoopsReport, CompareError> {
     let bytes =
         fs::read(path).map_err(|source| CompareError::Read { path: path.to_path_buf(), source })?;
     let foreign = |what: String| CompareError::Foreign { path: path.to_path_buf(), what };
-    // The kind first: what is of another kind lacks fields that nobody has promised.
+    // The kind first: a file of another kind lacks fields that were never promised.
     let value: serde_json::Value =
         serde_json::from_slice(&bytes).map_err(|error| foreign(error.to_string()))?;
     let kind = (value["format"].as_str(), value["format_version"].as_u64());
@@ -230,7 +230,7 @@ impl Gate {
                 let ms = limit.strip_suffix("ms").and_then(number);
                 ms.map(|ms| Self::Limit { figure, rank, us: ms * 1e3 })
             };
-        parsed.ok_or_else(|| bad(&format!("`{limit}` is no limit")))
+        parsed.ok_or_else(|| bad(&format!("`{limit}` is not a valid limit")))
     }
 
     /// True if it needs an earlier result.
@@ -247,7 +247,7 @@ impl Gate {
         failed
     }
 
-    /// Without this a loop that stood still, or that nobody could follow, would pass every limit.
+    /// Without this a loop that stood still, or that could not be followed, would pass every limit.
     fn not_measured(&self, now: &LoopsReport, before: Option<&LoopsReport>) -> Vec<String> {
         let still = now.loops.iter().filter(|l| l.counts.steps == 0);
         let still = still.map(|l| format!("{} ran no step after the warm-up", l.name));

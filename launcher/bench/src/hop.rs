@@ -12,7 +12,7 @@ use runtime::ipc::{Bus, ServiceKind};
 use runtime::namespace::Membership;
 use serde::Serialize;
 use serde_json::{Value, json};
-use shared_types::{Progress, Roll, Seat, StateEstimate, topics};
+use shared_types::{Progress, Registry, Seat, StateEstimate, topics};
 use std::path::Path;
 
 /// A reader that sleeps gets a sample this often \[ns\].
@@ -78,7 +78,7 @@ pub fn measure(plan: &HopPlan, done: &dyn Fn()) -> Result<HopReport, BenchError>
     })?;
     let bus = Bus::join(&run.ipc_config(), "bench")?;
     let _topic = bus.create_topic(&topics::STATE_ESTIMATE)?;
-    let _roll = bus.create_service::<Roll>(ServiceKind::Roll, 2)?;
+    let _registry = bus.create_service::<Registry>(ServiceKind::Registry, 2)?;
     let _bare = bus.create_bare::<StateEstimate>(BARE, topics::STATE_ESTIMATE.info.history)?;
     let _acknowledged = bus.create_bare::<Progress>(ACKNOWLEDGED, 1)?;
     let _events = bus.create_bare_events(BARE)?;
@@ -118,7 +118,7 @@ fn cell(
     waiting: Waiting,
     cpus: [usize; 2],
 ) -> Result<HopCell, BenchError> {
-    // Whoever polls ahead of everybody is stopped by the system for a twentieth of each second.
+    // A process that polls ahead of all others is stopped by the system for a twentieth of each second.
     let fifo = plan.place.fifo().filter(|_| waiting == Waiting::Blocking);
     let count = plan.for_ns / PERIOD_NS;
     let count = if waiting == Waiting::Polled { count * POLLED_PER_PERIOD } else { count };

@@ -120,7 +120,7 @@ pub fn measure(plan: &LoopsPlan) -> Result<Measured, BenchError> {
     let scenario = &plan.scenario;
     let graph = plan.graph()?;
     let seat = Seat { fifo: plan.place.fifo(), ..Seat::default() };
-    // Whoever is flown by an executable of its own has no step here.
+    // A service that is flown by an executable of its own has no step here.
     let alone = super::alone::steps_alone(&plan.alone, seat).unwrap_or_default();
     let _load = plan.load.begin(&plan.place)?;
     let floor_plan = if plan.with_floor { floor_plan(&graph) } else { FloorPlan::default() };

@@ -17,7 +17,7 @@ pub(super) fn bar(length: usize, what: &str) -> ProgressBar {
         .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-/// A sign that something is under way whose end nobody knows; it goes when dropped.
+/// A sign that something is under way whose end is not known; it goes when dropped.
 #[derive(Debug)]
 pub(super) struct Busy(ProgressBar);
 

@@ -51,7 +51,7 @@ pub(super) fn recorded(path: &Path) -> Result<RecordedFlight, Failure> {
     RecordedFlight::open(path).map_err(|error| unreadable(&format!("{error}{}", hints(path))))
 }
 
-/// What somebody may have meant who named something else than a recording; nothing about a damaged one.
+/// What a user may have meant who named something else than a recording; nothing about a damaged one.
 fn hints(path: &Path) -> String {
     if path.is_dir() {
         return listed("recordings in it", newest(path));

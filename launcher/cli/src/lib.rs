@@ -67,7 +67,7 @@ pub fn execute(
     proc::count_allocations();
     let mut arguments: Vec<OsString> = arguments.collect();
     for (old, new) in with_names_of_today(&mut arguments) {
-        // Whether or not anybody reads it.
+        // Whether or not it is read.
         let _ = writeln!(diagnostics, "morphquad: `{old}` is now `{new}`");
     }
     if arguments.get(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
@@ -86,7 +86,7 @@ pub fn execute(
     let told = done.or_else(|failure| match failure {
         Failure::Refused(refusal) => {
             let told = refusal.tell(asks_for_json(&arguments), out, diagnostics);
-            // Refused it is, whether or not anybody listens.
+            // Refused it is, whether or not the answer is read.
             told.or_else(|error| match error.kind() {
                 io::ErrorKind::BrokenPipe => Ok(refusal.code()),
                 _ => Err(error),
@@ -327,8 +327,8 @@ mod tests {
             "run hover --set plant.rate=5",
             "run hover --swap attitude=attitude-mpq@1s",
             "run hover --swap attitude=attitude-mpc@99s",
-            "run hover --fault kill:nobody@1s",
-            "run hover --standby attitude=nobody",
+            "run hover --fault kill:unknown@1s",
+            "run hover --standby attitude=unknown",
         ] {
             let (code, out, diagnostics) = morphquad(bad);
             assert_eq!((code, out.as_str()), (exit::USAGE, ""));

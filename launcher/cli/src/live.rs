@@ -18,8 +18,8 @@ use viewers::live::{Listen, LiveError, LiveServer, Place};
 /// How far it stands back for the flight.
 const NICE: i32 = 10;
 
-/// Names the place of a server to the process that replaces it, after the process's id, which stays: what another process
-/// has left is ignored. Only this user and root can read it.
+/// Names the place of a server to the process that replaces it, after the process's id, which stays: what another
+/// process has left is ignored. Only this user and root can read it.
 const PLACE: &str = "MORPHQUAD_LIVE_PLACE";
 
 /// Serves until the run is over.
@@ -63,7 +63,7 @@ pub(super) fn run(arguments: &LiveArguments, out: &mut dyn Write) -> Done {
 /// Says where it listens, and shows it.
 fn tell(server: &LiveServer, arguments: &LiveArguments, out: &mut dyn Write) -> io::Result<()> {
     if !arguments.listen.ip().is_loopback() {
-        let warning = "anyone who reaches this address can watch; only its token allows orders";
+        let warning = "all who reach this address can watch; only its token allows orders";
         eprintln!("morphquad: {warning}");
         for url in server.urls_elsewhere() {
             eprintln!("morphquad: on other machines  {url}");
@@ -101,7 +101,7 @@ fn restart(place: &Place, end: &AtomicBool) -> Done {
     Err(Failure::plain(&error, exit::UNFIT))
 }
 
-/// Makes room for whoever flies.
+/// Makes room for the processes that fly.
 fn stand_back(away_from: Option<usize>) {
     use rustix::thread::{sched_getaffinity, sched_setaffinity};
     // Where it may not, it is served as well as it can be.

@@ -77,7 +77,7 @@ pub(super) struct Cli {
 
 impl Cli {
     /// What the arguments mean. A negative number after a flag is its value, to be refused as such, and
-    /// not an argument that nobody expects.
+    /// not an unexpected argument.
     ///
     /// # Errors
     /// They mean nothing, or ask for help.

@@ -6,7 +6,7 @@ use super::options::{
 use super::refusal::{Done, Failure};
 use host::exit;
 use scenario::keys::{Key, Section, sections};
-use scenario::{shell_path, shipped, suggestion};
+use scenario::{renamed, shell_path, shipped, suggestion};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{self, Write};
@@ -60,7 +60,13 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
 
 fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Failure> {
     let wanted = arguments.key.as_deref().unwrap_or_default();
-    let wanted = wanted.trim_matches(['[', ']']).to_lowercase();
+    let mut wanted = wanted.trim_matches(['[', ']']).to_lowercase();
+    if let Some(name) = renamed(&wanted) {
+        if arguments.format == Format::Text {
+            writeln!(out, "`{wanted}` is called `{name}` now\n")?;
+        }
+        wanted = name;
+    }
     let those = |fits: fn(&str, &str) -> bool| {
         let mut found = sections();
         for section in &mut found {

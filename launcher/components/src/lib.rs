@@ -156,7 +156,7 @@ pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError
     let mut layouts = Vec::new();
     for role in graph.nodes().iter().map(|node| node.role) {
         layouts.push(layout(role, &build(&assignment, role, scenario)?));
-        // Whoever does not fit the scenario has not flown in it.
+        // A service that does not fit the scenario has not flown in it.
         let others = names_for(role).filter(|name| Some(*name) != assignment.name(role));
         let others = others.filter_map(|name| build_service(Some(name), scenario).ok());
         layouts.extend(others.map(|component| layout(role, &component)));

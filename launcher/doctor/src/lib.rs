@@ -127,7 +127,7 @@ pub fn examine(recordings: &Path) -> Report {
     Report { findings, fixed: Vec::new() }
 }
 
-/// Does what harms nobody: removes what dead runs have left in shared memory. Returns what it did.
+/// Does what harms no run: removes what dead runs have left in shared memory. Returns what it did.
 #[must_use]
 pub fn fix() -> Vec<String> {
     places::fix()

@@ -139,7 +139,7 @@ fn rate(folder: &Path, place: &str, other: &str) -> Finding {
     // A disk that hangs must not hang its examination.
     thread::spawn(move || {
         let written = write(&trial);
-        // Before it is told of: whoever examines may be gone a moment later, and this thread with it.
+        // Before it is told of: the process that examines may be gone a moment later, and this thread with it.
         let _ = fs::remove_file(&trial);
         let _ = told.send(written);
     });
@@ -187,8 +187,8 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_nobody_can_write_fails() {
-        // Also for the superuser: nobody makes files in there.
+    fn a_folder_that_cannot_be_written_fails() {
+        // Also for the superuser: no user can make files in there.
         let finding = rate(Path::new("/proc/self"), "/proc/self", "elsewhere");
         assert_eq!(finding.verdict, Verdict::Fail);
     }

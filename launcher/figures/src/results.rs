@@ -140,7 +140,7 @@ impl ResultsFolder {
     pub fn named_by(flag: &'static str, path: &Path) -> Result<Self, ResultsError> {
         fs::create_dir_all(path).map_err(|source| {
             let source = match source.kind() {
-                io::ErrorKind::AlreadyExists => io::Error::other("it is there and is no folder"),
+                io::ErrorKind::AlreadyExists => io::Error::other("it is there and is not a folder"),
                 _ => source,
             };
             ResultsError { action: "make the folder", path: path.to_owned(), flag, source }
@@ -255,7 +255,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let error = ResultsFolder::named_by("--png DIR", file.path()).unwrap_err();
         let report = format!("{:?}", miette::Report::new(error));
-        assert!(report.contains("--png DIR") && report.contains("is no folder"), "{report}");
+        assert!(report.contains("--png DIR") && report.contains("is not a folder"), "{report}");
     }
 
     #[test]

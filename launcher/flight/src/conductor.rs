@@ -96,7 +96,7 @@ impl Conductor {
     }
 
     /// Lockstep: extends allowed time to what has been drained plus the credit, once half of the
-    /// credit is used up, and never beyond `cap_ns`. True if everybody should be woken.
+    /// credit is used up, and never beyond `cap_ns`. True if all processes should be woken.
     pub(super) fn extend(&mut self, drained_ns: u64, cap_ns: u64, now_mono_ns: u64) -> bool {
         if self.record.mode != ClockMode::Lockstep {
             return false;
@@ -121,7 +121,7 @@ impl Conductor {
         true
     }
 
-    /// Ends the flight at the first instant that nobody can have passed yet.
+    /// Ends the flight at the first instant that no process can have passed yet.
     pub(super) fn end_early(&mut self, now_logical_ns: u64) {
         let end_ns = if self.record.mode == ClockMode::Lockstep {
             self.record.allowed_ns

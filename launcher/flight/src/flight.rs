@@ -10,10 +10,10 @@ mod watch;
 
 pub use adopt::{AdoptError, AdoptOptions, adopt};
 
+use super::checkpoint::{CheckpointWriter, Of};
 use super::conductor::Conductor;
 use super::grants::Grants;
 use super::live::{Live, View};
-use super::notes::{Notebook, Of};
 use super::pilot_thread::PilotEnd;
 use super::processes::Processes;
 use super::rehearser::Rehearser;
@@ -101,8 +101,8 @@ fn fly(
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
     let grants = Grants::ask(&options.scenario, &described)?;
     let id = run_id();
-    // Declared before everything that uses the transport, so that it is dropped last and wipes; and before the recording,
-    // whose file name would reveal the run's id to other users before it is claimed.
+    // Declared before everything that uses the transport, so that it is dropped last and wipes; and before the
+    // recording, whose file name would reveal the run's id to other users before it is claimed.
     let membership = Membership::found(&id)?;
     let recording_path = options.recording_path(&id)?;
     let facts = facts(&id, options);
@@ -126,8 +126,8 @@ fn fly(
         adoptions: 0,
         epoch_unix_ns: facts.epoch_unix_ns,
     };
-    let notebook = Notebook::open(membership.folder(), of, clock_of(&options.scenario));
-    let mut flight = Flight::prepare(options, &membership, stop, recording, (live, notebook))?;
+    let checkpoints = CheckpointWriter::open(membership.folder(), of, clock_of(&options.scenario));
+    let mut flight = Flight::prepare(options, &membership, stop, recording, (live, checkpoints))?;
     flight.tap.sinks.stopwatch = stopwatch;
     let started = flight.start(&membership, options, &grants);
     let outcome = match started {
@@ -185,7 +185,7 @@ struct Flight {
 }
 
 impl Flight {
-    /// The launcher's main loop: drain, conduct, look after everybody.
+    /// The launcher's main loop: drain, conduct, look after all processes.
     fn fly(&mut self) -> Outcome {
         let mut interrupted = false;
         let mut leave_by_ns = u64::MAX;
@@ -246,7 +246,7 @@ impl Flight {
         }
     }
 
-    /// Answers whoever asks from outside.
+    /// Answers the clients that ask from outside.
     fn answer(&mut self, now_ns: u64) -> Result<(), FlightError> {
         let (graph, supervisor, conductor) = (&self.graph, &self.supervisor, &self.conductor);
         let (marks, drained_ns) = (&self.tap.marks, self.drained_ns);
@@ -282,7 +282,7 @@ impl Flight {
         self.with_slots(now_mono_ns, Slots::tend)
     }
 
-    /// Does what the script has for now; whoever dies of it is buried before time goes on.
+    /// Does what the script has for now; a process that dies of it is buried before time goes on.
     fn follow_script(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
         if self.script.next_ns() > self.logical_now(now_mono_ns).logical_ns {
             return Ok(());
@@ -322,7 +322,8 @@ impl Flight {
     }
 
     /// By the wall clock: for how long the monitor has not stepped, if that is longer than [`MONITOR_PERIODS_MAX`] and
-    /// [`MIN_SILENCE_S`] allow \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops too.
+    /// [`MIN_SILENCE_S`] allow \[ns\]. It is judged by the plant, which a machine that stands still as a whole stops
+    /// too.
     fn monitor_silent_ns(&mut self) -> Option<u64> {
         let monitor = self.graph.node(Role::Monitor)?;
         let record = self.conductor.record();
@@ -336,7 +337,7 @@ impl Flight {
         (is_too_long && self.conductor.mode() == ClockMode::Realtime).then_some(silent_ns)
     }
 
-    /// Where the flight is, for whoever decides about instants.
+    /// Where the flight is, for decisions about instants.
     fn logical_now(&self, now_mono_ns: u64) -> Now {
         if self.conductor.mode() == ClockMode::Lockstep {
             // A flight held to a pace has drained up to the next release when its time ends between
@@ -361,7 +362,7 @@ impl Flight {
     }
 
     fn end_early(&mut self, now_ns: u64) {
-        self.notice("interrupted: ending the flight in order (once more to stop at once)");
+        self.notice("interrupted: stopping in order; press Ctrl-C again to stop at once");
         self.conductor.end_early(self.conductor.wall_ns(now_ns));
         self.supervisor.note_clock(self.conductor.record());
         self.wakers.wake_all();
@@ -372,10 +373,10 @@ impl Flight {
         self.slots.cap_ns(allowed_ns).min(self.script.next_ns())
     }
 
-    /// Instant through which everybody is final and drained \[ns\].
+    /// Instant through which all processes are final and drained \[ns\].
     fn drained_ns(&mut self) -> u64 {
         let slowest_ns = self.supervisor.present().map(|entry| self.mark_of(entry)).min();
-        // Whoever goes on from a predecessor's state begins below what has long been drained.
+        // A process that goes on from a predecessor's state begins below what has long been drained.
         self.drained_ns = slowest_ns.unwrap_or(0).max(self.drained_ns);
         self.drained_ns
     }

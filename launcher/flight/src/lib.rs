@@ -3,12 +3,12 @@
 //! [`run`] starts the processes, publishes the clock, supervises and records them and sums the flight up; [`adopt`]
 //! goes on with a flight whose launcher has died. `supervisor/deaths.rs` has what happens when a process dies.
 
+mod checkpoint;
 mod conductor;
 mod disorder;
 mod flight;
 mod grants;
 mod live;
-mod notes;
 mod pilot_thread;
 mod processes;
 mod rehearser;

@@ -17,7 +17,7 @@ pub(super) type PilotEnd = Result<Ending, String>;
 /// How the pilot comes into a flight.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Entry {
-    /// With everybody else.
+    /// With all the others.
     AtTheStart,
     /// In the air, as this generation, when it is told to.
     InFlight { generation: u32 },
@@ -43,7 +43,7 @@ impl FlyPilot<'_> {
         let prepare = || {
             // What is not granted here, was not to the other loops either.
             let Some(setup) = self.setup else { return Ok(()) };
-            // Its process is the launcher: what that takes later is nobody's loop's.
+            // Its process is the launcher: what that takes later belongs to no loop.
             if setup.lock_memory {
                 let _ = host::realtime::lock_present_memory();
             }

@@ -2,7 +2,7 @@
 
 use runtime::clock::WallMap;
 use runtime::{Graph, MarkView as _, SeatMarks};
-use shared_types::{ClockMode, ClockRecord, Role, RollEntry, Seat};
+use shared_types::{ClockMode, ClockRecord, RegistryEntry, Role, Seat};
 
 /// How long loops may stand still, and what time it is.
 #[derive(Debug, Clone, Copy)]
@@ -12,25 +12,25 @@ pub(super) struct StallCheck {
     pub(super) lag_ns: u64,
 }
 
-/// Processes to blame for standing still. Lockstep, once nobody has moved for long enough: whoever has
-/// permission to step. Realtime: whoever lags behind the plant by more than `lag_ns`, or the plant, if it
+/// Processes to blame for standing still. Lockstep, once none has moved for long enough: those that have
+/// permission to step. Realtime: those that lag behind the plant by more than `lag_ns`, or the plant, if it
 /// lags behind the wall clock by more than `stall_ns`; a machine that stalls as a whole stalls all of them,
 /// and only the longer timeout applies. Once the plant has finished it cannot run ahead of a loop that
 /// stands still just before the end: the wall clock does.
 pub(super) fn stalled(
     record: &ClockRecord,
     graph: &Graph,
-    present: &[RollEntry],
+    present: &[RegistryEntry],
     marks: &SeatMarks,
     check: StallCheck,
-) -> Vec<RollEntry> {
+) -> Vec<RegistryEntry> {
     let wall_ns = WallMap::new(record).logical_ns(check.now_mono_ns);
     let plant_ns = match marks.of_role(Role::Plant) {
         mark_ns if mark_ns < record.end_ns => mark_ns,
         _ => wall_ns.max(record.end_ns),
     };
     let long_over = record.end_ns.saturating_add(check.stall_ns) < wall_ns;
-    let is_stalled = |entry: &&RollEntry| {
+    let is_stalled = |entry: &&RegistryEntry| {
         let Some(node) = graph.node(entry.role) else { return false };
         let mark_ns = marks.of_seat(seat_of(entry), entry.generation);
         // A process that has just taken a seat in flight has not had its first word yet.
@@ -61,14 +61,14 @@ struct Newcomer {
 }
 
 impl Newcomer {
-    fn is(&self, entry: &RollEntry) -> bool {
+    fn is(&self, entry: &RegistryEntry) -> bool {
         self.seat == seat_of(entry) && self.generation == entry.generation
     }
 }
 
 impl Newcomers {
     /// Notes the first mark of whatever has joined.
-    pub(super) fn look(&mut self, present: &[RollEntry], marks: &SeatMarks) {
+    pub(super) fn look(&mut self, present: &[RegistryEntry], marks: &SeatMarks) {
         self.0.retain(|known| present.iter().any(|entry| known.is(entry)));
         for entry in present.iter().filter(|entry| has_joined_in_flight(entry)) {
             let (seat, generation) = (seat_of(entry), entry.generation);
@@ -80,8 +80,12 @@ impl Newcomers {
     }
 
     /// Those of the processes that stand still that are to blame: newcomers only if there are no others.
-    pub(super) fn excuse(&self, stalled: Vec<RollEntry>, marks: &SeatMarks) -> Vec<RollEntry> {
-        let is_new = |entry: &RollEntry| {
+    pub(super) fn excuse(
+        &self,
+        stalled: Vec<RegistryEntry>,
+        marks: &SeatMarks,
+    ) -> Vec<RegistryEntry> {
+        let is_new = |entry: &RegistryEntry| {
             let mark_ns = marks.of_seat(seat_of(entry), entry.generation);
             let known = self.0.iter().find(|known| known.is(entry));
             has_joined_in_flight(entry) && known.is_none_or(|known| known.begun_ns == mark_ns)
@@ -91,11 +95,11 @@ impl Newcomers {
     }
 }
 
-fn seat_of(entry: &RollEntry) -> Seat {
+fn seat_of(entry: &RegistryEntry) -> Seat {
     Seat { role: entry.role, index: entry.seat }
 }
 
-fn has_joined_in_flight(entry: &RollEntry) -> bool {
+fn has_joined_in_flight(entry: &RegistryEntry) -> bool {
     entry.seat > 0 || entry.generation > 0
 }
 
@@ -120,9 +124,9 @@ mod tests {
         };
         let entry = |&(role, _): &(Role, u64)| {
             let generation = if role == Role::Plant { 0 } else { generation };
-            RollEntry { role, generation, present: Flag::Yes, ..RollEntry::default() }
+            RegistryEntry { role, generation, present: Flag::Yes, ..RegistryEntry::default() }
         };
-        let present: Vec<RollEntry> = marks_ms.iter().map(entry).collect();
+        let present: Vec<RegistryEntry> = marks_ms.iter().map(entry).collect();
         let mut marks = SeatMarks::default();
         for (entry, (role, mark_ms)) in present.iter().zip(marks_ms) {
             marks.advance(*role, 0, entry.generation, mark_ms.saturating_mul(MS));
@@ -161,13 +165,13 @@ mod tests {
 
     /// Roles to blame of which all stand still: each has begun at an instant and has come to another \[ms\].
     fn to_blame(of_ms: &[(Role, u32, u64, u64)]) -> Vec<(Role, u32)> {
-        let entry = |&(role, generation, ..): &(Role, u32, u64, u64)| RollEntry {
+        let entry = |&(role, generation, ..): &(Role, u32, u64, u64)| RegistryEntry {
             role,
             generation,
             present: Flag::Yes,
-            ..RollEntry::default()
+            ..RegistryEntry::default()
         };
-        let present: Vec<RollEntry> = of_ms.iter().map(entry).collect();
+        let present: Vec<RegistryEntry> = of_ms.iter().map(entry).collect();
         let (mut marks, mut newcomers) = (SeatMarks::default(), Newcomers::default());
         for (role, generation, begun_ms, _) in of_ms {
             marks.advance(*role, 0, *generation, begun_ms * MS);
@@ -187,7 +191,7 @@ mod tests {
         assert_eq!(to_blame(&[new]), [(Role::Attitude, 1)]);
         // Before its first word.
         assert_eq!(to_blame(&[old, (Role::Attitude, 1, 0, 0)]), [(Role::Position, 0)]);
-        // Once it has gone on it has heard whatever it waits for.
+        // Once it has gone on it has heard what it waited for.
         let moved = (Role::Attitude, 1, 7000, 7010);
         assert_eq!(to_blame(&[old, moved]), [(Role::Position, 0), (Role::Attitude, 1)]);
     }

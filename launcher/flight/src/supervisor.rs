@@ -1,22 +1,22 @@
 //! Keeps the processes of a flight alive: ready, owners, restarts, stalls, exit reasons.
 //!
-//! `roll_call.rs` has who comes, `deaths.rs` who goes, `take_over.rs` how the next launcher goes on.
+//! `registration.rs` has who comes, `deaths.rs` who goes, `take_over.rs` how the next launcher goes on.
 
 mod deaths;
-mod roll_call;
+mod registration;
 mod take_over;
 
-use super::notes::Notebook;
+use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
 use runtime::Graph;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
 use scenario::orders::Sent;
-use shared_types::{Flag, Handover, Hello, OwnerRecord, Role, RollEntry, Seat};
+use shared_types::{Flag, Handover, Hello, OwnerRecord, RegistryEntry, Role, Seat};
 use std::path::PathBuf;
 use swap::child::{ChildSpec, RunningChild, describe};
 use swap::post::Post;
-use swap::{FlightError, OrderSinks, PostEvent, RollKeeper, SlotOwner};
+use swap::{FlightError, OrderSinks, PostEvent, RegistryWriter, SlotOwner};
 
 /// What to do about crashes.
 #[derive(Debug, Clone, Copy)]
@@ -53,11 +53,11 @@ pub(super) struct Supervisor {
     policy: RestartPolicy,
     posts: Vec<Post>,
     hello: IpcSource<Hello>,
-    roll: RollKeeper,
+    registry: RegistryWriter,
     slots: Vec<SlotOwner>,
     orders: OrderSinks,
     events: Vec<PostEvent>,
-    notebook: Notebook,
+    checkpoints: CheckpointWriter,
     /// The pilot of a flight that was taken over: it joins in flight.
     pilot: Option<Post>,
     /// Logical time of a flight that was taken over.
@@ -74,7 +74,7 @@ impl Supervisor {
         specs: Vec<(Role, ChildSpec)>,
         hello: &TopicFactory<Hello>,
         policy: RestartPolicy,
-        notebook: Notebook,
+        checkpoints: CheckpointWriter,
     ) -> Result<Self, PortError> {
         let posts = specs.into_iter().map(|(role, spec)| Post::open(bus, Seat::first(role), spec));
         Ok(Self {
@@ -82,11 +82,11 @@ impl Supervisor {
             policy,
             posts: posts.collect::<Result<_, _>>()?,
             hello: IpcSource::with_capacity(hello, 64)?,
-            roll: RollKeeper::open(bus)?,
+            registry: RegistryWriter::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
             orders: OrderSinks::open(bus)?,
             events: Vec::new(),
-            notebook,
+            checkpoints,
             pilot: None,
             wall: None,
             notices: Vec::new(),
@@ -106,7 +106,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Takes in who has become ready. True once everybody is, and every slot has an owner.
+    /// Takes in the processes that have become ready. True once all are, and every slot has an owner.
     pub(super) fn await_ready(
         &mut self,
         graph: &Graph,
@@ -150,7 +150,7 @@ impl Supervisor {
         self.posts.iter_mut().chain(&mut self.pilot).for_each(Post::serve_late_joiners);
         self.slots.iter_mut().for_each(SlotOwner::serve_late_joiners);
         self.orders.serve_late_joiners();
-        self.roll.serve_late_joiners();
+        self.registry.serve_late_joiners();
     }
 
     /// Names of those who are not ready.
@@ -161,8 +161,8 @@ impl Supervisor {
     }
 
     /// Who takes part now.
-    pub(super) fn present(&self) -> impl Iterator<Item = &RollEntry> {
-        self.roll.entries().iter().filter(|entry| entry.present.is_set())
+    pub(super) fn present(&self) -> impl Iterator<Item = &RegistryEntry> {
+        self.registry.entries().iter().filter(|entry| entry.present.is_set())
     }
 
     /// Looks after deaths and successors; call often.
@@ -186,7 +186,7 @@ impl Supervisor {
                 match start(post, &self.folder, in_flight) {
                     Err(error) if seat.role.is_slot() => {
                         // Its file is gone, or no process can be had: who commands now is for the slot to say.
-                        self.leave_roll(seat, tap);
+                        self.leave_registry(seat, tap);
                         self.never_started(seat, &error);
                     }
                     started => started?,
@@ -201,7 +201,7 @@ impl Supervisor {
             let post = posts.find(|post| post.seat == seat);
             let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
             if post.goes_on {
-                // It is on the roll before it can say a word.
+                // It is in the registry before it can say a word.
                 let state = tap.last_state(seat).filter(|_| seat.role != Role::Pilot);
                 let order = Handover {
                     has_state: Flag::from(state.is_some()),
@@ -269,13 +269,13 @@ impl Supervisor {
         }
     }
 
-    /// Tells everybody who owns a slot from when.
+    /// Tells all processes which seat owns a slot from when.
     pub(super) fn announce(&mut self, record: OwnerRecord, tap: &mut Tap) {
         let Some(slot) = self.slots.iter().position(|slot| slot.role == record.slot) else {
             return;
         };
         self.slots[slot].take(record, &mut tap.marks);
-        // Noted before anybody hears of it: no launcher may find an epoch that it does not know.
+        // Noted before any process hears of it: no launcher may find an epoch that it does not know.
         self.note();
         self.slots[slot].publish();
     }
@@ -304,7 +304,7 @@ impl Supervisor {
 
     /// Who fills which seat now, for those who ask.
     pub(super) fn members(&self) -> impl Iterator<Item = Member<'_>> {
-        // Whoever has left its seat in a slot is not there any more.
+        // A process that has left its seat in a slot is not there any more.
         let there = |post: &&Post| post.seat.role.seats() == 1 || Self::flies_on(post);
         self.posts.iter().filter(there).map(|post| Member {
             seat: post.seat,

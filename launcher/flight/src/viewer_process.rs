@@ -1,7 +1,7 @@
 //! The process that serves a flight to viewers, as the flight's launcher sees it.
 //!
-//! It listens to the run like anybody from outside, so that nothing it does, a stall or a crash, reaches
-//! the flight.
+//! It listens to the run like any client from outside, so that nothing it does, a stall or a crash,
+//! reaches the flight.
 
 use runtime::clock::{mono_now_ns, sleep_until};
 use scenario::process::OWN_EXECUTABLE;

@@ -67,7 +67,7 @@ struct Gap {
 #[derive(Debug, Clone, Default)]
 pub(super) struct CommandAudit {
     epochs: BTreeMap<u64, Epoch>,
-    /// By seat and sequence; whoever follows on a seat may count as the one before did.
+    /// By seat and sequence; a controller that follows on a seat may count as the one before did.
     commands: BTreeMap<(u32, u64), Vec<Life>>,
     /// By seat and generation, sequence of the last command that has arrived.
     last_of: BTreeMap<(u32, u32), u64>,
@@ -102,7 +102,8 @@ impl CommandAudit {
         let key = (command.header.seat, command.header.sequence);
         self.commands.entry(key).or_default().push(Life { from_ns, until_ns });
         let Header { seat, sequence, generation, .. } = command.header;
-        // Whoever takes a seat in flight may count from anywhere: of it, any before the first that arrived may be lost.
+        // A controller that takes a seat in flight may count from anywhere: of it, any before the first that arrived
+        // may be lost.
         let before = self.last_of.insert((seat, generation), sequence);
         let first = before.map_or(0, |last| last.saturating_add(1));
         if first < sequence {
@@ -199,8 +200,8 @@ impl CommandAudit {
             return;
         }
         let (seat, sequence) = tick.command;
-        // Before the first command the plant hovers by itself, within the gate's patience; where
-        // nobody says who may command, everybody may.
+        // Before the first command the plant hovers by itself, within the gate's patience; where no
+        // record says which seat may command, every seat may.
         if sequence == 0 || self.epochs.is_empty() || is_lost {
             self.counted = counted;
             return;

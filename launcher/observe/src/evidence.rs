@@ -1,6 +1,6 @@
 //! What a flight is judged by, gathered sample by sample: bounded memory, and the same cost for each.
 //!
-//! Errors and safe-mode episodes wait for some seconds, until it is known whether somebody was lost about then.
+//! Errors and safe-mode episodes wait for some seconds, until it is known whether a process was lost about then.
 
 use super::course_bins::{Bin, Errors, Off};
 use ::verdict::{Clipping, Contact, SafeMode, Thresholds, Tracking, worst};
@@ -66,8 +66,8 @@ impl Rules {
         }
     }
 
-    /// True if a fault is scripted, or somebody is known to have been lost, so that `from_ns..=to_ns` belongs
-    /// to a recovery.
+    /// True if a fault is scripted, or a process is known to have been lost, so that `from_ns..=to_ns`
+    /// belongs to a recovery.
     fn explains(&self, lost_ns: &VecDeque<u64>, from_ns: u64, to_ns: u64) -> bool {
         let recovers = |begin_ns: u64, at_ns: u64| {
             begin_ns <= to_ns && from_ns <= at_ns.saturating_add(self.recovery_ns)
@@ -90,7 +90,7 @@ pub(super) struct Evidence {
     rules: Rules,
     /// Newest instant of the vehicle \[ns\].
     newest_ns: u64,
-    /// Instants at which somebody was lost, as far back as anything waits for them \[ns\].
+    /// Instants at which a process was lost, as far back as anything waits for them \[ns\].
     lost_ns: VecDeque<u64>,
     /// Generations of estimator and injector.
     generations: [Option<u32>; 2],
@@ -213,7 +213,7 @@ impl Evidence {
         }
     }
 
-    /// Takes note of somebody who is lost from a slot.
+    /// Takes note of a process that is lost from a slot.
     pub(super) fn seated(&mut self, seating: &Seating) {
         if seating.kind == SeatingKind::Lost {
             self.lost(seating.header.release_ns);
@@ -241,7 +241,7 @@ impl Evidence {
         self.lost_ns.push_back(at_ns);
     }
 
-    /// Settles what nobody's loss can explain any more.
+    /// Settles what no loss can explain any more.
     fn now(&mut self, t_ns: u64) {
         self.newest_ns = self.newest_ns.max(t_ns);
         let settled_ns = self.newest_ns.saturating_sub(BEFORE_NS + SLACK_NS);

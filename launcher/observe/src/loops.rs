@@ -1,4 +1,4 @@
-//! What every loop counted, whoever ran it.
+//! What every loop counted, whichever process ran it.
 //!
 //! A process that is started again goes on with the totals of the one before, as its state has them; one
 //! that takes the seat in flight begins at zero. So the totals of a seat are those of the last life of each
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_is_started_again_goes_on_and_whoever_takes_the_seat_adds() {
+    fn a_process_started_again_goes_on_and_one_that_takes_the_seat_adds() {
         let mut ledger = LoopLedger::default();
         for (seat, generation, steps) in [(0, 0, 10), (0, 0, 20), (1, 0, 5), (0, 1, 30)] {
             ledger.observe(&told(seat, generation, steps));

@@ -165,7 +165,7 @@ impl Metrics {
         self.tracker.compare(false, &mut self.evidence);
     }
 
-    /// True if whoever says this owned the slot then; a shadow's errors harm nobody.
+    /// True if the controller that says this owned the slot then; a shadow's errors do no harm.
     fn is_owner(&self, slot: Role, header: &Header) -> bool {
         let of_slot = self.owners.iter().rev().filter(|(of, ..)| *of == slot);
         let owner = of_slot.clone().find(|(_, from_ns, _)| *from_ns <= header.valid_ns);
@@ -241,7 +241,7 @@ impl Metrics {
         self.compute.get(&(stats.role.label(), seat_of_loop(stats.header.seat)))
     }
 
-    /// Totals of every seat's loop, whoever sat there.
+    /// Totals of every seat's loop, whichever process sat there.
     #[must_use]
     pub fn loops(&self) -> Vec<LoopStats> {
         self.loops.seats()

@@ -54,7 +54,7 @@ impl Place {
     }
 
     /// Label of the loop that it happened to.
-    fn sufferer(&self) -> &'static str {
+    fn affected_loop(&self) -> &'static str {
         match self {
             Self::Late(edge) | Self::Lost(edge) | Self::Awaited(edge) => edge.to,
             Self::Skipped(role) => role,
@@ -181,7 +181,7 @@ impl MissLog {
                 "kind": place.kind(),
                 "from": edge.map(|edge| edge.from),
                 "topic": edge.map(|edge| edge.topic),
-                "to": place.sufferer(),
+                "to": place.affected_loop(),
                 "count": misses.count,
                 "first_s": s_from_ns(misses.first_ns),
                 "last_s": s_from_ns(misses.last_ns),

@@ -7,7 +7,7 @@ use shared_types::{Header, Role, Sample, Topic};
 pub trait Observer: 'static {
     /// Called once per sample. Allocations made here are the observer's own.
     fn observe<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T);
-    /// False if nobody wants states, which then are not published; asked once, at the start.
+    /// False if no observer wants states, which then are not published; asked once, at the start.
     fn wants_states(&self) -> bool {
         false
     }

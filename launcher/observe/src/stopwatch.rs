@@ -31,7 +31,7 @@ pub struct Stamp {
     pub applied_seat: u32,
     /// When the step should have begun \[ns\].
     pub release_mono_ns: u64,
-    /// When the input that it goes by had arrived; 0 if nobody says \[ns\].
+    /// When the input that it goes by had arrived; 0 if it is not known \[ns\].
     pub receive_mono_ns: u64,
     /// When it began \[ns\].
     pub start_mono_ns: u64,

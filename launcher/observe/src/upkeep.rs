@@ -24,7 +24,7 @@ impl Upkeep {
         self.loops.iter().map(|(_, stats)| of(stats)).sum()
     }
 
-    /// Allocations of warm loops while nobody came or left.
+    /// Allocations of warm loops while no process came or left.
     #[must_use]
     pub fn allocations(&self) -> u64 {
         self.sum(|stats| stats.allocations)
@@ -36,7 +36,7 @@ impl Upkeep {
         self.sum(|stats| stats.transport_allocations)
     }
 
-    /// Page faults of warm loops while nobody came or left.
+    /// Page faults of warm loops while no process came or left.
     #[must_use]
     pub fn page_faults(&self) -> u64 {
         self.sum(|stats| stats.minor_faults + stats.major_faults)

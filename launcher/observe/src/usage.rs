@@ -44,7 +44,7 @@ impl Usage {
         let stat = fs::read_to_string(folder.join("stat")).ok()?;
         let status = fs::read_to_string(folder.join("status")).ok()?;
         let usage = Self::parse(&stat, &status, clock_ticks_per_second(), page_size() as u64)?;
-        // Ticks miss whoever sleeps when they come, as loops do that wake by a timer.
+        // Ticks miss a thread that sleeps when they come, as loops do that wake by a timer.
         Some(Self { cpu_ns: run_time_ns(folder).unwrap_or(usage.cpu_ns), ..usage })
     }
 
@@ -181,6 +181,6 @@ mod tests {
     fn this_process_is_there_and_a_thread_is_found_by_its_name() {
         assert!(Usage::of_process(std::process::id()).is_some_and(|u| u.rss_bytes > 1 << 18));
         assert_eq!(Usage::of_process(u32::MAX), None);
-        assert_eq!(Usage::of_own_thread("nobody's name"), None);
+        assert_eq!(Usage::of_own_thread("no such thread"), None);
     }
 }

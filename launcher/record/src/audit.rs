@@ -76,7 +76,7 @@ impl SequenceAudit {
         if tally.count == 0 {
             (tally.first, tally.writers) = (sequence, 1);
         } else if sequence > tally.last {
-            // Whoever takes a seat in flight counts on from another seat's numbers.
+            // A process that takes a seat in flight counts on from another seat's numbers.
             let missing = sequence - tally.last - 1;
             let lost = if generation == tally.generation { missing } else { 0 };
             tally.gaps = tally.gaps.saturating_add(lost);
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_takes_a_seat_counts_on_from_another_number_without_a_gap() {
+    fn a_process_that_takes_a_seat_counts_on_from_another_number_without_a_gap() {
         let mut audit = SequenceAudit::default();
         let commands = audit.register("/wrench_command");
         for (generation, sequence) in [(0, 3), (0, 4), (1, 90), (1, 92)] {

@@ -96,9 +96,9 @@ mod tests {
         let synced = Arc::new(Mutex::new(0));
         let (counts, gate) = (Arc::clone(&synced), Mutex::new(gate));
         let keeper = Keeper::of(move || {
-            let gate = gate.lock().expect("nobody has panicked");
+            let gate = gate.lock().expect("no thread has panicked");
             let _ = gate.recv();
-            *counts.lock().expect("nobody has panicked") += 1;
+            *counts.lock().expect("no thread has panicked") += 1;
             Ok(())
         });
         let keeper = keeper.expect("a thread");
@@ -110,7 +110,7 @@ mod tests {
         let_go.send(()).expect("it waits");
         drop(let_go);
         drop(keeper);
-        let synced = *synced.lock().expect("nobody has panicked");
+        let synced = *synced.lock().expect("no thread has panicked");
         assert!((1..=2).contains(&synced), "{synced}");
     }
 

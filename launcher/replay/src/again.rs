@@ -130,7 +130,7 @@ fn fly(executor: &mut Executor, course: &Course, life: &Life, now_ns: &Cell<u64>
         executor.run_step(StepStamps::UNTIMED);
         course.prepare(executor);
     }
-    // Whoever left in order has published its totals once more.
+    // A process that left in order has published its totals once more.
     if executor.stats.sequence() < life.last_stats {
         executor.finish();
     }

@@ -30,7 +30,7 @@ impl Topics {
         let begins = Assignment::of(scenario.settings()).name(role);
         let mut all = Self::of(begins, role, scenario)?;
         for name in names_for(role).filter(|name| Some(*name) != begins) {
-            // Whoever does not fit the scenario has not flown in it.
+            // A service that does not fit the scenario has not flown in it.
             if let Ok(other) = Self::of(Some(name), role, scenario) {
                 all.read.extend(other.read);
                 all.written.extend(other.written);

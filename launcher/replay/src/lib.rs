@@ -104,7 +104,7 @@ pub enum ReplayError {
         /// What it, or the system, said.
         said: String,
     },
-    /// Nobody of that name, or on that seat.
+    /// No instance of that name, or on that seat.
     #[error("no {asked} took part in this flight: there were {flew}")]
     NoInstance {
         /// As asked for.

@@ -23,7 +23,7 @@ pub struct Who {
 }
 
 impl Who {
-    /// Everybody who filled a role.
+    /// All instances that filled a role.
     #[must_use]
     pub fn all_of(role: Role) -> Self {
         Self { role, name: None, seat: None }
@@ -43,7 +43,7 @@ pub struct Instance {
     pub role: Role,
     /// Its seat.
     pub seat: u32,
-    /// Name of the service, or of an executable of somebody else's.
+    /// Name of the service, or of a foreign executable.
     pub name: String,
 }
 
@@ -90,7 +90,7 @@ impl Life {
         seat_config(Seat { role, index: self.key.seat }, self.key.generation)
     }
 
-    /// True if it goes on with the numbers of whoever had its seat before.
+    /// True if it goes on with the numbers of the process that had its seat before.
     pub(super) fn goes_on(&self) -> bool {
         self.source.is_some_and(|source| source.life.seat == self.key.seat)
     }
@@ -239,6 +239,6 @@ pub(super) enum Service {
     Known(Option<&'static str>),
     /// One with a scenario of its own, which the recording does not hold.
     Configured,
-    /// An executable of somebody else's.
+    /// A foreign executable.
     Foreign,
 }

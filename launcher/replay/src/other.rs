@@ -1,4 +1,4 @@
-//! Another build replays: a process of its own, and a folder for what it writes that nobody finds later.
+//! Another build replays: a process of its own, and a folder for what it writes that is gone afterwards.
 
 use super::ReplayError;
 use super::component_topics::Topics;
@@ -16,7 +16,7 @@ use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use tempfile::TempDir;
 
-/// Start of the folder's name, followed by the owner's process id and a suffix that nobody can guess.
+/// Start of the folder's name, followed by the owner's process id and a suffix that cannot be guessed.
 const PREFIX: &str = "morphquad-replay-";
 /// Between two looks at whether the other build has ended \[ns\].
 const LOOK_EVERY_NS: u64 = 20_000_000;

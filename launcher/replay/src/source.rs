@@ -105,8 +105,8 @@ impl Exceptions {
             || self.latched.is_some_and(newer)
     }
 
-    /// False for a writer of whom the process never had anything. A seat may have had one between two others that was
-    /// killed before its first words had reached everybody.
+    /// False for a writer of which the process never had anything. A seat may have had one between two others that
+    /// was killed before its first words had reached all processes.
     fn is_heard(&self, writer: Writer, arrival: &Arrival, topic: &TopicInfo) -> bool {
         let is_told = self.first.contains_key(&writer);
         if topic.from.seats() == 1 {

@@ -26,7 +26,7 @@ impl Tapes {
         tape.map(Rc::clone).unwrap_or_default()
     }
 
-    /// Adds a sample. Nobody may hold the topic's tape meanwhile.
+    /// Adds a sample. No reader may hold the topic's tape meanwhile.
     pub(super) fn push<T: Sample>(&mut self, topic: &Topic<T>, sample: T) {
         let tape = self
             .tapes
@@ -81,8 +81,8 @@ impl Recorded {
         lost.map(|(topic, after_ns)| Loss { topic, after_ns: *after_ns }).min_by_key(|l| l.after_ns)
     }
 
-    /// Seat and generation of those who took a free seat of a slot in flight, and since when they have had it, as far as
-    /// the slot's owner records are among the inputs \[ns\].
+    /// Seat and generation of those who took a free seat of a slot in flight, and since when they have had it, as far
+    /// as the slot's owner records are among the inputs \[ns\].
     pub(super) fn free_seats_taken(&self, slot: Role) -> Vec<((u32, u32), u64)> {
         let records = match slot {
             Role::Attitude => self.tapes.of(&topics::ATTITUDE_OWNER),

@@ -67,7 +67,7 @@ pub enum Candidate {
     Executable(PathBuf),
 }
 
-/// Why nobody answers to a name: what is wrong, and what to do.
+/// Why no candidate answers to a name: what is wrong, and what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoCandidate {
     /// What is wrong with the name.
@@ -81,7 +81,7 @@ impl Candidate {
     /// `morphquad-TO` beside this executable or on the search path.
     ///
     /// # Errors
-    /// Nobody does, or it is of another role.
+    /// No candidate does, or it is of another role.
     pub fn find(slot: Slot, to: &str) -> Result<Self, NoCandidate> {
         let known = services::names_for(slot.role());
         if let Some(service) = known.into_iter().find(|name| *name == to) {
@@ -136,7 +136,7 @@ fn executable(path: &Path) -> Result<PathBuf, NoCandidate> {
         Err(error) => {
             refuse(&format!("cannot be started: {error}"), "give the path of an executable")
         }
-        Ok(facts) if !facts.is_file() => refuse("is no file", "give the path of an executable"),
+        Ok(facts) if !facts.is_file() => refuse("is not a file", "give the path of an executable"),
         Ok(facts) if facts.permissions().mode() & 0o111 == 0 => {
             refuse("is not executable", "build it, or `chmod +x` it")
         }
@@ -269,7 +269,7 @@ mod tests {
             assert_eq!(found.as_ref(), Some(&path));
         }
         let folder_itself = folder.path().display().to_string();
-        assert!(refusal(Slot::Position, &folder_itself).contains("is no file"));
+        assert!(refusal(Slot::Position, &folder_itself).contains("is not a file"));
     }
 
     #[test]

@@ -34,14 +34,14 @@ pub(super) fn of_unknown_edges(settings: &RealtimeSettings) -> Vec<Complaint> {
                 complaints.push((key, what, remedy));
             } else if !(0.0..=MAX_DEADLINE_S).contains(deadline_s) {
                 let remedy = format!("write a number of seconds from 0 to {MAX_DEADLINE_S}");
-                complaints.push((key, format!("{deadline_s} s is no deadline"), remedy));
+                complaints.push((key, format!("{deadline_s} s is not a valid deadline"), remedy));
             }
         }
     }
     complaints
 }
 
-/// Topics that cannot take effect when they are published, because nobody waits for their latency.
+/// Topics that cannot take effect when they are published, because no loop waits for their latency.
 pub(super) fn of_unhurried(settings: &RealtimeSettings) -> Vec<Complaint> {
     let delayed: Vec<&str> = wiring::delayed_topics().collect();
     let unknown = settings.asap.iter().filter(|name| !delayed.contains(&name.as_str()));

@@ -110,6 +110,15 @@ const RENAMED: [(&[&str], &[&str]); 3] = [
     (&["realtime", "watch"], &["realtime", "monitor"]),
 ];
 
+/// What a key or section is called now that had another name before; none if it had not.
+#[must_use]
+pub fn renamed(key: &str) -> Option<String> {
+    RENAMED.iter().find_map(|(old, new)| {
+        let rest = key.strip_prefix(old.join(".").as_str())?;
+        (rest.is_empty() || rest.starts_with('.')).then(|| new.join(".") + rest)
+    })
+}
+
 /// The merged document.
 #[derive(Debug)]
 pub(super) struct Document<'t> {

@@ -45,6 +45,7 @@ pub mod wiring;
 pub use ::pilot::settings::Plan;
 pub use begin::is_recording;
 pub use check::TESTED_RATES_HZ;
+pub use document::renamed;
 pub use overrides::Override;
 pub use problem::{Problem, ScenarioError};
 pub use settings::Settings;
@@ -190,7 +191,7 @@ impl Scenario {
     /// processes load later must not depend on which executables exist by then.
     ///
     /// # Errors
-    /// Each candidate that nobody on this machine answers to.
+    /// Each name of a candidate that nothing on this machine answers to.
     pub fn require_candidates(&self) -> Result<(), ScenarioError> {
         ScenarioError::from_problems(self.absent.clone()).map_or(Ok(()), Err)
     }

@@ -1,4 +1,4 @@
-//! `[[order]]`: what is ordered of pilot and injector at logical times, as somebody could live.
+//! `[[order]]`: what is ordered of pilot and injector at logical times, as a user could live.
 
 use super::document::Edit;
 use super::overrides::{named_at, refusal, seconds};

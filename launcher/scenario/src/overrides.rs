@@ -141,7 +141,7 @@ impl Override {
     /// `--controller SLOT=NAME`: who fills a slot.
     ///
     /// # Errors
-    /// No `=`, no such slot, or nobody of that name who fills it.
+    /// No `=`, no such slot, or no service of that name that fills it.
     pub fn controller(argument: &str) -> Result<Self, ScenarioError> {
         let shown = format!("--controller {argument}");
         let (slot, name) = argument.split_once('=').unwrap_or((argument, ""));

@@ -141,7 +141,7 @@ pub struct LatencySettings {
     /// Attitude controller back to position controller \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub applied_setpoint_s: f64,
-    /// Monitor to whoever obeys a slot \[s\].
+    /// Monitor to the consumers of a slot \[s\].
     #[garde(range(min = 0.0, max = 1.0))]
     pub trip_s: f64,
 }

@@ -347,6 +347,20 @@ fn keys_that_change_nothing_are_warned_of_at_their_line() {
 }
 
 #[test]
+fn a_key_of_before_is_known_by_its_name_of_today_and_no_other_is() {
+    let known = [
+        ("crew", Some("controller")),
+        ("watch.enabled", Some("monitor.enabled")),
+        ("realtime.watch.priority", Some("realtime.monitor.priority")),
+        ("watching", None),
+        ("monitor.enabled", None),
+    ];
+    for (old, new) in known {
+        assert_eq!(super::renamed(old).as_deref(), new, "{old}");
+    }
+}
+
+#[test]
 fn a_section_under_the_name_of_before_is_read_with_a_warning() {
     let text = "[scenario]\n[watch]\ntilt_rad = 0.9\n[realtime.watch]\npriority = 7\n";
     let scenario = Scenario::from_text("old.toml", text, &[set("watch.enabled=false")]).unwrap();

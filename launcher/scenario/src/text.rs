@@ -30,7 +30,7 @@ pub(super) fn read(path: &str) -> Result<String, ScenarioError> {
         let is_name = !path.contains('/') && Path::new(path).extension().is_none();
         if path.parse::<u16>().is_ok() || path.parse::<SocketAddr>().is_ok() {
             let remedy = format!("an address belongs to its flag: --live={path}");
-            return ScenarioError::from(Problem::new(path, "is no scenario", remedy, None));
+            return ScenarioError::from(Problem::new(path, "is not a scenario", remedy, None));
         }
         if is_name && error.kind() == std::io::ErrorKind::NotFound {
             let remedy = suggestion(path, shipped::names());

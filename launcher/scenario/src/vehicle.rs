@@ -1,4 +1,4 @@
-//! The section `[vehicle]`: the vehicle as everybody models it.
+//! The section `[vehicle]`: the vehicle as all services model it.
 
 use ::vehicle::{Geometry, Quadratic, VehicleParameters};
 use garde::Validate;

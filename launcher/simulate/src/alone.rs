@@ -202,7 +202,7 @@ fn fly<O: Observer>(
     let mut t_ns = from_ns;
     while t_ns < duration_ns && end.is_ok() {
         if stop.signalled() {
-            eprintln!("morphquad: interrupted: ending the flight in order");
+            eprintln!("morphquad: interrupted: stopping in order");
             end = Ok(End::Interrupted);
             break;
         }

@@ -133,7 +133,7 @@ pub enum RunError {
     NotServed {
         /// Why not.
         told: String,
-        /// What whoever was to serve them ended with.
+        /// What the process that was to serve them ended with.
         exit_code: u8,
     },
     /// The processes did not get ready.

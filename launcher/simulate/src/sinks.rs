@@ -32,9 +32,9 @@ pub struct Sinks {
     pub recording: Option<Recording>,
     /// First error of the recording; the flight goes on without it.
     pub recording_error: Option<String>,
-    /// What the slots want to know; none if nobody commands them by turns.
+    /// What the slots want to know; none if no controllers command them by turns.
     pub slot_watch: Option<SlotWatch>,
-    /// Keeps stamps for who measures; none if nobody does.
+    /// Keeps stamps for a measurement; none if there is none.
     pub stopwatch: Option<Stopwatch>,
     /// Lets others look on; none in one process.
     pub feed: Option<Feed>,
@@ -106,7 +106,7 @@ impl Sinks {
         }
     }
 
-    /// Takes the scenario that configures whoever has taken a seat.
+    /// Takes the scenario that configures the process that has taken a seat.
     pub fn attach_config(&mut self, seating: &Seating, text: &str) {
         let name =
             seat_config(Seat { role: seating.role, index: seating.seat }, seating.generation);
@@ -137,7 +137,7 @@ impl Sinks {
         self.note(logical_ns, Severity::Info, LAUNCHER, text);
     }
 
-    /// Writes what `source` tells into the recording, and lets whoever looks on know.
+    /// Writes what `source` tells into the recording, and lets the clients that look on know.
     pub fn note(&mut self, logical_ns: u64, severity: Severity, source: &str, text: &str) {
         let event = Event { logical_ns, severity, source, text };
         if let Some(feed) = &self.feed {
@@ -164,7 +164,7 @@ impl Sinks {
         self.recording_error.get_or_insert_with(|| error.to_owned());
     }
 
-    /// Writes the summary into the recording and closes it, and tells whoever looks on how it ended.
+    /// Writes the summary into the recording and closes it, and tells the clients that look on how it ended.
     pub fn finish(&mut self, summary: &mut Summary) {
         let severity = if summary.verdict().passed() { Severity::Info } else { Severity::Error };
         self.note(summary.flown_ns, severity, LAUNCHER, &summary.line());

@@ -30,7 +30,7 @@ pub enum Launch {
         /// Its configuration; none for that of the flight.
         config: Option<PathBuf>,
     },
-    /// Somebody's own controller of a slot, perhaps with a configuration of its own.
+    /// A user's own controller of a slot, perhaps with a configuration of its own.
     Foreign {
         /// The slot that it flies.
         slot: Slot,
@@ -175,11 +175,11 @@ impl RunningChild {
         Ok(Self { hold: Hold::Child(child, None), inner: None, last_words, printed, pipes })
     }
 
-    /// A process that another launcher has started under a name, with these pipes; none if it is gone. What it writes is
-    /// read on.
+    /// A process that another launcher has started under a name, with these pipes; none if it is gone. What it writes
+    /// is read on.
     #[must_use]
     pub fn take_over(pid: u32, started: u64, name: &str, pipes: OutputPipes) -> Option<Self> {
-        // Looked at after it has been caught: whoever has its number since is another one.
+        // Looked at after it has been caught: a process that has been given its number since is another one.
         let caught = Caught::of(pid).filter(|_| process_start(pid) == Some(started))?;
         let reader = |inode: Option<u64>| OutputPipe::of_process(pid, inode?);
         let errors = reader(pipes.errors).and_then(|pipe| LastWords::of(pipe).ok());
@@ -285,7 +285,7 @@ impl RunningChild {
     }
 }
 
-/// A child ends with its launcher; whoever has been taken over can be taken over again.
+/// A child ends with its launcher; one that has been taken over can be taken over again.
 impl Drop for RunningChild {
     fn drop(&mut self) {
         if let Hold::Child(child, None) = &mut self.hold {

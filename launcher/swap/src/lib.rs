@@ -1,4 +1,4 @@
-//! The slots of a flight: who commands them, who may take over and what is done when somebody is lost.
+//! The slots of a flight: who commands them, who may take over and what is done when a process is lost.
 //!
 //! [`Slots`] runs the protocol of the crate `slot` for each slot of a flight and has [`Posts`] do what it decides:
 //! processes under a supervisor, or components in one thread. Open `slots` for the events and decisions,
@@ -21,7 +21,7 @@ mod slots;
 mod standstill;
 
 pub use order_sinks::OrderSinks;
-pub use owners::{RollKeeper, SlotOwner};
+pub use owners::{RegistryWriter, SlotOwner};
 pub use post_event::{FlightError, PostEvent};
 pub use post_note::PostNote;
 pub use rehearsal_spec::{Owners, RehearsalSpec};

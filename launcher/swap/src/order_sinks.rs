@@ -32,7 +32,7 @@ impl OrderSinks {
         (&self.last.0, &self.last.1)
     }
 
-    /// Remembers what is to be said, so that it can be noted before anybody hears of it.
+    /// Remembers what is to be said, so that it can be noted before any process hears of it.
     pub fn take(&mut self, sent: &Sent) {
         match sent {
             Sent::Guidance(order) => self.last.0 = *order,

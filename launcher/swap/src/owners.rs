@@ -1,62 +1,62 @@
-//! Who sits where, and who commands which slot, as the supervisor tells everybody.
+//! Which process sits where, and which commands which slot, as the supervisor tells all of them.
 
 use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind};
 use runtime::{SeatMarks, Sink as _};
 use shared_types::{
-    Flag, Header, NO_SEAT, NodeId, OwnerRecord, ROLL_LINES, Role, Roll, RollEntry, SEATS, Seat,
-    topics,
+    Flag, Header, NO_SEAT, NodeId, OwnerRecord, REGISTRY_LINES, Registry, RegistryEntry, Role,
+    SEATS, Seat, topics,
 };
 
-/// Keeps the roll.
+/// Keeps the registry.
 #[derive(Debug)]
-pub struct RollKeeper {
-    sink: IpcSink<Roll>,
-    roll: Roll,
+pub struct RegistryWriter {
+    sink: IpcSink<Registry>,
+    registry: Registry,
 }
 
-impl RollKeeper {
-    /// Opens the roll.
+impl RegistryWriter {
+    /// Opens the registry.
     ///
     /// # Errors
     /// If a service of the transport cannot be opened.
     pub fn open(bus: &Bus) -> Result<Self, PortError> {
-        Ok(Self { sink: bus.open_writer(ServiceKind::Roll)?, roll: Roll::default() })
+        Ok(Self { sink: bus.open_writer(ServiceKind::Registry)?, registry: Registry::default() })
     }
 
-    /// Goes on with the roll of a launcher that has died.
-    pub fn go_on(&mut self, entries: &[RollEntry]) {
-        for (line, entry) in self.roll.entries.iter_mut().zip(entries) {
+    /// Goes on with the registry of a launcher that has died.
+    pub fn go_on(&mut self, entries: &[RegistryEntry]) {
+        for (line, entry) in self.registry.entries.iter_mut().zip(entries) {
             *line = *entry;
         }
-        self.roll.count = entries.len().min(ROLL_LINES) as u64;
+        self.registry.count = entries.len().min(REGISTRY_LINES) as u64;
     }
 
     fn count(&self) -> usize {
-        usize::try_from(self.roll.count).unwrap_or(0).min(ROLL_LINES)
+        usize::try_from(self.registry.count).unwrap_or(0).min(REGISTRY_LINES)
     }
 
-    fn entries_mut(&mut self) -> &mut [RollEntry] {
+    fn entries_mut(&mut self) -> &mut [RegistryEntry] {
         let count = self.count();
-        &mut self.roll.entries[..count]
+        &mut self.registry.entries[..count]
     }
 
-    /// Everybody who is on it.
+    /// All processes that are on it.
     #[must_use]
-    pub fn entries(&self) -> &[RollEntry] {
-        &self.roll.entries[..self.count()]
+    pub fn entries(&self) -> &[RegistryEntry] {
+        &self.registry.entries[..self.count()]
     }
 
-    /// Enters a process; whoever had the seat before has left it.
+    /// Enters a process; the one that had the seat before has left it.
     pub fn enter(&mut self, node: NodeId, seat: Seat, generation: u32, period_ns: u64) {
         self.leave(seat);
-        if self.count() == ROLL_LINES {
-            // More seats than lines there are not, so somebody has left.
+        if self.count() == REGISTRY_LINES {
+            // More seats than lines there are not, so a process has left.
             let gone = self.entries().iter().position(|e| !e.present.is_set()).unwrap_or(0);
-            self.roll.entries.copy_within(gone + 1.., gone);
-            self.roll.count -= 1;
+            self.registry.entries.copy_within(gone + 1.., gone);
+            self.registry.count -= 1;
         }
         let count = self.count();
-        self.roll.entries[count] = RollEntry {
+        self.registry.entries[count] = RegistryEntry {
             node,
             period_ns,
             role: seat.role,
@@ -64,18 +64,18 @@ impl RollKeeper {
             generation,
             present: Flag::Yes,
         };
-        self.roll.count += 1;
+        self.registry.count += 1;
     }
 
-    /// Nobody has the seat any more, and nobody waits for it.
+    /// No process has the seat any more, and none waits for it.
     pub fn leave(&mut self, seat: Seat) {
-        let of_seat = |e: &&mut RollEntry| (e.role, e.seat) == (seat.role, seat.index);
+        let of_seat = |e: &&mut RegistryEntry| (e.role, e.seat) == (seat.role, seat.index);
         self.entries_mut().iter_mut().filter(of_seat).for_each(|e| e.present = Flag::No);
     }
 
-    /// Tells everybody.
+    /// Tells all processes.
     pub fn publish(&mut self) {
-        self.sink.send(&self.roll);
+        self.sink.send(&self.registry);
     }
 
     /// Sends the last word to readers that have joined since.

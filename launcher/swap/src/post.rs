@@ -39,11 +39,11 @@ pub struct Post {
     pub died: (u32, u64),
     /// It waits for a hand-over before it begins.
     pub awaits_handover: bool,
-    /// Its successor goes on from its last state, and nobody is told.
+    /// Its successor goes on from its last state, and no process is told.
     pub goes_on: bool,
     /// It has been killed on purpose.
     pub scripted: bool,
-    /// Layout of the state of whoever was ready here last.
+    /// Layout of the state of the process that was ready here last.
     pub layout: u64,
     /// Its period \[ns\].
     pub period_ns: u64,
@@ -52,7 +52,7 @@ pub struct Post {
 }
 
 impl Post {
-    /// A post with nobody at it yet.
+    /// A post with no process at it yet.
     ///
     /// # Errors
     /// If a service of the transport cannot be opened.

@@ -55,7 +55,7 @@ pub enum FlightError {
 /// What has happened at a post in a slot.
 #[derive(Debug, Clone)]
 pub enum PostEvent {
-    /// A process is on the roll and may be told to begin.
+    /// A process is in the registry and may be told to begin.
     Joined {
         /// Its role and seat.
         place: Seat,

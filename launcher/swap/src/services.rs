@@ -4,7 +4,8 @@ use runtime::Graph;
 use runtime::ipc::{Bus, HANDOVER_DEPTH, PortError, STATE_DEPTH, ServiceKind, WakeNotifier};
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Hello, Progress, Role, Roll, Sample, Seat, Topic, TopicInfo, TopicVisitor, topics,
+    ClockRecord, Hello, Progress, Registry, Role, Sample, Seat, Topic, TopicInfo, TopicVisitor,
+    topics,
 };
 use std::any::Any;
 use std::collections::BTreeSet;
@@ -94,7 +95,7 @@ impl<'a> Holder<'a> {
 
     /// What is between the launcher and all processes.
     fn launcher(&mut self) -> Result<(), PortError> {
-        self.service::<Roll>(ServiceKind::Roll, 2)?;
+        self.service::<Registry>(ServiceKind::Registry, 2)?;
         self.service::<ClockRecord>(ServiceKind::Clock, 4)?;
         self.service::<Hello>(ServiceKind::Hello, 64)
     }
@@ -122,9 +123,9 @@ impl HeldServices {
         Self::hold(bus, Way::Create)
     }
 
-    /// Holds what a launcher has left that has died. Without anybody who holds them, services would
-    /// vanish with what it left behind; so this comes before the dead are swept. Those that have vanished already, because
-    /// another program has swept, are made anew.
+    /// Holds what a launcher has left that has died. Without a process that holds them, services would
+    /// vanish with what it left behind; so this comes before the dead are swept. Those that have vanished already,
+    /// because another program has swept, are made anew.
     ///
     /// # Errors
     /// If a service of the transport cannot be opened.
@@ -209,7 +210,7 @@ pub fn stand_in(graph: &Graph, role: Role) -> Seat {
     Seat::first(roles.into_iter().find(woken).unwrap_or(Role::Plant))
 }
 
-/// Wakes whoever sits anywhere.
+/// Wakes the processes on all seats.
 #[derive(Debug)]
 pub struct Wakers {
     wakers: Vec<WakeNotifier>,

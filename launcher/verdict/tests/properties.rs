@@ -273,7 +273,7 @@ fn limits_follow_from_speed_wind_and_clock() {
     assert!(limit(rest, "tracking_max_m") < limit(windy, "tracking_max_m"));
     assert!(limit(rest, "tracking_max_m") < limit(fast, "tracking_max_m"));
     let wild = Basis { speed_m_s: 1e3, push_m_s2: 1e3, ..rest };
-    assert!(limit(wild, "tracking_max_m") <= verdict::LOST_M, "nobody may get lost");
+    assert!(limit(wild, "tracking_max_m") <= verdict::LOST_M, "no vehicle may get lost");
     let realtime = Basis { realtime: true, planned_s: 20.0, ..rest };
     assert!(limit(rest, "safe_mode_max") < 0.5 && limit(realtime, "safe_mode_max") < 4.5);
     assert!(limit(rest, "missed_max_share") < limit(realtime, "missed_max_share"));

@@ -6,7 +6,7 @@ const REACH_M = 100;
 const SURE_MS = 3000;
 /** What a swap goes through, by the launcher's names of its stages. */
 const COURSE = [["join", ["joining"]], ["shadow", ["tracking", "shadowing"]], ["rehearse", ["rehearsing"]], ["flip", ["flipping", "reverting"]], ["window", ["window"]]];
-/** How long the controller before stays warm after a swap: somebody has to see it and find the button. */
+/** How long the controller before stays warm after a swap: a user has to see it and find the button. */
 const ROLLBACK_S = 10;
 const WITHOUT_TOKEN = "To use these buttons, open the address with the token that `morphquad run --live` printed where it was started, on the line that begins with “live”.";
 
@@ -81,7 +81,7 @@ class Control {
     if (works) this.prove(token);
   }
 
-  /** A token of another flight is found out before anybody presses a button. */
+  /** A token of another flight is found out before a user presses a button. */
   async prove(token) {
     const { isWrongToken, text } = await command(token, { request: "ps" });
     if (!isWrongToken || token !== this.token || this.isOver) return;

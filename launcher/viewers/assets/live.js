@@ -1,7 +1,7 @@
 // A flight under way: asks the server for what is new, joins it to what is there, and sends what is asked of it.
 
 const POLL_MS = 200;
-/** While nobody looks. */
+/** While the page is hidden. */
 const HIDDEN_MS = 2000;
 const RETRY_MS = 1000;
 /** An answer that takes longer does not come. */

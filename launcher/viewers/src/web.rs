@@ -1,7 +1,7 @@
 //! Pages and answers over HTTP, to browsers on this machine unless another address is asked for.
 //!
-//! A client that stalls, in the middle of a request or of an answer, holds nobody else up: where every place
-//! is taken, whoever has been idle for longest makes room.
+//! A client that stalls, in the middle of a request or of an answer, holds up no other: where every
+//! place is taken, the client that has been idle for longest makes room.
 
 mod guests;
 mod peers;
@@ -32,7 +32,7 @@ use tokio_io_timeout::TimeoutStream;
 const PATIENCE: Duration = Duration::from_secs(30);
 /// How long one may take to say what it wants.
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
-/// How long whoever is being answered is waited for at the end.
+/// How long a client that is being answered is waited for at the end.
 const GOODBYE: Duration = Duration::from_millis(500);
 /// Longest body of a request \[bytes\].
 const BODY_BYTES: usize = 16 << 10;
@@ -171,10 +171,10 @@ impl WebServer {
                     () = let_in(&listener, &answer, &clients) => {}
                     () = left.notified() => {}
                 }
-                // Whoever is being answered gets the answer.
+                // A client that is being answered gets the answer.
                 let _ = tokio::time::timeout(GOODBYE, clients.shutdown()).await;
             });
-            // Whoever still waits for an answer is left without one.
+            // A client that still waits for an answer is left without one.
             runtime.shutdown_background();
         };
         let thread = Some(Builder::new().name("web".to_owned()).spawn(serve)?);
@@ -210,7 +210,7 @@ async fn let_in(
                 let (answer, until) = (Arc::clone(answer), clients.watcher());
                 guests.admit(|guest| converse(stream, answer, guest, until)).await;
             }
-            // No descriptor is free: whoever knocks waits until one is.
+            // No descriptor is free: a client that knocks waits until one is.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
         }
     }
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn those_who_stall_hold_up_nobody_even_where_every_place_is_taken() {
+    fn clients_that_stall_hold_up_no_other_even_where_every_place_is_taken() {
         let server = server();
         let stalled: Vec<TcpStream> = (0..2 * CLIENTS)
             .map(|i| {
@@ -314,7 +314,7 @@ mod tests {
                 let whole = format!("GET /{i} HTTP/1.1\r\nHost: {host}\r\n\r\n").repeat(50);
                 // Half of them never finish asking, the others never listen.
                 let said = if i % 2 == 0 { &whole[..20] } else { &whole };
-                // Whoever comes later may already have taken this one's place.
+                // A client that comes later may already have taken this one's place.
                 let _ = stream.write_all(said.as_bytes());
                 stream
             })
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_being_answered_is_sent_away_for_nobody() {
+    fn a_client_that_is_being_answered_is_sent_away_for_no_other() {
         let (go_on, waiting) = std::sync::mpsc::channel::<()>();
         let (begin, begun) = std::sync::mpsc::channel::<()>();
         let waiting = std::sync::Mutex::new(waiting);
@@ -343,7 +343,7 @@ mod tests {
         write!(slow, "GET /slow HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
         begun.recv().unwrap();
         let idle: Vec<_> = (0..2 * CLIENTS).map(|_| TcpStream::connect(host).unwrap()).collect();
-        // Whoever comes last is only answered once all those before have been let in.
+        // The client that comes last is only answered once all those before have been let in.
         assert!(ask(&server, &host.to_string(), "\r\n").ends_with("done"));
         go_on.send(()).unwrap();
         let mut answer = String::new();

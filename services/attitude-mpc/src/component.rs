@@ -63,7 +63,7 @@ impl AttitudeMpc {
         })
     }
 
-    /// Takes the set point that counts; the last one stays if nobody's does.
+    /// Takes the set point that counts; the last one stays if none does.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
         let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
         let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);

@@ -74,7 +74,7 @@ class Attitude:
         return OUTPUTS
 
     def _take_setpoint(self, t_ns, loop):
-        """Takes the set point that counts; the last one stays if nobody's does."""
+        """Takes the set point that counts; the last one stays if none does."""
         setpoints = loop.inputs["attitude_setpoint"]
         owners, trips = loop.inputs["position_owner"], loop.inputs["trip"]
         command = self._setpoints.take(t_ns, owners, setpoints, trips)

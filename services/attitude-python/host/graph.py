@@ -69,11 +69,11 @@ class Graph:
         self.consumers = {edge.consumer for edge in self.outputs}
 
     def edge_of(self, topic):
-        """The arrow that brings a topic here; None for owner records, which nobody waits for."""
+        """The arrow that brings a topic here; None for owner records, which no loop waits for."""
         return next((edge for edge in self.inputs if edge.topic == topic), None)
 
     def latency_ns(self, topic):
-        """Declared latency of an output; 0 if nobody reads it."""
+        """Declared latency of an output; 0 if no loop reads it."""
         return next((edge.latency_ns for edge in self.outputs if edge.topic == topic), 0)
 
     def is_asap(self, topic):

@@ -31,7 +31,7 @@ class Input:
         # By seat, the newest sample in effect.
         self._newest = {}
         self._known_until_ns = None
-        # Owner records of the producer's slot: what an owner does not say is nobody's to wait for.
+        # Owner records of the producer's slot: what an owner does not say, no loop waits for.
         self.book = None
         self.late = self.lost = 0
         self.latest = self.before = None

@@ -13,7 +13,7 @@ def fly_lockstep(process, law):
     """Runs every release of the flight; gives the exit code."""
     loop, graph, marks = process.loop, process.graph, process.marks
     clock = process.read_clock()
-    # At first, and after a wait that nobody has ended, all inputs are looked at.
+    # At first, and after a wait that no other process has ended, all inputs are looked at.
     is_all = True
     while True:
         if process.is_stopped or process.timed_out:

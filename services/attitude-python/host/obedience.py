@@ -50,7 +50,7 @@ class Record(typing.NamedTuple):
         return self.is_taken(seat) and seat in (self.owner, self.fallback)
 
     def hands(self):
-        """Owner and fallback as far as somebody is there."""
+        """Owner and fallback, each as far as a process sits there."""
         return [seat if self.is_taken(seat) else None for seat in (self.owner, self.fallback)]
 
 
@@ -178,7 +178,7 @@ class Obedience:
         self._carried = command
 
     def decide(self, t_ns):
-        """The set point to follow at an instant; None if nobody has a valid one."""
+        """The set point to follow at an instant; None if no seat has a valid one."""
         record = self.record
         if record is None:
             return None
@@ -249,12 +249,12 @@ class SetPoints:
     def __init__(self, weight_n, role):
         self._weight_n, self._role = weight_n, role
         tilt_rad = STEP_SHARE * TILT_BOUND_RAD
-        # The heading comes from the reference whoever owns the slot, and it wraps: never limited.
+        # The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         self._obedience = Obedience((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
 
     def take(self, t_ns, owners, setpoints, trips):
         """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`;
-        None if nobody's is valid, which is for two control periods of its writer. If the owner has tripped and
+        None if none is valid; one is for two control periods of its writer. If the owner has tripped and
         no fallback has taken over yet, it is to be level, with the sequence 0 of no set point."""
         obedience = self._obedience
         joins = obedience.record is None

@@ -101,15 +101,15 @@ class SeatMarks:
         if known <= generation:
             self._known[role, seat] = (mark_ns, generation)
 
-    def learn_roll(self, entries):
-        """Takes in who is there: whoever has left is not waited for, and a successor begins anew."""
+    def learn_registry(self, entries):
+        """Takes in what is there: a process that has left is not waited for, and a successor begins anew."""
         for role, seat, generation, present, _period_ns in entries:
             known = self._known.get((role, seat), (0, -1))[1]
             if known < generation or (known == generation and not present):
                 self._known[role, seat] = (0 if present else FOREVER, generation)
 
     def generation(self, role, seat):
-        """Generation of the process that has, or last had, a seat; None for nobody."""
+        """Generation of the process that has, or last had, a seat; None if there was none."""
         return self._known.get((role, seat), (0, None))[1]
 
     def of_edge(self, edge):

@@ -1,4 +1,4 @@
-"""The run's services: opened, never created, and heard only from those on the roll, or from the launcher."""
+"""The run's services: opened, never created, and heard only from those in the registry, or from the launcher."""
 
 import ctypes
 import importlib.util
@@ -104,21 +104,21 @@ class Bus:
         self._leader_file = folder / "launcher.node"
         # Connections that have been heard where the launcher alone writes: whether they led then.
         self._leads = {self._named_leader(): True}
-        self._roll_reader = self.announced("roll", samples.Roll, 2)
+        self._registry_reader = self.announced("registry", samples.Registry, 2)
         self._labels = {role.value: role.name.lower() for role in samples.Role}
         # By identity of the writer: role, seat, generation, whether it is there, and its period [ns].
-        self._roll = {}
-        # How often the roll has changed.
-        self.roll_changes = 0
-        self.learn_roll()
+        self._registry = {}
+        # How often the registry has changed.
+        self.registry_changes = 0
+        self.learn_registry()
 
-    def learn_roll(self):
+    def learn_registry(self):
         """Learns who sits where."""
-        rolls = self._roll_reader.values()
-        if rolls:
-            roll = rolls[-1]
-            self.roll_changes += 1
-            self._roll = {
+        registries = self._registry_reader.values()
+        if registries:
+            registry = registries[-1]
+            self.registry_changes += 1
+            self._registry = {
                 (line.node[0] << 64) | line.node[1]: (
                     self._labels.get(line.role, "unknown"),
                     line.seat,
@@ -126,19 +126,19 @@ class Bus:
                     line.present != 0,
                     line.period_ns,
                 )
-                for line in roll.entries[: min(roll.count, self.samples.ROLL_LINES)]
+                for line in registry.entries[: min(registry.count, self.samples.REGISTRY_LINES)]
             }
 
     @property
-    def roll(self):
-        """Lines of the roll, in its order."""
-        return self._roll.values()
+    def registry(self):
+        """Lines of the registry, in its order."""
+        return self._registry.values()
 
     def _line(self, node):
-        line = self._roll.get(node)
+        line = self._registry.get(node)
         if line is None:
-            self.learn_roll()
-            line = self._roll.get(node)
+            self.learn_registry()
+            line = self._registry.get(node)
         return line
 
     def is_leader(self, node):

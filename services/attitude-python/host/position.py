@@ -77,7 +77,7 @@ class Position:
         point = reference.points[min(index, count - 1)]
         (x, y, z), velocity = point.position_w_m, tuple(point.velocity_w_m_s)
         if index >= count:
-            # Nobody says any more where to go: hover, and land after a while.
+            # The reference does not say any more where to go: hover, and land after a while.
             landing_s = max(0.0, age_ns * 1e-9 - self._grace_s)
             height_m = max(0.0, z - LANDING_M_S * landing_s)
             return ((x, y, height_m), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), point.yaw_rad

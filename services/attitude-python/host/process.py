@@ -26,7 +26,7 @@ from .realtime import fly_realtime
 WAIT_LIMIT_S = 0.02
 HANDOVER_LIMIT_S = 5.0
 # Wall time that a realtime flight is given to land after the grace period, and the longest grace of one
-# in lockstep, which nobody can take over [s].
+# in lockstep, which no launcher can take over [s].
 LANDING_S = 4.0
 LOCKSTEP_GRACE_S = 2.0
 # Exit codes of a run's processes.
@@ -97,7 +97,7 @@ class Process:
             os.sched_setaffinity(0, [options.cpu])
         if options.nice is not None:
             os.nice(options.nice)
-        # Everybody holds this lock; whoever leaves last wipes.
+        # Every process of a run holds this lock; the last one to leave wipes.
         self._lock = open(options.run / "run.lock", "r+b")
         fcntl.flock(self._lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
         types = Types(options.launcher_pid)
@@ -130,7 +130,7 @@ class Process:
         self._poll = select.poll()
         self._poll.register(self._pipe, select.POLLIN)
         self._handover = self._bus.handover(label)
-        self._roll_changes = 0
+        self._registry_changes = 0
         self.loop = None
         self.leave_ns = FOREVER
         self._lost_pilot = None
@@ -151,7 +151,7 @@ class Process:
                 pass  # The launcher says so.
 
     def _open_pipe(self, label):
-        # Both directions at each end: nobody has to wait for, or survive, the other end.
+        # Both directions at each end: neither has to wait for, or survive, the other end.
         return os.open(self.options.run / f"wake-{label}", os.O_RDWR | os.O_NONBLOCK)
 
     def _open_neighbours(self):
@@ -164,7 +164,7 @@ class Process:
             (role, seat): self._open_pipe(self._bus.label(role, seat))
             for role, seat in places(self.graph.consumers)
         }
-        # Of whoever sits there: generation and period [ns].
+        # Of the process that sits there: generation and period [ns].
         self._present = dict.fromkeys([(r, s) for r, s, _ in self._mark_readers] + [*self._pipes])
         self._owner_readers = [
             (slot, self._bus.announced(topic, self.samples.OwnerRecord, 16))
@@ -179,7 +179,7 @@ class Process:
         options = self.options
         self.loop = Loop(self._bus, self.graph, self.marks, self.slot, options, topics)
         self._opened_mono_ns = now_ns()
-        # It publishes no state, so nobody is of its kind, and nobody's state is for it.
+        # It publishes no state, so no controller is of its kind, and no controller's state is for it.
         identity = f"{self.slot} {options.seat} {options.generation}".encode()
         self._hello = self._bus.writer("hello", self.samples.Hello)
         self._hello.send(
@@ -193,7 +193,7 @@ class Process:
             )
         )
         order = self._await_handover() if options.await_handover else None
-        # Whoever is not on the roll yet is not heard.
+        # A process that is not in the registry yet is not heard.
         while not (self.read_clock().started and self._is_seated()):
             if self.ending() is not None:
                 return
@@ -203,13 +203,13 @@ class Process:
             # Without an instant to join at, a dead predecessor is to be replaced at once.
             self.loop.join(order.join_ns or self.logical_ns(now_ns()), order.track_until_ns)
         self._tell_mark(self.loop.mark_ns)
-        # After a start nobody knows what a predecessor had already announced.
+        # After a start no process knows what a predecessor had already announced.
         self._wake(lambda _role, _period_ns: True)
 
     def _is_seated(self):
-        self._bus.learn_roll()
+        self._bus.learn_registry()
         own = (self.slot, self.options.seat, self.options.generation, True)
-        return any(line[:4] == own for line in self._bus.roll)
+        return any(line[:4] == own for line in self._bus.registry)
 
     def _await_handover(self):
         limit_ns = now_ns() + int(HANDOVER_LIMIT_S * 1e9)
@@ -242,7 +242,7 @@ class Process:
         return max(0, int((mono_ns - self.clock.start_mono_ns) * self.clock.speed))
 
     def wait(self, limit_s):
-        """Waits until somebody wakes this process, or the limit is over."""
+        """Waits until another process wakes this one, or the limit is over."""
         self.timed_out = not self._poll.poll(max(0.0, limit_s) * 1e3)
         if self.timed_out:
             # Idle long enough to look after readers that have just joined.
@@ -258,9 +258,9 @@ class Process:
 
     def look_around(self):
         """Learns who has come and gone, and who owns which slot from when."""
-        self._bus.learn_roll()
-        if self._bus.roll_changes != self._roll_changes:
-            self._roll_changes = self._bus.roll_changes
+        self._bus.learn_registry()
+        if self._bus.registry_changes != self._registry_changes:
+            self._registry_changes = self._bus.registry_changes
             self._learn_neighbours()
         if not self._launcher.is_gone:
             self._lost_pilot = None
@@ -280,9 +280,9 @@ class Process:
                 self.leave_ns = book.released_ns(self.options.seat)
 
     def _learn_neighbours(self):
-        self.marks.learn_roll(self._bus.roll)
+        self.marks.learn_registry(self._bus.registry)
         present = dict.fromkeys(self._present)
-        for role, seat, generation, is_present, period_ns in self._bus.roll:
+        for role, seat, generation, is_present, period_ns in self._bus.registry:
             if (role, seat) in present:
                 present[role, seat] = (generation, period_ns) if is_present else None
         came = any(one is not None and one != self._present[at] for at, one in present.items())
@@ -307,7 +307,7 @@ class Process:
     def announce(self, before_ns, mark_ns):
         """Says that everything before the mark has been published, and wakes those who may go on."""
         self._tell_mark(mark_ns)
-        # Nobody waits for a shadow.
+        # No process waits for a shadow.
         if not self.marks.concerns(self.slot, self.options.seat):
             return
         roles = self.graph.wakes(before_ns, mark_ns)

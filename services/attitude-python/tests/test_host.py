@@ -186,11 +186,11 @@ class OwnershipRules(unittest.TestCase):
         marks = SeatMarks(4)
         of = lambda: marks.of_edge(Edge("t", "plant", "attitude", 0, 0, False, False)) // MS  # noqa: E731
         marks.advance("plant", 0, 0, 90 * MS)
-        marks.learn_roll([("plant", 0, 0, True, 1)])
+        marks.learn_registry([("plant", 0, 0, True, 1)])
         self.assertEqual(of(), 90)
-        marks.learn_roll([("plant", 0, 0, False, 1)])
+        marks.learn_registry([("plant", 0, 0, False, 1)])
         self.assertEqual(of(), FOREVER // MS)
-        marks.learn_roll([("plant", 0, 0, False, 1), ("plant", 0, 1, True, 1)])
+        marks.learn_registry([("plant", 0, 0, False, 1), ("plant", 0, 1, True, 1)])
         self.assertEqual(of(), 0)
         marks.advance("plant", 0, 0, 95 * MS)
         self.assertEqual(of(), 0, "its predecessor's last mark comes late")
@@ -199,7 +199,7 @@ class OwnershipRules(unittest.TestCase):
 
     def test_a_seat_counts_for_the_instants_of_its_tenure_and_as_a_fallback(self):
         book = SlotBook()
-        self.assertTrue(book.counts(3, 0), "without a record everybody does")
+        self.assertTrue(book.counts(3, 0), "without a record every seat does")
         book.learn(owner(1, 0, 0))
         book.learn(owner(2, 100, 1, fallback=0))
         book.learn(owner(2, 500, 3))  # An old epoch says nothing.
@@ -309,7 +309,7 @@ class ObedienceRules(unittest.TestCase):
         obedience.hear(self.record(2, 60, 0, fallback=1))
         self.assertEqual(self.at(obedience, 60, 0, 1), (0, 60))
 
-    def test_nobody_else_is_ever_followed(self):
+    def test_no_other_seat_is_ever_followed(self):
         obedience = self.obedience(self.record(1, 0, 0))
         self.assertIsNone(self.at(obedience, 0, 1, 2, 3))
 

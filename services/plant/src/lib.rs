@@ -2,7 +2,7 @@
 //!
 //! [`component`] is the process (integrate, then look); [`gate`] decides which command reaches the
 //! rotors; [`sensors`] turn truth into readings. The plant is the only owner of the truth: it
-//! leaves for the recorder and for nobody else.
+//! leaves for the recorder and for nothing else.
 
 pub mod component;
 mod config;

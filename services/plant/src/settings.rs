@@ -25,7 +25,7 @@ pub struct Settings {
     /// Ground at z = 0; the linear model has none.
     #[garde(skip)]
     pub ground: bool,
-    /// How the real vehicle differs from the one that everybody models.
+    /// How the real vehicle differs from the one that all loops model.
     #[garde(dive)]
     pub mismatch: Mismatch,
     /// Gyro and accelerometer.

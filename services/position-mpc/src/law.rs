@@ -239,7 +239,7 @@ impl PositionLaw {
 
     fn output(&self, chosen: &Move<3>, setpoint: Setpoint) -> Output {
         let bounds = &self.limits.inputs;
-        // Soft bounds bind nobody.
+        // Soft bounds bind nothing.
         let level = self.config.level_penalty.is_none();
         let step = self.config.increment_penalty.is_none();
         let endless = Vector3::repeat(f64::INFINITY);

@@ -213,7 +213,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         Slot::named(word).is_some() || word == "python" || word.parse::<u64>().is_ok()
     };
     if let Some(unknown) = words.iter().find(|word| !is_known(word)) {
-        return Err(format!("`{unknown}` is no slot, no number of seeds, and not `python`").into());
+        return Err(
+            format!("`{unknown}` is neither a slot, a number of seeds, nor `python`").into()
+        );
     }
     let only = words.iter().find_map(|word| Slot::named(word));
     let slots: Vec<Slot> =

@@ -1,12 +1,12 @@
-//! A process that nobody has given a seat.
+//! A process that has not been given a seat.
 
 use host::BuildError;
 use runtime::ipc::{Bus, IpcSink, PortError, ServiceKind, StatePublisher};
 use runtime::namespace::Membership;
 use runtime::{Sink as _, StateSink as _};
 use shared_types::{
-    ClockMode, ClockRecord, Flag, Header, NO_SEAT, OwnerRecord, Progress, Role, Roll, RollEntry,
-    Seat, WrenchCommand, topics,
+    ClockMode, ClockRecord, Flag, Header, NO_SEAT, OwnerRecord, Progress, Registry, RegistryEntry,
+    Role, Seat, WrenchCommand, topics,
 };
 use std::path::Path;
 use std::process::ExitCode;
@@ -35,7 +35,7 @@ fn write(folder: &Path, usurps: bool) -> Result<(), BuildError> {
         forger.forge(k);
         #[expect(
             clippy::disallowed_methods,
-            reason = "it waits for nobody, which is what is tested"
+            reason = "it waits for no other process, which is what is tested"
         )]
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -55,10 +55,10 @@ struct Forger {
     commands: IpcSink<WrenchCommand>,
     posts: Vec<Post>,
     clock: IpcSink<ClockRecord>,
-    roll: IpcSink<Roll>,
+    registry: IpcSink<Registry>,
     owners: Vec<(Role, IpcSink<OwnerRecord>)>,
-    /// The line of the roll that it gives itself.
-    line: RollEntry,
+    /// The line of the registry that it gives itself.
+    line: RegistryEntry,
 }
 
 impl Forger {
@@ -81,23 +81,24 @@ impl Forger {
             commands: bus.writer(&topics::WRENCH_COMMAND)?,
             posts: posts.collect(),
             clock: bus.open_writer(ServiceKind::Clock)?,
-            roll: bus.open_writer(ServiceKind::Roll)?,
+            registry: bus.open_writer(ServiceKind::Registry)?,
             owners: owners.into_iter().collect::<Result<_, PortError>>()?,
-            line: RollEntry {
+            line: RegistryEntry {
                 node: bus.identity(),
                 role: Role::Attitude,
                 period_ns: 2_000_000,
                 present: Flag::Yes,
-                ..RollEntry::default()
+                ..RegistryEntry::default()
             },
         })
     }
 
-    /// Full thrust upside down for all of a flight to come, in the name of every seat, and whatever would make it count.
+    /// Full thrust upside down for all of a flight to come, in the name of every seat, and whatever would make it
+    /// count.
     fn forge(&mut self, k: u64) {
-        let mut roll = Roll { count: 1, ..Roll::default() };
-        roll.entries[0] = self.line;
-        self.roll.send(&roll);
+        let mut registry = Registry { count: 1, ..Registry::default() };
+        registry.entries[0] = self.line;
+        self.registry.send(&registry);
         self.clock.send(&ClockRecord {
             end_ns: 1,
             speed: 1.0,

@@ -33,7 +33,7 @@ impl Live {
         let (page, socket) = (next("live  http://"), next("live  ws://"));
         let (page, token) = page.split_once("/#token=").expect("a token");
         let (page, token) = (page.to_owned(), token.to_owned());
-        // Whoever writes to a pipe that is not read stands still at last.
+        // A process that writes to a pipe that is not read stands still at last.
         let rest = std::thread::spawn(move || {
             let mut rest = String::new();
             let _ = said.read_to_string(&mut rest);

@@ -43,7 +43,7 @@ pub(crate) enum SoakError {
         source: std::io::Error,
     },
     /// Not a list.
-    #[error("{} is no list of tests: {error}", path.display())]
+    #[error("{} is not a list of tests: {error}", path.display())]
     List {
         /// File.
         path: PathBuf,

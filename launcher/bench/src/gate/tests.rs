@@ -168,7 +168,7 @@ fn a_file_is_read_back_and_one_that_was_tampered_with_is_not() {
         half,
         String::new(),
         "[1]".to_owned(),
-        saved.replace(FORMAT, "someone else's"),
+        saved.replace(FORMAT, "another program"),
         saved.replace(&version(FORMAT_VERSION), &version(FORMAT_VERSION - 1)),
         saved.replace("\"p50_us\":15.", "\"p50_us\":99."),
         saved.replace("\"p50\":1.", "\"p50\":0."),

@@ -65,9 +65,9 @@ impl Sums<'_> {
                 (key, of(true), of(false))
             });
             let mut seats: Vec<_> = seats.collect();
-            // A loop that nobody ran is no less of the flight: it is told, with nothing to its name.
-            let nobody = seats.iter().all(|(_, steps, _)| steps.ran == 0);
-            seats.retain(|((_, seat), steps, _)| steps.ran > 0 || (nobody && *seat == 0));
+            // A loop that no process ran is no less of the flight: it is told, with nothing to its name.
+            let none_stepped = seats.iter().all(|(_, steps, _)| steps.ran == 0);
+            seats.retain(|((_, seat), steps, _)| steps.ran > 0 || (none_stepped && *seat == 0));
             let alone = seats.len() == 1;
             for (key, steps, cold) in seats {
                 let mut seen = self.watch.looks.iter().flat_map(|look| &look.seen);

@@ -177,7 +177,7 @@ fn computed(name: &'static str, step: &Stamp) -> Link {
     span(name, step.start_mono_ns, step.publish_mono_ns)
 }
 
-/// From arrival to the start of a step; nothing if nobody says when it arrived.
+/// From arrival to the start of a step; nothing if the stamp does not say when it arrived.
 fn into_step(name: &'static str, step: &Stamp) -> [Link; 1] {
     [span(name, arrival_ns(step), step.start_mono_ns)]
 }
@@ -222,7 +222,7 @@ impl<'a> Log<'a> {
         self.gate.get(&(command.seat, command.sequence)).copied()
     }
 
-    /// From the sensor to whoever reads the estimate: the IMU sample, and its way into the reader.
+    /// From the sensor to the reader of the estimate: the IMU sample, and its way into the reader.
     fn begin(&self, reader: &Stamp) -> Option<(&Stamp, Vec<Link>)> {
         let estimate = find(&self.estimates, reader.input_sequence)?;
         let imu = find(&self.imu, estimate.cause_sequence)?;
@@ -305,7 +305,7 @@ mod tests {
         assert_eq!(Chains::of_attitude(&lost, &WINDOW).untraced, 1);
         let later = Window { warm_ns: 2001, ..WINDOW };
         let chains = Chains::of_attitude(&lost, &later);
-        assert_eq!((chains.untraced, chains.cold), (0, 1), "nobody judges the warm-up");
+        assert_eq!((chains.untraced, chains.cold), (0, 1), "the warm-up is not judged");
         let mut overtaken = flown();
         overtaken.stamps.remove("applied_command");
         let chains = Chains::of_attitude(&overtaken, &WINDOW);

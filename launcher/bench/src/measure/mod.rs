@@ -75,9 +75,9 @@ pub fn totals(watch: &Stopwatch, role: Role, seat: u32, window: &Window) -> Opti
 /// What a process took within the window, and what of it while others joined or left.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Taken {
-    /// With everybody there.
+    /// With all processes there.
     pub settled: Usage,
-    /// While somebody came or went.
+    /// While a process came or went.
     pub moved: Usage,
     /// How long the first was \[ns\].
     pub settled_ns: u64,
@@ -118,7 +118,7 @@ mod tests {
     const WINDOW: Window = Window { warm_ns: 1000, start_mono_ns: 500, end_ns: 10_000 };
 
     #[test]
-    fn faults_while_somebody_joins_are_counted_apart_and_warm_up_not_at_all() {
+    fn faults_while_a_process_joins_are_counted_apart_and_warm_up_not_at_all() {
         let seen = |role, pid, minor_faults| Seen {
             name: String::new(),
             role,

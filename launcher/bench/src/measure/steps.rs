@@ -119,8 +119,8 @@ impl Steps {
         self.wait.record(stamp.start_mono_ns.saturating_sub(ready_ns));
     }
 
-    /// Releases that were due: from the first step to the last, or in all of the window if nobody else
-    /// could have run them.
+    /// Releases that were due: from the first step to the last, or in all of the window if no other
+    /// process could have run them.
     #[must_use]
     pub fn due(&self, rate: Rate, window: &Window, alone: bool) -> u64 {
         let [first_ns, last_ns] = self.span_ns;

@@ -237,7 +237,7 @@ fn receive_pings<T: Sample + 'static>(
         Ok((bus, ports))
     };
     let ports = ports();
-    // Also whoever has none lets the others begin.
+    // Also a thread that has none lets the others begin.
     open.wait();
     let (_bus, (reader, listener)) = ports?;
     let mut hops = Values::with_capacity(room(60.0 * ping.beat.rate_hz));

@@ -14,14 +14,14 @@ use runtime::ipc::{Bus, ServiceKind, WakeListener, WakeNotifier};
 use runtime::{Input, Output, Sink as _};
 use rustix::thread::sched_yield;
 use serde::{Deserialize, Serialize};
-use shared_types::{Header, Progress, Role, Roll, Seat, StateEstimate, topics};
+use shared_types::{Header, Progress, Registry, Role, Seat, StateEstimate, topics};
 use std::path::{Path, PathBuf};
 
 /// Services of the measurement.
 pub const BARE: &str = "bare/hop";
 /// Tells the sender how far the receiver is.
 pub const ACKNOWLEDGED: &str = "bare/acknowledged";
-/// Whoever sends sits here.
+/// The sender sits here.
 pub const SENDER: Role = Role::Estimator;
 /// Samples of a kind between two turns.
 pub const BLOCK: u64 = 100;
@@ -122,15 +122,15 @@ fn mailbox() -> Seat {
 /// Sends; the answer is how many.
 ///
 /// # Errors
-/// A port cannot be had, or nobody receives.
+/// A port cannot be had, or no process receives.
 pub fn send(end: &End, talk: &mut Talk) -> Result<String, BenchError> {
     let bus = end.join("hop-from")?;
     bus.lead()?;
-    let mut roll = bus.open_writer::<Roll>(ServiceKind::Roll)?;
-    let mut entries = Roll { count: 1, ..Roll::default() };
+    let mut registry = bus.open_writer::<Registry>(ServiceKind::Registry)?;
+    let mut entries = Registry { count: 1, ..Registry::default() };
     entries.entries[0].node = bus.identity();
     entries.entries[0].role = SENDER;
-    roll.send(&entries);
+    registry.send(&entries);
     let mut output = Output::<StateEstimate>::default();
     output.connect(Box::new(bus.writer(&topics::STATE_ESTIMATE)?), 0);
     let bare = bus.bare_writer::<StateEstimate>(BARE)?;

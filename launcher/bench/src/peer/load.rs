@@ -63,7 +63,7 @@ pub struct LoadOrder {
     seat: Seat,
 }
 
-/// Loads the machine until nobody listens any more.
+/// Loads the machine until no process listens any more.
 ///
 /// # Errors
 /// The file cannot be written.

@@ -166,12 +166,12 @@ impl Talk {
     /// Says that everything is open.
     ///
     /// # Errors
-    /// Nobody listens any more.
+    /// No process listens any more.
     pub fn ready(&self) -> io::Result<()> {
         say(READY)
     }
 
-    /// The next line; none once nobody will ever say anything again.
+    /// The next line; none once nothing will ever be said again.
     pub fn hear(&mut self) -> Option<String> {
         self.orders.next()?.ok()
     }

@@ -35,15 +35,15 @@ Examples:
   morphquad adopt 7f3a --record ./rescued
 
 When the launcher of a realtime flight dies, its processes fly on for launcher.launcher_grace_s, 30 s unless \
-the scenario says otherwise: the vehicle hovers, warm fallbacks take over, and nobody restarts anything. This \
+the scenario says otherwise: the vehicle hovers, warm fallbacks take over, and nothing is restarted. This \
 command leads the flight to its end, as `run` would have: restarts, orders, summary, and a recording from here \
-on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if somebody \
+on. Ends as `run` does; 2 if it is not clear which run is meant, or it flies in lockstep, and 3 if a launcher \
 leads it, it never started, or it is of another build: the run then goes on as it was.";
 
 /// A running flight.
 #[derive(Debug, Clone, Args)]
 pub struct RunChoice {
-    /// The run, by its name or the beginning of it; not needed if there is only one
+    /// The run, by its ID or the beginning of it; not needed if there is only one
     #[arg(long, value_name = "ID")]
     pub run: Option<String>,
 }
@@ -80,7 +80,7 @@ pub struct StopArguments {
 /// A run to lead to its end.
 #[derive(Debug, Clone, Args)]
 pub struct AdoptArguments {
-    /// The run, by its name or the beginning of it; the only one without a launcher if left out
+    /// The run, by its ID or the beginning of it; the only one without a launcher if left out
     pub run: Option<String>,
     /// Folder for the recording; beside the one before if left out
     #[arg(long, value_name = "DIR", conflicts_with = "no_record")]

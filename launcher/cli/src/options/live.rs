@@ -13,8 +13,8 @@ Examples:
   morphquad live --listen 127.0.0.1:0 --every-sample --no-open
 
 Serves a running flight, any number of times: to a browser as a page with buttons, and over the Foxglove \
-WebSocket protocol, where nobody can write. Whoever opens the address as printed, with its token, may give \
-orders. Ends with the run; with 2 for an address that cannot be used.";
+WebSocket protocol, where no client can write. A browser that opens the address as printed, with its token, \
+may give orders. Ends with the run; with 2 for an address that cannot be used.";
 
 /// Where Foxglove and Lichtblick look first.
 pub(super) const ADDRESS: &str = "127.0.0.1:8765";

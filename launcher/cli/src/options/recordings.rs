@@ -22,7 +22,7 @@ Examples:
   morphquad recordings show 7f3a
 
 Wherever a command takes a recording, `latest` stands for the newest in recordings/, and the beginning of a name for the \
-one there whose name begins so. Ends with 2 for a file that cannot be read or is no recording.";
+one there whose name begins so. Ends with 2 for a file that cannot be read or is not a recording.";
 
 /// What to do with recordings.
 #[derive(Debug, Clone, Subcommand)]

@@ -22,7 +22,7 @@ pub struct ReplayArguments {
     #[arg(long, group = "what")]
     pub verify: bool,
     /// Only this service, for example `plant`; of a slot that changed hands `attitude`, `attitude-lqr`,
-    /// `attitude@1` for whoever sat on seat 1, or `attitude-lqr@1`
+    /// `attitude@1` for all that sat on seat 1, or `attitude-lqr@1`
     #[arg(long, value_name = "NAME")]
     pub service: Vec<String>,
     /// Let another controller replay and say how far it departs: a service, or another build

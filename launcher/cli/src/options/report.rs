@@ -15,7 +15,7 @@ Examples:
   morphquad report recordings/7f3a.mcap --format json
 
 Opens with the verdict and its reason, as `run` does. Ends with 0 if the flight passed, 1 if it did not, 2 for a \
-file that cannot be read or is no recording, 3 where the page or the pictures cannot be written.";
+file that cannot be read or is not a recording, 3 where the page or the pictures cannot be written.";
 
 /// What to report on, and where to.
 #[derive(Debug, Clone, Args)]

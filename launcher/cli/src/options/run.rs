@@ -125,7 +125,7 @@ pub struct RunArguments {
 
 impl RunArguments {
     pub(crate) fn options(&self, scenario: Scenario) -> RunOptions {
-        // Nobody can watch a flight that is over before the page is there, unless it is to be so.
+        // A flight that is over before the page is there cannot be watched, unless it is to be so.
         let settings = &scenario.settings().scenario;
         let is_to_be_watched = self.live.live.is_some() && settings.speed.is_none();
         let unpaced = if is_to_be_watched { Speed::Times(1.0) } else { Speed::Max };
@@ -169,9 +169,8 @@ fn pin(text: &str) -> Result<Pin, String> {
     match text {
         "auto" => Ok(Pin::Auto),
         "none" => Ok(Pin::None),
-        cpu => cpu
-            .parse()
-            .map(Pin::Cpu)
-            .map_err(|_| format!("`{cpu}` is no CPU: write auto, none or a number from 0")),
+        cpu => cpu.parse().map(Pin::Cpu).map_err(|_| {
+            format!("`{cpu}` is not a valid CPU: write auto, none or a number from 0")
+        }),
     }
 }

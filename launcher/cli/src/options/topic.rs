@@ -21,7 +21,7 @@ Examples:
   morphquad topic echo latest truth --field position_w_m[2] --field velocity_w_m_s
   morphquad topic echo recordings/7f3a.mcap events
 
-Live, the launcher hands on copies of what it records: no loop has to do with it. Whoever reads too slowly \
+Live, the launcher hands on copies of what it records: no loop has to do with it. A client that reads too slowly \
 loses samples and is told how many. With --field a line has the instant from which the sample is in effect, \
 then the values. Without --count it goes on to the end of the flight. \
 Ends with 2 for an unknown topic or file, or if no run or several are active.";

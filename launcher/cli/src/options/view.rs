@@ -15,7 +15,7 @@ Examples:
 
 The page needs nothing but a browser. With --out it is one file to keep or to send. Without, it is served on \
 127.0.0.1 until Ctrl-C, and the browser is opened where there is one. Ends with 2 for a file that cannot be \
-read or is no recording, and for a port that cannot be used; 3 where the page cannot be written.";
+read or is not a recording, and for a port that cannot be used; 3 where the page cannot be written.";
 
 /// What to show, and where.
 #[derive(Debug, Clone, Args)]

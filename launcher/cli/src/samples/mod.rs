@@ -7,7 +7,8 @@ pub use python::python;
 
 use shared_types::wire::{Schema, Wire};
 use shared_types::{
-    ClockRecord, Handover, Hello, Progress, Roll, Sample, Topic, TopicInfo, TopicVisitor, topics,
+    ClockRecord, Handover, Hello, Progress, Registry, Sample, Topic, TopicInfo, TopicVisitor,
+    topics,
 };
 
 /// A type that travels, as the transport and a reader know it.
@@ -44,7 +45,7 @@ fn travelling_topics() -> Vec<(&'static TopicInfo, Travelling)> {
 fn services() -> [(&'static str, Travelling); 5] {
     [
         ("clock", Travelling::of::<ClockRecord>()),
-        ("roll", Travelling::of::<Roll>()),
+        ("registry", Travelling::of::<Registry>()),
         ("hello", Travelling::of::<Hello>()),
         ("progress", Travelling::of::<Progress>()),
         ("handover", Travelling::of::<Handover>()),

@@ -2,7 +2,7 @@
 
 use super::{Travelling, services, travelling_topics};
 use shared_types::wire::{EnumSchema, Field, Kind, Schema};
-use shared_types::{Edge, Header, NO_SEAT, ROLL_LINES, Role, SEATS, TopicInfo};
+use shared_types::{Edge, Header, NO_SEAT, REGISTRY_LINES, Role, SEATS, TopicInfo};
 use std::fmt::Write as _;
 
 const HEAD: &str = r#""""Samples of morphquad as ctypes structures.
@@ -64,7 +64,7 @@ impl Module {
         self.line(format_args!("\n\nVERSION = \"{}\"", env!("CARGO_PKG_VERSION")));
         self.line(format_args!("SEATS = {SEATS}"));
         self.line(format_args!("NO_SEAT = {NO_SEAT}"));
-        self.line(format_args!("ROLL_LINES = {ROLL_LINES}"));
+        self.line(format_args!("REGISTRY_LINES = {REGISTRY_LINES}"));
     }
 
     /// True the first time.

@@ -62,7 +62,7 @@ pub enum ChangeError {
         /// As asked for.
         setting: String,
     },
-    /// Nobody of that name.
+    /// No controller of that name.
     #[error("--swap {swap}: {what}")]
     #[diagnostic(help("write --swap SLOT=NAME with {known}"))]
     Swap {
@@ -99,7 +99,7 @@ impl Change {
         let same_assignment = self
             .assignment(recorded)
             .is_ok_and(|assignment| assignment == Assignment::of(recorded.settings()));
-        // Whoever has the slot at the instant need not be the one that was assigned.
+        // The controller that has the slot at the instant need not be the one that was assigned.
         let same_assignment =
             same_assignment && (self.swap.is_empty() || !recorded.settings().is_scripted());
         self.set.is_empty() && self.seed.is_none() && self.duration.is_none() && same_assignment
@@ -140,7 +140,7 @@ impl Change {
         }
         let assignment = self.assignment(recorded)?;
         if scripted {
-            // One more line of the script: whoever takes the slot does so by the protocol.
+            // One more line of the script: the controller that takes the slot does so by the protocol.
             for swap in &self.swap {
                 let shadow_ns = shadow_ns(recorded, swap.split('=').next().unwrap_or_default());
                 let line = format!("{swap}@{at_ns}ns,shadow={shadow_ns}ns,rollback=0s,force");

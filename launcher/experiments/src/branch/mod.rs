@@ -38,7 +38,7 @@ pub struct Branch {
 /// What a branch goes on from.
 #[derive(Debug)]
 enum From {
-    /// The states of everybody.
+    /// The states of all services.
     States(Box<Checkpoint>),
     /// The beginning: slots change hands in the flight, and who sits where, waits or shadows is what its
     /// script has come to. It is flown again up to the instant, which has been compared.
@@ -329,8 +329,9 @@ mod tests {
             let jump = (commands[0].torque_b_nm[0] - last.torque_b_nm[0]).abs();
             assert!(jump <= 0.011, "{swap}: {jump} N m");
         }
-        let nobody = Change { swap: vec!["attitude=position-pid".to_owned()], ..Change::default() };
-        let refusal = branch.change(&nobody).unwrap_err();
+        let of_another_slot =
+            Change { swap: vec!["attitude=position-pid".to_owned()], ..Change::default() };
+        let refusal = branch.change(&of_another_slot).unwrap_err();
         assert!(matches!(refusal, ChangeError::Swap { .. }));
     }
 

@@ -77,7 +77,7 @@ pub struct FileError {
 /// Text of a file; nothing else is opened, since to open a pipe is to wait for its writer.
 fn read_file(path: &Path) -> std::io::Result<String> {
     if !std::fs::metadata(path)?.is_file() {
-        return Err(std::io::Error::other("it is no file but a folder, pipe or device"));
+        return Err(std::io::Error::other("it is not a file but a folder, pipe or device"));
     }
     std::fs::read_to_string(path)
 }
@@ -231,7 +231,9 @@ impl Reader<'_> {
             Value::Array(list) if !list.is_empty() => {
                 let seed = |value: &Value| value.as_integer().and_then(|s| u64::try_from(s).ok());
                 let seeds = list.iter().map(|v| {
-                    seed(v).ok_or_else(|| wrong(format!("`{v}` is no seed: a whole number from 0")))
+                    seed(v).ok_or_else(|| {
+                        wrong(format!("`{v}` is not a valid seed: a whole number from 0"))
+                    })
                 });
                 seeds.collect()
             }
@@ -260,7 +262,7 @@ impl Reader<'_> {
             Value::String(text) => {
                 values::range(text).map_err(|what| wrong(format!("{key}: {what}")))?
             }
-            other => return Err(wrong(format!("{key}: `{other}` is no list of values"))),
+            other => return Err(wrong(format!("{key}: `{other}` is not a list of values"))),
         };
         if axes.iter().any(|axis| axis.key == key) {
             return Err(wrong(format!("{key} comes twice")));

@@ -48,7 +48,7 @@ pub enum JournalError {
         /// What the system says.
         source: io::Error,
     },
-    /// Somebody else is writing.
+    /// Another campaign is writing.
     #[error("another campaign is writing `{}`", .0.display())]
     #[diagnostic(help("wait for it, or name another folder: --out DIR"))]
     Busy(PathBuf),

@@ -48,7 +48,7 @@ pub enum CampaignError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Journal(#[from] JournalError),
-    /// The executable cannot be read, so that nobody can tell whether it changes.
+    /// The executable cannot be read, so that it cannot be told whether it changes.
     #[error("cannot read the own executable: {0}")]
     Executable(std::io::Error),
     /// The user ended it.

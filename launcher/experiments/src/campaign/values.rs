@@ -8,7 +8,8 @@ pub const MAX_VALUES: u64 = 1_000_000;
 /// # Errors
 /// What is wrong and how to write it.
 pub fn seeds(text: &str) -> Result<Vec<u64>, String> {
-    let wrong = || format!("`{text}` is no range of seeds: write 0..99, both ends included");
+    let wrong =
+        || format!("`{text}` is not a valid range of seeds: write 0..99, both ends included");
     let whole = |part: &str| part.trim().parse::<u64>().map_err(|_| wrong());
     let (first, last) = match text.split_once("..") {
         Some((first, last)) => (whole(first)?, whole(last)?),
@@ -29,7 +30,7 @@ pub fn seeds(text: &str) -> Result<Vec<u64>, String> {
 /// # Errors
 /// What is wrong and how to write it.
 pub fn range(text: &str) -> Result<Vec<String>, String> {
-    let wrong = || format!("`{text}` is no range: write a..b/n, for example 0.8..1.2/5");
+    let wrong = || format!("`{text}` is not a valid range: write a..b/n, for example 0.8..1.2/5");
     let (first, rest) = text.split_once("..").ok_or_else(wrong)?;
     let (last, count) = rest.split_once('/').ok_or_else(wrong)?;
     let number = |part: &str| {

@@ -25,7 +25,7 @@ pub fn us(us: f64) -> String {
 }
 
 /// Stretches below one another: a box as long as the median from where the one above ends, and a line on to
-/// the 99 %; `whole` is the way from end to end. A stretch that nobody had is left empty.
+/// the 99 %; `whole` is the way from end to end. A stretch that was not measured is left empty.
 #[must_use]
 pub fn waterfall(title: &str, stretches: &[Option<Stretch>], whole: Option<&Stretch>) -> Figure {
     let told = |stretch: &Option<Stretch>| {

@@ -86,7 +86,7 @@ impl Document {
         self.with(format_args!("<figure>{}</figure>\n", figure.to_svg()))
     }
 
-    /// Adds figures for machines, which nobody sees.
+    /// Adds figures for machines, which are not shown.
     #[must_use]
     pub fn json(self, id: &str, value: &impl Serialize) -> Self {
         let json = serde_json::to_string(value).unwrap_or_default();

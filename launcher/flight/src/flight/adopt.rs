@@ -2,9 +2,9 @@
 
 use super::start::{Prepared, graph_of, restart_policy};
 use super::{Flight, LOOK_EVERY_NS, Outcome};
+use crate::checkpoint::{Checkpoint, CheckpointError, CheckpointWriter, Of};
 use crate::conductor::Conductor;
 use crate::live::Live;
-use crate::notes::{Notebook, Notes, NotesError, Of};
 use crate::pilot_thread::{self, Entry};
 use crate::supervisor::Supervisor;
 use protocol::control::SOCKET;
@@ -13,7 +13,7 @@ use record::{Continued, Facts, Recording};
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, PortError, ServiceKind};
 use runtime::leader::{LeadError, Leader};
-use runtime::namespace::{Membership, remove_unborn_objects};
+use runtime::namespace::{Membership, remove_incomplete_objects};
 use runtime::watch::StopFlags;
 use scenario::{Scenario, ScenarioError};
 use shared_types::{ClockMode, Hello, Role};
@@ -47,7 +47,7 @@ pub struct AdoptOptions {
 /// Why a run cannot be taken over; it goes on as it was.
 #[derive(Debug, Error)]
 pub enum AdoptError {
-    /// Somebody leads it.
+    /// A launcher leads it.
     #[error("run {run} needs no launcher: {source}")]
     Led {
         /// The run.
@@ -110,38 +110,38 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
     // Declared before everything that uses the transport, so that it is dropped last and wipes.
     let mut membership = Membership::take_over(folder)
         .map_err(|source| AdoptError::Led { run: run.clone(), source })?;
-    let notes = Notes::read(folder).map_err(|error| match error {
-        NotesError::Unreadable { .. } => AdoptError::NotStarted { run: run.clone() },
+    let checkpoint = Checkpoint::read(folder).map_err(|error| match error {
+        CheckpointError::Unreadable { .. } => AdoptError::NotStarted { run: run.clone() },
         other => AdoptError::OtherBuild { run: run.clone(), reason: other.to_string() },
     })?;
     let scenario = Scenario::load(&folder.join("scenario.toml").to_string_lossy(), &[])
         .map_err(|source| AdoptError::Scenario { run: run.clone(), source: Box::new(source) })?;
-    if notes.clock.0.mode == ClockMode::Lockstep {
+    if checkpoint.clock.0.mode == ClockMode::Lockstep {
         let leave_s = scenario.settings().launcher.launcher_grace_s.min(host::LOCKSTEP_GRACE_S);
         return Err(AdoptError::Lockstep { run, leave_s });
     }
-    if !notes.clock.0.started.is_set() {
+    if !checkpoint.clock.0.started.is_set() {
         return Err(AdoptError::NotStarted { run });
     }
-    let wall = WallMap::new(&notes.clock.0);
+    let wall = WallMap::new(&checkpoint.clock.0);
     let from_ns = wall.logical_ns(mono_now_ns());
     let options = RunOptions {
         scenario,
-        speed: Speed::Times(notes.clock.0.speed),
-        record: options.recording_folder(&notes),
+        speed: Speed::Times(checkpoint.clock.0.speed),
+        record: options.recording_folder(&checkpoint),
         name: None,
-        pin: notes.posts.iter().find_map(|post| post.spec.cpu).map_or(Pin::None, Pin::Cpu),
+        pin: checkpoint.posts.iter().find_map(|post| post.spec.cpu).map_or(Pin::None, Pin::Cpu),
         disorder: None,
         progress: options.progress,
         live: None,
     };
-    let (path, recording) = open_recording(&options, &notes, from_ns)?;
-    // From here on the processes wait for nobody else.
+    let (path, recording) = open_recording(&options, &checkpoint, from_ns)?;
+    // From here on the processes wait for no other launcher.
     membership.announce_lead().map_err(RunError::from)?;
     let mut flight =
-        Flight::find(&options, &membership, stop, &notes, (path.as_deref(), recording))?;
+        Flight::find(&options, &membership, stop, &checkpoint, (path.as_deref(), recording))?;
     let who = before.map_or_else(String::new, |leader| format!(" from process {}", leader.pid));
-    let outcome = match flight.take_over(&notes, &membership, &options) {
+    let outcome = match flight.take_over(&checkpoint, &membership, &options) {
         Ok(()) => {
             let s = flight.begun.0 as f64 * 1e-9;
             flight.notice(&format!("took run {run} over at {s:.3} s{who}, which had died"));
@@ -155,8 +155,8 @@ pub fn adopt(options: &AdoptOptions) -> Result<Summary, AdoptError> {
 
 impl AdoptOptions {
     /// Where to record: as asked for, or beside the recording before.
-    fn recording_folder(&self, notes: &Notes) -> Option<PathBuf> {
-        let beside = || Some(notes.of.recording.as_deref()?.parent()?.to_path_buf());
+    fn recording_folder(&self, checkpoint: &Checkpoint) -> Option<PathBuf> {
+        let beside = || Some(checkpoint.of.recording.as_deref()?.parent()?.to_path_buf());
         self.record.clone().or_else(beside).filter(|_| !self.no_record)
     }
 }
@@ -164,11 +164,11 @@ impl AdoptOptions {
 /// The recording from here on, which says what it continues.
 fn open_recording(
     options: &RunOptions,
-    notes: &Notes,
+    checkpoint: &Checkpoint,
     from_ns: u64,
 ) -> Result<(Option<PathBuf>, Option<Recording>), RunError> {
     let Some(folder) = options.record.as_deref() else { return Ok((None, None)) };
-    let Of { run, recording: before, adoptions, epoch_unix_ns } = &notes.of;
+    let Of { run, recording: before, adoptions, epoch_unix_ns } = &checkpoint.of;
     let mut number = adoptions + 1;
     let mut path = recording_path(folder, &format!("{run}-adopted-{number}"))?;
     while path.exists() {
@@ -185,7 +185,7 @@ fn open_recording(
     let continues = Some(Continued { file, from_ns });
     let facts = Facts { epoch_unix_ns: *epoch_unix_ns, continues, ..facts(run, options) };
     let mut recording = Recording::create(&path, &facts)?;
-    recording.set_start(notes.clock.0.start_mono_ns);
+    recording.set_start(checkpoint.clock.0.start_mono_ns);
     Ok((Some(path), Some(recording)))
 }
 
@@ -195,26 +195,32 @@ impl Flight {
         options: &RunOptions,
         membership: &Membership,
         stop: StopFlags,
-        notes: &Notes,
+        checkpoint: &Checkpoint,
         (path, recording): (Option<&Path>, Option<Recording>),
     ) -> Result<Self, AdoptError> {
         let scenario = &options.scenario;
         let folder = membership.folder();
         let graph = graph_of(scenario)?;
-        remove_unborn_objects(folder);
+        remove_incomplete_objects(folder);
         let bus = Bus::join(&membership.ipc_config(), "launcher")?;
         bus.lead()?;
         let services = HeldServices::take_over(&bus)?;
         let hello = bus.open_service::<Hello>(ServiceKind::Hello)?;
-        let of = Of { adoptions: notes.of.adoptions + 1, ..notes.of.clone() };
+        let of = Of { adoptions: checkpoint.of.adoptions + 1, ..checkpoint.of.clone() };
         let policy = restart_policy(scenario);
         let give_up_ns = mono_now_ns() + SWEEP_LIMIT_NS;
         // Services admit only so many readers and writers: the dead launcher's have to be swept away first.
         let supervisor = loop {
             bus.sweep_dead_processes(&mut || ());
-            let notebook = Notebook::new(folder, of.clone(), &notes.clock.0);
-            let found =
-                Supervisor::take_over(&bus, folder.to_path_buf(), notes, &hello, policy, notebook);
+            let checkpoints = CheckpointWriter::new(folder, of.clone(), &checkpoint.clock.0);
+            let found = Supervisor::take_over(
+                &bus,
+                folder.to_path_buf(),
+                checkpoint,
+                &hello,
+                policy,
+                checkpoints,
+            );
             match found {
                 Err(_) if mono_now_ns() < give_up_ns => sleep_until(mono_now_ns() + 20_000_000),
                 found => break found?,
@@ -222,14 +228,14 @@ impl Flight {
         };
         let startup_ns =
             shared_types::time::ns_from_s(scenario.settings().launcher.startup_timeout_s);
-        let slots = Slots::none_yet(&notes.posts, scenario, startup_ns);
+        let slots = Slots::none_yet(&checkpoint.posts, scenario, startup_ns);
         let end_ns = scenario.duration_ns();
-        let conductor = Conductor::take_over(&bus, notes.clock.0, end_ns, &graph)?;
-        // The dead launcher's socket; nobody listens there.
+        let conductor = Conductor::take_over(&bus, checkpoint.clock.0, end_ns, &graph)?;
+        // The dead launcher's socket; nothing listens there.
         let _ = std::fs::remove_file(folder.join(SOCKET));
         let name = &scenario.settings().scenario.name;
-        let flying = Flying::new(notes.of.epoch_unix_ns, stamps_of(options));
-        let live = Live::open(folder, &notes.of.run, name, path, flying)?;
+        let flying = Flying::new(checkpoint.of.epoch_unix_ns, stamps_of(options));
+        let live = Live::open(folder, &checkpoint.of.run, name, path, flying)?;
         let prepared =
             Prepared { graph, bus, services, supervisor, slots, conductor, recording, live, stop };
         Ok(Self::of(prepared, options)?)
@@ -239,7 +245,7 @@ impl Flight {
     /// goes on with each slot as its consumer has it.
     fn take_over(
         &mut self,
-        notes: &Notes,
+        checkpoint: &Checkpoint,
         membership: &Membership,
         options: &RunOptions,
     ) -> Result<(), String> {
@@ -247,9 +253,9 @@ impl Flight {
         self.begun = (self.conductor.wall_ns(now_ns), now_ns);
         self.progress_at = (now_ns, 0);
         self.script.skip_before(self.begun.0);
-        self.orders.go_on(&notes.guidance.0, &notes.disturbance.0);
+        self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         self.conductor.say_again();
-        let led = self.supervisor.go_on(notes, &mut self.tap, now_ns);
+        let led = self.supervisor.go_on(checkpoint, &mut self.tap, now_ns);
         led.map_err(|error| error.to_string())?;
         let pilot = pilot_thread::start(
             options.scenario.clone(),
@@ -260,9 +266,9 @@ impl Flight {
             Entry::InFlight { generation: self.supervisor.pilot_generation() },
         );
         self.pilot = Some(pilot.map_err(|error| format!("cannot start the pilot: {error}"))?);
-        self.listen(notes);
-        for record in &notes.owners {
-            let posts = &notes.posts;
+        self.listen(checkpoint);
+        for record in &checkpoint.owners {
+            let posts = &checkpoint.posts;
             let living: Vec<_> = self.supervisor.living().collect();
             self.with_slots(mono_now_ns(), |slots, context| {
                 slots.take_over(&record.0, posts, &living, context)
@@ -272,10 +278,10 @@ impl Flight {
         Ok(())
     }
 
-    /// Waits until the consumers have said whom they obey: what happened to a slot while nobody led is
-    /// known to them alone.
-    fn listen(&mut self, notes: &Notes) {
-        let position_too = notes.posts.iter().any(|post| post.place().role == Role::Position);
+    /// Waits until the consumers have said which seat they obey: what happened to a slot while no
+    /// launcher led is known to them alone.
+    fn listen(&mut self, checkpoint: &Checkpoint) {
+        let position_too = checkpoint.posts.iter().any(|post| post.place().role == Role::Position);
         let give_up_ns = mono_now_ns() + HEAR_LIMIT_NS;
         while mono_now_ns() < give_up_ns {
             self.tap.drain(mono_now_ns());

@@ -1,11 +1,11 @@
 //! How a flight starts.
 
 use super::{Flight, LOOK_EVERY_NS};
+use crate::checkpoint::CheckpointWriter;
 use crate::conductor::Conductor;
 use crate::disorder;
 use crate::grants::Grants;
 use crate::live::Live;
-use crate::notes::Notebook;
 use crate::pilot_thread::{self, Entry};
 use crate::rehearser::Rehearser;
 use crate::stall::Newcomers;
@@ -69,7 +69,7 @@ impl Flight {
         membership: &Membership,
         stop: StopFlags,
         recording: Option<Recording>,
-        (live, notebook): (Live, Notebook),
+        (live, checkpoints): (Live, CheckpointWriter),
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
@@ -94,7 +94,7 @@ impl Flight {
         let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
         let folder = membership.folder().to_path_buf();
         let policy = restart_policy(scenario);
-        let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, notebook)?;
+        let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, checkpoints)?;
         let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
         let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
         let prepared =
@@ -153,7 +153,7 @@ impl Flight {
         })
     }
 
-    /// Starts everybody and waits until all are ready, then starts the clock.
+    /// Starts all processes and waits until they are ready, then starts the clock.
     pub(super) fn start(
         &mut self,
         membership: &Membership,

@@ -3,7 +3,7 @@
 use super::Flight;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
-use shared_types::{ClockMode, Role, RollEntry, Seat};
+use shared_types::{ClockMode, RegistryEntry, Role, Seat};
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use swap::{FlightError, Slots};
@@ -12,10 +12,10 @@ use swap::{FlightError, Slots};
 const SERVICE_LOOK_NS: u64 = 500_000_000;
 
 impl Flight {
-    /// Names the unregistered publishers on the flight's topics; nobody listens to them.
+    /// Names the unregistered publishers on the flight's topics; no process listens to them.
     pub(super) fn name_strays(&mut self) {
         // The launcher reads neither by itself.
-        let _ = self.bus.look_at_roll(|_| ());
+        let _ = self.bus.read_registry(|_| ());
         self.clock_reader.for_each_new(|_| {});
         let strays = self.bus.strays();
         let mut services = BTreeMap::<u32, Vec<&str>>::new();
@@ -52,12 +52,12 @@ impl Flight {
         }
     }
 
-    pub(super) fn mark_of(&self, entry: &RollEntry) -> u64 {
+    pub(super) fn mark_of(&self, entry: &RegistryEntry) -> u64 {
         let seat = Seat { role: entry.role, index: entry.seat };
         self.tap.marks.of_seat(seat, entry.generation)
     }
 
-    /// Kills whoever could step and has not for too long.
+    /// Kills each process that could step and has not for too long.
     ///
     /// # Errors
     /// [`FlightError`] if the flight cannot go on.
@@ -65,8 +65,8 @@ impl Flight {
         if let Some(bar) = &self.progress {
             bar.set_position(drained.min(self.conductor.end_ns()) / 1_000_000);
         }
-        let present: Vec<RollEntry> = self.supervisor.present().copied().collect();
-        // Permission counts as well: whoever has just got it, after time was held, has not stood still.
+        let present: Vec<RegistryEntry> = self.supervisor.present().copied().collect();
+        // Permission counts as well: a process that has just got it, after time was held, has not stood still.
         let realtime = self.conductor.mode() == ClockMode::Realtime;
         let allowed_ns = if realtime { 0 } else { self.conductor.allowed_ns() };
         let marks = present.iter().map(|entry| self.mark_of(entry));
@@ -102,7 +102,7 @@ impl Flight {
         Ok(())
     }
 
-    /// Lets who measures see what each process takes, while nobody has left yet.
+    /// Lets the stopwatch see what each process takes, while none has left yet.
     pub(super) fn look_at_processes(&mut self, now_ns: u64) {
         let over = self.drained_ns >= self.conductor.end_ns();
         let Some(stopwatch) = self.tap.sinks.stopwatch.as_mut() else { return };

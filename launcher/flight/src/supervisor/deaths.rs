@@ -4,8 +4,8 @@ use super::{Notice, Supervisor};
 use crate::tap::Tap;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::Bus;
-use runtime::namespace::remove_unborn_objects;
-use shared_types::{Role, RollEntry, Seat};
+use runtime::namespace::remove_incomplete_objects;
+use shared_types::{RegistryEntry, Role, Seat};
 use swap::child::{Death, RunningChild, describe};
 use swap::post::Post;
 use swap::{FlightError, PostEvent};
@@ -52,7 +52,7 @@ impl Supervisor {
                     let (name, words) = (post.spec.name.clone(), words);
                     format!("{name} exited with status 0 before it said hello{words}")
                 });
-                self.leave_roll(place, tap);
+                self.leave_registry(place, tap);
                 self.events.push(PostEvent::Gone { place, exit_reason });
             }
             return Ok(());
@@ -61,7 +61,7 @@ impl Supervisor {
         let how = describe(death);
         let words = post.words();
         post.child = None;
-        remove_unborn_objects(&self.folder);
+        remove_incomplete_objects(&self.folder);
         // What the dead said last goes with what they leave behind.
         bus.sweep_dead_processes(&mut || {
             tap.drain(now_ns);
@@ -75,21 +75,21 @@ impl Supervisor {
         }
         let mark_ns = tap.marks.of_seat(post.seat, post.generation);
         if post.seat.role.is_slot() {
-            // Whoever dies of what it meets there would do so again and again.
+            // A process that dies of what it meets there would do so again and again.
             let (times, there_ns) = post.died;
             post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         }
         // One that has stepped and published no state, such as a controller in Python, has nothing to go on from.
         let is_stateless = mark_ns > 0 && tap.last_state(post.seat).is_none();
-        let incurable = post.died.0 > DEATHS_MAX || is_stateless;
-        if post.seat.role.is_slot() && (post.scripted || incurable || !keeps(post.seat)) {
+        let is_crash_looping = post.died.0 > DEATHS_MAX || is_stateless;
+        if post.seat.role.is_slot() && (post.scripted || is_crash_looping || !keeps(post.seat)) {
             // Who commands the slot now is not decided here.
             let place = post.seat;
             let exit_reason = (!post.scripted).then(|| format!("{name} {how}{words}"));
             post.scripted = false;
             post.ready = false;
             post.died = (0, 0);
-            self.leave_roll(place, tap);
+            self.leave_registry(place, tap);
             self.events.push(PostEvent::Gone { place, exit_reason });
             return Ok(());
         }
@@ -138,15 +138,15 @@ impl Supervisor {
         post.map(Post::words_so_far).unwrap_or_default()
     }
 
-    /// Stops a process without ending it. In a slot nobody waits for it any more, since another can command; whoever is
-    /// alone in its role is found to hang, killed and started again, as if it had been stopped from outside.
+    /// Stops a process without ending it. In a slot no process waits for it any more, since another can command; one
+    /// that is alone in its role is found to hang, killed and started again, as if it had been stopped from outside.
     pub(crate) fn stop(&mut self, seat: Seat, tap: &mut Tap) {
         if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat)
             && let Some(child) = &mut post.child
         {
             child.stop();
             if seat.role.is_slot() {
-                self.leave_roll(seat, tap);
+                self.leave_registry(seat, tap);
             }
         }
     }
@@ -162,9 +162,9 @@ impl Supervisor {
         }
     }
 
-    /// Kills processes that have permission to step and do not, unless they only wait for a processor; gives the roles of
-    /// those that it has killed.
-    pub(crate) fn kill_stalled(&mut self, stalled: &[RollEntry], tap: &Tap) -> Vec<Role> {
+    /// Kills processes that have permission to step and do not, unless they only wait for a processor; gives the roles
+    /// of those that it has killed.
+    pub(crate) fn kill_stalled(&mut self, stalled: &[RegistryEntry], tap: &Tap) -> Vec<Role> {
         let mut killed = Vec::new();
         for entry in stalled {
             let seat = Seat { role: entry.role, index: entry.seat };
@@ -182,7 +182,7 @@ impl Supervisor {
         killed
     }
 
-    /// Kills everybody, now.
+    /// Kills all processes, now.
     pub(crate) fn kill_all(&mut self) {
         for post in &mut self.posts {
             post.restart_at_ns = None;
@@ -193,7 +193,7 @@ impl Supervisor {
     }
 }
 
-/// True if a process whose exit status nobody has seen said before that nothing will follow.
+/// True if a process whose exit status has not been seen said before that nothing will follow.
 fn has_left(post: &Post, tap: &mut Tap, now_ns: u64) -> bool {
     tap.drain(now_ns);
     tap.marks.of_seat(post.seat, post.generation) == u64::MAX

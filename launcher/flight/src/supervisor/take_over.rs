@@ -2,7 +2,7 @@
 
 use super::deaths::PLANT_GONE;
 use super::{Notice, RestartPolicy, Supervisor};
-use crate::notes::{Notebook, Notes};
+use crate::checkpoint::{Checkpoint, CheckpointWriter};
 use crate::tap::Tap;
 use runtime::clock::WallMap;
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
@@ -10,66 +10,66 @@ use shared_types::{ClockRecord, Hello, OwnerRecord, Role, Seat};
 use std::path::PathBuf;
 use swap::child::{ChildSpec, Launch, RunningChild};
 use swap::post::Post;
-use swap::{FlightError, OrderSinks, PostNote, RollKeeper, SlotOwner};
+use swap::{FlightError, OrderSinks, PostNote, RegistryWriter, SlotOwner};
 
 impl Supervisor {
-    /// Takes over from a launcher that has died: whoever lives is held, the others are counted as gone.
+    /// Takes over from a launcher that has died: the processes that live are held, the others are counted as gone.
     pub(crate) fn take_over(
         bus: &Bus,
         folder: PathBuf,
-        notes: &Notes,
+        checkpoint: &Checkpoint,
         hello: &TopicFactory<Hello>,
         policy: RestartPolicy,
-        notebook: Notebook,
+        checkpoints: CheckpointWriter,
     ) -> Result<Self, PortError> {
-        let posts = notes.posts.iter().map(|note| taken_over(bus, note));
+        let posts = checkpoint.posts.iter().map(|note| taken_over(bus, note));
         let mut supervisor = Self {
             folder,
             policy,
             posts: posts.collect::<Result<_, _>>()?,
             hello: IpcSource::with_capacity(hello, 64)?,
-            roll: RollKeeper::open(bus)?,
+            registry: RegistryWriter::open(bus)?,
             slots: SlotOwner::open_all(bus)?,
             orders: OrderSinks::open(bus)?,
             events: Vec::new(),
-            notebook,
-            pilot: Some(pilot(bus, notes)?),
-            wall: Some(WallMap::new(&notes.clock.0)),
+            checkpoints,
+            pilot: Some(pilot(bus, checkpoint)?),
+            wall: Some(WallMap::new(&checkpoint.clock.0)),
             notices: Vec::new(),
             recovered: 0,
         };
-        let entries: Vec<_> = notes.roll.iter().map(|entry| entry.0).collect();
-        supervisor.roll.go_on(&entries);
-        supervisor.roll.leave(Seat::first(Role::Pilot));
+        let entries: Vec<_> = checkpoint.registry.iter().map(|entry| entry.0).collect();
+        supervisor.registry.go_on(&entries);
+        supervisor.registry.leave(Seat::first(Role::Pilot));
         let gone = supervisor.posts.iter().filter(|post| post.child.is_none());
         let gone: Vec<Seat> = gone.map(|post| post.seat).collect();
         for seat in gone {
-            supervisor.roll.leave(seat);
+            supervisor.registry.leave(seat);
         }
         Ok(supervisor)
     }
 
-    /// Says again who sits where and who commands, as the launcher before has said it last; whoever was
-    /// not in a slot and is gone is started again.
+    /// Says again who sits where and who commands, as the launcher before has said it last; a process
+    /// that was not in a slot and is gone is started again.
     ///
     /// # Errors
     /// Nothing is left to fly.
     pub(crate) fn go_on(
         &mut self,
-        notes: &Notes,
+        checkpoint: &Checkpoint,
         tap: &mut Tap,
         now_ns: u64,
     ) -> Result<(), FlightError> {
-        self.roll.publish();
-        tap.marks.learn_roll(self.roll.entries());
+        self.registry.publish();
+        tap.marks.learn_registry(self.registry.entries());
         for slot in &mut self.slots {
             let of_slot = |record: &&OwnerRecord| record.slot == slot.role;
-            if let Some(record) = notes.owners.iter().map(|r| &r.0).find(of_slot) {
+            if let Some(record) = checkpoint.owners.iter().map(|r| &r.0).find(of_slot) {
                 slot.take(*record, &mut tap.marks);
                 slot.publish();
             }
         }
-        self.orders.go_on(&notes.guidance.0, &notes.disturbance.0);
+        self.orders.go_on(&checkpoint.guidance.0, &checkpoint.disturbance.0);
         let dead = |post: &&mut Post| post.child.is_none() && !post.finished;
         for post in self.posts.iter_mut().filter(dead) {
             if post.seat.role == Role::Plant {
@@ -108,7 +108,7 @@ impl Supervisor {
 
     /// Notes how time runs.
     pub(crate) fn note_clock(&mut self, record: &ClockRecord) {
-        self.notebook.clock(record);
+        self.checkpoints.clock(record);
         self.note();
     }
 
@@ -127,9 +127,13 @@ impl Supervisor {
             period_ns: post.period_ns,
         });
         let (guidance, disturbance) = self.orders.last();
-        self.notebook.orders(guidance, disturbance);
-        self.notebook.write(self.roll.entries(), self.slots.iter().map(SlotOwner::last), posts);
-        if let Some(text) = self.notebook.take_trouble() {
+        self.checkpoints.orders(guidance, disturbance);
+        self.checkpoints.write(
+            self.registry.entries(),
+            self.slots.iter().map(SlotOwner::last),
+            posts,
+        );
+        if let Some(text) = self.checkpoints.take_trouble() {
             self.notices.push(Notice { source: "launcher".to_owned(), text });
         }
     }
@@ -145,7 +149,7 @@ fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
         waits.end();
     }
     post.started = note.process.map_or(0, |(_, started)| started);
-    // Somebody may have been started here whom nobody has noted.
+    // A process may have been started here that no launcher has noted.
     post.generation = note.generation + u32::from(living.is_none());
     post.ready = living.is_some();
     post.finished = note.finished;
@@ -156,7 +160,7 @@ fn taken_over(bus: &Bus, note: &PostNote) -> Result<Post, PortError> {
 }
 
 /// The pilot died with its launcher; the next one joins as another generation.
-fn pilot(bus: &Bus, notes: &Notes) -> Result<Post, PortError> {
+fn pilot(bus: &Bus, checkpoint: &Checkpoint) -> Result<Post, PortError> {
     let seat = Seat::first(Role::Pilot);
     let spec = ChildSpec {
         name: seat.role.label().to_owned(),
@@ -167,7 +171,7 @@ fn pilot(bus: &Bus, notes: &Notes) -> Result<Post, PortError> {
         pause_ns: 0,
     };
     let mut post = Post::open(bus, seat, spec)?;
-    let of_pilot = notes.roll.iter().filter(|entry| entry.0.role == Role::Pilot);
+    let of_pilot = checkpoint.registry.iter().filter(|entry| entry.0.role == Role::Pilot);
     post.generation = of_pilot.map(|entry| entry.0.generation + 1).max().unwrap_or(0);
     post.awaits_handover = true;
     Ok(post)

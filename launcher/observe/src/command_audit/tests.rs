@@ -61,7 +61,7 @@ fn the_owner_of_the_epoch_commands_until_the_next_owners_first_command() {
     assert_eq!(wrong(&ends), 1, "after its time");
     assert_eq!(wrong(&[applied(15, 1, (0, 9), false)]), 1, "never said");
     assert_eq!(wrong(&[applied(25, 2, (0, 3), true)]), 0, "the fallback took over");
-    assert_eq!(wrong(&[applied(15, 9, (0, 2), false)]), 1, "an epoch that nobody announced");
+    assert_eq!(wrong(&[applied(15, 9, (0, 2), false)]), 1, "an epoch that was never announced");
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn what_a_fallback_said_before_it_became_the_owner_is_not_its_to_give() {
 }
 
 #[test]
-fn what_was_in_effect_at_two_flips_before_anybody_spoke_is_still_carried() {
+fn what_was_in_effect_at_two_flips_before_any_command_is_still_carried() {
     let mut audit = CommandAudit::default();
     audit.applied(&applied(0, 1, (NO_SEAT, 0), false));
     for (epoch, at_ms, owner, fallback) in [(1, 0, 0, 1), (2, 15, 0, 1), (3, 20, 1, NO_SEAT)] {
@@ -174,7 +174,7 @@ fn a_tick_by_a_command_that_a_new_writer_gave_before_it_was_heard_is_not_judged(
     }
     let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
     assert_eq!(audit.tally(), expected);
-    // Nobody obeys a shadow, whatever of it was lost.
+    // The plant obeys no shadow, whatever of it was lost.
     let mut audit = flip();
     let mut shadow = command(2, 9, 80);
     shadow.header.generation = 1;

@@ -17,7 +17,7 @@ const REPLY_BYTES: u64 = 1 << 20;
 /// Why a launcher did not answer.
 #[derive(Debug, Error)]
 pub enum AskError {
-    /// Nobody listens.
+    /// No launcher listens.
     #[error(
         "no launcher answers for run {run}: it is just starting, or has died, and then {rescue} ({source})"
     )]
@@ -66,7 +66,7 @@ impl Conversation {
     /// Connects to the launcher of `run` and asks.
     ///
     /// # Errors
-    /// Nobody listens, or the request cannot be written.
+    /// No launcher listens, or the request cannot be written.
     pub fn ask(run: &Run, request: &Request) -> Result<Self, AskError> {
         let stream = UnixStream::connect(run.folder().join(SOCKET)).map_err(|source| {
             AskError::NoLauncher { run: run.id().to_owned(), rescue: run.rescue(), source }

@@ -105,7 +105,7 @@ impl Conversation {
             self.check_timeouts(now_ns);
         }
         self.speak(now_ns);
-        // Nobody is left to answer; what was asked for happens all the same.
+        // No client is left to answer; what was asked for happens all the same.
         if happened.intersects(PollFlags::HUP | PollFlags::ERR) {
             self.state = State::Over;
         }

@@ -119,8 +119,8 @@ pub struct Progress {
     pub text: String,
     /// What the gate measured, with the step `gate`.
     pub figures: Option<Figures>,
-    /// Where the vehicle was when its rehearsal failed, with the step `fails`: instant \[s\], x, y and z \[m\] in the world and
-    /// attitude, body to world, as w, x, y, z.
+    /// Where the vehicle was when its rehearsal failed, with the step `fails`: instant \[s\], x, y and z \[m\] in the
+    /// world and attitude, body to world, as w, x, y, z.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub course: Vec<[f64; 8]>,
 }
@@ -191,7 +191,7 @@ pub enum Reason {
     BadRequest,
     /// The flight has no such slot.
     UnknownSlot,
-    /// Nobody answers to a name.
+    /// No controller answers to a name.
     UnknownName,
     /// It cannot be asked of that instance, or not now that things are as they are.
     NoSense,
@@ -203,7 +203,7 @@ pub enum Reason {
     Gate,
     /// Flown ahead, the candidate failed, or it could not be flown ahead.
     Rehearsal,
-    /// Somebody failed on the way.
+    /// A process failed on the way.
     Failed,
     /// More conversations than the launcher holds at a time.
     TooMany,

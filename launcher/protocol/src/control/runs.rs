@@ -9,7 +9,7 @@ use thiserror::Error;
 /// Marks the folder of a run in which nothing flies.
 const MEASUREMENT: &str = "measurement";
 
-/// Lets nobody take a run for a flight.
+/// Keeps a run from being taken for a flight.
 ///
 /// # Errors
 /// Its folder cannot be written.

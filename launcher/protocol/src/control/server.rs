@@ -80,7 +80,7 @@ struct Post {
 
 impl Post {
     fn send(&self, letter: Letter) {
-        // Both fail only if the thread has gone, and then nobody waits.
+        // Both fail only if the thread has gone, and then no client waits.
         let _ = self.letters.send(letter);
         let _ = rustix::io::write(&*self.bell, &1_u64.to_ne_bytes());
     }
@@ -175,7 +175,7 @@ impl Desk {
         }
     }
 
-    /// Waits until something happens: whether somebody is at the door, and what to each client.
+    /// Waits until something happens: whether a client is at the door, and what to each client.
     fn wait(&self) -> io::Result<(bool, Vec<(u64, PollFlags)>)> {
         let now_ns = mono_now_ns();
         let deaf = now_ns < self.deaf_until_ns;
@@ -213,7 +213,7 @@ impl Desk {
         true
     }
 
-    /// Lets one in: before the next one, whoever has left by then makes room.
+    /// Lets one in: before the next one, clients that have left by then make room.
     fn let_in(&mut self) {
         use io::ErrorKind::{Interrupted, WouldBlock};
         let now_ns = mono_now_ns();
@@ -233,7 +233,7 @@ impl Desk {
             let text = format!("{} others are asking: try again", self.clients.len());
             conversation.refuse(Reason::TooMany, text, now_ns);
         }
-        // Whoever is not welcome has been told, as far as one write goes.
+        // A client that is not welcome has been told, as far as one write goes.
         if !conversation.is_over() {
             self.clients.insert(self.next_client, conversation);
             self.next_client += 1;

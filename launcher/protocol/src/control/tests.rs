@@ -41,7 +41,7 @@ fn say(client: &mut BufReader<UnixStream>, bytes: &[u8]) {
 
 fn hear(client: &mut BufReader<UnixStream>) -> Option<Reply> {
     let mut line = String::new();
-    // Whoever has not been let in yet is reset when the server leaves.
+    // A client that has not been let in yet is reset when the server leaves.
     let _ = client.read_line(&mut line);
     (!line.is_empty()).then(|| serde_json::from_str(&line).unwrap())
 }
@@ -194,7 +194,7 @@ fn a_request_beyond_the_bound_is_refused_however_it_comes() {
 }
 
 #[test]
-fn who_stalls_in_the_middle_of_a_request_is_dropped_and_blocks_nobody() {
+fn a_client_that_stalls_within_a_request_is_dropped_and_blocks_no_other() {
     let (folder, server) = server(impatient());
     let mut stalled = connect(folder.path());
     let mut silent = connect(folder.path());

@@ -1,6 +1,6 @@
-//! The launcher's end: copies of the samples that somebody wants to see.
+//! The launcher's end: copies of the samples that a client wants to see.
 //!
-//! The main loop packs a sample only if somebody wants its topic, and puts it into a queue without ever
+//! The main loop packs a sample only if a client wants its topic, and puts it into a queue without ever
 //! waiting; the thread does the rest. What finds the queue or a client's buffer full is dropped and counted.
 
 use super::{SOCKET, known, place, schema};
@@ -32,7 +32,7 @@ const CLIENTS: usize = 8;
 const FLUSH_LIMIT_NS: u64 = 5_000_000_000;
 /// How long a client may take to ask, and to read anything at all once its buffer is full \[ns\].
 const PATIENCE_NS: u64 = 5_000_000_000;
-/// How often the queue is looked at while somebody listens \[ns\].
+/// How often the queue is looked at while a client listens \[ns\].
 const LOOK_EVERY_NS: i64 = 10_000_000;
 /// In place of a topic: so many samples have been dropped.
 pub(super) const DROPPED: u16 = u16::MAX;
@@ -40,7 +40,7 @@ pub(super) const DROPPED: u16 = u16::MAX;
 pub(super) const TOLD: u16 = u16::MAX - 1;
 /// In place of a topic: the flight is over, and how.
 pub(super) const ENDED: u16 = u16::MAX - 2;
-/// Among the topics that somebody wants: what is told besides.
+/// Among the topics that a client wants: what is told besides.
 const EVENTS: u64 = 1 << 63;
 
 /// What a client asks for, as a line of JSON.
@@ -112,7 +112,7 @@ struct Frame {
 /// What main loop and thread share.
 #[derive(Debug, Default)]
 struct Shared {
-    /// A bit for each topic that somebody wants.
+    /// A bit for each topic that a client wants.
     wanted: AtomicU64,
     /// Samples that found the queue full.
     dropped: AtomicU64,
@@ -158,7 +158,7 @@ impl Feed {
         Ok(Self { shared, frames, bell, thread: Some(thread), path, flying })
     }
 
-    /// Takes a copy if somebody wants it. Never waits.
+    /// Takes a copy if a client wants it. Never waits.
     pub fn offer<T: Sample>(&self, topic: &'static Topic<T>, sample: &T) {
         let wanted = self.shared.wanted.load(Ordering::Acquire);
         if wanted == 0 {
@@ -173,7 +173,7 @@ impl Feed {
         self.put(u16::try_from(place).unwrap_or(DROPPED), packed);
     }
 
-    /// Tells what happened to whoever wants to know. Never waits.
+    /// Tells what happened, to each client that wants to know. Never waits.
     pub fn tell(&self, event: &Event<'_>) {
         if self.shared.wanted.load(Ordering::Acquire) & EVENTS != 0 {
             let mut log = Vec::new();
@@ -240,7 +240,7 @@ impl Desk {
             for client in &mut self.clients {
                 client.hear(self.flying);
             }
-            // Before the answers: whoever has one gets every sample from then on.
+            // Before the answers: a client that has one gets every sample from then on.
             self.tell_wanted();
             for client in &mut self.clients {
                 client.speak();
@@ -286,7 +286,7 @@ impl Desk {
         self.shared.wanted.store(wanted, Ordering::Release);
     }
 
-    /// Waits for somebody at the door, or, while somebody listens, a moment.
+    /// Waits for a client at the door, or, while any listens, a moment.
     fn wait(&self) -> io::Result<()> {
         let mut fds =
             [PollFd::new(&*self.bell, PollFlags::IN), PollFd::new(&self.listener, PollFlags::IN)];
@@ -337,7 +337,7 @@ impl Desk {
         }
     }
 
-    /// Gives everybody what they want of what has come.
+    /// Gives each client what it wants of what has come.
     fn hand_out(&mut self) {
         while let Ok(Frame { topic, packed }) = self.queue.try_recv() {
             let bit = if topic >= ENDED { EVENTS } else { 1 << topic };

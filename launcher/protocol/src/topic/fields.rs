@@ -157,7 +157,7 @@ fn lines(text: &mut String, name: &str, value: &Value) {
 }
 
 fn plain(value: &Value) -> String {
-    // No other whole number has this value, and nobody knows it for what it is.
+    // No other whole number has this value, and no reader knows it for what it is.
     if value.as_u64() == Some(NO_SEAT.into()) {
         return "none".to_owned();
     }

@@ -17,7 +17,7 @@ const LARGEST: usize = 1 << 20;
 /// Why nothing can be heard.
 #[derive(Debug, Error)]
 pub enum ListenError {
-    /// Nobody there.
+    /// No launcher is there.
     #[error(
         "run {run} cannot be listened to: {source}; it is just starting, or its launcher has died"
     )]
@@ -45,7 +45,7 @@ pub enum ListenError {
 pub enum Word {
     /// A packed sample.
     Sample(&'static TopicInfo, Vec<u8>),
-    /// So many were not sent, because nobody read fast enough.
+    /// So many were not sent, because the client did not read fast enough.
     Dropped(u64),
     /// Something that happened, as `foxglove.Log`.
     Told(Vec<u8>),

@@ -56,7 +56,7 @@ impl Tally {
             let interval_ns = header.release_ns.saturating_sub(writer.last.release_ns);
             writer.shortest_ns = writer.shortest_ns.min(interval_ns);
             writer.longest_ns = writer.longest_ns.max(interval_ns);
-            // Whoever takes a seat in flight counts from elsewhere.
+            // A process that takes a seat in flight counts from elsewhere.
             if header.generation == writer.last.generation {
                 let missing =
                     header.sequence.saturating_sub(writer.last.sequence.saturating_add(1));

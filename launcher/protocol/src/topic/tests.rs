@@ -57,7 +57,7 @@ fn next(listening: &mut Listening) -> (&'static str, u64) {
 #[test]
 fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
     let flight = Flight::new();
-    // Nobody listens: nothing is kept.
+    // No client listens: nothing is kept.
     flight.feed.offer(&topics::IMU, &imu(1));
     let (mut one, mut both) = (flight.listen(&["imu"]), flight.listen(&["truth", "imu"]));
     flight.feed.offer(&topics::IMU, &imu(2));
@@ -73,7 +73,7 @@ fn who_listens_gets_the_topics_asked_for_in_order_and_nothing_else() {
 }
 
 #[test]
-fn who_reads_too_slowly_loses_samples_is_told_how_many_and_holds_up_nobody() {
+fn a_slow_client_loses_samples_is_told_how_many_and_holds_up_no_other() {
     let flight = Flight::new();
     let mut slow = flight.listen(&["reference"]);
     let (sent, mut got, mut dropped) = (20_000, 0, 0);
@@ -172,7 +172,7 @@ fn a_packed_sample_is_taken_apart_by_its_topic_and_only_if_it_fits() {
 }
 
 #[test]
-fn what_is_told_and_the_end_come_to_whoever_wants_everything_and_to_nobody_else() {
+fn what_is_told_and_the_end_come_only_to_clients_that_want_everything() {
     let folder = tempfile::TempDir::new().unwrap();
     let flying = Flying { epoch_unix_ns: 1_000_000_000, speed: Some(0.5) };
     let feed = Feed::open(folder.path(), flying).unwrap();

@@ -176,7 +176,7 @@ impl RecordedFlight {
         pass::visit(self, visitor)
     }
 
-    /// Looks whether its samples fit into memory, for whoever keeps them.
+    /// Looks whether its samples fit into memory, for a caller that keeps them.
     ///
     /// # Errors
     /// [`ReadError::TooLong`].

@@ -234,7 +234,7 @@ fn read<V: RecordVisitor>(
                 visitor.state(*role, &header, state);
                 return Ok(());
             }
-            // Whoever follows one of ours may be an executable of somebody else's.
+            // A process that follows one of ours may be a foreign executable.
             if let Some(layout) = layouts.first().filter(|_| !known.get()) {
                 return Err(ReadError::Layout(Box::new(LayoutChange {
                     path: flight.path.clone(),

@@ -39,7 +39,7 @@ impl Records {
         // Before it is opened: to open a pipe is to wait for its writer.
         let facts = std::fs::metadata(path).map_err(system())?;
         if !facts.is_file() {
-            let what = format!("it is no file but a {}", kind(facts.file_type()));
+            let what = format!("it is not a file but a {}", kind(facts.file_type()));
             return Err(ReadError::Foreign { path: path.to_owned(), what });
         }
         let mut file = File::open(path).map_err(system())?;
@@ -150,7 +150,7 @@ enum Trouble {
     /// Bytes that are not as they were written.
     Damage(McapError),
     System(io::Error),
-    /// What whoever is shown the records says.
+    /// What the visitor says that is shown the records.
     Told(ReadError),
 }
 

@@ -294,7 +294,7 @@ fn what_is_no_recording_is_refused_by_name() -> Outcome {
         RecordedFlight::open(path).map_or_else(|error| error.to_string(), |_| "opened".to_owned())
     };
     assert!(told(&path).contains("cannot read"), "{}", told(&path));
-    assert!(told(folder.path()).contains("is no file"), "{}", told(folder.path()));
+    assert!(told(folder.path()).contains("is not a file"), "{}", told(folder.path()));
     fs::write(&path, "")?;
     assert!(told(&path).contains("is empty"), "{}", told(&path));
     fs::write(&path, "seed = 7\n")?;

@@ -1,7 +1,7 @@
 //! What can be ordered of the vehicle and the air around it while a flight is under way: where to go, how
 //! wide to spread the arms, what to disturb.
 //!
-//! [`Order`] is an order as somebody writes it, on the control socket or in a scenario's `[[order]]`.
+//! [`Order`] is an order as a user writes it, on the control socket or in a scenario's `[[order]]`.
 //! [`Planner`] turns it into the sample that pilot or injector takes in, at an instant that neither has
 //! reached: a reference leaves its plan smoothly from wherever it is by then.
 

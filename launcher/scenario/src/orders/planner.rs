@@ -155,12 +155,12 @@ impl Planner {
         (self.guidance, self.disturbance) = (*guidance, *disturbance);
     }
 
-    /// The first instant that nobody who obeys has reached when time is `now_ns` and may go on to
+    /// The first instant that no loop that obeys has reached when time is `now_ns` and may go on to
     /// `allowed_ns`, whichever is later \[ns\].
     #[must_use]
     pub fn begin_ns(order: &Order, graph: &Graph, now_ns: u64, allowed_ns: u64) -> u64 {
         let lead_ns = Self::ahead_ns(order, graph);
-        // Lockstep: nobody is past what is allowed, and the sample comes before more is.
+        // Lockstep: no loop is past what is allowed, and the sample comes before more is.
         if allowed_ns > now_ns { allowed_ns } else { now_ns + lead_ns }
     }
 

@@ -3,7 +3,7 @@
 use super::{Calm, Disturb, Goto, Load, Morph, Order};
 use core::fmt::{self, Display, Formatter};
 
-/// A vector as somebody types it.
+/// A vector as a user types it.
 struct Vector([f64; 3]);
 
 impl Display for Vector {

@@ -72,7 +72,7 @@ impl Director {
         }
         let settings = scenario.settings();
         Ok(Self {
-            // Whoever is started here is waited for then and there, so nobody is late.
+            // A loop that is started here is waited for then and there, so none is late.
             slots: Slots::new(ClockMode::Lockstep, &specs, &scenario, u64::MAX),
             script: Script::new(settings, graph),
             orders: Planner::of(&scenario).map_err(|error| InProcessError::Component {
@@ -165,8 +165,8 @@ impl Director {
         done.map_err(|error| InProcessError::Slots(error.to_string()))
     }
 
-    /// Deals with processes that have failed, once nobody may step: who commands, or may have to, is
-    /// started again in place, and the others are reported to the slots. False if there are none.
+    /// Deals with processes that have failed, once no loop may step: one that commands, or may have to,
+    /// is started again in place, and the others are reported to the slots. False if there are none.
     pub(super) fn reap(
         &mut self,
         graph: &Graph,

@@ -15,7 +15,7 @@ pub enum InProcessError {
         /// What the system or the transport said.
         error: String,
     },
-    /// A fault of a process that nobody can stand in for.
+    /// A fault of a process that no other can stand in for.
     #[error(
         "{name} fills no slot, and only a process of it can be killed or stopped: leave this fault \
          away, or fly with processes"

@@ -21,12 +21,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use swap::SlotWatch;
 
-/// A clock for the stamps of samples that nobody will read.
+/// A clock for the stamps of samples that will not be read.
 fn no_clock() -> u64 {
     0
 }
 
-/// A flight in progress, whoever observes it: [`InProcess`](super::InProcess) adds the observer.
+/// A flight in progress, whatever observes it: [`InProcess`](super::InProcess) adds the observer.
 pub struct Kernel {
     pub(super) graph: Graph,
     pub(super) loops: Vec<Loop>,
@@ -37,7 +37,7 @@ pub struct Kernel {
     now_mono_ns: fn() -> u64,
     /// The loop that is being stepped.
     stepping: usize,
-    /// How far everybody has got, told to processes; kept for its room.
+    /// How far every loop has got, told to processes; kept for its room.
     instances: Vec<InstanceMark>,
 }
 
@@ -138,7 +138,7 @@ impl Kernel {
         })
     }
 
-    /// Runs each loop as far as it may go now; false if nobody may.
+    /// Runs each loop as far as it may go now; false if none may.
     fn fly_interval(&mut self, t_ns: u64) -> bool {
         let allowed_ns = self.allowed_ns(t_ns);
         let mut moved = false;
@@ -157,7 +157,7 @@ impl Kernel {
     }
 
     /// Lets those leave who have to, and does what is due in the slots once all that is allowed has been
-    /// flown; false if nothing comes of it. What is due at `t_ns` itself is left to whoever flies on.
+    /// flown; false if nothing comes of it. What is due at `t_ns` itself is left to the caller that flies on.
     fn direct(&mut self, t_ns: u64) -> Result<bool, InProcessError> {
         let Some(director) = &mut self.director else { return Ok(false) };
         if director.reap(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)? {
@@ -170,7 +170,7 @@ impl Kernel {
             return Ok(false);
         }
         let more = director.go_on(&self.graph, &mut self.loops, &mut self.marks, self.end_ns)?;
-        // Time waits for whoever has just been told to leave.
+        // Time waits for a loop that has just been told to leave.
         Ok(more || director.retire(&mut self.loops, &mut self.marks))
     }
 

@@ -1,13 +1,13 @@
-//! How far the loops of a flight in one process have got, whoever sits where.
+//! How far the loops of a flight in one process have got, whichever seat each has.
 
 use runtime::graph::{Edge, Marks};
 use runtime::{MarkView, SeatMarks};
-use shared_types::{Flag, Role, RollEntry, Seat as Place};
+use shared_types::{Flag, RegistryEntry, Role, Seat as Place};
 
 /// How far every loop has got.
 #[derive(Debug)]
 pub(super) enum FlightMarks {
-    /// Of a flight in which everybody keeps his place.
+    /// Of a flight in which every loop keeps its place.
     Plain(Marks),
     /// Of one in which slots change hands.
     Seats(Box<SeatMarks>),
@@ -23,15 +23,15 @@ impl FlightMarks {
         }
     }
 
-    /// Whoever sits on a seat has come, or is gone and not waited for.
+    /// The loop that sits on a seat has come, or is gone and not waited for.
     pub(super) fn seat(&mut self, place: Place, generation: u32, present: bool) {
         if let Self::Seats(marks) = self {
-            marks.learn_roll(&[RollEntry {
+            marks.learn_registry(&[RegistryEntry {
                 role: place.role,
                 seat: place.index,
                 generation,
                 present: Flag::from(present),
-                ..RollEntry::default()
+                ..RegistryEntry::default()
             }]);
         }
     }

@@ -132,7 +132,7 @@ impl InProcessHost {
         !starting.is_empty()
     }
 
-    /// True if somebody has come or gone, or a candidate has been flown ahead, since the last time.
+    /// True if a loop has come or gone, or a candidate has been flown ahead, since the last time.
     pub(super) fn has_news(&self) -> bool {
         !self.events.is_empty() || !self.rehearsed.is_empty()
     }
@@ -172,7 +172,7 @@ impl InProcessHost {
             .map_err(|error| InProcessError::Outside { name: spec.name.clone(), error })
     }
 
-    /// A loop is gone, perhaps for a reason that is told: its last state stays, and nobody waits for it.
+    /// A loop is gone, perhaps for a reason that is told: its last state stays, and no other waits for it.
     pub(super) fn reap(&mut self, mut l: Loop, marks: &mut FlightMarks) {
         marks.seat(l.place, l.generation, false);
         self.keep_state(&mut l);
@@ -211,7 +211,7 @@ impl InProcessHost {
         let Some(post) = self.posts.get_mut(&place).filter(|_| commands) else {
             return Ok(RestartOutcome::Gone(l));
         };
-        // Whoever dies of what it meets there would do so again and again.
+        // A loop that dies of what it meets there would do so again and again.
         let (times, there_ns) = post.died;
         post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         let Some((_, state)) = post.last_state.clone().filter(|_| post.died.0 <= DEATHS_MAX) else {
@@ -352,7 +352,7 @@ impl Posts for Seats<'_> {
     }
 
     fn words_so_far(&self, _place: Place) -> String {
-        // Whoever fails here is waited for, and its exit report has its words.
+        // A process that fails here is waited for, and its exit report has its words.
         String::new()
     }
 

@@ -14,7 +14,7 @@ use swap::SlotWatch;
 /// What has been sent to one reader and not been read.
 struct Queue<T> {
     samples: RefCell<VecDeque<T>>,
-    /// Nobody will read it any more.
+    /// It will not be read any more.
     closed: Cell<bool>,
 }
 

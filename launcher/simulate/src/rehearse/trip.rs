@@ -1,5 +1,5 @@
-//! A rehearsed flight in which the owner of the position slot trips: the candidate for the attitude slot, which consumes
-//! its set points, has to obey the fallback from then on.
+//! A rehearsed flight in which the owner of the position slot trips: the candidate for the attitude slot, which
+//! consumes its set points, has to obey the fallback from then on.
 
 use super::derive::Role;
 use super::{Rehearsal, fly, not_rehearsed};
@@ -134,7 +134,7 @@ mod tests {
     const FALLBACK_SEAT: u32 = 0;
 
     /// What is due of a candidate that obeyed these seats so many milliseconds after the trip: within 20 ms it may obey
-    /// whom it likes, and for 40 ms more nobody.
+    /// any seat, and for 40 ms more none.
     fn due(obeyed: &[(u64, u32)]) -> Option<(u64, u32)> {
         let obeyed = obeyed.iter().map(|(ms, seat)| (1000 * MS + ms * MS, *seat)).collect();
         let tripping = Tripping { tripped_ns: Some(1000 * MS), obeyed, ..Tripping::default() };
@@ -148,7 +148,7 @@ mod tests {
         assert_eq!(with(&[(70, FALLBACK_SEAT), (80, NO_SEAT)]), Some((70, FALLBACK_SEAT)));
         assert_eq!(with(&[(70, NO_SEAT), (80, FALLBACK_SEAT)]), Some((70, NO_SEAT)));
         assert_eq!(with(&[]), None, "it says nothing more");
-        // However late, and whomever it obeys in between.
+        // However late, and whichever seat it obeys in between.
         assert_eq!(with(&[(70, FALLBACK_SEAT), (80, SWAPPED_SEAT)]), Some((80, SWAPPED_SEAT)));
         assert_eq!(due(&[(30, SWAPPED_SEAT), (70, FALLBACK_SEAT)]), Some((30, SWAPPED_SEAT)));
         assert_eq!(due(&[(70, FALLBACK_SEAT)]), Some((70, FALLBACK_SEAT)), "at once");

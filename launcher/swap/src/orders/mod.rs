@@ -1,4 +1,4 @@
-//! From requests to the slots' state machines, and from their reports back to whoever asked.
+//! From requests to the slots' state machines, and from their reports back to the client that asked.
 //!
 //! Instances are called `NAME@SEAT`: `attitude-mpc@0`. A bare name asks for a new instance where one
 //! is to be started, and for the only one that can be meant where one is to leave.
@@ -78,13 +78,13 @@ pub type Machines = BTreeMap<Slot, slot::Slot>;
 enum Until {
     /// The end of what goes on at this seat.
     Seat(Seat),
-    /// The departure of whoever sits there.
+    /// The departure of the process that sits there.
     Retired(Seat),
     /// The old owner's return.
     RolledBack,
 }
 
-/// Somebody who waits for the end of an order.
+/// A client that waits for the end of an order.
 #[derive(Debug)]
 struct Open {
     slot: Slot,
@@ -97,7 +97,7 @@ struct Open {
 pub struct Orders {
     programs: Vec<Executable>,
     seats: BTreeMap<(Slot, Seat), Program>,
-    /// What is known of the end of the process that sat there last, for whoever asked for it.
+    /// What is known of the end of the process that sat there last, for the client that asked for it.
     ends: BTreeMap<(Slot, Seat), String>,
     /// Who differs from the owner is flown ahead unless the request says otherwise.
     rehearses: bool,
@@ -132,8 +132,8 @@ impl Orders {
         self.ends.remove(&(slot, seat));
     }
 
-    /// Keeps how the process on a seat has ended, with what it said, for the answer to whoever asked
-    /// for it.
+    /// Keeps how the process on a seat has ended, with what it said, for the answer to the client that
+    /// asked for it.
     pub fn explain(&mut self, slot: Slot, seat: Seat, how: &str) {
         self.ends.insert((slot, seat), how.trim_end().to_owned());
     }
@@ -234,7 +234,7 @@ impl Orders {
             Refusal::new(Reason::UnknownName, format!("{what}; {remedy}"))
         })?;
         if let Some(path) = config.as_deref().filter(|path| !path.is_file()) {
-            let text = format!("{} is no file: give the path of a scenario", path.display());
+            let text = format!("{} is not a file: give the path of a scenario", path.display());
             return Err(Refusal::new(Reason::BadRequest, text));
         }
         Ok(self.program(Executable::new(candidate, config)))
@@ -249,12 +249,12 @@ impl Orders {
         let seat = Seat::new(seat).filter(taken);
         match seat.filter(|seat| self.program_name(slot, *seat) == program) {
             Some(seat) => Ok(Some(seat)),
-            None => Err(self.nobody(name, machines)),
+            None => Err(self.no_such_name(name, machines)),
         }
     }
 
-    /// Who is to leave: whoever bears the whole name, or the only one but owners that bears its
-    /// beginning.
+    /// What is to leave: the instance that bears the whole name, or the only one but owners that bears
+    /// its beginning.
     fn leaver(&self, name: &str, machines: &Machines) -> Result<(Slot, Seat), Refusal> {
         let of_name = |&(slot, seat): &(Slot, Seat)| {
             name == self.name(slot, seat) || name == self.program_name(slot, seat)
@@ -265,7 +265,7 @@ impl Orders {
         let others: Vec<_> = others.copied().collect();
         match (&others[..], &meant[..]) {
             ([only], _) | ([], [only]) => Ok(*only),
-            ([], _) => Err(self.nobody(name, machines)),
+            ([], _) => Err(self.no_such_name(name, machines)),
             _ => {
                 let names = others.iter().map(|(slot, seat)| self.name(*slot, *seat));
                 let text = format!(
@@ -277,7 +277,7 @@ impl Orders {
         }
     }
 
-    fn nobody(&self, name: &str, machines: &Machines) -> Refusal {
+    fn no_such_name(&self, name: &str, machines: &Machines) -> Refusal {
         let names: Vec<_> = taken(machines).map(|(slot, seat)| self.name(slot, seat)).collect();
         if names.is_empty() {
             return nothing_to_order();

@@ -1,4 +1,4 @@
-//! Sentences and figures about what goes on in a slot, for whoever asked and for the recording.
+//! Sentences and figures about what goes on in a slot, for the client that asked and for the recording.
 
 use protocol::control::protocol::{Done, Figures, Progress};
 use scenario::candidate::Slot;
@@ -11,7 +11,7 @@ pub(super) fn with_names(text: &str, name: impl Fn(Seat) -> String) -> String {
         .fold(text.to_owned(), |text, seat| text.replace(&seat.to_string(), &name(seat)))
 }
 
-/// The first word to whoever asked.
+/// The first word to the client that asked.
 pub(super) fn accepted(slot: Slot) -> Progress {
     said(slot, "accepted", None, "under way")
 }

@@ -152,12 +152,12 @@ fn a_swap_is_told_step_by_step_until_its_window_is_over() {
     let replies = heard();
     assert_eq!(words(&replies), ["swapped"], "{replies:?}");
     assert!(replies[0].is_last());
-    flight.wait_for_nobody();
+    flight.assert_nothing_is_awaited();
 }
 
 impl Flight {
-    /// Nobody is told anything any more.
-    fn wait_for_nobody(&self) {
+    /// No client is told anything any more.
+    fn assert_nothing_is_awaited(&self) {
         assert!(self.orders.open.is_empty(), "{:?}", self.orders.open);
     }
 }
@@ -180,7 +180,7 @@ fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
         assert_eq!((refusal.reason, refusal.exit_code), (reason, 1));
         let named = refusal.text.contains("attitude-mpc@1") && refusal.text.contains(words);
         assert!(named, "{refusal}");
-        flight.wait_for_nobody();
+        flight.assert_nothing_is_awaited();
     }
 }
 
@@ -207,10 +207,10 @@ fn what_makes_no_sense_is_refused_with_2_and_what_comes_too_early_with_3() {
         (to("attitude-mpc@0"), Reason::NoSense, "attitude-mpc@0 already owns the slot"),
         (Request::Swap(bump), Reason::BadRequest, "max_bump"),
         (Request::Swap(eternal), Reason::BadRequest, "too long"),
-        (Request::Swap(config), Reason::BadRequest, "/nowhere/x.toml is no file"),
+        (Request::Swap(config), Reason::BadRequest, "/nowhere/x.toml is not a file"),
         (back, Reason::NoSense, "no swap to roll back"),
         (retire("attitude-mpc"), Reason::NoSense, "attitude-mpc@0 owns the slot"),
-        (retire("nobody"), Reason::UnknownName, "there are attitude-mpc@0"),
+        (retire("unknown"), Reason::UnknownName, "there are attitude-mpc@0"),
     ] {
         let (refused, code, text) = flight.refusal(&request);
         assert_eq!((refused, code), (reason, 2), "{text}");
@@ -235,7 +235,7 @@ fn a_rollback_ends_the_swap_for_one_and_is_done_for_the_other() {
     assert!(refusal.exit_code == 1 && refusal.text.contains("rolled back"), "{refusal}");
     let rolling = rolling();
     assert_eq!(words(&rolling).last(), Some(&"rolled back"), "{rolling:?}");
-    flight.wait_for_nobody();
+    flight.assert_nothing_is_awaited();
 }
 
 #[test]
@@ -263,7 +263,7 @@ fn a_standby_is_named_by_its_program_as_long_as_only_one_can_be_meant() {
     assert_eq!(words(&swapping()).last(), Some(&"refused"));
     let mut retiring = flight.ask(&retire("attitude-mpc"));
     assert_eq!(words(&retiring()).last(), Some(&"retired"));
-    flight.wait_for_nobody();
+    flight.assert_nothing_is_awaited();
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Slots that are found in flight: as the last record has them, with whoever is still there.
+//! Slots that are found in flight: as the last record has them, with the processes that are still there.
 
 use super::consumers::Consumers;
 use super::facts::{command_latency_ns, millihertz};

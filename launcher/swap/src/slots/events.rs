@@ -190,7 +190,7 @@ impl Slots {
         events.into_iter().try_for_each(|event| self.tell(slot, event, context))
     }
 
-    /// Whoever takes too long to come or to go is dealt with.
+    /// A process that takes too long to come or to go is dealt with.
     pub(super) fn check_timeouts(
         &mut self,
         slot: Slot,

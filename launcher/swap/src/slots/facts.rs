@@ -33,7 +33,7 @@ impl CommandScale {
     pub(super) fn largest(&self, morph_angle: MorphAngle) -> [f64; 4] {
         match self {
             Self::Wrench(vehicle) => vehicle.largest_wrench(morph_angle),
-            // The heading comes from the reference whoever owns the slot.
+            // The heading comes from the reference, whichever controller owns the slot.
             Self::Setpoint(vehicle) => {
                 [vehicle.weight_n(), TILT_BOUND_RAD, TILT_BOUND_RAD, core::f64::consts::PI]
             }

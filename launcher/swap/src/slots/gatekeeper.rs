@@ -72,7 +72,7 @@ pub(super) struct Gatekeeper {
     candidate_missed: MissedSteps,
     /// In the same time.
     owner_missed: MissedSteps,
-    /// Realtime: a machine that makes everybody late now and then is no fault of the candidate.
+    /// Realtime: a machine that makes all processes late now and then is no fault of the candidate.
     patient: bool,
     /// Largest step that the consumer makes at the flip, over the largest command.
     step_max: f64,
@@ -126,7 +126,7 @@ impl Gatekeeper {
         self.compare()
     }
 
-    /// Takes whether whoever sits there had heard a set point at a release.
+    /// Takes whether the controller that sits there had heard a set point at a release.
     ///
     /// # Errors
     /// The candidate did what no controller may do.
@@ -287,7 +287,7 @@ mod tests {
         let scale = CommandScale::of(Role::Attitude, &VehicleParameters::default());
         let who = (CANDIDATE, OWNER);
         let mut gatekeeper = Gatekeeper::new(scale, GateLimits::SAME_KIND, who, None, patient);
-        // What they missed before they flew side by side is nobody's business.
+        // What they missed before they flew side by side does not count.
         gatekeeper.missed(OWNER, 30, 900 * MS);
         gatekeeper.missed(CANDIDATE, 7, 1000 * MS);
         gatekeeper.missed(OWNER, 30, 1000 * MS);
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn an_owner_that_tells_nothing_any_more_excuses_nobody() {
+    fn an_owner_that_tells_nothing_any_more_excuses_no_candidate() {
         let mut gatekeeper = gatekeeper(true);
         gatekeeper.missed(CANDIDATE, 7 + 4, 1100 * MS);
         assert_eq!(refused(&gatekeeper), None, "the owner has not told yet");

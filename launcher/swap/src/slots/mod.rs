@@ -47,7 +47,7 @@ use vehicle::VehicleParameters;
 /// Wall time that a process may take to leave \[ns\].
 const EXIT_TIMEOUT_NS: u64 = 10_000_000_000;
 
-/// A sentence about a slot, for whoever follows the flight.
+/// A sentence about a slot, for the user who follows the flight.
 #[derive(Debug, Clone)]
 pub struct News {
     /// What has happened.
@@ -64,7 +64,7 @@ struct SlotState {
     rehearsal: Option<Underway>,
     /// How much the candidate may differ, if not as the gate has it.
     max_bump: Option<f64>,
-    /// Seats that somebody is to leave, or to take, by a wall-clock instant \[ns\].
+    /// Seats that a process is to leave, or to take, by a wall-clock instant \[ns\].
     expected: Vec<(Seat, Expected, u64)>,
     /// Index of the swap that is going on.
     current: Option<usize>,
@@ -97,7 +97,7 @@ pub struct SlotContext<'a> {
     pub now: Now,
     /// Host time \[ns\].
     pub now_mono_ns: u64,
-    /// The flight has reached its end: whoever leaves does so in order.
+    /// The flight has reached its end: a process that leaves does so in order.
     pub is_over: bool,
     /// For how long the monitor has not stepped, if that is too long for a new owner to be watched \[ns\].
     pub monitor_silent_ns: Option<u64>,
@@ -192,8 +192,9 @@ impl Slots {
         self.slot_of(role).is_some()
     }
 
-    /// True if the process of a seat is started again in place when it dies: always outside of the slots. Within, only in
-    /// lockstep, where time waits for it so that a death from outside leaves no trace, and only the owner or its fallback.
+    /// True if the process of a seat is started again in place when it dies: always outside of the slots. Within, only
+    /// in lockstep, where time waits for it so that a death from outside leaves no trace, and only the owner or its
+    /// fallback.
     #[must_use]
     pub fn keeps(&self, place: Place) -> bool {
         let machine = self.slot_of(place.role).and_then(|slot| self.machines.get(&slot));

@@ -13,26 +13,26 @@ pub trait Posts {
     /// Starts a process on a seat that is free; it will be told where to begin. One that cannot be started is
     /// told as one that has gone.
     fn spawn(&mut self, place: Place, spec: ChildSpec);
-    /// Starts whoever had a seat again; it will be told where to begin.
+    /// Starts again the process that had a seat; it will be told where to begin.
     ///
     /// # Errors
     /// [`FlightError`] if the process cannot be started.
     fn restart(&mut self, place: Place) -> Result<(), FlightError>;
-    /// Tells everybody who owns a slot from when.
+    /// Tells all processes which seat owns a slot from when.
     fn announce(&mut self, record: OwnerRecord);
-    /// Lets somebody begin who has been started in flight.
+    /// Lets a process begin that has been started in flight.
     ///
     /// # Errors
     /// [`FlightError`] if it cannot begin from that state.
     fn hand_over(&mut self, place: Place, order: Handover, state: &[u8])
     -> Result<(), FlightError>;
-    /// The last state published from a seat, and the generation of whoever did.
+    /// The last state published from a seat, and the generation of the process that did.
     fn last_state(&mut self, place: Place) -> Option<(u32, Vec<u8>)>;
-    /// Ends somebody; that is told as an event.
+    /// Ends a process; that is told as an event.
     fn kill(&mut self, place: Place);
-    /// Ends somebody before time goes on; that is told as an event.
+    /// Ends a process before time goes on; that is told as an event.
     fn kill_at_once(&mut self, place: Place);
-    /// Stops somebody without ending it; in a slot nobody waits for it any more.
+    /// Stops a process without ending it; in a slot no other waits for it any more.
     fn stop(&mut self, place: Place);
     /// What a process has said on its standard error until now, for the end of a sentence.
     fn words_so_far(&self, place: Place) -> String;

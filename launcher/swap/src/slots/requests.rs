@@ -121,7 +121,7 @@ impl Slots {
         }
         self.carry_out(slot, actions, context)?;
         if refused && is_answered {
-            // Whoever asked knows, and the flight is none the worse for it.
+            // The client that asked knows, and the flight is none the worse for it.
             self.news.iter_mut().skip(told).for_each(|news| news.warning = false);
         }
         if let (Request::Swap(Target::Seated(seat), _), Some(owner), false) =

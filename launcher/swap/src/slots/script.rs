@@ -37,7 +37,7 @@ impl Script {
         let faults = fault.iter().map(|f| (ns_from_s(f.at_s), Deed::Fault(f.clone())));
         let orders = order.iter().filter_map(|settings| {
             let (order, at_ns) = (settings.order()?, ns_from_s(settings.at_s));
-            // Pilot and injector run ahead, so they are told ahead; not before everybody flies.
+            // Pilot and injector run ahead, so they are told ahead; not before every loop flies.
             let told_ns = at_ns.saturating_sub(Planner::ahead_ns(&order, graph)).max(1);
             Some((told_ns, Deed::Order(order, at_ns)))
         });
@@ -86,7 +86,7 @@ impl Script {
     }
 }
 
-/// Begins what is told of a fault that somebody wanted.
+/// Begins what is told of a fault that was asked for.
 pub const FAULT: &str = "fault: ";
 
 /// A scripted swap is what a user would have asked for.
@@ -104,7 +104,7 @@ fn order(swap: &SwapSettings) -> Request {
     })
 }
 
-/// Kills or stops whoever has the name; of several in a slot the one that commands.
+/// Kills or stops the process that has the name; of several in a slot the one that commands.
 fn afflict(
     fault: &FaultSettings,
     slots: &mut Slots,

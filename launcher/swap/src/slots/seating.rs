@@ -69,7 +69,7 @@ impl Slots {
         context.posts.tell_seating(&told, config.as_deref());
     }
 
-    /// Nobody waits any more for who sits there, and it did not leave in order.
+    /// No process waits any more for the one that sits there, which did not leave in order.
     pub(super) fn lost(&self, slot: Slot, seat: Seat, context: &mut SlotContext<'_>) {
         let release_ns = context.now.logical_ns;
         let header = Header { release_ns, ..Header::default() };
@@ -77,7 +77,7 @@ impl Slots {
         self.tell_seating(slot, seat, seating, context);
     }
 
-    /// As [`lost`](Self::lost), of somebody who is killed on purpose.
+    /// As [`lost`](Self::lost), of a process that is killed on purpose.
     pub(super) fn killed(&self, place: Place, context: &mut SlotContext<'_>) {
         if let (Some(slot), Some(seat)) = (self.slot_of(place.role), Seat::new(place.index)) {
             self.lost(slot, seat, context);

@@ -1,4 +1,4 @@
-//! What is told of a slot: sentences for the flight's log, answers to whoever asked, the table of swaps.
+//! What is told of a slot: sentences for the flight's log, answers to the client that asked, the table of swaps.
 
 use super::{News, Place, Slots, SwapEnd};
 use scenario::candidate::Slot;

@@ -14,7 +14,7 @@ use vehicle::VehicleParameters;
 /// References that are kept: the pilot runs ahead of the flight by its lead.
 const REFERENCES: usize = 256;
 
-/// A command that somebody on a seat has published.
+/// A command that the controller on a seat has published.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commanded {
     pub(super) slot: Role,

@@ -43,7 +43,7 @@ inputs! {
         state_estimate: StateEstimate = topics::STATE_ESTIMATE,
         /// What the position loop asks for.
         attitude_setpoint: AttitudeSetpoint = topics::ATTITUDE_SETPOINT,
-        /// What the rotors were told last, by whoever commands.
+        /// What the rotors were told last, by the controller that commands.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Whose set points count.
         position_owner: OwnerRecord = topics::POSITION_OWNER,
@@ -89,7 +89,7 @@ pub struct Controller {
     period_s: f64,
     memory: Memory,
     slot: SetpointSlot,
-    /// The coming step is a shadow's that follows whoever commands.
+    /// The coming step is a shadow's that follows the controller that commands.
     tracking: bool,
 }
 
@@ -131,7 +131,7 @@ impl Controller {
         Self { gains, vehicle, period_s, memory, slot, tracking: false }
     }
 
-    /// Takes the set point that counts; the last one stays if nobody's does.
+    /// Takes the set point that counts; the last one stays if none does.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
         let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
         let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);

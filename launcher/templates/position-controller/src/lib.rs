@@ -52,7 +52,7 @@ inputs! {
         state_estimate: StateEstimate = topics::STATE_ESTIMATE,
         /// Trajectory to follow.
         reference: Reference = topics::REFERENCE,
-        /// Set point that the attitude slot tracks, whoever gave it.
+        /// Set point that the attitude slot tracks, whichever controller gave it.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
         /// Whose commands the plant obeys.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
@@ -140,7 +140,7 @@ impl Controller {
         let mut velocity = Vector3::from(point.velocity_w_m_s);
         let mut acceleration_m_s2 = Vector3::zeros();
         if is_over {
-            // Nobody says any more where to go: hover, and land after a while.
+            // No process says any more where to go: hover, and land after a while.
             let landing_s = (age_ns as f64 * 1e-9 - self.grace_s).max(0.0);
             position.z = (position.z - LANDING_M_S * landing_s).max(0.0);
             velocity = Vector3::zeros();

@@ -1,4 +1,4 @@
-//! Page and orders over HTTP. Anybody who reaches the address may look; who holds the token may order.
+//! Page and orders over HTTP. Any client that reaches the address may look; one that holds the token may order.
 
 use super::token::Token;
 use super::{LiveError, Shared};
@@ -113,7 +113,7 @@ impl Desk {
 }
 
 impl Counter {
-    /// Each page stands for itself, whatever happened to whoever held them.
+    /// Each page stands for itself, whatever happened to the thread that held them.
     fn pages(&self) -> MutexGuard<'_, Pages> {
         self.pages.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -191,7 +191,7 @@ impl Counter {
             return refusal;
         }
         let Some(config) = &self.demo else {
-            return Answer::refusal(StatusCode::NOT_FOUND, "this flight is no demo");
+            return Answer::refusal(StatusCode::NOT_FOUND, "this flight is not a demo");
         };
         let replies = match asked.body.as_deref() {
             Some(b"bad") => {

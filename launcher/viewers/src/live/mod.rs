@@ -1,8 +1,8 @@
 //! A running flight, for viewers: `morphquad live`, which `run --live` starts as a process of its own.
 //!
 //! It listens to the run as `topic` does, and hands what it hears on: `viewers` over the Foxglove
-//! WebSocket protocol, where nobody can write, and `desk` to our own page, with buttons for whoever
-//! holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
+//! WebSocket protocol, where no client can write, and `desk` to our own page, with buttons for a user
+//! who holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
 //! slowly loses samples here, and the flight knows nothing of it.
 
 mod desk;
@@ -63,7 +63,7 @@ pub enum LiveError {
         /// What the parser says.
         cause: ScenarioError,
     },
-    /// Somebody else has the port, or the address is not this machine's.
+    /// Another program has the port, or the address is not this machine's.
     #[error(
         "cannot listen on {address}: {cause}; name another with --listen ADDRESS:PORT (run: --live=ADDRESS:PORT), or port 0 for a free one"
     )]
@@ -90,7 +90,7 @@ struct Shared {
 }
 
 impl Shared {
-    /// A picture is whole between two samples, whatever happened to whoever held it.
+    /// A picture is whole between two samples, whatever happened to the thread that held it.
     fn picture(&self) -> std::sync::MutexGuard<'_, Picture> {
         self.picture.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -125,9 +125,9 @@ impl core::fmt::Debug for LiveServer {
 }
 
 impl LiveServer {
-    /// Listens to `run`, and for viewers as `at` says. At most `rate_hz` samples per second of flight of each writer of a
-    /// topic are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the page
-    /// has buttons for it and for a kill.
+    /// Listens to `run`, and for viewers as `at` says. At most `rate_hz` samples per second of flight of each writer of
+    /// a topic are sent to viewers; all if it is `None`. With `demo`, a scenario that configures a bad controller, the
+    /// page has buttons for it and for a kill.
     ///
     /// # Errors
     /// [`LiveError`].
@@ -182,8 +182,8 @@ impl LiveServer {
         self.page_at(reachable(self.desk.address()))
     }
 
-    /// Address for the command line of a browser, from which only browsers of this user and root's get to the page with its
-    /// token.
+    /// Address for the command line of a browser, from which only browsers of this user and root's get to the page with
+    /// its token.
     #[must_use]
     pub fn open_url(&self) -> String {
         format!("http://{}{}", reachable(self.desk.address()), self.desk.open_path())
@@ -211,8 +211,8 @@ impl LiveServer {
         format!("http://{address}/#token={}", self.token.as_str())
     }
 
-    /// Hands on what it hears until the flight is over or `end` is set. It comes back if viewers make it hold more memory
-    /// than it may: then the process has to be replaced by one that listens in the same [`Self::place`].
+    /// Hands on what it hears until the flight is over or `end` is set. It comes back if viewers make it hold more
+    /// memory than it may: then the process has to be replaced by one that listens in the same [`Self::place`].
     ///
     /// # Errors
     /// The launcher says what this build does not understand.
@@ -270,7 +270,7 @@ impl LiveServer {
         let Ok(()) = topics::visit_all(&mut hand_on);
     }
 
-    /// Whoever takes the run over from a launcher that has died.
+    /// The launcher that takes the run over from one that has died.
     fn successor(&mut self, end: &AtomicBool) -> Option<Listening> {
         self.shared.picture().orphaned(true);
         let give_up_ns = mono_now_ns() + SUCCESSOR_LIMIT_NS;
@@ -281,7 +281,7 @@ impl LiveServer {
             if let Ok(listening) = Listening::to_everything(&self.run) {
                 return Some(listening);
             }
-            // As long as nobody leads the run, no other process could show it.
+            // As long as no launcher leads the run, no other process could show it.
             if restart::holds_too_much() {
                 self.viewers.close();
             }
@@ -290,7 +290,7 @@ impl LiveServer {
         None
     }
 
-    /// Tells the end to whoever is looking, and leaves.
+    /// Tells the end to the viewers that are looking, and leaves.
     fn finish(mut self, ending: Ending) {
         self.shared.picture().end(ending);
         self.viewers.close();

@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn events_are_told_once_and_the_end_to_whoever_asks_after_it() {
+    fn events_are_told_once_and_the_end_to_each_client_that_asks_after_it() {
         let mut picture = picture();
         let mut log = Vec::new();
         let event = record::Event {

@@ -1,4 +1,4 @@
-//! What proves that somebody may give orders.
+//! What proves that a client may give orders.
 
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::io;
@@ -17,7 +17,7 @@ impl core::fmt::Debug for Token {
 }
 
 impl Token {
-    /// One that nobody can guess.
+    /// One that cannot be guessed.
     pub(super) fn random() -> io::Result<Self> {
         let mut bytes = [0; BYTES];
         let count = getrandom(&mut bytes, GetRandomFlags::empty())?;
@@ -33,12 +33,12 @@ impl Token {
         is_one.then(|| Self(text.to_owned()))
     }
 
-    /// As shown to whoever may give orders.
+    /// As shown to the user who may give orders.
     pub(super) fn as_str(&self) -> &str {
         &self.0
     }
 
-    /// True if somebody has shown it; takes as long for any guess.
+    /// True if a client has shown it; takes as long for any guess.
     pub(super) fn is(&self, shown: &str) -> bool {
         // Hashes are compared in constant time.
         blake3::hash(shown.as_bytes()) == blake3::hash(self.0.as_bytes())

@@ -1,4 +1,4 @@
-//! Foxglove, Lichtblick and whatever else speaks the Foxglove WebSocket protocol. Nobody can write.
+//! Foxglove, Lichtblick and whatever else speaks the Foxglove WebSocket protocol. No viewer can write.
 
 use super::LiveError;
 use super::past::Past;
@@ -110,13 +110,13 @@ impl Viewers {
         self.address
     }
 
-    /// Sends a sample, and what is drawn of it, to whoever has subscribed.
+    /// Sends a sample, and what is drawn of it, to the viewers that have subscribed.
     pub(super) fn sample<T: Sample>(&mut self, topic: &'static Topic<T>, sample: &T) {
         let header = sample.header();
         let unix_ns = self.flying.unix_ns(header.release_ns);
         let stamp = PartialMetadata::with_log_time(unix_ns);
         self.tell_time(unix_ns);
-        // Always, for the trails behind vehicle and reference grow whoever looks.
+        // Always, for the trails behind vehicle and reference grow whether or not a viewer looks.
         for (index, message) in self.scene.observe(sample, unix_ns) {
             if let Some(channel) = self.derived.get(index) {
                 channel.log_with_meta(&message, stamp);
@@ -157,7 +157,7 @@ impl Viewers {
         self.server.is_none()
     }
 
-    /// Says goodbye to everybody; whoever has stopped reading is not waited for.
+    /// Says goodbye to all viewers; one that has stopped reading is not waited for.
     pub(super) fn close(&mut self) {
         let Some(server) = self.server.take() else { return };
         let (done, is_done) = channel();

@@ -131,7 +131,7 @@ impl Report {
     }
 
     /// True if time stood still whenever a step was not done: then a latency is the machine's own, and
-    /// nobody ever was late.
+    /// no process ever was late.
     fn is_lockstep(&self) -> bool {
         self.facts.get("clock").is_some_and(|clock| clock == "lockstep")
     }

@@ -38,7 +38,7 @@ impl Ear {
     /// Listens to a run until dropped, or until it is over.
     ///
     /// # Errors
-    /// It lets nobody listen.
+    /// The run lets no client listen.
     pub fn open(run: &Run) -> Result<Self, ListenError> {
         let mut listening = Listening::to(run, &wanted(), false)?;
         let heard = Arc::<Mutex<(Gauges, u64)>>::default();

@@ -43,7 +43,7 @@ pub struct Snapshot {
     pub status: RunStatus,
     /// Every loop, in data-flow order.
     pub loops: Vec<Row>,
-    /// Samples that were not handed on, because nobody read fast enough.
+    /// Samples that were not handed on, because `top` did not read fast enough.
     pub dropped: u64,
 }
 

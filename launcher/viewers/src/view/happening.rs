@@ -26,7 +26,7 @@ pub(crate) enum Kind {
     Fault,
     /// The world did something.
     Disturbance,
-    /// Somebody asked for something.
+    /// A user asked for something.
     Order,
     /// Anything else that was told.
     Note,
@@ -178,7 +178,7 @@ impl World {
         let goal = format!("go to {} m", vector(position.goal_w_m));
         tell(position.ordered.is_set(), position.begin_ns, before.position.begin_ns, goal);
         let heading = format!("heading {:.1}°", yaw.goal_rad.to_degrees());
-        // Whoever is sent somewhere without a word on the heading comes to rest without a turn.
+        // A vehicle that is sent somewhere without a word on the heading comes to rest without a turn.
         let turns = yaw.ordered.is_set() && yaw.move_s > 0.0;
         tell(turns, yaw.begin_ns, before.yaw.begin_ns, heading);
         let angle = format!("deployable angle {:.1}°", morph.goal_rad.to_degrees());
@@ -258,7 +258,7 @@ mod tests {
             stamp_ns: 7_000_000_000,
             level,
             source: "launcher".to_owned(),
-            text: "attitude slot: somebody joined".to_owned(),
+            text: "attitude slot: a controller joined".to_owned(),
         };
         let told = Happening::told(event(2), 5_000_000_000, Clock::Lockstep);
         assert_eq!((told.at_s, told.kind, told.is_mark), (2.0, Kind::Swap, false));

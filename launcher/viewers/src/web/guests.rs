@@ -1,4 +1,4 @@
-//! Who may stay: everybody, until every place is taken. Then whoever has been idle for longest makes room.
+//! Which clients may stay: all, until every place is taken. Then the one that has been idle for longest makes room.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
@@ -71,7 +71,7 @@ impl Guests {
         tokio::task::yield_now().await;
     }
 
-    /// Sends away whoever has been idle for longest if every place is taken; false if all are at work.
+    /// Sends away the client that has been idle for longest if every place is taken; false if all are at work.
     fn has_room(&mut self) -> bool {
         self.inside.retain(|(_, task)| !task.is_finished());
         if self.inside.len() < CLIENTS {

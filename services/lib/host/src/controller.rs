@@ -46,7 +46,7 @@ where
     E: Into<BuildError>,
 {
     if std::env::args_os().nth(1).is_some_and(|argument| argument == LAYOUT_ARGUMENT) {
-        // Whoever asked may have gone.
+        // The process that asked may have gone.
         let _ = writeln!(io::stdout(), "{:016x}", layout_hash());
         return ExitCode::from(exit::PASS);
     }

@@ -1,4 +1,4 @@
-//! Why a process cannot fly, and what it tells whoever started it.
+//! Why a process cannot fly, and what it tells the process that started it.
 
 use crate::exit;
 use crate::realtime::Shortfall;
@@ -103,7 +103,7 @@ pub fn conclude(name: &str, ended: Result<Ending, HostError>) -> u8 {
     }
 }
 
-/// Writes a line that nobody may be left to read.
+/// Writes a line for which there may be no reader left.
 fn complain(name: &str, what: &str) {
     let _ = writeln!(io::stderr(), "{name}: {what}");
 }

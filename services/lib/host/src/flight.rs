@@ -28,7 +28,7 @@ pub struct Flight {
     pub start_yaw_rad: f64,
     /// What realtime loops ask of the system.
     realtime: Realtime,
-    /// The vehicle as everybody models it.
+    /// The vehicle as all loops model it.
     vehicle: Vehicle,
     /// The loops that take part, in data-flow order.
     loops: Vec<Loop>,
@@ -193,19 +193,19 @@ impl Flight {
         self.realtime.strict
     }
 
-    /// The vehicle as everybody models it.
+    /// The vehicle as all loops model it.
     #[must_use]
     pub fn vehicle(&self) -> VehicleParameters {
         self.vehicle.into()
     }
 
-    /// Rate of a role's loop \[Hz\]; `None` if nobody fills it in this flight.
+    /// Rate of a role's loop \[Hz\]; `None` if no process fills it in this flight.
     #[must_use]
     pub fn rate_hz(&self, role: Role) -> Option<f64> {
         self.loops.iter().find(|l| l.role == role.label()).map(|l| l.rate_hz)
     }
 
-    /// Declared latency of a topic, from the step that sends it to its effect \[s\]; 0 if nobody reads it.
+    /// Declared latency of a topic, from the step that sends it to its effect \[s\]; 0 if no loop reads it.
     #[must_use]
     pub fn latency_s(&self, topic: &TopicInfo) -> f64 {
         let arrow = self.edges.iter().find(|arrow| arrow.topic == topic.name);

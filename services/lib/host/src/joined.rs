@@ -16,7 +16,7 @@ use std::io::{self, Write as _};
 /// Wall time that a realtime flight is given to land after the grace period \[s\].
 const LANDING_S: f64 = 4.0;
 
-/// Longest time that the processes of a lockstep flight stay after their launcher's death: nobody can
+/// Longest time that the processes of a lockstep flight stay after their launcher's death: no launcher can
 /// take it over \[s\].
 pub const LOCKSTEP_GRACE_S: f64 = 2.0;
 
@@ -109,8 +109,8 @@ impl Joined {
     }
 }
 
-/// Ends this process if it does not leave by itself: without a launcher no other process finds that it hangs, and it would
-/// stay for ever.
+/// Ends this process if it does not leave by itself: without a launcher no other process finds that it hangs, and it
+/// would stay for ever.
 fn end_if_it_hangs() {
     sleep_until(mono_now_ns() + LEAVE_LIMIT_NS);
     let _ = kill_process(getpid(), Signal::KILL);
@@ -163,7 +163,7 @@ pub fn fly_component(
     Ok(process.run())
 }
 
-/// Nobody would hear what a component writes on a topic of another role.
+/// No reader would hear what a component writes on a topic of another role.
 fn refuse_other_outputs(executor: &Executor, graph: &Graph) -> Result<(), HostError> {
     let role = executor.node().role;
     let mut topics = executor.component.layout().writes();

@@ -3,7 +3,7 @@
 use core::convert::Infallible;
 use shared_types::wire::{HASH_SEED, Wire as _, hash_bytes};
 use shared_types::{
-    ClockRecord, Handover, Hello, Progress, Roll, Sample, Topic, TopicVisitor, topics,
+    ClockRecord, Handover, Hello, Progress, Registry, Sample, Topic, TopicVisitor, topics,
 };
 
 /// Argument at which an executable of a run tells its [`layout_hash`] and ends.
@@ -25,7 +25,7 @@ pub fn layout_hash() -> u64 {
     let Ok(()) = topics::visit_all(&mut fold);
     let services = [
         ClockRecord::SCHEMA.layout_hash,
-        Roll::SCHEMA.layout_hash,
+        Registry::SCHEMA.layout_hash,
         Hello::SCHEMA.layout_hash,
         Progress::SCHEMA.layout_hash,
         Handover::SCHEMA.layout_hash,

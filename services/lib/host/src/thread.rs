@@ -9,7 +9,7 @@ const MAX_NAME_LEN: usize = 15;
 /// Name in `ps -L`, `top -H` and debuggers.
 pub fn name_thread(name: &str) {
     if let Ok(name) = CString::new(short(name)) {
-        // A missing name disturbs nobody.
+        // A missing name disturbs nothing.
         let _ = set_name(&name);
     }
 }

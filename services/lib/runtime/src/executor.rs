@@ -31,7 +31,7 @@ pub struct StepStamps {
 }
 
 impl StepStamps {
-    /// Of a step of which nobody asks when it ran.
+    /// Of a step whose times nothing asks for.
     pub const UNTIMED: Self = Self { release_mono_ns: 0, start_mono_ns: 0, now_mono_ns: || 0 };
 
     /// Of a step that is due as soon as it may run.
@@ -66,14 +66,14 @@ pub struct Executor {
     state_sequence: u64,
     state: Vec<u8>,
     next_index: u64,
-    /// Instant of the next release, which everybody asks for all the time \[ns\].
+    /// Instant of the next release, which is asked for all the time \[ns\].
     mark_ns: u64,
     previous_ns: Option<u64>,
     counts: StateHeader,
     /// Late and lost samples of the steps before a restored state.
     before: (u64, u64),
     rescued_waits: u64,
-    /// What steady stretches cost, and those in which somebody came or went.
+    /// What steady stretches cost, and those in which a process came or went.
     costs: [Costs; 2],
     /// Until then the component follows what its slot applies \[ns\].
     track_until_ns: u64,

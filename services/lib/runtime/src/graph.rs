@@ -64,7 +64,7 @@ pub struct Node {
     pub role: Role,
     /// Its release grid.
     pub rate: Rate,
-    /// A source runs this far ahead of the plant \[ns\]; 0 for everyone else.
+    /// A source runs this far ahead of the plant \[ns\]; 0 for every other loop.
     pub lead_ns: u64,
     /// Realtime: how long after its release a step waits for inputs without latency, unless an edge
     /// has a deadline of its own. Logical time, so that a slower clock stretches it \[ns\].
@@ -96,7 +96,7 @@ pub struct Edge {
 
 impl Edge {
     /// An arrow from outside the waiting graph, like an owner record's: samples take effect at
-    /// their instant, and nobody waits for them.
+    /// their instant, and no loop waits for them.
     #[must_use]
     pub fn unwaited(topic: &'static TopicInfo, to: Role) -> Self {
         let strict = to == Role::Plant;
@@ -126,7 +126,7 @@ impl Edge {
 /// Why a flight cannot be wired as asked.
 #[derive(Debug, Error, PartialEq)]
 pub enum GraphError {
-    /// A loop of edges without any delay: nobody could ever start.
+    /// A loop of edges without any delay: no process could ever start.
     #[error(
         "zero-latency loop {0}: declare a latency above 0 on one of its edges, for example `[latency] attitude_setpoint_s = 0.001`"
     )]
@@ -252,7 +252,7 @@ impl Graph {
         if rig { Role::Pilot } else { slot }
     }
 
-    /// Declared latency of a topic, 0 if nobody in the flight reads it \[ns\].
+    /// Declared latency of a topic, 0 if no loop in the flight reads it \[ns\].
     #[must_use]
     pub fn latency_ns(&self, topic: &TopicInfo) -> u64 {
         self.edges.iter().find(|e| e.topic.name == topic.name).map_or(0, |e| e.latency_ns)
@@ -264,7 +264,7 @@ impl Graph {
         self.edges.iter().any(|e| e.asap && e.topic.name == topic.name)
     }
 
-    /// True if `node`'s step at `t_ns` may run, given everyone's marks and the end of allowed time.
+    /// True if `node`'s step at `t_ns` may run, given all marks and the end of allowed time.
     #[must_use]
     pub fn runnable(&self, node: &Node, t_ns: u64, marks: &impl MarkView, allowed_ns: u64) -> bool {
         t_ns < self.open_until_ns(node, marks, allowed_ns)

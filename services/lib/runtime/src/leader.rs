@@ -1,7 +1,7 @@
 //! Who leads a run: the process that holds the folder's `launcher.lock`.
 //!
-//! The system gives the lock back when its holder dies, however it dies, so whoever gets it knows that
-//! nobody leads. Its text names who took over last, for the run's processes to watch.
+//! The system gives the lock back when its holder dies, however it dies, so the process that gets it knows that
+//! no other leads. Its text names the one that took over last, for the run's processes to watch.
 
 use crate::clock::{mono_now_ns, sleep_until};
 use crate::namespace_error::{NamespaceError, failed};
@@ -15,16 +15,16 @@ use thiserror::Error;
 
 /// Name of the lock in a run's folder.
 const LOCK: &str = "launcher.lock";
-/// How long a holder of the lock that lives is given to let go of it, and how long one that dies \[ns\]: on a busy machine
-/// the last thread of a process that has been killed may wait for a processor, and until it has had one the process
-/// keeps its files.
+/// How long a holder of the lock that lives is given to let go of it, and how long one that dies \[ns\]: on a busy
+/// machine the last thread of a process that has been killed may wait for a processor, and until it has had one the
+/// process keeps its files.
 const LIVING_NS: u64 = 200_000_000;
 const DYING_NS: u64 = 20_000_000_000;
 
 /// Why a run cannot be led by this process.
 #[derive(Debug, Error)]
 pub enum LeadError {
-    /// Somebody else leads it.
+    /// Another process leads it.
     #[error("{}", match pid {
         Some(pid) => format!("process {pid} leads it"),
         None => "another process leads it".to_owned(),
@@ -117,7 +117,7 @@ impl LeaderLock {
         let pid = std::process::id();
         let started = process_start(pid).unwrap_or(0);
         let path = lock_path(folder);
-        // In one go, at least as long as what was there: nobody reads half a line.
+        // In one go, at least as long as what was there: no process reads half a line.
         let line = format!("{pid:<10} {started:<20}\n");
         let written = std::os::unix::fs::FileExt::write_all_at(&self.0, line.as_bytes(), 0);
         written.and_then(|()| self.0.flush()).map_err(failed("write", &path))

@@ -13,7 +13,7 @@ mod segment;
 
 pub use crate::namespace_error::NamespaceError;
 pub use look::{
-    active_runs, dead_runs, living_runs, orphans, remove_unborn_objects, sweep_dead_runs,
+    active_runs, dead_runs, living_runs, orphans, remove_incomplete_objects, sweep_dead_runs,
 };
 pub use names::BASE;
 
@@ -81,7 +81,7 @@ impl Membership {
     /// [`announce_lead`](Self::announce_lead).
     ///
     /// # Errors
-    /// Somebody leads it, there is no such run, it is another user's, or it is being wiped.
+    /// Another process leads it, there is no such run, it is another user's, or it is being wiped.
     pub fn take_over(folder: &Path) -> Result<Self, LeadError> {
         let mut joined = Self::join(folder)?;
         joined.leader_lock = Some(LeaderLock::take(folder)?);
@@ -250,18 +250,19 @@ mod tests {
     #[test]
     fn an_object_that_stays_empty_is_removed_and_a_filled_one_and_another_runs_stay() {
         let base = base();
-        let run = Membership::found_in(base.path(), "unborn").unwrap();
-        let [empty, filled] = ["empty", "filled"].map(|name| object(base.path(), "unborn", name));
-        let foreign = object(base.path(), "unborn-other", "empty");
+        let run = Membership::found_in(base.path(), "incomplete").unwrap();
+        let [empty, filled] =
+            ["empty", "filled"].map(|name| object(base.path(), "incomplete", name));
+        let foreign = object(base.path(), "incomplete-other", "empty");
         fs::write(&empty, "").unwrap();
         fs::write(&filled, "segment").unwrap();
         fs::write(&foreign, "").unwrap();
-        remove_unborn_objects(run.folder());
+        remove_incomplete_objects(run.folder());
         assert_eq!([&empty, &filled, &foreign].map(|path| path.exists()), [false, true, true]);
     }
 
     #[test]
-    fn nobody_else_may_look_into_a_run() {
+    fn no_other_user_may_look_into_a_run() {
         let base = base();
         let run = Membership::found_in(base.path(), "private").unwrap();
         let mode = fs::metadata(run.folder()).unwrap().permissions().mode();

@@ -2,9 +2,9 @@
 //!
 //! Once per step [`Obedience::hear`] takes the owner records. Then, instant by instant:
 //! [`advance`](Obedience::advance), [`trip`](Obedience::trip) for each trip and
-//! [`offer`](Obedience::offer) for each command that takes effect, [`decide`](Obedience::decide). A step that ends after its last decision says so with
-//! [`close_before`](Obedience::close_before): a record for an instant that is past then came too
-//! late and is refused. [`setpoints`] does all this for whoever tracks attitude set points.
+//! [`offer`](Obedience::offer) for each command that takes effect, [`decide`](Obedience::decide). A step that ends
+//! after its last decision says so with [`close_before`](Obedience::close_before): a record for an instant that is past
+//! then came too late and is refused. [`setpoints`] does all this for a loop that tracks attitude set points.
 
 pub mod setpoints;
 
@@ -41,7 +41,7 @@ shared_types::memory! {
         pub limiter: LimiterMemory,
         /// Last order.
         pub given: Command,
-        /// Who gave it; [`NO_SEAT`] for nobody.
+        /// Seat that gave it; [`NO_SEAT`] if none has.
         pub given_by: u32,
         /// An owner of another kind has not spoken yet.
         pub kind_changes: bool,
@@ -76,7 +76,7 @@ impl Default for Obedience {
 }
 
 impl Obedience {
-    /// Knows no record and obeys nobody.
+    /// Knows no record and obeys no seat.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -89,7 +89,7 @@ impl Obedience {
         }
     }
 
-    /// Takes the records of this step; whoever joins a flight begins with the one in effect.
+    /// Takes the records of this step; a loop that joins a flight begins with the one in effect.
     pub fn hear(&mut self, records: &Input<OwnerRecord>) {
         let joined = records.before_fresh().filter(|_| self.consumer.record().is_none());
         for record in joined.into_iter().chain(records.fresh()).filter_map(Record::read) {
@@ -143,7 +143,7 @@ impl Obedience {
         self.desk.carry(seat, &command(header, value, validity_ns));
     }
 
-    /// What to apply at `now_ns`; `None` if nobody has a valid command. A change of kind may step by
+    /// What to apply at `now_ns`; `None` if no seat has a valid command. A change of kind may step by
     /// at most `limit` per axis, in the command's units.
     pub fn decide(&mut self, now_ns: u64, limit: &[f64; 4]) -> Option<Order> {
         let choice = self.desk.decide(&mut self.consumer, now_ns)?;
@@ -232,8 +232,8 @@ impl Obedience {
         self.consumer.tripped()
     }
 
-    /// True if the owner has tripped and no fallback has taken over: where nothing is to be applied then, what the owner
-    /// has commanded before is not to be held either.
+    /// True if the owner has tripped and no fallback has taken over: where nothing is to be applied then, what the
+    /// owner has commanded before is not to be held either.
     #[must_use]
     pub fn is_revoked(&self) -> bool {
         self.tripped() && !self.failed_over()

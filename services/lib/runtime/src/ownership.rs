@@ -6,7 +6,7 @@
 
 use crate::graph::{Edge, Marks, ROLES};
 use crate::input::Input;
-use shared_types::{NO_SEAT, OwnerRecord, Progress, Role, RollEntry, SEATS, Seat};
+use shared_types::{NO_SEAT, OwnerRecord, Progress, RegistryEntry, Role, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.
 const MAX_TENURES: usize = 8;
@@ -43,7 +43,7 @@ impl Input<OwnerRecord> {
     }
 
     /// Standing of the writer of a command at the command's effective instant; a slot without a
-    /// record obeys nobody.
+    /// record obeys no seat.
     #[must_use]
     pub fn standing_of(&self, command: &shared_types::Header) -> Standing {
         self.in_effect_at(command.valid_ns)
@@ -51,7 +51,7 @@ impl Input<OwnerRecord> {
     }
 }
 
-/// How far the producer of an arrow has got, for whoever waits for it.
+/// How far the producer of an arrow has got, for the process that waits for it.
 pub trait MarkView {
     /// Everything that travels along `edge` and was released before is final \[ns\].
     fn of(&self, edge: &Edge) -> u64;
@@ -228,20 +228,20 @@ impl SeatMarks {
         is_believed
     }
 
-    /// Generation of whoever has, or last had, a seat.
+    /// Generation of the process that has, or last had, a seat.
     #[must_use]
     pub fn generation(&self, Seat { role, index }: Seat) -> Option<u32> {
         let seats = self.generations.get(role.index())?;
         *seats.get(usize::try_from(index).ok()?)?
     }
 
-    /// Whoever has the seat as this generation says nothing any more, and is not waited for.
+    /// The process that has the seat as this generation says nothing any more, and is not waited for.
     pub fn silence(&mut self, Seat { role, index }: Seat, generation: u32) {
         self.advance(role, index, generation, u64::MAX);
     }
 
-    /// Takes in the roll: who has left is not waited for, and whoever comes after it begins anew.
-    pub fn learn_roll(&mut self, entries: &[RollEntry]) {
+    /// Takes in the registry: a process that has left is not waited for, and one that comes after it begins anew.
+    pub fn learn_registry(&mut self, entries: &[RegistryEntry]) {
         for entry in entries {
             let Some((mark, known)) = self.seat(entry.role, entry.seat) else { continue };
             match *known {
@@ -348,19 +348,19 @@ mod tests {
     }
 
     #[test]
-    fn who_has_left_is_not_waited_for_and_whoever_comes_next_begins_anew() {
+    fn a_process_that_has_left_is_not_waited_for_and_its_successor_begins_anew() {
         let mut seats = marks([90, 0, 0, 0], &[record(1, 0, 0, NO_SEAT)]);
-        let entry = |generation, present: bool| RollEntry {
+        let entry = |generation, present: bool| RegistryEntry {
             role: Role::Attitude,
             generation,
             present: present.into(),
-            ..RollEntry::default()
+            ..RegistryEntry::default()
         };
-        seats.learn_roll(&[entry(0, true)]);
+        seats.learn_registry(&[entry(0, true)]);
         assert_eq!(of(&seats, 1), 90);
-        seats.learn_roll(&[entry(0, false)]);
+        seats.learn_registry(&[entry(0, false)]);
         assert_eq!(of(&seats, 1), u64::MAX / MS);
-        seats.learn_roll(&[entry(0, false), entry(1, true)]);
+        seats.learn_registry(&[entry(0, false), entry(1, true)]);
         assert_eq!(of(&seats, 1), 0);
         seats.advance(Role::Attitude, 0, 0, 95 * MS);
         assert_eq!(of(&seats, 1), 0, "its predecessor's last word comes late");
@@ -387,7 +387,7 @@ mod tests {
     #[test]
     fn a_seat_counts_for_the_instants_of_its_tenure_and_as_a_fallback() {
         let mut book = SlotBook::default();
-        assert!(book.counts(3, 0), "without a record everybody does");
+        assert!(book.counts(3, 0), "without a record every seat does");
         book.learn(&record(1, 0, 0, NO_SEAT));
         book.learn(&record(2, 100, 1, 0));
         for (seat, at_ms, counts) in

@@ -35,7 +35,7 @@ pub enum Ending {
     Finished,
     /// A signal asked for it.
     Signalled,
-    /// The launcher died and nobody took over within the grace period.
+    /// The launcher died and no other took over within the grace period.
     LauncherGone,
     /// Its seat was given up.
     Retired,
@@ -182,7 +182,7 @@ impl<'a> Process<'a> {
             }
             match self.clock.latest() {
                 Some(record) if record.started.is_set() => break *record,
-                // A flight that nobody has started nobody takes over.
+                // A flight that no launcher has started, no launcher takes over.
                 _ if self.stop.launcher_gone() => return Ending::LauncherGone,
                 _ => self.wait(WAIT_LIMIT),
             }
@@ -196,9 +196,9 @@ impl<'a> Process<'a> {
         };
         self.executor.finish();
         if ending == Ending::Finished {
-            // Nothing will ever follow: whoever still waits for this process need not.
+            // Nothing will ever follow: a process that still waits for this one need not.
             self.announce(self.executor.mark_ns(), u64::MAX);
-            // Without a launcher nobody is left who could say so, and nobody who listens.
+            // Without a launcher no process is left that could say so, and none that listens.
             while self.stop_requested().is_none()
                 && !self.read_clock().may_leave.is_set()
                 && !self.stop.launcher_gone()

@@ -41,7 +41,7 @@ pub trait Service {
     fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
 
     /// True while the slot applies what no controller commands, because its consumer brings the vehicle
-    /// back by itself: whoever is to command afterwards then tracks too, see [`track`](Self::track).
+    /// back by itself: the controller that is to command afterwards then tracks too, see [`track`](Self::track).
     fn is_displaced(&self, _inputs: &Self::Inputs) -> bool {
         false
     }

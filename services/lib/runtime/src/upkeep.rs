@@ -73,13 +73,13 @@ pub(crate) struct Upkeep {
     seen: Costs,
     /// As seen at the last look.
     looked: Costs,
-    /// Of the last stretch, until it is known that nobody came right after it.
+    /// Of the last stretch, until it is known that no process came right after it.
     held: Costs,
     warm_ns: Option<u64>,
     next_look_ns: u64,
-    /// Somebody has come or gone since the last look, or in either of the two stretches before.
+    /// A process has come or gone since the last look, or in either of the two stretches before.
     changed: [bool; 3],
-    /// In stretches in which nobody came or went, and in the others.
+    /// In stretches in which no process came or went, and in the others.
     pub(crate) steady: Costs,
     pub(crate) at_changes: Costs,
 }
@@ -100,7 +100,7 @@ impl Upkeep {
         }
     }
 
-    /// Somebody has come or gone, for whom ports are opened or closed.
+    /// A process has come or gone, for which ports are opened or closed.
     pub(crate) fn note_change(&mut self) {
         self.changed[0] = true;
     }
@@ -124,7 +124,7 @@ impl Upkeep {
         let new = self.seen.since(self.looked);
         self.looked = self.seen;
         if was_warm {
-            // Who comes opens ports before anybody is told, and who has gone is missed afterwards.
+            // A process that comes opens ports before any other is told, and one that has gone is missed afterwards.
             let held = core::mem::replace(&mut self.held, new);
             let changed = self.changed != [false; 3];
             if changed { &mut self.at_changes } else { &mut self.steady }.add(held);
@@ -147,7 +147,7 @@ pub(crate) fn in_transport(call: &mut dyn FnMut()) {
     IN_TRANSPORT.set(IN_TRANSPORT.get() + count);
 }
 
-/// Runs something and tells how often it allocated; 0 if nobody counts.
+/// Runs something and tells how often it allocated; 0 if nothing counts.
 fn count_allocations(run: &mut dyn FnMut()) -> u64 {
     if let Some(count) = COUNTER.get() {
         return count(run);
@@ -185,13 +185,13 @@ mod tests {
         assert_eq!(parse_faults("7 (x) S 1"), None);
     }
 
-    /// Looks each second; of each stretch: what it allocates, and whether somebody comes in it.
+    /// Looks each second; of each stretch: what it allocates, and whether a process comes in it.
     fn watched(stretches: &[(u64, bool)]) -> Upkeep {
         let mut upkeep = Upkeep { stat: None, ..Upkeep::of_this_thread() };
         upkeep.look(0);
-        for ((allocations, somebody_comes), second) in stretches.iter().zip(1..) {
+        for ((allocations, has_arrivals), second) in stretches.iter().zip(1..) {
             upkeep.seen.allocations += allocations;
-            if *somebody_comes {
+            if *has_arrivals {
                 upkeep.note_change();
             }
             upkeep.look(second * SECOND_NS);
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn the_transport_has_an_account_of_its_own() {
-        // Every allocation of this test counts as one, whoever asks.
+        // Every allocation of this test counts as one, whichever test asks.
         count_allocations_with(|run| {
             run();
             1

@@ -9,7 +9,7 @@ use crate::graph::{Edge, Graph, Node};
 use crate::rate::Rate;
 use shared_types::Role;
 
-/// Releases looked at; whoever is unblocked for more is woken without looking.
+/// Releases looked at; a process that is unblocked for more is woken without looking.
 const MAX_RELEASES: usize = 8;
 
 impl Graph {

@@ -74,7 +74,7 @@ pub struct StopFlags {
 }
 
 impl StopFlags {
-    /// Watches SIGINT, SIGTERM and SIGQUIT, and SIGHUP unless it is ignored: whoever starts a flight
+    /// Watches SIGINT, SIGTERM and SIGQUIT, and SIGHUP unless it is ignored: a user who starts a flight
     /// under `nohup` wants it to outlive the terminal.
     ///
     /// # Errors
@@ -90,7 +90,7 @@ impl StopFlags {
     }
 
     /// Watches the launcher of the run in `folder` from a thread of its own and tells what happens to
-    /// it. When it has died and nobody has taken over within `grace_s`, the flight must end.
+    /// it. When it has died and no other has taken over within `grace_s`, the flight must end.
     ///
     /// # Errors
     /// The process is already gone, or cannot be watched.
@@ -137,13 +137,13 @@ impl StopFlags {
         self.signalled.load(Ordering::Acquire)
     }
 
-    /// The launcher has died, and nobody has taken over yet.
+    /// The launcher has died, and no other has taken over yet.
     #[must_use]
     pub fn launcher_gone(&self) -> bool {
         self.launcher_gone.load(Ordering::Acquire)
     }
 
-    /// The launcher died and nobody has taken over in time.
+    /// The launcher died and no other has taken over in time.
     #[must_use]
     pub fn grace_over(&self) -> bool {
         self.grace_over.load(Ordering::Acquire)
@@ -231,10 +231,7 @@ mod tests {
         flags.watch_launcher(&folder, pid, 0.1, tell()).unwrap();
         reap(second);
         await_that(|| flags.grace_over());
-        assert!(
-            flags.launcher_gone() && flags.stop(),
-            "the dead one in the file is nobody's successor"
-        );
+        assert!(flags.launcher_gone() && flags.stop(), "the dead one in the file is no successor");
         // Both watches have seen it die, and one of them waits for longer.
         await_that(|| heard.lock().unwrap().len() == 3);
         let mut heard = heard.lock().unwrap();
@@ -245,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_is_gone_before_the_watch_begins_cannot_be_watched() {
+    fn a_process_that_is_gone_before_the_watch_begins_cannot_be_watched() {
         let child = idler();
         let pid = child.id();
         reap(child);

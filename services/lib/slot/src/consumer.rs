@@ -20,9 +20,9 @@ use crate::record::{Record, RecordMemory, Seat, Standing};
 /// Records that may wait for their instant.
 pub const PENDING: usize = 4;
 
-/// For how long an owner that has tripped is not obeyed although there is no fallback: the consumer levels by itself until
-/// the supervisor's next epoch. After that even a bad owner is better than none, and the actuation gate would cut the
-/// rotors in half a second \[ns\].
+/// For how long an owner that has tripped is not obeyed although there is no fallback: the consumer levels by itself
+/// until the supervisor's next epoch. After that even a bad owner is better than none, and the actuation gate would cut
+/// the rotors in half a second \[ns\].
 pub const REJECTED_AFTER_TRIP_NS: u64 = 1_500_000_000;
 
 /// What became of a record.
@@ -45,8 +45,8 @@ pub enum Source {
     Owner,
     /// The fallback's, until the next epoch; after a trip until a record names another owner or fallback.
     Fallback,
-    /// Nobody's: the consumer is on its own.
-    Nobody,
+    /// No seat's: the consumer is on its own.
+    Neither,
 }
 
 /// What became of a trip.
@@ -56,7 +56,7 @@ pub enum Tripped {
     ToFallback,
     /// The record has no fallback to move to: no command counts for a while.
     NoFallback,
-    /// It is of an older epoch, of a seat that is not the owner's, of an owner that nobody watches, of
+    /// It is of an older epoch, of a seat that is not the owner's, of an owner that is not watched, of
     /// one that is not obeyed any more, or a repetition.
     Ignored,
 }
@@ -133,7 +133,7 @@ pub struct Consumer {
 }
 
 impl Consumer {
-    /// A consumer that knows no record and obeys nobody.
+    /// A consumer that knows no record and obeys no seat.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -258,7 +258,7 @@ impl Consumer {
         }
         if !fallback_valid {
             self.counters.missed += 1;
-            return Source::Nobody;
+            return Source::Neither;
         }
         if !self.failed_over {
             self.failed_over = true;
@@ -268,8 +268,8 @@ impl Consumer {
         Source::Fallback
     }
 
-    /// Says that every instant before `now_ns` has been decided, also those at which nobody asked:
-    /// what was decided last was in effect until then.
+    /// Says that every instant before `now_ns` has been decided, also those at which no decision was asked
+    /// for: what was decided last was in effect until then.
     pub fn close_before(&mut self, now_ns: u64) {
         self.open_ns = self.open_ns.max(now_ns);
     }
@@ -312,7 +312,7 @@ impl Consumer {
         if self.failed_over { record.fallback } else { Some(record.owner) }
     }
 
-    /// That seat, if somebody sits there.
+    /// That seat, if a process sits there.
     #[must_use]
     pub fn obeyed(&self) -> Option<Seat> {
         self.seat_in_effect().filter(|seat| self.current.is_some_and(|r| r.is_taken(*seat)))

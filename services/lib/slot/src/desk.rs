@@ -1,8 +1,8 @@
 //! The commands on a consumer's table: what each writer said last, and which of it counts now.
 //!
 //! A command is judged once, at its own effective instant. Until the new owner's first command the
-//! old owner's last one stays in effect, as far as it is valid; whoever is the fallback has his
-//! newest command ready.
+//! old owner's last one stays in effect, as far as it is valid; the fallback has its newest command
+//! ready.
 
 use crate::consumer::{Consumer, Source, Turn};
 use crate::record::{SEATS, Seat, Standing};
@@ -127,7 +127,7 @@ impl Desk {
         standing
     }
 
-    /// Keeps a command in effect until the owner speaks, whoever gave it: for a consumer that joins, to
+    /// Keeps a command in effect until the owner speaks, whichever seat gave it: for a consumer that joins, to
     /// which an owner whose words it came too late for is not silent.
     pub fn carry(&mut self, seat: Seat, command: &Command) {
         self.carried = Given::new((seat, *command));
@@ -147,7 +147,7 @@ impl Desk {
         let given = match source {
             Source::Owner => owner,
             Source::Fallback => fallback,
-            Source::Nobody => None,
+            Source::Neither => None,
         };
         self.last = given.map_or_else(Given::default, Given::new);
         given.map(|(seat, command)| Choice { command, source, seat })
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_else_is_ever_obeyed() {
+    fn no_other_seat_is_ever_obeyed() {
         let mut table = Table::new(&[record(1, 0, 0, None)]);
         assert_eq!(table.at(0, &[B, C, D]), None);
         assert_eq!(table.at(10, &[B]), None);

@@ -4,7 +4,7 @@ use shared_types::{Flag, Header, NO_SEAT, OwnerRecord, Role};
 
 pub use shared_types::SEATS;
 
-/// A seat of a slot. The transport lets nobody but its holder speak for a seat, so it also tells who
+/// A seat of a slot. The transport lets only its holder speak for a seat, so it also tells which process
 /// wrote a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Seat(u8);
@@ -55,7 +55,7 @@ pub struct Record {
     pub fallback: Option<Seat>,
     /// Logical instant T from which the record counts, for commands effective at T or later \[ns\].
     pub effective_ns: u64,
-    /// Control period of whoever sits there, by seat \[ns\]; 0 where nobody does.
+    /// Control period of the process that sits there, by seat \[ns\]; 0 where none does.
     pub period_ns: [u64; SEATS],
     /// The new owner is a controller of another kind than the one before it.
     pub kind_changed: bool,
@@ -70,14 +70,14 @@ pub enum Standing {
     Owner,
     /// Its commands count once the consumer has failed over.
     Fallback,
-    /// It may publish, but nobody obeys: a shadow, or one that is leaving.
+    /// It may publish, but is not obeyed: a shadow, or one that is leaving.
     Member,
     /// It has no seat here: to be counted and named.
     Stray,
 }
 
 impl Record {
-    /// True if somebody sits on `seat`.
+    /// True if a process sits on `seat`.
     #[must_use]
     pub fn is_taken(&self, seat: Seat) -> bool {
         self.period_ns[seat.index()] > 0
@@ -153,7 +153,7 @@ shared_types::memory! {
         pub epoch: u64,
         /// Instant from which it counts \[ns\].
         pub effective_ns: u64,
-        /// Control periods \[ns\]; 0 where nobody sits.
+        /// Control periods \[ns\]; 0 where no process sits.
         pub period_ns: [u64; SEATS],
         /// Owner's seat.
         pub owner: u8,
@@ -217,7 +217,7 @@ mod tests {
         let record = record();
         let standings = Seat::ALL.map(|seat| record.standing(seat));
         let expected = [Standing::Fallback, Standing::Owner, Standing::Member, Standing::Stray];
-        assert_eq!(standings, expected, "an empty seat is nobody's");
+        assert_eq!(standings, expected, "an empty seat has no member");
         let gone = Record { period_ns: [10, 0, 20, 0], ..record };
         assert_eq!(gone.standing(Seat(1)), Standing::Stray, "named or not");
     }
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_are_the_same_if_owner_and_fallback_are_whoever_else_sits_there() {
+    fn same_owner_and_fallback_are_the_same_hands_whichever_others_sit_there() {
         let joined = Record { epoch: 4, period_ns: [10, 10, 20, 30], ..record() };
         assert!(record().same_hands(&joined));
         let empty = Record { period_ns: [0, 10, 20, 0], ..record() };

@@ -5,7 +5,7 @@
 //! F₁,₃ = (t − c) ∓ b and F₂,₄ = (t + c) ± a. Each pair's mean bounds only its own torque: roll and
 //! pitch are feasible whenever |a|, |b| ≤ `F_max`/2, whatever thrust and yaw become. So roll and
 //! pitch are kept first, then t moves as little as it must, and c last, between zero and the
-//! command, so that no yaw torque appears that nobody asked for.
+//! command, so that no yaw torque appears that was not asked for.
 
 use nalgebra::Vector3;
 

@@ -73,7 +73,7 @@ fn a_report_that_stays_at_a_set_point_that_is_over_is_false() {
 }
 
 #[test]
-fn a_set_point_that_nobody_has_given_is_forgiven_twice_and_not_three_times() {
+fn a_set_point_that_was_never_given_is_forgiven_twice_and_not_three_times() {
     let mut reports = reports();
     let forged = Said { sequence: 1000, ..said(0, &asked(110, 1.0)) };
     assert_eq!([reports.hear(&forged), reports.hear(&forged)], [None; 2]);

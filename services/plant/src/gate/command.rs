@@ -1,4 +1,4 @@
-//! Which commands may reach the rotors, whoever writes them.
+//! Which commands may reach the rotors, whichever process writes them.
 
 use vehicle::{MorphAngle, VehicleParameters, Wrench};
 
@@ -44,8 +44,8 @@ shared_types::memory! {
     }
 }
 
-/// What an owner that has not proven itself is held to, until its monitor can trip it: what the laws of its slot may ask
-/// of the rotors, which turns the vehicle about half as far as the rotors could, and a tilt.
+/// What an owner that has not proven itself is held to, until its monitor can trip it: what the laws of its slot may
+/// ask of the rotors, which turns the vehicle about half as far as the rotors could, and a tilt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnprovenRange {
     /// The vehicle as its controllers believe it to be.

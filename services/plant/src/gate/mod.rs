@@ -1,4 +1,4 @@
-//! The last check before the rotors: what is in range, and what to do when nobody commands.
+//! The last check before the rotors: what is in range, and what to do when no controller commands.
 //!
 //! The gate sees commands, the plant's own inertial readings and the morph angle, never the truth.
 //! It starts airborne at trim: hover thrust, valid for as long as a HOLD may last. Start with
@@ -267,10 +267,10 @@ impl Gate {
         self.mode = next;
     }
 
-    /// True if the vehicle will tilt beyond what an unproven owner may, unless RECOVER begins at this tick: braked by it
-    /// from the next tick on, after the owner has turned it on as hard as its range allows. The rotors follow with the
-    /// lag τ, so that a turn of ω that is accelerated by a until then and braked by b from then on goes on by
-    /// ω (1 + a/b) τ + ω²/2b + τ² (a² − b²)/2b. Only while a command is applied: what levels the vehicle is not begun anew.
+    /// True if the vehicle will tilt beyond what an unproven owner may, unless RECOVER begins at this tick: braked by
+    /// it from the next tick on, after the owner has turned it on as hard as its range allows. The rotors follow with
+    /// the lag τ, so that a turn of ω that is accelerated by a until then and braked by b from then on goes on by ω (1
+    /// + a/b) τ + ω²/2b + τ² (a² − b²)/2b. Only while a command is applied: what levels the vehicle is not begun anew.
     fn overturns(&self, range: &UnprovenRange, tick_s: f64) -> bool {
         if !matches!(self.mode, Mode::Normal | Mode::Hold { .. })
             || self.filter.is_blind(self.tick_ns)

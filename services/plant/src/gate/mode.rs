@@ -10,8 +10,8 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
-//! When the owner trips, or what an unproven owner obeys, while the vehicle is tilted or turns fast, all but CUT give way
-//! to RECOVER; so do NORMAL and HOLD when an owner that has not proven itself is about to tilt it too far:
+//! When the owner trips, or what an unproven owner obeys, while the vehicle is tilted or turns fast, all but CUT give
+//! way to RECOVER; so do NORMAL and HOLD when an owner that has not proven itself is about to tilt it too far:
 //!
 //! ```text
 //!   any ───▶ RECOVER ── calm, or recover_max passed ──▶ NORMAL, or LEVEL without a valid command
@@ -39,7 +39,7 @@ pub enum Mode {
     /// Rotors off, for good.
     Cut,
     /// The owner has tripped and left the vehicle in a state that no controller is made for, or would have taken it to
-    /// one: the gate levels it, whoever commands. This mode never cuts the rotors by itself.
+    /// one: the gate levels it, whichever controller commands. This mode never cuts the rotors by itself.
     Recover {
         /// First tick in this mode \[ns\].
         since_ns: u64,

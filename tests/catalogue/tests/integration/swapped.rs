@@ -45,7 +45,7 @@ fn bad_controllers_are_refused_or_tripped_and_lose_the_vehicle_without_safeguard
         assert!(watched.flipped, "{watched:?}");
         lost_without += u32::from(fly(Guard::None).lost.is_some());
     }
-    assert!(lost_without >= 4, "what hurts nobody shows nothing: {lost_without}");
+    assert!(lost_without >= 4, "what loses no vehicle shows nothing: {lost_without}");
 }
 
 #[test]

@@ -75,7 +75,7 @@ impl<T: Sample> Feed for TopicFeed<T> {
     }
 }
 
-/// In a flight of processes nobody waits for a shadow, so it wakes nobody. Here the flight's thread does
+/// In a flight of processes none waits for a shadow, so it wakes none. Here the flight's thread does
 /// wait, and a process wakes others if it may have to stand in for the owner.
 fn become_fallback<T: Sample>(sample: &mut T, seat: u32) {
     let Some(record) = (sample as &mut dyn Any).downcast_mut::<OwnerRecord>() else { return };

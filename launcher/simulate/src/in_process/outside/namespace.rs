@@ -14,7 +14,7 @@ use runtime::{Graph, Sink as _};
 use scenario::{Scenario, needs};
 use shared_types::{ClockMode, ClockRecord, Flag, NodeId, Progress, Role, Seat};
 use std::path::Path;
-use swap::RollKeeper;
+use swap::RegistryWriter;
 use swap::services::HeldServices;
 use thiserror::Error;
 
@@ -47,15 +47,15 @@ struct Neighbour {
     place: Seat,
     generation: u32,
     bus: Bus,
-    /// None if nobody here waits for it.
+    /// None if the process does not wait for it.
     progress: Option<IpcSink<Progress>>,
     mark_ns: u64,
     present: bool,
 }
 
 impl Neighbour {
-    /// Whoever has left has said all it had to say, and a process looks for samples only of those whose
-    /// mark has moved.
+    /// A neighbour that has left has said all it had to say, and a process looks for samples only of
+    /// those whose mark has moved.
     fn fall_silent(&mut self) {
         let (mark_ns, generation) = (u64::MAX, self.generation);
         if let Some(progress) = self.progress.as_mut().filter(|_| self.mark_ns < mark_ns) {
@@ -70,7 +70,7 @@ fn mark(mark_ns: u64, generation: u32) -> Progress {
     Progress { mark_ns, generation, served_mono_ns: mono_now_ns(), ..Progress::default() }
 }
 
-/// A run with one process, and the flight's thread for everybody else.
+/// A run with one process, and the flight's thread for all the others.
 pub(super) struct Namespace {
     /// Period of each role's loop, by [`Role::index`] \[ns\].
     periods_ns: [u64; ROLES],
@@ -78,13 +78,13 @@ pub(super) struct Namespace {
     upstream: [bool; ROLES],
     /// Roles that it waits for or wakes.
     neighbouring: [bool; ROLES],
-    registry: RollKeeper,
+    registry: RegistryWriter,
     clock: IpcSink<ClockRecord>,
     time: ClockRecord,
     neighbours: Vec<Neighbour>,
     _services: HeldServices,
     bus: Bus,
-    /// Dropped last: whoever leaves last removes everything, and by then all ports must be closed.
+    /// Dropped last: the member that leaves last removes everything, and by then all ports must be closed.
     membership: Membership,
 }
 
@@ -104,11 +104,11 @@ impl Namespace {
         let number = FOUNDED.fetch_add(1, Ordering::Relaxed);
         let membership = Membership::found(&format!("{}{number:x}", run_id()))?;
         let folder = membership.folder();
-        // It is no flight that anybody could look at or lead.
+        // It is no flight that a client could look at or a launcher lead.
         note_measurement(folder).map_err(OutsideError::system("write into a run's folder"))?;
         let mut flight = scenario.flight()?;
         flight.clock = Clock::Lockstep;
-        // Nobody can take this flight over.
+        // No launcher can take this flight over.
         flight.grace_s = 0.0;
         flight.write(folder).map_err(OutsideError::system("describe the flight"))?;
         std::fs::write(folder.join("scenario.toml"), scenario.to_toml())
@@ -124,7 +124,7 @@ impl Namespace {
                 let waits = |a, b| graph.waits_for(a, b);
                 role != seat.role && (waits(seat.role, role) || waits(role, seat.role))
             }),
-            registry: RollKeeper::open(&bus)?,
+            registry: RegistryWriter::open(&bus)?,
             clock: bus.open_writer(ServiceKind::Clock)?,
             time: ClockRecord {
                 // When the flight ends is said when it does.
@@ -149,7 +149,7 @@ impl Namespace {
         self.membership.folder()
     }
 
-    /// Enters an instance in the publisher registry and tells everybody.
+    /// Enters an instance in the publisher registry and tells the process.
     pub(super) fn enter(&mut self, node: NodeId, place: Seat, generation: u32, period_ns: u64) {
         self.registry.enter(node, place, generation, period_ns);
         self.registry.publish();
@@ -173,14 +173,14 @@ impl Namespace {
         let flies = |n: &Neighbour| {
             instances.iter().any(|i| (i.place, i.generation) == (n.place, n.generation))
         };
-        let mut somebody_left = false;
+        let mut has_left = false;
         for neighbour in self.neighbours.iter_mut().filter(|n| n.present && !flies(n)) {
             neighbour.present = false;
             neighbour.fall_silent();
             self.registry.leave(neighbour.place);
-            somebody_left = true;
+            has_left = true;
         }
-        if somebody_left {
+        if has_left {
             self.registry.publish();
         }
         Ok(())

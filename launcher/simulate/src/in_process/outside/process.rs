@@ -20,9 +20,9 @@ use swap::child::{ChildSpec, RunningChild, describe};
 use swap::post::Post;
 use swap::services::stand_in;
 
-/// Wait for a process until it is looked at whether or not it has woken anybody.
+/// Wait for a process until it is looked at whether or not it has woken another one.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
-/// The same while it opens its ports, of which it wakes nobody.
+/// The same while it opens its ports, for which it wakes no other one.
 const LOOK_EVERY_AT_START: Duration = Duration::from_millis(1);
 
 /// How a process ends that leaves in order.
@@ -136,7 +136,7 @@ impl OutsideLoop {
         }))
     }
 
-    /// Shows the process everything that has been said, then how far everybody has got.
+    /// Shows the process everything that has been said, then how far every loop has got.
     fn feed(&mut self, instances: &[InstanceMark], allowed_ns: u64) -> Result<(), PortError> {
         let namespace = &mut self.namespace;
         self.feeds.iter_mut().try_for_each(|feed| feed.pump(namespace))?;
@@ -145,7 +145,7 @@ impl OutsideLoop {
         Ok(())
     }
 
-    /// Takes in the hello of the process that was started, and nobody else's.
+    /// Takes in the hello of the process that was started, and of no other.
     fn take_hello(&mut self) -> bool {
         while let Some((hello, node, pid)) = self.hello.receive_from() {
             let said = (Seat { role: hello.role, index: hello.seat }, hello.generation);
@@ -245,7 +245,7 @@ impl Repeats for OutsideLoop {
     fn next_ns(&self) -> u64 {
         self.next_ns
     }
-    /// What lockstep leaves out nobody has to leave out again.
+    /// What lockstep leaves out does not have to be left out again.
     fn repeat(&mut self, _deviation: &Deviation) {}
 }
 

@@ -62,7 +62,7 @@ impl<L: AttitudeLaw> AttitudeController<L> {
         Self { inner: AttitudeLoop::new(law, vehicle, timing, start_yaw_rad), slot, period_ns }
     }
 
-    /// Takes the set point that counts; the last one stays if nobody's does.
+    /// Takes the set point that counts; the last one stays if none does.
     fn take_setpoint(&mut self, now_ns: u64, inputs: &Inputs) {
         let Inputs { position_owner, attitude_setpoint, trip, .. } = inputs;
         let taken = self.slot.take(now_ns, position_owner, attitude_setpoint, trip);

@@ -1,4 +1,4 @@
-//! The transport as it comes, without stamps, order, roll or marks: what measurements of the ports are
+//! The transport as it comes, without stamps, order, registry or marks: what measurements of the ports are
 //! compared with.
 
 use super::payload::{Reader, Writer};
@@ -43,7 +43,7 @@ impl<T> BareReader<T> {
     }
 }
 
-/// The transport's own way of waking somebody.
+/// The transport's own way of waking a process.
 pub struct BareNotifier(Box<dyn Fn()>);
 
 impl core::fmt::Debug for BareNotifier {
@@ -53,7 +53,7 @@ impl core::fmt::Debug for BareNotifier {
 }
 
 impl BareNotifier {
-    /// Wakes whoever listens.
+    /// Wakes every process that listens.
     pub fn notify(&self) {
         (self.0)();
     }
@@ -69,7 +69,7 @@ impl core::fmt::Debug for BareListener {
 }
 
 impl BareListener {
-    /// Waits until somebody notifies, at most this long; true if somebody did.
+    /// Waits for a notification, at most this long; true if there was one.
     #[must_use]
     pub fn wait(&self, limit: Duration) -> bool {
         (self.0)(limit)
@@ -128,7 +128,7 @@ impl Bus {
         let notifier = self.open_bare_events(name)?.notifier_builder().create();
         let notifier = notifier.map_err(PortError::transport(name, "create a notifier"))?;
         Ok(BareNotifier(Box::new(move || {
-            // Nobody listening is fine.
+            // Without a listener this is fine too.
             let _ = notifier.notify();
         })))
     }

@@ -9,15 +9,15 @@ mod lead;
 mod names;
 mod payload;
 mod ports;
-mod roll;
+mod registry;
 mod state;
 mod wake;
 
 pub use bare::{BareEvents, BareListener, BareNotifier, BareReader, BareWriter};
 pub use names::ServiceKind;
 pub use ports::{IpcSink, IpcSource, LatestPort, TopicFactory};
-pub use roll::Stray;
-use roll::{Authority, SharedRoll};
+pub use registry::Stray;
+use registry::{Authority, SharedRegistry};
 pub use state::{StatePublisher, StateService, StateSubscriber};
 pub use wake::{WakeListener, WakeNotifier};
 
@@ -73,9 +73,10 @@ struct Crowd {
 }
 
 impl Crowd {
-    /// A service between the launcher and everybody.
+    /// A service between the launcher and all processes.
     const ALL: Self = Self { readers: MAX_PROCESSES + WATCHERS, writers: MAX_PROCESSES };
-    /// A service that the launcher alone writes; there is room for dead ones, and each look at an empty port walks over it.
+    /// A service that the launcher alone writes; there is room for dead ones, and each look at an empty port walks over
+    /// it.
     const ANNOUNCED: Self = Self { readers: MAX_PROCESSES + WATCHERS, writers: LAUNCHERS };
 
     fn of(topic: &TopicInfo) -> Self {
@@ -83,7 +84,7 @@ impl Crowd {
         let readers = usize::try_from(seats).unwrap_or(0) + WATCHERS;
         match (topic.from, topic.edge) {
             (Role::Supervisor, Edge::RecordOnly) => Self { readers, writers: MAX_PROCESSES },
-            // Whoever waits for a slot reads its records beside the component that judges by them.
+            // A process that waits for a slot reads its records beside the component that judges by them.
             (Role::Supervisor, _) => {
                 Self { readers: 2 * MAX_PROCESSES + WATCHERS, writers: LAUNCHERS }
             }
@@ -159,7 +160,7 @@ pub struct Bus {
     /// Who leads, for all readers of this process.
     authority: Rc<Authority>,
     /// Who sits where, for all readers of this process.
-    roll: SharedRoll,
+    registry: SharedRegistry,
 }
 
 impl Bus {
@@ -187,7 +188,12 @@ impl Bus {
             .map_err(PortError::transport(name, "create a node"))?;
         let folder = config_file.parent().unwrap_or(Path::new(".")).to_path_buf();
         let authority = Rc::new(Authority::new(&folder));
-        Ok(Self { connection: Box::new(node), folder, authority, roll: SharedRoll::default() })
+        Ok(Self {
+            connection: Box::new(node),
+            folder,
+            authority,
+            registry: SharedRegistry::default(),
+        })
     }
 
     /// Makes this connection the launcher's, before it writes anything: what only the launcher says is believed of it
@@ -207,7 +213,7 @@ impl Bus {
     /// This connection as the transport names it to others.
     #[must_use]
     pub fn identity(&self) -> NodeId {
-        roll::node_id(*self.node().id())
+        registry::node_id(*self.node().id())
     }
 
     /// Frees what dead processes of this run left behind; only the launcher does this. `drain` takes what they have
@@ -224,7 +230,7 @@ impl Bus {
         let _ = IpcNode::<Ipc>::list(self.node().config(), look);
         drain();
         for node in dead {
-            // Somebody else may be removing the same one.
+            // Another process may be removing the same one.
             let _ = node.try_remove_stale_resources();
         }
     }
@@ -319,7 +325,7 @@ impl Bus {
         files.into_iter().flatten().flatten().map(|entry| entry.ino()).collect()
     }
 
-    /// False once a service is gone: whoever has opened it keeps it, and nobody can open it any more.
+    /// False once a service is gone: a process that has opened it keeps it, and none can open it any more.
     #[must_use]
     pub fn has_service(&self, service: &str) -> bool {
         let pattern = MessagingPattern::PublishSubscribe;

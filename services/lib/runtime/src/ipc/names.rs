@@ -18,7 +18,7 @@ pub enum ServiceKind {
     /// Processes that are ready.
     Hello,
     /// Who sits where.
-    Roll,
+    Registry,
 }
 
 impl ServiceKind {
@@ -32,7 +32,7 @@ impl ServiceKind {
             Self::Handover(seat) => format!("handover/{}", seat.label()),
             Self::Clock => "clock".to_owned(),
             Self::Hello => "hello".to_owned(),
-            Self::Roll => "roll".to_owned(),
+            Self::Registry => "registry".to_owned(),
         }
     }
 }

@@ -4,7 +4,7 @@
 //! So nothing outside of this file names them: [`Service`], [`Reader`] and [`Sink`] are objects, and
 //! [`maker`] finds what makes them by the type of the payload.
 
-use super::roll::{Guard, node_id};
+use super::registry::{Guard, node_id};
 use super::{Bus, Crowd, Ipc, PortError};
 use crate::clock::mono_now_ns;
 use crate::input::Source;
@@ -21,7 +21,7 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Hello, NodeId, Progress, Roll, Sample, Topic, TopicVisitor, topics,
+    ClockRecord, Hello, NodeId, Progress, Registry, Sample, Topic, TopicVisitor, topics,
 };
 
 /// A service of the transport.
@@ -34,13 +34,13 @@ pub(super) trait Service<T> {
     fn writer(&self) -> Result<Box<dyn Writer<T>>, PortError>;
 }
 
-/// A subscriber, perhaps of those on the roll alone.
+/// A subscriber, perhaps of those in the registry alone.
 pub(super) trait Reader<T>: Source<T> {
     /// Lets only pass from now on what comes from where it says it does.
     fn guard(&mut self, guard: Guard<T>);
     /// The next sample with its writer's process: identity and process id.
     fn receive_from(&mut self) -> Option<(T, NodeId, u32)>;
-    /// Shows the next sample where it lies, whoever wrote it; false if none has arrived.
+    /// Shows the next sample where it lies, whichever process wrote it; false if none has arrived.
     fn show_next(&self, show: &mut dyn FnMut(&T)) -> bool;
 }
 
@@ -98,7 +98,7 @@ impl<T: Wire + ZeroCopySend> PayloadReader<T> {
         self.subscriber.receive().ok().flatten()
     }
 
-    /// True if it comes from whoever may write.
+    /// True if it comes from a process that may write.
     fn passes(&self, sample: &Lent<T>) -> bool {
         let passes = |guard: &Guard<T>| guard.passes(sample.header().node_id(), sample);
         self.guard.as_ref().is_none_or(passes)
@@ -209,8 +209,8 @@ fn maker_of(id: TypeId) -> Option<&'static dyn Any> {
         Some(&Maker::<Hello>::OF_TYPE)
     } else if id == TypeId::of::<Progress>() {
         Some(&Maker::<Progress>::OF_TYPE)
-    } else if id == TypeId::of::<Roll>() {
-        Some(&Maker::<Roll>::OF_TYPE)
+    } else if id == TypeId::of::<Registry>() {
+        Some(&Maker::<Registry>::OF_TYPE)
     } else {
         let mut search = Search { id, found: None };
         let Ok(()) = topics::visit_all(&mut search);

@@ -1,13 +1,14 @@
 //! Typed publishers and subscribers behind the [`Source`] and [`Sink`] of a service.
 
 use super::payload::{Reader, Service, Writer};
-use super::roll::{Accepts, Guard, RollBook, Stray};
+use super::registry::{Accepts, Guard, RegistryReader, Stray};
 use super::{Bus, Crowd, FLYING_CAPACITY, PortError, ServiceKind};
 use crate::input::Source;
 use crate::output::Sink;
 use shared_types::wire::Wire;
 use shared_types::{
-    ClockRecord, Edge as EdgeKind, NodeId, Progress, Role, Roll, RollEntry, Sample, Seat, Topic,
+    ClockRecord, Edge as EdgeKind, NodeId, Progress, Registry, RegistryEntry, Role, Sample, Seat,
+    Topic,
 };
 use std::rc::Rc;
 
@@ -34,7 +35,7 @@ impl<T> TopicFactory<T> {
     }
 }
 
-/// A subscriber, perhaps of those on the roll alone.
+/// A subscriber, perhaps of those in the registry alone.
 pub struct IpcSource<T>(Box<dyn Reader<T>>);
 
 impl<T: Wire> core::fmt::Debug for IpcSource<T> {
@@ -130,7 +131,7 @@ impl<T: Wire + 'static> LatestPort<T> {
 }
 
 impl LatestPort<Progress> {
-    /// Opens the progress of a seat, as told by whoever sits there.
+    /// Opens the progress of a seat, as told by the process that sits there.
     ///
     /// # Errors
     /// [`PortError`].
@@ -160,7 +161,7 @@ impl Bus {
         capacity: usize,
     ) -> Result<TopicFactory<T>, PortError> {
         let crowd = match kind {
-            ServiceKind::Clock | ServiceKind::Roll => Crowd::ANNOUNCED,
+            ServiceKind::Clock | ServiceKind::Registry => Crowd::ANNOUNCED,
             _ => Crowd::ALL,
         };
         self.create::<T>(&kind.name(), capacity, 1, crowd)
@@ -196,8 +197,8 @@ impl Bus {
         IpcSink::new(&self.open_topic(topic)?)
     }
 
-    /// Opens a topic for reading: what the processes of role `from` publish on it, and nobody else.
-    /// Topics that everybody writes about itself come from all on the roll, owner records from the launcher.
+    /// Opens a topic for reading: what the processes of role `from` publish on it, and no others.
+    /// Topics that every process writes about itself come from all in the registry, owner records from the launcher.
     ///
     /// # Errors
     /// [`PortError`].
@@ -237,27 +238,30 @@ impl Bus {
         service: &str,
         accepts: Accepts<T>,
     ) -> Result<Guard<T>, PortError> {
-        let roll = match accepts {
+        let registry = match accepts {
             Accepts::Launcher => None,
             Accepts::Registered { .. } => {
-                self.with_roll(|_| ())?;
-                Some(Rc::clone(&self.roll))
+                self.with_registry(|_| ())?;
+                Some(Rc::clone(&self.registry))
             }
         };
-        Ok(Guard::new(Rc::clone(&self.authority), roll, service, accepts))
+        Ok(Guard::new(Rc::clone(&self.authority), registry, service, accepts))
     }
 
-    fn with_roll<R>(&self, look: impl FnOnce(&mut RollBook) -> R) -> Result<R, PortError> {
-        let mut roll = self.roll.borrow_mut();
-        if roll.is_none() {
-            let kind = ServiceKind::Roll;
-            let factory = self.open_service::<Roll>(kind)?;
+    fn with_registry<R>(
+        &self,
+        look: impl FnOnce(&mut RegistryReader) -> R,
+    ) -> Result<R, PortError> {
+        let mut registry = self.registry.borrow_mut();
+        if registry.is_none() {
+            let kind = ServiceKind::Registry;
+            let factory = self.open_service::<Registry>(kind)?;
             let mut port = IpcSource::with_capacity(&factory, 2)?;
             port.0.guard(self.guard(&kind.name(), Accepts::Launcher)?);
-            *roll = Some(RollBook::new(Box::new(port)));
+            *registry = Some(RegistryReader::new(Box::new(port)));
         }
-        match roll.as_mut() {
-            Some(roll) => Ok(look(roll)),
+        match registry.as_mut() {
+            Some(registry) => Ok(look(registry)),
             None => unreachable!("it was opened above"),
         }
     }
@@ -265,11 +269,14 @@ impl Bus {
     /// Shows who sits where, as far as it is known here now.
     ///
     /// # Errors
-    /// The run has no roll.
-    pub fn look_at_roll<R>(&self, look: impl FnOnce(&[RollEntry]) -> R) -> Result<R, PortError> {
-        self.with_roll(|roll| {
-            roll.refresh();
-            look(roll.entries())
+    /// The run has no registry.
+    pub fn read_registry<R>(
+        &self,
+        look: impl FnOnce(&[RegistryEntry]) -> R,
+    ) -> Result<R, PortError> {
+        self.with_registry(|registry| {
+            registry.refresh();
+            look(registry.entries())
         })
     }
 

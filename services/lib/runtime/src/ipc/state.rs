@@ -1,7 +1,7 @@
 //! Published states: packed bytes of one service kind, with the header of the step. As with the ports of the topics, the
 //! transport's own objects stay in this crate, so that no other one compiles their code again.
 
-use super::roll::{Accepts, Guard};
+use super::registry::{Accepts, Guard};
 use super::{Bus, Ipc, PortError, ServiceKind, service_name};
 use crate::executor::StateSink;
 use crate::upkeep::in_transport;

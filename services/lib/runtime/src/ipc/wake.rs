@@ -28,7 +28,7 @@ impl Bus {
             .map_err(PortError::transport(&ServiceKind::Wake(seat).name(), "create the pipe"))
     }
 
-    /// Lets whoever wakes `seat` wake the process of seat `of`, whose pipe exists (launcher only): the two
+    /// Lets each process that wakes `seat` wake the one of seat `of`, whose pipe exists (launcher only): the two
     /// have one pipe.
     ///
     /// # Errors
@@ -39,7 +39,7 @@ impl Bus {
     }
 
     fn open_wake(&self, seat: Seat) -> Result<OwnedFd, PortError> {
-        // Both directions at each end: nobody has to wait for, or survive, the other end.
+        // Both directions at each end: neither has to wait for, or survive, the other end.
         let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
         open(self.wake_path(seat), flags, Mode::empty())
             .map_err(PortError::transport(&ServiceKind::Wake(seat).name(), "open the pipe"))
@@ -109,7 +109,7 @@ impl WakeNotifier {
         Ok(Self { pipe: bus.open_wake(seat)? })
     }
 
-    /// Wakes whoever waits; nobody waiting is fine.
+    /// Wakes the process that waits; if none does, that is fine.
     pub fn wake(&self) {
         // A full pipe wakes just as well.
         let _ = write(&self.pipe, &[1]);

@@ -172,9 +172,9 @@ fn older_than_a_minute(path: &Path) -> bool {
 }
 
 /// Removes shared-memory objects that a process killed while creating them left empty: the
-/// transport would wait for them forever. An object that somebody is creating right now gets its
+/// transport would wait for them forever. An object that a process is creating right now gets its
 /// size within microseconds.
-pub fn remove_unborn_objects(folder: &Path) {
+pub fn remove_incomplete_objects(folder: &Path) {
     let own = rustix::process::geteuid().as_raw();
     let empty = || {
         objects_of(folder).filter(|entry| {

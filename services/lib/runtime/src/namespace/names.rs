@@ -12,8 +12,8 @@ pub(super) const FOLDER_PREFIX: &str = "mq-";
 pub(super) const FOUNDING_PREFIX: &str = ".mq-";
 const OBJECT_PREFIX: &str = "mqshm-";
 
-/// The run whose folder has this name. An id never begins as a folder's name does, so that no name can be read as that of
-/// two runs.
+/// The run whose folder has this name. An id never begins as a folder's name does, so that no name can be read as that
+/// of two runs.
 pub(super) fn run_of_folder(name: &str) -> Option<&str> {
     name.strip_prefix(FOLDER_PREFIX).filter(|id| is_id(id))
 }
@@ -49,8 +49,8 @@ pub(super) fn random_digits() -> io::Result<String> {
 
 /// A folder that may be a run of this user, opened.
 ///
-/// Anybody may put anything into [`BASE`]. What belongs to others, is open to them, is a link or lies on another device
-/// is no run of this user, and is neither read nor locked, waited for or removed.
+/// Any user may put anything into [`BASE`]. What belongs to others, is open to them, is a link or lies on another
+/// device is no run of this user, and is neither read nor locked, waited for or removed.
 pub(super) fn open_own_folder(path: &Path) -> io::Result<File> {
     let flags =
         OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;

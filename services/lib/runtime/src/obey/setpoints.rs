@@ -25,7 +25,7 @@ shared_types::memory! {
     }
 }
 
-/// Whose attitude set point counts, at whoever tracks it.
+/// Whose attitude set point counts, in the loop that tracks it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetpointSlot {
     obedience: Obedience,
@@ -35,17 +35,17 @@ pub struct SetpointSlot {
 }
 
 impl SetpointSlot {
-    /// Obeys nobody yet; `weight_n` is the vehicle's.
+    /// Obeys no seat yet; `weight_n` is the vehicle's.
     #[must_use]
     pub fn new(weight_n: f64) -> Self {
         let tilt = STEP_SHARE * TILT_BOUND_RAD;
-        // The heading comes from the reference whoever owns the slot, and it wraps: never limited.
+        // The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
         Self { obedience: Obedience::new(), refused: 0, limit, weight_n }
     }
 
-    /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if nobody's is
-    /// valid, which is for two control periods of its writer. If the owner has tripped and no fallback has taken over yet,
+    /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if none is valid;
+    /// one is for two control periods of its writer. If the owner has tripped and no fallback has taken over yet,
     /// it is to be level and carry the weight, with the sequence 0 of no set point.
     pub fn take(
         &mut self,
@@ -88,9 +88,9 @@ impl SetpointSlot {
         order.map(|order| order.command).or_else(|| self.level())
     }
 
-    /// Whose set point counts at an instant. After a trip none counts until the fallback has had two periods to see that
-    /// the vehicle levels, or a record names another owner: the fallback continues from what is applied, and would begin
-    /// with what its predecessor has tripped for.
+    /// Whose set point counts at an instant. After a trip none counts until the fallback has had two periods to see
+    /// that the vehicle levels, or a record names another owner: the fallback continues from what is applied, and would
+    /// begin with what its predecessor has tripped for.
     fn decide(&mut self, at_ns: u64) -> Option<Order> {
         let record = self.obedience.consumer.record().filter(|_| self.obedience.is_revoked());
         let levels_ns = record.map_or(0, |record| {
@@ -104,8 +104,8 @@ impl SetpointSlot {
         self.obedience.decide(at_ns, &self.limit)
     }
 
-    /// What is tracked in place of a set point of an owner that has tripped, until there is another's. The heading stays. A loop
-    /// that has tracked none keeps its first one.
+    /// What is tracked in place of a set point of an owner that has tripped, until there is another's. The heading
+    /// stays. A loop that has tracked none keeps its first one.
     fn level(&mut self) -> Option<Command> {
         let Command { value: [.., yaw_rad], sequence, .. } = self.obedience.given;
         (self.obedience.is_revoked() && sequence > 0).then(|| {

@@ -5,25 +5,25 @@ use crate::graph::{Graph, Roles};
 use crate::input::Source as _;
 use crate::ipc::{Bus, IpcSource, LatestPort, PortError, WakeNotifier};
 use shared_types::wire::hash_bytes;
-use shared_types::{OwnerRecord, Progress, Role, RollEntry, Seat, TopicInfo, topics};
+use shared_types::{OwnerRecord, Progress, RegistryEntry, Role, Seat, TopicInfo, topics};
 
-/// How far a seat has got, and how to wake whoever sits there.
+/// How far a seat has got, and how to wake the process that sits there.
 pub(super) struct Neighbour {
     seat: Seat,
     progress: Option<LatestPort<Progress>>,
     wake: Option<WakeNotifier>,
-    /// Generation and period \[ns\] of whoever sits there.
+    /// Generation and period \[ns\] of the process that sits there.
     present: Option<(u32, u64)>,
 }
 
-/// A slot's owner records, for whoever waits for the slot or sits in it.
+/// A slot's owner records, for a process that waits for the slot or sits in it.
 pub(super) struct SlotReader {
     role: Role,
     records: IpcSource<OwnerRecord>,
 }
 
 impl Neighbour {
-    /// Everybody whom a process of `role` waits for or wakes.
+    /// Every seat that a process of `role` waits for or wakes.
     pub(super) fn open_all(bus: &Bus, graph: &Graph, role: Role) -> Result<Vec<Self>, PortError> {
         let mut neighbours = Vec::new();
         for node in graph.nodes().iter().filter(|n| n.role != role) {
@@ -62,17 +62,17 @@ impl Process<'_> {
     /// Learns who has come and gone, and who owns which slot from when.
     pub(super) fn look_around(&mut self) {
         let (marks, neighbours) = (&mut self.marks, &mut self.neighbours);
-        let (mut somebody_came, mut registered) = (false, 0_u64);
-        // Without a roll nobody would be heard, so the ports could not have been opened.
-        let _ = self.bus.look_at_roll(|entries| {
-            marks.learn_roll(entries);
+        let (mut has_come, mut registered) = (false, 0_u64);
+        // Without a registry no process would be heard, so the ports could not have been opened.
+        let _ = self.bus.read_registry(|entries| {
+            marks.learn_registry(entries);
             registered = fingerprint(entries);
             for neighbour in neighbours {
                 let Seat { role, index } = neighbour.seat;
-                let of_seat = |entry: &&RollEntry| (entry.role, entry.seat) == (role, index);
+                let of_seat = |entry: &&RegistryEntry| (entry.role, entry.seat) == (role, index);
                 let entry = entries.iter().rev().find(of_seat).filter(|e| e.present.is_set());
                 let present = entry.map(|entry| (entry.generation, entry.period_ns));
-                somebody_came |= present.is_some() && present != neighbour.present;
+                has_come |= present.is_some() && present != neighbour.present;
                 neighbour.present = present;
             }
         });
@@ -98,18 +98,18 @@ impl Process<'_> {
                 }
             }
         }
-        // Also who shares the slot, and who is nobody's neighbour, has ports that others connect to.
+        // Also a process that shares the slot, and one that is no neighbour, has ports that others connect to.
         if core::mem::replace(&mut self.registered, registered) != registered {
             self.upkeep.note_change();
         }
-        if somebody_came {
+        if has_come {
             // Its ports are open and empty.
             self.serve_again();
             self.wake_present();
         }
     }
 
-    /// Reads the marks and adds whoever has moved its own.
+    /// Reads the marks and adds the roles that have moved theirs.
     pub(super) fn read_marks(&mut self, moved: &mut Roles) {
         for neighbour in &mut self.neighbours {
             let Seat { role, index } = neighbour.seat;
@@ -138,7 +138,7 @@ impl Process<'_> {
         self.wake_whom(|graph, from| graph.lockstep_wakes(from, before_ns, after_ns).collect());
     }
 
-    /// Wakes the processes of some roles. Nobody waits for a shadow; and whoever runs at another rate
+    /// Wakes the processes of some roles. None waits for a shadow; and one that runs at another rate
     /// than the graph's is always worth waking.
     fn wake_whom(&self, whom: impl Fn(&Graph, Role) -> Roles) {
         let Seat { role, index } = self.seat;
@@ -158,7 +158,7 @@ impl Process<'_> {
         }
     }
 
-    /// Publishes the mark and wakes every neighbour: after a start or a take-over nobody knows
+    /// Publishes the mark and wakes every neighbour: after a start or a take-over no process knows
     /// what the predecessor had already announced.
     pub(super) fn publish_progress(&mut self) {
         self.serve_and_send(self.executor.mark_ns());
@@ -172,7 +172,7 @@ impl Process<'_> {
 }
 
 /// Tells one set of registered processes from another.
-fn fingerprint(entries: &[RollEntry]) -> u64 {
+fn fingerprint(entries: &[RegistryEntry]) -> u64 {
     let mut bytes = [0; 16];
     entries.iter().filter(|entry| entry.present.is_set()).fold(0, |hash, entry| {
         let numbers = [entry.role.0, entry.seat, entry.generation];

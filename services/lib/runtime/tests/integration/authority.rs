@@ -1,4 +1,4 @@
-//! Whose samples count: those of processes on the roll, and of the launcher where it alone writes.
+//! Whose samples count: those of processes in the registry, and of the launcher where it alone writes.
 
 use runtime::executor::StateSink as _;
 use runtime::ipc::{
@@ -8,16 +8,16 @@ use runtime::ipc::{
 use runtime::namespace::Membership;
 use runtime::{Sink as _, Source as _};
 use shared_types::{
-    ClockRecord, Flag, Header, PoseFix, Progress, Role, Roll, RollEntry, Seat, topics,
+    ClockRecord, Flag, Header, PoseFix, Progress, Registry, RegistryEntry, Role, Seat, topics,
 };
 
-/// A run with a launcher, a plant that is on the roll as its third process, and a stranger.
+/// A run with a launcher, a plant that is in the registry as its third process, and a stranger.
 struct Run {
     launcher: Bus,
     plant: Bus,
     stranger: Bus,
-    roll: IpcSink<Roll>,
-    _roll_service: TopicFactory<Roll>,
+    registry: IpcSink<Registry>,
+    _registry_service: TopicFactory<Registry>,
     /// Dropped last, because it wipes.
     membership: Membership,
 }
@@ -32,32 +32,40 @@ impl Run {
         let join = |name| Bus::join(&membership.ipc_config(), name).expect("a connection");
         let (launcher, plant, stranger) = (join("launcher"), join("plant"), join("stranger"));
         launcher.lead().expect("the run's folder can be written");
-        let roll_service = launcher.create_service::<Roll>(ServiceKind::Roll, 2).expect("memory");
-        let roll = launcher.open_writer::<Roll>(ServiceKind::Roll).expect("a writer");
-        // Its reader is open before the first roll is written.
-        launcher.look_at_roll(|_| ()).expect("a reader");
-        Self { launcher, plant, stranger, roll, _roll_service: roll_service, membership }
+        let registry_service =
+            launcher.create_service::<Registry>(ServiceKind::Registry, 2).expect("memory");
+        let registry = launcher.open_writer::<Registry>(ServiceKind::Registry).expect("a writer");
+        // Its reader is open before the first registry is written.
+        launcher.read_registry(|_| ()).expect("a reader");
+        Self {
+            launcher,
+            plant,
+            stranger,
+            registry,
+            _registry_service: registry_service,
+            membership,
+        }
     }
 
     fn join(&self, name: &str) -> Bus {
         Bus::join(&self.membership.ipc_config(), name).expect("a connection")
     }
 
-    /// A roll with the process of a connection as the plant.
-    fn roll_with(bus: &Bus) -> Roll {
-        let mut roll = Roll { count: 1, ..Roll::default() };
-        roll.entries[0] = RollEntry {
+    /// A registry with the process of a connection as the plant.
+    fn registry_with(bus: &Bus) -> Registry {
+        let mut registry = Registry { count: 1, ..Registry::default() };
+        registry.entries[0] = RegistryEntry {
             node: bus.identity(),
             role: PLANT.role,
             generation: GENERATION,
             present: Flag::Yes,
-            ..RollEntry::default()
+            ..RegistryEntry::default()
         };
-        roll
+        registry
     }
 
     fn enter_plant(&mut self) {
-        self.roll.send(&Self::roll_with(&self.plant));
+        self.registry.send(&Self::registry_with(&self.plant));
     }
 
     /// Service, and samples of it that were ignored, by writer.
@@ -71,7 +79,7 @@ impl Run {
 
 #[test]
 fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() {
-    let mut run = Run::found("roll");
+    let mut run = Run::found("registry");
     let _topic = run.launcher.create_topic(&topics::POSE_FIX).unwrap();
     let mut reader = run.launcher.reader(&topics::POSE_FIX, Role::Plant).unwrap();
     let mut says =
@@ -85,7 +93,7 @@ fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() 
         next.map(|sample| sample.header.sequence).collect::<Vec<_>>()
     };
     say(0, 1, 0, 2);
-    assert_eq!(heard(), [], "nobody is on the roll");
+    assert_eq!(heard(), [], "no process is in the registry");
     run.enter_plant();
     say(0, 2, 0, 2);
     say(1, 3, 0, 2);
@@ -100,10 +108,11 @@ fn only_those_on_the_roll_are_heard_and_strays_are_counted_with_their_process() 
 #[test]
 fn who_leaves_a_run_takes_its_reader_of_the_roll_along() {
     let run = Run::found("leaving");
-    let readers = || run.launcher.open_service::<Roll>(ServiceKind::Roll).unwrap().readers();
+    let readers =
+        || run.launcher.open_service::<Registry>(ServiceKind::Registry).unwrap().readers();
     let before = readers();
     let passing = run.join("passing");
-    passing.look_at_roll(|_| ()).unwrap();
+    passing.read_registry(|_| ()).unwrap();
     assert_eq!(readers(), before + 1);
     drop(passing);
     assert_eq!(readers(), before);
@@ -111,18 +120,18 @@ fn who_leaves_a_run_takes_its_reader_of_the_roll_along() {
 
 #[test]
 fn a_roll_counts_only_from_the_connection_that_leads() {
-    let run = Run::found("forged-roll");
+    let run = Run::found("forged-registry");
     let _topic = run.launcher.create_topic(&topics::POSE_FIX).unwrap();
     let mut reader = run.plant.reader(&topics::POSE_FIX, Role::Plant).unwrap();
-    let mut forged = run.stranger.open_writer::<Roll>(ServiceKind::Roll).unwrap();
-    forged.send(&Run::roll_with(&run.stranger));
+    let mut forged = run.stranger.open_writer::<Registry>(ServiceKind::Registry).unwrap();
+    forged.send(&Run::registry_with(&run.stranger));
     let mut poses = run.stranger.writer(&topics::POSE_FIX).unwrap();
     let header = Header { generation: GENERATION, ..Header::default() };
     poses.send(&PoseFix { header, ..PoseFix::default() });
     assert!(reader.receive().is_none());
     let told: Vec<_> =
         run.plant.strays().iter().map(|stray| (stray.service.to_string(), stray.samples)).collect();
-    assert_eq!(told, [("roll".to_owned(), 1), ("pose_fix".to_owned(), 1)]);
+    assert_eq!(told, [("registry".to_owned(), 1), ("pose_fix".to_owned(), 1)]);
 }
 
 #[test]
@@ -205,7 +214,7 @@ fn clock_and_handovers_count_only_from_who_leads_or_has_led() {
         told
     };
     assert_eq!(hear(0, 1), Some(1));
-    assert_eq!((hear(1, 2), hear(2, 3)), (None, None), "neither leads, on the roll or not");
+    assert_eq!((hear(1, 2), hear(2, 3)), (None, None), "neither leads, in the registry or not");
     successor.lead().unwrap();
     assert_eq!(hear(3, 4), Some(4));
     assert_eq!(hear(0, 5), Some(5), "what a launcher said before the next one led still counts");

@@ -55,7 +55,7 @@ fn a_record_for_an_instant_already_decided_is_refused_and_counted() {
 }
 
 #[test]
-fn an_instant_at_which_nobody_asked_is_decided_all_the_same_once_it_is_past() {
+fn an_instant_that_was_never_asked_for_is_decided_all_the_same_once_it_is_past() {
     let mut consumer = consumer(&[record(1, 0, 0, None)]);
     consumer.advance(20);
     consumer.decide(20, true, false);
@@ -125,7 +125,7 @@ fn a_fail_over_lasts_for_its_epoch_and_no_longer() {
     assert_eq!(consumer.decide(0, true, true), Source::Owner);
     assert_eq!(consumer.decide(10, false, true), Source::Fallback);
     assert_eq!(consumer.decide(20, true, true), Source::Fallback, "the owner is back too late");
-    assert_eq!(consumer.decide(30, true, false), Source::Nobody, "and is not asked again");
+    assert_eq!(consumer.decide(30, true, false), Source::Neither, "and is not asked again");
     assert_eq!(consumer.seat_in_effect(), Some(Seat::ALL[1]));
     assert_eq!(consumer.take_record(&record(2, 40, 0, Some(1))), Taken::Accepted);
     let turn = consumer.advance(40).unwrap();
@@ -136,10 +136,10 @@ fn a_fail_over_lasts_for_its_epoch_and_no_longer() {
 }
 
 #[test]
-fn without_a_fallback_nobody_commands_when_the_owner_is_silent() {
+fn without_a_fallback_no_seat_commands_when_the_owner_is_silent() {
     let mut consumer = consumer(&[record(1, 0, 0, None)]);
     consumer.advance(0);
-    assert_eq!(consumer.decide(0, false, true), Source::Nobody);
+    assert_eq!(consumer.decide(0, false, true), Source::Neither);
     assert_eq!(consumer.decide(10, true, false), Source::Owner, "silence alone latches nothing");
     assert_eq!(consumer.counters().missed, 1);
 }
@@ -242,7 +242,7 @@ fn an_owner_that_is_named_again_without_a_fallback_can_trip_again() {
 }
 
 #[test]
-fn a_trip_of_another_epoch_or_seat_or_of_an_owner_that_nobody_watches_means_nothing() {
+fn a_trip_of_another_epoch_or_seat_or_of_an_unwatched_owner_means_nothing() {
     let trusted = Record { watched: false, ..record(2, 50, 1, Some(0)) };
     let mut consumer = consumer(&[record(1, 0, 0, Some(1)), trusted]);
     consumer.advance(10);
@@ -284,13 +284,13 @@ fn without_a_fallback_a_tripped_owner_is_not_obeyed_while_another_can_be_started
     let mut alone = consumer(&[record(1, 0, 0, None), record(2, 50, 0, Some(1))]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
-    assert_eq!(alone.decide(10, true, true), Source::Nobody);
+    assert_eq!(alone.decide(10, true, true), Source::Neither);
     assert!(alone.tripped() && !alone.failed_over());
     // A fallback that has not spoken yet takes over with its first command, and nothing is obeyed before.
     alone.advance(50);
     assert_eq!(alone.decide(50, true, false), Source::Owner, "it may be another process");
     assert_eq!(alone.trip(2, A, 51), Tripped::ToFallback);
-    assert_eq!(alone.decide(51, true, false), Source::Nobody);
+    assert_eq!(alone.decide(51, true, false), Source::Neither);
     assert_eq!(alone.decide(60, true, true), Source::Fallback);
 }
 
@@ -302,7 +302,7 @@ fn a_trip_by_a_refused_or_later_record_counts_if_the_owner_is_the_same() {
     // The fallback has died, and the record that says so comes too late.
     assert_eq!(late.take_record(&record(2, 5, 0, None)), Taken::Late);
     assert_eq!(late.trip(2, A, 11), Tripped::ToFallback);
-    assert_eq!(late.decide(11, true, false), Source::Nobody);
+    assert_eq!(late.decide(11, true, false), Source::Neither);
     assert_eq!(late.take_record(&record(3, 20, 0, None)), Taken::Accepted);
     late.advance(20);
     assert!(!late.tripped(), "it may have been started again since");
@@ -313,7 +313,7 @@ fn a_trip_by_a_refused_or_later_record_counts_if_the_owner_is_the_same() {
     assert_eq!(early.take_record(&record(2, 20, 0, None)), Taken::Accepted);
     early.advance(20);
     assert!(early.tripped(), "it was judged by this one");
-    assert_eq!(early.decide(20, true, false), Source::Nobody);
+    assert_eq!(early.decide(20, true, false), Source::Neither);
     assert_eq!(early.take_record(&record(3, 30, 1, None)), Taken::Accepted);
     early.advance(30);
     assert!(!early.tripped(), "another owner");
@@ -324,7 +324,7 @@ fn an_owner_that_has_tripped_is_obeyed_again_if_it_is_not_replaced_in_time() {
     let mut alone = consumer(&[record(1, 0, 0, None)]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
-    assert_eq!(alone.decide(9 + REJECTED_AFTER_TRIP_NS, true, false), Source::Nobody);
+    assert_eq!(alone.decide(9 + REJECTED_AFTER_TRIP_NS, true, false), Source::Neither);
     assert_eq!(alone.decide(10 + REJECTED_AFTER_TRIP_NS, true, false), Source::Owner);
 }
 

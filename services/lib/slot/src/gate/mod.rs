@@ -6,7 +6,7 @@
 //! kind restores the owner's state and is free from the start.
 //!
 //! All disagreement is `|u_candidate − u_owner|` per axis over the largest command. What noise alone
-//! could have made is held against nobody: means and slopes are judged by more than their margins
+//! could have made is held against no candidate: means and slopes are judged by more than their margins
 //! (`fit.rs`). [`GateLimits`] says how much is allowed and why.
 
 mod fit;
@@ -197,7 +197,7 @@ impl Gate {
             return Err(refusal.clone());
         }
         self.judge_effort()?;
-        // Who tracks nothing runs, before it joins, the steps that it has missed: nobody's business.
+        // A candidate that tracks nothing runs, before it joins, the steps that it has missed: not to be judged.
         let phases = if self.tracks { &[Phase::Tracking, Phase::Free][..] } else { &[Phase::Free] };
         for &phase in phases {
             for (axis, measure) in self.axes.iter().zip(self.of(phase)) {

@@ -8,7 +8,7 @@ use super::{Clock, Goal, Phase, Slot, Stage, Standby, step};
 use crate::gate::{GateFigures, Refusal};
 use crate::record::Seat;
 
-/// Another kind runs free for half of its window, but no longer than this: nobody acts on its integrals,
+/// Another kind runs free for half of its window, but no longer than this: nothing acts on its integrals,
 /// and a controller that does not look at what is applied would wind them up \[ns\].
 const FREE_MAX_NS: u64 = 2_000_000_000;
 
@@ -48,7 +48,7 @@ impl Slot {
         }
     }
 
-    /// When somebody new begins: with the record that seats it, just written. In realtime at one of
+    /// When a new process begins: with the record that seats it, just written. In realtime at one of
     /// its effective instants, so that a window of whole periods ends at one, and the flip need not
     /// wait for the next.
     fn join_ns(&self, now: Now, seat: Seat) -> u64 {

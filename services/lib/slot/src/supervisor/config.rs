@@ -19,7 +19,7 @@ pub struct SlotConfig {
     /// From something the flight did to the answer: in lockstep beyond anything that can have been
     /// allowed by then, so that the answer's instant does not depend on when the supervisor saw it.
     pub react_ns: u64,
-    /// From an owner's death to its successor's start, if nobody can take over.
+    /// From an owner's death to its successor's start, if no other process can take over.
     pub restart_ns: u64,
     /// How long the consumer may be on its own before its owner is taken for useless, beside three of
     /// the owner's periods.

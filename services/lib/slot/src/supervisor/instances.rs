@@ -57,7 +57,7 @@ impl InstanceState {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct Instances {
     states: [InstanceState; SEATS],
-    /// First epoch in which whoever is there can have commanded.
+    /// First epoch in which the process that is there can have commanded.
     since: [u64; SEATS],
 }
 
@@ -117,7 +117,7 @@ impl Instance {
     #[must_use]
     pub fn period_ns(&self) -> u64 {
         let rate = u128::from(self.millihertz);
-        // A period of 0 would say that nobody sits there.
+        // A period of 0 would say that no process sits there.
         if rate == 0 { 1 } else { u64::try_from(SECOND.div_ceil(rate)).unwrap_or(u64::MAX) }
     }
 

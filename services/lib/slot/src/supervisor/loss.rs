@@ -1,4 +1,4 @@
-//! What happens when somebody is lost.
+//! What happens when a process is lost.
 
 use super::instances::InstanceState;
 use super::message::{Action, Now};
@@ -58,11 +58,11 @@ impl Slot {
         }
     }
 
-    /// The consumer left the owner of `epoch` for the fallback. The owner may still run, as one that commands what is no
-    /// number does: it leaves in order, so that what it says until then is the same in every flight.
+    /// The consumer left the owner of `epoch` for the fallback. The owner may still run, as one that commands what is
+    /// no number does: it leaves in order, so that what it says until then is the same in every flight.
     pub(super) fn failed_over(&mut self, now: Now, epoch: u64, at_ns: u64, out: &mut Vec<Action>) {
         let Some(seat) = self.ledger.owner_of(epoch) else { return };
-        // Whoever sits there since has nothing to do with it.
+        // A process that sits there since has nothing to do with it.
         let there = self.instances.is_seated(seat) && self.instances.since(seat) <= epoch;
         if there {
             if self.fallback(seat).is_some() {
@@ -96,13 +96,13 @@ impl Slot {
         }
     }
 
-    /// Nothing watches the owner any more. One that is to be watched leaves in order for a fallback that has proven itself;
-    /// without such a one it stays, because it may well be sound.
+    /// Nothing watches the owner any more. One that is to be watched leaves in order for a fallback that has proven
+    /// itself; without such a one it stays, because it may well be sound.
     pub(super) fn unwatched(&mut self, now: Now, out: &mut Vec<Action>) {
         let owner = self.ledger.owner().filter(|owner| self.is_watched(*owner));
         let Some(seat) = owner.filter(|seat| self.instances.is_seated(*seat)) else { return };
         let heir = self.fallback(seat).filter(|heir| self.untrusted != Some(*heir));
-        // Whoever is being taken back has not.
+        // One that is being taken back has not.
         if heir.is_some() && !matches!(self.phase, Phase::Reverting { .. }) {
             self.dismiss(seat, out);
             self.lost(now, seat, Fault::Unwatched, now.logical_ns, out);
@@ -116,7 +116,7 @@ impl Slot {
         };
         let timeout_ns = self.config.unguided_ns.saturating_add(3 * self.instances.period_ns(seat));
         let alone = self.instances.is_seated(seat) && self.useless.is_none();
-        // Whoever has just been given the slot has all its time.
+        // An owner that has just been given the slot has all its time.
         let since_ns = since_ns.max(self.ledger.effective_ns());
         if alone && at_ns.saturating_sub(since_ns) >= timeout_ns {
             let due_ns = at_ns.saturating_add(self.config.react_ns);
@@ -133,7 +133,7 @@ impl Slot {
         }
     }
 
-    /// Somebody who was starting or seated is out; its state says so already.
+    /// A process that was starting or seated is out; its state says so already.
     fn lost(&mut self, now: Now, seat: Seat, fault: Fault, at_ns: u64, out: &mut Vec<Action>) {
         let stood_by = self.standby.is_some_and(|standby| standby.seat == Some(seat));
         self.forget_standby(seat);
@@ -183,7 +183,7 @@ impl Slot {
         let heir = self.fallback(seat);
         match self.phase {
             Phase::Joining { seat: candidate, .. } | Phase::Shadowing { seat: candidate, .. } => {
-                // Nobody is left to compare it with, unless it has been judged before.
+                // No owner is left to compare it with, unless it has been judged before.
                 if heir != Some(candidate) {
                     self.kill(candidate, out);
                 }

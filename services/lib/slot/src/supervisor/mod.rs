@@ -5,7 +5,7 @@
 //! [`Slot::holds_time`]; then every instant in a record follows from script and flight alone.
 //!
 //! Start with `Phase`, then [`message`]. `candidate.rs` is the way of a candidate to the flip,
-//! `loss.rs` what happens when somebody is lost, `publish.rs` how instants are chosen.
+//! `loss.rs` what happens when a process is lost, `publish.rs` how instants are chosen.
 
 mod candidate;
 mod config;
@@ -39,25 +39,25 @@ use ledger::Ledger;
 ///       ▲               ▲ ▲ ▲                                               │ gate passed, rehearsed
 ///       │               │ │ └────────── a standby: it is the fallback ──────┤
 ///       │ owner lost,   │ │                                                 ▼
-///       │ nobody else   │ └─window over─ Window ◀──────confirmed──────── Flipping
+///       │ no other left │ └─window over─ Window ◀──────confirmed──────── Flipping
 ///       │               │                 │ │                              │ │
 ///    (any phase)        └──── confirmed ─ Reverting ◀── Rollback; never confirmed
 ///                       ▲                   │                              │
 ///                       └─ new owner lost: the old one is owner again ─────┘
 /// ```
 ///
-/// Whoever leaves does so beside this (`Leaving`, `Dying` of its instance), and a record that has not
+/// A process that leaves does so beside this (`Leaving`, `Dying` of its instance), and a record that has not
 /// been confirmed is written again whatever the phase.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Phase {
-    /// Nobody commands; the process on `seat` is being started, or will be at `at_ns`; `None`: once
+    /// No process commands; the one on `seat` is being started, or will be at `at_ns`; `None`: once
     /// it is dead, or it is starting now.
     Ownerless { seat: Seat, at_ns: Option<u64> },
     /// The owner commands. A standby that is wanted and missing is started at `rejoin_ns`.
     Steady { rejoin_ns: Option<u64> },
     /// A candidate has been spawned and has not connected.
     Joining { seat: Seat, goal: Goal },
-    /// It steps and publishes; nobody obeys.
+    /// It steps and publishes, and is not obeyed.
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
     /// A record from `epoch` on names it as the owner.
     Flipping { new: Seat, old: Seat, epoch: u64, order: Order },
@@ -172,8 +172,8 @@ impl Slot {
         }
     }
 
-    /// A slot found in flight: the newest record that its supervisor had written, and who is there.
-    /// Whoever is neither owner nor fallback is sent away; an owner that is not there is replaced, or
+    /// A slot found in flight: the newest record that its supervisor had written, and which processes are there.
+    /// One that is neither owner nor fallback is sent away; an owner that is not there is replaced, or
     /// started again as an instance of `owner`. If the consumer obeys the fallback, send
     /// [`Event::FailedOver`] next.
     #[must_use]
@@ -337,7 +337,7 @@ impl Slot {
         layout.is_some() && layout == self.instances.layout(b)
     }
 
-    /// True if `seat` is taken by somebody who is there or on the way, leaving included.
+    /// True if `seat` is taken by a process that is there or on the way, leaving included.
     #[must_use]
     pub fn is_taken(&self, seat: Seat) -> bool {
         *self.instances.state(seat) != InstanceState::Free

@@ -7,7 +7,7 @@ use crate::record::Seat;
 pub enum Progress {
     /// The owner commands and nothing is under way.
     Steady,
-    /// Nobody commands; the owner is being started.
+    /// No process commands; the owner is being started.
     Ownerless,
     /// A candidate is being started.
     Joining(Seat),

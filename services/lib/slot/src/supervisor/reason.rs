@@ -56,9 +56,9 @@ pub enum Reason {
     /// It owns the slot already.
     #[error("{0} already owns the slot; to replace it by a new instance name the executable")]
     AlreadyOwns(Seat),
-    /// Nobody sits there.
+    /// No process sits there.
     #[error("no process is on {0}")]
-    NobodyThere(Seat),
+    VacantSeat(Seat),
     /// The owner cannot be retired.
     #[error("{0} owns the slot: swap to another controller first")]
     OwnsTheSlot(Seat),
@@ -68,7 +68,7 @@ pub enum Reason {
     /// No swap can be undone any more.
     #[error("there is no swap to roll back: none was made, or its old owner has left")]
     NothingToRollBack,
-    /// Whoever is to be rolled back has not taken over.
+    /// The candidate that is to be rolled back has not taken over.
     #[error(
         "{0} is not in command, so there is nothing to roll back yet; retire it to send it away"
     )]
@@ -103,7 +103,7 @@ impl Reason {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::AlreadyOwns(_)
-            | Self::NobodyThere(_)
+            | Self::VacantSeat(_)
             | Self::OwnsTheSlot(_)
             | Self::StandbyExists(_)
             | Self::NothingToRollBack => 2,

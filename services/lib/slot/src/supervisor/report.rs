@@ -49,7 +49,7 @@ pub enum Step {
         /// Who commands.
         owner: Seat,
     },
-    /// It will be watched, and there will be nobody to go back to once its window is over.
+    /// It will be watched, and there will be no process to go back to once its window is over.
     WithoutFallback(Seat),
     /// A record was written that gives it the slot.
     FlipsAt {
@@ -85,7 +85,7 @@ pub enum Step {
         /// What became of that.
         fault: Fault,
     },
-    /// An owner is lost and nobody can take over: it is started again.
+    /// An owner is lost and no other process can take over: it is started again.
     Ownerless(Seat, Fault),
     /// An owner that was started again is lost again at once, or gave nothing to obey: on its seat an
     /// instance of this program, the one that the flight began with, is started instead.

@@ -48,7 +48,7 @@ impl Slot {
                 Err(Reason::AlreadyOwns(seat))
             }
             Target::Seated(seat) if !self.instances.is_seated(seat) => {
-                Err(Reason::NobodyThere(seat))
+                Err(Reason::VacantSeat(seat))
             }
             Target::Seated(seat) => {
                 // It has been shadowing all along, on its own.
@@ -90,7 +90,7 @@ impl Slot {
             self.instances.state(seat),
             InstanceState::Seated(..) | InstanceState::Starting(_)
         ) {
-            return Err(Reason::NobodyThere(seat));
+            return Err(Reason::VacantSeat(seat));
         }
         match self.phase {
             Phase::Ownerless { seat: owner, .. } if owner == seat => {

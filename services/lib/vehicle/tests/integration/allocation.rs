@@ -105,7 +105,7 @@ proptest! {
         let reach = a.arm_length_m * F_MAX;
         prop_assert!((got.x - w.torque_b_nm.x.clamp(-reach, reach)).abs() < 1e-14);
         prop_assert!((got.y - w.torque_b_nm.y.clamp(-reach, reach)).abs() < 1e-14);
-        // No yaw that nobody asked for: between zero and the command.
+        // No yaw that was not asked for: between zero and the command.
         let yaw = w.torque_b_nm.z;
         prop_assert!((yaw.min(0.0) - 1e-15..=yaw.max(0.0) + 1e-15).contains(&got.z));
     }

@@ -205,7 +205,7 @@ fn a_latch_survives_packing_and_hides_what_came_before() {
 }
 
 #[test]
-fn whoever_takes_a_seat_in_flight_counts_from_anywhere_and_a_forged_seat_is_ignored() {
+fn a_successor_in_flight_counts_from_anywhere_and_a_forged_seat_is_ignored() {
     let (mut input, queue) = input(false);
     let says = |valid_ns, sequence, generation, seat| {
         let header = Header { valid_ns, sequence, generation, seat, ..Header::default() };

@@ -87,7 +87,7 @@ pub(crate) fn fly_in_textbook_order(plan: &Plan) -> Outcome {
                 })
         });
         let Some(first) = first else {
-            return outcome(seats, &network, vec![format!("nobody can be first of {due:?}")]);
+            return outcome(seats, &network, vec![format!("no role can be first of {due:?}")]);
         };
         for seat in seats.iter_mut().filter(|s| s.node().role == first) {
             seat.receive();
@@ -197,7 +197,7 @@ impl Scheduler<'_> {
         }
     }
 
-    /// Who may act. One process of most flights starves: it gets its turn when nobody else wants
+    /// The processes that may act. One process of most flights starves: it gets its turn when no other wants
     /// one, so that the others run as far ahead as they ever can.
     fn ready(&self) -> Vec<usize> {
         let mut ready: Vec<usize> = (0..self.actors.len())
@@ -291,7 +291,7 @@ impl Scheduler<'_> {
         self.actors.iter().map(|a| self.announced[a.seat.node().role.index()]).min().unwrap_or(0)
     }
 
-    /// Everybody sleeps: then everybody must have used up the allowed time.
+    /// All processes sleep: then each must have used up the allowed time.
     fn refuse_standstill(&mut self) {
         let limit_ns = self.allowed_ns.min(self.plan.end_ns);
         for actor in &self.actors {

@@ -10,9 +10,9 @@ use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-/// Shared by everyone in the test's single thread.
+/// Shared by all that runs in the test's single thread.
 pub(crate) type Shared<T> = Rc<RefCell<T>>;
-/// What a process has sent and nobody has seen yet, in the order sent.
+/// What a process has sent and no other has seen yet, in the order sent.
 pub(crate) type Outbox = Shared<VecDeque<Box<dyn FnOnce()>>>;
 
 pub(crate) fn shared<T>(value: T) -> Shared<T> {

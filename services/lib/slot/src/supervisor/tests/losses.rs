@@ -137,7 +137,7 @@ fn the_standby_takes_the_slot_when_asked() {
 }
 
 #[test]
-fn an_owner_lost_while_somebody_shadows_ends_the_swap() {
+fn an_owner_lost_while_a_candidate_shadows_ends_the_swap() {
     let mut desk = Desk::new(SlotConfig::LOCKSTEP);
     desk.swap(7).confirm().on(Event::Died(SEAT[0]));
     assert_eq!(desk.refusal(), Some(&Reason::OwnerLost));

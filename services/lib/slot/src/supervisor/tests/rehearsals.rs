@@ -46,7 +46,7 @@ fn a_candidate_that_must_be_flown_ahead_gets_the_slot_only_after_that() {
     let now_ns = desk.now.logical_ns;
     desk.answer(rehearsed(now_ns));
     assert_eq!(desk.record().owner, SEAT[1]);
-    assert!(desk.record().watched, "whoever is new is watched");
+    assert!(desk.record().watched, "a new owner is watched");
     assert_eq!(desk.slot.progress(), Progress::Flipping(SEAT[1]));
     desk.confirm();
     let progress = desk.slot.progress();
@@ -98,7 +98,7 @@ fn an_answer_about_a_flight_that_is_past_is_asked_for_once_more_and_not_twice() 
 }
 
 #[test]
-fn an_answer_that_nobody_asked_for_changes_nothing() {
+fn an_answer_that_was_not_asked_for_changes_nothing() {
     let mut desk = Desk::new(SlotConfig::REALTIME);
     desk.at(1000 * MS).swap(7).confirm();
     desk.answer(rehearsed(1000 * MS));
@@ -128,7 +128,7 @@ fn the_last_proven_owner_stays_as_the_fallback_of_one_that_is_not_trusted() {
 }
 
 #[test]
-fn a_trusted_owner_needs_no_fallback_and_one_that_nobody_wants_is_not_kept() {
+fn a_trusted_owner_needs_no_fallback_and_one_that_is_not_wanted_is_not_kept() {
     let mut desk = Desk::watched(SlotConfig::REALTIME);
     desk.confirm();
     desk.on(Event::Request(Request::Swap(Target::New(Program(0)), order(200 * MS))));

@@ -8,7 +8,11 @@ fn a_same_kind_swap_in_lockstep_follows_the_script_to_the_nanosecond() {
     let mut desk = Desk::new(SlotConfig::LOCKSTEP);
     desk.at(4200 * MS).swap(7);
     let joined = desk.record();
-    assert_eq!((joined.owner, joined.effective_ns), (SEAT[0], 4200 * MS), "only the roll changes");
+    assert_eq!(
+        (joined.owner, joined.effective_ns),
+        (SEAT[0], 4200 * MS),
+        "only the registry changes"
+    );
     let handed = Action::HandOver {
         seat: SEAT[1],
         state_of: Some(SEAT[0]),
@@ -109,7 +113,7 @@ fn a_dry_run_judges_and_sends_away() {
 }
 
 #[test]
-fn a_verdict_that_nobody_asked_for_lets_nobody_through() {
+fn a_verdict_that_was_not_asked_for_lets_no_candidate_through() {
     let mut desk = Desk::new(SlotConfig::LOCKSTEP);
     desk.swap(7).on(Event::Verdict(SEAT[1], Ok(Box::<GateFigures>::default())));
     assert_eq!((desk.record().owner, desk.actions.len()), (SEAT[0], 0));
@@ -169,7 +173,7 @@ fn a_rollback_gives_the_slot_back_and_sends_the_new_one_away() {
 }
 
 #[test]
-fn whoever_does_not_command_yet_is_not_rolled_back_but_told_of() {
+fn a_candidate_that_does_not_command_yet_is_not_rolled_back_but_told_of() {
     let mut desk = Desk::new(SlotConfig::LOCKSTEP);
     desk.at(1000 * MS);
     desk.on(Event::Request(Request::Rollback));

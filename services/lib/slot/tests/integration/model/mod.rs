@@ -47,7 +47,7 @@ impl Model for Search {
     fn properties(&self) -> Vec<Property<Self>> {
         vec![
             Property::always(
-                "no command of anyone but the owner, or of the fallback after a fail-over",
+                "no command but that of the owner, or of the fallback after a fail-over",
                 |_, world: &World| world.broken != Some(Broken::WrongWriter),
             ),
             Property::always(
@@ -143,12 +143,12 @@ fn catches(flaw: Flaw, budget: Budget, expected: &str) {
 
 #[test]
 fn a_consumer_that_ignores_the_effective_instant_is_caught() {
-    catches(Flaw::IgnoresInstant, ONE_REQUEST, "no command of anyone but");
+    catches(Flaw::IgnoresInstant, ONE_REQUEST, "no command but that");
 }
 
 #[test]
 fn a_consumer_that_obeys_any_member_is_caught() {
-    catches(Flaw::ObeysMembers, ONE_REQUEST, "no command of anyone but");
+    catches(Flaw::ObeysMembers, ONE_REQUEST, "no command but that");
 }
 
 #[test]

@@ -61,7 +61,7 @@ const TRUSTED: Order = Order {
     trusted: true,
     dry_run: false,
 };
-/// Of one that somebody brought.
+/// Of one that a user brought.
 const BROUGHT: Order = Order { rehearse: true, trusted: false, ..TRUSTED };
 
 const REQUESTS: [Request; 9] = [
@@ -359,7 +359,7 @@ impl World {
                 Process::Flying { instance, .. } => {
                     seated[seat.index()] = Some((SAME_KIND, instance));
                 }
-                // It can be reached by nobody.
+                // No process can reach it.
                 Process::Starting { .. } | Process::Waiting(_) | Process::Dead { .. } => {
                     self.processes[seat.index()] = Process::Gone;
                 }
@@ -374,7 +374,7 @@ impl World {
         self.slot = Some(adopted);
         self.act(actions);
         if self.consumer.tripped() {
-            // The monitor repeats itself to whoever listens late.
+            // The monitor repeats itself for a reader that listens late.
             let (epoch, at_ns) = (self.consumer.epoch(), self.consumer.counters().trip_ns);
             self.tell(Event::Tripped { epoch, at_ns });
         }

@@ -76,7 +76,7 @@ pub(crate) enum Process {
         mute: Option<u64>,
         leaving: Option<u64>,
     },
-    /// Dead, and nobody has noticed.
+    /// Dead, and not noticed yet.
     Dead {
         since: u64,
     },
@@ -120,13 +120,13 @@ pub(crate) struct World {
     calm: u8,
     /// The records that the plant has accepted, newest first, as one who only watches remembers them.
     accepted: Vec<Record>,
-    /// The newest record written by anybody.
+    /// The newest record written by any supervisor.
     pub written: Option<Record>,
     /// The epoch in which the plant was last seen to obey the fallback.
     latched: u64,
     /// The epoch whose owner the monitor has tripped, as one who only watches remembers it.
     tripped: u64,
-    /// Until then the gate levels the vehicle, whoever commands.
+    /// Until then the gate levels the vehicle, whichever process commands.
     level_until: u64,
     obeyed: Option<Seat>,
     /// Since when the plant has been on its own.
@@ -373,7 +373,7 @@ impl World {
         let member = self.consumer.record().is_some_and(|record| record.is_taken(seat));
         let posed_as = match (self.flaw, owner) {
             (Some(Flaw::ObeysMembers), Some(owner)) if member => {
-                // Whoever speaks is taken for the owner; the watcher remembers who it was.
+                // Any member that speaks is taken for the owner; the watcher remembers which one the owner was.
                 if seat != owner {
                     self.broken = Some(Broken::WrongWriter);
                 }
@@ -505,7 +505,7 @@ impl World {
         }
     }
 
-    /// Nothing is on the way and nobody has anything to do.
+    /// Nothing is on the way and no process has anything to do.
     pub(crate) fn is_quiet(&self) -> bool {
         let at_rest = |process: &Process| {
             matches!(process, Process::Gone | Process::Flying { mute: None, leaving: None, .. })

@@ -1,4 +1,4 @@
-//! Who gets onto the roll, and who leaves it.
+//! Which processes are entered in the registry, and which leave it.
 
 use super::Supervisor;
 use crate::tap::Tap;
@@ -6,7 +6,7 @@ use shared_types::{Hello, NodeId, Role, Seat};
 use swap::PostEvent;
 use swap::post::Post;
 
-/// A process that has just got onto the roll.
+/// A process that has just been entered in the registry.
 pub(super) struct Joined {
     pub(super) seat: Seat,
     pub(super) layout: u64,
@@ -22,7 +22,7 @@ impl Joined {
 }
 
 impl Supervisor {
-    /// Enters who has become ready on the roll.
+    /// Enters the processes that have become ready in the registry.
     pub(super) fn take_hellos(&mut self, starting: bool, tap: &mut Tap) -> Vec<Joined> {
         let mut joined = Vec::new();
         while let Some((hello, node, pid)) = self.hello.receive_from() {
@@ -51,17 +51,17 @@ impl Supervisor {
     }
 
     fn enter(&mut self, node: NodeId, seat: Seat, hello: &Hello, tap: &mut Tap) {
-        self.roll.enter(node, seat, hello.generation, hello.period_ns);
+        self.registry.enter(node, seat, hello.generation, hello.period_ns);
         self.note();
-        self.roll.publish();
-        tap.marks.learn_roll(self.roll.entries());
+        self.registry.publish();
+        tap.marks.learn_registry(self.registry.entries());
     }
 
-    /// Nobody waits for a seat any more.
-    pub(super) fn leave_roll(&mut self, seat: Seat, tap: &mut Tap) {
-        self.roll.leave(seat);
+    /// No process waits for a seat any more.
+    pub(super) fn leave_registry(&mut self, seat: Seat, tap: &mut Tap) {
+        self.registry.leave(seat);
         self.note();
-        self.roll.publish();
-        tap.marks.learn_roll(self.roll.entries());
+        self.registry.publish();
+        tap.marks.learn_registry(self.registry.entries());
     }
 }

@@ -1,14 +1,14 @@
 //! What the next launcher would have to know, in the run's folder: `launcher.json`.
 //!
-//! What a launcher publishes dies with it, so it notes it beside: roll, owner records, clock, and which
-//! process it has started for which seat, as what. In lockstep only who began is noted: time stands still
-//! without the conductor that knows how far it went.
+//! What a launcher publishes dies with it, so it keeps a checkpoint: registry, owner records, clock, and which process
+//! it has started for which seat, as what. In lockstep that is only what the flight began with: time stands still without
+//! the conductor that knows how far it went.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use shared_types::wire::{Value, Wire};
 use shared_types::{
-    ClockMode, ClockRecord, DisturbanceOrder, GuidanceOrder, Hello, OwnerRecord, Progress, Roll,
-    RollEntry, Sample, Topic, TopicVisitor, topics,
+    ClockMode, ClockRecord, DisturbanceOrder, GuidanceOrder, Hello, OwnerRecord, Progress,
+    Registry, RegistryEntry, Sample, Topic, TopicVisitor, topics,
 };
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,7 +24,7 @@ const FORMAT: u32 = 3;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-/// Who wrote the notes.
+/// Who wrote the checkpoint.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Author {
     format: u32,
@@ -38,7 +38,7 @@ pub(super) struct Author {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Of {
     pub(super) run: String,
-    /// The first recording, before anybody took over.
+    /// The first recording, before any launcher took over.
     pub(super) recording: Option<PathBuf>,
     /// Launchers that have taken over so far.
     pub(super) adoptions: u32,
@@ -46,13 +46,13 @@ pub(super) struct Of {
     pub(super) epoch_unix_ns: u64,
 }
 
-/// Everything that is noted.
+/// Everything that the next launcher needs.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Notes {
+pub(super) struct Checkpoint {
     author: Author,
     pub(super) of: Of,
     pub(super) clock: Packed<ClockRecord>,
-    pub(super) roll: Vec<Packed<RollEntry>>,
+    pub(super) registry: Vec<Packed<RegistryEntry>>,
     pub(super) owners: Vec<Packed<OwnerRecord>>,
     pub(super) guidance: Packed<GuidanceOrder>,
     pub(super) disturbance: Packed<DisturbanceOrder>,
@@ -86,30 +86,31 @@ impl<'de, T: Value> Deserialize<'de> for Packed<T> {
     }
 }
 
-/// Why notes are of no use here.
+/// Why a checkpoint is of no use here.
 #[derive(Debug, Error)]
-pub(super) enum NotesError {
+pub(super) enum CheckpointError {
     #[error(
         "{type_name} is laid out otherwise by its launcher ({theirs}) than by this executable ({ours}): take it over with the build that flies, {executable}"
     )]
     Layout { type_name: String, theirs: String, ours: String, executable: PathBuf },
     #[error(
-        "it was started by morphquad {version}, whose notes this one cannot read: take it over with the build that flies, {executable}"
+        "it was started by morphquad {version}, whose checkpoint this one cannot read: take it over with the build that flies, {executable}"
     )]
     Version { version: String, executable: PathBuf },
-    #[error("the notes of its launcher in {path} cannot be read: {reason}")]
+    #[error("the checkpoint of its launcher in {path} cannot be read: {reason}")]
     Unreadable { path: PathBuf, reason: String },
 }
 
-impl Notes {
+impl Checkpoint {
     /// What the launcher of the run in `folder` has noted.
-    pub(super) fn read(folder: &Path) -> Result<Self, NotesError> {
+    pub(super) fn read(folder: &Path) -> Result<Self, CheckpointError> {
         #[derive(Deserialize)]
         struct Head {
             author: Author,
         }
         let path = folder.join(FILE);
-        let unreadable = |reason: String| NotesError::Unreadable { path: path.clone(), reason };
+        let unreadable =
+            |reason: String| CheckpointError::Unreadable { path: path.clone(), reason };
         let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
         let head: Head =
             serde_json::from_str(&text).map_err(|error| unreadable(error.to_string()))?;
@@ -128,15 +129,15 @@ impl Author {
         }
     }
 
-    fn require_same_build(self) -> Result<(), NotesError> {
+    fn require_same_build(self) -> Result<(), CheckpointError> {
         let Self { format, version, executable, layouts: theirs } = self;
         if format != FORMAT {
-            return Err(NotesError::Version { version, executable });
+            return Err(CheckpointError::Version { version, executable });
         }
         for (type_name, ours) in layouts() {
             let theirs = theirs.get(&type_name).cloned().unwrap_or_else(|| "unknown".to_owned());
             if theirs != ours {
-                return Err(NotesError::Layout { type_name, theirs, ours, executable });
+                return Err(CheckpointError::Layout { type_name, theirs, ours, executable });
             }
         }
         Ok(())
@@ -162,67 +163,68 @@ fn layouts() -> BTreeMap<String, String> {
     let mut layouts = Layouts(BTreeMap::new());
     let Ok(()) = topics::visit_all(&mut layouts);
     layouts.add::<ClockRecord>();
-    layouts.add::<Roll>();
+    layouts.add::<Registry>();
     layouts.add::<Hello>();
     layouts.add::<Progress>();
     layouts.0
 }
 
-/// Keeps the notes of a flight.
-pub(super) struct Notebook {
+/// Keeps the checkpoint of a flight.
+pub(super) struct CheckpointWriter {
     path: PathBuf,
-    notes: Notes,
+    checkpoint: Checkpoint,
     trouble: Option<String>,
     troubled: bool,
 }
 
-impl Notebook {
-    /// Opens the notes of a flight by its first words.
+impl CheckpointWriter {
+    /// Opens the checkpoint of a flight by its first words.
     pub(super) fn open(folder: &Path, of: Of, mode: ClockMode) -> Self {
-        let mut notebook = Self::new(folder, of, &ClockRecord { mode, ..ClockRecord::default() });
-        notebook.save();
-        notebook
+        let mut checkpoints =
+            Self::new(folder, of, &ClockRecord { mode, ..ClockRecord::default() });
+        checkpoints.save();
+        checkpoints
     }
 
-    /// Notes with nothing on paper yet: what is there stays until the first [`write`](Self::write).
+    /// A checkpoint with nothing on disk yet: what is there stays until the first [`write`](Self::write).
     pub(super) fn new(folder: &Path, of: Of, clock: &ClockRecord) -> Self {
-        let notes = Notes {
+        let checkpoint = Checkpoint {
             author: Author::this(),
             of,
             clock: Packed(*clock),
-            roll: Vec::new(),
+            registry: Vec::new(),
             owners: Vec::new(),
             guidance: Packed::default(),
             disturbance: Packed::default(),
             posts: Vec::new(),
         };
-        Self { path: folder.join(FILE), notes, trouble: None, troubled: false }
+        Self { path: folder.join(FILE), checkpoint, trouble: None, troubled: false }
     }
 
-    /// Notes how time runs; on paper with the next [`write`](Self::write).
+    /// Notes how time runs; on disk with the next [`write`](Self::write).
     pub(super) fn clock(&mut self, record: &ClockRecord) {
-        self.notes.clock = Packed(*record);
+        self.checkpoint.clock = Packed(*record);
     }
 
-    /// Notes what has been ordered; on paper with the next [`write`](Self::write).
+    /// Notes what has been ordered; on disk with the next [`write`](Self::write).
     pub(super) fn orders(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
-        self.notes.guidance = Packed(*guidance);
-        self.notes.disturbance = Packed(*disturbance);
+        self.checkpoint.guidance = Packed(*guidance);
+        self.checkpoint.disturbance = Packed(*disturbance);
     }
 
     /// Notes who there is and who commands.
     pub(super) fn write<'a>(
         &mut self,
-        roll: &[RollEntry],
+        registry: &[RegistryEntry],
         owners: impl Iterator<Item = &'a OwnerRecord>,
         posts: impl Iterator<Item = PostNote>,
     ) {
-        if self.notes.clock.0.mode == ClockMode::Lockstep {
+        if self.checkpoint.clock.0.mode == ClockMode::Lockstep {
             return;
         }
-        self.notes.roll = roll.iter().copied().map(Packed).collect();
-        self.notes.owners = owners.filter(|r| r.epoch > 0).copied().map(Packed).collect();
-        self.notes.posts = posts.collect();
+        self.checkpoint.registry = registry.iter().copied().map(Packed).collect();
+        self.checkpoint.owners = owners.filter(|r| r.epoch > 0).copied().map(Packed).collect();
+        self.checkpoint.posts = posts.collect();
         self.save();
     }
 
@@ -237,14 +239,14 @@ impl Notebook {
         }
     }
 
-    /// Whoever reads has the old notes or the new ones.
+    /// A reader has the old checkpoint or the new one.
     fn replace(&self) -> io::Result<()> {
         let draft = self.path.with_extension("draft");
-        fs::write(&draft, serde_json::to_vec(&self.notes)?)?;
+        fs::write(&draft, serde_json::to_vec(&self.checkpoint)?)?;
         fs::rename(draft, &self.path)
     }
 
-    /// What is wrong with the notes, once.
+    /// What is wrong with the checkpoint, once.
     pub(super) fn take_trouble(&mut self) -> Option<String> {
         self.trouble.take()
     }
@@ -255,7 +257,7 @@ mod tests {
     use super::*;
 
     fn folder(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("notes-{name}-{}", std::process::id()));
+        let folder = std::env::temp_dir().join(format!("checkpoint-{name}-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         folder
     }
@@ -267,8 +269,8 @@ mod tests {
     #[test]
     fn what_was_noted_is_read_again_number_by_number() {
         let folder = folder("again");
-        let mut notebook = Notebook::open(&folder, of(), ClockMode::Realtime);
-        let entry = RollEntry { node: [u64::MAX, 7], period_ns: 3, ..RollEntry::default() };
+        let mut checkpoints = CheckpointWriter::open(&folder, of(), ClockMode::Realtime);
+        let entry = RegistryEntry { node: [u64::MAX, 7], period_ns: 3, ..RegistryEntry::default() };
         let record = OwnerRecord { epoch: 4, owner: 1, ..OwnerRecord::default() };
         let clock = ClockRecord {
             speed: 0.1,
@@ -276,15 +278,18 @@ mod tests {
             mode: ClockMode::Realtime,
             ..ClockRecord::default()
         };
-        notebook.clock(&clock);
-        notebook.write(&[entry], [record, OwnerRecord::default()].iter(), core::iter::empty());
-        assert_eq!(notebook.take_trouble(), None);
-        let notes = Notes::read(&folder).unwrap();
-        assert_eq!((notes.roll[0].0.node, notes.roll[0].0.period_ns), ([u64::MAX, 7], 3));
-        assert_eq!(notes.owners.len(), 1, "before the first there is none");
-        assert_eq!((notes.owners[0].0.epoch, notes.owners[0].0.owner), (4, 1));
-        assert_eq!(notes.clock.0.end_ns, u64::MAX - 1);
-        assert_eq!(notes.clock.0.speed.to_bits(), 0.1_f64.to_bits());
+        checkpoints.clock(&clock);
+        checkpoints.write(&[entry], [record, OwnerRecord::default()].iter(), core::iter::empty());
+        assert_eq!(checkpoints.take_trouble(), None);
+        let checkpoint = Checkpoint::read(&folder).unwrap();
+        assert_eq!(
+            (checkpoint.registry[0].0.node, checkpoint.registry[0].0.period_ns),
+            ([u64::MAX, 7], 3)
+        );
+        assert_eq!(checkpoint.owners.len(), 1, "before the first there is none");
+        assert_eq!((checkpoint.owners[0].0.epoch, checkpoint.owners[0].0.owner), (4, 1));
+        assert_eq!(checkpoint.clock.0.end_ns, u64::MAX - 1);
+        assert_eq!(checkpoint.clock.0.speed.to_bits(), 0.1_f64.to_bits());
         fs::remove_dir_all(folder).unwrap();
     }
 
@@ -292,30 +297,31 @@ mod tests {
     fn notes_of_another_build_are_refused_with_what_differs() {
         let folder = folder("build");
         let refused = |edit: &dyn Fn(&mut serde_json::Value)| {
-            Notebook::open(&folder, of(), ClockMode::Realtime);
+            CheckpointWriter::open(&folder, of(), ClockMode::Realtime);
             let path = folder.join(FILE);
             let mut value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
             edit(&mut value);
             fs::write(&path, value.to_string()).unwrap();
-            Notes::read(&folder).unwrap_err().to_string()
+            Checkpoint::read(&folder).unwrap_err().to_string()
         };
-        let layout = refused(&|notes| notes["author"]["layouts"]["Imu"] = "1".into());
+        let layout = refused(&|checkpoint| checkpoint["author"]["layouts"]["Imu"] = "1".into());
         assert!(layout.starts_with("Imu is laid out otherwise"), "{layout}");
-        let format = refused(&|notes| {
-            notes["author"]["format"] = 99.into();
-            notes["author"]["version"] = "9.9.9".into();
+        let format = refused(&|checkpoint| {
+            checkpoint["author"]["format"] = 99.into();
+            checkpoint["author"]["version"] = "9.9.9".into();
         });
         assert!(format.contains("morphquad 9.9.9"), "{format}");
-        let clock = refused(&|notes| notes["clock"] = "00".into());
+        let clock = refused(&|checkpoint| checkpoint["clock"] = "00".into());
         assert!(clock.contains("cannot be read"), "{clock}");
         fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]
     fn notes_that_cannot_be_written_are_a_trouble_once() {
-        let mut notebook = Notebook::open(Path::new("/nowhere/at/all"), of(), ClockMode::Realtime);
-        assert!(notebook.take_trouble().unwrap().contains("/nowhere/at/all"));
-        notebook.write(&[], [].iter(), core::iter::empty());
-        assert_eq!(notebook.take_trouble(), None);
+        let mut checkpoints =
+            CheckpointWriter::open(Path::new("/nowhere/at/all"), of(), ClockMode::Realtime);
+        assert!(checkpoints.take_trouble().unwrap().contains("/nowhere/at/all"));
+        checkpoints.write(&[], [].iter(), core::iter::empty());
+        assert_eq!(checkpoints.take_trouble(), None);
     }
 }

@@ -1,4 +1,4 @@
-//! Who may publish what: the roll, the launcher, and what is received from all others.
+//! Who may publish what: the registry, the launcher, and what is received from all others.
 //!
 //! A sample counts only if the process that the transport names as its writer sits where the sample
 //! says it does, or is the launcher where the launcher alone writes. Nothing that a writer fills in is believed, and a
@@ -8,7 +8,7 @@ use super::{Ipc, lead};
 use crate::input::Source;
 use core::cell::{Cell, RefCell};
 use iceoryx2::identifiers::UniqueNodeId;
-use shared_types::{Header, NodeId, Progress, Role, Roll, RollEntry, Sample, Seat};
+use shared_types::{Header, NodeId, Progress, Registry, RegistryEntry, Role, Sample, Seat};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -38,7 +38,7 @@ pub struct Stray {
     node: NodeId,
 }
 
-/// What all readers of a process share, the roll's own included: who leads, and who wrote without a right to.
+/// What all readers of a process share, the registry's own included: who leads, and who wrote without a right to.
 #[derive(Debug)]
 pub(super) struct Authority {
     leader_file: PathBuf,
@@ -102,24 +102,24 @@ impl Authority {
     }
 }
 
-/// A reader's view of the roll.
-pub(super) struct RollBook {
-    port: Box<dyn Source<Roll>>,
-    roll: Roll,
+/// A reader's view of the registry.
+pub(super) struct RegistryReader {
+    port: Box<dyn Source<Registry>>,
+    registry: Registry,
 }
 
-impl core::fmt::Debug for RollBook {
+impl core::fmt::Debug for RegistryReader {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("RollBook").field("entries", &self.entries()).finish_non_exhaustive()
+        f.debug_struct("RegistryReader").field("entries", &self.entries()).finish_non_exhaustive()
     }
 }
 
-impl RollBook {
-    pub(super) fn new(port: Box<dyn Source<Roll>>) -> Self {
-        Self { port, roll: Roll::default() }
+impl RegistryReader {
+    pub(super) fn new(port: Box<dyn Source<Registry>>) -> Self {
+        Self { port, registry: Registry::default() }
     }
 
-    fn find(&mut self, node: NodeId) -> Option<RollEntry> {
+    fn find(&mut self, node: NodeId) -> Option<RegistryEntry> {
         self.entry(node).or_else(|| {
             self.refresh();
             self.entry(node)
@@ -127,33 +127,34 @@ impl RollBook {
     }
 
     pub(super) fn refresh(&mut self) {
-        while let Some(roll) = self.port.receive() {
-            self.roll = roll;
+        while let Some(registry) = self.port.receive() {
+            self.registry = registry;
         }
     }
 
-    pub(super) fn entries(&self) -> &[RollEntry] {
-        let count = usize::try_from(self.roll.count).unwrap_or(0).min(self.roll.entries.len());
-        &self.roll.entries[..count]
+    pub(super) fn entries(&self) -> &[RegistryEntry] {
+        let count =
+            usize::try_from(self.registry.count).unwrap_or(0).min(self.registry.entries.len());
+        &self.registry.entries[..count]
     }
 
-    fn entry(&self, node: NodeId) -> Option<RollEntry> {
+    fn entry(&self, node: NodeId) -> Option<RegistryEntry> {
         self.entries().iter().find(|entry| entry.node == node).copied()
     }
 }
 
-/// The roll as all readers of a process share it; opened with the first of them.
-pub(super) type SharedRoll = Rc<RefCell<Option<RollBook>>>;
+/// The registry as all readers of a process share it; opened with the first of them.
+pub(super) type SharedRegistry = Rc<RefCell<Option<RegistryReader>>>;
 
 /// Lets pass what comes from where it says it does.
 pub(super) struct Guard<T> {
     authority: Rc<Authority>,
-    /// None where only the launcher writes, such as the roll.
-    roll: Option<SharedRoll>,
+    /// None where only the launcher writes, such as the registry.
+    registry: Option<SharedRegistry>,
     service: Rc<str>,
     accepts: Accepts<T>,
     /// The writer of the last sample: nearly always that of the next.
-    last: Cell<Option<(UniqueNodeId, RollEntry)>>,
+    last: Cell<Option<(UniqueNodeId, RegistryEntry)>>,
 }
 
 impl<T> core::fmt::Debug for Guard<T> {
@@ -166,25 +167,25 @@ impl<T> core::fmt::Debug for Guard<T> {
 pub(super) enum Accepts<T> {
     /// The launcher's.
     Launcher,
-    /// Those of processes on the roll.
+    /// Those of processes in the registry.
     Registered {
-        /// The role, and the seat if it matters; none: every process on the roll.
+        /// The role, and the seat if it matters; none: every process in the registry.
         seats: Option<(Role, Option<u32>)>,
-        /// Whether a sample says the same of its writer as the roll.
-        claims: fn(&T, &RollEntry) -> bool,
+        /// Whether a sample says the same of its writer as the registry.
+        claims: fn(&T, &RegistryEntry) -> bool,
     },
 }
 
 impl<T: Sample> Accepts<T> {
     /// Samples that a role's processes write.
     pub(super) fn from_role(role: Role) -> Self {
-        let claims = |sample: &T, entry: &RollEntry| is_of(sample.header(), entry);
+        let claims = |sample: &T, entry: &RegistryEntry| is_of(sample.header(), entry);
         Self::Registered { seats: Some((role, None)), claims }
     }
 
-    /// Samples that everybody writes about itself.
+    /// Samples that every process writes about itself.
     pub(super) fn from_all() -> Self {
-        let claims = |sample: &T, entry: &RollEntry| {
+        let claims = |sample: &T, entry: &RegistryEntry| {
             let header = sample.header();
             header.generation == entry.generation
         };
@@ -195,7 +196,7 @@ impl<T: Sample> Accepts<T> {
 impl Accepts<Progress> {
     /// The progress of one seat.
     pub(super) fn from_seat(seat: Seat) -> Self {
-        let claims = |p: &Progress, entry: &RollEntry| p.generation == entry.generation;
+        let claims = |p: &Progress, entry: &RegistryEntry| p.generation == entry.generation;
         Self::Registered { seats: Some((seat.role, Some(seat.index))), claims }
     }
 }
@@ -207,19 +208,19 @@ impl Accepts<Header> {
     }
 }
 
-/// True if a header names the seat and the process that the roll has.
-fn is_of(header: &Header, entry: &RollEntry) -> bool {
+/// True if a header names the seat and the process that the registry has.
+fn is_of(header: &Header, entry: &RegistryEntry) -> bool {
     header.seat == entry.seat && header.generation == entry.generation
 }
 
 impl<T> Guard<T> {
     pub(super) fn new(
         authority: Rc<Authority>,
-        roll: Option<SharedRoll>,
+        registry: Option<SharedRegistry>,
         service: &str,
         accepts: Accepts<T>,
     ) -> Self {
-        Self { authority, roll, service: Rc::from(service), accepts, last: Cell::new(None) }
+        Self { authority, registry, service: Rc::from(service), accepts, last: Cell::new(None) }
     }
 
     /// True if the writer sits where the sample says it does.
@@ -240,14 +241,14 @@ impl<T> Guard<T> {
         passes
     }
 
-    /// What is known of a writer that may write; the launcher is on no line of the roll.
-    fn entry(&self, id: UniqueNodeId) -> Option<RollEntry> {
+    /// What is known of a writer that may write; the launcher is on no line of the registry.
+    fn entry(&self, id: UniqueNodeId) -> Option<RegistryEntry> {
         let last = self.last.get().filter(|(node, _)| *node == id).map(|(_, entry)| entry);
         last.or_else(|| {
             let node = node_id(id);
-            let entry = match &self.roll {
-                Some(roll) => roll.borrow_mut().as_mut()?.find(node)?,
-                None => self.authority.is_leader(node).then(RollEntry::default)?,
+            let entry = match &self.registry {
+                Some(registry) => registry.borrow_mut().as_mut()?.find(node)?,
+                None => self.authority.is_leader(node).then(RegistryEntry::default)?,
             };
             self.last.set(Some((id, entry)));
             Some(entry)
