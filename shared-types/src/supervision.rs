@@ -235,7 +235,8 @@ code! {
         /// Samples `first..=last` took effect at this step although an earlier one should have had
         /// them; `due_ns` is the effective instant of the first.
         LateSamples = 0,
-        /// Samples `first..=last` never arrived.
+        /// Samples `first..=last` never arrived. With `due_ns` their writer did not count for some of the time until then,
+        /// so that no loop waited for them, and none is missed.
         LostSamples = 1,
         /// The step started at its input deadline, before this input was final; `first` deadlines
         /// have passed since the step before.
@@ -269,7 +270,8 @@ sample! {
         pub first: u64,
         /// Last sequence or release, see the kind; equal to `first` if there is only one.
         pub last: u64,
-        /// Instant from which the first late sample should have been in effect \[ns\], else 0.
+        /// Instant from which the first late sample should have been in effect, or from which the writer of lost ones
+        /// counts again \[ns\]; else 0.
         pub due_ns: u64,
         /// Topic of the input, padded with zeros; empty if the kind is about the loop as a whole.
         #[topic]

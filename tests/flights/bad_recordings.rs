@@ -111,7 +111,7 @@ fn what_is_no_recording_is_refused_by_every_command_in_the_same_way() {
     for command in COMMANDS.iter().filter(|command| !command.starts_with("report")) {
         let (code, said) = say(command, &inner);
         assert_eq!(code, Some(USAGE), "{command}: {said}");
-        assert!(said.replace(' ', "").contains("nofilebutafolder"), "{command}: {said}");
+        assert!(said.replace(' ', "").contains("notafilebutafolder"), "{command}: {said}");
     }
 }
 

@@ -110,7 +110,7 @@ fn what_is_no_recording_is_named_with_the_remedy_and_gets_no_page() {
         (write("text.mcap", b"not a recording at all\n"), "no morphquad recording"),
         (write("magic.mcap", b"\x89MCAP0\r\n"), "cut in its head"),
         (folder.path().join("none.mcap"), "cannot read"),
-        (folder.path().to_owned(), "no file but a folder"),
+        (folder.path().to_owned(), "not a file but a folder"),
     ];
     for (path, told) in bad {
         let output = view(&path, &["--out", &out.display().to_string()]);

@@ -53,9 +53,13 @@ fn retired_in<'r>(text: &str, retired: &'r Retired) -> Option<(&'r str, &'r str)
 fn words_of(text: &str) -> impl Iterator<Item = String> {
     let parted = text.split(|letter: char| !letter.is_alphabetic());
     parted.flat_map(|name| {
-        let begins = name.char_indices().filter(|(_, letter)| letter.is_uppercase());
-        let mut at: Vec<usize> = begins.map(|(at, _)| at).filter(|at| *at > 0).collect();
-        at.insert(0, 0);
+        let letters = name.char_indices().zip(name.chars().skip(1));
+        let mut at = vec![0];
+        for ((place, letter), next) in letters {
+            if letter.is_lowercase() && next.is_uppercase() {
+                at.push(place + letter.len_utf8());
+            }
+        }
         at.push(name.len());
         let parts = at.windows(2).map(|ends| name[ends[0]..ends[1]].to_lowercase());
         parts.collect::<Vec<_>>()
@@ -114,6 +118,7 @@ fn a_retired_word_is_found_as_a_whole_word_only() {
         "Nobody",
         "fn and_nobody_waits()",
         "NobodyThere",
+        "NOBODY_THERE",
     ] {
         assert!(found(text).is_some(), "{text}");
     }

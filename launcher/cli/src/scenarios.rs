@@ -61,12 +61,8 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
 fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Failure> {
     let wanted = arguments.key.as_deref().unwrap_or_default();
     let mut wanted = wanted.trim_matches(['[', ']']).to_lowercase();
-    if let Some(name) = renamed(&wanted) {
-        if arguments.format == Format::Text {
-            writeln!(out, "`{wanted}` is called `{name}` now\n")?;
-        }
-        wanted = name;
-    }
+    let today = renamed(&wanted);
+    let before = today.map(|name| std::mem::replace(&mut wanted, name));
     let those = |fits: fn(&str, &str) -> bool| {
         let mut found = sections();
         for section in &mut found {
@@ -92,6 +88,9 @@ fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Fa
         let all: Value = found.iter().flat_map(|section| &section.keys).map(Key::to_json).collect();
         writeln!(out, "{all}")?;
         return Ok(());
+    }
+    if let Some(before) = before {
+        writeln!(out, "`{before}` is called `{wanted}` now\n")?;
     }
     for (place, section) in found.iter().enumerate() {
         if place > 0 {

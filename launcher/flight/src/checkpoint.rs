@@ -20,7 +20,7 @@ use thiserror::Error;
 /// Name of the file.
 const FILE: &str = "launcher.json";
 /// Raised when the file changes its shape.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
@@ -34,7 +34,7 @@ pub(super) struct Author {
     layouts: BTreeMap<String, String>,
 }
 
-/// Of which flight they are.
+/// Of which flight it is.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Of {
     pub(super) run: String,
@@ -186,7 +186,7 @@ impl CheckpointWriter {
         checkpoints
     }
 
-    /// A checkpoint with nothing on disk yet: what is there stays until the first [`write`](Self::write).
+    /// A checkpoint of which nothing is in the file yet: what is there stays until the first [`write`](Self::write).
     pub(super) fn new(folder: &Path, of: Of, clock: &ClockRecord) -> Self {
         let checkpoint = Checkpoint {
             author: Author::this(),
@@ -201,12 +201,12 @@ impl CheckpointWriter {
         Self { path: folder.join(FILE), checkpoint, trouble: None, troubled: false }
     }
 
-    /// Notes how time runs; on disk with the next [`write`](Self::write).
+    /// Notes how time runs; in the file with the next [`write`](Self::write).
     pub(super) fn clock(&mut self, record: &ClockRecord) {
         self.checkpoint.clock = Packed(*record);
     }
 
-    /// Notes what has been ordered; on disk with the next [`write`](Self::write).
+    /// Notes what has been ordered; in the file with the next [`write`](Self::write).
     pub(super) fn orders(&mut self, guidance: &GuidanceOrder, disturbance: &DisturbanceOrder) {
         self.checkpoint.guidance = Packed(*guidance);
         self.checkpoint.disturbance = Packed(*disturbance);

@@ -282,7 +282,7 @@ impl Flight {
         self.with_slots(now_mono_ns, Slots::tend)
     }
 
-    /// Does what the script has for now; a process that dies of it is buried before time goes on.
+    /// Does what the script has for now; a process that dies of it is reaped before time goes on.
     fn follow_script(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
         if self.script.next_ns() > self.logical_now(now_mono_ns).logical_ns {
             return Ok(());

@@ -115,7 +115,8 @@ impl Live {
         let Seat { role, index } = member.seat;
         let seen = self.seen.get(&member.seat).copied().unwrap_or_default();
         // The last word of one that leaves is that nothing will follow.
-        let mark_ns = if seen.mark_ns == u64::MAX { view.drained_ns } else { seen.mark_ns };
+        let flown_ns = view.drained_ns.min(view.conductor.end_ns());
+        let mark_ns = if seen.mark_ns == u64::MAX { flown_ns } else { seen.mark_ns };
         ProcessStatus {
             name: member.name.to_owned(),
             role: role.label().to_owned(),

@@ -208,7 +208,7 @@ fn place_of(deviation: &Deviation, without_position: bool) -> Option<Place> {
     let edge = EdgeName { from: from.label(), topic: topic.name, to };
     match deviation.kind {
         DeviationKind::LateSamples => Some(Place::Late(edge)),
-        DeviationKind::LostSamples => Some(Place::Lost(edge)),
+        DeviationKind::LostSamples => (deviation.due_ns == 0).then_some(Place::Lost(edge)),
         DeviationKind::MissedDeadline => Some(Place::Awaited(edge)),
         _ => None,
     }
@@ -223,13 +223,23 @@ mod tests {
             kind,
             role: Role::Plant,
             input: Deviation::input_from("wrench_command"),
-            due_ns: (at_ms - 3) * 1_000_000,
+            due_ns: if kind == DeviationKind::LateSamples { (at_ms - 3) * 1_000_000 } else { 0 },
             first,
             last,
             ..Deviation::default()
         };
         deviation.header.release_ns = at_ms * 1_000_000;
         deviation
+    }
+
+    #[test]
+    fn what_a_writer_has_said_while_it_did_not_count_is_no_miss() {
+        let mut log = MissLog::default();
+        let unheard = deviation(DeviationKind::LostSamples, 500, 7, 57);
+        log.observe(&Deviation { due_ns: 500_000_000, ..unheard }, false);
+        assert_eq!(log.places().count(), 0);
+        log.observe(&unheard, false);
+        assert_eq!(log.places().count(), 1);
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl RegistryWriter {
         &mut self.registry.entries[..count]
     }
 
-    /// All processes that are on it.
+    /// All processes that are in it.
     #[must_use]
     pub fn entries(&self) -> &[RegistryEntry] {
         &self.registry.entries[..self.count()]

@@ -34,6 +34,7 @@ class Input:
         # Owner records of the producer's slot: what an owner does not say, no loop waits for.
         self.book = None
         self.late = self.lost = 0
+        self._unheard = set()
         self.latest = self.before = None
         self.fresh = []
         self._value = None
@@ -76,12 +77,17 @@ class Input:
                 self._take(sample, previous_ns)
         if count:
             del self._pending[:count]
+        # What a seat says while it does not count is not missing afterwards.
+        if self.book is not None:
+            self._unheard |= {seat for seat in self._newest if not self.book.counts(seat, t_ns)}
 
     def _take(self, sample, previous_ns):
         if previous_ns is not None and sample.valid_ns <= previous_ns:
             self.late += 1
         before = self._newest.get(sample.seat)
-        if before and before.generation == sample.generation:
+        is_unheard = sample.seat in self._unheard
+        self._unheard.discard(sample.seat)
+        if before and before.generation == sample.generation and not is_unheard:
             self.lost += max(0, sample.sequence - before.sequence - 1)
         self._newest[sample.seat] = self.latest = sample
         self._value = None

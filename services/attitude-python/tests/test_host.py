@@ -257,6 +257,15 @@ class InputRules(unittest.TestCase):
         self.fresh(taken, 10, 6)
         self.assertEqual((taken.late, taken.lost), (1, 2))
 
+    def test_what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards(self):
+        taken = self.input(*(sample(at_ms, 1 + at_ms, seat=1) for at_ms in (0, 1, 2, 6, 8)))
+        taken.book = SlotBook()
+        for epoch, from_ms, fallback in [(1, 0, 1), (2, 3, 2), (3, 6, 1)]:
+            taken.book.learn(owner(epoch, from_ms, 0, fallback=fallback))
+        for at_ms in range(10):
+            taken.accept(at_ms * MS, None)
+        self.assertEqual(taken.lost, 1, "the one of 7 ms alone")
+
     def test_a_shadow_is_not_heard(self):
         taken = self.input(sample(5, 1), sample(5, 1, seat=1), sample(15, 2, seat=1))
         taken.book = SlotBook()

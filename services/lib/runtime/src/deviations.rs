@@ -53,10 +53,27 @@ impl<'a> Report<'a> {
         self.output.flush(&self.header);
     }
 
-    fn lost(&mut self, input: &str, (writer_seat, writer_generation): (u32, u32), range: [u64; 2]) {
-        let [first, last] = range;
-        let lost = Deviation { first, last, writer_seat, writer_generation, ..Default::default() };
-        self.write(DeviationKind::LostSamples, input, lost);
+    /// Samples before `header`'s that the loop has not had, if there are any. `is_heard_again`: its seat did not count for
+    /// some of the time.
+    fn lost(
+        &mut self,
+        input: &str,
+        header: &Header,
+        missing: u64,
+        is_heard_again: bool,
+        generation: u32,
+    ) {
+        if missing > 0 {
+            let lost = Deviation {
+                first: header.sequence - missing,
+                last: header.sequence - 1,
+                due_ns: if is_heard_again { header.valid_ns } else { 0 },
+                writer_seat: header.seat,
+                writer_generation: generation,
+                ..Deviation::default()
+            };
+            self.write(DeviationKind::LostSamples, input, lost);
+        }
     }
 
     /// The last that the loop had of a writer.
@@ -227,10 +244,7 @@ impl InputVisitor for ReportInputs<'_> {
                 }
             };
             let is_heard_again = unheard.get_mut(seat).is_some_and(core::mem::take);
-            if missing > 0 && !is_heard_again {
-                let range = [header.sequence - missing, header.sequence - 1];
-                self.report.lost(name, writer, range);
-            }
+            self.report.lost(name, header, missing, is_heard_again, generation);
             if self.previous_ns.is_some_and(|p| input.in_effect(header.valid_ns, p)) {
                 // Numbers are each writer's own: a range never spans two of them.
                 if let Some(before) = late.take_if(|l| l.writer_generation != generation) {

@@ -416,7 +416,7 @@ impl<T: Sample> Input<T> {
         self.effective.extend(latest);
         self.fresh_from = self.effective.len();
         self.receive_mono_ns = 0;
-        self.newest = [None; SEATS];
+        (self.newest, self.unheard) = ([None; SEATS], [false; SEATS]);
         if let Some(latest) = latest {
             self.learn(&latest);
         }

@@ -11,7 +11,7 @@ fn a_same_kind_swap_in_lockstep_follows_the_script_to_the_nanosecond() {
     assert_eq!(
         (joined.owner, joined.effective_ns),
         (SEAT[0], 4200 * MS),
-        "only the registry changes"
+        "only the members change"
     );
     let handed = Action::HandOver {
         seat: SEAT[1],
