@@ -4,7 +4,7 @@
 //!   documentation are derived. Open it first.
 //! * One file per group of arrows holds the sample types: [`sensors`], [`estimate`], [`guidance`],
 //!   [`control`], [`actuation`], [`disturbance`], [`order`], [`trip`],
-//!   [`supervision`].
+//!   [`supervision`], [`loops`].
 //! * [`time`] converts between seconds and nanoseconds.
 //! * [`wire`] describes a sample's layout to readers (field names, kinds, offsets) and hashes it, so
 //!   that two builds which disagree about a type refuse each other.
@@ -18,6 +18,7 @@ pub mod disturbance;
 pub mod estimate;
 pub mod guidance;
 pub mod header;
+pub mod loops;
 mod macros;
 pub mod order;
 pub mod sensors;
@@ -37,15 +38,15 @@ pub use estimate::StateEstimate;
 pub use guidance::{MorphCommand, Reference, ReferencePoint};
 pub use header::{Flag, Header, Quaternion, Sample};
 pub use iceoryx2::prelude::ZeroCopySend;
+pub use loops::{Deviation, DeviationKind, LoopStats, Seating, SeatingKind};
 pub use order::{
     AngleDiversion, DISTURBANCE_ORDERS, DisturbanceKind, DisturbanceOrder, GuidanceOrder,
     OrderedDisturbance, PositionDiversion,
 };
 pub use sensors::{Imu, MorphAngle, PoseFix};
 pub use supervision::{
-    ClockMode, ClockRecord, Deviation, DeviationKind, Handover, Hello, LoopStats, NO_SEAT, NodeId,
-    OwnerRecord, Progress, REGISTRY_LINES, Registry, RegistryEntry, Role, SEATS, Seat, Seating,
-    SeatingKind,
+    ClockMode, ClockRecord, Handover, Hello, NO_SEAT, NodeId, OwnerRecord, Progress,
+    REGISTRY_LINES, Registry, RegistryEntry, Role, SEATS, Seat,
 };
 pub use topics::{Edge, Topic, TopicInfo, TopicVisitor};
 pub use trip::{Trip, TripCause};

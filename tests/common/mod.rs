@@ -161,6 +161,13 @@ impl Flown {
         self.assert_undisturbed();
     }
 
+    /// A flight that was interrupted is the same as one that is as short by itself.
+    pub(crate) fn assert_is_the_shorter(&self, scenario: &str) {
+        let flown_s = format!("{}s", self.number("flown_s"));
+        let short = fly(&[scenario, "--for", &flown_s, "--no-record"]);
+        assert_eq!(self.hash(), short.hash(), "{}", self.said());
+    }
+
     /// Nothing lost, nothing late, no bound violated.
     pub(crate) fn assert_undisturbed(&self) {
         for key in [

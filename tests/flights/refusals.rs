@@ -299,8 +299,7 @@ fn a_service_that_another_program_removes_in_flight_is_told_and_the_flight_goes_
     assert!(kill(running.launcher_pid(), Signal::INT));
     let flown = running.wait();
     flown.assert_undisturbed();
-    let flown_s = format!("{}s", flown.number("flown_s"));
-    assert_eq!(flown.hash(), fly(&["hover", "--for", &flown_s]).hash(), "{}", flown.said());
+    flown.assert_is_the_shorter("hover");
     let told = flown.stderr.matches(text).count();
     assert_eq!(told, 1, "{}", flown.said());
 }

@@ -180,10 +180,10 @@ pub(super) struct CheckpointWriter {
 impl CheckpointWriter {
     /// Opens the checkpoint of a flight by its first words.
     pub(super) fn open(folder: &Path, of: Of, mode: ClockMode) -> Self {
-        let mut checkpoints =
+        let mut checkpoint_writer =
             Self::new(folder, of, &ClockRecord { mode, ..ClockRecord::default() });
-        checkpoints.save();
-        checkpoints
+        checkpoint_writer.save();
+        checkpoint_writer
     }
 
     /// A checkpoint of which nothing is in the file yet: what is there stays until the first [`write`](Self::write).
@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn what_was_noted_is_read_again_number_by_number() {
         let folder = folder("again");
-        let mut checkpoints = CheckpointWriter::open(&folder, of(), ClockMode::Realtime);
+        let mut checkpoint_writer = CheckpointWriter::open(&folder, of(), ClockMode::Realtime);
         let entry = RegistryEntry { node: [u64::MAX, 7], period_ns: 3, ..RegistryEntry::default() };
         let record = OwnerRecord { epoch: 4, owner: 1, ..OwnerRecord::default() };
         let clock = ClockRecord {
@@ -278,9 +278,13 @@ mod tests {
             mode: ClockMode::Realtime,
             ..ClockRecord::default()
         };
-        checkpoints.clock(&clock);
-        checkpoints.write(&[entry], [record, OwnerRecord::default()].iter(), core::iter::empty());
-        assert_eq!(checkpoints.take_trouble(), None);
+        checkpoint_writer.clock(&clock);
+        checkpoint_writer.write(
+            &[entry],
+            [record, OwnerRecord::default()].iter(),
+            core::iter::empty(),
+        );
+        assert_eq!(checkpoint_writer.take_trouble(), None);
         let checkpoint = Checkpoint::read(&folder).unwrap();
         assert_eq!(
             (checkpoint.registry[0].0.node, checkpoint.registry[0].0.period_ns),
@@ -318,10 +322,10 @@ mod tests {
 
     #[test]
     fn notes_that_cannot_be_written_are_a_trouble_once() {
-        let mut checkpoints =
+        let mut checkpoint_writer =
             CheckpointWriter::open(Path::new("/nowhere/at/all"), of(), ClockMode::Realtime);
-        assert!(checkpoints.take_trouble().unwrap().contains("/nowhere/at/all"));
-        checkpoints.write(&[], [].iter(), core::iter::empty());
-        assert_eq!(checkpoints.take_trouble(), None);
+        assert!(checkpoint_writer.take_trouble().unwrap().contains("/nowhere/at/all"));
+        checkpoint_writer.write(&[], [].iter(), core::iter::empty());
+        assert_eq!(checkpoint_writer.take_trouble(), None);
     }
 }

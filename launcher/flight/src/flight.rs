@@ -126,8 +126,10 @@ fn fly(
         adoptions: 0,
         epoch_unix_ns: facts.epoch_unix_ns,
     };
-    let checkpoints = CheckpointWriter::open(membership.folder(), of, clock_of(&options.scenario));
-    let mut flight = Flight::prepare(options, &membership, stop, recording, (live, checkpoints))?;
+    let checkpoint_writer =
+        CheckpointWriter::open(membership.folder(), of, clock_of(&options.scenario));
+    let mut flight =
+        Flight::prepare(options, &membership, stop, recording, (live, checkpoint_writer))?;
     flight.tap.sinks.stopwatch = stopwatch;
     let started = flight.start(&membership, options, &grants);
     let outcome = match started {

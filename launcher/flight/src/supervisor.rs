@@ -57,7 +57,7 @@ pub(super) struct Supervisor {
     slots: Vec<SlotOwner>,
     orders: OrderSinks,
     events: Vec<PostEvent>,
-    checkpoints: CheckpointWriter,
+    checkpoint_writer: CheckpointWriter,
     /// The pilot of a flight that was taken over: it joins in flight.
     pilot: Option<Post>,
     /// Logical time of a flight that was taken over.
@@ -74,7 +74,7 @@ impl Supervisor {
         specs: Vec<(Role, ChildSpec)>,
         hello: &TopicFactory<Hello>,
         policy: RestartPolicy,
-        checkpoints: CheckpointWriter,
+        checkpoint_writer: CheckpointWriter,
     ) -> Result<Self, PortError> {
         let posts = specs.into_iter().map(|(role, spec)| Post::open(bus, Seat::first(role), spec));
         Ok(Self {
@@ -86,7 +86,7 @@ impl Supervisor {
             slots: SlotOwner::open_all(bus)?,
             orders: OrderSinks::open(bus)?,
             events: Vec::new(),
-            checkpoints,
+            checkpoint_writer,
             pilot: None,
             wall: None,
             notices: Vec::new(),

@@ -212,14 +212,14 @@ impl Flight {
         // Services admit only so many readers and writers: the dead launcher's have to be swept away first.
         let supervisor = loop {
             bus.sweep_dead_processes(&mut || ());
-            let checkpoints = CheckpointWriter::new(folder, of.clone(), &checkpoint.clock.0);
+            let checkpoint_writer = CheckpointWriter::new(folder, of.clone(), &checkpoint.clock.0);
             let found = Supervisor::take_over(
                 &bus,
                 folder.to_path_buf(),
                 checkpoint,
                 &hello,
                 policy,
-                checkpoints,
+                checkpoint_writer,
             );
             match found {
                 Err(_) if mono_now_ns() < give_up_ns => sleep_until(mono_now_ns() + 20_000_000),

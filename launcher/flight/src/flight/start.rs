@@ -69,7 +69,7 @@ impl Flight {
         membership: &Membership,
         stop: StopFlags,
         recording: Option<Recording>,
-        (live, checkpoints): (Live, CheckpointWriter),
+        (live, checkpoint_writer): (Live, CheckpointWriter),
     ) -> Result<Self, RunError> {
         let scenario = &options.scenario;
         let graph = graph_of(scenario)?;
@@ -94,7 +94,7 @@ impl Flight {
         let slots = Slots::new(clock_of(scenario), &specs, scenario, startup_ns);
         let folder = membership.folder().to_path_buf();
         let policy = restart_policy(scenario);
-        let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, checkpoints)?;
+        let supervisor = Supervisor::new(&bus, folder, specs, &hello, policy, checkpoint_writer)?;
         let (mode, end_ns) = (clock_of(scenario), scenario.duration_ns());
         let conductor = Conductor::new(&bus, mode, options.speed, end_ns, &graph)?;
         let prepared =

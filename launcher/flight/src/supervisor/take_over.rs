@@ -20,7 +20,7 @@ impl Supervisor {
         checkpoint: &Checkpoint,
         hello: &TopicFactory<Hello>,
         policy: RestartPolicy,
-        checkpoints: CheckpointWriter,
+        checkpoint_writer: CheckpointWriter,
     ) -> Result<Self, PortError> {
         let posts = checkpoint.posts.iter().map(|note| taken_over(bus, note));
         let mut supervisor = Self {
@@ -32,7 +32,7 @@ impl Supervisor {
             slots: SlotOwner::open_all(bus)?,
             orders: OrderSinks::open(bus)?,
             events: Vec::new(),
-            checkpoints,
+            checkpoint_writer,
             pilot: Some(pilot(bus, checkpoint)?),
             wall: Some(WallMap::new(&checkpoint.clock.0)),
             notices: Vec::new(),
@@ -108,7 +108,7 @@ impl Supervisor {
 
     /// Notes how time runs.
     pub(crate) fn note_clock(&mut self, record: &ClockRecord) {
-        self.checkpoints.clock(record);
+        self.checkpoint_writer.clock(record);
         self.note();
     }
 
@@ -127,13 +127,13 @@ impl Supervisor {
             period_ns: post.period_ns,
         });
         let (guidance, disturbance) = self.orders.last();
-        self.checkpoints.orders(guidance, disturbance);
-        self.checkpoints.write(
+        self.checkpoint_writer.orders(guidance, disturbance);
+        self.checkpoint_writer.write(
             self.registry.entries(),
             self.slots.iter().map(SlotOwner::last),
             posts,
         );
-        if let Some(text) = self.checkpoints.take_trouble() {
+        if let Some(text) = self.checkpoint_writer.take_trouble() {
             self.notices.push(Notice { source: "launcher".to_owned(), text });
         }
     }
