@@ -42,6 +42,8 @@ crate::code! {
         RotorsClipped = 14,
         /// The actuation gate has had to level the vehicle, whose tilt would else have passed `angle_limit_rad`.
         Overturns = 15,
+        /// Torque that is full for `lasted_s` turns the vehicle beyond its set point, `angle_rad` until it can be stopped.
+        TurnsBeyond = 16,
     }
 }
 

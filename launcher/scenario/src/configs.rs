@@ -33,8 +33,6 @@ impl Scenario {
             thrust_n: weights.map(|weights| weights * believed.weight_n()),
             tilt_rad: limits.tilt_rad,
         };
-        let keeps_to_rotors =
-            self.attitude_law().is_ok_and(|law| law.torque_bound == TorqueBound::Rotors);
         Ok(plant::PlantConfig {
             vehicle: self.real_vehicle(),
             model: settings.model_kind(),
@@ -42,7 +40,7 @@ impl Scenario {
             pose_fix: settings.pose_fix.clone(),
             morph_encoder: settings.morph_encoder.clone(),
             gate: settings.gate.clone(),
-            unproven: (self.settings.monitor.enabled && keeps_to_rotors).then_some(unproven),
+            unproven: (self.settings.monitor.enabled && self.keeps_to_rotors()).then_some(unproven),
             position_w_m: self.settings.start.position_w_m.into(),
             yaw_rad: self.start_yaw_rad(),
             morph_angle: self.start_morph_angle()?,
@@ -142,7 +140,13 @@ impl Scenario {
             period_s: 1.0 / monitor.rate_hz,
             latency_s: latency.trip_s,
             landing,
+            keeps_to_rotors: self.keeps_to_rotors(),
         }
+    }
+
+    /// Whether the laws of the attitude slot ask for no more torque than hover thrust leaves.
+    fn keeps_to_rotors(&self) -> bool {
+        self.attitude_law().is_ok_and(|law| law.torque_bound == TorqueBound::Rotors)
     }
 
     /// What the pilot is built from.

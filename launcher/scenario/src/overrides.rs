@@ -3,7 +3,7 @@
 use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
 use super::suggest;
-use crate::candidate::share;
+use crate::candidate::{Slot, share};
 use crate::services::{self, LOOPS, Loop};
 use miette::NamedSource;
 
@@ -151,9 +151,13 @@ impl Override {
                 Ok(Self(Edit::set(shown, key, format!("{name:?}"))))
             }
             Err(what) => {
+                let known = services::fillings().join(" or ");
+                let slot = Slot::named(slot.trim()).map_or("SLOT", Slot::label);
+                let name = Some(name.trim()).filter(|name| !name.is_empty()).unwrap_or("FILE");
+                // One that flew from the start would be its own fallback, and no proven owner would be there to rehearse
+                // it against.
                 let remedy = format!(
-                    "write --controller SLOT=NAME with {}",
-                    services::fillings().join(" or ")
+                    "write --controller SLOT=NAME with {known}; an executable takes its slot in flight, as by --swap {slot}={name}@1s"
                 );
                 Err(refusal("--controller", &shown, what, &remedy))
             }

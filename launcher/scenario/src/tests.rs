@@ -229,6 +229,16 @@ fn an_override_at_fault_is_named_with_its_flag() {
 }
 
 #[test]
+fn an_executable_as_the_first_controller_is_told_how_it_takes_its_slot() {
+    let refused = Override::controller("attitude=./my_controller.py").unwrap_err();
+    let problem = refused.problems().next().unwrap();
+    assert!(problem.remedy().contains("--swap attitude=./my_controller.py@1s"), "{problem:?}");
+    let refused = Override::controller("atitude=./my_controller.py").unwrap_err();
+    let problem = refused.problems().next().unwrap();
+    assert!(problem.remedy().contains("--swap SLOT=./my_controller.py@1s"), "{problem:?}");
+}
+
+#[test]
 fn an_unknown_service_in_a_rate_is_refused_with_the_nearest_name() {
     let error = Override::rate("atitude-mpc=500").unwrap_err();
     let shown = shown(&error);
@@ -365,7 +375,7 @@ fn a_section_under_the_name_of_before_is_read_with_a_warning() {
     let text = "[scenario]\n[watch]\ntilt_rad = 0.9\n[realtime.watch]\npriority = 7\n";
     let scenario = Scenario::from_text("old.toml", text, &[set("watch.enabled=false")]).unwrap();
     let Settings { monitor, realtime, .. } = scenario.settings();
-    assert_eq!((monitor.tilt_rad, monitor.enabled), (Some(0.9), false));
+    assert_eq!((monitor.tilt_rad, monitor.enabled), (0.9, false));
     assert_eq!(realtime.monitor.priority, Some(7));
     let told: Vec<_> = scenario.warnings().iter().map(|w| (w.key(), w.line())).collect();
     assert_eq!(told, [("watch", Some(2)), ("realtime.watch", Some(4)), ("watch", Some(1))]);

@@ -26,11 +26,11 @@ pub(crate) enum Hands {
 /// Assigns the findings to the watched owners. If the other slot's owner has proven itself, the watched one is blamed for
 /// all of them. A slot whose owner was replaced has been to blame already: the other one answers for its own only.
 pub(crate) fn blame(findings: Findings, hands: &[Hands; 2]) -> [Option<Finding>; 2] {
-    let Findings { attitude, position, asked } = findings;
+    let Findings { attitude, position, asked, commanded } = findings;
     match hands {
-        [Hands::Watched(_), Hands::Watched(_)] => [attitude, asked.or(position)],
-        [Hands::Watched(_), Hands::Proven] => [attitude.or(position), None],
-        [Hands::Watched(_), Hands::Replaced] => [attitude, None],
+        [Hands::Watched(_), Hands::Watched(_)] => [attitude.or(commanded), asked.or(position)],
+        [Hands::Watched(_), Hands::Proven] => [attitude.or(commanded).or(position), None],
+        [Hands::Watched(_), Hands::Replaced] => [attitude.or(commanded), None],
         [Hands::Proven, Hands::Watched(_)] => [None, asked.or(position).or(attitude)],
         [Hands::Replaced, Hands::Watched(_)] => [None, asked.or(position)],
         _ => [None, None],
@@ -69,5 +69,9 @@ mod tests {
         assert_eq!(causes(both, [watched, Hands::Replaced]), [Some(turns), None]);
         assert_eq!(causes(both, [Hands::Replaced, watched]), [None, Some(leaves)]);
         assert_eq!(causes(both, [Hands::Proven, Hands::Replaced]), [None; 2]);
+        let pushes = TripCause::TurnsBeyond;
+        let of_commanded = Findings { commanded: Some(found(pushes)), ..none };
+        assert_eq!(causes(of_commanded, [watched, Hands::Proven]), [Some(pushes), None]);
+        assert_eq!(causes(of_commanded, [Hands::Proven, watched]), [None; 2], "its own alone");
     }
 }

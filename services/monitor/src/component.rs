@@ -6,6 +6,7 @@ use crate::judge::{Applied, Judge, JudgeMemory, Moment, Setpoint};
 use crate::last_trip::{LastTrip, is_recovering};
 use crate::limits::Limits;
 use crate::reports::{Asked, Record, Reports, ReportsMemory, Said};
+use crate::torque::{Torque, TorqueMemory};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
 use runtime::{Link, Service, Standing, inputs, outputs};
@@ -62,6 +63,9 @@ pub struct MonitorConfig {
     pub latency_s: f64,
     /// Landing that position controllers fly when the reference has ended; it replaces the reference then.
     pub landing: Landing,
+    /// Whether the laws of the attitude slot ask for no more torque than hover thrust leaves. Full torque of one that may
+    /// ask for more tells nothing.
+    pub keeps_to_rotors: bool,
 }
 
 shared_types::memory! {
@@ -72,6 +76,8 @@ shared_types::memory! {
         pub judge: JudgeMemory,
         /// Set points, and what was reported of them.
         pub reports: ReportsMemory,
+        /// Roll and pitch torque.
+        pub torque: TorqueMemory,
         /// Set point that the attitude slot's owner tracks: φ, θ, ψ \[rad\] and T \[N\].
         pub setpoint: [f64; 4],
         /// Whether a set point has been received.
@@ -102,6 +108,8 @@ shared_types::memory! {
 pub struct Monitor {
     judge: Judge,
     reports: Reports,
+    torque: Torque,
+    vehicle: VehicleParameters,
     landing: Landing,
     latency_ns: u64,
     stale_ns: u64,
@@ -127,6 +135,8 @@ impl Monitor {
         Self {
             judge: Judge::new(config.limits, vehicle, command_s),
             reports: Reports::new(4.0 * vehicle.rotor_thrust_max_n),
+            torque: Torque::new(vehicle, config.keeps_to_rotors),
+            vehicle: *vehicle,
             landing: config.landing,
             latency_ns: ns(config.latency_s),
             stale_ns: STALE_NS.max(2 * ns(config.period_s)),
@@ -175,9 +185,12 @@ impl Monitor {
         }
     }
 
-    /// Takes since when the rotors have been clipped.
-    fn take_clipping(&mut self, inputs: &Inputs) {
+    /// Takes what the plant has applied: the torques, and since when the rotors have been clipped.
+    fn take_applied(&mut self, inputs: &Inputs) {
+        let estimate = inputs.state_estimate.latest();
+        let beta = estimate.and_then(|s| MorphAngle::saturating_from_rad(s.morph_angle_rad));
         for applied in inputs.applied_command.fresh() {
+            self.torque.take(applied, &self.vehicle, beta.unwrap_or(MorphAngle::MAX));
             let is_clipped = applied.clipped.is_set() && applied.mode == GateMode::Normal;
             self.memory.clipped_from_ns = match self.memory.clipped_from_ns {
                 _ if !is_clipped => 0,
@@ -227,6 +240,7 @@ impl Monitor {
         if seats != self.memory.commanding {
             self.memory.commanding = seats;
             self.memory.clipped_from_ns = 0;
+            self.torque.forget();
             self.judge.forget();
         }
         hands
@@ -286,11 +300,15 @@ impl Monitor {
         };
         let applied = inputs.applied_command.latest().map(|applied| Applied {
             clipped_s,
+            full_s: self.torque.full_s(),
+            lagged_nm: self.torque.lagged_nm(),
             thrust_n: applied.thrust_n,
             is_commanded: applied.mode == GateMode::Normal && applied.command_sequence > 0,
         });
-        let record = inputs.position_owner.in_effect_at(now_ns);
-        let asked_every_ns = record.map_or(0, |record| period_ns(record, record.owner));
+        let periods_ns = [&inputs.attitude_owner, &inputs.position_owner].map(|slot| {
+            slot.in_effect_at(now_ns).map_or(0, |record| period_ns(record, record.owner))
+        });
+        let [commanded_every_s, asked_every_s] = periods_ns.map(|ns| ns as f64 * 1e-9);
         let reference = inputs.reference.latest();
         let reference = reference.map(|reference| target(reference, now_ns, 0.0, &self.landing));
         Some(Moment {
@@ -303,7 +321,8 @@ impl Monitor {
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
             setpoint: self.memory.has_setpoint.then(|| setpoint(self.memory.setpoint)),
             asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
-            asked_every_s: asked_every_ns as f64 * 1e-9,
+            asked_every_s,
+            commanded_every_s,
             recovers: self.recovers(now_ns),
             applied,
             reference,
@@ -342,7 +361,7 @@ impl Service for Monitor {
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         self.take_tracked(inputs);
         self.take_asked(now_ns, inputs);
-        self.take_clipping(inputs);
+        self.take_applied(inputs);
         let hands = self.hands(now_ns, inputs);
         let misreported = self.misreported(now_ns, inputs);
         if !hands.iter().any(|hands| matches!(hands, Hands::Watched(_))) {
@@ -373,12 +392,18 @@ impl Service for Monitor {
     }
 
     fn memory(&self) -> Memory {
-        Memory { judge: self.judge.memory(), reports: self.reports.memory(), ..self.memory }
+        Memory {
+            judge: self.judge.memory(),
+            reports: self.reports.memory(),
+            torque: self.torque.memory(),
+            ..self.memory
+        }
     }
 
     fn restore(&mut self, memory: &Memory) -> Result<(), String> {
         self.judge.restore(&memory.judge);
         self.reports.restore(&memory.reports);
+        self.torque.restore(&memory.torque);
         self.memory = *memory;
         Ok(())
     }

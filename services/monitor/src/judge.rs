@@ -15,7 +15,8 @@
 //! stepped to its other side is not counted as long as it is being braked. So one number separates a wrong sign, a frozen
 //! output or an unstable gain or delay from a controller that answers a large step, long before the error
 //! itself is large. The same number finds a vehicle that turns towards its set point so fast that it will
-//! overshoot. Slower faults show as persistent errors, as oscillations, and as a thrust that differs from
+//! overshoot. Torque that is full for longer than one command, where it turns the vehicle beyond its set point, shows
+//! sooner still, as the rotors lag behind it. Slower faults show as persistent errors, as oscillations, and as a thrust that differs from
 //! the commanded one.
 //!
 //! Frames are world ENU and body FLU; quaternions are Hamilton, scalar first, from body to world.
@@ -48,6 +49,11 @@ pub struct Applied {
     pub is_commanded: bool,
     /// For how long commands have asked the rotors for more than they give, without a break \[s\].
     pub clipped_s: f64,
+    /// For how long roll and pitch torque have been as large as the laws of the slot ask for, to one side and without a
+    /// break \[s\], with the sign of the torque.
+    pub full_s: [f64; 2],
+    /// Roll and pitch torque behind the lag of the rotors \[N m\].
+    pub lagged_nm: [f64; 2],
 }
 
 /// Inputs of the criteria at one instant.
@@ -73,6 +79,8 @@ pub struct Moment {
     pub asked: Option<Setpoint>,
     /// Period of the loop that asks \[s\].
     pub asked_every_s: f64,
+    /// Period of the loop that commands \[s\].
+    pub commanded_every_s: f64,
     /// Command that the plant applied; `None` before the first one.
     pub applied: Option<Applied>,
     /// Whether the attitude and the position slot's owner have been replaced lately: where the vehicle is and how it
@@ -96,6 +104,8 @@ shared_types::memory! {
         pub stepped_rad: f64,
         /// Rate away from the set point that the vehicle may still have because it stepped \[rad/s\].
         pub inherited_rad_s: f64,
+        /// When the set point has last moved by more than the noise of an attitude \[ns\].
+        pub retargeted_ns: u64,
         /// Angle by which the heading has turned away from its set point \[rad\].
         pub heading_rad: f64,
         /// Distance by which the vehicle has moved away from its reference \[m\].
@@ -133,6 +143,8 @@ pub struct Findings {
     pub position: Option<Finding>,
     /// What a position controller asks for and may not, for which nothing else is to blame.
     pub asked: Option<Finding>,
+    /// What an attitude controller commands and may not, for which nothing else is to blame.
+    pub commanded: Option<Finding>,
 }
 
 /// Applies the criteria to one flight. It has a fixed size, and none of its functions allocates or panics,
@@ -194,10 +206,12 @@ impl Judge {
         let [after_attitude, after_position] = moment.recovers;
         let course = tilt.filter(|_| !after_attitude).or(moved).filter(|_| !after_position);
         let of_position = followed || after_attitude;
+        let commanded = self.commanded(moment, &braking).filter(|_| !after_position);
         Findings {
             attitude: of_attitude.or(course.filter(|_| !of_position)),
             position: course.filter(|_| of_position),
             asked,
+            commanded,
         }
     }
 

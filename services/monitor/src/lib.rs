@@ -24,6 +24,7 @@ pub mod limits;
 pub mod reports;
 pub mod settings;
 mod swings;
+mod torque;
 
 pub use component::{Monitor, MonitorConfig};
 pub use finding::Finding;

@@ -57,11 +57,12 @@ impl Default for Limits {
     ///   2 weights.
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
-    /// * `excursion_m`: a little less than half a metre, within which the vehicle is to stay of where it would have
-    ///   been (`swap_table patient` of the catalogue). No shipped controller gets to 0.35 m (`swap_table good all
-    ///   monitor.excursion_m=0.35`).
-    /// * `off_course_m`, `off_course_s`: two thirds of `excursion_m`, for longer than the vehicle needs to cover
-    ///   that distance.
+    /// * `excursion_m`: eight centimetres less than the half metre within which the vehicle is to stay of where it would
+    ///   have been (`swap_table patient` of the catalogue), because beside a failing controller in the other slot a
+    ///   fallback takes up to so much more than is predicted (`swap_table pairs`). With 0.38 m two position controllers
+    ///   trip in gusts that they would bear (`false_trips`).
+    /// * `off_course_m`, `off_course_s`: five sevenths of `excursion_m`, for longer than the vehicle needs to cover that
+    ///   distance.
     /// * `height_m`: the length of an arm, with the arms spread.
     fn default() -> Self {
         Self {
@@ -72,11 +73,11 @@ impl Default for Limits {
             astray_s: 0.5,
             swing_rate_rad_s: 2.0,
             swing_tilt_rad: 0.5 * TILT_BOUND_RAD,
-            setpoint_tilt_rad: 1.5 * TILT_BOUND_RAD,
+            setpoint_tilt_rad: 0.525,
             setpoint_thrust_weights: [0.2, 2.1],
             clipped_s: 0.45,
             thrust_speed_m_s: 0.5,
-            excursion_m: 0.45,
+            excursion_m: 0.42,
             off_course_m: 0.3,
             off_course_s: 1.0,
             height_m: 0.17,

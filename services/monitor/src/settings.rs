@@ -22,8 +22,8 @@ pub enum Fallback {
     None,
 }
 
-/// How owners that have not proven themselves are watched. A threshold that is left out has the default of
-/// [`Limits`], which explains where each comes from.
+/// How owners that have not proven themselves are watched. [`Limits`] explains where the default of each threshold comes
+/// from.
 #[derive(Debug, Clone, Copy, Deserialize, JsonSchema, Validate)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
@@ -38,87 +38,87 @@ pub struct Settings {
     pub rate_hz: f64,
     /// How far the vehicle may turn away from its set point about roll and pitch, predicted \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
-    pub turn_away_rad: Option<f64>,
+    pub turn_away_rad: f64,
     /// Largest tilt, predicted \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
-    pub tilt_rad: Option<f64>,
+    pub tilt_rad: f64,
     /// How far the heading may turn away from its set point, predicted \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
-    pub heading_rad: Option<f64>,
+    pub heading_rad: f64,
     /// Attitude error that may be exceeded for at most `astray_s` \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
-    pub astray_rad: Option<f64>,
+    pub astray_rad: f64,
     /// How long `astray_rad` may be exceeded \[s\].
     #[garde(range(min = 0.01, max = 60.0))]
-    pub astray_s: Option<f64>,
+    pub astray_s: f64,
     /// Amplitude of the body rate about roll or pitch that counts as a swing of an oscillation \[rad/s\].
     #[garde(range(min = 0.01, max = 100.0))]
-    pub swing_rate_rad_s: Option<f64>,
+    pub swing_rate_rad_s: f64,
     /// Amplitude of roll or pitch of the set point that counts as a swing of an oscillation \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
-    pub swing_tilt_rad: Option<f64>,
+    pub swing_tilt_rad: f64,
     /// Largest tilt of a set point \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
-    pub setpoint_tilt_rad: Option<f64>,
-    /// Least thrust of a set point, in weights of the vehicle.
+    pub setpoint_tilt_rad: f64,
+    /// Least thrust of a set point, in weights of the vehicle; 0.2 if left out, or a tenth less than a law may ask for.
     #[garde(range(min = 0.0, max = 1.0))]
     pub setpoint_thrust_min_weights: Option<f64>,
-    /// Largest thrust of a set point, in weights of the vehicle.
+    /// Largest thrust of a set point, in weights of the vehicle; 2.1 if left out, or a tenth more than a law may ask for.
     #[garde(range(min = 1.0, max = 100.0))]
     pub setpoint_thrust_max_weights: Option<f64>,
     /// How long the rotors may be clipped without a break \[s\].
     #[garde(range(min = 0.01, max = 60.0))]
-    pub clipped_s: Option<f64>,
+    pub clipped_s: f64,
     /// Largest vertical speed gained by applying another thrust than the set point asks for \[m/s\].
     #[garde(range(min = 0.01, max = 100.0))]
-    pub thrust_speed_m_s: Option<f64>,
+    pub thrust_speed_m_s: f64,
     /// How far the vehicle may move away from its reference, predicted \[m\]; 0.1 m of it are what the fallback adds.
     #[garde(range(min = 0.15, max = 1000.0))]
-    pub excursion_m: Option<f64>,
+    pub excursion_m: f64,
     /// Distance from the reference that may be exceeded for at most `off_course_s` \[m\].
     #[garde(range(min = 0.01, max = 1000.0))]
-    pub off_course_m: Option<f64>,
+    pub off_course_m: f64,
     /// How long `off_course_m` may be exceeded \[s\].
     #[garde(range(min = 0.01, max = 60.0))]
-    pub off_course_s: Option<f64>,
+    pub off_course_s: f64,
     /// Height above the ground at which a vehicle that sinks below its reference must come to rest \[m\].
     #[garde(range(min = 0.0, max = 1000.0))]
-    pub height_m: Option<f64>,
+    pub height_m: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
+        let usual = Limits::default();
         Self {
             enabled: true,
             fallback: Fallback::Auto,
             rate_hz: 100.0,
-            turn_away_rad: None,
-            tilt_rad: None,
-            heading_rad: None,
-            astray_rad: None,
-            astray_s: None,
-            swing_rate_rad_s: None,
-            swing_tilt_rad: None,
-            setpoint_tilt_rad: None,
+            turn_away_rad: usual.turn_away_rad,
+            tilt_rad: usual.tilt_rad,
+            heading_rad: usual.heading_rad,
+            astray_rad: usual.astray_rad,
+            astray_s: usual.astray_s,
+            swing_rate_rad_s: usual.swing_rate_rad_s,
+            swing_tilt_rad: usual.swing_tilt_rad,
+            setpoint_tilt_rad: usual.setpoint_tilt_rad,
             setpoint_thrust_min_weights: None,
             setpoint_thrust_max_weights: None,
-            clipped_s: None,
-            thrust_speed_m_s: None,
-            excursion_m: None,
-            off_course_m: None,
-            off_course_s: None,
-            height_m: None,
+            clipped_s: usual.clipped_s,
+            thrust_speed_m_s: usual.thrust_speed_m_s,
+            excursion_m: usual.excursion_m,
+            off_course_m: usual.off_course_m,
+            off_course_s: usual.off_course_s,
+            height_m: usual.height_m,
         }
     }
 }
 
 impl Settings {
-    /// The thresholds: those that the scenario sets, and the defaults for all others. `asked_weights` are the least and
-    /// the largest thrust that its position controllers may ask for, in weights of the vehicle.
+    /// The thresholds. `asked_weights` are the least and the largest thrust that the position controllers of the scenario
+    /// may ask for, in weights of the vehicle, from which the thresholds of the thrust follow where they are left out.
     #[must_use]
     pub fn limits(&self, asked_weights: [f64; 2]) -> Limits {
-        let usual = Limits::default();
-        let [least, most] = usual.setpoint_thrust_weights;
+        let [least, most] = Limits::default().setpoint_thrust_weights;
         let [asked_least, asked_most] = asked_weights;
         let least = if asked_least < SHIPPED_WEIGHTS[0] {
             (asked_least - BEYOND_WEIGHTS).max(0.0)
@@ -127,24 +127,24 @@ impl Settings {
         };
         let most = if asked_most > SHIPPED_WEIGHTS[1] { asked_most + BEYOND_WEIGHTS } else { most };
         Limits {
-            turn_away_rad: self.turn_away_rad.unwrap_or(usual.turn_away_rad),
-            tilt_rad: self.tilt_rad.unwrap_or(usual.tilt_rad),
-            heading_rad: self.heading_rad.unwrap_or(usual.heading_rad),
-            astray_rad: self.astray_rad.unwrap_or(usual.astray_rad),
-            astray_s: self.astray_s.unwrap_or(usual.astray_s),
-            swing_rate_rad_s: self.swing_rate_rad_s.unwrap_or(usual.swing_rate_rad_s),
-            swing_tilt_rad: self.swing_tilt_rad.unwrap_or(usual.swing_tilt_rad),
-            setpoint_tilt_rad: self.setpoint_tilt_rad.unwrap_or(usual.setpoint_tilt_rad),
+            turn_away_rad: self.turn_away_rad,
+            tilt_rad: self.tilt_rad,
+            heading_rad: self.heading_rad,
+            astray_rad: self.astray_rad,
+            astray_s: self.astray_s,
+            swing_rate_rad_s: self.swing_rate_rad_s,
+            swing_tilt_rad: self.swing_tilt_rad,
+            setpoint_tilt_rad: self.setpoint_tilt_rad,
             setpoint_thrust_weights: [
                 self.setpoint_thrust_min_weights.unwrap_or(least),
                 self.setpoint_thrust_max_weights.unwrap_or(most),
             ],
-            clipped_s: self.clipped_s.unwrap_or(usual.clipped_s),
-            thrust_speed_m_s: self.thrust_speed_m_s.unwrap_or(usual.thrust_speed_m_s),
-            excursion_m: self.excursion_m.unwrap_or(usual.excursion_m),
-            off_course_m: self.off_course_m.unwrap_or(usual.off_course_m),
-            off_course_s: self.off_course_s.unwrap_or(usual.off_course_s),
-            height_m: self.height_m.unwrap_or(usual.height_m),
+            clipped_s: self.clipped_s,
+            thrust_speed_m_s: self.thrust_speed_m_s,
+            excursion_m: self.excursion_m,
+            off_course_m: self.off_course_m,
+            off_course_s: self.off_course_s,
+            height_m: self.height_m,
         }
     }
 }

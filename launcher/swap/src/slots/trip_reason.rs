@@ -46,6 +46,11 @@ impl fmt::Display for TripReason<'_> {
                 f,
                 "the vehicle sinks: {distance:.2} m of height are needed to stop it, and {distance_limit:.2} m are left"
             ),
+            TripCause::TurnsBeyond => write!(
+                f,
+                "its full torque for {:.0} ms turns it {angle:.3} rad beyond its set point before it could be stopped, limit {limit:.3} rad",
+                1e3 * trip.lasted_s
+            ),
             _ => self.of_orders(f),
         }
     }

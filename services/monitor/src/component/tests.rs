@@ -7,6 +7,7 @@ fn monitor() -> Monitor {
         period_s: 0.01,
         latency_s: 0.001,
         landing: Landing::default(),
+        keeps_to_rotors: true,
     };
     Monitor::new(&config, &VehicleParameters::default())
 }

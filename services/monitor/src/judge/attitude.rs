@@ -20,6 +20,16 @@ const STEP_RAD: f64 = 0.2 * TILT_BOUND_RAD;
 const MIN_DECAY_RATE_S: f64 = 6.0;
 /// Share of the rotors' deceleration with which a turn has to be braked that the vehicle had as its set point stepped.
 const BRAKED_SHARE: f64 = 0.5;
+/// How long a torque is full before it counts \[s\], and longer than one command of its loop: one of the shipped loops.
+const FULL_S: f64 = 0.01;
+/// Distance from the set point below which no full torque is needed to come nearer \[rad\]; a set point that moves by more
+/// between two moments has to be answered first.
+const NEAR_RAD: f64 = 0.03;
+/// How far beyond its set point the vehicle is bound to turn while the torque is still full \[rad\]: clear of the noise of
+/// an estimate.
+const BEYOND_RAD: f64 = 0.02;
+/// Share of the rate that the torque behind the lag would have made of rest. One that only holds against a load makes none.
+const TURNING_SHARE: f64 = 1.0 / 6.0;
 /// Time constant with which the peak of the attitude error decays \[s\]; that peak decides which of the two
 /// loops is to blame.
 const BLAME_MEMORY_S: f64 = 0.3;
@@ -40,6 +50,13 @@ fn angle_from(moment: &Moment, towards_w: &Vector3<f64>) -> [f64; 2] {
     [angle, away]
 }
 
+/// Where a set point wants body z to point, in the world frame. Roll and pitch are compared at the present heading, so that
+/// a heading error does not count as tilt.
+fn towards_w(moment: &Moment, asked: &Vector3<f64>) -> Vector3<f64> {
+    let yaw = euler_from_quaternion(&moment.q_wb).z;
+    quaternion_from_euler(&Vector3::new(asked.x, asked.y, yaw)) * Vector3::z()
+}
+
 impl Judge {
     pub(super) fn tilt(&self, moment: &Moment, braking: &Braking) -> Option<Finding> {
         let [tilt, away] = angle_from(moment, &Vector3::z());
@@ -50,9 +67,7 @@ impl Judge {
     /// Compares roll, pitch and heading with their set points.
     pub(super) fn turned(&mut self, moment: &Moment, braking: &Braking) -> Option<Finding> {
         let asked = moment.setpoint?.gamma_rad;
-        let yaw = euler_from_quaternion(&moment.q_wb).z;
-        // Roll and pitch are compared at the present heading, so that a heading error does not count as tilt.
-        let towards = quaternion_from_euler(&Vector3::new(asked.x, asked.y, yaw)) * Vector3::z();
+        let towards = towards_w(moment, &asked);
         let [error, away] = angle_from(moment, &towards);
         self.step(moment, &towards, [error, away], braking);
         let (memory, elapsed_s) = (&mut self.memory, moment.elapsed_s);
@@ -64,6 +79,7 @@ impl Judge {
         let is_astray = own_error > self.limits.astray_rad;
         memory.astray_s = if is_astray { memory.astray_s + elapsed_s } else { 0.0 };
 
+        let yaw = euler_from_quaternion(&moment.q_wb).z;
         let heading = wrap_pi(yaw - asked.z);
         let turn = moment.rate_b_rad_s.z * heading.signum();
         memory.heading_rad = moved(memory.heading_rad, turn, elapsed_s, heading.abs());
@@ -100,6 +116,9 @@ impl Judge {
         // An owner that has just begun inherits what the vehicle does.
         let before = memory.has_target.then(|| Vector3::from(memory.towards_w));
         let step_rad = before.map_or(0.0, |before| before.angle(towards_w));
+        if before.is_none() || step_rad > NEAR_RAD {
+            memory.retargeted_ns = moment.now_ns;
+        }
         if before.is_none() || step_rad > STEP_RAD {
             let [error_before, away_before] =
                 before.map_or([error, 0.0], |before| angle_from(moment, &before));
@@ -114,6 +133,39 @@ impl Judge {
         }
         memory.towards_w = (*towards_w).into();
         memory.has_target = true;
+    }
+
+    /// Whether full torque turns the vehicle to where it leaves its set point behind. What passes the lag of the rotors only
+    /// later counts, so that this shows some hundredths of a second before the vehicle departs.
+    pub(super) fn commanded(&self, moment: &Moment, braking: &Braking) -> Option<Finding> {
+        let (setpoint, applied) = (moment.setpoint?, moment.applied?);
+        // A rate that the vehicle has because its set point stepped to the other side is braked first.
+        if self.memory.inherited_rad_s > 0.0 {
+            return None;
+        }
+        let since_ns = moment.now_ns.saturating_sub(self.memory.retargeted_ns);
+        let up = moment.q_wb.inverse_transform_vector(&towards_w(moment, &setpoint.gamma_rad));
+        // A rotation by (−up_y, up_x, 0) brings body z to its set point, as far as angles are small.
+        let beyond = [up.y, -up.x];
+        let inertia = self.vehicle.inertia_kg_m2(moment.morph_angle);
+        let lag_s = self.vehicle.rotor_lag_s;
+        (0..2).find_map(|axis| {
+            let full_s = applied.full_s[axis];
+            let side = 1.0_f64.copysign(full_s);
+            let lasted_s = full_s.abs().min(since_ns as f64 * 1e-9);
+            let (beyond, rate) = (side * beyond[axis], side * moment.rate_b_rad_s[axis]);
+            let accelerated = (side * applied.lagged_nm[axis] / inertia[axis]).max(0.0);
+            let turning = TURNING_SHARE * accelerated * lasted_s.min(2.0 * FULL_S);
+            let is_answer = lasted_s <= FULL_S.max(moment.commanded_every_s) || beyond < -NEAR_RAD;
+            if is_answer || rate <= turning {
+                return None;
+            }
+            let reached = beyond
+                + rate * (self.delay_s - lag_s)
+                + stopping(rate + accelerated * lag_s, lag_s, braking.turn_rad_s2);
+            let finding = Finding::beyond(TripCause::TurnsBeyond, reached, BEYOND_RAD)?;
+            Some(Finding { lasted_s, ..finding })
+        })
     }
 
     pub(super) fn swings(&mut self, moment: &Moment) -> Option<Finding> {

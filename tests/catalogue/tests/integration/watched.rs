@@ -82,6 +82,33 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
     }
 }
 
+/// The phase between the commands and the steps of the monitor follows from latency and rate of the commands.
+#[test]
+fn full_torque_trips_within_25_ms_of_the_first_command_in_every_phase() {
+    let flights = Flights::new();
+    let slams = |entry: &Entry| entry.fault == Fault::Slams;
+    for (nth, entry) in patient_entries(Slot::Attitude).into_iter().filter(slams).enumerate() {
+        let config = flights.configure_as("slams.toml", &entry);
+        let to = (env!("CARGO_BIN_EXE_catalogue"), Some(config.as_path()));
+        for (ms, rate_hz) in (1..10).map(|ms| (ms, 100)).chain([(1, 125), (3, 125), (1, 160)]) {
+            let keys = [
+                format!("latency.wrench_command_s={}", 1e-3 * f64::from(ms)),
+                format!("attitude_mpc.rate_hz={rate_hz}"),
+            ];
+            let edits = keys.map(|key| Override::set(&key).expect("a setting"));
+            let situation = &SITUATIONS[nth];
+            let plain = plain(situation, SEED, None, &edits).expect("a flight");
+            let flown = swapped((situation, SEED), Slot::Attitude, to, Guard::All, &plain);
+            let flown = flown.expect("a flight");
+            let name = format!("{} after {ms} ms at {rate_hz} Hz", entry.name());
+            println!("{name}: {flown:?}");
+            let tripped_s = flown.tripped_after_s.expect("a trip") - entry.after_s;
+            let effect_s = tripped_s - 1e-3 * f64::from(ms);
+            assert!((0.0..0.0251).contains(&effect_s), "{name}, {effect_s} s: {flown:?}");
+        }
+    }
+}
+
 /// As if the fallback had died: until the initial controller flies, the vehicle is level.
 #[test]
 fn without_a_fallback_a_trip_costs_a_metre_at_most() {
@@ -151,6 +178,27 @@ fn no_shipped_controller_trips() {
                     assert_eq!(facts, (true, None, None), "{to} for {owner}, {name}: {flown:?}");
                 }
             }
+        }
+    }
+}
+
+/// What full torque is judged by depends on when its commands take effect, and on how long each lasts.
+#[test]
+fn no_shipped_attitude_controller_trips_whenever_its_commands_take_effect() {
+    for (ms, rate_hz) in [(3, 100), (6, 100), (9, 100), (1, 50), (1, 125), (1, 250)] {
+        let keys = [
+            format!("latency.wrench_command_s={}", 1e-3 * f64::from(ms)),
+            format!("attitude_mpc.rate_hz={rate_hz}"),
+        ];
+        let edits = keys.map(|key| Override::set(&key).expect("a setting"));
+        let situation = &SITUATIONS[2];
+        let unswapped = plain(situation, SEED, None, &edits).expect("a flight");
+        for to in names_for(Slot::Attitude.role()).skip(1) {
+            let flight = (situation, SEED);
+            let flown = swapped(flight, Slot::Attitude, (to, None), Guard::Watch, &unswapped)
+                .expect("a flight");
+            let name = format!("{to} after {ms} ms at {rate_hz} Hz");
+            assert_eq!((flown.flipped, flown.tripped_s), (true, None), "{name}: {flown:?}");
         }
     }
 }
