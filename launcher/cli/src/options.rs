@@ -1,6 +1,5 @@
-//! The grammar of the command line; `air` has the commands to a running flight.
+//! The grammar of the command line; `running` has the commands to a running flight.
 
-mod air;
 mod bench;
 mod demo;
 pub(crate) mod doctor;
@@ -17,6 +16,7 @@ mod rehearse;
 mod replay;
 pub(crate) mod report;
 mod run;
+mod running;
 mod scenario;
 mod scenario_name;
 mod study;
@@ -25,10 +25,6 @@ mod topic;
 pub(crate) mod trace;
 pub(crate) mod view;
 
-pub use air::{
-    AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
-    StopArguments, SwapArguments,
-};
 pub use demo::DemoArguments;
 pub use doctor::DoctorArguments;
 pub(super) use live::LiveArguments;
@@ -36,6 +32,10 @@ pub use live::LiveFlags;
 pub use replay::{BranchArguments, ReplayArguments};
 pub use report::ReportArguments;
 pub use run::{RunArguments, ScenarioArguments};
+pub use running::{
+    AdoptArguments, PsArguments, RetireArguments, RollbackArguments, RunChoice, StandbyArguments,
+    StopArguments, SwapArguments,
+};
 pub(super) use study::{MorphingArguments, StabilityArguments, StudyCommand, StudyOutput};
 pub use trace::TraceArguments;
 pub use view::ViewArguments;
@@ -117,10 +117,10 @@ pub(super) enum Command {
     #[command(subcommand)]
     Scenario(ScenarioCommand),
     /// Show processes and slots of a running flight
-    #[command(after_help = air::PS_EXAMPLES)]
+    #[command(after_help = running::PS_EXAMPLES)]
     Ps(PsArguments),
     /// Let another controller take over a slot, attitude or position, of a running flight
-    #[command(after_help = air::SWAP_EXAMPLES)]
+    #[command(after_help = running::SWAP_EXAMPLES)]
     Swap(SwapArguments),
     /// Say whether a controller may take a slot over, by flying it ahead
     #[command(after_help = rehearse::EXAMPLES)]
@@ -143,7 +143,7 @@ pub(super) enum Command {
     #[command(after_help = orders::MORPH_EXAMPLES)]
     Morph(MorphArguments),
     /// End a running flight in order, with its recording complete
-    #[command(after_help = air::STOP_EXAMPLES)]
+    #[command(after_help = running::STOP_EXAMPLES)]
     Stop(StopArguments),
     /// Serve a running flight to browsers and Foxglove
     #[command(after_help = live::EXAMPLES)]
@@ -158,7 +158,7 @@ pub(super) enum Command {
     #[command(subcommand)]
     Topic(TopicCommand),
     /// Take over a realtime flight whose launcher has died
-    #[command(after_help = air::ADOPT_EXAMPLES)]
+    #[command(after_help = running::ADOPT_EXAMPLES)]
     Adopt(AdoptArguments),
     /// Fly a recording again: bit by bit, with another controller, or branched
     #[command(after_help = examples::REPLAY)]

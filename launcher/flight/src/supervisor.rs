@@ -174,7 +174,7 @@ impl Supervisor {
         now_ns: u64,
     ) -> Result<(), FlightError> {
         for index in 0..self.posts.len() {
-            self.bury_the_dead(bus, index, keeps, tap, now_ns)?;
+            self.reap_exited(bus, index, keeps, tap, now_ns)?;
             let post = &mut self.posts[index];
             if post.restart_at_ns.is_some_and(|at| now_ns >= at) {
                 post.restart_at_ns = None;

@@ -40,7 +40,7 @@ impl fmt::Display for Tally {
 
 /// What to do with a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum SequenceCheck {
     /// Write it.
     New,
     /// A restarted producer repeats a step: leave it out.
@@ -69,9 +69,9 @@ impl SequenceAudit {
     ///
     /// A number that does not grow is a repetition, unless its logical time does grow: then the
     /// producer lost its count, and dropping its samples would lose data.
-    pub fn observe(&mut self, Stream(stream): Stream, header: &Header) -> Verdict {
+    pub fn observe(&mut self, Stream(stream): Stream, header: &Header) -> SequenceCheck {
         let Header { seat, sequence, release_ns, generation, .. } = *header;
-        let Some((_, seats)) = self.streams.get_mut(stream) else { return Verdict::New };
+        let Some((_, seats)) = self.streams.get_mut(stream) else { return SequenceCheck::New };
         let tally = seats.entry(seat).or_default();
         if tally.count == 0 {
             (tally.first, tally.writers) = (sequence, 1);
@@ -84,14 +84,14 @@ impl SequenceAudit {
             tally.renumbered += 1;
         } else {
             tally.repeated += 1;
-            return Verdict::Repeated;
+            return SequenceCheck::Repeated;
         }
         tally.writers += u64::from(tally.count > 0 && generation != tally.generation);
         tally.count += 1;
         tally.last = sequence;
         tally.last_release_ns = release_ns;
         tally.generation = generation;
-        Verdict::New
+        SequenceCheck::New
     }
 
     /// Channel, seat and totals, in order of registration.
@@ -137,7 +137,7 @@ pub fn name_gaps(gaps: &[(&str, u64)]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{SequenceAudit, Tally, Verdict};
+    use super::{SequenceAudit, SequenceCheck, Tally};
     use shared_types::Header;
 
     fn header(seat: u32, sequence: u64, release_ns: u64) -> Header {
@@ -156,7 +156,10 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for sequence in 1..=1000 {
-            assert_eq!(audit.observe(imu, &header(0, sequence, sequence * 1000)), Verdict::New);
+            assert_eq!(
+                audit.observe(imu, &header(0, sequence, sequence * 1000)),
+                SequenceCheck::New
+            );
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.first, tally.last), (1000, 1, 1000));
@@ -193,7 +196,7 @@ mod tests {
         let steps = [1, 2, 3, 4, 3, 4, 5, 6];
         let written: Vec<u64> = steps
             .into_iter()
-            .filter(|&s| audit.observe(imu, &header(0, s, s * 1000)) == Verdict::New)
+            .filter(|&s| audit.observe(imu, &header(0, s, s * 1000)) == SequenceCheck::New)
             .collect();
         assert_eq!(written, [1, 2, 3, 4, 5, 6]);
         let tally = only(&audit);
@@ -205,7 +208,7 @@ mod tests {
         let mut audit = SequenceAudit::default();
         let imu = audit.register("/imu");
         for (sequence, release_ns) in [(1, 10), (2, 20), (1, 30), (2, 40)] {
-            assert_eq!(audit.observe(imu, &header(0, sequence, release_ns)), Verdict::New);
+            assert_eq!(audit.observe(imu, &header(0, sequence, release_ns)), SequenceCheck::New);
         }
         let tally = only(&audit);
         assert_eq!((tally.count, tally.renumbered, tally.repeated), (4, 1, 0));
@@ -217,7 +220,7 @@ mod tests {
         let commands = audit.register("/wrench_command");
         for (generation, sequence) in [(0, 3), (0, 4), (1, 90), (1, 92)] {
             let header = Header { generation, ..header(1, sequence, sequence) };
-            assert_eq!(audit.observe(commands, &header), Verdict::New);
+            assert_eq!(audit.observe(commands, &header), SequenceCheck::New);
         }
         assert_eq!((only(&audit).gaps, only(&audit).writers), (1, 2));
     }

@@ -7,10 +7,10 @@
 mod audit;
 pub mod build;
 mod decode;
+mod disk_sync;
 mod encode;
 mod error;
 mod facts;
-mod keep;
 mod messages;
 mod open;
 pub mod read;
@@ -19,7 +19,7 @@ pub mod scene;
 mod schema;
 mod sink;
 
-pub use audit::{STATES, SequenceAudit, Stream, Tally, Verdict, name_gaps};
+pub use audit::{STATES, SequenceAudit, SequenceCheck, Stream, Tally, name_gaps};
 pub use decode::{DecodeError, decode};
 pub use encode::encode;
 pub use error::RecordError;

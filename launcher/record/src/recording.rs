@@ -1,11 +1,11 @@
 //! The recording of one flight as an MCAP file.
 
+use super::disk_sync::DiskSync;
 use super::error::words;
-use super::keep::Keeper;
 use super::messages::{self, Event};
 use super::open::{Channel, FileWriter, open};
 use super::sink::{Sink, Valve};
-use super::{Clock, Facts, RecordError, SequenceAudit, Verdict, encode};
+use super::{Clock, Facts, RecordError, SequenceAudit, SequenceCheck, encode};
 use crate::scene::{self, Scene};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, McapResult};
@@ -33,7 +33,7 @@ pub struct Recording {
     writer: Option<FileWriter>,
     valve: Valve,
     /// Of a file that cannot be made again.
-    keeper: Option<Keeper>,
+    disk_sync: Option<DiskSync>,
     /// Why the recording stopped.
     failure: String,
     /// Records asked for so far, and the newest release among them \[ns\].
@@ -84,8 +84,8 @@ impl Recording {
         })?;
         // What a power cut takes of a flight in lockstep can be flown again, and the disk would slow it.
         if let Clock::Realtime { .. } = facts.clock {
-            let keeper = Keeper::of(move || kept.sync_data()).map_err(failed)?;
-            recording.keeper = Some(keeper);
+            let disk_sync = DiskSync::of(move || kept.sync_data()).map_err(failed)?;
+            recording.disk_sync = Some(disk_sync);
         }
         Ok(recording)
     }
@@ -109,7 +109,7 @@ impl Recording {
             path: path.to_owned(),
             writer: Some(opened.writer),
             valve,
-            keeper: None,
+            disk_sync: None,
             failure: String::new(),
             asked: (0, 0),
             flushed: (0, 0),
@@ -234,7 +234,7 @@ impl Recording {
         }
         self.last_flush_ns = Some(now_mono_ns);
         let Some(writer) = &mut self.writer else { return Ok(()) };
-        let kept = || self.keeper.as_ref().map_or(Ok(()), Keeper::ring);
+        let kept = || self.disk_sync.as_ref().map_or(Ok(()), DiskSync::ring);
         match writer.flush().and_then(|()| Ok(kept()?)) {
             Ok(()) => self.flushed = self.asked,
             Err(cause) => return Err(self.fail(cause)),
@@ -264,15 +264,15 @@ impl Recording {
                 unrecorded: self.asked.0 - self.flushed.0,
             });
         };
-        let keeper = self.keeper.take();
+        let disk_sync = self.disk_sync.take();
         complete(writer, summary, &self.audit, &self.valve)
-            .and_then(|()| Ok(keeper.map_or(Ok(()), Keeper::finish)?))
+            .and_then(|()| Ok(disk_sync.map_or(Ok(()), DiskSync::finish)?))
             .map_err(|cause| RecordError::write(&self.path, cause))?;
         Ok(std::mem::take(&mut self.audit))
     }
 
     fn is_repeated(&mut self, channel: Channel, header: &Header) -> bool {
-        self.audit.observe(channel.stream, header) == Verdict::Repeated
+        self.audit.observe(channel.stream, header) == SequenceCheck::Repeated
     }
 
     fn put(

@@ -7,7 +7,6 @@
 #[macro_use]
 mod sections;
 
-mod begin;
 pub mod candidate;
 mod check;
 mod clock;
@@ -16,14 +15,15 @@ mod deadlines;
 mod document;
 mod embedded;
 pub mod keys;
+mod launcher_settings;
 pub mod needs;
 mod ordered;
 pub mod orders;
 mod overrides;
-mod patience;
 mod pilot_error;
 mod problem;
 pub mod process;
+mod recording_magic;
 pub mod rehearsal;
 mod rights;
 pub mod script;
@@ -43,11 +43,11 @@ mod verdict;
 pub mod wiring;
 
 pub use ::pilot::settings::Plan;
-pub use begin::is_recording;
 pub use check::TESTED_RATES_HZ;
 pub use document::renamed;
 pub use overrides::Override;
 pub use problem::{Problem, ScenarioError};
+pub use recording_magic::is_recording;
 pub use settings::Settings;
 pub use shell::{shell_path, shell_word};
 pub use suggest::remedy as suggestion;

@@ -1,8 +1,8 @@
 //! The sections of a scenario that belong to no service, as types.
 
 pub use super::clock::{Clock, Speed};
+pub use super::launcher_settings::LauncherSettings;
 pub use super::ordered::OrderSettings;
-pub use super::patience::LauncherSettings;
 pub use super::rehearsal::RehearsalSettings;
 pub use super::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 pub use super::start::StartSettings;

@@ -5,7 +5,7 @@ use observe::stopwatch::Stopwatch;
 use observe::{FlightHash, LogHash, Metrics, News, Observer};
 use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
-use record::{Event, Recording, STATES, SequenceAudit, Severity, Stream, Verdict};
+use record::{Event, Recording, STATES, SequenceAudit, SequenceCheck, Severity, Stream};
 use runtime::service::StateHeader;
 use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
@@ -74,7 +74,7 @@ impl Sinks {
     ) {
         let header = sample.header();
         let verdict = self.audit.observe(stream, header);
-        if verdict == Verdict::Repeated {
+        if verdict == SequenceCheck::Repeated {
             return;
         }
         self.hash.add(&topic.info, sample);

@@ -25,7 +25,7 @@ pub(super) const PLANT_GONE: &str =
 
 impl Supervisor {
     #[expect(clippy::too_many_lines, reason = "one way of dying after another")]
-    pub(super) fn bury_the_dead(
+    pub(super) fn reap_exited(
         &mut self,
         bus: &Bus,
         index: usize,

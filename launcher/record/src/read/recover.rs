@@ -5,7 +5,7 @@ use super::ReadError;
 use super::records::{Ending, Records};
 use crate::decode::{Fields, decode};
 use crate::open::options;
-use crate::{SequenceAudit, Stream, Verdict};
+use crate::{SequenceAudit, SequenceCheck, Stream};
 use core::ops::ControlFlow;
 use mcap::records::{MessageHeader, Metadata, Record};
 use mcap::{Attachment, McapError, Writer};
@@ -297,7 +297,7 @@ impl Copy {
         if let Some(stream) = channel.stream
             && let Some(sample) = sample_header(data)
         {
-            if self.audit.observe(stream, &sample) == Verdict::Repeated {
+            if self.audit.observe(stream, &sample) == SequenceCheck::Repeated {
                 return Ok(());
             }
             self.recovered.end_ns = self.recovered.end_ns.max(sample.release_ns);

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
 
-mod telling;
+mod messages;
 #[cfg(test)]
 mod tests;
 
@@ -309,12 +309,12 @@ impl Orders {
             (slot::Request::Rollback, _) | (_, None) => Until::RolledBack,
             (_, Some(seat)) => Until::Seat(seat),
         };
-        answer.send(Reply::Progress(telling::accepted(slot)));
+        answer.send(Reply::Progress(messages::accepted(slot)));
         self.open.push(Open { slot, until, answer });
     }
 
     fn refusal(&self, slot: Slot, reason: &slot::Reason) -> Refusal {
-        let text = telling::with_names(&reason.to_string(), |seat| self.name(slot, seat));
+        let text = messages::with_names(&reason.to_string(), |seat| self.name(slot, seat));
         Refusal {
             reason: Reason::of(reason),
             exit_code: reason.exit_code(),
@@ -324,7 +324,7 @@ impl Orders {
 
     /// Shows those who asked how a candidate failed that was flown ahead.
     pub(crate) fn show_failure(&self, slot: Slot, course: Vec<[f64; 8]>) {
-        let reply = Reply::Progress(telling::failed(slot, course));
+        let reply = Reply::Progress(messages::failed(slot, course));
         for open in self.open.iter().filter(|open| open.slot == slot) {
             open.answer.send(reply.clone());
         }
@@ -336,7 +336,7 @@ impl Orders {
         match report {
             Report::Refused(reason) => self.refusal(slot, reason).text,
             Report::Step(step) => {
-                let progress = telling::progress(slot, step, name);
+                let progress = messages::progress(slot, step, name);
                 let text = progress.text.clone();
                 let reply = Reply::Progress(progress);
                 for open in self.open.iter().filter(|open| open.slot == slot) {
@@ -345,7 +345,7 @@ impl Orders {
                 text
             }
             Report::Done(seat, outcome) => {
-                let done = telling::done(slot, *outcome, &name(*seat));
+                let done = messages::done(slot, *outcome, &name(*seat));
                 let text = done.text.clone();
                 self.close(slot, &Reply::Done(done), |until| match outcome {
                     Outcome::RolledBack => until == Until::RolledBack,

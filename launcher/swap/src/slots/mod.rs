@@ -9,14 +9,14 @@ mod consumers;
 mod events;
 mod facts;
 mod gatekeeper;
-mod given;
 mod ledger;
+mod messages;
+mod pilot_orders;
 mod posts;
 mod rehearsal;
 mod requests;
 mod script;
 mod seating;
-mod telling;
 mod trip_reason;
 mod watch;
 

@@ -1,11 +1,11 @@
 //! A running flight, for viewers: `morphquad live`, which `run --live` starts as a process of its own.
 //!
 //! It listens to the run as `topic` does, and hands what it hears on: `viewers` over the Foxglove
-//! WebSocket protocol, where no client can write, and `desk` to our own page, with buttons for a user
+//! WebSocket protocol, where no client can write, and `http` to our own page, with buttons for a user
 //! who holds the token. `picture` is what the page shows, kept up to date. A viewer that reads too
 //! slowly loses samples here, and the flight knows nothing of it.
 
-mod desk;
+mod http;
 mod past;
 mod picture;
 mod restart;
@@ -14,7 +14,7 @@ mod viewers;
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
-use desk::Desk;
+use http::HttpApi;
 use picture::Picture;
 use protocol::control::client::Conversation;
 use protocol::control::runs::Run;
@@ -111,7 +111,7 @@ pub struct LiveServer {
     listening: Listening,
     viewers: Viewers,
     shared: Arc<Shared>,
-    desk: Desk,
+    http: HttpApi,
     token: Token,
     watcher: Option<JoinHandle<()>>,
     /// Wakes the watcher for the last time.
@@ -154,14 +154,14 @@ impl LiveServer {
         };
         let token = token.map_err(|cause| LiveError::System { action: "make a token", cause })?;
         let open = |address: SocketAddr| {
-            Desk::open(
+            HttpApi::open(
                 address,
                 run.clone(),
                 token.clone(),
                 (Arc::clone(&shared), demo.map(Path::to_owned)),
             )
         };
-        let desk = match at {
+        let http = match at {
             Listen::Again(place) => open(place.page)?,
             Listen::At(listen) => {
                 let [after, any] = [listen.port().wrapping_add(1), 0]
@@ -173,20 +173,20 @@ impl LiveServer {
         let watcher = watch(run.clone(), Arc::clone(&shared), dismissed)
             .map_err(|cause| LiveError::System { action: "start a thread", cause })?;
         let (watcher, dismiss) = (Some(watcher), Some(dismiss));
-        Ok(Self { run, listening, viewers, shared, desk, token, watcher, dismiss })
+        Ok(Self { run, listening, viewers, shared, http, token, watcher, dismiss })
     }
 
     /// Where the page is, with the token in the part that a browser keeps to itself.
     #[must_use]
     pub fn page_url(&self) -> String {
-        self.page_at(reachable(self.desk.address()))
+        self.page_at(reachable(self.http.address()))
     }
 
     /// Address for the command line of a browser, from which only browsers of this user and root's get to the page with
     /// its token.
     #[must_use]
     pub fn open_url(&self) -> String {
-        format!("http://{}{}", reachable(self.desk.address()), self.desk.open_path())
+        format!("http://{}{}", reachable(self.http.address()), self.http.open_path())
     }
 
     /// Where Foxglove and its kin connect.
@@ -199,7 +199,7 @@ impl LiveServer {
     /// where it has no address but its own.
     #[must_use]
     pub fn urls_elsewhere(&self) -> Vec<String> {
-        let (page, socket) = (self.desk.address(), self.viewers.address());
+        let (page, socket) = (self.http.address(), self.viewers.address());
         let own = Some(page.ip()).filter(IpAddr::is_unspecified).and_then(|_| outward(page.ip()));
         own.map_or_else(Vec::new, |ip| {
             let socket = SocketAddr::new(ip, socket.port());
@@ -259,7 +259,7 @@ impl LiveServer {
     /// What another process needs to replace this one.
     #[must_use]
     pub fn place(&self) -> Place {
-        let (viewers, page) = (self.viewers.address(), self.desk.address());
+        let (viewers, page) = (self.viewers.address(), self.http.address());
         Place { run: self.run.id().to_owned(), viewers, page, token: self.token.clone() }
     }
 
@@ -294,7 +294,7 @@ impl LiveServer {
     fn finish(mut self, ending: Ending) {
         self.shared.picture().end(ending);
         self.viewers.close();
-        self.desk.await_last_look(LAST_LOOK_NS);
+        self.http.await_last_look(LAST_LOOK_NS);
         self.dismiss.take();
         if let Some(watcher) = self.watcher.take() {
             let _ = watcher.join();

@@ -33,7 +33,7 @@ const OPEN_PATH: &str = "/open/";
 
 /// The page's server.
 #[derive(Debug)]
-pub(super) struct Desk {
+pub(super) struct HttpApi {
     server: WebServer,
     counter: Arc<Counter>,
 }
@@ -75,7 +75,7 @@ impl Pages {
     }
 }
 
-impl Desk {
+impl HttpApi {
     pub(super) fn open(
         address: SocketAddr,
         run: Run,

@@ -9,14 +9,14 @@ use std::thread::{Builder, JoinHandle};
 /// It only waits and calls the system.
 const STACK_BYTES: usize = 64 << 10;
 
-pub(super) struct Keeper {
+pub(super) struct DiskSync {
     /// `None` once it is to leave.
     bell: Option<SyncSender<()>>,
     thread: Option<JoinHandle<()>>,
     failure: Arc<OnceLock<io::Error>>,
 }
 
-impl Keeper {
+impl DiskSync {
     /// `sync` waits until everything written is on the disk.
     pub(super) fn of(sync: impl Fn() -> io::Result<()> + Send + 'static) -> io::Result<Self> {
         let (bell, rung) = sync_channel(1);
@@ -37,7 +37,7 @@ impl Keeper {
             }
         };
         let thread =
-            Builder::new().name("keeper".to_owned()).stack_size(STACK_BYTES).spawn(keep)?;
+            Builder::new().name("disk_sync".to_owned()).stack_size(STACK_BYTES).spawn(keep)?;
         Ok(Self { bell: Some(bell), thread: Some(thread), failure })
     }
 
@@ -77,7 +77,7 @@ impl Keeper {
     }
 }
 
-impl Drop for Keeper {
+impl Drop for DiskSync {
     fn drop(&mut self) {
         self.leave();
     }
@@ -85,7 +85,7 @@ impl Drop for Keeper {
 
 #[cfg(test)]
 mod tests {
-    use super::Keeper;
+    use super::DiskSync;
     use std::io;
     use std::sync::mpsc::channel;
     use std::sync::{Arc, Mutex};
@@ -95,21 +95,21 @@ mod tests {
         let (let_go, gate) = channel();
         let synced = Arc::new(Mutex::new(0));
         let (counts, gate) = (Arc::clone(&synced), Mutex::new(gate));
-        let keeper = Keeper::of(move || {
+        let disk_sync = DiskSync::of(move || {
             let gate = gate.lock().expect("no thread has panicked");
             let _ = gate.recv();
             *counts.lock().expect("no thread has panicked") += 1;
             Ok(())
         });
-        let keeper = keeper.expect("a thread");
+        let disk_sync = disk_sync.expect("a thread");
         for _ in 0..100 {
-            keeper.ring().expect("nothing has failed");
+            disk_sync.ring().expect("nothing has failed");
         }
         // The first, and one for all that came meanwhile.
         let_go.send(()).expect("it waits");
         let_go.send(()).expect("it waits");
         drop(let_go);
-        drop(keeper);
+        drop(disk_sync);
         let synced = *synced.lock().expect("no thread has panicked");
         assert!((1..=2).contains(&synced), "{synced}");
     }
@@ -120,15 +120,15 @@ mod tests {
             [(io::ErrorKind::StorageFull, true), (io::ErrorKind::InvalidInput, false)]
         {
             let (done, wait) = channel::<()>();
-            let keeper = Keeper::of(move || {
+            let disk_sync = DiskSync::of(move || {
                 let _ = &done;
                 Err(io::Error::from(kind))
             });
-            let keeper = keeper.expect("a thread");
-            let _ = keeper.ring();
+            let disk_sync = disk_sync.expect("a thread");
+            let _ = disk_sync.ring();
             // It leaves with the first error, and hangs up.
             let _ = wait.recv();
-            assert_eq!(keeper.ring().is_err(), is_told, "{kind}");
+            assert_eq!(disk_sync.ring().is_err(), is_told, "{kind}");
         }
     }
 }
