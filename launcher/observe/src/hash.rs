@@ -1,12 +1,13 @@
 //! The two hashes of a flight: what the vehicle did, and everything that was said.
 //!
 //! Both are chains of samples, one per topic and seat, combined in the order of the topics' numbers and of seats; no
-//! name of a topic, type or field is part of them. As a chain has its samples in the order of their sequence, hence of time, this is the order
-//! (time, topic, sequence) without anything to sort.
+//! name of a topic, type or field is part of them. As a chain has its samples in the order of their sequence, hence of
+//! time, this is the order (time, topic, sequence) without anything to sort.
 
 use shared_types::wire::{Field, FieldClass, Kind, Visitor, Wire};
 use shared_types::{Header, Sample, TopicInfo, topics};
 use std::collections::BTreeMap;
+use std::marker::PhantomData;
 
 /// Hashes logical time and what happened, of every topic marked for it. Headers and fields of
 /// [`FieldClass::Identity`] stay out, so that a swapped controller or another machine gives the same hash.
@@ -46,10 +47,10 @@ struct Chain {
 }
 
 impl Chains {
-    fn add<T: Sample>(&mut self, key: Key, skip: Skip, head: &[u64], sample: &T) {
+    fn add<T: Sample, S: Skips>(&mut self, key: Key, head: &[u64], sample: &T) {
         let Chain { hasher, buffer } = self.chain(key);
         append(buffer, head.iter().map(|word| word.to_le_bytes()));
-        sample.visit(&mut Feed { out: buffer, skip });
+        sample.visit(&mut Feed { out: buffer, skips: PhantomData::<S> });
         if let Some(batch) = buffer.get(..BATCH) {
             hasher.update(batch);
             buffer.drain(..BATCH);
@@ -80,41 +81,41 @@ impl Chains {
 
 /// Appends words; room for all of them is made once.
 fn append(out: &mut Vec<u8>, words: impl ExactSizeIterator<Item = [u8; 8]>) {
-    let at = out.len();
-    out.resize(at + 8 * words.len(), 0);
-    for (slot, word) in out[at..].as_chunks_mut::<8>().0.iter_mut().zip(words) {
-        *slot = word;
-    }
+    out.reserve(8 * words.len());
+    words.for_each(|word| out.extend_from_slice(&word));
 }
 
-/// True for fields that are left out.
-type Skip = fn(&Field) -> bool;
+/// What a hash leaves out. A type, so that which fields of a sample that is need not be asked sample by sample.
+trait Skips {
+    /// True for a field that is left out.
+    fn skips(field: &Field) -> bool;
+}
 
-struct Feed<'a> {
+struct Feed<'a, S> {
     out: &'a mut Vec<u8>,
-    skip: Skip,
+    skips: PhantomData<S>,
 }
 
-impl Visitor for Feed<'_> {
+impl<S: Skips> Visitor for Feed<'_, S> {
     fn f64s(&mut self, field: &'static Field, values: &[f64]) {
-        if !(self.skip)(field) {
+        if !S::skips(field) {
             append(self.out, values.iter().map(|value| value.to_le_bytes()));
         }
     }
     fn u64s(&mut self, field: &'static Field, values: &[u64]) {
-        if !(self.skip)(field) {
+        if !S::skips(field) {
             append(self.out, values.iter().map(|value| value.to_le_bytes()));
         }
     }
     fn bytes(&mut self, field: &'static Field, values: &[u8]) {
         if field.class == FieldClass::Topic {
             append(self.out, core::iter::once(number_of(values).to_le_bytes()));
-        } else if !(self.skip)(field) {
+        } else if !S::skips(field) {
             self.out.extend_from_slice(values);
         }
     }
     fn message<T: Wire>(&mut self, field: &'static Field, value: &T) {
-        if !(self.skip)(field) {
+        if !S::skips(field) {
             value.visit(self);
         }
     }
@@ -132,13 +133,24 @@ fn is_header(field: &Field) -> bool {
     matches!(field.kind, Kind::Message(schema) if schema.layout_hash == Header::SCHEMA.layout_hash)
 }
 
+impl Skips for FlightHash {
+    fn skips(field: &Field) -> bool {
+        is_header(field) || field.class != FieldClass::Flight
+    }
+}
+
+impl Skips for LogHash {
+    fn skips(field: &Field) -> bool {
+        is_header(field) || matches!(field.class, FieldClass::Machine | FieldClass::Padding)
+    }
+}
+
 impl FlightHash {
     /// Adds a sample; per topic they must come in sequence.
     pub fn add<T: Sample>(&mut self, topic: &TopicInfo, sample: &T) {
         if topic.in_flight_hash {
             let Header { release_ns, valid_ns, .. } = *sample.header();
-            let skip = |field: &Field| is_header(field) || field.class != FieldClass::Flight;
-            self.0.add((topic.id, 0), skip, &[release_ns, valid_ns], sample);
+            self.0.add::<T, Self>((topic.id, 0), &[release_ns, valid_ns], sample);
         }
     }
 
@@ -156,10 +168,7 @@ impl LogHash {
         let Header { sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat, .. } =
             *sample.header();
         let head = [sequence, release_ns, valid_ns, cause_sequence, input_sequence, seat.into()];
-        let skip = |field: &Field| {
-            is_header(field) || matches!(field.class, FieldClass::Machine | FieldClass::Padding)
-        };
-        self.0.add((topic.id, seat), skip, &head, sample);
+        self.0.add::<T, Self>((topic.id, seat), &head, sample);
     }
 
     /// 128 bits as hexadecimal.

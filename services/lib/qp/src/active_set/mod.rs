@@ -10,6 +10,7 @@ mod explicit;
 mod factor;
 mod front;
 mod inverse;
+mod kept;
 mod polish;
 mod structure;
 mod tableau;
@@ -19,7 +20,6 @@ use core::cmp::Ordering;
 use nalgebra::{DMatrix, DVector};
 
 use crate::goldfarb::Goldfarb;
-use crate::kkt::Size;
 use crate::real::Pair;
 use crate::scaled::{check_matrix, check_symmetric};
 use crate::solver::{QpError, QpOutcome, QpSolver, QpStatus, check_compliance, check_working_set};
@@ -108,6 +108,8 @@ pub struct ActiveSet {
     active: u32,
     x: DVector<f64>,
     multipliers: DVector<f64>,
+    /// Of each row at the solution, where that was looked at.
+    values: Vec<f64>,
 }
 
 impl ActiveSet {
@@ -137,6 +139,7 @@ impl ActiveSet {
             active: 0,
             x: DVector::zeros(n),
             multipliers: DVector::zeros(m),
+            values: vec![0.0; m],
         })
     }
 
@@ -145,41 +148,6 @@ impl ActiveSet {
         let set = self.blocks.set(&self.hessian, &self.rows, &self.compliance);
         self.matrices = if set.is_ok() { Matrices::InBlocks } else { Matrices::SafeOnly };
         self.adopted = false;
-    }
-
-    /// True if every row keeps its bounds, and a working one its own, as exactly as is promised.
-    fn keeps_rows(&self, f: &[f64], (lower, upper): (&[f64], &[f64])) -> bool {
-        let mut size = None;
-        self.rows.column_iter().enumerate().all(|(i, row)| {
-            let value = row.iter().zip(&self.x).fold(0.0, |sum, (a, x)| sum + a * x)
-                - self.compliance[i] * self.multipliers[i];
-            // Most rows: within their bounds, so that nothing has to be allowed for.
-            if self.set[i] == 0 && lower[i] <= value && value <= upper[i] {
-                return true;
-            }
-            let size: Size = *size.get_or_insert_with(|| {
-                let mut size = Size::default();
-                for ((x, f), unit) in self.x.iter().zip(f).zip(&self.blocks.units) {
-                    size.take(*x, *f, 1.0 / unit);
-                }
-                size
-            });
-            let (mut terms, mut reach) = (0.0, 0.0);
-            for ((a, x), unit) in row.iter().zip(&self.x).zip(&self.blocks.units) {
-                terms += (a * x).abs();
-                reach += a.abs() / unit;
-            }
-            let room = |bound: f64| 0.5 * self.tolerance * size.span(bound, terms, reach);
-            let kept = |miss: f64, bound: f64| bound.is_infinite() || miss <= room(bound);
-            let held = match self.set[i] {
-                0 => true,
-                side => {
-                    let bound = if side < 0 { lower[i] } else { upper[i] };
-                    kept((value - bound).abs(), bound)
-                }
-            };
-            held && kept(lower[i] - value, lower[i]) && kept(value - upper[i], upper[i])
-        })
     }
 
     /// Solves block by block; returns the changes and the size of the working set.
