@@ -42,7 +42,7 @@ crate::code! {
         RotorsClipped = 14,
         /// The actuation gate has had to level the vehicle, whose tilt would else have passed `angle_limit_rad`.
         Overturns = 15,
-        /// Torque that is full for `lasted_s` turns the vehicle beyond its set point, `angle_rad` until it can be stopped.
+        /// Torque that is full for `lasted_s` turns the vehicle beyond its set point, by `angle_rad` before it can stop.
         TurnsBeyond = 16,
     }
 }

@@ -195,12 +195,13 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     if script.is_empty() {
         writeln!(out, "wind    none")?;
     }
-    monitor(settings, out)?;
+    monitor(scenario, out)?;
     script_of(settings, out)
 }
 
 /// Beyond what a new owner trips.
-fn monitor(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()> {
+fn monitor(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
+    let settings = scenario.settings();
     if !settings.monitor.enabled {
         return writeln!(out, "monitor off: an owner that loses the vehicle keeps the slot");
     }
@@ -213,6 +214,8 @@ fn monitor(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()>
         Fallback::Auto => "the owner before it",
         Fallback::None => "nothing, so that the actuation guard levels the vehicle,",
     };
+    let bounded = scenario.keeps_to_rotors();
+    let full_torque = if bounded { "turns beyond its set point at full torque, " } else { "" };
     let gate = &settings.plant.gate;
     writeln!(
         out,
@@ -222,7 +225,7 @@ fn monitor(settings: &scenario::Settings, out: &mut dyn Write) -> io::Result<()>
          \x20       {astray_rad:.3} rad off for {astray_s} s or {off_course_m} m for {off_course_s} s, swings by {swing_rate_rad_s} rad/s or is swung by {swing_tilt_rad:.3} rad,\n\
          \x20       asks for {setpoint_tilt_rad:.3} rad of tilt, for less thrust than {least} weights or more than {most},\n\
          \x20       or for a heading {heading_rad:.3} rad off the reference, reports a set point that it was not given,\n\
-         \x20       turns beyond its set point at full torque, clips the rotors for {clipped_s} s, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
+         \x20       {full_torque}clips the rotors for {clipped_s} s, or gains {thrust_speed_m_s} m/s by another thrust than asked for;\n\
          \x20       beyond {} rad or {} rad/s the gate levels first, to {} rad and {} rad/s",
         gate.recover_tilt_rad,
         gate.recover_rate_rad_s,

@@ -85,7 +85,7 @@ fn append(out: &mut Vec<u8>, words: impl ExactSizeIterator<Item = [u8; 8]>) {
     words.for_each(|word| out.extend_from_slice(&word));
 }
 
-/// What a hash leaves out. A type, so that which fields of a sample that is need not be asked sample by sample.
+/// What a hash leaves out. A type, so that the compiler can settle for each type of sample which fields these are.
 trait Skips {
     /// True for a field that is left out.
     fn skips(field: &Field) -> bool;

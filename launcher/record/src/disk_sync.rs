@@ -11,7 +11,7 @@ const STACK_BYTES: usize = 64 << 10;
 
 pub(super) struct DiskSync {
     /// `None` once it is to leave.
-    bell: Option<SyncSender<()>>,
+    request: Option<SyncSender<()>>,
     thread: Option<JoinHandle<()>>,
     failure: Arc<OnceLock<io::Error>>,
 }
@@ -19,15 +19,15 @@ pub(super) struct DiskSync {
 impl DiskSync {
     /// `sync` waits until everything written is on the disk.
     pub(super) fn of(sync: impl Fn() -> io::Result<()> + Send + 'static) -> io::Result<Self> {
-        let (bell, rung) = sync_channel(1);
+        let (request, requests) = sync_channel(1);
         let failure = Arc::<OnceLock<io::Error>>::default();
         let told = Arc::clone(&failure);
-        let keep = move || {
-            while rung.recv().is_ok() {
+        let sync_on_request = move || {
+            while requests.recv().is_ok() {
                 match sync() {
                     Ok(()) => {}
                     Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                    // What is no disk cannot keep anything.
+                    // A file that is on no disk cannot be synced.
                     Err(error) if error.kind() == ErrorKind::InvalidInput => return,
                     Err(error) => {
                         let _ = told.set(error);
@@ -36,20 +36,22 @@ impl DiskSync {
                 }
             }
         };
-        let thread =
-            Builder::new().name("disk_sync".to_owned()).stack_size(STACK_BYTES).spawn(keep)?;
-        Ok(Self { bell: Some(bell), thread: Some(thread), failure })
+        let thread = Builder::new()
+            .name("disk_sync".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(sync_on_request)?;
+        Ok(Self { request: Some(request), thread: Some(thread), failure })
     }
 
     /// More has been written. Never waits.
     ///
     /// # Errors
     /// What the disk said.
-    pub(super) fn ring(&self) -> io::Result<()> {
+    pub(super) fn request(&self) -> io::Result<()> {
         self.failed()?;
-        if let Some(bell) = &self.bell {
+        if let Some(request) = &self.request {
             // If it has not got to the last one yet, it will do both at once.
-            let _ = bell.try_send(());
+            let _ = request.try_send(());
         }
         Ok(())
     }
@@ -57,9 +59,9 @@ impl DiskSync {
     /// Waits until everything is on the disk.
     ///
     /// # Errors
-    /// As [`ring`](Self::ring).
+    /// As [`request`](Self::request).
     pub(super) fn finish(mut self) -> io::Result<()> {
-        self.ring()?;
+        self.request()?;
         self.leave();
         self.failed()
     }
@@ -70,7 +72,7 @@ impl DiskSync {
     }
 
     fn leave(&mut self) {
-        self.bell = None;
+        self.request = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -103,7 +105,7 @@ mod tests {
         });
         let disk_sync = disk_sync.expect("a thread");
         for _ in 0..100 {
-            disk_sync.ring().expect("nothing has failed");
+            disk_sync.request().expect("nothing has failed");
         }
         // The first, and one for all that came meanwhile.
         let_go.send(()).expect("it waits");
@@ -125,10 +127,10 @@ mod tests {
                 Err(io::Error::from(kind))
             });
             let disk_sync = disk_sync.expect("a thread");
-            let _ = disk_sync.ring();
+            let _ = disk_sync.request();
             // It leaves with the first error, and hangs up.
             let _ = wait.recv();
-            assert_eq!(disk_sync.ring().is_err(), is_told, "{kind}");
+            assert_eq!(disk_sync.request().is_err(), is_told, "{kind}");
         }
     }
 }

@@ -145,7 +145,8 @@ impl Scenario {
     }
 
     /// Whether the laws of the attitude slot ask for no more torque than hover thrust leaves.
-    fn keeps_to_rotors(&self) -> bool {
+    #[must_use]
+    pub fn keeps_to_rotors(&self) -> bool {
         self.attitude_law().is_ok_and(|law| law.torque_bound == TorqueBound::Rotors)
     }
 

@@ -2,6 +2,7 @@
 
 use super::document::Edit;
 use super::problem::{Place, Problem, ScenarioError};
+use super::shell::shell_word;
 use super::suggest;
 use crate::candidate::{Slot, share};
 use crate::services::{self, LOOPS, Loop};
@@ -152,13 +153,19 @@ impl Override {
             }
             Err(what) => {
                 let known = services::fillings().join(" or ");
-                let slot = Slot::named(slot.trim()).map_or("SLOT", Slot::label);
-                let name = Some(name.trim()).filter(|name| !name.is_empty()).unwrap_or("FILE");
+                let known = format!("write --controller SLOT=NAME with {known}");
                 // One that flew from the start would be its own fallback, and no proven owner would be there to rehearse
                 // it against.
-                let remedy = format!(
-                    "write --controller SLOT=NAME with {known}; an executable takes its slot in flight, as by --swap {slot}={name}@1s"
-                );
+                let remedy = match Slot::named(slot.trim()) {
+                    Some(slot) if name.contains('/') => {
+                        let swap = format!("{}={}@1s", slot.label(), name.trim());
+                        format!(
+                            "an executable takes its slot in flight: --swap {}",
+                            shell_word(&swap)
+                        )
+                    }
+                    _ => known,
+                };
                 Err(refusal("--controller", &shown, what, &remedy))
             }
         }

@@ -232,10 +232,13 @@ fn an_override_at_fault_is_named_with_its_flag() {
 fn an_executable_as_the_first_controller_is_told_how_it_takes_its_slot() {
     let refused = Override::controller("attitude=./my_controller.py").unwrap_err();
     let problem = refused.problems().next().unwrap();
-    assert!(problem.remedy().contains("--swap attitude=./my_controller.py@1s"), "{problem:?}");
-    let refused = Override::controller("atitude=./my_controller.py").unwrap_err();
-    let problem = refused.problems().next().unwrap();
-    assert!(problem.remedy().contains("--swap SLOT=./my_controller.py@1s"), "{problem:?}");
+    let (remedy, swap) = (problem.remedy(), "attitude=./my_controller.py@1s");
+    assert!(remedy.contains("--swap ") && remedy.contains(swap), "{problem:?}");
+    for other in ["atitude=./my_controller.py", "attitude=atitude-mpc", "position=attitude-mpc"] {
+        let refused = Override::controller(other).unwrap_err();
+        let problem = refused.problems().next().unwrap();
+        assert!(problem.remedy().starts_with("write --controller SLOT=NAME"), "{problem:?}");
+    }
 }
 
 #[test]

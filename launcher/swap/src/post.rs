@@ -1,4 +1,4 @@
-//! One supervised process: from its start over its `Hello` to its exit.
+//! One supervised process: from its start through its `Hello` to its exit.
 
 use super::standstill::Standstill;
 use crate::child::{ChildSpec, RunningChild};

@@ -72,6 +72,8 @@ mod tests {
         let pushes = TripCause::TurnsBeyond;
         let of_commanded = Findings { commanded: Some(found(pushes)), ..none };
         assert_eq!(causes(of_commanded, [watched, Hands::Proven]), [Some(pushes), None]);
+        assert_eq!(causes(of_commanded, [watched; 2]), [Some(pushes), None]);
+        assert_eq!(causes(of_commanded, [watched, Hands::Replaced]), [Some(pushes), None]);
         assert_eq!(causes(of_commanded, [Hands::Proven, watched]), [None; 2], "its own alone");
     }
 }

@@ -305,10 +305,8 @@ impl Monitor {
             thrust_n: applied.thrust_n,
             is_commanded: applied.mode == GateMode::Normal && applied.command_sequence > 0,
         });
-        let periods_ns = [&inputs.attitude_owner, &inputs.position_owner].map(|slot| {
-            slot.in_effect_at(now_ns).map_or(0, |record| period_ns(record, record.owner))
-        });
-        let [commanded_every_s, asked_every_s] = periods_ns.map(|ns| ns as f64 * 1e-9);
+        let record = inputs.position_owner.in_effect_at(now_ns);
+        let asked_every_ns = record.map_or(0, |record| period_ns(record, record.owner));
         let reference = inputs.reference.latest();
         let reference = reference.map(|reference| target(reference, now_ns, 0.0, &self.landing));
         Some(Moment {
@@ -321,8 +319,7 @@ impl Monitor {
             velocity_w_m_s: estimate.velocity_w_m_s.into(),
             setpoint: self.memory.has_setpoint.then(|| setpoint(self.memory.setpoint)),
             asked: self.memory.has_asked.then(|| setpoint(self.memory.asked)),
-            asked_every_s,
-            commanded_every_s,
+            asked_every_s: asked_every_ns as f64 * 1e-9,
             recovers: self.recovers(now_ns),
             applied,
             reference,

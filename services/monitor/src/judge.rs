@@ -16,8 +16,8 @@
 //! output or an unstable gain or delay from a controller that answers a large step, long before the error
 //! itself is large. The same number finds a vehicle that turns towards its set point so fast that it will
 //! overshoot. Torque that is full for longer than one command, where it turns the vehicle beyond its set point, shows
-//! sooner still, as the rotors lag behind it. Slower faults show as persistent errors, as oscillations, and as a thrust that differs from
-//! the commanded one.
+//! sooner still, as the rotors lag behind it. Slower faults show as persistent errors, as oscillations, and as a thrust
+//! that differs from the commanded one.
 //!
 //! Frames are world ENU and body FLU; quaternions are Hamilton, scalar first, from body to world.
 
@@ -49,8 +49,8 @@ pub struct Applied {
     pub is_commanded: bool,
     /// For how long commands have asked the rotors for more than they give, without a break \[s\].
     pub clipped_s: f64,
-    /// For how long roll and pitch torque have been as large as the laws of the slot ask for, to one side and without a
-    /// break \[s\], with the sign of the torque.
+    /// For how long roll and pitch torque have been as large as the laws of the slot ask for, to one side, without a break
+    /// and by more than one command \[s\], with the sign of the torque.
     pub full_s: [f64; 2],
     /// Roll and pitch torque behind the lag of the rotors \[N m\].
     pub lagged_nm: [f64; 2],
@@ -79,8 +79,6 @@ pub struct Moment {
     pub asked: Option<Setpoint>,
     /// Period of the loop that asks \[s\].
     pub asked_every_s: f64,
-    /// Period of the loop that commands \[s\].
-    pub commanded_every_s: f64,
     /// Command that the plant applied; `None` before the first one.
     pub applied: Option<Applied>,
     /// Whether the attitude and the position slot's owner have been replaced lately: where the vehicle is and how it

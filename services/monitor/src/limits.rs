@@ -73,7 +73,7 @@ impl Default for Limits {
             astray_s: 0.5,
             swing_rate_rad_s: 2.0,
             swing_tilt_rad: 0.5 * TILT_BOUND_RAD,
-            setpoint_tilt_rad: 0.525,
+            setpoint_tilt_rad: 1.5 * TILT_BOUND_RAD,
             setpoint_thrust_weights: [0.2, 2.1],
             clipped_s: 0.45,
             thrust_speed_m_s: 0.5,

@@ -60,10 +60,12 @@ pub struct Settings {
     /// Largest tilt of a set point \[rad\].
     #[garde(range(min = 0.01, max = 3.2))]
     pub setpoint_tilt_rad: f64,
-    /// Least thrust of a set point, in weights of the vehicle; 0.2 if left out, or a tenth less than a law may ask for.
+    /// Least thrust of a set point, in weights of the vehicle; if left out, 0.2, or a tenth less than the
+    /// position controllers may ask for where that is less than 0.3.
     #[garde(range(min = 0.0, max = 1.0))]
     pub setpoint_thrust_min_weights: Option<f64>,
-    /// Largest thrust of a set point, in weights of the vehicle; 2.1 if left out, or a tenth more than a law may ask for.
+    /// Largest thrust of a set point, in weights of the vehicle; if left out, 2.1, or a tenth more than the
+    /// position controllers may ask for where that is more than 2.
     #[garde(range(min = 1.0, max = 100.0))]
     pub setpoint_thrust_max_weights: Option<f64>,
     /// How long the rotors may be clipped without a break \[s\].

@@ -21,6 +21,10 @@ shared_types::memory! {
         pub lagged_nm: [f64; 2],
         /// Since when each has been full to one side without a break \[ns\]; 0 if it is not.
         pub full_from_ns: [u64; 2],
+        /// By how many commands in a row.
+        pub commands: [u64; 2],
+        /// Sequence of the command of the last sample.
+        pub command_sequence: u64,
         /// Instant of the last sample \[ns\].
         pub at_ns: u64,
     }
@@ -64,23 +68,31 @@ impl Torque {
             let torque_nm = Some(applied.torque_b_nm[axis]).filter(|torque| torque.is_finite());
             let torque_nm = torque_nm.unwrap_or(0.0);
             let is_full = is_commanded && torque_nm.abs() >= FULL_SHARE * bound_nm[axis];
-            let goes_on = before_nm * torque_nm > 0.0 && elapsed_ns <= MAX_GAP_NS;
-            memory.full_from_ns[axis] = match memory.full_from_ns[axis] {
-                _ if !is_full => 0,
-                from_ns if from_ns > 0 && goes_on => from_ns,
-                _ => now_ns,
-            };
+            let goes_on = memory.full_from_ns[axis] > 0
+                && before_nm * torque_nm > 0.0
+                && elapsed_ns <= MAX_GAP_NS;
+            if !is_full {
+                (memory.full_from_ns[axis], memory.commands[axis]) = (0, 0);
+            } else if !goes_on {
+                (memory.full_from_ns[axis], memory.commands[axis]) = (now_ns, 1);
+            } else {
+                let is_another = applied.command_sequence != memory.command_sequence;
+                memory.commands[axis] += u64::from(is_another);
+            }
             memory.torque_nm[axis] = torque_nm;
         }
-        memory.at_ns = now_ns;
+        (memory.at_ns, memory.command_sequence) = (now_ns, applied.command_sequence);
     }
 
-    /// How long each torque had been full at the last sample \[s\], with the sign of the torque; 0 if it is not.
+    /// How long each torque had been full at the last sample \[s\], with the sign of the torque; 0 if it is not, or by one
+    /// command alone, which may be held because the next one is late.
     pub(crate) fn full_s(&self) -> [f64; 2] {
-        let TorqueMemory { torque_nm, full_from_ns, at_ns, .. } = self.memory;
-        [0, 1].map(|axis| match full_from_ns[axis] {
-            0 => 0.0,
-            from_ns => (at_ns.saturating_sub(from_ns) as f64 * 1e-9).copysign(torque_nm[axis]),
+        let TorqueMemory { torque_nm, full_from_ns, commands, at_ns, .. } = self.memory;
+        [0, 1].map(|axis| {
+            if commands[axis] < 2 {
+                return 0.0;
+            }
+            (at_ns.saturating_sub(full_from_ns[axis]) as f64 * 1e-9).copysign(torque_nm[axis])
         })
     }
 
@@ -91,7 +103,7 @@ impl Torque {
 
     /// Forgets for how long torques have been full, since a new owner has not given them.
     pub(crate) fn forget(&mut self) {
-        self.memory.full_from_ns = [0; 2];
+        (self.memory.full_from_ns, self.memory.commands) = ([0; 2], [0; 2]);
     }
 
     pub(crate) fn memory(&self) -> TorqueMemory {
@@ -110,10 +122,11 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
+    /// At a millisecond, by the second command from the 10th on.
     fn applied(ms: u64, roll_nm: f64) -> AppliedCommand {
         AppliedCommand {
             header: Header { release_ns: ms * MS, ..Header::default() },
-            command_sequence: 1,
+            command_sequence: 1 + ms / 10,
             thrust_n: VehicleParameters::default().weight_n(),
             torque_b_nm: [roll_nm, 0.0, 0.0],
             mode: GateMode::Normal,
@@ -121,29 +134,58 @@ mod tests {
         }
     }
 
+    /// Largest torque about roll, and how long it is full after samples at 8, 9, 10 and 11 ms.
+    fn full_s(is_bounded: bool, made: impl Fn(AppliedCommand) -> AppliedCommand) -> f64 {
+        let vehicle = VehicleParameters::default();
+        let full_nm = vehicle.torque_bound_nm(MorphAngle::MIN, vehicle.weight_n()).x;
+        let mut torque = Torque::new(&vehicle, is_bounded);
+        for ms in 8..=11 {
+            torque.take(&made(applied(ms, full_nm)), &vehicle, MorphAngle::MIN);
+        }
+        torque.full_s()[0]
+    }
+
+    fn turned(applied: AppliedCommand, share: f64) -> AppliedCommand {
+        let [roll_nm, pitch_nm, yaw_nm] = applied.torque_b_nm;
+        AppliedCommand { torque_b_nm: [share * roll_nm, pitch_nm, yaw_nm], ..applied }
+    }
+
     #[test]
-    fn a_torque_is_full_from_its_first_sample_to_one_side_until_it_is_less() {
+    fn a_torque_is_full_from_its_first_sample_on_once_a_second_command_is() {
+        assert!((full_s(true, |applied| applied) - 0.003).abs() < 1e-12);
+        assert!((full_s(true, |applied| turned(applied, -1.0)) + 0.003).abs() < 1e-12);
+        let is_none =
+            |made: &dyn Fn(AppliedCommand) -> AppliedCommand| full_s(true, made).abs() < 1e-12;
+        assert!(full_s(false, |applied| applied).abs() < 1e-12, "its law may ask for more");
+        assert!(is_none(&|applied| turned(applied, 0.8)));
+        assert!(
+            is_none(&|applied| AppliedCommand { command_sequence: 1, ..applied }),
+            "one is held"
+        );
+        assert!(is_none(&|applied| AppliedCommand { seat: 1, ..applied }), "another owner's");
+        assert!(is_none(&|applied| AppliedCommand { mode: GateMode::Level, ..applied }));
+        let weak = |applied| AppliedCommand { thrust_n: 0.0, ..turned(applied, 1e-6) };
+        assert!(is_none(&weak), "without thrust no torque is full");
+    }
+
+    #[test]
+    fn what_is_full_begins_anew_on_the_other_side_and_after_a_gap() {
         let vehicle = VehicleParameters::default();
         let full_nm = vehicle.torque_bound_nm(MorphAngle::MIN, vehicle.weight_n()).x;
         let mut torque = Torque::new(&vehicle, true);
-        let mut full = |applied: &AppliedCommand| {
-            torque.take(applied, &vehicle, MorphAngle::MIN);
+        let mut full_s = |ms: u64, roll_nm: f64| {
+            torque.take(&applied(ms, roll_nm), &vehicle, MorphAngle::MIN);
             torque.full_s()[0]
         };
-        assert!(full(&applied(1, 0.8 * full_nm)).abs() < 1e-12);
-        for ms in 2..=12 {
-            let expected_s = (ms - 2) as f64 * 1e-3;
-            assert!((full(&applied(ms, -full_nm)) + expected_s).abs() < 1e-12, "{ms}");
-        }
-        assert!(full(&applied(13, full_nm)).abs() < 1e-12, "to the other side it begins anew");
-        assert!((full(&applied(15, full_nm)) - 0.002).abs() < 1e-12);
-        assert!(full(&applied(50, full_nm)).abs() < 1e-12, "after a gap it begins anew");
-        assert!(full(&applied(51, full_nm)) > 0.0);
-        assert!(full(&applied(52, f64::NAN)).abs() < 1e-12);
-        let not_its_own = AppliedCommand { seat: 1, ..applied(53, full_nm) };
-        assert!(full(&not_its_own).abs() < 1e-12, "a command that is held is another owner's");
-        let without_thrust = AppliedCommand { thrust_n: 0.0, ..applied(54, 0.0) };
-        assert!(full(&without_thrust).abs() < 1e-12);
+        full_s(9, -full_nm);
+        assert!((full_s(10, -full_nm) + 0.001).abs() < 1e-12);
+        full_s(19, full_nm);
+        assert!((full_s(20, full_nm) - 0.001).abs() < 1e-12);
+        full_s(59, full_nm);
+        assert!((full_s(60, full_nm) - 0.001).abs() < 1e-12);
+        assert!(full_s(61, f64::NAN).abs() < 1e-12);
+        full_s(62, full_nm);
+        assert!(torque.lagged_nm()[0].is_finite());
     }
 
     #[test]

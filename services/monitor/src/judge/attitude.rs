@@ -156,8 +156,7 @@ impl Judge {
             let (beyond, rate) = (side * beyond[axis], side * moment.rate_b_rad_s[axis]);
             let accelerated = (side * applied.lagged_nm[axis] / inertia[axis]).max(0.0);
             let turning = TURNING_SHARE * accelerated * lasted_s.min(2.0 * FULL_S);
-            let is_answer = lasted_s <= FULL_S.max(moment.commanded_every_s) || beyond < -NEAR_RAD;
-            if is_answer || rate <= turning {
+            if lasted_s < FULL_S || beyond < -NEAR_RAD || rate <= turning {
                 return None;
             }
             let reached = beyond

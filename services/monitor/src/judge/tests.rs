@@ -33,7 +33,6 @@ fn rest(step: u64) -> Moment {
             lagged_nm: [0.0; 2],
         }),
         asked_every_s: 0.0,
-        commanded_every_s: 0.0,
         recovers: [false; 2],
         reference: Some(Target {
             position_w_m: place,
@@ -105,7 +104,6 @@ fn slammed(ms: u64, (axis, side): (usize, f64), beta: MorphAngle, from_rad: f64)
         morph_angle: beta,
         q_wb: quaternion_from_euler(&of_axis(angle).into()),
         rate_b_rad_s: of_axis(side * alpha * (t - lag * settled)).into(),
-        commanded_every_s: 0.01,
         applied,
         ..moment
     }
@@ -148,7 +146,7 @@ fn full_torque_that_answers_or_holds_is_no_finding() {
     assert!(!found(rolled(-0.05, 4.0)), "it is turned back to its set point");
     assert!(!found(rolled(0.0, -4.0)), "it is braked");
     assert!(!found(rolled(0.0, 0.05)), "the torque holds against a load");
-    assert!(!found(Moment { commanded_every_s: 0.03, ..slam }), "it is one command of a slow loop");
+    assert!(!found(Moment { recovers: [false, true], ..slam }), "the set point is a fallback's");
     // The set point has just moved to the other side.
     let asked = |roll: f64, moment: Moment| Moment {
         setpoint: moment

@@ -1,4 +1,4 @@
-//! Whether a solution keeps its rows as exactly as is promised, which is looked at after every solve by the fast methods.
+//! Whether a solution keeps its rows as exactly as is promised, which is looked at after every whole solve by the fast methods.
 
 use super::ActiveSet;
 use crate::kkt::Size;
@@ -21,7 +21,7 @@ impl ActiveSet {
         })
     }
 
-    /// Of the solution, in the units of the blocks.
+    /// Size of the solution, in the units of the blocks.
     fn size(&self, f: &[f64]) -> Size {
         let mut size = Size::default();
         for ((x, f), unit) in self.x.iter().zip(f).zip(&self.blocks.units) {
@@ -30,7 +30,7 @@ impl ActiveSet {
         size
     }
 
-    /// The same of one row, whose value is `value`.
+    /// True if one row does, whose value is `value`.
     fn keeps_row(
         &self,
         (i, row): (usize, &[f64]),

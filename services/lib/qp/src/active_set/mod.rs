@@ -108,7 +108,7 @@ pub struct ActiveSet {
     active: u32,
     x: DVector<f64>,
     multipliers: DVector<f64>,
-    /// Of each row at the solution, where that was looked at.
+    /// Product of each row with the solution, without its compliance.
     values: Vec<f64>,
 }
 
