@@ -76,7 +76,7 @@ impl Recording {
         let failed = |cause| RecordError::Create { path: path.to_owned(), cause };
         outlive_size_limits();
         let file = File::create_new(path).map_err(failed)?;
-        let synced = file.try_clone().map_err(failed)?;
+        let on_disk = file.try_clone().map_err(failed)?;
         let begun = Self::over(Box::new(file), path, facts);
         let mut recording = begun.inspect_err(|_| {
             // A file without a beginning is none.
@@ -84,7 +84,7 @@ impl Recording {
         })?;
         // What a power cut takes of a flight in lockstep can be flown again, and the disk would slow it.
         if let Clock::Realtime { .. } = facts.clock {
-            let disk_sync = DiskSync::of(move || synced.sync_data()).map_err(failed)?;
+            let disk_sync = DiskSync::of(move || on_disk.sync_data()).map_err(failed)?;
             recording.disk_sync = Some(disk_sync);
         }
         Ok(recording)
@@ -234,8 +234,8 @@ impl Recording {
         }
         self.last_flush_ns = Some(now_mono_ns);
         let Some(writer) = &mut self.writer else { return Ok(()) };
-        let synced = || self.disk_sync.as_ref().map_or(Ok(()), DiskSync::request);
-        match writer.flush().and_then(|()| Ok(synced()?)) {
+        let request_sync = || self.disk_sync.as_ref().map_or(Ok(()), DiskSync::request);
+        match writer.flush().and_then(|()| Ok(request_sync()?)) {
             Ok(()) => self.flushed = self.asked,
             Err(cause) => return Err(self.fail(cause)),
         }

@@ -152,8 +152,6 @@ impl Override {
                 Ok(Self(Edit::set(shown, key, format!("{name:?}"))))
             }
             Err(what) => {
-                let known = services::fillings().join(" or ");
-                let known = format!("write --controller SLOT=NAME with {known}");
                 // One that flew from the start would be its own fallback, and no proven owner would be there to rehearse
                 // it against.
                 let remedy = match Slot::named(slot.trim()) {
@@ -164,7 +162,10 @@ impl Override {
                             shell_word(&swap)
                         )
                     }
-                    _ => known,
+                    _ => {
+                        let known = services::fillings().join(" or ");
+                        format!("write --controller SLOT=NAME with {known}")
+                    }
                 };
                 Err(refusal("--controller", &shown, what, &remedy))
             }

@@ -109,7 +109,6 @@ pub struct Monitor {
     judge: Judge,
     reports: Reports,
     torque: Torque,
-    vehicle: VehicleParameters,
     landing: Landing,
     latency_ns: u64,
     stale_ns: u64,
@@ -136,7 +135,6 @@ impl Monitor {
             judge: Judge::new(config.limits, vehicle, command_s),
             reports: Reports::new(4.0 * vehicle.rotor_thrust_max_n),
             torque: Torque::new(vehicle, config.keeps_to_rotors),
-            vehicle: *vehicle,
             landing: config.landing,
             latency_ns: ns(config.latency_s),
             stale_ns: STALE_NS.max(2 * ns(config.period_s)),
@@ -190,7 +188,7 @@ impl Monitor {
         let estimate = inputs.state_estimate.latest();
         let beta = estimate.and_then(|s| MorphAngle::saturating_from_rad(s.morph_angle_rad));
         for applied in inputs.applied_command.fresh() {
-            self.torque.take(applied, &self.vehicle, beta.unwrap_or(MorphAngle::MAX));
+            self.torque.take(applied, beta.unwrap_or(MorphAngle::MAX));
             let is_clipped = applied.clipped.is_set() && applied.mode == GateMode::Normal;
             self.memory.clipped_from_ns = match self.memory.clipped_from_ns {
                 _ if !is_clipped => 0,

@@ -58,9 +58,9 @@ impl Default for Limits {
     /// * `clipped_s`: so that a trip is in effect before the half second that a verdict forgives.
     /// * `thrust_speed_m_s`: the speed after a free fall of a twentieth of a second.
     /// * `excursion_m`: eight centimetres less than the half metre within which the vehicle is to stay of where it would
-    ///   have been (`swap_table patient` of the catalogue), because beside a failing controller in the other slot a
-    ///   fallback takes up to so much more than is predicted (`swap_table pairs`). With 0.38 m two position controllers
-    ///   trip in gusts that they would bear (`false_trips`).
+    ///   have been (`swap_table patient` of the catalogue). Beside a failing controller in the other slot a fallback takes
+    ///   up to a tenth of a metre more than is predicted (`swap_table pairs`); but with 0.38 m two position controllers trip
+    ///   in gusts that they would bear (`false_trips`).
     /// * `off_course_m`, `off_course_s`: five sevenths of `excursion_m`, for longer than the vehicle needs to cover that
     ///   distance.
     /// * `height_m`: the length of an arm, with the arms spread.

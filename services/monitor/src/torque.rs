@@ -33,7 +33,7 @@ shared_types::memory! {
 /// Follows roll and pitch torque from one sample of the plant to the next.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Torque {
-    lag_s: f64,
+    vehicle: VehicleParameters,
     /// Whether a law of the slot asks for no more than its bound.
     is_bounded: bool,
     memory: TorqueMemory,
@@ -41,27 +41,22 @@ pub(crate) struct Torque {
 
 impl Torque {
     pub(crate) fn new(vehicle: &VehicleParameters, is_bounded: bool) -> Self {
-        Self { lag_s: vehicle.rotor_lag_s, is_bounded, memory: TorqueMemory::default() }
+        Self { vehicle: *vehicle, is_bounded, memory: TorqueMemory::default() }
     }
 
     /// Takes what the plant applies from the instant of the sample on. Only what the controller in command has asked for
     /// counts as full.
-    pub(crate) fn take(
-        &mut self,
-        applied: &AppliedCommand,
-        vehicle: &VehicleParameters,
-        beta: MorphAngle,
-    ) {
+    pub(crate) fn take(&mut self, applied: &AppliedCommand, beta: MorphAngle) {
         let now_ns = applied.header.release_ns;
-        let thrust_n = applied.thrust_n.max(MIN_WEIGHTS * vehicle.weight_n());
-        let bound_nm = vehicle.torque_bound_nm(beta, thrust_n);
+        let thrust_n = applied.thrust_n.max(MIN_WEIGHTS * self.vehicle.weight_n());
+        let bound_nm = self.vehicle.torque_bound_nm(beta, thrust_n);
         let is_commanded = self.is_bounded
             && applied.mode == GateMode::Normal
             && applied.command_sequence > 0
             && applied.command_seat == applied.seat;
         let memory = &mut self.memory;
         let elapsed_ns = now_ns.saturating_sub(memory.at_ns);
-        let share = -libm::expm1(-1e-9 * elapsed_ns as f64 / self.lag_s);
+        let share = -libm::expm1(-1e-9 * elapsed_ns as f64 / self.vehicle.rotor_lag_s);
         for axis in 0..2 {
             let (before_nm, lagged_nm) = (memory.torque_nm[axis], memory.lagged_nm[axis]);
             memory.lagged_nm[axis] = lagged_nm + share * (before_nm - lagged_nm);
@@ -140,7 +135,7 @@ mod tests {
         let full_nm = vehicle.torque_bound_nm(MorphAngle::MIN, vehicle.weight_n()).x;
         let mut torque = Torque::new(&vehicle, is_bounded);
         for ms in 8..=11 {
-            torque.take(&made(applied(ms, full_nm)), &vehicle, MorphAngle::MIN);
+            torque.take(&made(applied(ms, full_nm)), MorphAngle::MIN);
         }
         torque.full_s()[0]
     }
@@ -174,7 +169,7 @@ mod tests {
         let full_nm = vehicle.torque_bound_nm(MorphAngle::MIN, vehicle.weight_n()).x;
         let mut torque = Torque::new(&vehicle, true);
         let mut full_s = |ms: u64, roll_nm: f64| {
-            torque.take(&applied(ms, roll_nm), &vehicle, MorphAngle::MIN);
+            torque.take(&applied(ms, roll_nm), MorphAngle::MIN);
             torque.full_s()[0]
         };
         full_s(9, -full_nm);
@@ -193,7 +188,7 @@ mod tests {
         let vehicle = VehicleParameters::default();
         let mut torque = Torque::new(&vehicle, true);
         for ms in 1..=20 {
-            torque.take(&applied(ms, 0.01), &vehicle, MorphAngle::MIN);
+            torque.take(&applied(ms, 0.01), MorphAngle::MIN);
         }
         let expected_nm = -0.01 * libm::expm1(-0.019 / vehicle.rotor_lag_s);
         assert!((torque.lagged_nm()[0] - expected_nm).abs() < 1e-15);

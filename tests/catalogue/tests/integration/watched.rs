@@ -82,6 +82,15 @@ fn what_begins_after_rehearsal_and_window_stays_within_half_a_metre() {
     }
 }
 
+/// Settings with which commands of the attitude slot take effect so late, and come so often.
+fn commands_after(ms: u8, rate_hz: u16) -> [Override; 2] {
+    let keys = [
+        format!("latency.wrench_command_s={}", 1e-3 * f64::from(ms)),
+        format!("attitude_mpc.rate_hz={rate_hz}"),
+    ];
+    keys.map(|key| Override::set(&key).expect("a setting"))
+}
+
 /// The phase between the commands and the steps of the monitor follows from latency and rate of the commands.
 #[test]
 fn full_torque_trips_within_25_ms_of_its_first_effect_in_every_phase() {
@@ -93,12 +102,8 @@ fn full_torque_trips_within_25_ms_of_its_first_effect_in_every_phase() {
         let config = flights.configure_as("slams.toml", &entry);
         let to = (env!("CARGO_BIN_EXE_catalogue"), Some(config.as_path()));
         for (ms, rate_hz) in (1..10).map(|ms| (ms, 100)).chain([(1, 125), (3, 125), (1, 160)]) {
-            let keys = [
-                format!("latency.wrench_command_s={}", 1e-3 * f64::from(ms)),
-                format!("attitude_mpc.rate_hz={rate_hz}"),
-            ];
-            let edits = keys.map(|key| Override::set(&key).expect("a setting"));
             let situation = &SITUATIONS[nth];
+            let edits = commands_after(ms, rate_hz);
             let plain = plain(situation, SEED, None, &edits).expect("a flight");
             let flown = swapped((situation, SEED), Slot::Attitude, to, Guard::All, &plain);
             let flown = flown.expect("a flight");
@@ -188,12 +193,8 @@ fn no_shipped_controller_trips() {
 #[test]
 fn no_shipped_attitude_controller_trips_whenever_its_commands_take_effect() {
     for (ms, rate_hz) in [(3, 100), (6, 100), (9, 100), (1, 50), (1, 125), (1, 250)] {
-        let keys = [
-            format!("latency.wrench_command_s={}", 1e-3 * f64::from(ms)),
-            format!("attitude_mpc.rate_hz={rate_hz}"),
-        ];
-        let edits = keys.map(|key| Override::set(&key).expect("a setting"));
         let situation = &SITUATIONS[2];
+        let edits = commands_after(ms, rate_hz);
         let unswapped = plain(situation, SEED, None, &edits).expect("a flight");
         for to in names_for(Slot::Attitude.role()).skip(1) {
             let flight = (situation, SEED);

@@ -1,4 +1,5 @@
-//! Whether a solution keeps its rows as exactly as is promised, which is looked at after every whole solve by the fast methods.
+//! Whether a solution keeps its rows as exactly as is promised, which is looked at after every whole solve by the fast
+//! methods.
 
 use super::ActiveSet;
 use crate::kkt::Size;
