@@ -103,6 +103,16 @@ impl Seat {
         Self { role, index: 0 }
     }
 
+    /// How many seats there can be, of all roles that step together.
+    pub const COUNT: usize = Role::STEPPING.len() * SEATS;
+
+    /// Place of this seat among [`Seat::COUNT`]; none of a role that does not step.
+    #[must_use]
+    pub fn number(self) -> Option<usize> {
+        let index = usize::try_from(self.index).ok().filter(|index| *index < SEATS)?;
+        self.role.is_stepping().then(|| self.role.index() * SEATS + index)
+    }
+
     /// All seats of a role.
     pub fn all(role: Role) -> impl Iterator<Item = Self> {
         (0..role.seats()).map(move |index| Self { role, index })
@@ -260,5 +270,8 @@ sample! {
         pub has_state: Flag,
         /// Realtime: the releases since that state are run at once, on the history of their inputs.
         pub catches_up: Flag,
+        /// By [`Seat::number`], generation of the first process that is heard. Whether the words of one that has gone
+        /// before would still arrive is for chance to say.
+        pub heard_from: [u32; Seat::COUNT],
     }
 }

@@ -206,6 +206,21 @@ fn a_monitor_that_the_script_stops_is_restarted_and_leaves_no_trace() {
 }
 
 /// A script that starts the controller and waits for it is no more than its name, in processes and in one.
+/// The candidate is let through at the instant at which the owner stops. Time stands still while it is flown ahead, and
+/// what the script has for that instant comes afterwards, as it does where nothing is flown ahead.
+#[test]
+fn a_fault_at_the_instant_of_a_verdict_is_the_same_with_a_rehearsal() {
+    let words = ["--swap", "attitude=attitude-lqr@500ms,shadow=260ms,rollback=300ms"];
+    let words = [&["hover", "--for", "2s", "--fault", "stop:attitude-mpc@760ms"], &words[..]];
+    let rehearsed = fly(&words.concat());
+    let unrehearsed = fly(&[&words.concat()[..], &["--set", "rehearsal.enabled=false"]].concat());
+    for flown in [&rehearsed, &unrehearsed] {
+        let swap = &flown.summary()["swaps"][0];
+        assert_eq!(swap["done"], true, "{}", flown.said());
+    }
+    assert_eq!(rehearsed.summary()["hash"], unrehearsed.summary()["hash"]);
+}
+
 #[test]
 fn a_controller_that_a_script_has_started_flies_and_ends_with_the_script() {
     let folder = TempDir::new().expect("a folder");

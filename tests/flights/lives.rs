@@ -92,6 +92,33 @@ fn every_life_of_every_controller_is_verified_in_both_clocks() {
     }
 }
 
+/// The fallback of the position slot leaves between the death of the attitude controller and its successor's first step,
+/// and that one is killed too, so that it never tells how far its inputs had got.
+#[test]
+fn a_loop_that_came_after_a_writer_had_left_and_was_killed_is_verified() {
+    let words = [
+        "hover",
+        "--for",
+        "2s",
+        "--set",
+        "rehearsal.enabled=false",
+        "--swap",
+        "position=position-mpc@500ms,shadow=200ms,rollback=250ms",
+        "--swap",
+        "position=position-mpc@1060ms,shadow=200ms,rollback=275ms",
+        "--fault",
+        "kill:attitude-mpc@1452ms",
+        "--fault",
+        "kill:attitude-mpc@1800ms",
+    ];
+    let flown = fly(&words);
+    flown.assert_flown("twice killed");
+    assert_eq!(flown.summary()["restarts"], 2, "{}", flown.said());
+    assert_eq!(verified(&flown, &["attitude-mpc@0"]), ["attitude-mpc@0"]);
+    let paced = fly(&[&words[..], &["--speed", "0.5", "--no-record"]].concat());
+    assert_eq!(paced.summary()["hash"], flown.summary()["hash"]);
+}
+
 /// Steps of the plant at which commands of more than one seat were late.
 fn late_together(flown: &Flown) -> usize {
     let mut echo = morphquad(["topic", "echo"]);

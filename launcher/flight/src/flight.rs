@@ -286,7 +286,7 @@ impl Flight {
 
     /// Does what the script has for now; a process that dies of it is reaped before time goes on.
     fn follow_script(&mut self, now_mono_ns: u64) -> Result<(), FlightError> {
-        if self.script.next_ns() > self.logical_now(now_mono_ns).logical_ns {
+        if !self.script.is_due(&self.slots, self.logical_now(now_mono_ns)) {
             return Ok(());
         }
         let mut script = core::mem::take(&mut self.script);

@@ -36,7 +36,7 @@ impl Posts for Processes<'_> {
         order: Handover,
         state: &[u8],
     ) -> Result<(), FlightError> {
-        self.supervisor.hand_over(place, order, state);
+        self.supervisor.hand_over(place, order, state, self.tap);
         Ok(())
     }
     fn last_state(&mut self, place: Place) -> Option<(u32, Vec<u8>)> {

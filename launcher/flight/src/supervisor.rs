@@ -208,7 +208,8 @@ impl Supervisor {
                     join_ns: if state.is_some() { 0 } else { now_logical_ns },
                     ..Handover::default()
                 };
-                post.hand_over(order, state.unwrap_or_default());
+                let state = state.unwrap_or_default();
+                post.hand_over(tap.marks.name_writers(order, state), state);
             } else {
                 self.events.extend(joined.to_event());
             }
@@ -263,7 +264,8 @@ impl Supervisor {
     }
 
     /// Lets a process begin that has been started in flight.
-    pub(super) fn hand_over(&mut self, seat: Seat, order: Handover, state: &[u8]) {
+    pub(super) fn hand_over(&mut self, seat: Seat, order: Handover, state: &[u8], tap: &Tap) {
+        let order = tap.marks.name_writers(order, state);
         if let Some(post) = self.posts.iter_mut().find(|post| post.seat == seat) {
             post.hand_over(order, state);
         }

@@ -4,6 +4,7 @@ use super::ReplayError;
 use super::life_key::LifeKey;
 use super::tapes::Recorded;
 use record::read::{RecordedState, seat_config};
+use runtime::Graph;
 use runtime::service::StateHeader;
 use scenario::services::{self, Assignment};
 use shared_types::wire::Value as _;
@@ -93,6 +94,31 @@ impl Life {
     /// True if it goes on with the numbers of the process that had its seat before.
     pub(super) fn goes_on(&self) -> bool {
         self.source.is_some_and(|source| source.life.seat == self.key.seat)
+    }
+
+    /// By [`Seat::number`], generation of the first process that it heard after it had begun in flight: of a writer that
+    /// it knew it told at its first step if nothing followed.
+    pub(super) fn heard_from(&self, graph: &Graph) -> [u32; Seat::COUNT] {
+        let mut heard_from = [0; Seat::COUNT];
+        let first_ns = self.deviations.first().map(|told| told.header.release_ns);
+        let at_first = || self.deviations.iter().filter(|d| Some(d.header.release_ns) == first_ns);
+        for ended in at_first().filter(|told| told.kind == DeviationKind::Ended) {
+            let is_same = |d: &&Deviation| {
+                let writer = (d.writer_seat, d.writer_generation);
+                d.input == ended.input && writer == (ended.writer_seat, ended.writer_generation)
+            };
+            let was_known = |d: &Deviation| d.kind == DeviationKind::Began && d.first == 0;
+            if !at_first().filter(is_same).any(was_known) {
+                continue;
+            }
+            let topic = topics::all().into_iter().find(|topic| topic.name == ended.input_name());
+            let role = topic.map(|topic| graph.producer(topic));
+            let seat = role.map(|role| Seat { role, index: ended.writer_seat });
+            if let Some(number) = seat.and_then(Seat::number) {
+                heard_from[number] = ended.writer_generation.saturating_add(1);
+            }
+        }
+        heard_from
     }
 
     /// Release of the state that it was handed, if that is not among the recorded ones.

@@ -114,7 +114,7 @@ impl Director {
             if self.reap(graph, loops, marks, end_ns)? {
                 continue;
             }
-            if self.script.next_ns() <= self.now().logical_ns {
+            if self.script.is_due(&self.slots, self.now()) {
                 let mut script = core::mem::take(&mut self.script);
                 let run =
                     |slots: &mut Slots, context: &mut SlotContext<'_>| script.run(slots, context);

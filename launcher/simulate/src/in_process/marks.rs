@@ -2,7 +2,7 @@
 
 use runtime::graph::{Edge, Marks};
 use runtime::{MarkView, SeatMarks};
-use shared_types::{Flag, RegistryEntry, Role, Seat as Place};
+use shared_types::{Flag, Handover, RegistryEntry, Role, Seat as Place};
 
 /// How far every loop has got.
 #[derive(Debug)]
@@ -20,6 +20,14 @@ impl FlightMarks {
         match self {
             Self::Plain(marks) => marks[place.role.index()] = mark_ns,
             Self::Seats(marks) => marks.advance(place.role, place.index, generation, mark_ns),
+        }
+    }
+
+    /// A hand-over, to which it is added whom the loop hears.
+    pub(super) fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
+        match self {
+            Self::Plain(_) => order,
+            Self::Seats(marks) => marks.name_writers(order, state),
         }
     }
 

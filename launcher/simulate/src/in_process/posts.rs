@@ -230,6 +230,7 @@ impl InProcessHost {
         marks.seat(place, generation, true);
         if is_ready {
             let order = Handover { has_state: Flag::Yes, ..Handover::default() };
+            let order = marks.name_writers(order, &state);
             let begun = l.stepper.begin(&order, &state, instances);
             l.waits = begun.is_err() || l.stepper.has_failed();
             marks.advance(place, generation, l.stepper.next_ns());
@@ -309,6 +310,7 @@ impl Posts for Seats<'_> {
     ) -> Result<(), FlightError> {
         let Some(at) = self.at(place) else { return Ok(()) };
         let instances = flying(self.loops);
+        let order = self.marks.name_writers(order, state);
         let Some(l) = self.loops.get_mut(at) else { return Ok(()) };
         let begun = l.stepper.begin(&order, state, &instances);
         l.waits = l.stepper.has_failed();

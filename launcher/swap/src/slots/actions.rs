@@ -83,6 +83,7 @@ impl Slots {
                     track_until_ns,
                     has_state: Flag::from(state.is_some()),
                     catches_up: Flag::from(catches_up),
+                    ..Handover::default()
                 };
                 let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
                 let state = state.map(|(_, bytes)| bytes).unwrap_or_default();

@@ -208,10 +208,15 @@ impl Slots {
 
     /// Lockstep: the end of allowed time until the slots have had their say \[ns\].
     pub fn cap_ns(&self, allowed_ns: u64) -> u64 {
-        let held = self.machines.values().any(slot::Slot::holds_time);
         let deadlines = self.machines.values().filter_map(slot::Slot::deadline_ns);
         let cap_ns = deadlines.chain(self.departures_ns()).min().unwrap_or(u64::MAX);
-        if held { allowed_ns } else { cap_ns }
+        if self.holds_time() { allowed_ns } else { cap_ns }
+    }
+
+    /// Lockstep: time stands still until a process has come, or a candidate has been judged.
+    pub(super) fn holds_time(&self) -> bool {
+        let waits = self.machines.values().any(slot::Slot::holds_time);
+        self.mode == ClockMode::Lockstep && waits
     }
 
     /// Instants from which seats are no longer taken whose processes have not gone yet \[ns\]. Time

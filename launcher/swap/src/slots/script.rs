@@ -9,6 +9,7 @@ use scenario::Settings;
 use scenario::orders::{self, Planner};
 use scenario::script::{FaultKind, FaultSettings, StandbySettings, SwapSettings};
 use shared_types::time::ns_from_s;
+use slot::supervisor::Now;
 
 /// One thing to be done.
 #[derive(Debug, Clone)]
@@ -57,6 +58,13 @@ impl Script {
     #[must_use]
     pub fn next_ns(&self) -> u64 {
         self.deeds.last().map_or(u64::MAX, |(at_ns, _)| *at_ns)
+    }
+
+    /// True if there is something to be done now. Where time stands still for a slot, what is due then comes after what
+    /// it waits for, which may take as long as it likes.
+    #[must_use]
+    pub fn is_due(&self, slots: &Slots, now: Now) -> bool {
+        self.next_ns() <= now.logical_ns && !slots.holds_time()
     }
 
     /// Does what is due.

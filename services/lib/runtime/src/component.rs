@@ -7,7 +7,7 @@ use crate::output::{Output, OutputSet as _, OutputVisitor};
 use crate::service::{Layout, RestoreError, Service, StateHeader, pack_state, unpack_state};
 use core::any::Any;
 use shared_types::wire::Value as _;
-use shared_types::{Header, Sample, Topic, TopicVisitor};
+use shared_types::{Header, Sample, Seat, Topic, TopicVisitor};
 
 /// A service with its ports.
 pub struct Component {
@@ -113,6 +113,7 @@ pub(crate) trait Parts {
     fn receive_if_moved(&mut self, moved: Roles);
     fn skip_until(&mut self, t_ns: u64);
     fn knows_until(&mut self, t_ns: u64);
+    fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
     /// Puts into effect what is due and runs the step; gives the origin and the cause of what it has written.
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64);
     /// Stamps and sends what the step has written.
@@ -151,6 +152,9 @@ impl<S: Service> Parts for Typed<S> {
     }
     fn knows_until(&mut self, t_ns: u64) {
         self.inputs.knows_until(t_ns);
+    }
+    fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
+        self.inputs.hear_from(heard_from);
     }
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64) {
         let Self { service, inputs, outputs } = self;

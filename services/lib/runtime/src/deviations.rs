@@ -81,12 +81,15 @@ impl<'a> Report<'a> {
         self.sample(DeviationKind::Ended, input, writer, last.sequence);
     }
 
-    /// The writers of whom the loop had something before its first step.
-    fn known(&mut self, input: &str, newest: &[Option<Newest>; SEATS], counts_anew: bool) {
-        for (seat, known) in (0..).zip(newest) {
-            if let Some(known) = known {
-                let generation = if counts_anew { known.generation } else { 0 };
-                self.began(input, (seat, generation), 0);
+    /// The writers of whom the loop had something before its first step, and of whom nothing follows.
+    fn known<T: Sample>(&mut self, name: &str, input: &Input<T>) {
+        for (index, known) in input.newest_before().into_iter().enumerate() {
+            let (Some(known), Ok(seat)) = (known, u32::try_from(index)) else { continue };
+            let generation = if input.counts_anew() { known.generation } else { 0 };
+            self.began(name, (seat, generation), 0);
+            // Elsewhere a restarted process goes on with the numbers of the one before.
+            if input.counts_anew() && input.has_gone(index, known.generation) {
+                self.ended(name, (seat, generation), &known);
             }
         }
     }
@@ -212,7 +215,7 @@ impl InputVisitor for ReportInputs<'_> {
         let mut late: [Option<Deviation>; SEATS] = [None; SEATS];
         let counts_anew = input.counts_anew();
         if self.begins {
-            self.report.known(name, &newest, counts_anew);
+            self.report.known(name, input);
         }
         for sample in input.fresh() {
             let header = sample.header();

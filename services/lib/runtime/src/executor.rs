@@ -225,6 +225,7 @@ impl Executor {
         if order.has_state.is_set() {
             self.restore(state)?;
         }
+        self.hear_from(&order.heard_from);
         if order.catches_up.is_set() {
             self.catch_up();
         }
@@ -232,6 +233,11 @@ impl Executor {
             self.join_at(order.join_ns, order.track_until_ns);
         }
         Ok(())
+    }
+
+    /// Leaves out what processes say that had gone when this one began, see [`Handover::heard_from`].
+    pub fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
+        self.component.parts().hear_from(heard_from);
     }
 
     /// Lets a component that shadows begin behind time and run what it has missed.

@@ -6,7 +6,9 @@
 
 use crate::graph::{Edge, Marks, ROLES};
 use crate::input::Input;
-use shared_types::{NO_SEAT, OwnerRecord, Progress, RegistryEntry, Role, SEATS, Seat};
+use crate::service::StateHeader;
+use shared_types::wire::Value as _;
+use shared_types::{Handover, NO_SEAT, OwnerRecord, Progress, RegistryEntry, Role, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.
 const MAX_TENURES: usize = 8;
@@ -143,6 +145,13 @@ impl SlotBook {
         (!last.members.get(index).copied().unwrap_or(false)).then_some(last.from_ns)
     }
 
+    /// True if `seat` is taken at `t_ns`, as far as any record says.
+    fn is_taken(&self, seat: u32, t_ns: u64) -> bool {
+        let in_effect = self.tenures().iter().rev().find(|tenure| tenure.from_ns <= t_ns);
+        let index = usize::try_from(seat).unwrap_or(SEATS);
+        in_effect.is_none_or(|tenure| tenure.members.get(index).copied().unwrap_or(false))
+    }
+
     /// Mark of the slot for an arrow of this latency \[ns\].
     fn mark_ns(&self, seats: &[u64; SEATS], latency_ns: u64) -> u64 {
         let mark_of = |seat: u32| {
@@ -172,6 +181,8 @@ impl SlotBook {
 pub struct SeatMarks {
     marks: [[u64; SEATS]; ROLES],
     generations: [[Option<u32>; SEATS]; ROLES],
+    /// By [`Seat::number`]: by the registry, the process has left, whose generation is the one that is known.
+    has_left: [bool; Seat::COUNT],
     books: [SlotBook; ROLES],
 }
 
@@ -180,6 +191,7 @@ impl Default for SeatMarks {
         Self {
             marks: [[0; SEATS]; ROLES],
             generations: [[None; SEATS]; ROLES],
+            has_left: [false; Seat::COUNT],
             books: [SlotBook::default(); ROLES],
         }
     }
@@ -235,6 +247,29 @@ impl SeatMarks {
         *seats.get(usize::try_from(index).ok()?)?
     }
 
+    /// A hand-over, with the `state` that follows it, to which it is added whom the process hears: of each seat the
+    /// process that is there when it begins, or the next.
+    #[must_use]
+    pub fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
+        let head = state.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
+        let begins_ns = order.join_ns.max(head.map_or(0, |head| head.release_ns));
+        Handover { heard_from: self.heard_from(begins_ns), ..order }
+    }
+
+    fn heard_from(&self, t_ns: u64) -> [u32; Seat::COUNT] {
+        let mut heard_from = [0; Seat::COUNT];
+        for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
+            let (Some(number), Some(generation)) = (seat.number(), self.generation(seat)) else {
+                continue;
+            };
+            let book = self.books.get(seat.role.index());
+            let is_taken = book.is_none_or(|book| book.is_taken(seat.index, t_ns));
+            let has_gone = self.has_left[number] || !is_taken;
+            heard_from[number] = generation.saturating_add(u32::from(has_gone));
+        }
+        heard_from
+    }
+
     /// The process that has the seat as this generation says nothing any more, and is not waited for.
     pub fn silence(&mut self, Seat { role, index }: Seat, generation: u32) {
         self.advance(role, index, generation, u64::MAX);
@@ -243,9 +278,10 @@ impl SeatMarks {
     /// Takes in the registry: a process that has left is not waited for, and one that comes after it begins anew.
     pub fn learn_registry(&mut self, entries: &[RegistryEntry]) {
         for entry in entries {
+            let seat = Seat { role: entry.role, index: entry.seat };
             let Some((mark, known)) = self.seat(entry.role, entry.seat) else { continue };
             match *known {
-                Some(known) if known > entry.generation => {}
+                Some(known) if known > entry.generation => continue,
                 Some(known) if known == entry.generation => {
                     if !entry.present.is_set() {
                         *mark = u64::MAX;
@@ -255,6 +291,9 @@ impl SeatMarks {
                     *known = Some(entry.generation);
                     *mark = if entry.present.is_set() { 0 } else { u64::MAX };
                 }
+            }
+            if let Some(number) = seat.number() {
+                self.has_left[number] = !entry.present.is_set();
             }
         }
     }
@@ -366,6 +405,31 @@ mod tests {
         assert_eq!(of(&seats, 1), 0, "its predecessor's last word comes late");
         seats.advance(Role::Attitude, 0, 1, 96 * MS);
         assert_eq!(of(&seats, 1), 96);
+    }
+
+    #[test]
+    fn who_begins_in_flight_hears_of_each_seat_who_is_there_then_or_the_next() {
+        let without = OwnerRecord { period_ns: [10, 0, 10, 10], ..record(2, 100, 0, NO_SEAT) };
+        let mut seats = marks([0; SEATS], &[record(1, 0, 0, 1), without]);
+        let entry = |seat, generation, present: bool| RegistryEntry {
+            role: Role::Attitude,
+            seat,
+            generation,
+            present: present.into(),
+            ..RegistryEntry::default()
+        };
+        seats.learn_registry(&[entry(0, 3, true), entry(1, 1, true), entry(2, 5, false)]);
+        let heard_from = |seats: &SeatMarks, t_ms: u64| {
+            let order = Handover { join_ns: t_ms * MS, ..Handover::default() };
+            let named = seats.name_writers(order, &[]).heard_from;
+            assert_eq!(named[Seat::first(Role::Plant).number().unwrap()], 0);
+            [0, 1, 2, 3].map(|index| named[Seat { role: Role::Attitude, index }.number().unwrap()])
+        };
+        assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0]);
+        assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its seat is free from then on");
+        seats.learn_registry(&[entry(2, 6, true)]);
+        seats.silence(Seat { role: Role::Attitude, index: 2 }, 6);
+        assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0], "one that has finished is still there");
     }
 
     #[test]

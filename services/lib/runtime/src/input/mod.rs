@@ -7,7 +7,7 @@ pub use set::{InputPort, InputSet, InputVisitor};
 use crate::graph::{Edge, READER_CAPACITY, Roles};
 use crate::ownership::SlotBook;
 use shared_types::wire::Value;
-use shared_types::{Header, OwnerRecord, Role, SEATS, Sample};
+use shared_types::{Header, OwnerRecord, Role, SEATS, Sample, Seat};
 use std::any::Any;
 use std::collections::VecDeque;
 
@@ -128,6 +128,8 @@ pub struct Input<T> {
     unheard_before: [bool; SEATS],
     /// What was in effect at the step of a restored state is known, and comes again as history.
     known_until_ns: Option<u64>,
+    /// Of each seat: generation of the first process that is heard.
+    heard_from: [u32; SEATS],
     /// Of a slot: whose samples count when. No loop waits for the others, so that it is for chance to
     /// say when those come, and they are left out.
     slot: Option<SlotBook>,
@@ -162,6 +164,7 @@ impl<T: Sample> Default for Input<T> {
             unheard: [false; SEATS],
             unheard_before: [false; SEATS],
             known_until_ns: None,
+            heard_from: [0; SEATS],
             slot: None,
             book: SlotBook::default(),
             news: None,
@@ -203,10 +206,14 @@ impl<T: Sample> Input<T> {
     fn arrive(&mut self, sample: &T, receive_mono_ns: u64) {
         self.learn(sample);
         let header = sample.header();
-        let Some(newest) = usize::try_from(header.seat).ok().and_then(|i| self.newest.get(i))
+        let seat = usize::try_from(header.seat).unwrap_or(SEATS);
+        let (Some(newest), Some(heard_from)) = (self.newest.get(seat), self.heard_from.get(seat))
         else {
             return;
         };
+        if header.generation < *heard_from {
+            return;
+        }
         let known = self.known_until_ns.is_some_and(|t| self.in_effect(header.valid_ns, t));
         if known || newest.is_some_and(|newest| newest.has(header)) {
             return;
@@ -301,6 +308,20 @@ impl<T: Sample> Input<T> {
         if self.edge.is_some_and(|edge| edge.from == role) {
             self.slot = Some(*slot);
         }
+    }
+
+    /// Leaves out what processes say that had gone when this one began, see
+    /// [`Handover::heard_from`](shared_types::Handover::heard_from).
+    pub fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
+        let Some(role) = self.edge.map(|edge| edge.from) else { return };
+        for (index, from) in (0..).zip(&mut self.heard_from) {
+            *from = Seat { role, index }.number().map_or(0, |number| heard_from[number]);
+        }
+    }
+
+    /// True if nothing follows any more from a process that this one had heard before it began.
+    pub(crate) fn has_gone(&self, seat: usize, generation: u32) -> bool {
+        self.heard_from.get(seat).is_some_and(|from| generation < *from)
     }
 
     /// What was in effect at `t_ns` was taken in before a restore: history that repeats it is ignored.

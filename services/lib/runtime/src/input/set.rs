@@ -5,7 +5,7 @@ use crate::graph::Roles;
 use crate::ownership::SlotBook;
 use core::any::Any;
 use shared_types::wire::Schema;
-use shared_types::{Role, Sample, Topic, TopicInfo};
+use shared_types::{Role, Sample, Seat, Topic, TopicInfo};
 
 /// What one input reads.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +69,8 @@ pub trait InputSet: Default {
     fn skip_until(&mut self, t_ns: u64);
     /// See [`Input::knows_until`].
     fn knows_until(&mut self, t_ns: u64);
+    /// See [`Input::hear_from`].
+    fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
     /// See [`Input::obey`].
     fn obey(&mut self, role: Role, slot: &SlotBook);
 }
@@ -164,6 +166,10 @@ macro_rules! inputs {
             ) {
                 $(self.$field.obey(role, slot);)*
                 let _ = (role, slot);
+            }
+            fn hear_from(&mut self, heard_from: &[u32; ::shared_types::Seat::COUNT]) {
+                $(self.$field.hear_from(heard_from);)*
+                let _ = heard_from;
             }
             fn knows_until(&mut self, t_ns: u64) {
                 $(self.$field.knows_until(t_ns);)*

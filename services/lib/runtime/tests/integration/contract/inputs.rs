@@ -4,7 +4,7 @@ use core::cell::RefCell;
 use proptest::prelude::*;
 use runtime::graph::{Edge, READER_CAPACITY};
 use runtime::{Input, InputCounts, Link, Source};
-use shared_types::{Header, Imu, Role, topics};
+use shared_types::{Header, Imu, Role, Seat, topics};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
@@ -251,4 +251,19 @@ fn a_loop_that_joins_knows_what_is_in_effect_without_its_being_new() {
     input.accept(6, Some(4));
     assert_eq!(fresh(&input), [(5, 0, 5), (6, 0, 6)], "older history of another seat is none");
     assert_eq!(input.counts(), InputCounts::default());
+}
+
+#[test]
+fn what_was_said_by_a_process_that_had_gone_is_left_out() {
+    let (mut input, queue) = input(false);
+    let mut heard_from = [0; Seat::COUNT];
+    heard_from[Seat { role: Role::Plant, index: 0 }.number().expect("a seat")] = 2;
+    input.hear_from(&heard_from);
+    for (sequence, generation) in [(1, 0), (2, 1), (3, 2), (4, 3)] {
+        let header = Header { valid_ns: sequence, sequence, generation, ..Header::default() };
+        queue.0.borrow_mut().push_back(Imu { header, ..Imu::default() });
+    }
+    input.receive();
+    input.accept(10, None);
+    assert_eq!(fresh(&input), [(3, 0, 3), (4, 0, 4)]);
 }
