@@ -236,10 +236,10 @@ impl Monitor {
             self.reports.forget();
         }
         if seats != self.memory.commanding {
-            self.memory.commanding = seats;
             self.memory.clipped_from_ns = 0;
             self.torque.forget();
-            self.judge.forget();
+            self.judge.forget(seats[1] != self.memory.commanding[1]);
+            self.memory.commanding = seats;
         }
         hands
     }

@@ -173,12 +173,16 @@ impl Judge {
         }
     }
 
-    /// Resets the state after a change of owner, since the new owner did not cause what came before.
-    pub fn forget(&mut self) {
+    /// Resets the state after a change of owner, since the new owner did not cause what came before. `of_position`: the
+    /// position slot has another owner, so that how far the vehicle is from its path is not its doing either.
+    pub fn forget(&mut self, of_position: bool) {
         // The wind is no owner's doing.
-        let JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity, .. } = self.memory;
+        let JudgeMemory {
+            push_w_m_s2, velocity_w_m_s, has_velocity, moved_m, off_course_s, ..
+        } = self.memory;
+        let kept = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity, ..Default::default() };
         self.memory =
-            JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity, ..JudgeMemory::default() };
+            if of_position { kept } else { JudgeMemory { moved_m, off_course_s, ..kept } };
         (self.body, self.asked) = ([Swings::default(); 2], [Swings::default(); 2]);
     }
 

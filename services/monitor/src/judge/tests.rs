@@ -447,7 +447,7 @@ fn a_restored_judge_continues_bit_for_bit_as_the_original() {
         other.restore(&memory);
     }
     let JudgeMemory { push_w_m_s2, velocity_w_m_s, .. } = first.memory();
-    first.forget();
+    first.forget(true);
     let none = JudgeMemory::default();
     let wind = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity: true, ..none };
     assert_eq!(first.memory(), wind, "all but what no owner has done");
