@@ -214,9 +214,13 @@ impl Slot {
         if !order.trusted && !self.config.keeps_fallback && self.standby.is_none() {
             step(out, Step::WithoutFallback(new));
         }
-        self.phase = Phase::Flipping { new, old, epoch, order };
+        self.phase = Phase::Flipping { new, old, epoch, order, ends_ns: None };
         self.publish(now, new, None, out);
-        step(out, Step::FlipsAt { seat: new, epoch, at_ns: self.ledger.effective_ns() });
+        let at_ns = self.ledger.effective_ns();
+        let ends_ns = at_ns.saturating_add(order.rollback_ns);
+        let ends_ns = (ends_ns > now.allowed_ns).then_some(ends_ns);
+        self.phase = Phase::Flipping { new, old, epoch, order, ends_ns };
+        step(out, Step::FlipsAt { seat: new, epoch, at_ns });
     }
 
     /// The window is over: the new owner stays, and the old one leaves unless it is to be the

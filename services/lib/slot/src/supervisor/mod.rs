@@ -59,8 +59,9 @@ enum Phase {
     Joining { seat: Seat, goal: Goal },
     /// It steps and publishes, and is not obeyed.
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
-    /// A record from `epoch` on names it as the owner.
-    Flipping { new: Seat, old: Seat, epoch: u64, order: Order },
+    /// A record from `epoch` on names it as the owner. Its window ends at `ends_ns` at the earliest; none once time has
+    /// come so far.
+    Flipping { new: Seat, old: Seat, epoch: u64, order: Order, ends_ns: Option<u64> },
     /// It commands; the old owner is the fallback.
     Window { new: Seat, old: Seat, until_ns: u64, order: Order },
     /// A record from `epoch` on names the old owner again; the other one is healthy and leaves when
@@ -270,6 +271,8 @@ impl Slot {
             Phase::Shadowing { track_until_ns, stage: Stage::Tracking, .. } => Some(track_until_ns),
             Phase::Shadowing { until_ns, stage: Stage::Free, .. }
             | Phase::Window { until_ns, .. } => Some(until_ns),
+            // However far ahead time is allowed, it has not passed the end when the record is confirmed.
+            Phase::Flipping { ends_ns, .. } => ends_ns,
             _ => None,
         };
         let outstanding_ns = self.ledger.outstanding.map(|outstanding| outstanding.until_ns);
@@ -330,6 +333,12 @@ impl Slot {
         }
     }
 
+    /// Who sits on a seat; none before the process is there.
+    #[must_use]
+    pub fn instance(&self, seat: Seat) -> Option<&Instance> {
+        self.instances.instance(seat)
+    }
+
     /// True if both are there and have states of the same layout.
     #[must_use]
     pub fn are_alike(&self, a: Seat, b: Seat) -> bool {
@@ -364,6 +373,9 @@ impl Slot {
             Phase::Shadowing { until_ns, stage: Stage::Free, .. } if due(until_ns) => self.ask(out),
             Phase::Window { new, old, until_ns, .. } if due(until_ns) => {
                 self.commit(now, new, old, out);
+            }
+            Phase::Flipping { ref mut ends_ns, .. } => {
+                *ends_ns = ends_ns.filter(|at_ns| !due(*at_ns));
             }
             _ => {}
         }

@@ -147,7 +147,7 @@ impl Slot {
             self.ledger.outstanding = None;
         }
         match self.phase {
-            Phase::Flipping { new, old, epoch: from, order } if epoch >= from => {
+            Phase::Flipping { new, old, epoch: from, order, .. } if epoch >= from => {
                 // The consumer tells it at its next step; its record says from when on.
                 let record = self.ledger.newest().filter(|record| record.epoch == epoch);
                 let since_ns = record.map_or(at_ns, |record| record.effective_ns.min(at_ns));

@@ -40,6 +40,29 @@ fn a_same_kind_swap_in_lockstep_follows_the_script_to_the_nanosecond() {
     assert!(desk.slot.is_quiet() && !desk.slot.is_taken(SEAT[0]));
 }
 
+/// Otherwise the window would end wherever allowed time has got before the confirmation is heard.
+#[test]
+fn time_stops_where_the_window_may_end_before_the_flip_is_confirmed() {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    desk.at(4200 * MS).swap(7).confirm().wait().pass(SEAT[1]);
+    assert_eq!(desk.record().effective_ns, 4401 * MS);
+    assert_eq!(desk.slot.deadline_ns(), Some(4901 * MS));
+    desk.wait();
+    assert!(desk.slot.deadline_ns() > Some(4901 * MS), "without a confirmation it goes on");
+    desk.on(Event::Acknowledged { epoch: desk.record().epoch, seat: SEAT[1], at_ns: 4401 * MS });
+    assert_eq!(desk.slot.deadline_ns(), Some(4901 * MS));
+}
+
+#[test]
+fn without_a_window_no_time_is_waited_for_that_has_come_already() {
+    let mut desk = Desk::new(SlotConfig::LOCKSTEP);
+    let at_once = Order { rollback_ns: 0, ..order(201 * MS) };
+    desk.at(4200 * MS).on(Event::Request(Request::Swap(Target::New(Program(1)), at_once)));
+    desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
+    assert_eq!((desk.record().effective_ns, desk.now.allowed_ns), (4401 * MS, 4401 * MS));
+    assert!(desk.slot.deadline_ns() > Some(4401 * MS), "{:?}", desk.slot.deadline_ns());
+}
+
 #[test]
 fn another_kind_tracks_first_and_its_flip_says_so() {
     let mut desk = Desk::new(SlotConfig::LOCKSTEP);
