@@ -23,10 +23,11 @@ pub struct GateConfig {
     /// How long that tilt may last.
     #[garde(range(min = 0.0, max = 10.0), custom(finite))]
     pub tip_over_s: f64,
-    /// Torque of LEVEL is at most this times m g L(β).
+    /// Torque of LEVEL is at most this times m g L(β), once tilt and rate are below `recovered_tilt_rad` and
+    /// `recovered_rate_rad_s`; before that it is that of RECOVER.
     #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub level_torque_fraction: f64,
-    /// Tilt beyond which the gate itself answers a trip, by RECOVER: the bound on the tilt that position
+    /// Tilt beyond which the gate itself answers a trip, by RECOVER, and holds no command that is no longer valid: the bound on the tilt that position
     /// controllers may ask for, so that no controller has been made for more.
     #[garde(range(min = 0.0, max = 3.2), custom(finite))]
     pub recover_tilt_rad: f64,

@@ -95,12 +95,15 @@ fn level_recovers_from_0_3_rad_and_2_rad_s_at_every_size() {
 
             let moments: Vec<Moment> = (0..2000).map(|_| flight.step(None)).collect();
             let arm = flight.gate.vehicle.geometry.arm_length_m(beta);
-            let torque_max = 0.25 * flight.gate.vehicle.weight_n() * arm;
+            let torque_max = |share: f64| share * flight.gate.vehicle.weight_n() * arm;
             let worst = moments.iter().map(|m| m.tilt_rad).fold(0.0, f64::max);
-            assert!(worst < 0.5, "worst tilt {worst}");
+            assert!(worst < 0.4, "worst tilt {worst}");
             for moment in &moments[45..] {
                 assert!(matches!(moment.output.mode, Mode::Level { .. }));
-                assert!(moment.output.wrench.torque_b_nm.norm() <= torque_max * (1.0 + 1e-12));
+                // As much as RECOVER has while it leans or turns too far, by the gate's own readings.
+                let is_wild = moment.tilt_rad > 0.29 || moment.rate_rad_s > 2.9;
+                let most_nm = torque_max(if is_wild { 0.5 } else { 0.25 });
+                assert!(moment.output.wrench.torque_b_nm.norm() <= most_nm * (1.0 + 1e-12));
             }
             // A gyro bias of 0.01 rad/s (1 σ per axis) drifts by up to about 0.05 rad in 2 s.
             for moment in &moments[1000..] {
@@ -159,7 +162,11 @@ fn no_torque_of_an_unproven_owner_tilts_the_vehicle_beyond_its_range() {
 
 #[test]
 fn a_vehicle_that_cannot_be_turned_back_is_cut_after_the_tip_over_time() {
-    let powerless = GateConfig { level_torque_fraction: 0.0, ..GateConfig::default() };
+    let powerless = GateConfig {
+        level_torque_fraction: 0.0,
+        recover_torque_fraction: 0.0,
+        ..GateConfig::default()
+    };
     let mut flight = Flight::new(&powerless, MorphAngle::MEDIUM, 1);
     assert!(flight.upset(Vector3::x(), 1.8).tilt_rad >= 1.8);
     let modes: Vec<Mode> = (0..1000).map(|_| flight.step(None).output.mode).collect();

@@ -103,8 +103,8 @@ struct Held {
     hold_ns: u64,
 }
 
-/// Tilt \[rad\] and rate \[rad/s\] beyond which a trip is answered by the gate itself, and below which
-/// commands count again.
+/// Tilt \[rad\] and rate \[rad/s\] beyond which a trip is answered by the gate itself and no command is held, and below
+/// which commands count again and LEVEL is gentle.
 #[derive(Debug, Clone, Copy)]
 struct RecoverBounds {
     enter: [f64; 2],
@@ -219,11 +219,11 @@ impl Gate {
 
         let mut wrench = match self.mode {
             Mode::Normal | Mode::Hold { .. } => self.held.wrench,
-            Mode::Level { .. } => {
-                self.law.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
-            }
-            Mode::Recover { .. } => {
-                self.recovery.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
+            Mode::Level { .. } | Mode::Recover { .. } => {
+                let levels_gently =
+                    matches!(self.mode, Mode::Level { .. }) && self.is_within(self.bounds.leave);
+                let law = if levels_gently { &self.law } else { &self.recovery };
+                law.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
             }
             Mode::Cut => Wrench::thrust(0.0),
         };
@@ -259,6 +259,7 @@ impl Gate {
             tilted: self.filter.tilt_rad() > self.tip_over_tilt_rad,
             out_of_hand: input.tripped && !self.is_within(self.bounds.enter)
                 || input.unproven.is_some_and(|range| self.overturns(range, tick_s)),
+            wild: !self.is_within(self.bounds.enter),
             calm: self.is_within(self.bounds.leave),
         };
         let next = self.mode.next(&seen, &self.limits);

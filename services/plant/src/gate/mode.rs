@@ -10,6 +10,8 @@
 //!                                                                 CUT   (for good)
 //! ```
 //!
+//! HOLD is left out where the vehicle is tilted or turns fast: a command that outlives its controller goes on turning it.
+//!
 //! When the owner trips, or what an unproven owner obeys, while the vehicle is tilted or turns fast, all but CUT give
 //! way to RECOVER; so do NORMAL and HOLD when an owner that has not proven itself is about to tilt it too far:
 //!
@@ -70,6 +72,8 @@ pub(super) struct Observation {
     /// The owner trips now, and tilt or rate are beyond what a controller is made for, or the tilt of an unproven owner
     /// is about to be.
     pub(super) out_of_hand: bool,
+    /// Tilt or rate are beyond what a controller is made for.
+    pub(super) wild: bool,
     /// Tilt and rate are such that a controller can go on.
     pub(super) calm: bool,
 }
@@ -92,9 +96,9 @@ impl Mode {
             _ if seen.out_of_hand => Self::Recover { since_ns: now_ns },
             _ if seen.fresh => Self::Normal,
             Self::Normal if now_ns < seen.valid_until_ns => self,
-            Self::Normal => Self::Hold { since_ns: seen.valid_until_ns },
-            Self::Hold { since_ns } if elapsed(since_ns) < seen.hold_ns => self,
-            Self::Hold { .. } => {
+            Self::Normal if !seen.wild => Self::Hold { since_ns: seen.valid_until_ns },
+            Self::Hold { since_ns } if !seen.wild && elapsed(since_ns) < seen.hold_ns => self,
+            Self::Normal | Self::Hold { .. } => {
                 Self::Level { since_ns: now_ns, tilted_since_ns: seen.tilted.then_some(now_ns) }
             }
             Self::Level { since_ns, tilted_since_ns } => {
@@ -159,6 +163,7 @@ mod tests {
             hold_ns: 20,
             tilted: false,
             out_of_hand: false,
+            wild: false,
             calm: false,
         }
     }
@@ -188,6 +193,14 @@ mod tests {
         assert_eq!(HOLD.next(&at(119), &LIMITS), HOLD);
         assert_eq!(HOLD.next(&at(120), &LIMITS), level(120, None));
         assert_eq!(HOLD.next(&tilted_at(120), &LIMITS), level(120, Some(120)));
+    }
+
+    #[test]
+    fn nothing_is_held_of_a_vehicle_that_leans_or_turns_too_far() {
+        let wild = |now_ns| Observation { wild: true, ..at(now_ns) };
+        assert_eq!(Mode::Normal.next(&wild(99), &LIMITS), Mode::Normal);
+        assert_eq!(Mode::Normal.next(&wild(100), &LIMITS), level(100, None));
+        assert_eq!(HOLD.next(&wild(110), &LIMITS), level(110, None));
     }
 
     #[test]
