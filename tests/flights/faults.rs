@@ -221,6 +221,34 @@ fn a_fault_at_the_instant_of_a_verdict_is_the_same_with_a_rehearsal() {
     assert_eq!(rehearsed.summary()["hash"], unrehearsed.summary()["hash"]);
 }
 
+/// A window shorter than the time that is allowed ahead of the slowest process ends at the same instant, whether all of
+/// that time is allowed at once or little by little: whoever dies soon afterwards has a fallback in both or in neither.
+#[test]
+fn a_short_rollback_window_ends_at_one_instant_at_every_pace() {
+    let words = ["--swap", "attitude=attitude-mpc@668ms,shadow=260ms,rollback=230ms"];
+    let words = [&["hover", "--for", "2s", "--fault", "kill:attitude-mpc@1170ms"], &words[..]];
+    let at_once = fly(&words.concat());
+    for pace in [&["--speed", "8"][..], &["--in-process"]] {
+        let other = fly(&[&words.concat()[..], pace, &["--no-record"]].concat());
+        assert_eq!(other.summary()["hash"], at_once.summary()["hash"], "{pace:?}");
+    }
+}
+
+/// What the flight began with takes the place of a newcomer that has died twice, and dies before its first state: the
+/// last one of the seat is of another layout, which it could not go on from.
+#[test]
+fn a_controller_that_dies_before_its_first_state_goes_on_from_none() {
+    let mut words = vec!["hover", "--for", "3s", "--set", "rehearsal.enabled=false"];
+    words.extend(["--swap", "attitude=attitude-pid@500ms,shadow=300ms,rollback=300ms"]);
+    words.extend(["--fault", "kill:attitude-pid@1300ms", "--fault", "kill:attitude-pid@1602ms"]);
+    words.extend(["--fault", "kill:attitude-mpc@1706ms"]);
+    let flown = fly(&words);
+    flown.assert_flown("killed between its start and its first step");
+    assert_eq!(flown.summary()["wrong_owner_ticks"], 0, "{}", flown.said());
+    let alone = fly(&[&words[..], &["--in-process", "--no-record"]].concat());
+    assert_eq!(alone.summary()["hash"], flown.summary()["hash"], "{}", alone.said());
+}
+
 #[test]
 fn a_controller_that_a_script_has_started_flies_and_ends_with_the_script() {
     let folder = TempDir::new().expect("a folder");

@@ -345,7 +345,9 @@ impl Flight {
             // A flight held to a pace has drained up to the next release when its time ends between
             // two: what is to be done there waits until time has come so far.
             let allowed_ns = self.conductor.allowed_ns();
-            Now { logical_ns: self.drained_ns.min(allowed_ns), allowed_ns }
+            // There is no time after the end, however long the last processes take to leave.
+            let logical_ns = self.drained_ns.min(allowed_ns).min(self.conductor.end_ns());
+            Now { logical_ns, allowed_ns }
         } else {
             let started = self.conductor.has_started();
             let wall_ns = if started { self.conductor.wall_ns(now_mono_ns) } else { 0 };

@@ -8,9 +8,9 @@ mod take_over;
 
 use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
-use runtime::Graph;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
+use runtime::{Graph, StateHeader};
 use scenario::orders::Sent;
 use shared_types::{Flag, Handover, Hello, OwnerRecord, RegistryEntry, Role, Seat};
 use std::path::PathBuf;
@@ -178,7 +178,7 @@ impl Supervisor {
             let post = &mut self.posts[index];
             if post.restart_at_ns.is_some_and(|at| now_ns >= at) {
                 post.restart_at_ns = None;
-                let has_state = tap.last_state(post.seat).is_some();
+                let has_state = own_state(post, tap).is_some();
                 post.generation += 1;
                 // Without a state a process begins with the flight, or now if that is long ago.
                 let in_flight = has_state || !post.goes_on || self.wall.is_some();
@@ -202,7 +202,7 @@ impl Supervisor {
             let Some(post) = post.filter(|post| post.awaits_handover) else { continue };
             if post.goes_on {
                 // It is in the registry before it can say a word.
-                let state = tap.last_state(seat).filter(|_| seat.role != Role::Pilot);
+                let state = own_state(post, tap).filter(|_| seat.role != Role::Pilot);
                 let order = Handover {
                     has_state: Flag::from(state.is_some()),
                     join_ns: if state.is_some() { 0 } else { now_logical_ns },
@@ -348,4 +348,12 @@ fn start(
 ) -> Result<(), FlightError> {
     let name = post.spec.name.clone();
     post.start(folder, awaits_handover).map_err(|source| FlightError::Start { name, source })
+}
+
+/// The last state published from a post, if it is of the kind that its process publishes: one that died before its first
+/// state has left that of the process before it, perhaps of another program.
+fn own_state<'a>(post: &Post, tap: &'a Tap) -> Option<&'a [u8]> {
+    let is_own =
+        |state: &&[u8]| StateHeader::of(state).is_some_and(|head| head.layout_hash == post.layout);
+    tap.last_state(post.seat).filter(is_own)
 }

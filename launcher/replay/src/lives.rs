@@ -7,7 +7,6 @@ use record::read::{RecordedState, seat_config};
 use runtime::Graph;
 use runtime::service::StateHeader;
 use scenario::services::{self, Assignment};
-use shared_types::wire::Value as _;
 use shared_types::{Deviation, DeviationKind, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -143,8 +142,7 @@ impl Life {
 
 /// The first part of a state.
 pub(super) fn state_header(state: &RecordedState) -> StateHeader {
-    let head = state.bytes.get(..StateHeader::PACKED_SIZE);
-    head.map_or_else(StateHeader::default, StateHeader::unpack)
+    StateHeader::of(&state.bytes).unwrap_or_default()
 }
 
 /// Who flew `role`, with their lives, in the order in which they began.

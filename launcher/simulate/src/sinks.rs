@@ -7,7 +7,6 @@ use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
 use record::{Event, Recording, STATES, SequenceAudit, SequenceCheck, Severity, Stream};
 use runtime::service::StateHeader;
-use shared_types::wire::Value as _;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
 use swap::SlotWatch;
 
@@ -123,9 +122,7 @@ impl Sinks {
         if let Some((_, stream)) = self.states.iter().find(|(known, _)| *known == role) {
             self.audit.observe(*stream, header);
         }
-        let layout_hash = bytes
-            .get(..StateHeader::PACKED_SIZE)
-            .map_or(0, |head| StateHeader::unpack(head).layout_hash);
+        let layout_hash = StateHeader::of(bytes).map_or(0, |head| head.layout_hash);
         let written = recording.write_state(role, header, layout_hash, bytes, receipt_mono_ns);
         if let Err(error) = written {
             self.fail_recording(&error.to_string());

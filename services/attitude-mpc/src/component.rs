@@ -177,6 +177,11 @@ impl Service for AttitudeMpc {
         is_recovering(inputs)
     }
 
+    fn skip(&mut self) {
+        // Δx would span more than a period.
+        self.law.miss();
+    }
+
     fn memory(&self) -> ComponentMemory {
         ComponentMemory {
             law: *self.law.memory(),

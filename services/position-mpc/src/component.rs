@@ -122,6 +122,11 @@ impl Service for PositionMpc {
         }
     }
 
+    fn skip(&mut self) {
+        // Δx would span more than a period.
+        self.law.miss();
+    }
+
     fn memory(&self) -> ComponentMemory {
         let (applied, has_applied) = self.tracked.packed();
         let applied_release_ns = self.tracked.release_ns;

@@ -1,6 +1,6 @@
 //! Deaths, those in order and the others, and what ends processes.
 
-use super::{Notice, Supervisor};
+use super::{Notice, Supervisor, own_state};
 use crate::tap::Tap;
 use runtime::clock::{mono_now_ns, sleep_until};
 use runtime::ipc::Bus;
@@ -79,8 +79,10 @@ impl Supervisor {
             let (times, there_ns) = post.died;
             post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         }
-        // One that has stepped and published no state, such as a controller in Python, has nothing to go on from.
-        let is_stateless = mark_ns > 0 && tap.last_state(post.seat).is_none();
+        // One that has stepped, or came in flight, and has published no state, such as a controller in Python, has
+        // nothing to go on from.
+        let is_under_way = mark_ns > 0 || post.generation > 0 || !post.goes_on;
+        let is_stateless = is_under_way && own_state(post, tap).is_none();
         let is_crash_looping = post.died.0 > DEATHS_MAX || is_stateless;
         if post.seat.role.is_slot() && (post.scripted || is_crash_looping || !keeps(post.seat)) {
             // Who commands the slot now is not decided here.
@@ -93,14 +95,13 @@ impl Supervisor {
             self.events.push(PostEvent::Gone { place, exit_reason });
             return Ok(());
         }
-        let place = post.seat;
         post.goes_on = true;
         let delay_ns = self.pause_before_restart(index, now_ns).map_err(lost)?;
         let post = &mut self.posts[index];
         post.restart_at_ns = Some(now_ns + delay_ns);
         post.ready = false;
         self.recovered += 1;
-        let from = if tap.last_state(place).is_some() { " from its last state" } else { "" };
+        let from = if own_state(post, tap).is_some() { " from its last state" } else { "" };
         let text = format!("{name} {how}{words}; restarting it{from}");
         self.notices.push(Notice { source: name, text });
         Ok(())

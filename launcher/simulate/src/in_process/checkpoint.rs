@@ -6,7 +6,6 @@ use core::convert::Infallible;
 use runtime::graph::{Edge, ROLES};
 use runtime::input::{Input, InputVisitor};
 use runtime::{Component, Graph, MarkView as _, StateHeader};
-use shared_types::wire::Value as _;
 use shared_types::{Role, Sample, Topic};
 use std::sync::Arc;
 
@@ -62,8 +61,7 @@ impl Checkpoint {
     pub(super) fn taken_over(&self, role: Role, component: &Component) -> Option<Vec<u8>> {
         let state = self.state(role)?;
         let same_ports = *self.ports.get(role.index())? == Some(component.layout().ports_hash());
-        let same_kind = StateHeader::unpack(state.get(..StateHeader::PACKED_SIZE)?).layout_hash
-            == component.layout().hash();
+        let same_kind = StateHeader::of(state)?.layout_hash == component.layout().hash();
         (same_ports && !same_kind).then(|| component.succeeding(state)).flatten()
     }
 

@@ -9,7 +9,7 @@ use super::wires::Wires;
 use crate::rehearse::{self, Snapshot, Verdict};
 use core::cell::RefCell;
 use runtime::clock::mono_now_ns;
-use runtime::{Graph, Node};
+use runtime::{Graph, Node, StateHeader};
 use scenario::Scenario;
 use scenario::orders::Sent;
 use shared_types::time::ns_from_s;
@@ -214,7 +214,12 @@ impl InProcessHost {
         // A loop that dies of what it meets there would do so again and again.
         let (times, there_ns) = post.died;
         post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
-        let Some((_, state)) = post.last_state.clone().filter(|_| post.died.0 <= DEATHS_MAX) else {
+        // One that died before its first state has left that of the process before it.
+        let is_own = |state: &[u8]| {
+            StateHeader::of(state).is_some_and(|head| head.layout_hash == l.stepper.layout())
+        };
+        let state = post.last_state.clone().filter(|(_, state)| is_own(state));
+        let Some((_, state)) = state.filter(|_| post.died.0 <= DEATHS_MAX) else {
             post.died = (0, 0);
             return Ok(RestartOutcome::Gone(l));
         };

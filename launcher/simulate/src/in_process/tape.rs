@@ -4,7 +4,6 @@ use ::observe::Observer;
 use record::read::RecordVisitor;
 use runtime::graph::ROLES;
 use runtime::service::StateHeader;
-use shared_types::wire::Value as _;
 use shared_types::{Deviation, Edge, Header, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -43,7 +42,7 @@ impl Observer for Tape {
         true
     }
     fn observe_state(&mut self, role: Role, header: &Header, state: &[u8]) {
-        let head = state.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
+        let head = StateHeader::of(state);
         if let (Some(head), Some(keyframes)) = (head, self.states.get_mut(role.index())) {
             let (header, release_ns) = (*header, head.release_ns);
             keyframes.push(Keyframe { header, release_ns, state: state.to_vec() });

@@ -6,10 +6,11 @@ use super::{EXIT_TIMEOUT_NS, Expected, SlotContext, Slots, seating};
 use crate::FlightError;
 use crate::child::{ChildSpec, Launch};
 use crate::orders::Executable;
+use runtime::StateHeader;
 use scenario::candidate::{Candidate, Slot};
 use shared_types::{ClockMode, Flag, Handover, Role, Seat as Place};
 use slot::gate::GateLimits;
-use slot::supervisor::Event;
+use slot::supervisor::{Event, Instance};
 use slot::{Action, Program, Seat};
 
 impl Slots {
@@ -73,9 +74,18 @@ impl Slots {
                 context.posts.announce(record.to_sample(role));
             }
             Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
+                let instance = self.machines.get(&slot).and_then(|machine| machine.instance(seat));
                 let from = state_of.map(place);
                 let state = from.and_then(|from| context.posts.last_state(from));
-                let same = state_of.is_some_and(|of| of != seat);
+                // One that died before its first state has left that of whoever sat there before it.
+                let is_of_kind =
+                    |head: StateHeader| instance.is_some_and(|i| i.layout == head.layout_hash);
+                let state =
+                    state.filter(|(_, bytes)| StateHeader::of(bytes).is_some_and(is_of_kind));
+                // From nothing, it first sees what is applied.
+                let period_ns = instance.filter(|_| state.is_none()).map_or(0, Instance::period_ns);
+                let track_until_ns = track_until_ns.max(join_ns.saturating_add(period_ns));
+                let same = state.is_some() && state_of.is_some_and(|of| of != seat);
                 // In realtime a successor of the same kind runs what it has missed, from history.
                 let catches_up = same && self.mode != ClockMode::Lockstep;
                 let order = Handover {

@@ -4,7 +4,6 @@ use super::{Executable, SlotContext, Slots};
 use runtime::life_number;
 use runtime::service::StateHeader;
 use scenario::candidate::{Candidate, Slot};
-use shared_types::wire::Value as _;
 use shared_types::{Flag, Handover, Header, Seat as Place, Seating, SeatingKind};
 use slot::Seat;
 
@@ -25,7 +24,7 @@ pub(super) fn joined(
         ..Seating::default()
     };
     if let Some((from, (generation, bytes))) = state {
-        let head = bytes.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
+        let head = StateHeader::of(bytes);
         seating.state_release = head.map_or(0, |head| head.release_index);
         seating.state_seat = from.index;
         seating.state_generation = *generation;

@@ -114,6 +114,8 @@ pub(crate) trait Parts {
     fn skip_until(&mut self, t_ns: u64);
     fn knows_until(&mut self, t_ns: u64);
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
+    /// See [`Service::skip`].
+    fn skip(&mut self);
     /// Puts into effect what is due and runs the step; gives the origin and the cause of what it has written.
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64);
     /// Stamps and sends what the step has written.
@@ -155,6 +157,9 @@ impl<S: Service> Parts for Typed<S> {
     }
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]) {
         self.inputs.hear_from(heard_from);
+    }
+    fn skip(&mut self) {
+        self.service.skip();
     }
     fn step(&mut self, now_ns: u64, previous_ns: Option<u64>, tracks: bool) -> (Origin, u64) {
         let Self { service, inputs, outputs } = self;

@@ -279,6 +279,9 @@ impl Executor {
             self.component.parts().skip_until(before_ns);
             self.previous_ns = Some(before_ns);
         }
+        if self.pending.skipped_from.is_some() {
+            self.component.parts().skip();
+        }
         let tracks = now_ns < self.track_until_ns;
         let (origin, cause) = self.component.parts().step(now_ns, self.previous_ns, tracks);
         let header = Header {

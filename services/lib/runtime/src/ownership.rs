@@ -7,7 +7,6 @@
 use crate::graph::{Edge, Marks, ROLES};
 use crate::input::Input;
 use crate::service::StateHeader;
-use shared_types::wire::Value as _;
 use shared_types::{Handover, NO_SEAT, OwnerRecord, Progress, RegistryEntry, Role, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.
@@ -251,7 +250,7 @@ impl SeatMarks {
     /// process that is there when it begins, or the next.
     #[must_use]
     pub fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
-        let head = state.get(..StateHeader::PACKED_SIZE).map(StateHeader::unpack);
+        let head = StateHeader::of(state);
         let begins_ns = order.join_ns.max(head.map_or(0, |head| head.release_ns));
         Handover { heard_from: self.heard_from(begins_ns), ..order }
     }

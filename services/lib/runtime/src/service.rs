@@ -40,6 +40,10 @@ pub trait Service {
     /// A service that fills no slot has nothing to track.
     fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
 
+    /// Forgets what the memory says of the step before: releases since then have been left out, so that it is older than
+    /// a period. The runtime calls it before the next step, also after a restore from an old state.
+    fn skip(&mut self) {}
+
     /// True while the slot applies what no controller commands, because its consumer brings the vehicle
     /// back by itself: the controller that is to command afterwards then tracks too, see [`track`](Self::track).
     fn is_displaced(&self, _inputs: &Self::Inputs) -> bool {
@@ -82,6 +86,14 @@ shared_types::memory! {
         pub stats_sequence: u64,
         /// Sequence of the last deviation that this life of the process has told.
         pub deviation_sequence: u64,
+    }
+}
+
+impl StateHeader {
+    /// The first part of a published state; none of bytes that are too few to be one.
+    #[must_use]
+    pub fn of(state: &[u8]) -> Option<Self> {
+        state.get(..Self::PACKED_SIZE).map(Self::unpack)
     }
 }
 
