@@ -5,7 +5,7 @@ use super::life_key::LifeKey;
 use super::tapes::Recorded;
 use record::read::{RecordedState, seat_config};
 use runtime::Graph;
-use runtime::service::StateHeader;
+use runtime::StateHeader;
 use scenario::services::{self, Assignment};
 use shared_types::{Deviation, DeviationKind, Role, Seat, Seating, topics};
 use std::collections::BTreeMap;

@@ -6,7 +6,7 @@ use observe::{FlightHash, LogHash, Metrics, News, Observer};
 use protocol::topic::feed::{Ending, Feed};
 use record::read::seat_config;
 use record::{Event, Recording, STATES, SequenceAudit, SequenceCheck, Severity, Stream};
-use runtime::service::StateHeader;
+use runtime::StateHeader;
 use shared_types::{Header, Role, Sample, Seat, Seating, Topic, TopicInfo, topics};
 use swap::SlotWatch;
 

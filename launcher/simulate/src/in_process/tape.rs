@@ -2,8 +2,8 @@
 
 use ::observe::Observer;
 use record::read::RecordVisitor;
+use runtime::StateHeader;
 use runtime::graph::ROLES;
-use runtime::service::StateHeader;
 use shared_types::{Deviation, Edge, Header, Role, Sample, Topic, TopicVisitor, topics};
 use std::any::Any;
 use std::collections::BTreeMap;

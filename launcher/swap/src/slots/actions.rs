@@ -77,7 +77,7 @@ impl Slots {
                 let instance = self.machines.get(&slot).and_then(|machine| machine.instance(seat));
                 let from = state_of.map(place);
                 let state = from.and_then(|from| context.posts.last_state(from));
-                // One that died before its first state has left that of whoever sat there before it.
+                // One that died before its first state has left that of another that sat there before.
                 let is_of_kind =
                     |head: StateHeader| instance.is_some_and(|i| i.layout == head.layout_hash);
                 let state =

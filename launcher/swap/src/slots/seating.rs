@@ -1,8 +1,8 @@
 //! What the recording is told of who sits where, so that every life of a process can be flown again.
 
 use super::{Executable, SlotContext, Slots};
+use runtime::StateHeader;
 use runtime::life_number;
-use runtime::service::StateHeader;
 use scenario::candidate::{Candidate, Slot};
 use shared_types::{Flag, Handover, Header, Seat as Place, Seating, SeatingKind};
 use slot::Seat;

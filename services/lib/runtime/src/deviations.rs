@@ -5,7 +5,7 @@
 
 use crate::input::{Input, InputVisitor, Newest};
 use crate::output::Output;
-use crate::service::StateHeader;
+use crate::state_header::StateHeader;
 use core::convert::Infallible;
 use shared_types::{Deviation, DeviationKind, Header, Role, SEATS, Sample, Seat, Topic, topics};
 

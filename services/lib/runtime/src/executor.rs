@@ -4,7 +4,8 @@ use crate::component::Component;
 use crate::deviations::{Pending, Report, ReportEnd, ReportInputs, loop_number};
 use crate::graph::{Edge, MissPolicy, Node};
 use crate::output::Output;
-use crate::service::{RestoreError, StateHeader};
+use crate::service::RestoreError;
+use crate::state_header::StateHeader;
 use crate::upkeep::Costs;
 use shared_types::{Deviation, Handover, Header, LoopStats, Seat};
 

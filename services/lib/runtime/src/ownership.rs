@@ -6,7 +6,7 @@
 
 use crate::graph::{Edge, Marks, ROLES};
 use crate::input::Input;
-use crate::service::StateHeader;
+use crate::state_header::StateHeader;
 use shared_types::{Handover, NO_SEAT, OwnerRecord, Progress, RegistryEntry, Role, SEATS, Seat};
 
 /// Announced changes of a slot that can lie ahead.

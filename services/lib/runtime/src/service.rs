@@ -2,6 +2,7 @@
 
 use crate::input::{InputPort, InputSet};
 use crate::output::OutputSet;
+use crate::state_header::StateHeader;
 use shared_types::wire::{Schema, Value, Wire, hash_bytes};
 use shared_types::{TopicInfo, TopicVisitor, topics};
 use thiserror::Error;
@@ -56,44 +57,6 @@ pub trait Service {
     /// IMU sequence that this step's outputs descend from.
     fn cause_sequence(&self, inputs: &Self::Inputs) -> u64 {
         inputs.origin().cause_sequence
-    }
-}
-
-shared_types::memory! {
-    /// First part of a published state: where in the flight it was taken.
-    pub struct StateHeader {
-        /// Layout of this header, memory, latches and sequences together.
-        pub layout_hash: u64,
-        /// Index of the release that has just run.
-        pub release_index: u64,
-        /// Its instant \[ns\].
-        pub release_ns: u64,
-        /// Steps run so far.
-        pub steps: u64,
-        /// Releases skipped so far.
-        pub skipped: u64,
-        /// Releases run late so far.
-        pub caught_up: u64,
-        /// Steps started without final inputs so far.
-        pub input_deadline_misses: u64,
-        /// Samples that came after the step they were for so far.
-        pub late_samples: u64,
-        /// Samples never seen so far.
-        pub lost_samples: u64,
-        /// Sequence of this state.
-        pub state_sequence: u64,
-        /// Sequence of the last loop statistics.
-        pub stats_sequence: u64,
-        /// Sequence of the last deviation that this life of the process has told.
-        pub deviation_sequence: u64,
-    }
-}
-
-impl StateHeader {
-    /// The first part of a published state; none of bytes that are too few to be one.
-    #[must_use]
-    pub fn of(state: &[u8]) -> Option<Self> {
-        state.get(..Self::PACKED_SIZE).map(Self::unpack)
     }
 }
 
