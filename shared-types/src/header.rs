@@ -127,6 +127,8 @@ samples!(
     crate::Imu,
     crate::PoseFix,
     crate::MorphAngle,
+    crate::Barometer,
+    crate::RangeFinder,
     crate::Reference,
     crate::MorphCommand,
     crate::AttitudeSetpoint,

@@ -43,7 +43,7 @@ pub use order::{
     AngleDiversion, DISTURBANCE_ORDERS, DisturbanceKind, DisturbanceOrder, GuidanceOrder,
     OrderedDisturbance, PositionDiversion,
 };
-pub use sensors::{Imu, MorphAngle, PoseFix};
+pub use sensors::{Barometer, Imu, MorphAngle, PoseFix, RangeFinder};
 pub use supervision::{
     ClockMode, ClockRecord, Handover, Hello, NO_SEAT, NodeId, OwnerRecord, Progress,
     REGISTRY_LINES, Registry, RegistryEntry, Role, SEATS, Seat,

@@ -43,3 +43,23 @@ sample! {
         pub angle_rad: f64,
     }
 }
+
+sample! {
+    /// Height by air pressure, with a bias that walks.
+    pub struct Barometer {
+        /// Identity and time.
+        pub header: Header,
+        /// Height above the world's origin \[m\].
+        pub height_w_m: f64,
+    }
+}
+
+sample! {
+    /// Reading of a range finder that looks along the body's -z axis.
+    pub struct RangeFinder {
+        /// Identity and time.
+        pub header: Header,
+        /// Distance to the ground along that axis \[m\].
+        pub range_m: f64,
+    }
+}

@@ -161,6 +161,10 @@ floor_plan! {
         "where a step's inputs were not what edges and time prescribe"
     23 SEATING "seating": Seating, Supervisor => [], RecordOnly, history 64;
         "who takes a slot's seat in flight, and how it begins"
+    24 BAROMETER "barometer": Barometer, Plant => [Estimator], ZeroLatency, history 32;
+        "height by air pressure, if there is a barometer"
+    25 RANGE_FINDER "range_finder": RangeFinder, Plant => [Estimator], ZeroLatency, history 32;
+        "distance to the ground below, if there is a range finder"
 }
 
 #[cfg(test)]
@@ -189,7 +193,7 @@ mod tests {
     }
 
     /// Numbers that have been given, with the names of today; a topic that goes leaves its number here.
-    const GIVEN: [(u32, &str); 23] = [
+    const GIVEN: [(u32, &str); 25] = [
         (1, "imu"),
         (2, "pose_fix"),
         (3, "morph_angle"),
@@ -213,6 +217,8 @@ mod tests {
         (21, "loop_stats"),
         (22, "deviation"),
         (23, "seating"),
+        (24, "barometer"),
+        (25, "range_finder"),
     ];
 
     #[test]

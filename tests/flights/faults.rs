@@ -222,7 +222,7 @@ fn a_fault_at_the_instant_of_a_verdict_is_the_same_with_a_rehearsal() {
 }
 
 /// A window shorter than the time that is allowed ahead of the slowest process ends at the same instant, whether all of
-/// that time is allowed at once or little by little: whoever dies soon afterwards has a fallback in both or in neither.
+/// that time is allowed at once or little by little: an owner that dies soon after has a fallback in both or in neither.
 #[test]
 fn a_short_rollback_window_ends_at_one_instant_at_every_pace() {
     let words = ["--swap", "attitude=attitude-mpc@668ms,shadow=260ms,rollback=230ms"];

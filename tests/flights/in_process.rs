@@ -1,7 +1,7 @@
 //! `run --in-process`: the flight of the processes, in one.
 
 use crate::common::processes::{Running, kill, left_in_shared_memory};
-use crate::common::{Flown, fly};
+use crate::common::{Flown, fly, morphquad};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -31,6 +31,29 @@ fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_proces
         assert!(one.keys().any(|(channel, ..)| channel == "/state/plant"));
         alone.recording().count_messages_of_a_complete_file();
     }
+}
+
+/// Of the sensors that are off by default. The fixes of the tracker are lost for a while, so that they matter.
+#[test]
+fn heights_are_sensed_estimated_and_verified_in_processes_and_in_one() {
+    let words =
+        ["hover", "--for", "3s", "--set", "plant.pose_fix.drop_outs=[{from_s=1,until_s=2}]"];
+    let sensors =
+        ["--set", "plant.barometer.rate_hz=50", "--set", "plant.range_finder.rate_hz=100"];
+    let words = [&words[..], &sensors].concat();
+    let processes = fly(&words);
+    processes.assert_flown("with heights");
+    let alone = fly(&[&words[..], &["--in-process"]].concat());
+    assert_eq!(alone.hash(), processes.hash());
+    let recording = processes.recording();
+    let count =
+        |topic: &str| recording.contents().keys().filter(|(name, ..)| name == topic).count();
+    assert_eq!((count("/barometer"), count("/range_finder")), (150, 300));
+    let mut verify = morphquad(["replay"]);
+    verify.arg(processes.recording_path()).arg("--verify");
+    assert!(verify.output().expect("the executable starts").status.success());
+    let without = fly(&[&words[..5], &["--no-record"]].concat());
+    assert_ne!(without.hash(), processes.hash());
 }
 
 #[test]

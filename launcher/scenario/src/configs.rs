@@ -36,9 +36,7 @@ impl Scenario {
         Ok(plant::PlantConfig {
             vehicle: self.real_vehicle(),
             model: settings.model_kind(),
-            imu: settings.imu.clone(),
-            pose_fix: settings.pose_fix.clone(),
-            morph_encoder: settings.morph_encoder.clone(),
+            sensors: settings.sensors(),
             gate: settings.gate.clone(),
             unproven: (self.settings.monitor.enabled && self.keeps_to_rotors()).then_some(unproven),
             position_w_m: self.settings.start.position_w_m.into(),

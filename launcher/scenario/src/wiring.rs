@@ -92,13 +92,8 @@ fn default_policy(role: Role) -> MissPolicy {
 
 /// How often a sensor's topic is published, which is less often than the plant steps.
 pub(super) fn sensor_rate(settings: &Settings, topic: &TopicInfo) -> Option<Rate> {
-    let plant = &settings.plant;
-    let sensors = [
-        (topics::IMU.info.name, plant.imu.rate_hz),
-        (topics::POSE_FIX.info.name, plant.pose_fix.rate_hz),
-        (topics::MORPH_ANGLE.info.name, plant.morph_encoder.rate_hz),
-    ];
-    let (_, rate_hz) = sensors.into_iter().find(|(name, _)| *name == topic.name)?;
+    // A sensor that there is not is no faster than the slowest.
+    let rate_hz = settings.plant.sensors().rate_hz(topic)?.max(1);
     Rate::from_hz(rate_hz.into()).ok()
 }
 

@@ -1,11 +1,13 @@
-//! The estimator as a process: IMU, pose fixes and morph angle in, state estimate out.
+//! The estimator as a process: IMU, pose fixes, morph angle and heights in, state estimate out.
 
 use crate::filter::{
     ConfigError, Estimate, Filter, FilterConfig, FilterMemory, ImuSample, InitialState,
-    MorphAngleSample, PoseFixSample,
+    MorphAngleSample, PoseFixSample, Scalar, VerdictCounts,
 };
 use runtime::{Service, inputs, outputs};
-use shared_types::{Flag, Imu, MorphAngle, PoseFix, Quaternion, StateEstimate, topics};
+use shared_types::{
+    Barometer, Flag, Imu, MorphAngle, PoseFix, Quaternion, RangeFinder, StateEstimate, topics,
+};
 use vehicle::{components, rotation};
 
 inputs! {
@@ -17,6 +19,10 @@ inputs! {
         pose_fix: PoseFix = topics::POSE_FIX,
         /// Encoder of the deployable angle.
         morph_angle: MorphAngle = topics::MORPH_ANGLE,
+        /// Height by air pressure.
+        barometer: Barometer = topics::BAROMETER,
+        /// Distance to the ground below.
+        range_finder: RangeFinder = topics::RANGE_FINDER,
     }
 }
 
@@ -66,6 +72,14 @@ impl Estimator {
                 angle_rad: sample.angle_rad,
             });
         }
+        for sample in inputs.barometer.fresh() {
+            let (time_ns, height_w_m) = (sample.header.valid_ns, sample.height_w_m);
+            self.filter.on_scalar(Scalar::Barometer, time_ns, height_w_m);
+        }
+        for sample in inputs.range_finder.fresh() {
+            let (time_ns, range_m) = (sample.header.valid_ns, sample.range_m);
+            self.filter.on_scalar(Scalar::RangeFinder, time_ns, range_m);
+        }
     }
 }
 
@@ -94,7 +108,8 @@ fn wire(estimate: &Estimate) -> StateEstimate {
         imu_gaps: refused.imu_gaps,
         samples_refused: refused.imu.refused()
             + refused.pose_fix.refused()
-            + refused.morph_angle.refused(),
+            + refused.morph_angle.refused()
+            + refused.scalars.iter().map(VerdictCounts::refused).sum::<u64>(),
         nis_alarm: Flag::from(estimate.alarms.nis),
         imu_overdue: Flag::from(estimate.alarms.imu_overdue),
         fix_overdue: Flag::from(estimate.alarms.fix_overdue),

@@ -1,4 +1,4 @@
-//! Error-state Kalman filter fed by IMU, pose fixes and morph angle.
+//! Error-state Kalman filter fed by IMU, pose fixes, morph angle and, where there are such sensors, heights.
 //!
 //! Reads inertial samples, delayed pose fixes and the encoder of the morph angle; writes position,
 //! velocity, attitude, body rate, sensor biases and the morph angle with their uncertainty. World
@@ -18,7 +18,8 @@ pub mod settings;
 
 pub use component::Estimator;
 pub use filter::{
-    AlarmFlags, BeliefMemory, ConfigError, Counters, Covariance, Estimate, Filter, FilterConfig,
-    FilterMemory, ImuMemory, ImuSample, InitialState, MAX_NIS_WINDOW, MemoryError,
-    MorphAngleSample, PoseFixSample, ReopenSigmas, STATE_DIMENSION, Verdict, VerdictCounts,
+    AlarmFlags, BarometerModel, BeliefMemory, ConfigError, Counters, Covariance, Estimate, Filter,
+    FilterConfig, FilterMemory, ImuMemory, ImuSample, InitialState, MAX_NIS_WINDOW, MemoryError,
+    MorphAngleSample, PoseFixSample, RangeFinderModel, ReopenSigmas, STATE_DIMENSION, Scalar,
+    Verdict, VerdictCounts,
 };

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use shared_types::time::ns_from_s;
 
-use crate::{ConfigError, FilterConfig, InitialState};
+use crate::{BarometerModel, ConfigError, FilterConfig, InitialState, RangeFinderModel};
 
 /// What the filter is told by a scenario. What is not listed here keeps the value of
 /// [`FilterConfig::default`].
@@ -70,6 +70,12 @@ pub struct Settings {
     /// 1σ of the accelerometer's bias at start \[m/s²\].
     #[garde(range(min = 1e-9, max = 100.0))]
     pub initial_accelerometer_bias_sigma_m_s2: f64,
+    /// Height by air pressure.
+    #[garde(dive)]
+    pub barometer: BarometerModel,
+    /// Distance to the ground below.
+    #[garde(dive)]
+    pub range_finder: RangeFinderModel,
 }
 
 impl Default for Settings {
@@ -96,6 +102,8 @@ impl Default for Settings {
             initial_attitude_sigma_rad: initial.attitude_sigma_rad,
             initial_gyro_bias_sigma_rad_s: initial.gyro_bias_sigma_rad_s,
             initial_accelerometer_bias_sigma_m_s2: initial.accel_bias_sigma_m_s2,
+            barometer: filter.barometer,
+            range_finder: filter.range_finder,
         }
     }
 }
@@ -125,6 +133,8 @@ impl Settings {
             reopen_after_rejections: self.reopen_after_rejections.into(),
             morph_sigma_rad: self.morph_noise_deg.to_radians(),
             morph_gate: self.morph_gate_chi2,
+            barometer: self.barometer,
+            range_finder: self.range_finder,
             ..FilterConfig::default()
         };
         config.validate()?;

@@ -9,7 +9,7 @@ use crate::effects::{Effects, command, commanded_morph};
 use crate::gate::{Command, Gate, GateInput, GateOutput, Mode, UnprovenRange};
 use crate::memory::{InEffect, PlantMemory};
 use crate::ports::{Inputs, Outputs};
-use crate::sensors::{Imu, ImuSample, MorphEncoder, Pose, PoseFix};
+use crate::sensors::{ImuSample, Sensors};
 use nalgebra::Vector3;
 use runtime::{Obedience, Service};
 use shared_types::{AppliedCommand, Flag, GateMode, Quaternion, Role, WrenchCommand};
@@ -40,9 +40,7 @@ pub struct Plant {
     model: Box<dyn PlantModel>,
     linear: bool,
     vehicle: VehicleParameters,
-    imu: Imu,
-    pose_fix: PoseFix,
-    morph_encoder: MorphEncoder,
+    sensors: Sensors,
     gate: Gate,
     unproven: Option<UnprovenRange>,
     start_morph: MorphAngle,
@@ -75,9 +73,7 @@ impl Plant {
             model,
             linear,
             vehicle,
-            imu: Imu::new(&config.imu, config.seed)?,
-            pose_fix: PoseFix::new(&config.pose_fix, config.seed)?,
-            morph_encoder: MorphEncoder::new(&config.morph_encoder, config.seed)?,
+            sensors: Sensors::new(&config.sensors, config.seed)?,
             gate: config.initial_gate(&state)?,
             unproven: config.unproven,
             start_morph: config.morph_angle,
@@ -258,35 +254,12 @@ impl Plant {
     fn look(&mut self, now_ns: u64, outputs: &mut Outputs) {
         let Some((applied, held, gate)) = self.last else { return };
         let truth = self.model.truth(&held);
-        let state = &truth.state;
-        if let Some(sample) = self.imu.sample(now_ns, &state.omega_b, &truth.specific_force_b_m_s2)
-        {
+        let seen = self.sensors.look(now_ns, &truth, outputs);
+        if let Some(sample) = seen.imu {
             self.reading = Some(sample);
             self.imu_sequence += 1;
-            outputs.imu.write(shared_types::Imu {
-                gyro_b_rad_s: sample.gyro_b_rad_s.into(),
-                specific_force_b_m_s2: sample.specific_force_b_m_s2.into(),
-                saturated: Flag::from(sample.saturated),
-                ..shared_types::Imu::default()
-            });
         }
-        let pose = Pose { position_w_m: state.position_w, q_wb: state.q_wb };
-        self.pose_fix.capture(now_ns, &pose);
-        if let Some(fix) = self.pose_fix.deliver(now_ns) {
-            outputs.pose_fix.write(shared_types::PoseFix {
-                captured_ns: fix.captured_ns,
-                position_w_m: fix.pose.position_w_m.into(),
-                q_wb: Quaternion::from_array(components(fix.pose.q_wb)),
-                ..shared_types::PoseFix::default()
-            });
-        }
-        if let Some(angle_rad) = self.morph_encoder.sample(now_ns, state.beta.rad()) {
-            self.measured_morph_rad = angle_rad;
-            outputs.morph_angle.write(shared_types::MorphAngle {
-                angle_rad,
-                ..shared_types::MorphAngle::default()
-            });
-        }
+        self.measured_morph_rad = seen.morph_encoder.unwrap_or(self.measured_morph_rad);
         outputs.applied_command.write(self.applied_command(&applied, &gate));
         self.write_truth(now_ns, &truth, &applied, &held, outputs);
     }
@@ -335,8 +308,8 @@ impl Plant {
             body_rate_b_rad_s: state.omega_b.into(),
             morph_angle_rad: state.beta.rad(),
             morph_rate_rad_s: state.beta_rate_rad_s,
-            gyro_bias_b_rad_s: self.imu.gyro_bias_b_rad_s(now_ns).into(),
-            accelerometer_bias_b_m_s2: self.imu.accelerometer_bias_b_m_s2(now_ns).into(),
+            gyro_bias_b_rad_s: self.sensors.imu.gyro_bias_b_rad_s(now_ns).into(),
+            accelerometer_bias_b_m_s2: self.sensors.imu.accelerometer_bias_b_m_s2(now_ns).into(),
             ..shared_types::Truth::default()
         });
         let efficiency = held.disturbance.rotor_efficiency;
@@ -370,9 +343,7 @@ impl Service for Plant {
         });
         PlantMemory {
             model: self.model.memory(),
-            imu: self.imu.memory(),
-            pose_fix: self.pose_fix.memory(),
-            morph_encoder: self.morph_encoder.memory(),
+            sensors: self.sensors.memory(),
             gate: self.gate.memory(),
             obedience: self.obedience.memory(),
             integrated_ns: self.integrated_ns,
@@ -387,9 +358,7 @@ impl Service for Plant {
 
     fn restore(&mut self, memory: &PlantMemory) -> Result<(), String> {
         self.model.restore(&memory.model).ok_or("the vehicle state is not one of this model")?;
-        self.imu.restore(&memory.imu);
-        self.pose_fix.restore(&memory.pose_fix);
-        self.morph_encoder.restore(&memory.morph_encoder);
+        self.sensors.restore(&memory.sensors);
         self.gate.restore(&memory.gate);
         self.obedience.restore(&memory.obedience);
         self.integrated_ns = memory.integrated_ns;
@@ -407,8 +376,6 @@ impl Service for Plant {
     }
 
     fn reseed(&mut self, seed: u64) {
-        self.imu.reseed(seed);
-        self.pose_fix.reseed(seed);
-        self.morph_encoder.reseed(seed);
+        self.sensors.reseed(seed);
     }
 }

@@ -1,7 +1,7 @@
 //! Everything a plant is built from.
 
 use crate::gate::{Gate, GateConfig, GateError, UnprovenRange};
-use crate::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
+use crate::sensors::SensorConfigs;
 use nalgebra::Vector3;
 use thiserror::Error;
 use vehicle::{MorphAngle, RigidBodyState, VehicleParameters, Wrench};
@@ -55,12 +55,8 @@ pub struct PlantConfig {
     pub vehicle: VehicleParameters,
     /// Equations of motion.
     pub model: ModelKind,
-    /// Inertial sensor.
-    pub imu: ImuConfig,
-    /// Pose tracker.
-    pub pose_fix: PoseFixConfig,
-    /// Morph encoder.
-    pub morph_encoder: MorphEncoderConfig,
+    /// Sensors.
+    pub sensors: SensorConfigs,
     /// Actuation gate.
     pub gate: GateConfig,
     /// What an owner that has not proven itself may ask for; none if no owner is watched, or if the slot's own laws

@@ -1,7 +1,7 @@
 //! Everything the plant remembers from one step to the next.
 
 use crate::gate::GateMemory;
-use crate::sensors::{ImuMemory, MorphEncoderMemory, PoseFixMemory};
+use crate::sensors::SensorsMemory;
 use runtime::ObedienceMemory;
 use shared_types::NO_SEAT;
 use vehicle::MODEL_MEMORY_LEN;
@@ -29,12 +29,8 @@ shared_types::memory! {
     pub struct PlantMemory {
         /// Equations of motion.
         pub model: [f64; MODEL_MEMORY_LEN],
-        /// Inertial sensor.
-        pub imu: ImuMemory,
-        /// Pose tracker with its delay line.
-        pub pose_fix: PoseFixMemory,
-        /// Morph encoder.
-        pub morph_encoder: MorphEncoderMemory,
+        /// Sensors.
+        pub sensors: SensorsMemory,
         /// Actuation gate.
         pub gate: GateMemory,
         /// Whose command counts.

@@ -2,8 +2,8 @@
 
 use runtime::{inputs, outputs};
 use shared_types::{
-    ActuatorState, AppliedCommand, Disturbance, Imu, MorphAngle, MorphCommand, OwnerRecord,
-    PoseFix, Trip, Truth, WrenchCommand, topics,
+    ActuatorState, AppliedCommand, Barometer, Disturbance, Imu, MorphAngle, MorphCommand,
+    OwnerRecord, PoseFix, RangeFinder, Trip, Truth, WrenchCommand, topics,
 };
 
 inputs! {
@@ -31,6 +31,10 @@ outputs! {
         pose_fix: PoseFix = topics::POSE_FIX,
         /// Encoder reading.
         morph_angle: MorphAngle = topics::MORPH_ANGLE,
+        /// Height by air pressure.
+        barometer: Barometer = topics::BAROMETER,
+        /// Distance to the ground below.
+        range_finder: RangeFinder = topics::RANGE_FINDER,
         /// What the gate applied.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Real state.

@@ -7,7 +7,9 @@ use vehicle::VehicleParameters;
 
 use crate::ModelKind;
 use crate::gate::GateConfig;
-use crate::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
+use crate::sensors::{
+    BarometerConfig, ImuConfig, MorphEncoderConfig, PoseFixConfig, RangeFinderConfig, SensorConfigs,
+};
 
 /// What the plant is told by a scenario.
 #[derive(Debug, Clone, Deserialize, JsonSchema, Validate)]
@@ -37,6 +39,12 @@ pub struct Settings {
     /// Encoder of β.
     #[garde(dive)]
     pub morph_encoder: MorphEncoderConfig,
+    /// Height by air pressure.
+    #[garde(dive)]
+    pub barometer: BarometerConfig,
+    /// Distance to the ground below.
+    #[garde(dive)]
+    pub range_finder: RangeFinderConfig,
     /// Limits of the actuation gate.
     #[garde(dive)]
     pub gate: GateConfig,
@@ -53,6 +61,8 @@ impl Default for Settings {
             imu: ImuConfig::default(),
             pose_fix: PoseFixConfig::default(),
             morph_encoder: MorphEncoderConfig::default(),
+            barometer: BarometerConfig::default(),
+            range_finder: RangeFinderConfig::default(),
             gate: GateConfig::default(),
         }
     }
@@ -69,6 +79,18 @@ pub enum Model {
 }
 
 impl Settings {
+    /// What the sensors are built from.
+    #[must_use]
+    pub fn sensors(&self) -> SensorConfigs {
+        SensorConfigs {
+            imu: self.imu.clone(),
+            pose_fix: self.pose_fix.clone(),
+            morph_encoder: self.morph_encoder.clone(),
+            barometer: self.barometer.clone(),
+            range_finder: self.range_finder.clone(),
+        }
+    }
+
     /// The equations of motion.
     #[must_use]
     pub fn model_kind(&self) -> ModelKind {

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 /// Keys, or sections, that a flight cannot be taken up with, and why. Everything else takes effect
 /// at the branch, unless a component refuses its memory under it.
-const FIXED: [(&str, &str); 12] = [
+const FIXED: [(&str, &str); 15] = [
     ("start", "is where the flight began, and it is past"),
     ("scenario.seed", "is changed by --seed, or --seeds for many branches"),
     ("scenario.clock", "is lockstep in a branch, whose flight is in one process"),
@@ -20,6 +20,9 @@ const FIXED: [(&str, &str); 12] = [
     ("plant.imu.accelerometer_initial_bias_m_s2", "was drawn at the start"),
     ("plant.pose_fix", "is in the sensor's memory, with the fixes on their way"),
     ("plant.morph_encoder.rate_hz", "is in the sensor's memory"),
+    ("plant.barometer.rate_hz", "is in the sensor's memory"),
+    ("plant.barometer.initial_bias_m", "was drawn at the start"),
+    ("plant.range_finder.rate_hz", "is in the sensor's memory"),
 ];
 
 /// Control periods that who takes a slot in a scripted flight shadows: half of them it tracks, and a gate

@@ -1,26 +1,14 @@
 //! Belief at one instant: nominal state, error covariance, last inertial sample.
 
-use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
+use super::bias::{Bias, SCALARS};
 use super::config::{FilterConfig, InitialState};
+use super::error_state::{
+    ACCEL_BIAS, ATTITUDE, Covariance, ErrorState, GYRO_BIAS, POSITION, STATE_DIMENSION, VELOCITY,
+    symmetrize,
+};
 use super::rotation;
-
-/// Number of error states.
-pub const STATE_DIMENSION: usize = 15;
-
-/// Covariance of the error state, in the order position \[m\], velocity \[m/s\] (both world frame),
-/// attitude \[rad\] (body side: `q_true = q_wb * Exp(error)`), gyro bias \[rad/s\], accelerometer bias
-/// \[m/s²\] (both body frame).
-pub type Covariance = SMatrix<f64, STATE_DIMENSION, STATE_DIMENSION>;
-
-pub(super) type ErrorState = SVector<f64, STATE_DIMENSION>;
-
-/// First row of each block of the error state (Solà eq. 235).
-pub(super) const POSITION: usize = 0;
-pub(super) const VELOCITY: usize = 3;
-pub(super) const ATTITUDE: usize = 6;
-pub(super) const GYRO_BIAS: usize = 9;
-pub(super) const ACCEL_BIAS: usize = 12;
 
 /// One inertial reading, as measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +26,8 @@ pub(super) struct Belief {
     pub(super) gyro_bias: Vector3<f64>,
     pub(super) accel_bias: Vector3<f64>,
     pub(super) covariance: Covariance,
+    /// Of each sensor of one number, see [`Scalar::index`](super::Scalar).
+    pub(super) biases: [Bias; SCALARS],
     /// Reading at `time_ns`; none before the first sample.
     pub(super) inertial: Option<Inertial>,
 }
@@ -52,6 +42,7 @@ impl Belief {
             gyro_bias: Vector3::zeros(),
             accel_bias: Vector3::zeros(),
             covariance: Covariance::zeros(),
+            biases: [Bias::none(); SCALARS],
             inertial: None,
         };
         belief.open(&[
@@ -111,16 +102,15 @@ impl Belief {
             self.covariance.transpose_mut();
         }
         symmetrize(&mut self.covariance);
+        for bias in self.biases.iter_mut().filter(|bias| bias.is_known()) {
+            let x: Vector3<f64> = bias.cross.fixed_rows::<3>(ATTITUDE).into_owned();
+            bias.cross.fixed_rows_mut::<3>(ATTITUDE).copy_from(&(x - half.cross(&x)));
+        }
     }
 }
 
 /// Doubling 2 cm this often gives more than a kilometre.
 const MAX_REOPEN_LEVEL: u32 = 16;
-
-/// Makes the upper triangle the mirror of the lower, which rounding lets drift apart.
-pub(super) fn symmetrize(covariance: &mut Covariance) {
-    covariance.fill_upper_triangle_with_lower_triangle();
-}
 
 #[cfg(test)]
 mod tests {

@@ -3,7 +3,9 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use thiserror::Error;
 
+use super::barometer::BarometerModel;
 use super::history::HISTORY_CAPACITY;
+use super::range_finder::RangeFinderModel;
 
 /// Room for the window of the NIS monitor.
 pub const MAX_NIS_WINDOW: usize = 32;
@@ -84,6 +86,10 @@ pub struct FilterConfig {
     pub nis_bias_alarm: f64,
     /// What a re-opening adds.
     pub reopen: ReopenSigmas,
+    /// Barometer, if there is one.
+    pub barometer: BarometerModel,
+    /// Range finder, if there is one.
+    pub range_finder: RangeFinderModel,
 }
 
 impl Default for ReopenSigmas {
@@ -128,6 +134,8 @@ impl Default for FilterConfig {
             nis_mean_alarm: 9.886,
             nis_bias_alarm: 38.258,
             reopen: ReopenSigmas::default(),
+            barometer: BarometerModel::default(),
+            range_finder: RangeFinderModel::default(),
         }
     }
 }
@@ -199,7 +207,7 @@ impl FilterConfig {
         Ok(())
     }
 
-    fn positives(&self) -> [(&'static str, f64); 28] {
+    fn positives(&self) -> [(&'static str, f64); 34] {
         [
             ("gravity_m_s2", self.gravity_m_s2),
             ("gyro_noise_rad_s_rthz", self.gyro_noise_rad_s_rthz),
@@ -229,6 +237,12 @@ impl FilterConfig {
             ("reopen.attitude_rad", self.reopen.attitude_rad),
             ("reopen.gyro_bias_rad_s", self.reopen.gyro_bias_rad_s),
             ("reopen.accel_bias_m_s2", self.reopen.accel_bias_m_s2),
+            ("barometer.noise_m", self.barometer.noise_m),
+            ("barometer.initial_bias_sigma_m", self.barometer.initial_bias_sigma_m),
+            ("barometer.gate_chi2", self.barometer.gate_chi2),
+            ("range_finder.noise_m", self.range_finder.noise_m),
+            ("range_finder.gate_chi2", self.range_finder.gate_chi2),
+            ("range_finder.max_range_m", self.range_finder.max_range_m),
         ]
     }
 }

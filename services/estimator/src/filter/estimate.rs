@@ -2,7 +2,8 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::belief::STATE_DIMENSION;
+use super::bias::SCALARS;
+use super::error_state::STATE_DIMENSION;
 use super::sample::Verdict;
 
 shared_types::memory! {
@@ -66,6 +67,8 @@ shared_types::memory! {
         pub pose_fix: VerdictCounts,
         /// Readings of the morph angle's encoder.
         pub morph_angle: VerdictCounts,
+        /// Readings of each sensor of one number.
+        pub scalars: [VerdictCounts; SCALARS],
         /// Times the inertial samples were missing for longer than `max_imu_gap_ns`.
         pub imu_gaps: u64,
         /// Times the windowed NIS test failed.

@@ -4,13 +4,17 @@ use nalgebra::{ArrayStorage, Const};
 use nalgebra::{Matrix, Quaternion, UnitQuaternion, Vector3, Vector6};
 use thiserror::Error;
 
-use super::belief::{Belief, Inertial, STATE_DIMENSION};
-use super::config::MAX_NIS_WINDOW;
+use super::belief::{Belief, Inertial};
+use super::bias::{Bias, SCALARS};
+use super::config::{FilterConfig, MAX_NIS_WINDOW};
+use super::error_state::STATE_DIMENSION;
 use super::estimate::Counters;
 use super::history::{HISTORY_CAPACITY, History};
 use super::monitor::Monitor;
 use super::morph_angle::MorphFilter;
-use super::sample::ImuSample;
+use super::readings::{READINGS_CAPACITY, Readings};
+use super::sample::{ImuSample, Verdict};
+use super::scalar::{self, Reading, Scalar};
 
 shared_types::memory! {
     /// One belief, laid out flat. Quaternion in the order w, x, y, z; covariance by columns.
@@ -26,6 +30,27 @@ shared_types::memory! {
         gyro: [f64; 3],
         accel: [f64; 3],
         covariance: [[f64; STATE_DIMENSION]; STATE_DIMENSION],
+        biases: [BiasMemory; SCALARS],
+    }
+}
+
+shared_types::memory! {
+    /// Bias of a sensor of one number, laid out flat.
+    #[derive(PartialEq)]
+    pub struct BiasMemory {
+        value: f64,
+        variance: f64,
+        cross: [f64; STATE_DIMENSION],
+    }
+}
+
+shared_types::memory! {
+    /// One reading of a sensor of one number, laid out flat.
+    #[derive(PartialEq)]
+    pub struct ReadingMemory {
+        time_ns: u64,
+        of: u64,
+        value: f64,
     }
 }
 
@@ -41,13 +66,17 @@ shared_types::memory! {
 
 shared_types::memory! {
     /// Everything that [`Filter::restore`](super::Filter::restore) needs to continue bit for bit under
-    /// the same configuration. Fixed layout, 8-byte fields only, about 9 kB.
+    /// the same configuration. Fixed layout, 8-byte fields only, about 11 kB.
     #[derive(PartialEq)]
     pub struct FilterMemory {
         base: BeliefMemory,
         head: BeliefMemory,
         history: [ImuMemory; HISTORY_CAPACITY],
         history_length: u64,
+        readings: [ReadingMemory; READINGS_CAPACITY],
+        readings_length: u64,
+        next_reading_ns: [u64; SCALARS],
+        readings_gated_in_row: [u64; SCALARS],
         last_fix_captured_ns: u64,
         has_fix: u64,
         last_fix_accepted_ns: u64,
@@ -87,6 +116,12 @@ pub(super) struct Evolving {
     pub(super) head: Belief,
     /// From just after `base` up to `head`.
     pub(super) history: History,
+    /// Readings of one number that count after `base`.
+    pub(super) readings: Readings,
+    /// Of each sensor of one number: no reading may be older \[ns\].
+    pub(super) next_reading_ns: [u64; SCALARS],
+    /// Of each of them: readings refused by the gate in a row.
+    pub(super) readings_gated_in_row: [u64; SCALARS],
     /// Capture of the last fix that was compared.
     pub(super) last_fix_captured_ns: Option<u64>,
     /// Capture of the last fix that was accepted; the start before the first.
@@ -111,6 +146,11 @@ impl From<&Belief> for BeliefMemory {
             gyro: inertial.gyro.into(),
             accel: inertial.accel.into(),
             covariance: belief.covariance.data.0,
+            biases: belief.biases.map(|Bias { value, variance, cross }| BiasMemory {
+                value,
+                variance,
+                cross: cross.into(),
+            }),
         }
     }
 }
@@ -128,6 +168,10 @@ impl BeliefMemory {
         finite("nominal state", vectors.as_flattened())?;
         finite("attitude", &self.q_wb)?;
         finite("covariance", self.covariance.as_flattened())?;
+        for bias in &self.biases {
+            finite("bias", &[bias.value, bias.variance])?;
+            finite("bias", &bias.cross)?;
+        }
         let [w, x, y, z] = self.q_wb;
         if (Quaternion::new(w, x, y, z).norm() - 1.0).abs() > 1e-6 {
             return Err(MemoryError::OutOfRange("attitude"));
@@ -144,12 +188,45 @@ impl BeliefMemory {
                 Matrix::<_, Const<STATE_DIMENSION>, Const<STATE_DIMENSION>, _>::from_array_storage(
                     ArrayStorage(self.covariance),
                 ),
+            biases: self.biases.map(|BiasMemory { value, variance, cross }| Bias {
+                value,
+                variance,
+                cross: cross.into(),
+            }),
             inertial: (self.has_inertial != 0).then_some(inertial),
         })
     }
 }
 
 impl Evolving {
+    /// Moves the base past the oldest inertial sample and the readings until its instant; false if there is none.
+    pub(super) fn pass_oldest(&mut self, config: &FilterConfig) -> bool {
+        let Some(oldest) = self.history.pop_oldest() else { return false };
+        self.base.propagate(&oldest, config);
+        let passed = self.readings.until(oldest.time_ns);
+        for reading in &self.readings.all()[..passed] {
+            // Its verdict was told when it came.
+            let _verdict = scalar::correct(&mut self.base, reading, config);
+        }
+        self.readings.forget(passed);
+        true
+    }
+
+    /// Computes the head anew, from the base; gives the verdict about the last reading on the way.
+    pub(super) fn replay(&mut self, config: &FilterConfig) -> Verdict {
+        let (mut verdict, mut next) = (Verdict::Accepted, 0);
+        self.head = self.base;
+        for sample in self.history.iter() {
+            self.head.propagate(sample, config);
+            let until = self.readings.until(sample.time_ns);
+            for reading in &self.readings.all()[next..until] {
+                verdict = scalar::correct(&mut self.head, reading, config);
+            }
+            next = until;
+        }
+        verdict
+    }
+
     pub(super) fn memory(&self) -> FilterMemory {
         let empty = ImuMemory { time_ns: 0, gyro: [0.0; 3], accel: [0.0; 3] };
         let mut history = [empty; HISTORY_CAPACITY];
@@ -160,11 +237,20 @@ impl Evolving {
                 accel: sample.accel_m_s2.into(),
             };
         }
+        let mut readings = [ReadingMemory { time_ns: 0, of: 0, value: 0.0 }; READINGS_CAPACITY];
+        for (slot, reading) in readings.iter_mut().zip(self.readings.all()) {
+            let Reading { time_ns, of, value } = *reading;
+            *slot = ReadingMemory { time_ns, of: of.index() as u64, value };
+        }
         FilterMemory {
             base: (&self.base).into(),
             head: (&self.head).into(),
             history,
             history_length: self.history.iter().count() as u64,
+            readings,
+            readings_length: self.readings.all().len() as u64,
+            next_reading_ns: self.next_reading_ns,
+            readings_gated_in_row: self.readings_gated_in_row,
             last_fix_captured_ns: self.last_fix_captured_ns.unwrap_or(0),
             has_fix: u64::from(self.last_fix_captured_ns.is_some()),
             last_fix_accepted_ns: self.last_fix_accepted_ns,
@@ -192,6 +278,9 @@ impl FilterMemory {
             base: self.base.belief()?,
             head: self.head.belief()?,
             history: self.history()?,
+            readings: self.readings()?,
+            next_reading_ns: self.next_reading_ns,
+            readings_gated_in_row: self.readings_gated_in_row,
             last_fix_captured_ns: (self.has_fix != 0).then_some(self.last_fix_captured_ns),
             last_fix_accepted_ns: self.last_fix_accepted_ns,
             monitor: self.monitor(nis_window)?,
@@ -212,6 +301,18 @@ impl FilterMemory {
             });
         }
         Ok(history)
+    }
+
+    fn readings(&self) -> Result<Readings, MemoryError> {
+        let length = index("number of readings", self.readings_length, READINGS_CAPACITY)?;
+        let mut readings = Readings::new();
+        for ReadingMemory { time_ns, of, value } in &self.readings[..length] {
+            finite("readings", &[*value])?;
+            let of = usize::try_from(*of).ok().and_then(Scalar::at);
+            let of = of.ok_or(MemoryError::OutOfRange("sensor"))?;
+            readings.insert(Reading { time_ns: *time_ns, of, value: *value });
+        }
+        Ok(readings)
     }
 
     fn monitor(&self, nis_window: usize) -> Result<Monitor, MemoryError> {

@@ -6,31 +6,44 @@
 //! ```
 //! The base is the belief at the capture of the last fix, or as far back as the history reaches; the
 //! history holds the inertial samples from there to the head. A fix moves the base to its capture, so
-//! what is replayed is exactly what a filter without delay would compute.
+//! what is replayed is exactly what a filter without delay would compute. Readings of one number are kept beside the
+//! inertial samples and replayed with them.
 
+mod barometer;
 mod belief;
+mod bias;
 mod config;
+mod error_state;
 mod estimate;
 mod history;
+mod measurement;
 mod memory;
 mod monitor;
 mod morph_angle;
 mod pose_fix;
 mod propagate;
+mod range_finder;
+mod readings;
 mod rotation;
 mod sample;
+mod scalar;
 
-pub use belief::{Covariance, STATE_DIMENSION};
+pub use barometer::BarometerModel;
 pub use config::{ConfigError, FilterConfig, InitialState, MAX_NIS_WINDOW, ReopenSigmas};
+pub use error_state::{Covariance, STATE_DIMENSION};
 pub use estimate::{AlarmFlags, Counters, Estimate, VerdictCounts};
 pub use memory::{BeliefMemory, FilterMemory, ImuMemory, MemoryError};
+pub use range_finder::RangeFinderModel;
 pub use sample::{ImuSample, MorphAngleSample, PoseFixSample, Verdict};
+pub use scalar::Scalar;
 
 use belief::Belief;
 use history::{History, interpolate};
 use memory::Evolving;
 use monitor::{Advice, Monitor};
 use morph_angle::MorphFilter;
+use readings::Readings;
+use scalar::Reading;
 
 /// Error-state Kalman filter with delayed fixes; the pipeline is drawn in `filter/mod.rs`.
 ///
@@ -54,6 +67,9 @@ impl Filter {
             base: belief,
             head: belief,
             history: History::new(),
+            readings: Readings::new(),
+            next_reading_ns: [0; bias::SCALARS],
+            readings_gated_in_row: [0; bias::SCALARS],
             last_fix_captured_ns: None,
             last_fix_accepted_ns: initial.time_ns,
             monitor: Monitor::new(),
@@ -85,6 +101,16 @@ impl Filter {
     pub fn on_morph_angle(&mut self, sample: &MorphAngleSample) -> Verdict {
         let verdict = self.state.morph.update(sample, &self.config);
         self.state.counters.morph_angle.record(verdict)
+    }
+
+    /// Corrects the estimate with a reading of one number, made at `time_ns`. It counts at the instant of the inertial
+    /// sample then, or of the next: at most a period later.
+    pub fn on_scalar(&mut self, of: Scalar, time_ns: u64, value: f64) -> Verdict {
+        let verdict = match self.refuse_scalar(of, time_ns, value) {
+            Some(refusal) => refusal,
+            None => self.take_scalar(of, time_ns, value),
+        };
+        self.state.counters.scalars[of.index()].record(verdict)
     }
 
     /// What is believed at the last inertial sample.
@@ -184,10 +210,8 @@ impl Filter {
         if sample.time_ns - state.head.time_ns > self.config.max_imu_gap_ns {
             state.counters.imu_gaps += 1;
         }
-        if state.history.is_full()
-            && let Some(oldest) = state.history.pop_oldest()
-        {
-            state.base.propagate(&oldest, &self.config);
+        if state.history.is_full() {
+            state.pass_oldest(&self.config);
         }
         state.history.push(*sample);
         state.head.propagate(sample, &self.config);
@@ -219,25 +243,63 @@ impl Filter {
             self.reopen(0);
             Verdict::Numerical
         };
-        let state = &mut self.state;
         if verdict == Verdict::Accepted {
-            state.last_fix_accepted_ns = fix.captured_ns;
+            self.state.last_fix_accepted_ns = fix.captured_ns;
         }
-        state.head = state.base;
-        for sample in state.history.iter() {
-            state.head.propagate(sample, &self.config);
+        self.state.replay(&self.config);
+        verdict
+    }
+
+    fn refuse_scalar(&self, of: Scalar, time_ns: u64, value: f64) -> Option<Verdict> {
+        let state = &self.state;
+        if !value.is_finite() {
+            return Some(Verdict::NotFinite);
+        }
+        if !of.model(&self.config).range().contains(&value) {
+            return Some(Verdict::OutOfRange);
+        }
+        if time_ns < state.next_reading_ns[of.index()] {
+            return Some(Verdict::OutOfOrder);
+        }
+        if time_ns < state.base.time_ns {
+            return Some(Verdict::TooOld);
+        }
+        let newest_ns = state.head.time_ns.saturating_add(self.config.imu_period_ns);
+        (time_ns > newest_ns).then_some(Verdict::Ahead)
+    }
+
+    /// Corrects the head, or, if the reading is older, the past; and keeps it for the replay after the next fix.
+    fn take_scalar(&mut self, of: Scalar, time_ns: u64, value: f64) -> Verdict {
+        let (state, config) = (&mut self.state, &self.config);
+        state.next_reading_ns[of.index()] = time_ns.saturating_add(1);
+        while state.readings.is_full() && state.pass_oldest(config) {}
+        let reading = Reading { time_ns: time_ns.min(state.head.time_ns), of, value };
+        state.readings.insert(reading);
+        let verdict = if reading.time_ns == state.head.time_ns {
+            scalar::correct(&mut state.head, &reading, config)
+        } else {
+            state.replay(config)
+        };
+        let gated = &mut state.readings_gated_in_row[of.index()];
+        *gated = if verdict == Verdict::Gated { gated.saturating_add(1) } else { 0 };
+        if *gated >= config.reopen_after_rejections
+            && let Some(model) = of.model(config).bias()
+        {
+            *gated = 0;
+            for belief in [&mut state.base, &mut state.head] {
+                belief.biases[of.index()].reopen(model.initial_sigma);
+            }
         }
         verdict
     }
 
     /// Advances the base to `time_ns`, which lies between base and head.
     fn move_base(&mut self, time_ns: u64) {
+        let is_before = |sample: &ImuSample| sample.time_ns <= time_ns;
+        while self.state.history.oldest().is_some_and(is_before)
+            && self.state.pass_oldest(&self.config)
+        {}
         let Evolving { base, history, .. } = &mut self.state;
-        while history.oldest().is_some_and(|sample| sample.time_ns <= time_ns) {
-            if let Some(sample) = history.pop_oldest() {
-                base.propagate(&sample, &self.config);
-            }
-        }
         if base.time_ns == time_ns {
             return;
         }

@@ -2,10 +2,9 @@
 
 use nalgebra::{Matrix6, SMatrix, Vector6};
 
-use super::belief::{
-    ATTITUDE, Belief, Covariance, ErrorState, POSITION, STATE_DIMENSION, symmetrize,
-};
+use super::belief::Belief;
 use super::config::FilterConfig;
+use super::error_state::{ATTITUDE, Covariance, ErrorState, POSITION, STATE_DIMENSION, symmetrize};
 use super::rotation;
 use super::sample::{PoseFixSample, Verdict};
 
@@ -85,6 +84,14 @@ impl Innovation {
         belief.covariance =
             left - columns_seen(&left) * gain.transpose() + noisy * gain.transpose();
         symmetrize(&mut belief.covariance);
+        // A fix does not see the biases of other sensors, but what they have in common with the state.
+        for bias in belief.biases.iter_mut().filter(|bias| bias.is_known()) {
+            let seen = Vector6::from_fn(|row, _| bias.cross[OBSERVED[row]]);
+            let whitened = self.cholesky.solve(&seen);
+            bias.value += whitened.dot(&self.residual);
+            bias.variance -= whitened.dot(&seen);
+            bias.cross -= gain * seen;
+        }
         belief.inject(&error);
     }
 }

@@ -2,13 +2,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::belief::{
-    ACCEL_BIAS, ATTITUDE, Belief, Covariance, GYRO_BIAS, Inertial, POSITION, STATE_DIMENSION,
-    VELOCITY, symmetrize,
-};
+use super::belief::{Belief, Inertial};
 use super::config::FilterConfig;
+use super::error_state::{
+    ACCEL_BIAS, ATTITUDE, Covariance, GYRO_BIAS, POSITION, STATE_DIMENSION, VELOCITY, symmetrize,
+};
 use super::rotation;
 use super::sample::ImuSample;
+use super::scalar::Scalar;
 
 /// What the vehicle may do unseen over an inertial gap: acceleration \[m/s²\], rate \[rad/s\].
 const GAP_ACCELERATION_M_S2: f64 = 10.0;
@@ -32,12 +33,21 @@ impl Belief {
         let start = self.inertial.unwrap_or(end);
         let dt_ns = sample.time_ns.saturating_sub(self.time_ns);
         let dt = dt_ns as f64 * 1e-9;
-        if dt_ns > config.max_imu_gap_ns {
+        let transition = if dt_ns > config.max_imu_gap_ns {
             self.open_over_gap(dt);
+            None
         } else {
             let transition = self.integrate(&start, &end, dt, config.gravity_m_s2);
             transition.apply(&mut self.covariance);
             add_noise(&mut self.covariance, dt, config);
+            Some(transition)
+        };
+        for (bias, of) in self.biases.iter_mut().zip(Scalar::ALL).filter(|(b, _)| b.is_known()) {
+            if let Some(transition) = &transition {
+                transition.advance(&mut bias.cross.data.0[0]);
+            }
+            let walk = of.model(config).bias().map_or(0.0, |model| model.walk);
+            bias.variance += walk * walk * dt;
         }
         self.time_ns = sample.time_ns;
         self.inertial = Some(end);
@@ -146,8 +156,8 @@ fn add_noise(covariance: &mut Covariance, dt: f64, config: &FilterConfig) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::belief::ErrorState;
     use super::super::config::InitialState;
+    use super::super::error_state::ErrorState;
     use super::*;
 
     const DT: f64 = 1e-3;

@@ -5,6 +5,7 @@
 mod consistency;
 mod delay;
 mod faults;
+mod heights;
 mod morph;
 mod robustness;
 mod world;

@@ -6,7 +6,7 @@ use vehicle::{
 };
 
 use super::*;
-use crate::sensors::{Imu, ImuConfig};
+use crate::sensors::{Imu, ImuConfig, Sensor as _};
 
 const MS: u64 = 1_000_000;
 

@@ -11,6 +11,9 @@ pub const DELAY_LINE_LEN: usize = 32;
 /// Highest rate of any sensor \[Hz\].
 pub const MAX_SENSOR_RATE_HZ: u32 = 10_000;
 
+/// Highest rate of what reads the height: as many readings as the estimator can keep until a fix of the pose comes \[Hz\].
+pub(super) const MAX_HEIGHT_RATE_HZ: u32 = 500;
+
 /// Longest instant a configuration may name \[s\], eleven days.
 const MAX_TIME_S: f64 = 1e6;
 

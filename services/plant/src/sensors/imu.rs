@@ -9,8 +9,12 @@ use nalgebra::Vector3;
 use noise::{Noise, NoiseMemory, Source};
 
 use super::config::{BiasStep, ImuConfig, SensorError};
-use super::schedule::Schedule;
+use super::schedule::{DropOuts, Schedule};
+use super::sensor::Sensor;
+use crate::ports::Outputs;
 use shared_types::time::ns_from_s;
+use shared_types::{Flag, TopicInfo, topics};
+use vehicle::Truth;
 
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,16 +76,21 @@ pub struct Imu {
     gyro: Triad,
     accelerometer: Triad,
     step: Option<BiasStep>,
-    /// First instant lost, and first one seen again \[ns\].
-    drop_outs: Vec<(u64, u64)>,
+    drop_outs: DropOuts,
 }
 
-impl Imu {
-    /// A sensor whose first sample is due at 0 ns.
-    ///
-    /// # Errors
-    /// [`SensorError::Config`] for a value out of its range.
-    pub fn new(config: &ImuConfig, seed: u64) -> Result<Self, SensorError> {
+impl Sensor for Imu {
+    type Config = ImuConfig;
+    type Memory = ImuMemory;
+    type Reading = ImuSample;
+
+    const TOPIC: &'static TopicInfo = &topics::IMU.info;
+
+    fn rate_hz(config: &ImuConfig) -> u32 {
+        config.rate_hz
+    }
+
+    fn new(config: &ImuConfig, seed: u64) -> Result<Self, SensorError> {
         config.validate()?;
         let mut noise = Noise::new(seed, Source::IMU, 0);
         let root_rate = f64::from(config.rate_hz).sqrt();
@@ -105,11 +114,44 @@ impl Imu {
             config.accelerometer_range_m_s2,
         );
         let schedule = Schedule::new(config.rate_hz);
-        let spans = config.drop_outs.iter();
-        let drop_outs = spans.map(|d| (ns_from_s(d.from_s), ns_from_s(d.until_s))).collect();
+        let drop_outs = DropOuts::new(&config.drop_outs);
         Ok(Self { schedule, noise, gyro, accelerometer, step: config.bias_step, drop_outs })
     }
 
+    fn look(&mut self, now_ns: u64, truth: &Truth, outputs: &mut Outputs) -> Option<ImuSample> {
+        let (rate, force) = (&truth.state.omega_b, &truth.specific_force_b_m_s2);
+        let sample = self.sample(now_ns, rate, force)?;
+        outputs.imu.write(shared_types::Imu {
+            gyro_b_rad_s: sample.gyro_b_rad_s.into(),
+            specific_force_b_m_s2: sample.specific_force_b_m_s2.into(),
+            saturated: Flag::from(sample.saturated),
+            ..shared_types::Imu::default()
+        });
+        Some(sample)
+    }
+
+    fn memory(&self) -> ImuMemory {
+        ImuMemory {
+            noise: self.noise.memory(),
+            next_index: self.schedule.next_index(),
+            gyro_bias_b_rad_s: self.gyro.bias.into(),
+            accelerometer_bias_b_m_s2: self.accelerometer.bias.into(),
+        }
+    }
+
+    fn restore(&mut self, memory: &ImuMemory) {
+        self.noise.restore(&memory.noise);
+        self.schedule.set_next_index(memory.next_index);
+        self.gyro.bias = memory.gyro_bias_b_rad_s.into();
+        self.accelerometer.bias = memory.accelerometer_bias_b_m_s2.into();
+    }
+
+    fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+}
+
+impl Imu {
     /// Instant of the next sample \[ns\].
     #[must_use]
     pub fn next_sample_ns(&self) -> u64 {
@@ -135,7 +177,7 @@ impl Imu {
         let gyro = self.gyro.read(omega, passed, &mut self.noise);
         let force = self.accelerometer.read(f, passed, &mut self.noise);
         // After the draws: a drop-out changes no other sample.
-        let lost = self.drop_outs.iter().any(|(from, until)| (*from..*until).contains(&now_ns));
+        let lost = self.drop_outs.contains(now_ns);
         if lost || !gyro.iter().chain(&force).all(|x| x.is_finite()) {
             return None;
         }
@@ -164,30 +206,6 @@ impl Imu {
             }
             _ => (Vector3::zeros(), Vector3::zeros()),
         }
-    }
-
-    /// Everything that evolves.
-    #[must_use]
-    pub fn memory(&self) -> ImuMemory {
-        ImuMemory {
-            noise: self.noise.memory(),
-            next_index: self.schedule.next_index(),
-            gyro_bias_b_rad_s: self.gyro.bias.into(),
-            accelerometer_bias_b_m_s2: self.accelerometer.bias.into(),
-        }
-    }
-
-    /// Draws from the stream of another seed from now on.
-    pub fn reseed(&mut self, seed: u64) {
-        self.noise.reseed(seed);
-    }
-
-    /// Continues from a memory, bit for bit.
-    pub fn restore(&mut self, memory: &ImuMemory) {
-        self.noise.restore(&memory.noise);
-        self.schedule.set_next_index(memory.next_index);
-        self.gyro.bias = memory.gyro_bias_b_rad_s.into();
-        self.accelerometer.bias = memory.accelerometer_bias_b_m_s2.into();
     }
 }
 

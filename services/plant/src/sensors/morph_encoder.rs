@@ -8,6 +8,10 @@ use noise::{Noise, NoiseMemory, Source};
 
 use super::config::{MorphEncoderConfig, SensorError};
 use super::schedule::Schedule;
+use super::sensor::Sensor;
+use crate::ports::Outputs;
+use shared_types::{TopicInfo, topics};
+use vehicle::Truth;
 
 shared_types::memory! {
     /// A [`MorphEncoder`] as plain numbers.
@@ -28,18 +32,46 @@ pub struct MorphEncoder {
     sigma_rad: f64,
 }
 
-impl MorphEncoder {
-    /// An encoder whose first reading is due at 0 ns.
-    ///
-    /// # Errors
-    /// [`SensorError::Config`] for a value out of its range.
-    pub fn new(config: &MorphEncoderConfig, seed: u64) -> Result<Self, SensorError> {
+impl Sensor for MorphEncoder {
+    type Config = MorphEncoderConfig;
+    type Memory = MorphEncoderMemory;
+    /// β \[rad\].
+    type Reading = f64;
+
+    const TOPIC: &'static TopicInfo = &topics::MORPH_ANGLE.info;
+
+    fn rate_hz(config: &MorphEncoderConfig) -> u32 {
+        config.rate_hz
+    }
+
+    fn new(config: &MorphEncoderConfig, seed: u64) -> Result<Self, SensorError> {
         config.validate()?;
         let sigma_rad = if config.noise_free { 0.0 } else { config.noise_deg.to_radians() };
         let schedule = Schedule::new(config.rate_hz);
         Ok(Self { schedule, noise: Noise::new(seed, Source::MORPH_ENCODER, 0), sigma_rad })
     }
 
+    fn look(&mut self, now_ns: u64, truth: &Truth, outputs: &mut Outputs) -> Option<f64> {
+        let angle_rad = self.sample(now_ns, truth.state.beta.rad())?;
+        outputs.morph_angle.write(shared_types::MorphAngle { angle_rad, ..Default::default() });
+        Some(angle_rad)
+    }
+
+    fn memory(&self) -> MorphEncoderMemory {
+        MorphEncoderMemory { noise: self.noise.memory(), next_index: self.schedule.next_index() }
+    }
+
+    fn restore(&mut self, memory: &MorphEncoderMemory) {
+        self.noise.restore(&memory.noise);
+        self.schedule.set_next_index(memory.next_index);
+    }
+
+    fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+}
+
+impl MorphEncoder {
     /// Instant of the next reading \[ns\].
     #[must_use]
     pub fn next_sample_ns(&self) -> u64 {
@@ -55,23 +87,6 @@ impl MorphEncoder {
         let [error, _] = self.noise.normal2();
         let reading = morph_angle_rad + self.sigma_rad * error;
         reading.is_finite().then_some(reading)
-    }
-
-    /// Everything that evolves.
-    #[must_use]
-    pub fn memory(&self) -> MorphEncoderMemory {
-        MorphEncoderMemory { noise: self.noise.memory(), next_index: self.schedule.next_index() }
-    }
-
-    /// Draws from the stream of another seed from now on.
-    pub fn reseed(&mut self, seed: u64) {
-        self.noise.reseed(seed);
-    }
-
-    /// Continues from a memory, bit for bit.
-    pub fn restore(&mut self, memory: &MorphEncoderMemory) {
-        self.noise.restore(&memory.noise);
-        self.schedule.set_next_index(memory.next_index);
     }
 }
 

@@ -5,8 +5,12 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use noise::{Noise, NoiseMemory, Source};
 
 use super::config::{DELAY_LINE_LEN, PoseFixConfig, SensorError};
-use super::schedule::Schedule;
+use super::schedule::{DropOuts, Schedule};
+use super::sensor::Sensor;
+use crate::ports::Outputs;
 use shared_types::time::ns_from_s;
+use shared_types::{TopicInfo, topics};
+use vehicle::{Truth, components};
 
 /// Where the vehicle is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,21 +60,28 @@ pub struct PoseFix {
     sigma_position: f64,
     sigma_attitude: f64,
     drop_out_probability: f64,
-    /// Lost spans [from, until) in ns.
-    drop_outs: Vec<(u64, u64)>,
+    drop_outs: DropOuts,
     oldest: usize,
     count: usize,
     captured_ns: [u64; DELAY_LINE_LEN],
     poses: [[f64; 7]; DELAY_LINE_LEN],
 }
 
-impl PoseFix {
-    /// A tracker whose first capture is due at 0 ns.
-    ///
+impl Sensor for PoseFix {
+    type Config = PoseFixConfig;
+    type Memory = PoseFixMemory;
+    type Reading = PoseSample;
+
+    const TOPIC: &'static TopicInfo = &topics::POSE_FIX.info;
+
+    fn rate_hz(config: &PoseFixConfig) -> u32 {
+        config.rate_hz
+    }
+
     /// # Errors
     /// [`SensorError::Config`] for a value out of its range, [`SensorError::DelayLine`] if rate
     /// times latency is more than the delay line holds.
-    pub fn new(config: &PoseFixConfig, seed: u64) -> Result<Self, SensorError> {
+    fn new(config: &PoseFixConfig, seed: u64) -> Result<Self, SensorError> {
         config.validate()?;
         let (rate_hz, latency_s) = (config.rate_hz, config.latency_s);
         let latency_ns = ns_from_s(latency_s);
@@ -80,7 +91,6 @@ impl PoseFix {
             return Err(SensorError::DelayLine { rate_hz, latency_s, needed });
         }
         let level = if config.noise_free { 0.0 } else { 1.0 };
-        let spans = config.drop_outs.iter();
         Ok(Self {
             schedule: Schedule::new(rate_hz),
             noise: Noise::new(seed, Source::POSE_FIX, 0),
@@ -88,7 +98,7 @@ impl PoseFix {
             sigma_position: level * config.position_noise_m,
             sigma_attitude: level * config.attitude_noise_rad,
             drop_out_probability: config.drop_out_probability,
-            drop_outs: spans.map(|d| (ns_from_s(d.from_s), ns_from_s(d.until_s))).collect(),
+            drop_outs: DropOuts::new(&config.drop_outs),
             oldest: 0,
             count: 0,
             captured_ns: [0; DELAY_LINE_LEN],
@@ -96,6 +106,46 @@ impl PoseFix {
         })
     }
 
+    fn look(&mut self, now_ns: u64, truth: &Truth, outputs: &mut Outputs) -> Option<PoseSample> {
+        let state = &truth.state;
+        self.capture(now_ns, &Pose { position_w_m: state.position_w, q_wb: state.q_wb });
+        let fix = self.deliver(now_ns)?;
+        outputs.pose_fix.write(shared_types::PoseFix {
+            captured_ns: fix.captured_ns,
+            position_w_m: fix.pose.position_w_m.into(),
+            q_wb: shared_types::Quaternion::from_array(components(fix.pose.q_wb)),
+            ..shared_types::PoseFix::default()
+        });
+        Some(fix)
+    }
+
+    fn memory(&self) -> PoseFixMemory {
+        PoseFixMemory {
+            noise: self.noise.memory(),
+            next_index: self.schedule.next_index(),
+            oldest: self.oldest as u64,
+            count: self.count as u64,
+            captured_ns: self.captured_ns,
+            poses: self.poses,
+        }
+    }
+
+    fn reseed(&mut self, seed: u64) {
+        self.noise.reseed(seed);
+    }
+
+    fn restore(&mut self, memory: &PoseFixMemory) {
+        let place = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
+        self.noise.restore(&memory.noise);
+        self.schedule.set_next_index(memory.next_index);
+        self.oldest = place(memory.oldest) % DELAY_LINE_LEN;
+        self.count = place(memory.count).min(DELAY_LINE_LEN);
+        self.captured_ns = memory.captured_ns;
+        self.poses = memory.poses;
+    }
+}
+
+impl PoseFix {
     /// Instant of the next capture \[ns\].
     #[must_use]
     pub fn next_capture_ns(&self) -> u64 {
@@ -121,7 +171,7 @@ impl PoseFix {
             Vector3::from(self.noise.normal3()) * self.sigma_attitude,
         );
         let unlucky = self.noise.uniform() < self.drop_out_probability;
-        let lost = unlucky || self.drop_outs.iter().any(|(a, b)| (*a..*b).contains(&now_ns));
+        let lost = unlucky || self.drop_outs.contains(now_ns);
         let q = vehicle::canonical(truth.q_wb * turn);
         let pose = [position.x, position.y, position.z, q.w, q.i, q.j, q.k];
         if !lost && pose.iter().all(|x| x.is_finite()) {
@@ -154,35 +204,6 @@ impl PoseFix {
     fn drop_oldest(&mut self) {
         self.oldest = (self.oldest + 1) % DELAY_LINE_LEN;
         self.count -= 1;
-    }
-
-    /// Everything that evolves.
-    #[must_use]
-    pub fn memory(&self) -> PoseFixMemory {
-        PoseFixMemory {
-            noise: self.noise.memory(),
-            next_index: self.schedule.next_index(),
-            oldest: self.oldest as u64,
-            count: self.count as u64,
-            captured_ns: self.captured_ns,
-            poses: self.poses,
-        }
-    }
-
-    /// Draws from the stream of another seed from now on.
-    pub fn reseed(&mut self, seed: u64) {
-        self.noise.reseed(seed);
-    }
-
-    /// Continues from a memory, bit for bit.
-    pub fn restore(&mut self, memory: &PoseFixMemory) {
-        let place = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
-        self.noise.restore(&memory.noise);
-        self.schedule.set_next_index(memory.next_index);
-        self.oldest = place(memory.oldest) % DELAY_LINE_LEN;
-        self.count = place(memory.count).min(DELAY_LINE_LEN);
-        self.captured_ns = memory.captured_ns;
-        self.poses = memory.poses;
     }
 }
 

@@ -1,7 +1,24 @@
-//! When a sensor samples.
+//! When a sensor samples, and when what it reads is lost.
+
+use super::config::DropOut;
+use shared_types::time::ns_from_s;
 
 /// Nanoseconds in a second.
 const SECOND_NS: u128 = 1_000_000_000;
+
+/// Spans in which what a sensor reads is lost.
+#[derive(Debug, Clone)]
+pub(super) struct DropOuts(Vec<(u64, u64)>);
+
+impl DropOuts {
+    pub(super) fn new(spans: &[DropOut]) -> Self {
+        Self(spans.iter().map(|d| (ns_from_s(d.from_s), ns_from_s(d.until_s))).collect())
+    }
+
+    pub(super) fn contains(&self, now_ns: u64) -> bool {
+        self.0.iter().any(|(from, until)| (*from..*until).contains(&now_ns))
+    }
+}
 
 /// Releases of a loop: release k at floor(k · 10⁹ / rate) ns, in integers.
 #[derive(Debug, Clone, Copy)]
@@ -11,9 +28,9 @@ pub(super) struct Schedule {
 }
 
 impl Schedule {
-    /// `rate_hz` above zero; its configuration has checked that.
+    /// At 0 Hz there is no release.
     pub(super) fn new(rate_hz: u32) -> Self {
-        Self { rate_hz: rate_hz.max(1), next_index: 0 }
+        Self { rate_hz, next_index: 0 }
     }
 
     /// Index of the next release.
@@ -28,14 +45,15 @@ impl Schedule {
 
     /// Instant of the next release.
     pub(super) fn next_ns(&self) -> u64 {
-        let instant = u128::from(self.next_index) * SECOND_NS / u128::from(self.rate_hz);
-        u64::try_from(instant).unwrap_or(u64::MAX)
+        let nanoseconds = u128::from(self.next_index) * SECOND_NS;
+        let instant = nanoseconds.checked_div(u128::from(self.rate_hz));
+        instant.and_then(|instant| u64::try_from(instant).ok()).unwrap_or(u64::MAX)
     }
 
     /// How many releases `now_ns` has reached since the last call; the next one then lies after
     /// `now_ns`.
     pub(super) fn take(&mut self, now_ns: u64) -> u64 {
-        if now_ns < self.next_ns() {
+        if self.rate_hz == 0 || now_ns < self.next_ns() {
             return 0;
         }
         // floor(k 10⁹ / r) > now holds from k = ceil((now + 1) r / 10⁹) on.

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use plant::gate::GateConfig;
 use plant::ports::{Inputs, Outputs};
-use plant::sensors::{ImuConfig, MorphEncoderConfig, PoseFixConfig};
+use plant::sensors::SensorConfigs;
 use plant::{ModelKind, Motion, Plant, PlantConfig};
 use runtime::graph::Edge;
 use runtime::{InputSet as _, Service as _, Source};
@@ -42,9 +42,7 @@ fn plant(model: ModelKind) -> Plant {
     Plant::new(&PlantConfig {
         vehicle: VehicleParameters::default(),
         model,
-        imu: ImuConfig::default(),
-        pose_fix: PoseFixConfig::default(),
-        morph_encoder: MorphEncoderConfig::default(),
+        sensors: SensorConfigs::default(),
         gate: GateConfig::default(),
         unproven: None,
         position_w_m: Vector3::new(0.0, 0.0, 1.5),
