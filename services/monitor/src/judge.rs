@@ -174,16 +174,25 @@ impl Judge {
     }
 
     /// Resets the state after a change of owner, since the new owner did not cause what came before. `of_position`: the
-    /// position slot has another owner, so that how far the vehicle is from its path is not its doing either.
+    /// position slot has another owner, so that how far the vehicle is from its path and what has been asked for is not
+    /// its doing either.
     pub fn forget(&mut self, of_position: bool) {
+        let before = self.memory;
         // The wind is no owner's doing.
-        let JudgeMemory {
-            push_w_m_s2, velocity_w_m_s, has_velocity, moved_m, off_course_s, ..
-        } = self.memory;
-        let kept = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity, ..Default::default() };
-        self.memory =
-            if of_position { kept } else { JudgeMemory { moved_m, off_course_s, ..kept } };
-        (self.body, self.asked) = ([Swings::default(); 2], [Swings::default(); 2]);
+        self.memory = JudgeMemory {
+            push_w_m_s2: before.push_w_m_s2,
+            velocity_w_m_s: before.velocity_w_m_s,
+            has_velocity: before.has_velocity,
+            ..JudgeMemory::default()
+        };
+        self.body = [Swings::default(); 2];
+        if of_position {
+            self.asked = [Swings::default(); 2];
+        } else {
+            self.memory.moved_m = before.moved_m;
+            self.memory.off_course_s = before.off_course_s;
+            self.memory.heading_astray_s = before.heading_astray_s;
+        }
     }
 
     /// Judges the next moment. A moment with a number that is not finite is skipped: a failed estimate is

@@ -446,7 +446,11 @@ fn a_restored_judge_continues_bit_for_bit_as_the_original() {
         other = judge();
         other.restore(&memory);
     }
-    let JudgeMemory { push_w_m_s2, velocity_w_m_s, .. } = first.memory();
+    let JudgeMemory { push_w_m_s2, velocity_w_m_s, moved_m, asked, .. } = first.memory();
+    first.forget(false);
+    let kept = first.memory();
+    assert_eq!((kept.moved_m, kept.asked, kept.turned_rad), (moved_m, asked, 0.0));
+    assert_eq!(kept.body, JudgeMemory::default().body, "of the attitude controller");
     first.forget(true);
     let none = JudgeMemory::default();
     let wind = JudgeMemory { push_w_m_s2, velocity_w_m_s, has_velocity: true, ..none };
