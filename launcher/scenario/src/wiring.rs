@@ -92,7 +92,7 @@ fn default_policy(role: Role) -> MissPolicy {
 
 /// How often a sensor's topic is published, which is less often than the plant steps.
 pub(super) fn sensor_rate(settings: &Settings, topic: &TopicInfo) -> Option<Rate> {
-    // A sensor that there is not is no faster than the slowest.
+    // A missing sensor publishes nothing; 1 Hz is the lowest rate that there is.
     let rate_hz = settings.plant.sensors().rate_hz(topic)?.max(1);
     Rate::from_hz(rate_hz.into()).ok()
 }

@@ -49,8 +49,8 @@ impl Estimator {
         Ok(Self { filter: Filter::new(config, initial)? })
     }
 
-    /// Samples of one step in the order time, then topic: the IMU carries the belief to an
-    /// instant before a measurement of that instant corrects it.
+    /// Samples of one step by topic: the IMU carries the belief to an instant before a measurement of that instant
+    /// corrects it, and readings come before a fix that would leave them behind.
     fn take(&mut self, inputs: &Inputs) {
         for sample in inputs.imu.fresh() {
             self.filter.on_imu(&ImuSample {
@@ -58,6 +58,14 @@ impl Estimator {
                 gyro_rad_s: sample.gyro_b_rad_s.into(),
                 accel_m_s2: sample.specific_force_b_m_s2.into(),
             });
+        }
+        for sample in inputs.barometer.fresh() {
+            let (time_ns, height_w_m) = (sample.header.valid_ns, sample.height_w_m);
+            self.filter.on_scalar(Scalar::Barometer, time_ns, height_w_m);
+        }
+        for sample in inputs.range_finder.fresh() {
+            let (time_ns, range_m) = (sample.header.valid_ns, sample.range_m);
+            self.filter.on_scalar(Scalar::RangeFinder, time_ns, range_m);
         }
         for sample in inputs.pose_fix.fresh() {
             self.filter.on_pose_fix(&PoseFixSample {
@@ -71,14 +79,6 @@ impl Estimator {
                 time_ns: sample.header.valid_ns,
                 angle_rad: sample.angle_rad,
             });
-        }
-        for sample in inputs.barometer.fresh() {
-            let (time_ns, height_w_m) = (sample.header.valid_ns, sample.height_w_m);
-            self.filter.on_scalar(Scalar::Barometer, time_ns, height_w_m);
-        }
-        for sample in inputs.range_finder.fresh() {
-            let (time_ns, range_m) = (sample.header.valid_ns, sample.range_m);
-            self.filter.on_scalar(Scalar::RangeFinder, time_ns, range_m);
         }
     }
 }

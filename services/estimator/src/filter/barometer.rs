@@ -19,7 +19,7 @@ pub struct BarometerModel {
     #[garde(range(min = 1e-6, max = 1000.0))]
     pub initial_bias_sigma_m: f64,
     /// Random walk of the bias \[m/s/√Hz\].
-    #[garde(range(min = 0.0, max = 100.0))]
+    #[garde(range(min = 1e-9, max = 100.0))]
     pub bias_walk_m_s_sqrt_hz: f64,
     /// χ² gate of a reading, 1 degree of freedom.
     #[garde(range(min = 1.0, max = 1e6))]

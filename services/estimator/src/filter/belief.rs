@@ -102,7 +102,7 @@ impl Belief {
             self.covariance.transpose_mut();
         }
         symmetrize(&mut self.covariance);
-        for bias in self.biases.iter_mut().filter(|bias| bias.is_known()) {
+        for bias in self.biases.iter_mut().filter(|bias| bias.is_known) {
             let x: Vector3<f64> = bias.cross.fixed_rows::<3>(ATTITUDE).into_owned();
             bias.cross.fixed_rows_mut::<3>(ATTITUDE).copy_from(&(x - half.cross(&x)));
         }

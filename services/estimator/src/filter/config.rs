@@ -207,7 +207,7 @@ impl FilterConfig {
         Ok(())
     }
 
-    fn positives(&self) -> [(&'static str, f64); 34] {
+    fn positives(&self) -> [(&'static str, f64); 36] {
         [
             ("gravity_m_s2", self.gravity_m_s2),
             ("gyro_noise_rad_s_rthz", self.gyro_noise_rad_s_rthz),
@@ -240,6 +240,8 @@ impl FilterConfig {
             ("barometer.noise_m", self.barometer.noise_m),
             ("barometer.initial_bias_sigma_m", self.barometer.initial_bias_sigma_m),
             ("barometer.gate_chi2", self.barometer.gate_chi2),
+            ("barometer.range_m", self.barometer.range_m),
+            ("barometer.bias_walk_m_s_sqrt_hz", self.barometer.bias_walk_m_s_sqrt_hz),
             ("range_finder.noise_m", self.range_finder.noise_m),
             ("range_finder.gate_chi2", self.range_finder.gate_chi2),
             ("range_finder.max_range_m", self.range_finder.max_range_m),

@@ -38,6 +38,7 @@ shared_types::memory! {
     /// Bias of a sensor of one number, laid out flat.
     #[derive(PartialEq)]
     pub struct BiasMemory {
+        is_known: u64,
         value: f64,
         variance: f64,
         cross: [f64; STATE_DIMENSION],
@@ -146,7 +147,8 @@ impl From<&Belief> for BeliefMemory {
             gyro: inertial.gyro.into(),
             accel: inertial.accel.into(),
             covariance: belief.covariance.data.0,
-            biases: belief.biases.map(|Bias { value, variance, cross }| BiasMemory {
+            biases: belief.biases.map(|Bias { is_known, value, variance, cross }| BiasMemory {
+                is_known: is_known.into(),
                 value,
                 variance,
                 cross: cross.into(),
@@ -188,7 +190,8 @@ impl BeliefMemory {
                 Matrix::<_, Const<STATE_DIMENSION>, Const<STATE_DIMENSION>, _>::from_array_storage(
                     ArrayStorage(self.covariance),
                 ),
-            biases: self.biases.map(|BiasMemory { value, variance, cross }| Bias {
+            biases: self.biases.map(|BiasMemory { is_known, value, variance, cross }| Bias {
+                is_known: is_known != 0,
                 value,
                 variance,
                 cross: cross.into(),
@@ -212,17 +215,21 @@ impl Evolving {
         true
     }
 
-    /// Computes the head anew, from the base; gives the verdict about the last reading on the way.
-    pub(super) fn replay(&mut self, config: &FilterConfig) -> Verdict {
-        let (mut verdict, mut next) = (Verdict::Accepted, 0);
+    /// Computes the head anew, from the base; gives the verdict about the reading at a place on the way.
+    pub(super) fn replay(&mut self, place: Option<usize>, config: &FilterConfig) -> Verdict {
+        let mut verdict = Verdict::Accepted;
+        let mut readings = self.readings.all().iter().enumerate().peekable();
         self.head = self.base;
         for sample in self.history.iter() {
             self.head.propagate(sample, config);
-            let until = self.readings.until(sample.time_ns);
-            for reading in &self.readings.all()[next..until] {
-                verdict = scalar::correct(&mut self.head, reading, config);
+            while let Some((at, reading)) =
+                readings.next_if(|(_, reading)| reading.time_ns <= sample.time_ns)
+            {
+                let judged = scalar::correct(&mut self.head, reading, config);
+                if place == Some(at) {
+                    verdict = judged;
+                }
             }
-            next = until;
         }
         verdict
     }
@@ -310,7 +317,7 @@ impl FilterMemory {
             finite("readings", &[*value])?;
             let of = usize::try_from(*of).ok().and_then(Scalar::at);
             let of = of.ok_or(MemoryError::OutOfRange("sensor"))?;
-            readings.insert(Reading { time_ns: *time_ns, of, value: *value });
+            let _place = readings.insert(Reading { time_ns: *time_ns, of, value: *value });
         }
         Ok(readings)
     }

@@ -34,6 +34,7 @@ pub use error_state::{Covariance, STATE_DIMENSION};
 pub use estimate::{AlarmFlags, Counters, Estimate, VerdictCounts};
 pub use memory::{BeliefMemory, FilterMemory, ImuMemory, MemoryError};
 pub use range_finder::RangeFinderModel;
+pub use readings::READINGS_CAPACITY;
 pub use sample::{ImuSample, MorphAngleSample, PoseFixSample, Verdict};
 pub use scalar::Scalar;
 
@@ -103,8 +104,9 @@ impl Filter {
         self.state.counters.morph_angle.record(verdict)
     }
 
-    /// Corrects the estimate with a reading of one number, made at `time_ns`. It counts at the instant of the inertial
-    /// sample then, or of the next: at most a period later.
+    /// Corrects the estimate with a reading of one number, made at `time_ns`. It counts at the instant of an inertial
+    /// sample: of the next one, or, if that has not come, of the last, so at most a period of the IMU from its own. While
+    /// the IMU is silent for longer than that, readings are refused.
     pub fn on_scalar(&mut self, of: Scalar, time_ns: u64, value: f64) -> Verdict {
         let verdict = match self.refuse_scalar(of, time_ns, value) {
             Some(refusal) => refusal,
@@ -246,7 +248,7 @@ impl Filter {
         if verdict == Verdict::Accepted {
             self.state.last_fix_accepted_ns = fix.captured_ns;
         }
-        self.state.replay(&self.config);
+        let _verdict = self.state.replay(None, &self.config);
         verdict
     }
 
@@ -274,11 +276,11 @@ impl Filter {
         state.next_reading_ns[of.index()] = time_ns.saturating_add(1);
         while state.readings.is_full() && state.pass_oldest(config) {}
         let reading = Reading { time_ns: time_ns.min(state.head.time_ns), of, value };
-        state.readings.insert(reading);
+        let place = state.readings.insert(reading);
         let verdict = if reading.time_ns == state.head.time_ns {
             scalar::correct(&mut state.head, &reading, config)
         } else {
-            state.replay(config)
+            state.replay(Some(place), config)
         };
         let gated = &mut state.readings_gated_in_row[of.index()];
         *gated = if verdict == Verdict::Gated { gated.saturating_add(1) } else { 0 };

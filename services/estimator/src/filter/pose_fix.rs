@@ -85,11 +85,11 @@ impl Innovation {
             left - columns_seen(&left) * gain.transpose() + noisy * gain.transpose();
         symmetrize(&mut belief.covariance);
         // A fix does not see the biases of other sensors, but what they have in common with the state.
-        for bias in belief.biases.iter_mut().filter(|bias| bias.is_known()) {
+        for bias in belief.biases.iter_mut().filter(|bias| bias.is_known) {
             let seen = Vector6::from_fn(|row, _| bias.cross[OBSERVED[row]]);
-            let whitened = self.cholesky.solve(&seen);
-            bias.value += whitened.dot(&self.residual);
-            bias.variance -= whitened.dot(&seen);
+            let gain_own = self.cholesky.solve(&seen);
+            bias.value += gain_own.dot(&self.residual);
+            bias.variance = (bias.variance - gain_own.dot(&seen)).max(0.0);
             bias.cross -= gain * seen;
         }
         belief.inject(&error);
@@ -100,6 +100,7 @@ impl Innovation {
 mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
+    use super::super::bias::Bias;
     use super::super::config::InitialState;
     use super::*;
 
@@ -140,6 +141,39 @@ mod tests {
         assert!((belief.p - error.fixed_rows::<3>(0)).norm() < 1e-9);
         assert!((belief.v - error.fixed_rows::<3>(3)).norm() < 1e-9);
         assert!((belief.gyro_bias - error.fixed_rows::<3>(9)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn what_a_bias_has_in_common_with_the_state_is_corrected_as_in_the_information_form() {
+        const BORDERED: usize = STATE_DIMENSION + 1;
+        let mut belief = spread_belief();
+        let cross = ErrorState::from_fn(|i, _| 1e-3 * libm::cos(i as f64));
+        belief.biases[0] = Bias { is_known: true, value: 0.3, variance: 0.04, cross };
+        let config = FilterConfig::default();
+        let position_w = belief.p + Vector3::new(0.01, -0.02, 0.005);
+        let fix = PoseFixSample { captured_ns: 0, position_w, q_wb: belief.q };
+        let innovation = innovation(&belief, &fix, &config).unwrap();
+        let mut p = SMatrix::<f64, BORDERED, BORDERED>::zeros();
+        p.fixed_view_mut::<STATE_DIMENSION, STATE_DIMENSION>(0, 0).copy_from(&belief.covariance);
+        p.fixed_view_mut::<STATE_DIMENSION, 1>(0, STATE_DIMENSION).copy_from(&cross);
+        p.fixed_view_mut::<1, STATE_DIMENSION>(STATE_DIMENSION, 0).copy_from(&cross.transpose());
+        p[(STATE_DIMENSION, STATE_DIMENSION)] = 0.04;
+        let mut information = p.try_inverse().unwrap();
+        let mut right = SMatrix::<f64, BORDERED, 1>::zeros();
+        for (row, state) in OBSERVED.iter().enumerate() {
+            information[(*state, *state)] += 1.0 / innovation.noise[row];
+            right[*state] = innovation.residual[row] / innovation.noise[row];
+        }
+        let wanted = information.try_inverse().unwrap();
+        let error = wanted * right;
+        innovation.apply(&mut belief);
+        let turned = error.fixed_rows::<3>(ATTITUDE).norm();
+        let bound = (1e-9 + 2.0 * turned) * wanted.norm();
+        let bias = belief.biases[0];
+        let column = wanted.fixed_view::<STATE_DIMENSION, 1>(0, STATE_DIMENSION);
+        assert!((bias.cross - column).norm() < bound, "{}", (bias.cross - column).norm());
+        assert!((bias.variance - wanted[(STATE_DIMENSION, STATE_DIMENSION)]).abs() < bound);
+        assert!((bias.value - 0.3 - error[STATE_DIMENSION]).abs() < 1e-9);
     }
 
     #[test]

@@ -42,7 +42,7 @@ impl Belief {
             add_noise(&mut self.covariance, dt, config);
             Some(transition)
         };
-        for (bias, of) in self.biases.iter_mut().zip(Scalar::ALL).filter(|(b, _)| b.is_known()) {
+        for (bias, of) in self.biases.iter_mut().zip(Scalar::ALL).filter(|(b, _)| b.is_known) {
             if let Some(transition) = &transition {
                 transition.advance(&mut bias.cross.data.0[0]);
             }
@@ -211,6 +211,11 @@ mod tests {
         let worst = (got - wanted).abs().max();
         assert!(worst < 1e-4, "{worst:e}");
         assert!((wanted - p).abs().max() > 1e-2, "the step must move the covariance");
+        // What a bias has in common with the state moves with it.
+        let cross = ErrorState::from_fn(|i, _| libm::cos(2.0 * i as f64));
+        let mut moved = cross;
+        transition.advance(&mut moved.data.0[0]);
+        assert!((moved - f * cross).abs().max() < 1e-4);
     }
 
     #[test]

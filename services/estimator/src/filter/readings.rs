@@ -2,8 +2,9 @@
 
 use super::scalar::{Reading, Scalar};
 
-/// As many as two sensors of 500 Hz give within the history of a 1 kHz IMU.
-pub(super) const READINGS_CAPACITY: usize = 64;
+/// Readings that may come while a fix is under way: with more the base would leave the fix behind, and a scenario is
+/// refused.
+pub const READINGS_CAPACITY: usize = 64;
 
 #[derive(Debug, Clone)]
 pub(super) struct Readings {
@@ -25,15 +26,17 @@ impl Readings {
         &self.readings[..self.length]
     }
 
-    /// Adds one in the order of time, behind those of the same instant. The caller has made room, otherwise it is lost.
-    pub(super) fn insert(&mut self, reading: Reading) {
+    /// Adds one in the order of time, behind those of the same instant, and tells its place. The caller has made room,
+    /// otherwise it is lost.
+    pub(super) fn insert(&mut self, reading: Reading) -> usize {
         if self.is_full() {
-            return;
+            return self.length;
         }
         let at = self.all().partition_point(|other| other.time_ns <= reading.time_ns);
         self.readings.copy_within(at..self.length, at + 1);
         self.readings[at] = reading;
         self.length += 1;
+        at
     }
 
     /// How many there are until an instant.
@@ -68,7 +71,9 @@ mod tests {
         assert_eq!(readings.until(20), 4);
         readings.forget(4);
         assert_eq!(readings.all(), [at(30, 1.0)]);
-        (0..100).for_each(|time_ns| readings.insert(at(time_ns, 0.0)));
+        for time_ns in 0..100 {
+            readings.insert(at(time_ns, 0.0));
+        }
         assert!(readings.is_full());
     }
 }

@@ -46,10 +46,10 @@ pub enum Verdict {
     OutOfRange,
     /// Not newer than the last sample of its kind.
     OutOfOrder,
-    /// A pose fix captured before the oldest instant that the filter can still go back to.
+    /// Made before the oldest instant that the filter can still go back to.
     TooOld,
-    /// A pose fix captured after the last inertial sample.
+    /// A pose fix captured after the last inertial sample, or a reading of one number more than a period after it.
     Ahead,
-    /// The innovation covariance was not positive definite; the covariance was re-opened.
+    /// The innovation covariance was not positive definite; after a pose fix the covariance was re-opened.
     Numerical,
 }

@@ -1,8 +1,8 @@
 //! Measurements of one number, such as a height: what they have in common, and the table of their models.
 //!
-//! A model may have a bias, which walks. Biases stand beside the fifteen error states: each has its variance and its
-//! covariance with them, so that without such a sensor nothing is computed and nothing changes. Two biases are taken for
-//! independent of one another.
+//! A model may have a bias, which walks. It stands beside the fifteen error states, with its variance and its covariance
+//! with them, so that without such a sensor nothing is computed and nothing changes. One sensor may have one: two would
+//! need their covariance with each other too.
 
 use nalgebra::SMatrix;
 
@@ -15,9 +15,9 @@ use super::measurement::{MeasurementModel, Predicted};
 use super::range_finder::RangeFinderModel;
 use super::sample::Verdict;
 
-/// Declares the sensors of one number: `Name: configuration field, Model;`, one a line.
+/// Declares the sensors of one number: `Name: path of its configuration, Model;`, one a line.
 macro_rules! scalars {
-    ($($(#[doc = $doc:literal])+ $name:ident: $field:ident, $model:ident;)+) => {
+    ($($(#[doc = $doc:literal])+ $name:ident: $($field:ident).+, $model:ident;)+) => {
         /// A sensor of one number.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Scalar {
@@ -32,7 +32,7 @@ macro_rules! scalars {
             pub(super) fn model(self, config: &FilterConfig) -> &dyn MeasurementModel {
                 match self {
                     $(Self::$name => {
-                        let model: &$model = &config.$field;
+                        let model: &$model = &config.$($field).+;
                         model
                     })+
                 }
@@ -63,7 +63,7 @@ impl Scalar {
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Reading {
-    /// Inertial sample at whose instant it counts, or the next one \[ns\].
+    /// It counts at the instant of the first inertial sample from then on \[ns\].
     pub(super) time_ns: u64,
     pub(super) of: Scalar,
     pub(super) value: f64,
@@ -102,11 +102,8 @@ pub(super) fn correct(belief: &mut Belief, reading: &Reading, config: &FilterCon
     }
     let (gain, gain_own) = (seen / spread, seen_own / spread);
     for (index, other) in belief.biases.iter_mut().enumerate() {
-        if index != place && other.is_known() {
-            let seen_other = h.dot(&other.cross);
-            other.value += seen_other / spread * residual;
-            other.variance -= seen_other * seen_other / spread;
-            other.cross -= gain * seen_other;
+        if index != place {
+            other.correct(h.dot(&other.cross), spread, residual, &gain);
         }
     }
     // I − K H from the left, then from the right.
@@ -123,7 +120,8 @@ pub(super) fn correct(belief: &mut Belief, reading: &Reading, config: &FilterCon
     if own_model.is_some() {
         let bias = &mut belief.biases[place];
         bias.cross = left_cross - rest * gain_own + gain * (noise * gain_own);
-        bias.variance = left_own - rest_own * gain_own + gain_own * gain_own * noise;
+        let variance = left_own - rest_own * gain_own + gain_own * gain_own * noise;
+        bias.variance = variance.max(0.0);
         bias.value += gain_own * residual;
     }
     belief.inject(&(gain * residual));
@@ -132,6 +130,7 @@ pub(super) fn correct(belief: &mut Belief, reading: &Reading, config: &FilterCon
 
 #[cfg(test)]
 mod tests {
+    use super::super::bias::Bias;
     use super::super::config::InitialState;
     use super::super::error_state::{ATTITUDE, Covariance, ErrorState};
     use super::super::rotation;
@@ -175,7 +174,7 @@ mod tests {
         let mut belief = spread_belief();
         let of = Scalar::Barometer;
         let cross = ErrorState::from_fn(|i, _| 1e-3 * libm::cos(i as f64));
-        belief.biases[of.index()] = super::super::bias::Bias { value: 0.2, variance: 0.04, cross };
+        belief.biases[of.index()] = Bias { is_known: true, value: 0.2, variance: 0.04, cross };
         let prior = belief;
         let mut p = SMatrix::<f64, AUGMENTED, AUGMENTED>::zeros();
         p.fixed_view_mut::<STATE_DIMENSION, STATE_DIMENSION>(0, 0).copy_from(&prior.covariance);
@@ -207,12 +206,19 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_beyond_the_gate_changes_nothing_but_that_the_bias_has_begun() {
+    fn a_reading_beyond_the_gate_changes_nothing() {
         let config = FilterConfig::default();
         let mut belief = spread_belief();
         let reading = Reading { time_ns: 0, of: Scalar::RangeFinder, value: 3.0 };
         let before = belief;
         assert_eq!(correct(&mut belief, &reading, &config), Verdict::Gated);
         assert_eq!(belief, before);
+    }
+
+    #[test]
+    fn one_sensor_at_most_has_a_bias() {
+        let config = FilterConfig::default();
+        let biased = Scalar::ALL.iter().filter(|of| of.model(&config).bias().is_some());
+        assert!(biased.count() <= 1, "their covariance with each other is not kept");
     }
 }

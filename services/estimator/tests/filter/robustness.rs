@@ -2,7 +2,7 @@
 
 use estimator::{
     ConfigError, Filter, FilterConfig, FilterMemory, ImuSample, InitialState, MemoryError,
-    MorphAngleSample, PoseFixSample, Verdict,
+    MorphAngleSample, PoseFixSample, Scalar, Verdict,
 };
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -15,16 +15,23 @@ fn filter_and_sensors(truth: &[Truth], seed: usize) -> (Filter, Sensors) {
     (Filter::new(FilterConfig::default(), &initial).expect("default is valid"), sensors)
 }
 
-/// One tick with everything: inertial sample, late fix, encoder.
+/// One tick with everything: inertial sample, late fix, encoder, heights.
 fn tick(filters: &mut [&mut Filter], sensors: &mut Sensors, truth: &[Truth], step: usize) {
     let sample = sensors.imu(step, &truth[step]);
     let angle_rad = 1.0 + sensors.normal(1e-3).x;
+    let (height_m, range_m) = (truth[step].p.z + 0.3 + sensors.normal(0.1).x, truth[step].p.z);
     let fix =
         (step % STEPS_PER_FIX == 3 && step > 20).then(|| sensors.fix(step - 10, &truth[step - 10]));
     for filter in filters {
         filter.on_imu(&sample);
         if step.is_multiple_of(5) {
             filter.on_morph_angle(&MorphAngleSample { time_ns: sample.time_ns, angle_rad });
+        }
+        if step % 20 == 4 {
+            filter.on_scalar(Scalar::Barometer, sample.time_ns, height_m);
+        }
+        if step % 7 == 1 {
+            filter.on_scalar(Scalar::RangeFinder, sample.time_ns, range_m);
         }
         if let Some(fix) = &fix {
             filter.on_pose_fix(fix);
@@ -64,7 +71,8 @@ fn no_step_allocates() {
         (0..1000).for_each(|step| tick(&mut [&mut filter], &mut sensors, &truth, step));
         let memory = filter.memory();
         filter.restore(&memory).unwrap();
-        assert!(filter.estimate().counters.pose_fix.accepted > 90);
+        let counters = filter.estimate().counters;
+        assert!(counters.pose_fix.accepted > 90 && counters.scalars[0].accepted > 40);
     });
     assert_eq!(counted.count_total, 0);
 }
@@ -136,7 +144,7 @@ proptest! {
 
     #[test]
     fn no_sequence_of_samples_poisons_the_state(
-        events in prop::collection::vec((0..4_u8, any_vector(), any_vector(), 0..60_000_000_u64), 1..200)
+        events in prop::collection::vec((0..6_u8, any_vector(), any_vector(), 0..60_000_000_u64), 1..200)
     ) {
         let mut filter = Filter::new(FilterConfig::default(), &InitialState::default()).unwrap();
         let mut now = 0_u64;
@@ -155,6 +163,12 @@ proptest! {
                         UnitQuaternion::identity()
                     };
                     filter.on_pose_fix(&PoseFixSample { captured_ns: back, position_w: a, q_wb });
+                }
+                3 => {
+                    filter.on_scalar(Scalar::Barometer, back, a.x);
+                }
+                4 => {
+                    filter.on_scalar(Scalar::RangeFinder, now.max(back), b.z);
                 }
                 _ => {
                     filter.on_morph_angle(&MorphAngleSample { time_ns: now, angle_rad: a.x });

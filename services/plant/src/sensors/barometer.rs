@@ -1,7 +1,7 @@
 //! Height by air pressure.
 //!
 //! Reading = height + bias + white noise. The bias stands for the weather and the temperature of the sensor: it is drawn
-//! at the start and walks, by σ = K / √f between readings at the rate f [IEEE Std 952-1997, annex C].
+//! at the start and walks, by σ = K / √f between readings at the rate f (IEEE Std 952-1997, annex C).
 
 use super::config::{DropOut, MAX_HEIGHT_RATE_HZ, SensorError, finite};
 use super::schedule::{DropOuts, Schedule};
@@ -79,8 +79,8 @@ impl Barometer {
     /// Its part of the key of the noise, which stays as it is.
     const SOURCE: Source = Source::of_bytes(b"barometer");
 
-    /// A reading of a height \[m\] at `now_ns`. `None` if none is due yet, if it is lost in a drop-out, or if the height is
-    /// not finite.
+    /// A reading of a height \[m\] at `now_ns`. `None` if none is due yet, if it is lost in a drop-out, or if the height
+    /// is not finite.
     pub fn sample(&mut self, now_ns: u64, height_w_m: f64) -> Option<f64> {
         let passed = self.schedule.take(now_ns);
         if passed == 0 {

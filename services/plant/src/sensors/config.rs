@@ -11,7 +11,7 @@ pub const DELAY_LINE_LEN: usize = 32;
 /// Highest rate of any sensor \[Hz\].
 pub const MAX_SENSOR_RATE_HZ: u32 = 10_000;
 
-/// Highest rate of what reads the height: as many readings as the estimator can keep until a fix of the pose comes \[Hz\].
+/// Highest rate of a sensor that reads the height \[Hz\].
 pub(super) const MAX_HEIGHT_RATE_HZ: u32 = 500;
 
 /// Longest instant a configuration may name \[s\], eleven days.
@@ -198,12 +198,12 @@ pub(crate) fn finite(value: &f64, _context: &()) -> garde::Result {
     }
 }
 
-fn later_than(start: f64, name: &'static str) -> impl Fn(&f64, &()) -> garde::Result {
+pub(super) fn later_than(start: f64, name: &'static str) -> impl Fn(&f64, &()) -> garde::Result {
     move |value, ()| {
         if *value > start {
             Ok(())
         } else {
-            Err(garde::Error::new(format!("{value} does not lie after {name} = {start}")))
+            Err(garde::Error::new(format!("{value} is not more than {name} = {start}")))
         }
     }
 }

@@ -3,8 +3,8 @@
 //! Every sensor is a function of its configuration, its seed and the truths it was shown. Its whole
 //! evolving state is a plain `…Memory`; a sensor that restores it continues bit for bit. A sensor
 //! may be shown the truth at any instants: it samples at the first one at or after each release of
-//! its own rate. What all of them can is [`Sensor`], and `table.rs` lists them. The default numbers are typical of the class of vehicle: a small MEMS inertial
-//! sensor, an optical tracker, a magnetic encoder.
+//! its own rate. [`Sensor`] is what they have in common, and `table.rs` lists them. The default numbers are typical of
+//! the class of vehicle: a small MEMS inertial sensor, an optical tracker, a magnetic encoder.
 
 mod barometer;
 mod config;

@@ -1,6 +1,6 @@
 //! Range finder that looks along the body's -z axis, at the plane z = 0 of the world.
 
-use super::config::{DropOut, MAX_HEIGHT_RATE_HZ, SensorError, finite};
+use super::config::{DropOut, MAX_HEIGHT_RATE_HZ, SensorError, finite, later_than};
 use super::schedule::{DropOuts, Schedule};
 use super::sensor::Sensor;
 use crate::ports::Outputs;
@@ -29,7 +29,7 @@ pub struct RangeFinderConfig {
     #[garde(range(min = 0.0, max = 100.0), custom(finite))]
     pub min_range_m: f64,
     /// What is farther away gives none, nor does a tilt of more than 60°.
-    #[garde(range(min = 0.0, max = 1000.0), custom(finite))]
+    #[garde(range(min = 0.0, max = 1000.0), custom(finite), custom(later_than(self.min_range_m, "min_range_m")))]
     pub max_range_m: f64,
     /// Spans whose readings are lost.
     #[garde(dive)]
@@ -77,8 +77,8 @@ impl RangeFinder {
     /// Its part of the key of the noise, which stays as it is.
     const SOURCE: Source = Source::of_bytes(b"range_finder");
 
-    /// A reading \[m\] at `now_ns` of a vehicle at this height \[m\] whose z axis points along `up_w` in the world. `None` if
-    /// none is due yet, if the ground is out of range, or if it is lost in a drop-out.
+    /// A reading \[m\] at `now_ns` of a vehicle at this height \[m\] whose z axis points along `up_w` in the world. `None`
+    /// if none is due yet, if the ground is out of range, or if it is lost in a drop-out.
     pub fn sample(&mut self, now_ns: u64, height_w_m: f64, up_w: &Vector3<f64>) -> Option<f64> {
         if self.schedule.take(now_ns) == 0 {
             return None;

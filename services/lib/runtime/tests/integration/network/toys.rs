@@ -3,9 +3,9 @@
 
 use runtime::{Input, Service, inputs, outputs};
 use shared_types::{
-    ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, Disturbance,
-    Imu, MorphAngle, MorphCommand, PoseFix, PositionReport, Reference, Sample, StateEstimate, Trip,
-    Truth, WrenchCommand, topics,
+    ActuatorState, AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, Barometer,
+    Disturbance, Imu, MorphAngle, MorphCommand, PoseFix, PositionReport, RangeFinder, Reference,
+    Sample, StateEstimate, Trip, Truth, WrenchCommand, topics,
 };
 
 /// Steps a hash by one word.
@@ -36,6 +36,8 @@ carrier!(
     Imu => |s| s.gyro_b_rad_s[0],
     PoseFix => |s| s.position_w_m[0],
     MorphAngle => |s| s.angle_rad,
+    Barometer => |s| s.height_w_m,
+    RangeFinder => |s| s.range_m,
     AppliedCommand => |s| s.thrust_n,
     Truth => |s| s.position_w_m[0],
     ActuatorState => |s| s.morph_command_rad,
@@ -134,10 +136,12 @@ toy!(plant,
     [wrench_command: WrenchCommand = WRENCH_COMMAND, disturbance: Disturbance = DISTURBANCE,
      morph_command: MorphCommand = MORPH_COMMAND, trip: Trip = TRIP],
     [imu: Imu = IMU / 1, pose_fix: PoseFix = POSE_FIX / 10, morph_angle: MorphAngle = MORPH_ANGLE / 2,
+     barometer: Barometer = BAROMETER / 7, range_finder: RangeFinder = RANGE_FINDER / 5,
      applied_command: AppliedCommand = APPLIED_COMMAND / 1, truth: Truth = TRUTH / 1,
      actuator_state: ActuatorState = ACTUATOR_STATE / 3]);
 toy!(estimator,
-    [imu: Imu = IMU, pose_fix: PoseFix = POSE_FIX, morph_angle: MorphAngle = MORPH_ANGLE],
+    [imu: Imu = IMU, pose_fix: PoseFix = POSE_FIX, morph_angle: MorphAngle = MORPH_ANGLE,
+     barometer: Barometer = BAROMETER, range_finder: RangeFinder = RANGE_FINDER],
     [state_estimate: StateEstimate = STATE_ESTIMATE / 1]);
 toy!(position,
     [state_estimate: StateEstimate = STATE_ESTIMATE, reference: Reference = REFERENCE,
