@@ -70,9 +70,9 @@ code! {
         CaughtUp = 4,
         /// The process has been restarted and went on from the state of release `first`.
         Resumed = 5,
-        /// The loop left in order, or another process follows on the writer's seat, and sample `last`
-        /// was the last of this writer that the loop had; 0 if there was none at all. What came after
-        /// it would have been late.
+        /// The loop left in order, another process follows on the writer's seat, or the writer had gone when the loop
+        /// began in flight, and sample `last` was the last of this writer that the loop had; 0 if there was none at
+        /// all. What came after it would have been late.
         Ended = 6,
         /// Sample `first` was the first of this writer that the loop had; the writer may have published others
         /// before. A process that went on from a state or joined in flight tells it of every writer whom it hears at

@@ -205,7 +205,6 @@ fn a_monitor_that_the_script_stops_is_restarted_and_leaves_no_trace() {
     assert_eq!(flown.hash(), fly(&flight).hash(), "{}", flown.said());
 }
 
-/// A script that starts the controller and waits for it is no more than its name, in processes and in one.
 /// The candidate is let through at the instant at which the owner stops. Time stands still while it is flown ahead, and
 /// what the script has for that instant comes afterwards, as it does where nothing is flown ahead.
 #[test]
@@ -219,6 +218,19 @@ fn a_fault_at_the_instant_of_a_verdict_is_the_same_with_a_rehearsal() {
         assert_eq!(swap["done"], true, "{}", flown.said());
     }
     assert_eq!(rehearsed.summary()["hash"], unrehearsed.summary()["hash"]);
+}
+
+/// The controller that comes back hears what the one that dies then has said before, and not if it dies before it has
+/// served its new reader: that is for chance to say unless the death waits for it.
+#[test]
+fn a_death_at_the_instant_of_another_ones_return_is_the_same_every_time() {
+    let faults = ["--fault", "kill:attitude-mpc@1226ms", "--fault", "kill:position-mpc@1326ms"];
+    let words = ["hover", "--for", "2s", "--no-record", "--goto", "0.3,0.2,1.4@800ms"];
+    let hash = || fly(&[&words[..], &faults].concat()).hash().to_owned();
+    let first = hash();
+    for _ in 0..6 {
+        assert_eq!(hash(), first);
+    }
 }
 
 /// A window shorter than the time that is allowed ahead of the slowest process ends at the same instant, whether all of
@@ -249,6 +261,7 @@ fn a_controller_that_dies_before_its_first_state_goes_on_from_none() {
     assert_eq!(alone.summary()["hash"], flown.summary()["hash"], "{}", alone.said());
 }
 
+/// A script that starts the controller and waits for it is no more than its name, in processes and in one.
 #[test]
 fn a_controller_that_a_script_has_started_flies_and_ends_with_the_script() {
     let folder = TempDir::new().expect("a folder");

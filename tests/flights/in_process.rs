@@ -33,6 +33,20 @@ fn every_shipped_scenario_has_the_same_summary_hash_and_recording_as_with_proces
     }
 }
 
+/// Each of the two comes while the other one's record is still to be written.
+#[test]
+fn two_slots_that_are_swapped_at_one_instant_hear_one_another() {
+    let words = ["hover", "--for", "2s", "--no-record", "--set", "rehearsal.enabled=false"];
+    let attitude = ["--swap", "attitude=attitude-pid@300ms,shadow=300ms,rollback=300ms"];
+    let position = ["--swap", "position=position-pid@300ms,shadow=600ms,rollback=300ms"];
+    let words = [&words[..], &attitude, &position].concat();
+    let processes = fly(&words);
+    processes.assert_flown("both swapped at once");
+    assert_eq!(processes.number("safe_mode_episodes"), 0.0, "{}", processes.said());
+    let alone = fly(&[&words[..], &["--in-process"]].concat());
+    assert_eq!(alone.hash(), processes.hash());
+}
+
 /// Of the sensors that are off by default. The fixes of the tracker are lost for a while, so that they matter.
 #[test]
 fn heights_are_sensed_estimated_and_verified_in_processes_and_in_one() {

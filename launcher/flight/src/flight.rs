@@ -289,6 +289,10 @@ impl Flight {
         if !self.script.is_due(&self.slots, self.logical_now(now_mono_ns)) {
             return Ok(());
         }
+        let is_lockstep = self.conductor.mode() == ClockMode::Lockstep;
+        if is_lockstep && !self.supervisor.has_served(&self.tap, now_mono_ns) {
+            return Ok(());
+        }
         let mut script = core::mem::take(&mut self.script);
         let done = self.with_slots(now_mono_ns, |slots, context| script.run(slots, context));
         self.script = script;

@@ -18,6 +18,9 @@ use swap::child::{ChildSpec, RunningChild, describe};
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostEvent, RegistryWriter, SlotOwner};
 
+/// How long what is to happen waits for all processes to look after their readers \[ns\].
+const SERVE_LIMIT_NS: u64 = 1_000_000_000;
+
 /// What to do about crashes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RestartPolicy {
@@ -62,6 +65,8 @@ pub(super) struct Supervisor {
     pilot: Option<Post>,
     /// Logical time of a flight that was taken over.
     wall: Option<WallMap>,
+    /// When a process joined last, by `CLOCK_MONOTONIC` \[ns\].
+    joined_mono_ns: u64,
     pub(super) notices: Vec<Notice>,
     pub(super) recovered: u64,
 }
@@ -89,6 +94,7 @@ impl Supervisor {
             checkpoint_writer,
             pilot: None,
             wall: None,
+            joined_mono_ns: 0,
             notices: Vec::new(),
             recovered: 0,
         })
@@ -163,6 +169,17 @@ impl Supervisor {
     /// Who takes part now.
     pub(super) fn present(&self) -> impl Iterator<Item = &RegistryEntry> {
         self.registry.entries().iter().filter(|entry| entry.present.is_set())
+    }
+
+    /// True once every process has given what it had published to all that have joined: what those hear of a process that
+    /// dies now is then certain. One that does not is not waited for any longer than [`SERVE_LIMIT_NS`].
+    pub(super) fn has_served(&self, tap: &Tap, now_mono_ns: u64) -> bool {
+        let since_ns = self.joined_mono_ns;
+        let has_served = |entry: &RegistryEntry| {
+            let seat = Seat { role: entry.role, index: entry.seat };
+            tap.marks.has_served(seat, entry.generation, since_ns)
+        };
+        now_mono_ns >= since_ns.saturating_add(SERVE_LIMIT_NS) || self.present().all(has_served)
     }
 
     /// Looks after deaths and successors; call often.
@@ -350,8 +367,8 @@ fn start(
     post.start(folder, awaits_handover).map_err(|source| FlightError::Start { name, source })
 }
 
-/// The last state published from a post, if it is of the kind that its process publishes: one that died before its first
-/// state has left that of the process before it, perhaps of another program.
+/// The last state published from a post, if it is of the kind that its process publishes: one that died before its
+/// first state has left that of the process before it, perhaps of another program.
 fn own_state<'a>(post: &Post, tap: &'a Tap) -> Option<&'a [u8]> {
     let is_own =
         |state: &&[u8]| StateHeader::of(state).is_some_and(|head| head.layout_hash == post.layout);

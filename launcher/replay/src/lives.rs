@@ -95,8 +95,8 @@ impl Life {
         self.source.is_some_and(|source| source.life.seat == self.key.seat)
     }
 
-    /// By [`Seat::number`], generation of the first process that it heard after it had begun in flight: of a writer that
-    /// it knew it told at its first step if nothing followed.
+    /// By [`Seat::number`], generation of the first process that it heard after it had begun in flight: at its first
+    /// step it told of each writer that it knew and that had gone.
     pub(super) fn heard_from(&self, graph: &Graph) -> [u32; Seat::COUNT] {
         let mut heard_from = [0; Seat::COUNT];
         let first_ns = self.deviations.first().map(|told| told.header.release_ns);
@@ -107,7 +107,12 @@ impl Life {
                 d.input == ended.input && writer == (ended.writer_seat, ended.writer_generation)
             };
             let was_known = |d: &Deviation| d.kind == DeviationKind::Began && d.first == 0;
-            if !at_first().filter(is_same).any(was_known) {
+            // One that is followed by another at this step may have been there at the beginning.
+            let is_followed = |d: &Deviation| {
+                let on_seat = (d.input, d.writer_seat) == (ended.input, ended.writer_seat);
+                d.kind == DeviationKind::Began && d.first > 0 && on_seat
+            };
+            if !at_first().filter(is_same).any(was_known) || at_first().any(is_followed) {
                 continue;
             }
             let topic = topics::all().into_iter().find(|topic| topic.name == ended.input_name());

@@ -2,6 +2,7 @@
 
 use super::Supervisor;
 use crate::tap::Tap;
+use runtime::clock::mono_now_ns;
 use shared_types::{Hello, NodeId, Role, Seat};
 use swap::PostEvent;
 use swap::post::Post;
@@ -46,6 +47,7 @@ impl Supervisor {
             }
             joined.push(Joined { seat, layout: hello.state_layout, period_ns: hello.period_ns });
             self.enter(node, seat, &hello, tap);
+            self.joined_mono_ns = mono_now_ns();
         }
         joined
     }

@@ -35,6 +35,7 @@ impl Supervisor {
             checkpoint_writer,
             pilot: Some(pilot(bus, checkpoint)?),
             wall: Some(WallMap::new(&checkpoint.clock.0)),
+            joined_mono_ns: 0,
             notices: Vec::new(),
             recovered: 0,
         };

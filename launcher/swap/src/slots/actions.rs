@@ -74,34 +74,7 @@ impl Slots {
                 context.posts.announce(record.to_sample(role));
             }
             Action::HandOver { seat, state_of, join_ns, track_until_ns } => {
-                let instance = self.machines.get(&slot).and_then(|machine| machine.instance(seat));
-                let from = state_of.map(place);
-                let state = from.and_then(|from| context.posts.last_state(from));
-                // One that died before its first state has left that of another that sat there before.
-                let is_of_kind =
-                    |head: StateHeader| instance.is_some_and(|i| i.layout == head.layout_hash);
-                let state =
-                    state.filter(|(_, bytes)| StateHeader::of(bytes).is_some_and(is_of_kind));
-                // From nothing, it first sees what is applied.
-                let period_ns = instance.filter(|_| state.is_none()).map_or(0, Instance::period_ns);
-                let track_until_ns = track_until_ns.max(join_ns.saturating_add(period_ns));
-                let same = state.is_some() && state_of.is_some_and(|of| of != seat);
-                // In realtime a successor of the same kind runs what it has missed, from history.
-                let catches_up = same && self.mode != ClockMode::Lockstep;
-                let order = Handover {
-                    join_ns: if catches_up { 0 } else { join_ns },
-                    track_until_ns,
-                    has_state: Flag::from(state.is_some()),
-                    catches_up: Flag::from(catches_up),
-                    ..Handover::default()
-                };
-                let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
-                let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
-                context.posts.hand_over(place(seat), order, &state)?;
-                self.tell_seating(slot, seat, seating, context);
-                let tracks =
-                    Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
-                self.open_gate(slot, seat, state_of.is_some(), Some(tracks), context);
+                return self.hand_over(slot, (seat, state_of), (join_ns, track_until_ns), context);
             }
             Action::Judge(seat) => {
                 let gate = self.states.get(&slot).and_then(|state| state.gate.as_ref());
@@ -116,6 +89,47 @@ impl Slots {
             Action::Kill(seat) => context.posts.kill(place(seat)),
             Action::Report(report) => self.report(slot, &report),
         }
+        Ok(())
+    }
+
+    /// Lets the process on a seat begin at an instant \[ns\], from the last state of a seat if it is one of its kind, and
+    /// track until another.
+    fn hand_over(
+        &mut self,
+        slot: Slot,
+        (seat, state_of): (Seat, Option<Seat>),
+        (join_ns, track_until_ns): (u64, u64),
+        context: &mut SlotContext<'_>,
+    ) -> Result<(), FlightError> {
+        let role = slot.role();
+        let place = |seat: Seat| Place { role, index: seat.into() };
+
+        let instance = self.machines.get(&slot).and_then(|machine| machine.instance(seat));
+        let from = state_of.map(place);
+        let state = from.and_then(|from| context.posts.last_state(from));
+        // One that died before its first state has left that of another that sat there before.
+        let is_of_kind = |head: StateHeader| instance.is_some_and(|i| i.layout == head.layout_hash);
+        let state = state.filter(|(_, bytes)| StateHeader::of(bytes).is_some_and(is_of_kind));
+        // From nothing, it first sees what is applied.
+        let period_ns = instance.filter(|_| state.is_none()).map_or(0, Instance::period_ns);
+        let track_until_ns = track_until_ns.max(join_ns.saturating_add(period_ns));
+        let has_state = state.is_some();
+        let same = has_state && state_of.is_some_and(|of| of != seat);
+        // In realtime a successor of the same kind runs what it has missed, from history.
+        let catches_up = same && self.mode != ClockMode::Lockstep;
+        let order = Handover {
+            join_ns: if catches_up { 0 } else { join_ns },
+            track_until_ns,
+            has_state: Flag::from(state.is_some()),
+            catches_up: Flag::from(catches_up),
+            ..Handover::default()
+        };
+        let seating = seating::joined(&order, from.zip(state.as_ref()), join_ns);
+        let state = state.map(|(_, bytes)| bytes).unwrap_or_default();
+        context.posts.hand_over(place(seat), order, &state)?;
+        self.tell_seating(slot, seat, seating, context);
+        let tracks = Tracks { needs_setpoint: role == Role::Attitude, until_ns: track_until_ns };
+        self.open_gate(slot, seat, has_state, Some(tracks), context);
         Ok(())
     }
 

@@ -76,7 +76,7 @@ impl Script {
         slots: &mut Slots,
         context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        while self.next_ns() <= context.now.logical_ns
+        while self.is_due(slots, context.now)
             && let Some((_, deed)) = self.deeds.pop()
         {
             match deed {

@@ -81,7 +81,7 @@ impl<'a> Report<'a> {
         self.sample(DeviationKind::Ended, input, writer, last.sequence);
     }
 
-    /// The writers of whom the loop had something before its first step, and of whom nothing follows.
+    /// The writers of whom the loop had something before its first step, and which of them had gone when it began.
     fn known<T: Sample>(&mut self, name: &str, input: &Input<T>) {
         for (index, known) in input.newest_before().into_iter().enumerate() {
             let (Some(known), Ok(seat)) = (known, u32::try_from(index)) else { continue };
@@ -229,8 +229,10 @@ impl InputVisitor for ReportInputs<'_> {
                 Some(before) => {
                     if counts_anew && before.generation != header.generation {
                         // The last words of one that was killed may have reached others, and its successor repeats
-                        // their numbers.
-                        self.report.ended(name, (header.seat, before.generation), &before);
+                        // their numbers. Of one that had gone when this process began it has been told.
+                        if !input.has_gone(seat, before.generation) {
+                            self.report.ended(name, (header.seat, before.generation), &before);
+                        }
                         self.report.began(name, writer, header.sequence);
                     }
                     before.missing_before(header, counts_anew)

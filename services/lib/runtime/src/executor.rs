@@ -12,6 +12,9 @@ use shared_types::{Deviation, Handover, Header, LoopStats, Seat};
 /// Logical time between two [`LoopStats`] \[ns\].
 const STATS_PERIOD_NS: u64 = 100_000_000;
 
+/// Releases left out in a row over which the change since the last step still says something of the last period.
+const LEFT_OUT_MAX: u64 = 1;
+
 /// Where packed states go.
 pub trait StateSink {
     /// Publishes a state; must not block.
@@ -280,7 +283,9 @@ impl Executor {
             self.component.parts().skip_until(before_ns);
             self.previous_ns = Some(before_ns);
         }
-        if self.pending.skipped_from.is_some() {
+        let left_out =
+            self.pending.skipped_from.map_or(0, |from| self.next_index.saturating_sub(from));
+        if left_out > LEFT_OUT_MAX {
             self.component.parts().skip();
         }
         let tracks = now_ns < self.track_until_ns;

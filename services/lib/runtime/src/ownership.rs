@@ -144,11 +144,12 @@ impl SlotBook {
         (!last.members.get(index).copied().unwrap_or(false)).then_some(last.from_ns)
     }
 
-    /// True if `seat` is taken at `t_ns`, as far as any record says.
-    fn is_taken(&self, seat: u32, t_ns: u64) -> bool {
-        let in_effect = self.tenures().iter().rev().find(|tenure| tenure.from_ns <= t_ns);
+    /// True if `seat` is taken at `t_ns` or later, as far as any record says.
+    fn is_taken_from(&self, seat: u32, t_ns: u64) -> bool {
         let index = usize::try_from(seat).unwrap_or(SEATS);
-        in_effect.is_none_or(|tenure| tenure.members.get(index).copied().unwrap_or(false))
+        let over = self.tenures().iter().skip(1).take_while(|next| next.from_ns <= t_ns).count();
+        let mut current = self.tenures().iter().skip(over);
+        self.count == 0 || current.any(|tenure| tenure.members.get(index).copied().unwrap_or(false))
     }
 
     /// Mark of the slot for an arrow of this latency \[ns\].
@@ -182,6 +183,8 @@ pub struct SeatMarks {
     generations: [[Option<u32>; SEATS]; ROLES],
     /// By [`Seat::number`]: by the registry, the process has left, whose generation is the one that is known.
     has_left: [bool; Seat::COUNT],
+    /// By [`Seat::number`]: see [`Progress::served_mono_ns`] \[ns\].
+    served_mono_ns: [u64; Seat::COUNT],
     books: [SlotBook; ROLES],
 }
 
@@ -191,6 +194,7 @@ impl Default for SeatMarks {
             marks: [[0; SEATS]; ROLES],
             generations: [[None; SEATS]; ROLES],
             has_left: [false; Seat::COUNT],
+            served_mono_ns: [0; Seat::COUNT],
             books: [SlotBook::default(); ROLES],
         }
     }
@@ -235,8 +239,23 @@ impl SeatMarks {
         let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
         if is_believed {
             self.advance(seat.role, seat.index, generation, mark_ns);
+            if let Some(number) =
+                seat.number().filter(|_| self.generation(seat) == Some(generation))
+            {
+                // One that does not tell is not waited for.
+                self.served_mono_ns[number] =
+                    if served_mono_ns == 0 { u64::MAX } else { served_mono_ns };
+            }
         }
         is_believed
+    }
+
+    /// True if the process that has the seat as this generation has given what it had published to every reader that had
+    /// its ports open at `since_mono_ns` of `CLOCK_MONOTONIC`.
+    #[must_use]
+    pub fn has_served(&self, seat: Seat, generation: u32, since_mono_ns: u64) -> bool {
+        let served = seat.number().map_or(u64::MAX, |number| self.served_mono_ns[number]);
+        self.generation(seat) == Some(generation) && served >= since_mono_ns
     }
 
     /// Generation of the process that has, or last had, a seat.
@@ -262,8 +281,10 @@ impl SeatMarks {
                 continue;
             };
             let book = self.books.get(seat.role.index());
-            let is_taken = book.is_none_or(|book| book.is_taken(seat.index, t_ns));
-            let has_gone = self.has_left[number] || !is_taken;
+            let is_taken = book.is_none_or(|book| book.is_taken_from(seat.index, t_ns));
+            // The record of a newcomer may not be written yet.
+            let has_flown = self.of_seat(seat, generation) > 0;
+            let has_gone = self.has_left[number] || has_flown && !is_taken;
             heard_from[number] = generation.saturating_add(u32::from(has_gone));
         }
         heard_from
@@ -289,6 +310,7 @@ impl SeatMarks {
                 _ => {
                     *known = Some(entry.generation);
                     *mark = if entry.present.is_set() { 0 } else { u64::MAX };
+                    seat.number().into_iter().for_each(|number| self.served_mono_ns[number] = 0);
                 }
             }
             if let Some(number) = seat.number() {
@@ -378,6 +400,25 @@ mod tests {
     }
 
     #[test]
+    fn a_process_has_served_who_had_its_ports_open_when_it_looked_after_its_readers() {
+        let mut marks = SeatMarks::default();
+        let owner = Seat::first(Role::Attitude);
+        let said = |served_mono_ns, generation| Progress {
+            served_mono_ns,
+            generation,
+            ..Progress::default()
+        };
+        marks.hear(owner, &said(1000, 0), 0);
+        assert!(marks.has_served(owner, 0, 1000) && !marks.has_served(owner, 0, 1001));
+        assert!(!marks.has_served(owner, 1, 1000), "its successor has not");
+        marks.hear(owner, &said(1200, 1), 0);
+        marks.hear(owner, &said(1100, 0), 0);
+        assert!(marks.has_served(owner, 1, 1200));
+        marks.hear(owner, &said(0, 2), 0);
+        assert!(marks.has_served(owner, 2, u64::MAX), "a writer that does not tell");
+    }
+
+    #[test]
     fn a_fallback_is_waited_for_and_a_shadow_is_not() {
         let alone = [record(1, 0, 0, NO_SEAT)];
         assert_eq!(of(&marks([90, 10, 10, 10], &alone), 1), 90);
@@ -410,6 +451,9 @@ mod tests {
     fn who_begins_in_flight_hears_of_each_seat_who_is_there_then_or_the_next() {
         let without = OwnerRecord { period_ns: [10, 0, 10, 10], ..record(2, 100, 0, NO_SEAT) };
         let mut seats = marks([0; SEATS], &[record(1, 0, 0, 1), without]);
+        let flies = |seats: &mut SeatMarks, seat, generation| {
+            seats.advance(Role::Attitude, seat, generation, 50 * MS);
+        };
         let entry = |seat, generation, present: bool| RegistryEntry {
             role: Role::Attitude,
             seat,
@@ -418,6 +462,7 @@ mod tests {
             ..RegistryEntry::default()
         };
         seats.learn_registry(&[entry(0, 3, true), entry(1, 1, true), entry(2, 5, false)]);
+        flies(&mut seats, 1, 1);
         let heard_from = |seats: &SeatMarks, t_ms: u64| {
             let order = Handover { join_ns: t_ms * MS, ..Handover::default() };
             let named = seats.name_writers(order, &[]).heard_from;
@@ -429,6 +474,12 @@ mod tests {
         seats.learn_registry(&[entry(2, 6, true)]);
         seats.silence(Seat { role: Role::Attitude, index: 2 }, 6);
         assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0], "one that has finished is still there");
+        seats.learn_registry(&[entry(1, 2, true)]);
+        assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its record is still to come");
+        let back = record(3, 200, 0, NO_SEAT);
+        seats.book(Role::Attitude).unwrap().learn(&back);
+        flies(&mut seats, 1, 2);
+        assert_eq!(heard_from(&seats, 150), [3, 2, 6, 0], "its record takes effect later");
     }
 
     #[test]

@@ -41,8 +41,9 @@ pub trait Service {
     /// A service that fills no slot has nothing to track.
     fn track(&mut self, _now_ns: u64, _inputs: &Self::Inputs) {}
 
-    /// Forgets what the memory says of the step before: releases since then have been left out, so that it is older than
-    /// a period. The runtime calls it before the next step, also after a restore from an old state.
+    /// Forgets what the memory says of the step before: several releases since then have been left out, so that the
+    /// change since then says nothing of a period. The runtime calls it before the next step, also after a restore from
+    /// an old state.
     fn skip(&mut self) {}
 
     /// True while the slot applies what no controller commands, because its consumer brings the vehicle

@@ -214,12 +214,11 @@ impl Slot {
         if !order.trusted && !self.config.keeps_fallback && self.standby.is_none() {
             step(out, Step::WithoutFallback(new));
         }
-        self.phase = Phase::Flipping { new, old, epoch, order, ends_ns: None };
+        let least_ns = order.rollback_ns.max(self.instances.period_ns(new)).max(1);
+        let ends_ns = now.allowed_ns.saturating_add(least_ns);
+        self.phase = Phase::Flipping { new, old, epoch, order, ends_ns };
         self.publish(now, new, None, out);
         let at_ns = self.ledger.effective_ns();
-        let ends_ns = at_ns.saturating_add(order.rollback_ns);
-        let ends_ns = (ends_ns > now.allowed_ns).then_some(ends_ns);
-        self.phase = Phase::Flipping { new, old, epoch, order, ends_ns };
         step(out, Step::FlipsAt { seat: new, epoch, at_ns });
     }
 

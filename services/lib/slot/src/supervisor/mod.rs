@@ -59,9 +59,8 @@ enum Phase {
     Joining { seat: Seat, goal: Goal },
     /// It steps and publishes, and is not obeyed.
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
-    /// A record from `epoch` on names it as the owner. Its window ends at `ends_ns` at the earliest; none once time has
-    /// come so far.
-    Flipping { new: Seat, old: Seat, epoch: u64, order: Order, ends_ns: Option<u64> },
+    /// A record from `epoch` on names it as the owner. Its window ends at `ends_ns` at the earliest.
+    Flipping { new: Seat, old: Seat, epoch: u64, order: Order, ends_ns: u64 },
     /// It commands; the old owner is the fallback.
     Window { new: Seat, old: Seat, until_ns: u64, order: Order },
     /// A record from `epoch` on names the old owner again; the other one is healthy and leaves when
@@ -272,7 +271,7 @@ impl Slot {
             Phase::Shadowing { until_ns, stage: Stage::Free, .. }
             | Phase::Window { until_ns, .. } => Some(until_ns),
             // However far ahead time is allowed, it has not passed the end when the record is confirmed.
-            Phase::Flipping { ends_ns, .. } => ends_ns,
+            Phase::Flipping { ends_ns, .. } => Some(ends_ns),
             _ => None,
         };
         let outstanding_ns = self.ledger.outstanding.map(|outstanding| outstanding.until_ns);
@@ -374,8 +373,10 @@ impl Slot {
             Phase::Window { new, old, until_ns, .. } if due(until_ns) => {
                 self.commit(now, new, old, out);
             }
-            Phase::Flipping { ref mut ends_ns, .. } => {
-                *ends_ns = ends_ns.filter(|at_ns| !due(*at_ns));
+            Phase::Flipping { new, order, ref mut ends_ns, .. } if due(*ends_ns) => {
+                // Not confirmed until now, so that the window begins later.
+                let least_ns = order.rollback_ns.max(self.instances.period_ns(new)).max(1);
+                *ends_ns = now.logical_ns.saturating_add(least_ns);
             }
             _ => {}
         }
