@@ -90,6 +90,8 @@ shared_types::memory! {
         pub morph_angle_rad: f64,
         /// Instant of the last tick \[ns\].
         pub tick_ns: u64,
+        /// LEVEL has found the vehicle calm, and need not brake as hard as RECOVER.
+        pub levels_gently: bool,
         /// What happened since start.
         pub counters: GateCounters,
     }
@@ -128,6 +130,7 @@ pub struct Gate {
     filter: UpFilter,
     beta: MorphAngle,
     tick_ns: u64,
+    levels_gently: bool,
     counters: GateCounters,
 }
 
@@ -167,6 +170,7 @@ impl Gate {
             filter: UpFilter::new(),
             beta: MorphAngle::MIN,
             tick_ns: 0,
+            levels_gently: false,
             counters: GateCounters::default(),
         })
     }
@@ -220,9 +224,7 @@ impl Gate {
         let mut wrench = match self.mode {
             Mode::Normal | Mode::Hold { .. } => self.held.wrench,
             Mode::Level { .. } | Mode::Recover { .. } => {
-                let levels_gently =
-                    matches!(self.mode, Mode::Level { .. }) && self.is_within(self.bounds.leave);
-                let law = if levels_gently { &self.law } else { &self.recovery };
+                let law = if self.levels_gently { &self.law } else { &self.recovery };
                 law.wrench(&self.vehicle, &self.filter, self.beta, input.now_ns)
             }
             Mode::Cut => Wrench::thrust(0.0),
@@ -266,6 +268,9 @@ impl Gate {
         let leaves_normal = self.mode == Mode::Normal && next != Mode::Normal;
         self.counters.safe_mode_episodes += u64::from(leaves_normal);
         self.mode = next;
+        // Once calm it stays gentle until the vehicle is wild: noise at one bound does not change the law to and fro.
+        let is_level = matches!(next, Mode::Level { .. });
+        self.levels_gently = is_level && (seen.calm || self.levels_gently && !seen.wild);
     }
 
     /// True if the vehicle will tilt beyond what an unproven owner may, unless RECOVER begins at this tick: braked by
@@ -313,6 +318,7 @@ impl Gate {
             reading_ns: self.filter.reading_ns,
             morph_angle_rad: self.beta.rad(),
             tick_ns: self.tick_ns,
+            levels_gently: self.levels_gently,
             counters: self.counters,
         }
     }
@@ -333,6 +339,7 @@ impl Gate {
         };
         self.beta = MorphAngle::saturating_from_rad(memory.morph_angle_rad).unwrap_or(self.beta);
         self.tick_ns = memory.tick_ns;
+        self.levels_gently = memory.levels_gently;
         self.counters = memory.counters;
     }
 }
