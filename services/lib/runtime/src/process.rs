@@ -13,7 +13,7 @@ use crate::ipc::{
     Bus, IpcSink, LatestPort, PortError, ServiceKind, StatePublisher, StateSubscriber, WakeListener,
 };
 use crate::output::Sink as _;
-use crate::ownership::SeatMarks;
+use crate::seat_marks::SeatMarks;
 use crate::service::RestoreError;
 use crate::upkeep::Upkeep;
 use crate::watch::StopFlags;

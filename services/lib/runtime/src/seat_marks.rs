@@ -1,0 +1,313 @@
+//! How far every seat has got, and whose word counts, as one process knows it.
+
+use crate::graph::{Edge, ROLES};
+use crate::ownership::{MarkView, SlotBook};
+use crate::state_header::StateHeader;
+use shared_types::{Handover, Progress, RegistryEntry, Role, SEATS, Seat};
+
+/// How far every seat has got, and whose word counts, as one process knows it.
+#[derive(Debug, Clone)]
+pub struct SeatMarks {
+    marks: [[u64; SEATS]; ROLES],
+    generations: [[Option<u32>; SEATS]; ROLES],
+    /// By [`Seat::number`]: by the registry, the process has left, whose generation is the one that is known.
+    has_left: [bool; Seat::COUNT],
+    /// By [`Seat::number`]: see [`Progress::served_mono_ns`] \[ns\].
+    served_mono_ns: [u64; Seat::COUNT],
+    books: [SlotBook; ROLES],
+}
+
+impl Default for SeatMarks {
+    fn default() -> Self {
+        Self {
+            marks: [[0; SEATS]; ROLES],
+            generations: [[None; SEATS]; ROLES],
+            has_left: [false; Seat::COUNT],
+            served_mono_ns: [0; Seat::COUNT],
+            books: [SlotBook::default(); ROLES],
+        }
+    }
+}
+
+impl SeatMarks {
+    /// The tenures of a role's slot.
+    pub fn book(&mut self, role: Role) -> Option<&mut SlotBook> {
+        self.books.get_mut(role.index())
+    }
+
+    /// True if a consumer of the role may have to wait for this seat.
+    #[must_use]
+    pub fn concerns(&self, role: Role, seat: u32) -> bool {
+        self.books.get(role.index()).is_none_or(|book| book.concerns(seat))
+    }
+
+    /// How far the process has got that has a seat as `generation`; 0 if nothing is known of it \[ns\].
+    #[must_use]
+    pub fn of_seat(&self, seat: Seat, generation: u32) -> u64 {
+        let index = usize::try_from(seat.index).unwrap_or(usize::MAX);
+        let role = seat.role.index();
+        let known = self.generations.get(role).and_then(|seats| seats.get(index)).copied();
+        let mark = self.marks.get(role).and_then(|seats| seats.get(index)).copied();
+        mark.filter(|_| known == Some(Some(generation))).unwrap_or(0)
+    }
+
+    /// Takes in how far a seat's process of this generation has got.
+    pub fn advance(&mut self, role: Role, seat: u32, generation: u32, mark_ns: u64) {
+        let Some((mark, known)) = self.seat(role, seat) else { return };
+        match *known {
+            Some(known) if known > generation => {}
+            Some(known) if known == generation => *mark = mark_ns.max(*mark),
+            _ => (*mark, *known) = (mark_ns, Some(generation)),
+        }
+    }
+
+    /// Takes in what a process has said of how far it has got. What it said before the reader's ports were open, at
+    /// `opened_mono_ns` of `CLOCK_MONOTONIC`, may promise samples that have not come; returns false then.
+    pub fn hear(&mut self, seat: Seat, progress: &Progress, opened_mono_ns: u64) -> bool {
+        let Progress { mark_ns, served_mono_ns, generation, .. } = *progress;
+        let is_believed = served_mono_ns == 0 || served_mono_ns >= opened_mono_ns;
+        if is_believed {
+            self.advance(seat.role, seat.index, generation, mark_ns);
+            if let Some(number) =
+                seat.number().filter(|_| self.generation(seat) == Some(generation))
+            {
+                // One that does not tell is not waited for.
+                self.served_mono_ns[number] =
+                    if served_mono_ns == 0 { u64::MAX } else { served_mono_ns };
+            }
+        }
+        is_believed
+    }
+
+    /// True if the process that has the seat as this generation has given what it had published to every reader that had
+    /// its ports open at `since_mono_ns` of `CLOCK_MONOTONIC`.
+    #[must_use]
+    pub fn has_served(&self, seat: Seat, generation: u32, since_mono_ns: u64) -> bool {
+        let served = seat.number().map_or(u64::MAX, |number| self.served_mono_ns[number]);
+        self.generation(seat) == Some(generation) && served >= since_mono_ns
+    }
+
+    /// Generation of the process that has, or last had, a seat.
+    #[must_use]
+    pub fn generation(&self, Seat { role, index }: Seat) -> Option<u32> {
+        let seats = self.generations.get(role.index())?;
+        *seats.get(usize::try_from(index).ok()?)?
+    }
+
+    /// A hand-over, with the `state` that follows it, to which it is added whom the process hears: of each seat the
+    /// process that is there when it begins, or the next.
+    #[must_use]
+    pub fn name_writers(&self, order: Handover, state: &[u8]) -> Handover {
+        let head = StateHeader::of(state);
+        let begins_ns = order.join_ns.max(head.map_or(0, |head| head.release_ns));
+        Handover { heard_from: self.heard_from(begins_ns), ..order }
+    }
+
+    fn heard_from(&self, t_ns: u64) -> [u32; Seat::COUNT] {
+        let mut heard_from = [0; Seat::COUNT];
+        for seat in Role::STEPPING.into_iter().flat_map(Seat::all) {
+            let (Some(number), Some(generation)) = (seat.number(), self.generation(seat)) else {
+                continue;
+            };
+            let book = self.books.get(seat.role.index());
+            let is_taken = book.is_none_or(|book| book.is_taken_from(seat.index, t_ns));
+            // The record of a newcomer may not be written yet.
+            let has_flown = self.of_seat(seat, generation) > 0;
+            let has_gone = self.has_left[number] || has_flown && !is_taken;
+            heard_from[number] = generation.saturating_add(u32::from(has_gone));
+        }
+        heard_from
+    }
+
+    /// The process that has the seat as this generation says nothing any more, and is not waited for.
+    pub fn silence(&mut self, Seat { role, index }: Seat, generation: u32) {
+        self.advance(role, index, generation, u64::MAX);
+    }
+
+    /// Takes in the registry: a process that has left is not waited for, and one that comes after it begins anew.
+    pub fn learn_registry(&mut self, entries: &[RegistryEntry]) {
+        for entry in entries {
+            let seat = Seat { role: entry.role, index: entry.seat };
+            let Some((mark, known)) = self.seat(entry.role, entry.seat) else { continue };
+            match *known {
+                Some(known) if known > entry.generation => continue,
+                Some(known) if known == entry.generation => {
+                    if !entry.present.is_set() {
+                        *mark = u64::MAX;
+                    }
+                }
+                _ => {
+                    *known = Some(entry.generation);
+                    *mark = if entry.present.is_set() { 0 } else { u64::MAX };
+                    seat.number().into_iter().for_each(|number| self.served_mono_ns[number] = 0);
+                }
+            }
+            if let Some(number) = seat.number() {
+                self.has_left[number] = !entry.present.is_set();
+            }
+        }
+    }
+
+    fn seat(&mut self, role: Role, seat: u32) -> Option<(&mut u64, &mut Option<u32>)> {
+        let index = usize::try_from(seat).ok()?;
+        let mark = self.marks.get_mut(role.index())?.get_mut(index)?;
+        let generation = self.generations.get_mut(role.index())?.get_mut(index)?;
+        Some((mark, generation))
+    }
+}
+
+impl MarkView for SeatMarks {
+    fn of(&self, edge: &Edge) -> u64 {
+        let role = edge.from.index();
+        match (self.books.get(role), self.marks.get(role)) {
+            (Some(book), Some(seats)) => book.mark_ns(seats, edge.latency_ns),
+            _ => 0,
+        }
+    }
+    fn of_role(&self, role: Role) -> u64 {
+        self.marks.get(role.index()).map_or(0, |seats| seats[0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_types::{Header, NO_SEAT, OwnerRecord, topics};
+
+    const MS: u64 = 1_000_000;
+
+    fn record(epoch: u64, valid_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
+        let header = Header { valid_ns: valid_ms * MS, ..Header::default() };
+        OwnerRecord { header, epoch, owner, fallback, period_ns: [10; 4], ..OwnerRecord::default() }
+    }
+
+    fn marks(seats_ms: [u64; SEATS], records: &[OwnerRecord]) -> SeatMarks {
+        let mut marks = SeatMarks::default();
+        for (seat, mark_ms) in (0..).zip(seats_ms) {
+            marks.advance(Role::Attitude, seat, 0, mark_ms * MS);
+        }
+        for record in records {
+            marks.book(Role::Attitude).unwrap().learn(record);
+        }
+        marks
+    }
+
+    fn of(marks: &SeatMarks, latency_ms: u64) -> u64 {
+        let topic = &topics::WRENCH_COMMAND.info;
+        let edge = Edge { latency_ns: latency_ms * MS, ..Edge::unwaited(topic, Role::Plant) };
+        marks.of(&edge) / MS
+    }
+
+    #[test]
+    fn consumers_wait_for_the_old_owner_until_the_change_and_for_the_new_one_after_it() {
+        let records = [record(1, 0, 0, NO_SEAT), record(2, 101, 1, NO_SEAT)];
+        // The change at 101 ms concerns what is released from 100 ms on.
+        assert_eq!(of(&marks([90, 120, 0, 0], &records), 1), 90);
+        assert_eq!(of(&marks([99, 120, 0, 0], &records), 1), 99);
+        assert_eq!(of(&marks([100, 120, 0, 0], &records), 1), 120);
+        assert_eq!(of(&marks([100, 80, 0, 0], &records), 1), 100);
+        assert_eq!(of(&marks([500, 110, 0, 0], &records), 1), 110);
+        // On an arrow without latency it concerns what is released from 101 ms on.
+        assert_eq!(of(&marks([100, 120, 0, 0], &records), 0), 100);
+    }
+
+    #[test]
+    fn a_mark_from_before_the_readers_ports_were_open_counts_once_it_is_repeated() {
+        let mut marks = marks([0; SEATS], &[record(1, 0, 0, NO_SEAT)]);
+        let said = |served_mono_ns, mark_ms: u64| Progress {
+            mark_ns: mark_ms * MS,
+            served_mono_ns,
+            ..Progress::default()
+        };
+        let owner = Seat::first(Role::Attitude);
+        assert!(!marks.hear(owner, &said(999, 90), 1000));
+        assert_eq!(of(&marks, 1), 0);
+        assert!(marks.hear(owner, &said(1000, 90), 1000));
+        assert_eq!(of(&marks, 1), 90);
+        assert!(marks.hear(owner, &said(0, 100), 1000), "a writer that does not tell");
+        assert_eq!(of(&marks, 1), 100);
+    }
+
+    #[test]
+    fn a_process_has_served_who_had_its_ports_open_when_it_looked_after_its_readers() {
+        let mut marks = SeatMarks::default();
+        let owner = Seat::first(Role::Attitude);
+        let said = |served_mono_ns, generation| Progress {
+            served_mono_ns,
+            generation,
+            ..Progress::default()
+        };
+        marks.hear(owner, &said(1000, 0), 0);
+        assert!(marks.has_served(owner, 0, 1000) && !marks.has_served(owner, 0, 1001));
+        assert!(!marks.has_served(owner, 1, 1000), "its successor has not");
+        marks.hear(owner, &said(1200, 1), 0);
+        marks.hear(owner, &said(1100, 0), 0);
+        assert!(marks.has_served(owner, 1, 1200));
+        marks.hear(owner, &said(0, 2), 0);
+        assert!(marks.has_served(owner, 2, u64::MAX), "a writer that does not tell");
+    }
+
+    #[test]
+    fn a_fallback_is_waited_for_and_a_shadow_is_not() {
+        let alone = [record(1, 0, 0, NO_SEAT)];
+        assert_eq!(of(&marks([90, 10, 10, 10], &alone), 1), 90);
+        let backed = [record(1, 0, 0, 2)];
+        assert_eq!(of(&marks([90, 10, 70, 10], &backed), 1), 70);
+    }
+
+    #[test]
+    fn a_process_that_has_left_is_not_waited_for_and_its_successor_begins_anew() {
+        let mut seats = marks([90, 0, 0, 0], &[record(1, 0, 0, NO_SEAT)]);
+        let entry = |generation, present: bool| RegistryEntry {
+            role: Role::Attitude,
+            generation,
+            present: present.into(),
+            ..RegistryEntry::default()
+        };
+        seats.learn_registry(&[entry(0, true)]);
+        assert_eq!(of(&seats, 1), 90);
+        seats.learn_registry(&[entry(0, false)]);
+        assert_eq!(of(&seats, 1), u64::MAX / MS);
+        seats.learn_registry(&[entry(0, false), entry(1, true)]);
+        assert_eq!(of(&seats, 1), 0);
+        seats.advance(Role::Attitude, 0, 0, 95 * MS);
+        assert_eq!(of(&seats, 1), 0, "its predecessor's last word comes late");
+        seats.advance(Role::Attitude, 0, 1, 96 * MS);
+        assert_eq!(of(&seats, 1), 96);
+    }
+
+    #[test]
+    fn who_begins_in_flight_hears_of_each_seat_who_is_there_then_or_the_next() {
+        let without = OwnerRecord { period_ns: [10, 0, 10, 10], ..record(2, 100, 0, NO_SEAT) };
+        let mut seats = marks([0; SEATS], &[record(1, 0, 0, 1), without]);
+        let flies = |seats: &mut SeatMarks, seat, generation| {
+            seats.advance(Role::Attitude, seat, generation, 50 * MS);
+        };
+        let entry = |seat, generation, present: bool| RegistryEntry {
+            role: Role::Attitude,
+            seat,
+            generation,
+            present: present.into(),
+            ..RegistryEntry::default()
+        };
+        seats.learn_registry(&[entry(0, 3, true), entry(1, 1, true), entry(2, 5, false)]);
+        flies(&mut seats, 1, 1);
+        let heard_from = |seats: &SeatMarks, t_ms: u64| {
+            let order = Handover { join_ns: t_ms * MS, ..Handover::default() };
+            let named = seats.name_writers(order, &[]).heard_from;
+            assert_eq!(named[Seat::first(Role::Plant).number().unwrap()], 0);
+            [0, 1, 2, 3].map(|index| named[Seat { role: Role::Attitude, index }.number().unwrap()])
+        };
+        assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0]);
+        assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its seat is free from then on");
+        seats.learn_registry(&[entry(2, 6, true)]);
+        seats.silence(Seat { role: Role::Attitude, index: 2 }, 6);
+        assert_eq!(heard_from(&seats, 99), [3, 1, 6, 0], "one that has finished is still there");
+        seats.learn_registry(&[entry(1, 2, true)]);
+        assert_eq!(heard_from(&seats, 100), [3, 2, 6, 0], "its record is still to come");
+        let back = record(3, 200, 0, NO_SEAT);
+        seats.book(Role::Attitude).unwrap().learn(&back);
+        flies(&mut seats, 1, 2);
+        assert_eq!(heard_from(&seats, 150), [3, 2, 6, 0], "its record takes effect later");
+    }
+}
