@@ -17,7 +17,6 @@ use super::{Scenario, ns_from_s};
 use ::pilot::settings::{MAX_SPEED_M_S, MAX_TIME_SCALE, Manoeuvre, Plan, Trajectory as Given};
 use ::pilot::{Pilot, RigPilot, Trajectory};
 use disturbance_injector::Event;
-use estimator::READINGS_CAPACITY;
 use runtime::{Graph, GraphError};
 use shared_types::time::s_from_ns;
 use shared_types::{Role, TopicInfo};
@@ -129,15 +128,6 @@ impl<'s> Checker<'s> {
             );
             let remedy = "raise estimator.fix_latency_s to at least this";
             self.error("plant.pose_fix.latency_s", what, remedy);
-        }
-        let heights_hz = plant.barometer.rate_hz + plant.range_finder.rate_hz;
-        let kept = f64::from(heights_hz) * estimator.fix_latency_s;
-        if kept > READINGS_CAPACITY as f64 {
-            let what = format!(
-                "while a fix is under way {kept:.0} readings of barometer and range finder would come, and {READINGS_CAPACITY} are kept"
-            );
-            let remedy = "bridge less, or lower their rate_hz: fixes would come too late otherwise";
-            self.error("estimator.fix_latency_s", what, remedy);
         }
         let attitude_hz = self.scenario.slot_rate_hz(Role::Attitude);
         if f64::from(plant.imu.rate_hz) < attitude_hz {

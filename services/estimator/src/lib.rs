@@ -20,6 +20,6 @@ pub use component::Estimator;
 pub use filter::{
     AlarmFlags, BarometerModel, BeliefMemory, ConfigError, Counters, Covariance, Estimate, Filter,
     FilterConfig, FilterMemory, ImuMemory, ImuSample, InitialState, MAX_NIS_WINDOW, MemoryError,
-    MorphAngleSample, PoseFixSample, READINGS_CAPACITY, RangeFinderModel, ReopenSigmas,
-    STATE_DIMENSION, Scalar, Verdict, VerdictCounts,
+    MorphAngleSample, PoseFixSample, RangeFinderModel, ReopenSigmas, STATE_DIMENSION, Scalar,
+    Verdict, VerdictCounts,
 };

@@ -150,22 +150,25 @@ pub(super) fn scenario(
     })
 }
 
+/// Sensors of the plant with the keys of the biases that they draw at the start.
+const INITIAL_BIASES: [(&str, &str); 3] = [
+    ("imu", "gyro_initial_bias_rad_s"),
+    ("imu", "accelerometer_initial_bias_m_s2"),
+    ("barometer", "initial_bias_m"),
+];
+
 /// Removes the model mismatch of the plant, the initial biases of its sensors and what is scripted of them: the
 /// snapshot cannot know any of it, and a script would run anew from the beginning of the rehearsal.
 fn nominal(root: &mut Table) {
     let plant = section(root, "plant");
     plant.remove("mismatch");
-    section(plant, "pose_fix").remove("drop_outs");
-    let imu = section(plant, "imu");
-    imu.remove("drop_outs");
-    imu.remove("bias_step");
-    set(
-        imu,
-        [
-            ("gyro_initial_bias_rad_s", Value::Float(0.0)),
-            ("accelerometer_initial_bias_m_s2", Value::Float(0.0)),
-        ],
-    );
+    for (sensor, bias) in INITIAL_BIASES {
+        set(section(plant, sensor), [(bias, Value::Float(0.0))]);
+    }
+    for sensor in plant.iter_mut().filter_map(|(_, section)| section.as_table_mut()) {
+        sensor.remove("drop_outs");
+        sensor.remove("bias_step");
+    }
 }
 
 fn start(root: &mut Table, flown: &Scenario, snapshot: &Snapshot, draw: &Draw) {
@@ -389,4 +392,42 @@ fn swap(slot: Slot, by: (&String, Option<&PathBuf>), at_s: f64, facts: &Facts) -
         entry.insert("config".to_owned(), Value::String(config.display().to_string()));
     }
     Value::Table(entry)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_nominal_plant_has_no_initial_bias_and_nothing_scripted_of_any_sensor() {
+        let text = "
+            [plant.mismatch]
+            mass_scale = 1.2
+            [plant.imu]
+            rate_hz = 500
+            drop_outs = [{ from_s = 1.0, until_s = 2.0 }]
+            bias_step = { at_s = 1.0 }
+            [plant.pose_fix]
+            drop_outs = [{ from_s = 1.0, until_s = 2.0 }]
+            [plant.barometer]
+            rate_hz = 50
+            drop_outs = [{ from_s = 1.0, until_s = 2.0 }]
+            [plant.range_finder]
+            drop_outs = [{ from_s = 1.0, until_s = 2.0 }]
+        ";
+        let mut root: Table = toml::from_str(text).unwrap();
+        nominal(&mut root);
+        let wanted = "
+            [plant.imu]
+            rate_hz = 500
+            gyro_initial_bias_rad_s = 0.0
+            accelerometer_initial_bias_m_s2 = 0.0
+            [plant.pose_fix]
+            [plant.barometer]
+            rate_hz = 50
+            initial_bias_m = 0.0
+            [plant.range_finder]
+        ";
+        assert_eq!(root, toml::from_str(wanted).unwrap());
+    }
 }

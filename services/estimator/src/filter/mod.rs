@@ -34,7 +34,6 @@ pub use error_state::{Covariance, STATE_DIMENSION};
 pub use estimate::{AlarmFlags, Counters, Estimate, VerdictCounts};
 pub use memory::{BeliefMemory, FilterMemory, ImuMemory, MemoryError};
 pub use range_finder::RangeFinderModel;
-pub use readings::READINGS_CAPACITY;
 pub use sample::{ImuSample, MorphAngleSample, PoseFixSample, Verdict};
 pub use scalar::Scalar;
 
@@ -274,7 +273,6 @@ impl Filter {
     fn take_scalar(&mut self, of: Scalar, time_ns: u64, value: f64) -> Verdict {
         let (state, config) = (&mut self.state, &self.config);
         state.next_reading_ns[of.index()] = time_ns.saturating_add(1);
-        while state.readings.is_full() && state.pass_oldest(config) {}
         let reading = Reading { time_ns: time_ns.min(state.head.time_ns), of, value };
         let place = state.readings.insert(reading);
         let verdict = if reading.time_ns == state.head.time_ns {

@@ -2,9 +2,9 @@
 
 use super::scalar::{Reading, Scalar};
 
-/// Readings that may come while a fix is under way: with more the base would leave the fix behind, and a scenario is
-/// refused.
-pub const READINGS_CAPACITY: usize = 64;
+/// As many as two sensors of 500 Hz give while the history of a 1 kHz IMU reaches back. Of more, the oldest are not
+/// replayed after a fix.
+pub(super) const READINGS_CAPACITY: usize = 64;
 
 #[derive(Debug, Clone)]
 pub(super) struct Readings {
@@ -18,19 +18,15 @@ impl Readings {
         Self { readings: [none; READINGS_CAPACITY], length: 0 }
     }
 
-    pub(super) fn is_full(&self) -> bool {
-        self.length == READINGS_CAPACITY
-    }
-
     pub(super) fn all(&self) -> &[Reading] {
         &self.readings[..self.length]
     }
 
-    /// Adds one in the order of time, behind those of the same instant, and tells its place. The caller has made room,
-    /// otherwise it is lost.
+    /// Adds one in the order of time, behind those of the same instant, in place of the oldest if there is no room; and
+    /// tells its place.
     pub(super) fn insert(&mut self, reading: Reading) -> usize {
-        if self.is_full() {
-            return self.length;
+        if self.length == READINGS_CAPACITY {
+            self.forget(1);
         }
         let at = self.all().partition_point(|other| other.time_ns <= reading.time_ns);
         self.readings.copy_within(at..self.length, at + 1);
@@ -71,9 +67,11 @@ mod tests {
         assert_eq!(readings.until(20), 4);
         readings.forget(4);
         assert_eq!(readings.all(), [at(30, 1.0)]);
+        readings.forget(1);
         for time_ns in 0..100 {
             readings.insert(at(time_ns, 0.0));
         }
-        assert!(readings.is_full());
+        let kept: Vec<u64> = readings.all().iter().map(|r| r.time_ns).collect();
+        assert_eq!(kept, (36..100).collect::<Vec<_>>(), "the newest");
     }
 }

@@ -1,23 +1,23 @@
 //! The table of the vehicle's sensors: a new one is a file and a line here.
 
-use super::barometer::{Barometer, BarometerConfig, BarometerMemory};
-use super::config::{ImuConfig, MorphEncoderConfig, PoseFixConfig, SensorError};
-use super::imu::{Imu, ImuMemory};
-use super::morph_encoder::{MorphEncoder, MorphEncoderMemory};
-use super::pose_fix::{PoseFix, PoseFixMemory};
-use super::range_finder::{RangeFinder, RangeFinderConfig, RangeFinderMemory};
+use super::barometer::Barometer;
+use super::config::SensorError;
+use super::imu::Imu;
+use super::morph_encoder::MorphEncoder;
+use super::pose_fix::PoseFix;
+use super::range_finder::RangeFinder;
 use super::sensor::Sensor;
 use crate::ports::Outputs;
 use shared_types::TopicInfo;
 use vehicle::Truth;
 
-/// Declares the sensors of the vehicle: `name: Sensor, Config, Memory;`, one a line.
+/// Declares the sensors of the vehicle: `name: Sensor;`, one a line.
 macro_rules! sensors {
-    ($($(#[doc = $doc:literal])+ $name:ident: $sensor:ident, $config:ident, $memory:ident;)+) => {
+    ($($(#[doc = $doc:literal])+ $name:ident: $sensor:ident;)+) => {
         /// What the sensors are built from.
         #[derive(Debug, Clone, Default)]
         pub struct SensorConfigs {
-            $($(#[doc = $doc])+ pub $name: $config,)+
+            $($(#[doc = $doc])+ pub $name: <$sensor as Sensor>::Config,)+
         }
 
         impl SensorConfigs {
@@ -35,7 +35,7 @@ macro_rules! sensors {
         shared_types::memory! {
             /// What evolves in the sensors.
             pub struct SensorsMemory {
-                $($(#[doc = $doc])+ pub $name: $memory),+
+                $($(#[doc = $doc])+ pub $name: <$sensor as Sensor>::Memory),+
             }
         }
 
@@ -82,13 +82,13 @@ macro_rules! sensors {
 
 sensors! {
     /// Inertial sensor.
-    imu: Imu, ImuConfig, ImuMemory;
+    imu: Imu;
     /// Pose tracker.
-    pose_fix: PoseFix, PoseFixConfig, PoseFixMemory;
+    pose_fix: PoseFix;
     /// Morph encoder.
-    morph_encoder: MorphEncoder, MorphEncoderConfig, MorphEncoderMemory;
+    morph_encoder: MorphEncoder;
     /// Barometer.
-    barometer: Barometer, BarometerConfig, BarometerMemory;
+    barometer: Barometer;
     /// Range finder.
-    range_finder: RangeFinder, RangeFinderConfig, RangeFinderMemory;
+    range_finder: RangeFinder;
 }
