@@ -100,19 +100,22 @@ impl Life {
     pub(super) fn heard_from(&self, graph: &Graph) -> [u32; Seat::COUNT] {
         let mut heard_from = [0; Seat::COUNT];
         let first_ns = self.deviations.first().map(|told| told.header.release_ns);
-        let at_first = || self.deviations.iter().filter(|d| Some(d.header.release_ns) == first_ns);
-        for ended in at_first().filter(|told| told.kind == DeviationKind::Ended) {
-            let is_same = |d: &&Deviation| {
-                let writer = (d.writer_seat, d.writer_generation);
-                d.input == ended.input && writer == (ended.writer_seat, ended.writer_generation)
+        let at_first = |told: &&Deviation| Some(told.header.release_ns) == first_ns;
+        let told: Vec<&Deviation> = self.deviations.iter().filter(at_first).collect();
+        for (index, ended) in told.iter().enumerate() {
+            let writer = |d: &Deviation| (d.input, d.writer_seat, d.writer_generation);
+            let was_known = |d: &&&Deviation| {
+                d.kind == DeviationKind::Began && d.first == 0 && writer(d) == writer(ended)
             };
-            let was_known = |d: &Deviation| d.kind == DeviationKind::Began && d.first == 0;
-            // One that is followed by another at this step may have been there at the beginning.
-            let is_followed = |d: &Deviation| {
-                let on_seat = (d.input, d.writer_seat) == (ended.input, ended.writer_seat);
-                d.kind == DeviationKind::Began && d.first > 0 && on_seat
-            };
-            if !at_first().filter(is_same).any(was_known) || at_first().any(is_followed) {
+            // One that was replaced before the first step is told right before the one that follows it.
+            let is_replaced = told.get(index + 1).is_some_and(|next| {
+                let on_seat = (next.input, next.writer_seat) == (ended.input, ended.writer_seat);
+                next.kind == DeviationKind::Began && next.first > 0 && on_seat
+            });
+            if ended.kind != DeviationKind::Ended
+                || !told.iter().any(|d| was_known(&d))
+                || is_replaced
+            {
                 continue;
             }
             let topic = topics::all().into_iter().find(|topic| topic.name == ended.input_name());
@@ -270,4 +273,53 @@ pub(super) enum Service {
     Configured,
     /// A foreign executable.
     Foreign,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenario::Scenario;
+    use shared_types::Header;
+
+    fn told(kind: DeviationKind, seat: u32, generation: u32, sequence: u64) -> Deviation {
+        Deviation {
+            header: Header { release_ns: 2_560_000_000, ..Header::default() },
+            kind,
+            input: Deviation::input_from(topics::APPLIED_SETPOINT.info.name),
+            first: sequence,
+            last: sequence,
+            writer_seat: seat,
+            writer_generation: generation,
+            ..Deviation::default()
+        }
+    }
+
+    fn heard_from(deviations: Vec<Deviation>) -> u32 {
+        let graph = Scenario::load("hover", &[]).unwrap().graph().unwrap();
+        let life = Life {
+            key: LifeKey { seat: 0, generation: 0 },
+            source: None,
+            joined: None,
+            seated_ns: None,
+            last_ns: 0,
+            deviations,
+            last_stats: 0,
+            in_order: false,
+        };
+        let seat = Seat { role: Role::Attitude, index: 1 };
+        life.heard_from(&graph)[seat.number().unwrap()]
+    }
+
+    #[test]
+    fn a_writer_had_gone_if_that_is_told_before_anything_is_heard_of_its_successor() {
+        const BEGAN: DeviationKind = DeviationKind::Began;
+        const ENDED: DeviationKind = DeviationKind::Ended;
+        let gone = [told(BEGAN, 1, 0, 0), told(ENDED, 1, 0, 132)];
+        assert_eq!(heard_from(gone.to_vec()), 1);
+        let followed = [told(BEGAN, 0, 1, 48), told(BEGAN, 1, 1, 133)];
+        assert_eq!(heard_from([gone, followed].concat()), 1);
+        let replaced = [told(BEGAN, 1, 0, 0), told(BEGAN, 0, 1, 0), told(ENDED, 1, 0, 132)];
+        assert_eq!(heard_from([&replaced[..], &[told(BEGAN, 1, 1, 133)]].concat()), 0);
+        assert_eq!(heard_from(vec![told(ENDED, 1, 0, 132)]), 0, "of one that it had not known");
+    }
 }
