@@ -370,7 +370,5 @@ fn start(
 /// The last state published from a post, if it is of the kind that its process publishes: one that died before its
 /// first state has left that of the process before it, perhaps of another program.
 fn own_state<'a>(post: &Post, tap: &'a Tap) -> Option<&'a [u8]> {
-    let is_own =
-        |state: &&[u8]| StateHeader::of(state).is_some_and(|head| head.layout_hash == post.layout);
-    tap.last_state(post.seat).filter(is_own)
+    tap.last_state(post.seat).filter(|state| StateHeader::has_layout(state, post.layout))
 }

@@ -103,19 +103,17 @@ impl Life {
         let at_first = |told: &&Deviation| Some(told.header.release_ns) == first_ns;
         let told: Vec<&Deviation> = self.deviations.iter().filter(at_first).collect();
         for (index, ended) in told.iter().enumerate() {
-            let writer = |d: &Deviation| (d.input, d.writer_seat, d.writer_generation);
-            let was_known = |d: &&&Deviation| {
-                d.kind == DeviationKind::Began && d.first == 0 && writer(d) == writer(ended)
-            };
+            let writer = |told: &Deviation| (told.input, told.writer_seat, told.writer_generation);
+            let was_known = told.iter().any(|known| {
+                let is_known = known.kind == DeviationKind::Began && known.first == 0;
+                is_known && writer(known) == writer(ended)
+            });
             // One that was replaced before the first step is told right before the one that follows it.
             let is_replaced = told.get(index + 1).is_some_and(|next| {
                 let on_seat = (next.input, next.writer_seat) == (ended.input, ended.writer_seat);
                 next.kind == DeviationKind::Began && next.first > 0 && on_seat
             });
-            if ended.kind != DeviationKind::Ended
-                || !told.iter().any(|d| was_known(&d))
-                || is_replaced
-            {
+            if ended.kind != DeviationKind::Ended || !was_known || is_replaced {
                 continue;
             }
             let topic = topics::all().into_iter().find(|topic| topic.name == ended.input_name());

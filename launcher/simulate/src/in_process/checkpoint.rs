@@ -61,7 +61,7 @@ impl Checkpoint {
     pub(super) fn taken_over(&self, role: Role, component: &Component) -> Option<Vec<u8>> {
         let state = self.state(role)?;
         let same_ports = *self.ports.get(role.index())? == Some(component.layout().ports_hash());
-        let same_kind = StateHeader::of(state)?.layout_hash == component.layout().hash();
+        let same_kind = StateHeader::has_layout(state, component.layout().hash());
         (same_ports && !same_kind).then(|| component.succeeding(state)).flatten()
     }
 

@@ -215,10 +215,9 @@ impl InProcessHost {
         let (times, there_ns) = post.died;
         post.died = if mark_ns > there_ns { (1, mark_ns) } else { (times + 1, there_ns) };
         // One that died before its first state has left that of the process before it.
-        let is_own = |state: &[u8]| {
-            StateHeader::of(state).is_some_and(|head| head.layout_hash == l.stepper.layout())
-        };
-        let state = post.last_state.clone().filter(|(_, state)| is_own(state));
+        let layout = l.stepper.layout();
+        let state =
+            post.last_state.clone().filter(|(_, state)| StateHeader::has_layout(state, layout));
         let Some((_, state)) = state.filter(|_| post.died.0 <= DEATHS_MAX) else {
             post.died = (0, 0);
             return Ok(RestartOutcome::Gone(l));

@@ -108,8 +108,9 @@ impl Slots {
         let from = state_of.map(place);
         let state = from.and_then(|from| context.posts.last_state(from));
         // One that died before its first state has left that of another that sat there before.
-        let is_of_kind = |head: StateHeader| instance.is_some_and(|i| i.layout == head.layout_hash);
-        let state = state.filter(|(_, bytes)| StateHeader::of(bytes).is_some_and(is_of_kind));
+        let is_of_kind =
+            |state: &[u8]| instance.is_some_and(|i| StateHeader::has_layout(state, i.layout));
+        let state = state.filter(|(_, bytes)| is_of_kind(bytes));
         // From nothing, it first sees what is applied.
         let period_ns = instance.filter(|_| state.is_none()).map_or(0, Instance::period_ns);
         let track_until_ns = track_until_ns.max(join_ns.saturating_add(period_ns));
@@ -120,7 +121,7 @@ impl Slots {
         let order = Handover {
             join_ns: if catches_up { 0 } else { join_ns },
             track_until_ns,
-            has_state: Flag::from(state.is_some()),
+            has_state: Flag::from(has_state),
             catches_up: Flag::from(catches_up),
             ..Handover::default()
         };

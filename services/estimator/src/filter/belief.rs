@@ -113,10 +113,43 @@ impl Belief {
 const MAX_REOPEN_LEVEL: u32 = 16;
 
 #[cfg(test)]
-mod tests {
-    use nalgebra::Matrix3;
+pub(super) mod tests {
+    use nalgebra::{Matrix3, SMatrix};
 
     use super::*;
+
+    /// Error states and one bias.
+    pub(in super::super) const BORDERED: usize = STATE_DIMENSION + 1;
+
+    /// A belief whose errors all have something in common.
+    pub(in super::super) fn spread_belief() -> Belief {
+        let mut belief = Belief::new(&InitialState::default());
+        let root = Covariance::from_fn(|i, j| 0.01 * libm::sin((3 * i + 7 * j + i * j) as f64));
+        belief.covariance += root * root.transpose();
+        belief.p = Vector3::new(0.3, -0.2, 1.4);
+        belief.q = rotation::exp(&Vector3::new(0.2, -0.1, 2.0));
+        belief
+    }
+
+    impl Belief {
+        /// Gives a sensor a bias that has something in common with all error states, and returns the covariance of both.
+        pub(in super::super) fn border(
+            &mut self,
+            place: usize,
+            value: f64,
+        ) -> SMatrix<f64, BORDERED, BORDERED> {
+            let cross = ErrorState::from_fn(|i, _| 1e-3 * libm::cos(i as f64));
+            let variance = 0.04;
+            self.biases[place] = Bias { is_known: true, value, variance, cross };
+            let mut p = SMatrix::<f64, BORDERED, BORDERED>::zeros();
+            p.fixed_view_mut::<STATE_DIMENSION, STATE_DIMENSION>(0, 0).copy_from(&self.covariance);
+            p.fixed_view_mut::<STATE_DIMENSION, 1>(0, STATE_DIMENSION).copy_from(&cross);
+            p.fixed_view_mut::<1, STATE_DIMENSION>(STATE_DIMENSION, 0)
+                .copy_from(&cross.transpose());
+            p[(STATE_DIMENSION, STATE_DIMENSION)] = variance;
+            p
+        }
+    }
 
     #[test]
     fn recentring_equals_the_dense_product() {

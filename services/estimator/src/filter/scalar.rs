@@ -130,23 +130,10 @@ pub(super) fn correct(belief: &mut Belief, reading: &Reading, config: &FilterCon
 
 #[cfg(test)]
 mod tests {
-    use super::super::bias::Bias;
-    use super::super::config::InitialState;
-    use super::super::error_state::{ATTITUDE, Covariance, ErrorState};
-    use super::super::rotation;
+    use super::super::belief::tests::{BORDERED, spread_belief};
+    use super::super::error_state::{ATTITUDE, ErrorState};
     use super::*;
-    use nalgebra::{SVector, Vector3};
-
-    const AUGMENTED: usize = STATE_DIMENSION + 1;
-
-    fn spread_belief() -> Belief {
-        let mut belief = Belief::new(&InitialState::default());
-        let root = Covariance::from_fn(|i, j| 0.01 * libm::sin((3 * i + 7 * j + i * j) as f64));
-        belief.covariance += root * root.transpose();
-        belief.p = Vector3::new(0.3, -0.2, 1.4);
-        belief.q = rotation::exp(&Vector3::new(0.2, -0.1, 2.0));
-        belief
-    }
+    use nalgebra::SVector;
 
     #[test]
     fn the_derivative_of_every_model_is_that_of_its_prediction() {
@@ -173,17 +160,11 @@ mod tests {
         let config = FilterConfig::default();
         let mut belief = spread_belief();
         let of = Scalar::Barometer;
-        let cross = ErrorState::from_fn(|i, _| 1e-3 * libm::cos(i as f64));
-        belief.biases[of.index()] = Bias { is_known: true, value: 0.2, variance: 0.04, cross };
+        let p = belief.border(of.index(), 0.2);
         let prior = belief;
-        let mut p = SMatrix::<f64, AUGMENTED, AUGMENTED>::zeros();
-        p.fixed_view_mut::<STATE_DIMENSION, STATE_DIMENSION>(0, 0).copy_from(&prior.covariance);
-        p.fixed_view_mut::<STATE_DIMENSION, 1>(0, STATE_DIMENSION).copy_from(&cross);
-        p.fixed_view_mut::<1, STATE_DIMENSION>(STATE_DIMENSION, 0).copy_from(&cross.transpose());
-        p[(STATE_DIMENSION, STATE_DIMENSION)] = 0.04;
         let model = of.model(&config);
         let predicted = model.predict(&prior.p, &prior.q).unwrap();
-        let mut h = SVector::<f64, AUGMENTED>::zeros();
+        let mut h = SVector::<f64, BORDERED>::zeros();
         h.fixed_rows_mut::<STATE_DIMENSION>(0).copy_from(&predicted.by_error);
         h[STATE_DIMENSION] = 1.0;
         let reading = Reading { time_ns: 0, of, value: predicted.value + 0.2 + 0.05 };

@@ -176,13 +176,13 @@ impl SlotBook {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use shared_types::Header;
 
-    const MS: u64 = 1_000_000;
+    pub(crate) const MS: u64 = 1_000_000;
 
-    fn record(epoch: u64, valid_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
+    pub(crate) fn record(epoch: u64, valid_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
         let header = Header { valid_ns: valid_ms * MS, ..Header::default() };
         OwnerRecord { header, epoch, owner, fallback, period_ns: [10; 4], ..OwnerRecord::default() }
     }

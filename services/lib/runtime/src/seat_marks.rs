@@ -139,7 +139,9 @@ impl SeatMarks {
                 _ => {
                     *known = Some(entry.generation);
                     *mark = if entry.present.is_set() { 0 } else { u64::MAX };
-                    seat.number().into_iter().for_each(|number| self.served_mono_ns[number] = 0);
+                    if let Some(number) = seat.number() {
+                        self.served_mono_ns[number] = 0;
+                    }
                 }
             }
             if let Some(number) = seat.number() {
@@ -172,14 +174,8 @@ impl MarkView for SeatMarks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_types::{Header, NO_SEAT, OwnerRecord, topics};
-
-    const MS: u64 = 1_000_000;
-
-    fn record(epoch: u64, valid_ms: u64, owner: u32, fallback: u32) -> OwnerRecord {
-        let header = Header { valid_ns: valid_ms * MS, ..Header::default() };
-        OwnerRecord { header, epoch, owner, fallback, period_ns: [10; 4], ..OwnerRecord::default() }
-    }
+    use crate::ownership::tests::{MS, record};
+    use shared_types::{NO_SEAT, OwnerRecord, topics};
 
     fn marks(seats_ms: [u64; SEATS], records: &[OwnerRecord]) -> SeatMarks {
         let mut marks = SeatMarks::default();

@@ -38,4 +38,10 @@ impl StateHeader {
     pub fn of(state: &[u8]) -> Option<Self> {
         state.get(..Self::PACKED_SIZE).map(Self::unpack)
     }
+
+    /// True if a published state is one of this layout, so that a process of that layout can go on from it.
+    #[must_use]
+    pub fn has_layout(state: &[u8], layout_hash: u64) -> bool {
+        Self::of(state).is_some_and(|head| head.layout_hash == layout_hash)
+    }
 }

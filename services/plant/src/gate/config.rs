@@ -27,8 +27,8 @@ pub struct GateConfig {
     /// `recovered_rate_rad_s`; before that it is that of RECOVER.
     #[garde(range(min = 0.0, max = 1.0), custom(finite))]
     pub level_torque_fraction: f64,
-    /// Tilt beyond which the gate itself answers a trip, by RECOVER, and holds no command that is no longer valid: the bound on the tilt that position
-    /// controllers may ask for, so that no controller has been made for more.
+    /// Tilt beyond which the gate itself answers a trip, by RECOVER, and holds no command that is no longer valid: the
+    /// bound on the tilt that position controllers may ask for, so that no controller has been made for more.
     #[garde(range(min = 0.0, max = 3.2), custom(finite))]
     pub recover_tilt_rad: f64,
     /// Rate about roll and pitch beyond which it does.
