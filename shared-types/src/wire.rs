@@ -100,6 +100,27 @@ pub struct Schema {
     pub layout_hash: u64,
 }
 
+impl Schema {
+    /// True if every double of a packed value is a finite number, those of nested structs too.
+    #[must_use]
+    pub fn is_finite(&self, packed: &[u8]) -> bool {
+        let mut rest = packed;
+        self.fields.iter().all(|field| {
+            let (run, after) = rest.split_at(rest.len().min(field.count * field.packed_size));
+            rest = after;
+            match field.kind {
+                Kind::F64 => {
+                    run.chunks_exact(f64::PACKED_SIZE).all(|bytes| f64::unpack(bytes).is_finite())
+                }
+                Kind::Message(schema) => {
+                    run.chunks_exact(field.packed_size).all(|bytes| schema.is_finite(bytes))
+                }
+                Kind::U64 | Kind::U32 | Kind::U8 | Kind::I8 | Kind::Enum(_) => true,
+            }
+        })
+    }
+}
+
 /// The values of a named code.
 #[derive(Debug, Clone, Copy)]
 pub struct EnumSchema {
@@ -263,5 +284,45 @@ impl<T: Value, const N: usize> Value for [T; N] {
     }
     fn unpack(from: &[u8]) -> Self {
         core::array::from_fn(|i| T::unpack(&from[i * T::PACKED_SIZE..(i + 1) * T::PACKED_SIZE]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Value as _, Wire as _};
+
+    crate::memory! {
+        struct Inner {
+            count: u32,
+            rates_rad_s: [f64; 2],
+            primed: bool,
+        }
+    }
+
+    crate::memory! {
+        struct Outer {
+            before: u64,
+            inner: [Inner; 2],
+            after_s: f64,
+        }
+    }
+
+    #[test]
+    fn each_double_of_a_packed_value_must_be_finite_and_nothing_else() {
+        let whole = Outer { before: u64::MAX, ..Outer::default() };
+        for index in 0..=5 {
+            for number in [0.0, f64::MAX, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut value = whole;
+                match index {
+                    0..=3 => value.inner[index / 2].rates_rad_s[index % 2] = number,
+                    4 => value.after_s = number,
+                    _ => value.before = number.to_bits(),
+                }
+                let mut packed = [0; Outer::PACKED_SIZE];
+                value.pack(&mut packed);
+                let expected = number.is_finite() || index == 5;
+                assert_eq!(Outer::SCHEMA.is_finite(&packed), expected, "{index}: {number}");
+            }
+        }
     }
 }

@@ -10,7 +10,8 @@ use runtime::ipc::{
     Bus, IpcSink, PortError, RECORDER_CAPACITY, STATE_DEPTH, ServiceKind, StatePublisher,
 };
 use runtime::namespace::Membership;
-use runtime::{Graph, Sink as _, StateSink as _};
+use runtime::{Graph, Sink as _, StateHeader, StateSink as _};
+use shared_types::wire::Value as _;
 use shared_types::{Edge, Header, Registry, Role, Sample, Seat, Topic};
 use simulate::alone::{End, Ended, sum_up};
 use simulate::in_process::{Conclusion, InProcess, StateSource};
@@ -123,9 +124,12 @@ impl Lane for States {
 
     fn send(&mut self, later_ns: u64) {
         let place = self.numbers.take(self.states.len());
-        let (header, state) = &self.states[place];
+        let (header, state) = &mut self.states[place];
         let mut header = *header;
         self.numbers.set(&mut header, later_ns);
+        let head = &mut state[..StateHeader::PACKED_SIZE];
+        let (release_ns, state_sequence) = (header.release_ns, header.sequence);
+        StateHeader { release_ns, state_sequence, ..StateHeader::unpack(head) }.pack(head);
         if let Some(sink) = &mut self.sink {
             sink.send(&header, state);
         }

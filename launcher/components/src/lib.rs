@@ -163,3 +163,26 @@ pub fn state_layouts(scenario: &Scenario) -> Result<Vec<StateLayout>, BuildError
     }
     Ok(layouts)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::build_service;
+    use runtime::StateHeader;
+    use scenario::Scenario;
+    use scenario::services::names;
+
+    #[test]
+    fn every_service_begins_with_a_state_that_a_process_can_go_on_from() {
+        let scenario = Scenario::load("figure8-morph", &[]).expect("a shipped scenario");
+        let mut built = 0;
+        for name in names().map(Some).chain([None]) {
+            let component = build_service(name, &scenario).expect("it fits this scenario");
+            let layout = *component.layout();
+            let mut state = vec![0; layout.state_size()];
+            component.pack(&StateHeader::default(), &mut state);
+            assert!(layout.is_finite(&state), "{name:?}: {}", layout.memory.name);
+            built += 1;
+        }
+        assert!(built > 9, "{built}");
+    }
+}

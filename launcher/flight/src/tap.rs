@@ -3,7 +3,7 @@
 use record::Stream;
 use runtime::clock::mono_now_ns;
 use runtime::ipc::{Bus, IpcSource, LatestPort, PortError, StateSubscriber, recorder_capacity};
-use runtime::{Graph, SeatMarks, Source as _};
+use runtime::{Graph, SeatMarks, Source as _, StateHeader};
 use shared_types::{Progress, Sample, Seat, Topic, TopicVisitor, topics};
 use simulate::Sinks;
 
@@ -137,7 +137,7 @@ impl Tap {
             let sinks = &mut self.sinks;
             while states.receive(|header, bytes| {
                 let place = (header.release_ns, header.sequence);
-                if place <= last.place {
+                if place <= last.place || !StateHeader::agrees_with(bytes, header) {
                     return;
                 }
                 last.place = place;

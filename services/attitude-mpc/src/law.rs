@@ -163,7 +163,7 @@ impl AttitudeLaw {
     fn scheduled(&self, beta: MorphAngle) -> MorphAngle {
         let last = self.memory.scheduled_rad;
         let stays = (beta.rad() - last).abs() <= self.config.rebuild_tolerance_rad;
-        MorphAngle::saturating_from_rad(last).filter(|_| stays).unwrap_or(beta)
+        MorphAngle::from_rad(last).ok().filter(|_| stays).unwrap_or(beta)
     }
 
     fn control(&mut self, input: &Input, x: &State, plan: Option<&MorphPlan<'_>>) -> Output {
@@ -305,7 +305,7 @@ fn measured(
     now.output_increment = part(0) - Vector3::from(memory.gamma_rad);
     now.output_increment.z = wrap_pi(now.output_increment.z);
     let mut previous_rate = Vector3::from(memory.gamma_rate_rad_s);
-    let before = MorphAngle::saturating_from_rad(memory.morph_angle_rad);
+    let before = MorphAngle::from_rad(memory.morph_angle_rad).ok();
     if let (Some((vehicle, beta)), Some(before)) = (morphing, before) {
         let inertia = vehicle.inertia_kg_m2(beta);
         let ratio = vehicle.inertia_kg_m2(before).component_div(&inertia);

@@ -41,9 +41,9 @@ shared_types::memory! {
         pub thrust_n: f64,
         /// Approach to the setpoint.
         pub ramp: Ramp,
-        /// β \[rad\] the matrices were built for; NaN before the first step.
+        /// β \[rad\] the matrices were built for; 0, which no arm can have, before the first step.
         pub scheduled_rad: f64,
-        /// β(k−1) \[rad\].
+        /// β(k−1) \[rad\]; 0 before the first step.
         pub morph_angle_rad: f64,
         /// Bound each row of the program was held at, packed.
         pub working_set: [u64; ROW_CAPACITY / 32],
@@ -64,8 +64,8 @@ impl Memory {
             previous_applied_nm: [0.0; 3],
             thrust_n,
             ramp: Ramp::default(),
-            scheduled_rad: f64::NAN,
-            morph_angle_rad: f64::NAN,
+            scheduled_rad: 0.0,
+            morph_angle_rad: 0.0,
             working_set: [0; ROW_CAPACITY / 32],
             counters: Counters::default(),
         }

@@ -255,18 +255,19 @@ impl Executor {
     }
 
     /// The whole evolving state after the last release, as a keyframe of it would be; none before
-    /// the first.
+    /// the first, and none from which no process could go on.
     pub fn state(&mut self) -> Option<&[u8]> {
         self.previous_ns?;
-        self.pack_state();
-        Some(&self.state)
+        self.packed_state(self.state_sequence)
     }
 
-    fn pack_state(&mut self) {
-        self.counts.state_sequence = self.state_sequence;
+    /// None if the memory is not finite.
+    fn packed_state(&mut self, sequence: u64) -> Option<&[u8]> {
+        self.counts.state_sequence = sequence;
         self.counts.stats_sequence = self.stats.sequence();
         self.counts.deviation_sequence = self.deviations.sequence();
         self.component.pack(&self.counts, &mut self.state);
+        Some(self.state.as_slice()).filter(|state| self.component.layout().is_finite(state))
     }
 
     /// Brings the counts of what the inputs lacked up to date.
@@ -450,10 +451,13 @@ impl Executor {
         {
             return;
         }
-        self.state_sequence += 1;
-        self.pack_state();
-        let header =
-            Header { sequence: self.state_sequence, valid_ns: header.release_ns, ..*header };
+        let sequence = self.state_sequence + 1;
+        // Where it is not finite, the last one that a process can go on from stays the last one.
+        if self.packed_state(sequence).is_none() {
+            return;
+        }
+        self.state_sequence = sequence;
+        let header = Header { sequence, valid_ns: header.release_ns, ..*header };
         if let Some(sink) = &mut self.state_sink {
             sink.send(&header, &self.state);
         }

@@ -82,6 +82,9 @@ pub enum RestoreError {
         /// Bytes expected.
         expected: usize,
     },
+    /// NaN or infinity in the memory.
+    #[error("the state holds a number that is not finite")]
+    NotFinite,
     /// The component refused it.
     #[error("the component refused the state: {0}")]
     Refused(String),
@@ -158,6 +161,12 @@ impl Layout {
         let (sequences, rest) = rest.split_at(8 * self.outputs.len());
         let (latches, memory) = rest.split_at(rest.len() - self.memory_size);
         Some(StateParts { header: StateHeader::unpack(header), sequences, latches, memory })
+    }
+
+    /// True if the memory of a published state holds no NaN and no infinity, from which no process could go on.
+    #[must_use]
+    pub fn is_finite(&self, state: &[u8]) -> bool {
+        self.parts(state).is_some_and(|parts| self.memory.is_finite(parts.memory))
     }
 
     /// Of each input the packed sample that was in effect, if there was one.
@@ -238,6 +247,9 @@ pub fn unpack_state<S: Service>(
     }
     let (sequences, rest) = rest.split_at(8 * S::Outputs::COUNT);
     let (latches, memory) = rest.split_at(S::Inputs::LATCH_SIZE);
+    if !S::Memory::SCHEMA.is_finite(memory) {
+        return Err(RestoreError::NotFinite);
+    }
     service.restore(&S::Memory::unpack(memory)).map_err(RestoreError::Refused)?;
     inputs.unpack_latches(latches);
     outputs.unpack_sequences(sequences);

@@ -1,5 +1,6 @@
 //! The first part of a published state.
 
+use shared_types::Header;
 use shared_types::wire::Value as _;
 
 shared_types::memory! {
@@ -43,5 +44,13 @@ impl StateHeader {
     #[must_use]
     pub fn has_layout(state: &[u8], layout_hash: u64) -> bool {
         Self::of(state).is_some_and(|head| head.layout_hash == layout_hash)
+    }
+
+    /// True if a published state says the same of its place in the flight as the header that it was sent with.
+    #[must_use]
+    pub fn agrees_with(state: &[u8], header: &Header) -> bool {
+        Self::of(state).is_some_and(|head| {
+            (head.release_ns, head.state_sequence) == (header.release_ns, header.sequence)
+        })
     }
 }

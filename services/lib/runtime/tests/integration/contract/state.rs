@@ -55,8 +55,8 @@ impl Service for Sum {
         self.0
     }
     fn restore(&mut self, memory: &SumMemory) -> Result<(), String> {
-        if memory.sum.is_nan() {
-            return Err("the sum is not a number".into());
+        if memory.sum < 0.0 {
+            return Err("the sum is negative".into());
         }
         self.0 = *memory;
         Ok(())
@@ -80,9 +80,10 @@ impl Service for Other {
     }
 }
 
-/// Makes up one sample per millisecond.
+/// Makes up one sample per millisecond; that of `infinite_ns` makes the sum infinite.
 struct Endless {
     next: u64,
+    infinite_ns: u64,
     until_ns: Rc<RefCell<u64>>,
 }
 
@@ -94,7 +95,9 @@ impl Source<Imu> for Endless {
         }
         self.next += 1;
         let header = Header { sequence: self.next, valid_ns, ..Header::default() };
-        let gyro_b_rad_s = [valid_ns as f64 * 0.1, 0.0, 0.0];
+        let infinite = valid_ns == self.infinite_ns;
+        let rate_rad_s = if infinite { f64::INFINITY } else { valid_ns as f64 * 0.1 };
+        let gyro_b_rad_s = [rate_rad_s, 0.0, 0.0];
         let sample = Imu { header, gyro_b_rad_s, ..Imu::default() };
         Some(sample)
     }
@@ -142,11 +145,15 @@ struct Bench {
 
 impl Bench {
     fn new(hz: f64, state_every: u64) -> Self {
+        Self::infinite_from(u64::MAX, hz, state_every)
+    }
+
+    fn infinite_from(infinite_ns: u64, hz: f64, state_every: u64) -> Self {
         let component = Component::new(Sum::default(), state_every);
         let mut executor =
             Executor::new(component, node(hz, MissPolicy::CatchUp), Place::default());
         let until_ns = Rc::new(RefCell::new(0));
-        let source = Endless { next: 0, until_ns: Rc::clone(&until_ns) };
+        let source = Endless { next: 0, infinite_ns, until_ns: Rc::clone(&until_ns) };
         executor
             .component
             .input(&topics::IMU)
@@ -237,9 +244,25 @@ fn a_component_may_refuse_a_memory_and_says_why() {
     bench.step();
     let mut state = bench.state();
     let memory = state.len() - SumMemory::PACKED_SIZE;
-    state[memory..memory + 8].copy_from_slice(&f64::NAN.to_le_bytes());
-    let error = Bench::new(1000.0, 1).executor.restore(&state).unwrap_err();
-    assert_eq!(error, RestoreError::Refused("the sum is not a number".into()));
+    let mut refused = |sum: f64| {
+        state[memory..memory + 8].copy_from_slice(&sum.to_le_bytes());
+        Bench::new(1000.0, 1).executor.restore(&state).unwrap_err()
+    };
+    assert_eq!(refused(-1.0), RestoreError::Refused("the sum is negative".into()));
+    // Of no service, whatever it would say.
+    for sum in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        assert_eq!(refused(sum), RestoreError::NotFinite);
+    }
+}
+
+#[test]
+fn a_memory_that_is_not_finite_is_not_published() {
+    let mut bench = Bench::infinite_from(5_000_000, 1000.0, 1);
+    (0..5).for_each(|_| bench.step());
+    let last = bench.last.borrow().clone();
+    assert_eq!((last.0.release_ns, last.0.sequence), (4_000_000, 5));
+    (0..5).for_each(|_| bench.step());
+    assert_eq!(*bench.last.borrow(), last);
 }
 
 #[test]
