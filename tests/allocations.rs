@@ -26,7 +26,7 @@ fn scenario(name: &str, duration_ms: u64, set: &[&str]) -> Scenario {
 
 /// Which of the steps that may run does run.
 #[derive(Debug, Clone, Copy)]
-enum Order {
+enum StepOrder {
     /// Any.
     Random(u64),
     /// One loop until it must wait, then the next, upstream last.
@@ -174,7 +174,8 @@ fn the_recorded_positions_and_estimates_are_those_of_one_process() {
 fn the_order_in_which_permitted_steps_run_changes_no_byte() {
     let scenario = scenario("figure8-morph", 3_000, &["attitude_mpc.rate_hz=150"]);
     let expected = hash_of(start(&scenario, FlightHash::default()));
-    for order in [0, 1, 2, 3].map(Order::Random).into_iter().chain([Order::AsFarAsPossible]) {
+    for order in [0, 1, 2, 3].map(StepOrder::Random).into_iter().chain([StepOrder::AsFarAsPossible])
+    {
         let mut flight = start(&scenario, FlightHash::default());
         fly_in(&mut flight, order);
         assert_eq!(hash_of(flight), expected, "{order:?}");
@@ -182,16 +183,17 @@ fn the_order_in_which_permitted_steps_run_changes_no_byte() {
 }
 
 /// Flies to the end in an order of its own.
-fn fly_in(flight: &mut InProcess<FlightHash>, order: Order) {
-    let mut rng = ChaCha8Rng::seed_from_u64(if let Order::Random(seed) = order { seed } else { 0 });
+fn fly_in(flight: &mut InProcess<FlightHash>, order: StepOrder) {
+    let mut rng =
+        ChaCha8Rng::seed_from_u64(if let StepOrder::Random(seed) = order { seed } else { 0 });
     let mut last = 0;
     loop {
         let runnable: Vec<_> = flight.runnable(u64::MAX).collect();
         let Some(&upstream) = runnable.last() else { return };
         last = match order {
-            Order::Random(_) => runnable[rng.random_range(0..runnable.len())],
-            Order::AsFarAsPossible if runnable.contains(&last) => last,
-            Order::AsFarAsPossible => upstream,
+            StepOrder::Random(_) => runnable[rng.random_range(0..runnable.len())],
+            StepOrder::AsFarAsPossible if runnable.contains(&last) => last,
+            StepOrder::AsFarAsPossible => upstream,
         };
         flight.step(last);
     }

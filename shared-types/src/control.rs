@@ -101,7 +101,7 @@ sample! {
 }
 
 sample! {
-    /// The torque that an attitude controller commanded and the bounds it obeyed, about the body axes.
+    /// The torque that an attitude controller commanded and the bounds it followed, about the body axes.
     pub struct AttitudeReport {
         /// Identity and time.
         pub header: Header,
@@ -157,7 +157,7 @@ impl From<PositionInput> for [f64; 3] {
 }
 
 sample! {
-    /// What a position controller commanded and the bounds it obeyed.
+    /// What a position controller commanded and the bounds it followed.
     pub struct PositionReport {
         /// Identity and time.
         pub header: Header,
@@ -196,7 +196,7 @@ pub struct BoundedInput {
 }
 
 impl BoundedInput {
-    /// The last input, held: it obeyed the bounds of its own step, so it is within these.
+    /// The last input, held: it followed the bounds of its own step, so it is within these.
     #[must_use]
     pub const fn held(self) -> Self {
         Self { previous: self.input, min: self.input, max: self.input, ..self }
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_is_measured_by_the_bound_it_is_towards_and_one_that_is_held_obeys() {
+    fn an_input_is_measured_by_the_bound_it_is_towards_and_one_that_is_held_keeps_it() {
         let bounded = BoundedInput {
             input: [1.5, -0.5, 2.5],
             previous: [0.0; 3],

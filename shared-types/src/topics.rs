@@ -146,7 +146,7 @@ floor_plan! {
     15 DISTURBANCE "disturbance": Disturbance, Disturbance => [Plant], ZeroLatency, history 64;
         "wind, force, torque, payload and rotor faults"
     16 TRIP "trip": Trip, Monitor => [Plant, Attitude], Delayed, history 32;
-        "an owner that is not to be obeyed any more, and why"
+        "an owner that is not to be followed any more, and why"
     17 ATTITUDE_OWNER "attitude_owner": OwnerRecord, Supervisor => [Plant, Position, Monitor], Delayed, history 16;
         "owner of the attitude slot"
     18 POSITION_OWNER "position_owner": OwnerRecord, Supervisor => [Attitude, Monitor], Delayed, history 16;

@@ -31,7 +31,7 @@ crate::code! {
         /// The owner of the attitude slot reports another set point than the one of the sequence that it names, or one
         /// that is long over. No number goes with it.
         ReportFalse = 10,
-        /// The owner of the attitude slot still obeys the owner of the position slot, which has tripped. No number goes
+        /// The owner of the attitude slot still follows the owner of the position slot, which has tripped. No number goes
         /// with it.
         TripIgnored = 11,
         /// The set point asks for a thrust, `thrust_n`, that no position controller may ask for.
@@ -48,9 +48,9 @@ crate::code! {
 }
 
 sample! {
-    /// The monitor's word that the owner of a slot is not to be obeyed any more. Said once per epoch.
+    /// The monitor's word that the owner of a slot is not to be followed any more. Said once per epoch.
     ///
-    /// From its effective instant on the owner is not obeyed any more, but the fallback of this epoch's record, if it
+    /// From its effective instant on the owner is not followed any more, but the fallback of this epoch's record, if it
     /// has one: in the position slot once two of the fallback's periods are over, for which attitude controllers are
     /// level. A trip of a seat that is not its owner's, or of an epoch before the first that names owner and fallback
     /// of now, means nothing.

@@ -153,7 +153,7 @@ fn without_a_launcher_the_fallback_takes_over_and_the_next_launcher_goes_on() {
 
 #[test]
 #[ignore = "soak: by the wall clock, on a busy machine the vehicle strays by itself"]
-fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_obeyed() {
+fn a_process_that_writes_in_the_place_of_a_dead_launcher_is_not_followed() {
     let running = realtime(&["--for", "60s"]);
     let run = running.id().to_owned();
     running.kill_launcher();

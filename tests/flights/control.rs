@@ -197,7 +197,7 @@ fn a_launcher_that_was_killed_leaves_its_run_listed_and_unanswered_until_it_is_g
 /// As in a container that shares the host's memory: the system has no number for a client that is outside of the
 /// launcher's namespace. To make one takes rights that not every machine gives.
 #[test]
-fn a_launcher_in_a_pid_namespace_of_its_own_obeys_orders_from_outside() {
+fn a_launcher_in_a_pid_namespace_of_its_own_follows_orders_from_outside() {
     let unshare = || {
         let mut unshare = Command::new("unshare");
         unshare.args(["--pid", "--fork", "--kill-child", "--mount-proc"]);

@@ -5,7 +5,7 @@
 //! the flight, so that neither makes the other wait.
 
 use super::peer::floor::{Beat, FromAnswer, FromOrder, Payload, Ping, ToOrder};
-use super::peer::{Order, Peer, Seat as ThreadSeat};
+use super::peer::{Peer, PeerRequest, Seat as ThreadSeat};
 use super::place::Place;
 use super::series::Series;
 use super::{BenchError, run_id};
@@ -81,8 +81,8 @@ impl Floor {
         let seat = ThreadSeat { cpu: None, fifo: place.fifo(), like_a_loop: true };
         let folder = run.folder().to_path_buf();
         let from = FromOrder { run: folder.clone(), seat, timers, pings: pings.clone() };
-        let from = Peer::start(&Order::FloorFrom(from))?;
-        let to = Peer::start(&Order::FloorTo(ToOrder { run: folder, seat, pings }))?;
+        let from = Peer::start(&PeerRequest::FloorFrom(from))?;
+        let to = Peer::start(&PeerRequest::FloorTo(ToOrder { run: folder, seat, pings }))?;
         Ok(Self { from: Arc::new(Mutex::new(from)), to: Arc::new(Mutex::new(to)), _run: run })
     }
 

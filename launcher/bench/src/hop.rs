@@ -2,7 +2,7 @@
 //! bare transport, in the same pair of processes.
 
 use super::peer::hop::{ACKNOWLEDGED, BARE, BLOCK, Carrier, End, Hops, SENDER, Waiting};
-use super::peer::{Order, Peer, Seat as ThreadSeat};
+use super::peer::{Peer, PeerRequest, Seat as ThreadSeat};
 use super::place::{Place, Policy};
 use super::{BenchError, run_id};
 use crate::series::{Quantiles, Rank, Ratios, Series};
@@ -133,8 +133,8 @@ fn cell(
     };
     let mut hops: Hops = vec![Vec::new(); waiting.carriers().len()];
     for _ in 0..COUPLES {
-        let mut reader = Peer::start(&Order::HopTo(end(cpus[1])))?;
-        let mut sender = Peer::start(&Order::HopFrom(end(cpus[0])))?;
+        let mut reader = Peer::start(&PeerRequest::HopTo(end(cpus[1])))?;
+        let mut sender = Peer::start(&PeerRequest::HopFrom(end(cpus[0])))?;
         reader.tell("go")?;
         sender.tell("go")?;
         let more: Hops = reader.answer()?;

@@ -9,17 +9,17 @@ use super::ps::Trouble;
 use super::refusal::{Done, Failure};
 use host::exit;
 use protocol::control::client::Conversation;
-use protocol::control::protocol::Order;
+use protocol::control::protocol::SwapRequest;
 use protocol::control::{Reply, Request, runs};
 use scenario::candidate::{Candidate, Slot};
-use scenario::orders::{Goto, Morph, Order as Flown};
+use scenario::orders::{Goto, Morph, Order};
 use serde_json::json;
 use std::io::Write;
 use std::path::Path;
 
 /// Swaps; 0 when the rollback window is over, 1 if nothing came of it, 2 and 3 if it was refused.
 pub(super) fn swap(arguments: &SwapArguments, out: &mut dyn Write) -> Done {
-    let request = Request::Swap(Order {
+    let request = Request::Swap(SwapRequest {
         slot: arguments.slot.clone(),
         to: resolved(&arguments.slot, &arguments.to),
         config: arguments.config.as_deref().map(|path| absolute(path).into()),
@@ -64,14 +64,14 @@ pub(super) fn stop(arguments: &StopArguments, out: &mut dyn Write) -> Done {
 /// Sends the vehicle to a place.
 pub(super) fn go_to(arguments: &GotoArguments, out: &mut dyn Write) -> Done {
     let &GotoArguments { x, y, z, yaw, ref run, format } = arguments;
-    fly_otherwise(Flown::Goto(Goto { position_w_m: [x, y, z], yaw_deg: yaw }), run, format, out)
+    fly_otherwise(Order::Goto(Goto { position_w_m: [x, y, z], yaw_deg: yaw }), run, format, out)
 }
 
 /// Folds or spreads the arms.
 pub(super) fn morph(arguments: &MorphArguments, out: &mut dyn Write) -> Done {
     let &MorphArguments { degrees, over, ref run, format } = arguments;
     let over_s = over.as_secs_f64();
-    fly_otherwise(Flown::Morph(Morph { angle_deg: degrees, over_s }), run, format, out)
+    fly_otherwise(Order::Morph(Morph { angle_deg: degrees, over_s }), run, format, out)
 }
 
 /// Disturbs, or ends that.
@@ -81,7 +81,7 @@ pub(super) fn disturb(arguments: &DisturbArguments, out: &mut dyn Write) -> Done
 }
 
 /// Sends an order to pilot or injector; what no flight could do is refused without asking one.
-fn fly_otherwise(order: Flown, run: &RunChoice, format: Format, out: &mut dyn Write) -> Done {
+fn fly_otherwise(order: Order, run: &RunChoice, format: Format, out: &mut dyn Write) -> Done {
     if let Err(wrong) = order.check(-scenario::orders::REACH_M) {
         let trouble = Trouble::OutOfRange(wrong.sentence());
         let code = trouble.exit_code();

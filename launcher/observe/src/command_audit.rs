@@ -155,7 +155,7 @@ impl CommandAudit {
 
     /// True if the recorder, which was kept from its topics for too long or has just come, never had the command in
     /// effect.
-    fn is_of_a_lost_command(&self, tick: &Tick, obeyed: u32) -> bool {
+    fn is_of_a_lost_command(&self, tick: &Tick, followed: u32) -> bool {
         let (seat, sequence) = tick.command;
         let is_in = |gap: &Gap| {
             gap.seat == seat
@@ -166,14 +166,14 @@ impl CommandAudit {
             || self.joined_ns.is_some_and(|ns| tick.at_ns < ns.saturating_add(CARRIED_NS));
         tick.mode == GateMode::Normal
             && !self.commands.contains_key(&tick.command)
-            && (self.may_command(seat, obeyed) && self.gaps.iter().any(is_in) || is_from_before())
+            && (self.may_command(seat, followed) && self.gaps.iter().any(is_in) || is_from_before())
     }
 
-    /// True if a seat could be obeyed in this tick, now or since before, as far as it is known who may be.
-    fn may_command(&self, seat: u32, obeyed: u32) -> bool {
+    /// True if a seat could be followed in this tick, now or since before, as far as it is known who may be.
+    fn may_command(&self, seat: u32, followed: u32) -> bool {
         let counted = self.counted.map(|((seat, _), _)| seat);
-        let before = [self.now, self.before].map(|epoch| epoch.map(|(_, obeyed)| obeyed));
-        [seat, NO_SEAT].contains(&obeyed) || counted == Some(seat) || before.contains(&Some(seat))
+        let before = [self.now, self.before].map(|epoch| epoch.map(|(_, followed)| followed));
+        [seat, NO_SEAT].contains(&followed) || counted == Some(seat) || before.contains(&Some(seat))
     }
 
     fn judge(&mut self, tick: &Tick) {
@@ -182,8 +182,8 @@ impl CommandAudit {
         }
         let record = self.epochs.get(&tick.epoch).copied();
         let of = |record: Epoch| if tick.failed_over { record.fallback } else { record.owner };
-        let obeyed = record.map_or(NO_SEAT, of);
-        let is_lost = self.is_of_a_lost_command(tick, obeyed);
+        let followed = record.map_or(NO_SEAT, of);
+        let is_lost = self.is_of_a_lost_command(tick, followed);
         self.tally.ticks += u64::from(!is_lost);
         if self.last_ns.is_some_and(|last_ns| tick.at_ns <= last_ns) {
             self.tally.duplicated += 1;
@@ -194,7 +194,7 @@ impl CommandAudit {
         if self.now.is_none_or(|(epoch, _)| epoch != tick.epoch) {
             self.before = self.now;
         }
-        self.now = Some((tick.epoch, obeyed));
+        self.now = Some((tick.epoch, followed));
         if tick.mode != GateMode::Normal {
             self.tally.missed += 1;
             return;
@@ -212,17 +212,17 @@ impl CommandAudit {
             // flip if that comes first.
             let carried = || {
                 let is_from_before = record.is_some_and(|record| life.from_ns < record.from_ns);
-                is_from_before && self.before.is_some_and(|(_, obeyed)| obeyed == seat)
+                is_from_before && self.before.is_some_and(|(_, followed)| followed == seat)
                     || counted.is_some_and(|(command, _)| command == tick.command)
             };
-            // What a fallback said before it was made the owner counts if it was obeyed already, or nothing else did.
+            // What a fallback said before it was made the owner counts if it was followed already, or nothing else did.
             let was_asked = || {
                 tick.failed_over
                     || record.is_none_or(|record| life.from_ns >= record.from_ns)
-                    || self.before.is_none_or(|(_, obeyed)| obeyed == seat)
+                    || self.before.is_none_or(|(_, followed)| followed == seat)
                     || counted.is_none_or(|(_, until_ns)| until_ns <= tick.at_ns)
             };
-            let its_own = seat == obeyed && was_asked() || carried();
+            let its_own = seat == followed && was_asked() || carried();
             let lasted = tick.at_ns <= life.until_ns || began_ns < life.until_ns;
             its_own && life.from_ns <= tick.at_ns && lasted
         });

@@ -60,16 +60,16 @@ pub enum RehearsalRefusal {
         #[serde(default)]
         course: Vec<Posture>,
     },
-    /// An attitude controller goes on obeying an owner of the position slot that has tripped.
+    /// An attitude controller goes on following an owner of the position slot that has tripped.
     #[error(
-        "would still obey a position controller {:.0} ms after it has tripped, limit {:.0} ms",
+        "would still follow a position controller {:.0} ms after it has tripped, limit {:.0} ms",
         1e3 * .after_s,
         1e3 * .limit_s
     )]
     TripIgnored {
-        /// Time from the trip to a step in which it was still obeyed \[s\].
+        /// Time from the trip to a step in which it was still followed \[s\].
         after_s: f64,
-        /// Time within which it has to obey the fallback \[s\].
+        /// Time within which it has to follow the fallback \[s\].
         limit_s: f64,
     },
     /// The candidate failed to start or to take over.

@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn a_killed_loop_had_heard_nothing_of_the_successor_of_what_it_obeyed() {
+    fn a_killed_loop_had_heard_nothing_of_the_successor_of_what_it_followed() {
         let now_ns = Rc::new(Cell::new(8 * MS));
         let said = |sequence, generation| {
             let Imu { header, .. } = imu(sequence);

@@ -5,7 +5,7 @@ import sys
 import typing
 
 from . import process
-from .obedience import SetPoints
+from .arbiter import SetPoints
 from .vehicle import Vehicle
 
 INPUTS = ("state_estimate", "attitude_setpoint", "applied_command", "position_owner", "trip")

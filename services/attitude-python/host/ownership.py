@@ -49,7 +49,7 @@ class SlotBook:
         return any(tenure.may_command(seat) for tenure in self.tenures)
 
     def counts(self, seat, t_ns):
-        """True if what a seat publishes for an instant can be obeyed, and was therefore waited for."""
+        """True if what a seat publishes for an instant can be followed, and was therefore waited for."""
         if not self.tenures:
             return True
         past = [tenure for tenure in self.tenures if tenure.from_ns <= t_ns]

@@ -97,7 +97,7 @@ class Position:
         return (position, velocity, ahead), point.yaw_rad
 
     def _take_followed(self, loop):
-        """Notes what the attitude loop that the plant obeys follows; shadows say what they would, too."""
+        """Notes what the attitude loop in command follows; shadows say what they would, too."""
         owners, applied = loop.inputs["attitude_owner"], loop.inputs["applied_setpoint"]
         plant = loop.inputs["applied_command"].value
         known = [owners.value_of(one) for one in (owners.before, *owners.fresh) if one is not None]

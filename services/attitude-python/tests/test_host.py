@@ -18,7 +18,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 from host.graph import Edge, Graph, Rate  # noqa: E402
 from host.inputs import Input, Sample  # noqa: E402
 from host.launcher import Launcher, process_start  # noqa: E402
-from host.obedience import Command, Limiter, Obedience, Record, SetPoints  # noqa: E402
+from host.arbiter import Command, CommandArbiter, Limiter, Record, SetPoints  # noqa: E402
 from host.ownership import FOREVER, SeatMarks, SlotBook  # noqa: E402
 from host.ports import Unfit  # noqa: E402
 from host.process import configured  # noqa: E402
@@ -274,7 +274,7 @@ class InputRules(unittest.TestCase):
         self.assertEqual(self.fresh(taken, 20), [(5, 0, 1), (15, 1, 2)])
 
 
-class ObedienceRules(unittest.TestCase):
+class ArbiterRules(unittest.TestCase):
     LIMITS = (1.0, 0.1, 0.1, float("inf"))
 
     def record(
@@ -285,74 +285,74 @@ class ObedienceRules(unittest.TestCase):
             epoch, owner_seat, fallback, effective_ms * MS, periods_ns, kind_changed, watched
         )
 
-    def obedience(self, *records):
-        made = Obedience(self.LIMITS)
+    def arbiter(self, *records):
+        made = CommandArbiter(self.LIMITS)
         for record in records:
             made.hear(record)
         return made
 
-    def at(self, obedience, t_ms, *seats, thrust=0.0):
+    def at(self, arbiter, t_ms, *seats, thrust=0.0):
         """One instant: set points of these seats, then whose is followed, and since when."""
         t_ns = t_ms * MS
-        obedience.advance(t_ns)
+        arbiter.advance(t_ns)
         for seat in seats:
-            if obedience.may_command(seat, t_ns):
+            if arbiter.may_command(seat, t_ns):
                 value = (thrust, 0.0, 0.0, 0.0)
-                obedience.offer(Command(value, t_ms, seat, t_ns, t_ns + 20 * MS))
-        choice = obedience.decide(t_ns)
+                arbiter.offer(Command(value, t_ms, seat, t_ns, t_ns + 20 * MS))
+        choice = arbiter.decide(t_ns)
         return choice and (choice.seat, choice.valid_ns // MS)
 
     def test_until_the_new_owner_speaks_the_old_ones_last_set_point_stays_in_effect(self):
-        obedience = self.obedience(self.record(1, 0, 0), self.record(2, 20, 1))
-        self.assertEqual(self.at(obedience, 10, 0, 1), (0, 10))
-        self.assertEqual(self.at(obedience, 20), (0, 10))
-        self.assertEqual(self.at(obedience, 25, 1, 0), (1, 25))
+        arbiter = self.arbiter(self.record(1, 0, 0), self.record(2, 20, 1))
+        self.assertEqual(self.at(arbiter, 10, 0, 1), (0, 10))
+        self.assertEqual(self.at(arbiter, 20), (0, 10))
+        self.assertEqual(self.at(arbiter, 25, 1, 0), (1, 25))
 
     def test_a_silent_owner_is_followed_by_the_fallback_until_the_next_epoch(self):
-        obedience = self.obedience(self.record(1, 0, 0, fallback=1))
-        self.assertEqual(self.at(obedience, 10, 0, 1), (0, 10))
-        self.assertEqual(self.at(obedience, 20, 1), (0, 10))
-        self.assertEqual(self.at(obedience, 30, 1), (1, 30))
-        self.assertEqual(self.at(obedience, 40, 0), (1, 30), "latched for the epoch")
-        self.assertIsNone(self.at(obedience, 50, 0))
-        obedience.hear(self.record(2, 60, 0, fallback=1))
-        self.assertEqual(self.at(obedience, 60, 0, 1), (0, 60))
+        arbiter = self.arbiter(self.record(1, 0, 0, fallback=1))
+        self.assertEqual(self.at(arbiter, 10, 0, 1), (0, 10))
+        self.assertEqual(self.at(arbiter, 20, 1), (0, 10))
+        self.assertEqual(self.at(arbiter, 30, 1), (1, 30))
+        self.assertEqual(self.at(arbiter, 40, 0), (1, 30), "latched for the epoch")
+        self.assertIsNone(self.at(arbiter, 50, 0))
+        arbiter.hear(self.record(2, 60, 0, fallback=1))
+        self.assertEqual(self.at(arbiter, 60, 0, 1), (0, 60))
 
     def test_no_other_seat_is_ever_followed(self):
-        obedience = self.obedience(self.record(1, 0, 0))
-        self.assertIsNone(self.at(obedience, 0, 1, 2, 3))
+        arbiter = self.arbiter(self.record(1, 0, 0))
+        self.assertIsNone(self.at(arbiter, 0, 1, 2, 3))
 
     def test_a_record_for_an_instant_already_decided_is_refused_and_told(self):
-        obedience = self.obedience(self.record(1, 0, 0))
-        self.at(obedience, 20, 0)
-        obedience.hear(self.record(2, 20, 1))
-        self.assertEqual((obedience.refused_epoch, obedience.record.epoch), (2, 1))
-        obedience.hear(self.record(3, 20, 0))  # It changes no hands.
-        self.at(obedience, 21, 0)
-        self.assertEqual((obedience.refused_epoch, obedience.record.epoch), (2, 3))
+        arbiter = self.arbiter(self.record(1, 0, 0))
+        self.at(arbiter, 20, 0)
+        arbiter.hear(self.record(2, 20, 1))
+        self.assertEqual((arbiter.refused_epoch, arbiter.record.epoch), (2, 1))
+        arbiter.hear(self.record(3, 20, 0))  # It changes no hands.
+        self.at(arbiter, 21, 0)
+        self.assertEqual((arbiter.refused_epoch, arbiter.record.epoch), (2, 3))
 
     def test_a_newer_record_for_an_earlier_instant_voids_those_beyond_it(self):
-        obedience = self.obedience(self.record(1, 0, 0), self.record(2, 80, 1))
-        obedience.hear(self.record(3, 40, 2))
-        self.at(obedience, 200)
-        self.assertEqual((obedience.seat, obedience.record.epoch), (2, 3))
+        arbiter = self.arbiter(self.record(1, 0, 0), self.record(2, 80, 1))
+        arbiter.hear(self.record(3, 40, 2))
+        self.at(arbiter, 200)
+        self.assertEqual((arbiter.seat, arbiter.record.epoch), (2, 3))
 
     def test_a_change_of_kind_steps_by_the_limit_and_the_rest_comes_back(self):
-        obedience = self.obedience(self.record(1, 0, 0), self.record(2, 20, 1, kind_changed=True))
-        self.at(obedience, 10, 0, thrust=5.0)
-        self.at(obedience, 20, 1, thrust=9.0)
-        given = [obedience.decide(t_ms * MS) for t_ms in (20, 30)]
+        arbiter = self.arbiter(self.record(1, 0, 0), self.record(2, 20, 1, kind_changed=True))
+        self.at(arbiter, 10, 0, thrust=5.0)
+        self.at(arbiter, 20, 1, thrust=9.0)
+        given = [arbiter.decide(t_ms * MS) for t_ms in (20, 30)]
         self.assertEqual([one.value[0] for one in given], [6.0, 9.0 - 3.0 * 0.9])
         limiter = Limiter(self.LIMITS)
         limiter.engage(0, (0.0,) * 4, (0.9, 0.1, float("nan"), 7.0))
         self.assertEqual(limiter.apply(1, (0.9, 0.1, 0.0, 7.0)), (0.9, 0.1, 0.0, 7.0))
 
     def test_a_loop_that_joins_begins_with_the_set_point_in_effect(self):
-        obedience = self.obedience(self.record(1, 0, 0, fallback=1))
-        obedience.advance(10 * MS)
-        obedience.carry(Command((1.0, 0.0, 0.0, 0.0), 1, 0, 10 * MS, 30 * MS))
-        self.assertEqual(self.at(obedience, 15), (0, 10))
-        self.assertFalse(obedience.failed_over)
+        arbiter = self.arbiter(self.record(1, 0, 0, fallback=1))
+        arbiter.advance(10 * MS)
+        arbiter.carry(Command((1.0, 0.0, 0.0, 0.0), 1, 0, 10 * MS, 30 * MS))
+        self.assertEqual(self.at(arbiter, 15), (0, 10))
+        self.assertFalse(arbiter.failed_over)
 
 
     def test_after_a_trip_a_watched_owner_gives_way_to_a_fallback_that_speaks(self):
@@ -363,44 +363,44 @@ class ObedienceRules(unittest.TestCase):
             (True, 2, 0, 1),
             (True, 1, 1, 0),
         ):
-            obedience = self.obedience(self.record(1, 0, 0, 1, watched=watched))
-            self.at(obedience, 0, 0, 1)
-            obedience.trip(epoch, seat, 10 * MS)
-            self.assertEqual(self.at(obedience, 10, 0, 1), (expected, 10))
-            self.assertEqual(obedience.tripped, bool(expected))
-        obedience = self.obedience(self.record(1, 0, 0, 1, watched=True))
-        self.at(obedience, 0, 0)
-        obedience.trip(1, 0, 10 * MS)
-        self.assertIsNone(self.at(obedience, 10, 0), "the fallback has not spoken yet")
-        self.assertEqual(obedience.level(2.0).value, (2.0, 0.0, 0.0, 0.0))
-        obedience.hear(self.record(2, 20, 0, 1, watched=True))
-        self.assertEqual(self.at(obedience, 20, 0, 1), (1, 20), "the same two: the trip still counts")
-        obedience.hear(self.record(3, 30, 0, 2, watched=True))
-        self.assertEqual(self.at(obedience, 30, 0, 1), (0, 30), "another fallback: it begins anew")
-        obedience.hear(self.record(4, 40, 0, 2, watched=True))
-        obedience.advance(40 * MS)
-        obedience.trip(3, 0, 40 * MS)
-        self.assertEqual(self.at(obedience, 40, 0, 2), (2, 40), "a trip of before names the same two")
-        obedience = self.obedience(self.record(1, 0, 0, 1, watched=True))
-        self.at(obedience, 0, 0, 1)
-        self.assertEqual(obedience.levels_until_ns(), 0)
-        obedience.trip(1, 0, 10 * MS)
-        period_ns = obedience.record.periods_ns[1]
-        self.assertEqual(obedience.levels_until_ns(), 10 * MS + 2 * period_ns)
-        self.assertEqual(self.at(obedience, 50, 0, 1), (1, 50))
-        self.assertEqual(obedience.levels_until_ns(), 0, "the fallback commands")
-        obedience = self.obedience(self.record(1, 0, 0, 1, watched=True))
-        self.at(obedience, 0, 0)
-        obedience.trip(1, 0, 10 * MS)
-        obedience.reject(10 * MS)
-        obedience.hear(self.record(2, 20, 2, 1))
-        self.assertIsNone(self.at(obedience, 20), "what has tripped is not carried over")
-        obedience = self.obedience(self.record(1, 0, 0, watched=True))
-        self.assertEqual(self.at(obedience, 0, 0), (0, 0))
-        self.assertIsNone(obedience.level(2.0))
-        obedience.trip(1, 0, 10 * MS)
-        self.assertIsNone(self.at(obedience, 1500, 0))
-        self.assertEqual(self.at(obedience, 1510, 0), (0, 1510), "no other owner is there")
+            arbiter = self.arbiter(self.record(1, 0, 0, 1, watched=watched))
+            self.at(arbiter, 0, 0, 1)
+            arbiter.trip(epoch, seat, 10 * MS)
+            self.assertEqual(self.at(arbiter, 10, 0, 1), (expected, 10))
+            self.assertEqual(arbiter.tripped, bool(expected))
+        arbiter = self.arbiter(self.record(1, 0, 0, 1, watched=True))
+        self.at(arbiter, 0, 0)
+        arbiter.trip(1, 0, 10 * MS)
+        self.assertIsNone(self.at(arbiter, 10, 0), "the fallback has not spoken yet")
+        self.assertEqual(arbiter.level(2.0).value, (2.0, 0.0, 0.0, 0.0))
+        arbiter.hear(self.record(2, 20, 0, 1, watched=True))
+        self.assertEqual(self.at(arbiter, 20, 0, 1), (1, 20), "the same two: the trip still counts")
+        arbiter.hear(self.record(3, 30, 0, 2, watched=True))
+        self.assertEqual(self.at(arbiter, 30, 0, 1), (0, 30), "another fallback: it begins anew")
+        arbiter.hear(self.record(4, 40, 0, 2, watched=True))
+        arbiter.advance(40 * MS)
+        arbiter.trip(3, 0, 40 * MS)
+        self.assertEqual(self.at(arbiter, 40, 0, 2), (2, 40), "a trip of before names the same two")
+        arbiter = self.arbiter(self.record(1, 0, 0, 1, watched=True))
+        self.at(arbiter, 0, 0, 1)
+        self.assertEqual(arbiter.levels_until_ns(), 0)
+        arbiter.trip(1, 0, 10 * MS)
+        period_ns = arbiter.record.periods_ns[1]
+        self.assertEqual(arbiter.levels_until_ns(), 10 * MS + 2 * period_ns)
+        self.assertEqual(self.at(arbiter, 50, 0, 1), (1, 50))
+        self.assertEqual(arbiter.levels_until_ns(), 0, "the fallback commands")
+        arbiter = self.arbiter(self.record(1, 0, 0, 1, watched=True))
+        self.at(arbiter, 0, 0)
+        arbiter.trip(1, 0, 10 * MS)
+        arbiter.reject(10 * MS)
+        arbiter.hear(self.record(2, 20, 2, 1))
+        self.assertIsNone(self.at(arbiter, 20), "what has tripped is not carried over")
+        arbiter = self.arbiter(self.record(1, 0, 0, watched=True))
+        self.assertEqual(self.at(arbiter, 0, 0), (0, 0))
+        self.assertIsNone(arbiter.level(2.0))
+        arbiter.trip(1, 0, 10 * MS)
+        self.assertIsNone(self.at(arbiter, 1500, 0))
+        self.assertEqual(self.at(arbiter, 1510, 0), (0, 1510), "no other owner is there")
 
 
 class Setpoint(ctypes.Structure):

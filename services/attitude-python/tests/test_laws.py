@@ -106,7 +106,7 @@ class AttitudeLaw(unittest.TestCase):
 
 
 class PositionLaw(unittest.TestCase):
-    # What the plant says of whom it obeys.
+    # What the plant says of whom it follows.
     plant = None
 
     def position(self):
@@ -151,7 +151,7 @@ class PositionLaw(unittest.TestCase):
         self.assertAlmostEqual(roll, 0.05)
         self.assertAlmostEqual(thrust_n, 1.3)
 
-    def test_an_owner_that_the_plant_does_not_obey_any_more_is_not_followed(self):
+    def test_an_owner_that_the_plant_has_left_is_not_believed(self):
         followed = Fields(setpoint_sequence=1, roll_rad=0.05, pitch_rad=-0.1, thrust_n=1.3)
         for epoch, failed_over, is_followed in ((2, True, False), (2, False, True), (1, True, True)):
             self.plant = Fields(epoch=epoch, failed_over=failed_over)

@@ -43,7 +43,7 @@ impl Service for DisturbanceInjector {
 
     fn step(&mut self, now_ns: u64, inputs: &Inputs, outputs: &mut Outputs) {
         if let Some(order) = inputs.order.latest() {
-            self.injector.obey(order);
+            self.injector.follow(order);
         }
         let now = self.injector.step(now_ns);
         outputs.disturbance.write(Disturbance {

@@ -45,8 +45,8 @@ impl Injector {
     }
 
     /// Takes in what has been ordered; call before each step with the order in effect.
-    pub fn obey(&mut self, order: &DisturbanceOrder) {
-        self.ordered.obey(order);
+    pub fn follow(&mut self, order: &DisturbanceOrder) {
+        self.ordered.follow(order);
     }
 
     /// The disturbance at `now_ns`. To be called at each release of the configured rate, with

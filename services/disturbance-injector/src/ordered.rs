@@ -32,7 +32,7 @@ pub(crate) struct Ordered {
     /// Of a predecessor, until the order itself is seen.
     remembered: [OrderedMemory; DISTURBANCE_ORDERS],
     /// Sequence of the order that has been taken in.
-    obeyed: u64,
+    followed: u64,
     silences_script: bool,
     rate_hz: f64,
     seed: u64,
@@ -77,7 +77,7 @@ impl Ordered {
         Self {
             holding: core::array::from_fn(|_| None),
             remembered: [OrderedMemory::default(); DISTURBANCE_ORDERS],
-            obeyed: 0,
+            followed: 0,
             silences_script: false,
             rate_hz,
             seed,
@@ -85,11 +85,11 @@ impl Ordered {
     }
 
     /// Begins what is new in an order, keeps what it repeats and ends what it leaves out.
-    pub(crate) fn obey(&mut self, order: &DisturbanceOrder) {
-        if self.obeyed == order.header.sequence {
+    pub(crate) fn follow(&mut self, order: &DisturbanceOrder) {
+        if self.followed == order.header.sequence {
             return;
         }
-        self.obeyed = order.header.sequence;
+        self.followed = order.header.sequence;
         self.silences_script = order.script_off.is_set();
         let count = usize::try_from(order.count).unwrap_or(0).min(DISTURBANCE_ORDERS);
         let mut before = core::mem::replace(&mut self.holding, core::array::from_fn(|_| None));
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn an_ordered_force_acts_from_its_instant_to_its_end_and_others_add_up() {
         let mut injector = injector();
-        injector.obey(&order(1, &[push(1, 10, 20, 0.5), push(2, 15, 30, 0.25)]));
+        injector.follow(&order(1, &[push(1, 10, 20, 0.5), push(2, 15, 30, 0.25)]));
         let force = |injector: &mut Injector, ms: u64| injector.step(ms * MS).force_w_n[0];
         let seen: Vec<f64> = (1..8).map(|k| force(&mut injector, 5 * k)).collect();
         let expected = [0.0, 0.5, 0.75, 0.25, 0.25, 0.0, 0.0];
@@ -210,14 +210,14 @@ mod tests {
     fn what_a_later_order_repeats_goes_on_and_what_it_leaves_out_ends() {
         let (mut once, mut twice) = (injector(), injector());
         for injector in [&mut once, &mut twice] {
-            injector.obey(&order(1, &[gusts(1)]));
+            injector.follow(&order(1, &[gusts(1)]));
             injector.step(5 * MS);
         }
-        once.obey(&order(2, &[gusts(1), push(2, 0, 1000, 1.0)]));
+        once.follow(&order(2, &[gusts(1), push(2, 0, 1000, 1.0)]));
         let (a, b) = (once.step(10 * MS), twice.step(10 * MS));
         assert_eq!(a.wind_w_m_s.map(f64::to_bits), b.wind_w_m_s.map(f64::to_bits));
         assert!((a.force_w_n[0] - 1.0).abs() < 1e-15);
-        once.obey(&order(3, &[]));
+        once.follow(&order(3, &[]));
         assert_eq!(once.step(15 * MS), Disturbance::CALM);
     }
 
@@ -232,7 +232,7 @@ mod tests {
             kind: DisturbanceKind::Kick,
             ..OrderedDisturbance::default()
         };
-        injector.obey(&order(1, &[kick]));
+        injector.follow(&order(1, &[kick]));
         let hit = |injector: &mut Injector, ms: u64| {
             injector.step(ms * MS).body_rate_kick_b_rad_s[0] > 0.5
         };
@@ -245,14 +245,14 @@ mod tests {
         let held = order(4, &[gusts(3), push(5, 0, 9000, 0.1)]);
         let mut first = injector();
         for k in 0..50 {
-            first.obey(&held);
+            first.follow(&held);
             first.step(k * 5 * MS);
         }
         let mut second = injector();
         second.restore(&first.memory());
         for k in 50..100 {
-            first.obey(&held);
-            second.obey(&held);
+            first.follow(&held);
+            second.follow(&held);
             assert_eq!(first.step(k * 5 * MS), second.step(k * 5 * MS));
         }
     }
@@ -265,12 +265,12 @@ mod tests {
         .unwrap();
         let build = || Injector::new(&config, 7).unwrap();
         let (mut free, mut held) = (build(), build());
-        held.obey(&DisturbanceOrder { script_off: Flag::Yes, ..order(1, &[]) });
+        held.follow(&DisturbanceOrder { script_off: Flag::Yes, ..order(1, &[]) });
         for k in 0..20 {
             free.step(k * 5 * MS);
             assert_eq!(held.step(k * 5 * MS), Disturbance::CALM);
         }
-        held.obey(&order(2, &[]));
+        held.follow(&order(2, &[]));
         assert_eq!(free.step(100 * MS), held.step(100 * MS));
     }
 
@@ -279,7 +279,7 @@ mod tests {
         let mut injector = injector();
         let strange = OrderedDisturbance { kind: DisturbanceKind(77), ..gusts(1) };
         let rotor = OrderedDisturbance { kind: DisturbanceKind::Rotor, rotor: 9, ..gusts(2) };
-        injector.obey(&DisturbanceOrder { count: u64::MAX, ..order(1, &[strange, rotor]) });
+        injector.follow(&DisturbanceOrder { count: u64::MAX, ..order(1, &[strange, rotor]) });
         assert_eq!(injector.step(5 * MS), Disturbance::CALM);
     }
 }

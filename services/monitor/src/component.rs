@@ -9,7 +9,7 @@ use crate::reports::{Asked, Record, Reports, ReportsMemory, Said};
 use crate::torque::{Torque, TorqueMemory};
 use controller::preview::{Landing, target};
 use nalgebra::Vector3;
-use runtime::{Link, Service, Standing, inputs, outputs};
+use runtime::{Authority, Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, NO_SEAT, OwnerRecord,
     Reference, Role, StateEstimate, Trip, TripCause, topics,
@@ -142,10 +142,10 @@ impl Monitor {
         }
     }
 
-    /// Takes what the controller that the plant obeys reports of its set point.
+    /// Takes what the controller that the plant follows reports of its set point.
     fn take_tracked(&mut self, inputs: &Inputs) {
-        let obeyed = inputs.applied_command.latest();
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed);
+        let followed = inputs.applied_command.latest();
+        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
         let Some(said) = said else { return };
         self.memory.failed_over = if said.failed_over.is_set() { said.epoch } else { 0 };
         let setpoint = [said.roll_rad, said.pitch_rad, said.yaw_rad, said.thrust_n];
@@ -171,11 +171,12 @@ impl Monitor {
         for sample in known.into_iter().chain(inputs.attitude_setpoint.fresh()) {
             let value = [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];
             // What its consumers refuse, and what they do not listen to, is not tracked.
-            let standing = inputs.position_owner.standing_of(&sample.header);
-            if standing != Standing::Other && value.iter().all(|number| number.is_finite()) {
+            let authority = inputs.position_owner.authority_of(&sample.header);
+            let counts = matches!(authority, Authority::Owner | Authority::Fallback);
+            if counts && value.iter().all(|number| number.is_finite()) {
                 let Header { sequence, valid_ns, seat, .. } = sample.header;
                 self.reports.ask(seat, Asked { value, sequence, valid_ns });
-                if standing == Standing::Owner {
+                if authority == Authority::Owner {
                     self.memory.asked = value;
                     self.memory.has_asked = true;
                 }
@@ -250,7 +251,7 @@ impl Monitor {
         let position = inputs.position_owner.in_effect_at(now_ns)?;
         let mut cause = None;
         for said in inputs.applied_setpoint.fresh() {
-            if inputs.attitude_owner.standing_of(&said.header) == Standing::Owner {
+            if inputs.attitude_owner.authority_of(&said.header) == Authority::Owner {
                 let found = self.reports.hear(&Said {
                     release_ns: said.header.release_ns,
                     seat: said.seat,

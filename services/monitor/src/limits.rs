@@ -3,7 +3,7 @@
 use vehicle::{Agility, MorphAngle, VehicleParameters};
 
 /// Bound on the tilt that a position controller may ask for \[rad\].
-pub use runtime::obey::setpoints::TILT_BOUND_RAD;
+pub use runtime::arbiter::setpoints::TILT_BOUND_RAD;
 
 /// Thresholds of the criteria. Angles about roll and pitch are those between body z and its desired
 /// direction; *predicted* values are those at which the vehicle comes to rest if it is braked from now on.

@@ -1,10 +1,10 @@
-//! Whether the attitude slot's owner obeys the position slot, and says truly which set point it tracks.
+//! Whether the attitude slot's owner follows the position slot, and says truly which set point it tracks.
 //!
 //! A position controller continues from the set point that the attitude slot reports, and the criteria measure the
 //! vehicle against it, so that a false report misleads both. Here it is compared with the samples of the set points
 //! themselves. An owner that reports the right set point and flies another one is found by its attitude.
 
-use runtime::obey::LIMITED_FOR_NS;
+use runtime::arbiter::LIMITED_FOR_NS;
 use shared_types::{NO_SEAT, SEATS, TripCause};
 use vehicle::wrap_pi;
 
@@ -12,9 +12,9 @@ use vehicle::wrap_pi;
 const KNOWN: usize = 8;
 /// Reports in a row that name no set point that there is, or one that is long over: one alone may be told late.
 const UNFOUND: u64 = 3;
-/// Time that a trip may take to be obeyed, if that is longer than two periods of the attitude loop: in realtime it may be
+/// Time that a trip may take to be followed, if that is longer than two periods of the attitude loop: in realtime it may be
 /// told late \[ns\].
-pub const OBEYED_WITHIN_NS: u64 = 20_000_000;
+pub const FOLLOWED_WITHIN_NS: u64 = 20_000_000;
 /// Rounding of values that are handed through \[rad, N\].
 const EQUAL: f64 = 1e-9;
 
@@ -85,7 +85,7 @@ pub struct Record {
 pub struct Said {
     /// Release of the step \[ns\].
     pub release_ns: u64,
-    /// Seat whose set points it obeys.
+    /// Seat whose set points it follows.
     pub seat: u32,
     /// Sequence of the set point that it tracks; 0 before the first.
     pub sequence: u64,
@@ -215,7 +215,7 @@ impl Reports {
         }
     }
 
-    /// The tripped owner is still obeyed when it should not be any more, although the fallback is there.
+    /// The tripped owner is still followed when it should not be any more, although the fallback is there.
     fn ignores_trip(&self, said: &Said) -> bool {
         let memory = &self.memory;
         let [_, fallback] = memory.hands;
@@ -223,7 +223,7 @@ impl Reports {
         // First it is level, and names no set point, for two periods of the fallback.
         let levels_ns = if said.sequence == 0 { 2 * fallback_every_ns } else { 0 };
         let tripped_ns = memory.tripped_ns.saturating_add(levels_ns);
-        let due_ns = tripped_ns.saturating_add(OBEYED_WITHIN_NS.max(2 * said.period_ns));
+        let due_ns = tripped_ns.saturating_add(FOLLOWED_WITHIN_NS.max(2 * said.period_ns));
         // Usable in a step of the attitude loop between the trip and then.
         let counts = |asked: &Asked| {
             let from_ns = tripped_ns.max(asked.valid_ns);
@@ -247,7 +247,7 @@ impl Reports {
         let is_over = |newer: &Asked| newer.valid_ns.saturating_add(overdue_ns) < said.release_ns;
         let Some(of_seat) = self.by_seat(said.seat) else { return Judged::Unfound };
         if said.sequence == 0 && said.seat == self.memory.tripped {
-            // Until there is another one to obey it is level and tracks no set point.
+            // Until there is another one to follow it is level and tracks no set point.
             return Judged::Open;
         }
         if said.sequence == 0 && !settles && !self.memory.hands.contains(&said.seat) {
@@ -264,7 +264,7 @@ impl Reports {
             // Older than all that is known: it cannot be compared.
             return if of_seat.known().any(is_over) { Judged::Unfound } else { Judged::Open };
         }
-        // Before a new owner speaks, the one before is still obeyed, with a sequence of its own.
+        // Before a new owner speaks, the one before is still followed, with a sequence of its own.
         let others = self.memory.seats.iter().enumerate().filter(|(seat, _)| {
             settles && *seat != said.seat as usize && *seat != self.memory.tripped as usize
         });

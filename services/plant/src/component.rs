@@ -11,9 +11,9 @@ use crate::memory::{InEffect, PlantMemory};
 use crate::ports::{Inputs, Outputs};
 use crate::sensors::{ImuSample, Sensors};
 use nalgebra::Vector3;
-use runtime::{Obedience, Service};
+use runtime::{CommandArbiter, Service};
 use shared_types::{AppliedCommand, Flag, GateMode, Quaternion, Role, WrenchCommand};
-use slot::{Standing, Tripped};
+use slot::{Authority, Tripped};
 use vehicle::{
     Actuation, Allocation, GroundContact, LinearModel, MorphAngle, NonlinearModel, PlantInputs,
     PlantModel, Truth, VehicleParameters, Wrench, components,
@@ -44,7 +44,7 @@ pub struct Plant {
     gate: Gate,
     unproven: Option<UnprovenRange>,
     start_morph: MorphAngle,
-    obedience: Obedience,
+    arbiter: CommandArbiter,
     integrated_ns: u64,
     reading: Option<ImuSample>,
     measured_morph_rad: f64,
@@ -77,7 +77,7 @@ impl Plant {
             gate: config.initial_gate(&state)?,
             unproven: config.unproven,
             start_morph: config.morph_angle,
-            obedience: Obedience::new(),
+            arbiter: CommandArbiter::new(),
             integrated_ns: 0,
             reading: None,
             measured_morph_rad: config.morph_angle.rad(),
@@ -92,11 +92,11 @@ impl Plant {
     /// which a silent owner's command gives way to the fallback's.
     fn integrate(&mut self, until_ns: u64, inputs: &Inputs) {
         let mut effects = Effects::default();
-        self.obedience.hear(&inputs.attitude_owner);
+        self.arbiter.hear(&inputs.attitude_owner);
         loop {
             let from_ns = self.integrated_ns;
             let held = self.take_effect(from_ns, inputs, &mut effects);
-            let lapses_ns = self.obedience.lapses_ns().filter(|t| *t > from_ns);
+            let lapses_ns = self.arbiter.lapses_ns().filter(|t| *t > from_ns);
             let stops = [effects.next_ns(inputs), lapses_ns];
             let to_ns = stops.into_iter().flatten().fold(until_ns, u64::min);
             self.advance(to_ns - from_ns, &held);
@@ -105,35 +105,37 @@ impl Plant {
                 break;
             }
         }
-        self.obedience.close_before(until_ns);
+        self.arbiter.close_before(until_ns);
     }
 
     /// Judges a command and puts it on the table if its writer may command.
     fn offer(&mut self, now_ns: u64, sample: &WrenchCommand) {
         let command = command(sample);
-        let unproven = self.unproven.as_ref().filter(|_| self.obedience.is_watched());
-        let judged = match (self.obedience.standing_of(&sample.header), unproven) {
-            (Standing::Owner, Some(range)) => self.gate.judge_unproven(now_ns, &command, range),
-            (Standing::Owner | Standing::Fallback, _) => self.gate.judge(now_ns, &command),
-            (Standing::Member, _) => return,
-            (Standing::Stray, _) => return self.gate.refuse_stray(),
+        let unproven = self.unproven.as_ref().filter(|_| self.arbiter.is_watched());
+        let judged = match (self.arbiter.authority_of(&sample.header), unproven) {
+            (Authority::Owner, Some(range)) => self.gate.judge_unproven(now_ns, &command, range),
+            (Authority::Owner | Authority::Fallback, _) => self.gate.judge(now_ns, &command),
+            (Authority::Member, _) => return,
+            (Authority::Stray, _) => return self.gate.refuse_stray(),
         };
         if let Some(Command { wrench, validity_ns, .. }) = judged {
             let [x, y, z] = wrench.torque_b_nm.into();
-            self.obedience.offer(&sample.header, [wrench.thrust_n, x, y, z], validity_ns);
+            self.arbiter.offer(&sample.header, [wrench.thrust_n, x, y, z], validity_ns);
         }
     }
 
     /// The command that counts from now on, if it is another than before, and whether none may be held any more.
-    fn obey(&mut self, now_ns: u64) -> (Option<Command>, bool) {
+    fn select_command(&mut self, now_ns: u64) -> (Option<Command>, bool) {
         let largest = self.vehicle.largest_wrench(self.measured_morph());
         let limit = largest.map(|most| STEP_SHARE * most);
-        let order = self.obedience.decide(now_ns, &limit);
-        let is_revoked = order.is_none() && self.obedience.is_revoked();
-        let Some(order) = order.filter(|order| order.is_new) else { return (None, is_revoked) };
+        let selected = self.arbiter.decide(now_ns, &limit);
+        let is_revoked = selected.is_none() && self.arbiter.is_revoked();
+        let Some(selected) = selected.filter(|selected| selected.is_new) else {
+            return (None, is_revoked);
+        };
         let slot::Command { value, sequence, cause_sequence, effective_ns, valid_until_ns } =
-            order.command;
-        self.in_effect = InEffect { seat: order.seat.into(), sequence, cause_sequence };
+            selected.command;
+        self.in_effect = InEffect { seat: selected.seat.into(), sequence, cause_sequence };
         let [thrust_n, x, y, z] = value;
         let wrench = Wrench { thrust_n, torque_b_nm: Vector3::new(x, y, z) };
         let validity_ns = valid_until_ns - effective_ns;
@@ -147,26 +149,25 @@ impl Plant {
     /// Runs the gate on the command that counts now; what to hold until the next instant.
     fn take_effect(&mut self, now_ns: u64, inputs: &Inputs, effects: &mut Effects) -> PlantInputs {
         effects.advance(now_ns, inputs);
-        self.obedience.advance(now_ns);
+        self.arbiter.advance(now_ns);
         let trips = &inputs.trip.fresh()[effects.trips_from..effects.trips_to];
-        let taken = trips.iter().map(|trip| self.obedience.trip(Role::Attitude, trip));
+        let taken = trips.iter().map(|trip| self.arbiter.trip(Role::Attitude, trip));
         let tripped = taken.filter(|taken| *taken != Tripped::Ignored).count() > 0;
         for sample in &inputs.wrench_command.fresh()[effects.commands_from..effects.commands_to] {
             self.offer(now_ns, sample);
         }
-        let (command, is_revoked) = self.obey(now_ns);
+        let (command, is_revoked) = self.select_command(now_ns);
         if let Some(kick) = effects.take_kick(inputs) {
             self.kick_b_rad_s += kick;
         }
         // Neither its fallback, nor what levels in its place.
-        let commands_unproven = self.obedience.is_watched()
-            && !self.obedience.failed_over()
-            && !self.obedience.tripped();
+        let commands_unproven =
+            self.arbiter.is_watched() && !self.arbiter.failed_over() && !self.arbiter.tripped();
         let output = self.gate.tick(&GateInput {
             now_ns,
             command,
             is_revoked,
-            // An attitude owner that has not proven itself may go on obeying the set point that has tripped.
+            // An attitude owner that has not proven itself may go on following the set point that has tripped.
             tripped: tripped
                 || commands_unproven && trips.iter().any(|trip| trip.slot == Role::Position),
             unproven: self.unproven.as_ref().filter(|_| commands_unproven),
@@ -174,7 +175,7 @@ impl Plant {
             morph_angle_rad: self.measured_morph_rad,
         });
         if !matches!(output.mode, Mode::Normal | Mode::Hold { .. }) {
-            self.obedience.forget_order();
+            self.arbiter.forget_order();
         }
         let applied = self.allocate(&output);
         let held = self.plant_inputs(now_ns, inputs, effects, &applied);
@@ -265,12 +266,12 @@ impl Plant {
     }
 
     fn applied_command(&self, applied: &Applied, gate: &GateOutput) -> AppliedCommand {
-        let slot = self.obedience.counters();
+        let slot = self.arbiter.counters();
         AppliedCommand {
             command_sequence: self.in_effect.sequence,
             command_seat: self.in_effect.seat,
             command_cause_sequence: self.in_effect.cause_sequence,
-            epoch: self.obedience.epoch(),
+            epoch: self.arbiter.epoch(),
             thrust_n: applied.achieved.thrust_n,
             torque_b_nm: applied.achieved.torque_b_nm.into(),
             rotor_thrust_n: applied.rotor_thrust_n,
@@ -285,9 +286,9 @@ impl Plant {
             fail_overs: slot.fail_overs,
             refused_epoch: slot.refused_epoch,
             refused_records: slot.refused_records,
-            seat: self.obedience.seat(),
-            failed_over: Flag::from(self.obedience.failed_over()),
-            tripped: Flag::from(self.obedience.tripped()),
+            seat: self.arbiter.seat(),
+            failed_over: Flag::from(self.arbiter.failed_over()),
+            tripped: Flag::from(self.arbiter.tripped()),
             ..AppliedCommand::default()
         }
     }
@@ -345,7 +346,7 @@ impl Service for Plant {
             model: self.model.memory(),
             sensors: self.sensors.memory(),
             gate: self.gate.memory(),
-            obedience: self.obedience.memory(),
+            arbiter: self.arbiter.memory(),
             integrated_ns: self.integrated_ns,
             has_reading: self.reading.is_some(),
             reading,
@@ -360,7 +361,7 @@ impl Service for Plant {
         self.model.restore(&memory.model).ok_or("the vehicle state is not one of this model")?;
         self.sensors.restore(&memory.sensors);
         self.gate.restore(&memory.gate);
-        self.obedience.restore(&memory.obedience);
+        self.arbiter.restore(&memory.arbiter);
         self.integrated_ns = memory.integrated_ns;
         let [gx, gy, gz, fx, fy, fz] = memory.reading;
         self.reading = memory.has_reading.then(|| ImuSample {

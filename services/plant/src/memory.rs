@@ -2,7 +2,7 @@
 
 use crate::gate::GateMemory;
 use crate::sensors::SensorsMemory;
-use runtime::ObedienceMemory;
+use runtime::ArbiterMemory;
 use shared_types::NO_SEAT;
 use vehicle::MODEL_MEMORY_LEN;
 
@@ -34,7 +34,7 @@ shared_types::memory! {
         /// Actuation gate.
         pub gate: GateMemory,
         /// Whose command counts.
-        pub obedience: ObedienceMemory,
+        pub arbiter: ArbiterMemory,
         /// Instant up to which the vehicle has been integrated \[ns\].
         pub integrated_ns: u64,
         /// Whether `reading` holds the inertial reading of that instant.

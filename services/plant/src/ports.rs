@@ -13,7 +13,7 @@ inputs! {
         wrench_command: WrenchCommand = topics::WRENCH_COMMAND,
         /// Owner of the attitude slot.
         attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
-        /// Owners that are not to be obeyed any more.
+        /// Owners that are not to be followed any more.
         trip: Trip = topics::TRIP,
         /// Wind, forces, payload, rotor faults.
         disturbance: Disturbance = topics::DISTURBANCE,

@@ -2,7 +2,7 @@
 //!
 //! As a candidate (`morphquad swap attitude --to PATH --config FILE`) it flies like the template that
 //! users begin with, until the instant at which its file wants something else. As `rogue stray RUN` it forges every
-//! field of commands and of whatever a flight obeys, and publishes them without a seat; as `rogue usurp RUN` it frees
+//! field of commands and of whatever a flight follows, and publishes them without a seat; as `rogue usurp RUN` it frees
 //! what a dead launcher has left before that.
 
 mod stray;
@@ -154,8 +154,8 @@ impl Service for Rogue {
             validity_ns: self.validity_ns,
             ..WrenchCommand::default()
         });
-        let mut obeys = SetpointSlot::new(self.largest[0]);
-        obeys.restore(&slot);
+        let mut follows = SetpointSlot::new(self.largest[0]);
+        follows.restore(&slot);
         let [roll_rad, pitch_rad, yaw_rad, thrust_n] = setpoint;
         outputs.applied_setpoint.write(AppliedSetpoint {
             setpoint_sequence,
@@ -163,7 +163,7 @@ impl Service for Rogue {
             roll_rad,
             pitch_rad,
             yaw_rad,
-            ..obeys.applied()
+            ..follows.applied()
         });
     }
 

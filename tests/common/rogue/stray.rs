@@ -50,7 +50,7 @@ struct Post {
     progress: IpcSink<Progress>,
 }
 
-/// Writes on every service that a flight obeys.
+/// Writes on every service that a flight follows.
 struct Forger {
     commands: IpcSink<WrenchCommand>,
     posts: Vec<Post>,

@@ -1,6 +1,6 @@
 //! Something else for the machine to do while it is measured: ordinary programs, one per processor.
 
-use super::{Order, Peer, Seat, Talk, unheard};
+use super::{Peer, PeerRequest, Seat, Talk, unheard};
 use crate::BenchError;
 use crate::place::Place;
 use core::hint::black_box;
@@ -52,7 +52,7 @@ impl Load {
         }
         let seat = |cpu: &usize| Seat { cpu: Some(*cpu), ..Seat::default() };
         let order = |cpu: &usize| LoadOrder { load: self, seat: seat(cpu) };
-        place.cpus.iter().map(|cpu| Peer::start(&Order::Load(order(cpu)))).collect()
+        place.cpus.iter().map(|cpu| Peer::start(&PeerRequest::Load(order(cpu)))).collect()
     }
 }
 

@@ -22,7 +22,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 /// What a peer is to do.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Order {
+pub enum PeerRequest {
     /// Send samples, by turns through the ports and through the bare transport.
     HopFrom(hop::End),
     /// Receive them.
@@ -77,7 +77,7 @@ impl Peer {
     ///
     /// # Errors
     /// It cannot be started, or ends before.
-    pub fn start(order: &Order) -> Result<Self, BenchError> {
+    pub fn start(order: &PeerRequest) -> Result<Self, BenchError> {
         let failed = |source| BenchError::System { action: "start a peer".to_owned(), source };
         let mut child = Command::new(OWN_EXECUTABLE)
             .arg("bench-peer")
@@ -187,13 +187,13 @@ fn say(line: &str) -> io::Result<()> {
 #[must_use]
 pub fn be_peer() -> u8 {
     let mut talk = Talk { orders: io::stdin().lines() };
-    let order = talk.hear().and_then(|line| serde_json::from_str::<Order>(&line).ok());
+    let order = talk.hear().and_then(|line| serde_json::from_str::<PeerRequest>(&line).ok());
     let done = match order {
-        Some(Order::HopFrom(end)) => hop::send(&end, &mut talk),
-        Some(Order::HopTo(end)) => hop::receive(&end, &mut talk),
-        Some(Order::FloorFrom(order)) => floor::send(&order, &mut talk),
-        Some(Order::FloorTo(order)) => floor::receive(&order, &mut talk),
-        Some(Order::Load(order)) => be_load(&order, &mut talk),
+        Some(PeerRequest::HopFrom(end)) => hop::send(&end, &mut talk),
+        Some(PeerRequest::HopTo(end)) => hop::receive(&end, &mut talk),
+        Some(PeerRequest::FloorFrom(order)) => floor::send(&order, &mut talk),
+        Some(PeerRequest::FloorTo(order)) => floor::receive(&order, &mut talk),
+        Some(PeerRequest::Load(order)) => be_load(&order, &mut talk),
         None => {
             Err(BenchError::Peer("got no order: it is started by `morphquad bench`".to_owned()))
         }

@@ -26,7 +26,7 @@ use thiserror::Error;
 
 /// How long the dead launcher's ports may take to be freed \[ns\]: milliseconds, unless the machine is busy.
 const SWEEP_LIMIT_NS: u64 = 20_000_000_000;
-/// How long consumers may take to say whom they obey \[ns\].
+/// How long consumers may take to say which seat they follow \[ns\].
 const HEAR_LIMIT_NS: u64 = 300_000_000;
 
 /// Which run to take over, and how.
@@ -278,7 +278,7 @@ impl Flight {
         Ok(())
     }
 
-    /// Waits until the consumers have said which seat they obey: what happened to a slot while no
+    /// Waits until the consumers have said which seat they follow: what happened to a slot while no
     /// launcher led is known to them alone.
     fn listen(&mut self, checkpoint: &Checkpoint) {
         let position_too = checkpoint.posts.iter().any(|post| post.place().role == Role::Position);

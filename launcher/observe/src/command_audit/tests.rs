@@ -76,7 +76,7 @@ fn what_a_fallback_said_before_it_became_the_owner_is_not_its_to_give() {
     audit.record(&record(3, 25, 0, 1));
     audit.applied(&applied(21, 2, (0, 3), true));
     audit.applied(&applied(26, 3, (0, 3), false));
-    assert_eq!(audit.tally().wrong_owner, 0, "it had been obeyed as the fallback");
+    assert_eq!(audit.tally().wrong_owner, 0, "it had been followed as the fallback");
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn a_tick_by_a_command_that_a_new_writer_gave_before_it_was_heard_is_not_judged(
     }
     let expected = CommandTally { ticks: 3, wrong_owner: 1, ..CommandTally::default() };
     assert_eq!(audit.tally(), expected);
-    // The plant obeys no shadow, whatever of it was lost.
+    // The plant follows no shadow, whatever of it was lost.
     let mut audit = flip();
     let mut shadow = command(2, 9, 80);
     shadow.header.generation = 1;

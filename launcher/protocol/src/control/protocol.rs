@@ -16,7 +16,7 @@ pub enum Request {
     /// How processes and slots are doing.
     Ps,
     /// Another controller is to command a slot.
-    Swap(Order),
+    Swap(SwapRequest),
     /// Back to the old owner, while it is still warm.
     Rollback {
         /// Slot.
@@ -52,7 +52,7 @@ pub enum Request {
 /// A swap.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Order {
+pub struct SwapRequest {
     /// Slot.
     pub slot: String,
     /// Controller or path of an executable, of which a new instance is started; or one that is there.

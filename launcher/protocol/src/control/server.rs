@@ -110,7 +110,7 @@ impl ControlServer {
         let (ask, asked) = channel();
         let (letters, inbox) = channel();
         let post = Post { letters, bell };
-        let desk = Desk {
+        let acceptor = Acceptor {
             listener,
             limits,
             inbox,
@@ -120,7 +120,7 @@ impl ControlServer {
             next_client: 0,
             deaf_until_ns: 0,
         };
-        let thread = Builder::new().name("control".to_owned()).spawn(move || desk.serve())?;
+        let thread = Builder::new().name("control".to_owned()).spawn(move || acceptor.serve())?;
         Ok(Self { asked, post, thread: Some(thread), path })
     }
 
@@ -141,8 +141,8 @@ impl Drop for ControlServer {
     }
 }
 
-/// Everything of the thread.
-struct Desk {
+/// What the thread has.
+struct Acceptor {
     listener: UnixListener,
     limits: Limits,
     inbox: Receiver<Letter>,
@@ -153,7 +153,7 @@ struct Desk {
     deaf_until_ns: u64,
 }
 
-impl Desk {
+impl Acceptor {
     fn serve(mut self) {
         while let Ok((newcomers, happened)) = self.wait() {
             if !self.deliver() {

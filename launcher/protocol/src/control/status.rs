@@ -63,7 +63,7 @@ pub enum ProcessState {
     Owner,
     /// Flies, and takes over when the owner falls silent.
     Fallback,
-    /// Flies beside the owner; no consumer obeys it.
+    /// Flies beside the owner; no consumer follows it.
     Shadow,
     /// Died; its successor is not ready yet.
     Restarting,

@@ -145,7 +145,7 @@ impl Feed {
         let bell = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?);
         let (frames, queue) = sync_channel(QUEUE);
         let shared = Arc::<Shared>::default();
-        let desk = Desk {
+        let acceptor = Acceptor {
             listener,
             bell: Arc::clone(&bell),
             queue,
@@ -154,7 +154,7 @@ impl Feed {
             clients: Vec::new(),
             flying,
         };
-        let thread = Builder::new().name("topics".to_owned()).spawn(move || desk.serve())?;
+        let thread = Builder::new().name("topics".to_owned()).spawn(move || acceptor.serve())?;
         Ok(Self { shared, frames, bell, thread: Some(thread), path, flying })
     }
 
@@ -221,8 +221,8 @@ struct Client {
     over: bool,
 }
 
-/// Everything of the thread.
-struct Desk {
+/// What the thread has.
+struct Acceptor {
     listener: UnixListener,
     bell: Arc<OwnedFd>,
     queue: Receiver<Frame>,
@@ -232,7 +232,7 @@ struct Desk {
     flying: Flying,
 }
 
-impl Desk {
+impl Acceptor {
     fn serve(mut self) {
         while self.wait().is_ok() {
             let leaves = self.shared.leave.load(Ordering::Acquire);

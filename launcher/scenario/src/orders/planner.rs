@@ -155,7 +155,7 @@ impl Planner {
         (self.guidance, self.disturbance) = (*guidance, *disturbance);
     }
 
-    /// The first instant that no loop that obeys has reached when time is `now_ns` and may go on to
+    /// The first instant that no loop that follows has reached when time is `now_ns` and may go on to
     /// `allowed_ns`, whichever is later \[ns\].
     #[must_use]
     pub fn begin_ns(order: &Order, graph: &Graph, now_ns: u64, allowed_ns: u64) -> u64 {

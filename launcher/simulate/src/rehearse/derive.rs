@@ -32,11 +32,11 @@ pub enum Role {
     /// The owner alone.
     Owner,
     /// The candidate for the attitude slot, while the owner of the position slot trips.
-    Obeying,
+    Following,
 }
 
 /// Time that a flight with a trip goes on after the position slot has changed hands \[s\], beside some periods of both
-/// loops: the monitor needs some of it to find what is wrong, and the candidate some to obey.
+/// loops: the monitor needs some of it to find what is wrong, and the candidate some to follow.
 const TRIP_S: f64 = 0.1;
 /// Periods of both loops.
 const TRIP_PERIODS: f64 = 5.0;
@@ -94,7 +94,7 @@ pub(super) fn scenario(
         root.remove(list);
     }
     let duration_s = match who {
-        Role::Obeying => {
+        Role::Following => {
             let period_s = facts.attitude_period_s + facts.position_period_s;
             trip_from_s(facts) + TRIP_S + TRIP_PERIODS * period_s
         }
@@ -120,7 +120,7 @@ pub(super) fn scenario(
     challenges(&mut root, snapshot, schedule);
     orders(&mut root, flown, snapshot, schedule)?;
     // Unless it is about a trip, the monitor and a fallback would take command from a bad candidate and hide its errors.
-    let (watched, fallback) = if who == Role::Obeying { (true, "auto") } else { (false, "none") };
+    let (watched, fallback) = if who == Role::Following { (true, "auto") } else { (false, "none") };
     let monitor = section(&mut root, "monitor");
     // How soon and by which limits the flight's own monitor trips does not matter.
     monitor.clear();
@@ -129,12 +129,12 @@ pub(super) fn scenario(
         [("enabled", Value::Boolean(watched)), ("fallback", Value::String(fallback.to_owned()))],
     );
     let taken_over = match who {
-        Role::Candidate | Role::Obeying => Some((&spec.candidate, spec.config.as_ref())),
+        Role::Candidate | Role::Following => Some((&spec.candidate, spec.config.as_ref())),
         Role::Owner => spec.owner.as_ref().map(|(name, config)| (name, config.as_ref())),
     };
     let by = taken_over.map(|by| swap(spec.slot, by, JOIN_S, facts));
     let mut swaps: Vec<Value> = by.into_iter().collect();
-    if who == Role::Obeying {
+    if who == Role::Following {
         let owner =
             Assignment::of(flown.settings()).name(Slot::Position.role()).map(ToOwned::to_owned);
         let owner = owner.ok_or("there is no position slot")?;

@@ -84,7 +84,7 @@ impl Rehearsal {
     /// If `draw` is not less than [`rehearsal::DRAWS`].
     pub fn scenario(&self, draw: usize, who: Role) -> Result<Scenario, Box<RehearsalRefusal>> {
         let none = Schedule::default();
-        let schedule = if who == Role::Obeying { &none } else { &self.schedules[draw] };
+        let schedule = if who == Role::Following { &none } else { &self.schedules[draw] };
         let draw = &self.draws[draw];
         derive::scenario(&self.spec, &self.scenario, &self.facts, (draw, schedule), who)
             .map_err(not_rehearsed)

@@ -1,10 +1,10 @@
 //! A rehearsed flight in which the owner of the position slot trips: the candidate for the attitude slot, which
-//! consumes its set points, has to obey the fallback from then on.
+//! consumes its set points, has to follow the fallback from then on.
 
 use super::derive::Role;
 use super::{Rehearsal, fly, not_rehearsed};
 use crate::in_process::{InProcess, StateSource};
-use monitor::reports::OBEYED_WITHIN_NS;
+use monitor::reports::FOLLOWED_WITHIN_NS;
 use observe::Observer;
 use rehearsal::RehearsalRefusal;
 use scenario::candidate::name_of;
@@ -26,8 +26,8 @@ struct Tripping {
     owner_from_ns: Option<u64>,
     /// When its trip takes effect \[ns\].
     tripped_ns: Option<u64>,
-    /// Releases of the candidate since then, and whom it obeyed in each \[ns\].
-    obeyed: Vec<(u64, u32)>,
+    /// Releases of the candidate since then, and whom it followed in each \[ns\].
+    followed: Vec<(u64, u32)>,
 }
 
 impl Observer for Tripping {
@@ -45,10 +45,10 @@ impl Observer for Tripping {
             && said.header.seat == SWAPPED_SEAT
             && self.tripped_ns.is_some()
         {
-            // Level in place of an owner that has tripped obeys no seat.
+            // Level in place of an owner that has tripped follows no seat.
             let is_level = said.tripped.is_set() && said.setpoint_sequence == 0;
-            let obeyed = if is_level { NO_SEAT } else { said.seat };
-            self.obeyed.push((said.header.release_ns, obeyed));
+            let followed = if is_level { NO_SEAT } else { said.seat };
+            self.followed.push((said.header.release_ns, followed));
         }
     }
 
@@ -64,15 +64,15 @@ impl Observer for Tripping {
 }
 
 impl Tripping {
-    /// The candidate's steps more than `within_ns` after the trip: how long after it \[ns\], and whom it obeys.
+    /// The candidate's steps more than `within_ns` after the trip: how long after it \[ns\], and whom it follows.
     fn since(&self, within_ns: u64) -> impl Iterator<Item = (u64, u32)> {
         let tripped_ns = self.tripped_ns.unwrap_or(u64::MAX);
         let since =
             move |(release_ns, seat): &(u64, u32)| (release_ns.saturating_sub(tripped_ns), *seat);
-        self.obeyed.iter().map(since).filter(move |(after_ns, _)| *after_ns > within_ns)
+        self.followed.iter().map(since).filter(move |(after_ns, _)| *after_ns > within_ns)
     }
 
-    /// The first step in which it still obeys the owner that has tripped; if there is none, that in which it obeys the
+    /// The first step in which it still follows the owner that has tripped; if there is none, that in which it follows the
     /// fallback or nothing more than `levels_ns` later.
     fn due(&self, within_ns: u64, levels_ns: u64) -> Option<(u64, u32)> {
         let ignores = self.since(within_ns).find(|(_, seat)| *seat == SWAPPED_SEAT);
@@ -83,13 +83,13 @@ impl Tripping {
 /// Flies the candidate of a rehearsal while the owner of the position slot trips.
 ///
 /// # Errors
-/// If the candidate goes on obeying the owner that has tripped, or could not be flown.
+/// If the candidate goes on following the owner that has tripped, or could not be flown.
 pub(super) fn fly_tripped<E: Observer>(
     rehearsal: &Rehearsal,
     extra: E,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<(), Box<RehearsalRefusal>> {
-    let scenario = rehearsal.scenario(0, Role::Obeying)?;
+    let scenario = rehearsal.scenario(0, Role::Following)?;
     let facts = &rehearsal.facts;
     let [_, limit_weights] = scenario.settings().monitor_limits().setpoint_thrust_weights;
     let thrust_n = 2.0 * limit_weights * facts.vehicle.weight_n();
@@ -105,7 +105,7 @@ pub(super) fn fly_tripped<E: Observer>(
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
     let two_periods_ns = (2e9 * facts.attitude_period_s).ceil() as u64;
-    let within_ns = OBEYED_WITHIN_NS.max(two_periods_ns);
+    let within_ns = FOLLOWED_WITHIN_NS.max(two_periods_ns);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive")]
     let levels_ns = (2e9 * facts.position_period_s).ceil() as u64;
     let (has_tripped, due) = flight
@@ -116,7 +116,7 @@ pub(super) fn fly_tripped<E: Observer>(
             limit_s: s_from_ns(within_ns),
         })),
         Some((_, NO_SEAT)) => {
-            Err(failed("it does not obey the fallback after a position controller had tripped"))
+            Err(failed("it does not follow the fallback after a position controller had tripped"))
         }
         Some(_) => Ok(()),
         None if has_tripped => {
@@ -133,22 +133,22 @@ mod tests {
     const MS: u64 = 1_000_000;
     const FALLBACK_SEAT: u32 = 0;
 
-    /// What is due of a candidate that obeyed these seats so many milliseconds after the trip: within 20 ms it may obey
+    /// What is due of a candidate that followed these seats so many milliseconds after the trip: within 20 ms it may follow
     /// any seat, and for 40 ms more none.
-    fn due(obeyed: &[(u64, u32)]) -> Option<(u64, u32)> {
-        let obeyed = obeyed.iter().map(|(ms, seat)| (1000 * MS + ms * MS, *seat)).collect();
-        let tripping = Tripping { tripped_ns: Some(1000 * MS), obeyed, ..Tripping::default() };
+    fn due(followed: &[(u64, u32)]) -> Option<(u64, u32)> {
+        let followed = followed.iter().map(|(ms, seat)| (1000 * MS + ms * MS, *seat)).collect();
+        let tripping = Tripping { tripped_ns: Some(1000 * MS), followed, ..Tripping::default() };
         tripping.due(20 * MS, 40 * MS).map(|(after_ns, seat)| (after_ns / MS, seat))
     }
 
     #[test]
-    fn a_candidate_has_to_leave_a_tripped_owner_and_to_obey_its_fallback() {
+    fn a_candidate_has_to_leave_a_tripped_owner_and_to_follow_its_fallback() {
         let leaves = [(10, SWAPPED_SEAT), (30, NO_SEAT), (60, NO_SEAT)];
         let with = |next: &[(u64, u32)]| due(&[&leaves[..], next].concat());
         assert_eq!(with(&[(70, FALLBACK_SEAT), (80, NO_SEAT)]), Some((70, FALLBACK_SEAT)));
         assert_eq!(with(&[(70, NO_SEAT), (80, FALLBACK_SEAT)]), Some((70, NO_SEAT)));
         assert_eq!(with(&[]), None, "it says nothing more");
-        // However late, and whichever seat it obeys in between.
+        // However late, and whichever seat it follows in between.
         assert_eq!(with(&[(70, FALLBACK_SEAT), (80, SWAPPED_SEAT)]), Some((80, SWAPPED_SEAT)));
         assert_eq!(due(&[(30, SWAPPED_SEAT), (70, FALLBACK_SEAT)]), Some((30, SWAPPED_SEAT)));
         assert_eq!(due(&[(70, FALLBACK_SEAT)]), Some((70, FALLBACK_SEAT)), "at once");

@@ -3,7 +3,7 @@
 //! Instances are called `NAME@SEAT`: `attitude-mpc@0`. A bare name asks for a new instance where one
 //! is to be started, and for the only one that can be meant where one is to leave.
 
-use protocol::control::protocol::{Order, Reason, Refusal, Reply, Request};
+use protocol::control::protocol::{Reason, Refusal, Reply, Request, SwapRequest};
 use protocol::control::server::Answer;
 use scenario::candidate::{Candidate, NoCandidate, Slot};
 use slot::{Action, Outcome, Program, Report, Seat, Target};
@@ -186,7 +186,7 @@ impl Orders {
                     Some(seat) => Target::Seated(seat),
                     None => Target::New(self.find(slot, &order.to, order.config.clone())?),
                 };
-                let Order { shadow_ns, rollback_ns, force, dry_run, .. } = *order;
+                let SwapRequest { shadow_ns, rollback_ns, force, dry_run, .. } = *order;
                 let program = match target {
                     Target::New(program) => Some(program),
                     Target::Seated(seat) => self.seats.get(&(slot, seat)).copied(),
@@ -196,7 +196,8 @@ impl Orders {
                 let must = || self.must_rehearse(slot, program, machines);
                 let rehearse = order.rehearse.unwrap_or_else(must);
                 skips_rehearsal = !rehearse && must();
-                let how = slot::Order { shadow_ns, rollback_ns, force, rehearse, trusted, dry_run };
+                let how =
+                    slot::SwapTerms { shadow_ns, rollback_ns, force, rehearse, trusted, dry_run };
                 (slot, slot::Request::Swap(target, how), order.max_bump)
             }
             Request::Rollback { slot } => {
@@ -411,7 +412,7 @@ fn nothing_to_order() -> Refusal {
     Refusal::new(Reason::UnknownSlot, "no slot of this flight can change hands")
 }
 
-fn check(order: &Order) -> Result<(), Refusal> {
+fn check(order: &SwapRequest) -> Result<(), Refusal> {
     check_window("shadow", order.shadow_ns)?;
     check_window("rollback", order.rollback_ns)?;
     match order.max_bump {

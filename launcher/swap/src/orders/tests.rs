@@ -96,10 +96,10 @@ impl Flight {
     }
 }
 
-fn swap(to: &str) -> Order {
+fn swap(to: &str) -> SwapRequest {
     let (slot, to) = ("attitude".to_owned(), to.to_owned());
     let (shadow_ns, rollback_ns) = (2_000_000_000, 500_000_000);
-    Order {
+    SwapRequest {
         slot,
         to,
         config: None,
@@ -188,11 +188,11 @@ fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
 fn what_makes_no_sense_is_refused_with_2_and_what_comes_too_early_with_3() {
     let mut flight = Flight::new();
     let to = |to: &str| Request::Swap(swap(to));
-    let elsewhere = Order { slot: "altitude".to_owned(), ..swap("attitude-mpc") };
-    let not_here = Order { slot: "position".to_owned(), ..swap("position-mpc") };
-    let bump = Order { max_bump: Some(f64::NAN), ..swap("attitude-mpc") };
-    let eternal = Order { shadow_ns: u64::MAX, ..swap("attitude-mpc") };
-    let config = Order { config: Some("/nowhere/x.toml".into()), ..swap("attitude-mpc") };
+    let elsewhere = SwapRequest { slot: "altitude".to_owned(), ..swap("attitude-mpc") };
+    let not_here = SwapRequest { slot: "position".to_owned(), ..swap("position-mpc") };
+    let bump = SwapRequest { max_bump: Some(f64::NAN), ..swap("attitude-mpc") };
+    let eternal = SwapRequest { shadow_ns: u64::MAX, ..swap("attitude-mpc") };
+    let config = SwapRequest { config: Some("/nowhere/x.toml".into()), ..swap("attitude-mpc") };
     let back = Request::Rollback { slot: "attitude".to_owned() };
     let retire = |name: &str| Request::Retire { name: name.to_owned() };
     for (request, reason, words) in [
@@ -270,7 +270,7 @@ fn a_standby_is_named_by_its_program_as_long_as_only_one_can_be_meant() {
 fn requests_are_plain_json_with_the_defaults_of_the_command() {
     let text = r#"{"request":"swap","slot":"attitude","to":"attitude-mpc"}"#;
     let request: Request = serde_json::from_str(text).unwrap();
-    let order = Order { rehearse: None, shadow_ns: 1_000_000_000, ..swap("attitude-mpc") };
+    let order = SwapRequest { rehearse: None, shadow_ns: 1_000_000_000, ..swap("attitude-mpc") };
     assert_eq!(request, Request::Swap(order));
     let text = r#"{"request":"retire","name":"attitude-mpc@1"}"#;
     let request: Request = serde_json::from_str(text).unwrap();

@@ -2,7 +2,7 @@
 
 use super::facts::{command_latency_ns, millihertz};
 use super::trip_reason::TripReason;
-use super::watch::{Obeyed, Seen};
+use super::watch::{Followed, Seen};
 use super::{Expected, SlotContext, Slots};
 use crate::{FlightError, PostEvent};
 use scenario::candidate::Slot;
@@ -58,13 +58,13 @@ impl Slots {
             }
             Seen::Command(command) => command.slot,
             Seen::Hears { .. } => Role::Attitude,
-            Seen::Obeys { slot, .. } | Seen::Missed { slot, .. } | Seen::Unguided { slot, .. } => {
-                *slot
-            }
+            Seen::Follows { slot, .. }
+            | Seen::Missed { slot, .. }
+            | Seen::Unguided { slot, .. } => *slot,
         };
         let mut seen = *seen;
-        if let Seen::Obeys { slot: Role::Position, by_seat, obeyed } = &mut seen {
-            *obeyed = self.consumers.tells(*by_seat, *obeyed);
+        if let Seen::Follows { slot: Role::Position, by_seat, followed } = &mut seen {
+            *followed = self.consumers.tells(*by_seat, *followed);
         }
         let Some(slot) = self.slot_of(role) else { return Ok(()) };
         let decides = self.consumers.flying().or_else(|| self.owner_seat(Role::Attitude));
@@ -85,14 +85,14 @@ impl Slots {
                 }
                 Ok(())
             }
-            Seen::Obeys { by_seat, .. } | Seen::Unguided { by_seat, .. }
+            Seen::Follows { by_seat, .. } | Seen::Unguided { by_seat, .. }
                 if role == Role::Position && decides != Some(by_seat) =>
             {
                 Ok(())
             }
-            Seen::Obeys { obeyed, .. } => {
-                self.consumer_says(slot, &obeyed, context)?;
-                let told = (role == Role::Attitude).then(|| self.consumers.plant_tells(&obeyed));
+            Seen::Follows { followed, .. } => {
+                self.consumer_says(slot, &followed, context)?;
+                let told = (role == Role::Attitude).then(|| self.consumers.plant_tells(&followed));
                 match (told.flatten(), self.slot_of(Role::Position)) {
                     (Some(told), Some(slot)) => self.consumer_says(slot, &told, context),
                     _ => Ok(()),
@@ -165,10 +165,10 @@ impl Slots {
     fn consumer_says(
         &mut self,
         slot: Slot,
-        obeyed: &Obeyed,
+        followed: &Followed,
         context: &mut SlotContext<'_>,
     ) -> Result<(), FlightError> {
-        let Obeyed { at_ns, epoch, seat, failed_over, tripped, refused_epoch } = *obeyed;
+        let Followed { at_ns, epoch, seat, failed_over, tripped, refused_epoch } = *followed;
         let Some(state) = self.states.get_mut(&slot) else { return Ok(()) };
         let mut events = Vec::new();
         if refused_epoch > state.refused_epoch {

@@ -2,7 +2,7 @@
 
 use core::f64::consts::FRAC_PI_2;
 use runtime::Graph;
-use runtime::obey::setpoints::TILT_BOUND_RAD;
+use runtime::arbiter::setpoints::TILT_BOUND_RAD;
 use shared_types::{Role, topics};
 use slot::gate::Axis;
 use vehicle::{MorphAngle, VehicleParameters};

@@ -3,7 +3,7 @@
 use super::{News, SlotContext, Slots};
 use crate::FlightError;
 use protocol::control::Request;
-use protocol::control::protocol::Order;
+use protocol::control::protocol::SwapRequest;
 use runtime::Graph;
 use scenario::Settings;
 use scenario::orders::{self, Planner};
@@ -99,7 +99,7 @@ pub const FAULT: &str = "fault: ";
 
 /// A scripted swap is what a user would have asked for.
 fn order(swap: &SwapSettings) -> Request {
-    Request::Swap(Order {
+    Request::Swap(SwapRequest {
         slot: swap.slot.label().to_owned(),
         to: swap.to.clone(),
         config: swap.config.clone(),

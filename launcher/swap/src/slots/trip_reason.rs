@@ -57,7 +57,7 @@ impl fmt::Display for TripReason<'_> {
 }
 
 impl TripReason<'_> {
-    /// What the owner asked for, obeyed or reported.
+    /// What the owner asked for, followed or reported.
     fn of_orders(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let trip = self.0;
         let (angle, limit) = (trip.angle_rad, trip.angle_limit_rad);
@@ -89,7 +89,7 @@ impl TripReason<'_> {
             ),
             TripCause::ReportFalse => f.write_str("it reports a set point that it was not given"),
             TripCause::TripIgnored => {
-                f.write_str("it still obeys the position controller that has tripped")
+                f.write_str("it still follows the position controller that has tripped")
             }
             // A number that this build does not know, which no port of it lets through.
             _ => f.write_str("it was losing the vehicle"),

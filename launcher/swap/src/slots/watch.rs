@@ -1,4 +1,4 @@
-//! What the recorder sees of the slots: commands by seat, and whom their consumers obey.
+//! What the recorder sees of the slots: commands by seat, and whom their consumers follow.
 
 use rehearsal::{Snapshot, Watcher};
 use runtime::seat_of_loop;
@@ -25,9 +25,9 @@ pub struct Commanded {
     pub(super) value: [f64; 4],
 }
 
-/// What a slot's consumer says about whom it obeys.
+/// What a slot's consumer says about whom it follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Obeyed {
+pub struct Followed {
     pub(super) at_ns: u64,
     pub(super) epoch: u64,
     pub(super) seat: u32,
@@ -42,13 +42,13 @@ pub enum Seen {
     /// A command.
     Command(Commanded),
     /// A consumer changed its mind, or says for the first time what it thinks.
-    Obeys {
+    Follows {
         /// Role of the slot.
         slot: Role,
         /// Seat of the consumer.
         by_seat: u32,
-        /// Whom it obeys.
-        obeyed: Obeyed,
+        /// Whom it follows.
+        followed: Followed,
     },
     /// A controller on this seat of the attitude slot had heard a set point, or none, at an instant.
     Hears {
@@ -67,7 +67,7 @@ pub enum Seen {
         by_seat: u32,
         /// Epoch of the record that it goes by.
         epoch: u64,
-        /// Since when it has had nothing to obey \[ns\].
+        /// Since when it has had nothing to follow \[ns\].
         since_ns: u64,
         /// Logical instant \[ns\].
         at_ns: u64,
@@ -100,8 +100,8 @@ pub enum Seen {
 pub struct SlotWatch {
     seen: Vec<Seen>,
     /// What each consumer said last: the plant, then the seats of the attitude slot.
-    last: [Obeyed; 1 + shared_types::SEATS],
-    /// When each of them last had something new to obey, and the sequence of that.
+    last: [Followed; 1 + shared_types::SEATS],
+    /// When each of them last had something new to follow, and the sequence of that.
     guided: [(u64, u64); 1 + shared_types::SEATS],
     /// Remembers what the vehicle knows, from which candidates are flown ahead.
     known: Option<Watcher>,
@@ -145,7 +145,7 @@ impl SlotWatch {
             let value = [thrust_n, roll_rad, pitch_rad, yaw_rad];
             self.command(Role::Position, &setpoint.header, value);
         } else if let Some(applied) = any.downcast_ref::<AppliedCommand>() {
-            let obeyed = Obeyed {
+            let followed = Followed {
                 at_ns: applied.header.release_ns,
                 epoch: applied.epoch,
                 seat: applied.seat,
@@ -153,16 +153,16 @@ impl SlotWatch {
                 tripped: applied.tripped.is_set(),
                 refused_epoch: applied.refused_epoch,
             };
-            self.obeys(Role::Attitude, 0, 0, obeyed);
+            self.follows(Role::Attitude, 0, 0, followed);
             // A command in effect is always news; after a cut nothing can be, and while the gate brings
             // the vehicle back nothing needs to.
             let sequence = match applied.mode {
                 GateMode::Normal | GateMode::Cut | GateMode::Recover => u64::MAX,
                 _ => applied.command_sequence,
             };
-            self.note_guidance(Role::Attitude, 0, 0, obeyed, sequence);
+            self.note_guidance(Role::Attitude, 0, 0, followed, sequence);
         } else if let Some(applied) = any.downcast_ref::<AppliedSetpoint>() {
-            let obeyed = Obeyed {
+            let followed = Followed {
                 at_ns: applied.header.release_ns,
                 epoch: applied.epoch,
                 seat: applied.seat,
@@ -171,11 +171,11 @@ impl SlotWatch {
                 refused_epoch: applied.refused_epoch,
             };
             let by_seat = applied.header.seat;
-            let (at_ns, something) = (obeyed.at_ns, applied.setpoint_sequence > 0);
+            let (at_ns, something) = (followed.at_ns, applied.setpoint_sequence > 0);
             self.seen.push(Seen::Hears { seat: by_seat, at_ns, something });
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
-            self.obeys(Role::Position, by_seat, place, obeyed);
-            self.note_guidance(Role::Position, by_seat, place, obeyed, applied.setpoint_sequence);
+            self.follows(Role::Position, by_seat, place, followed);
+            self.note_guidance(Role::Position, by_seat, place, followed, applied.setpoint_sequence);
         } else if let Some(trip) = any.downcast_ref::<Trip>() {
             self.seen.push(Seen::Trip(*trip));
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
@@ -213,25 +213,25 @@ impl SlotWatch {
     }
 
     /// Notes what a consumer says if it is news.
-    fn obeys(&mut self, slot: Role, by_seat: u32, place: usize, obeyed: Obeyed) {
+    fn follows(&mut self, slot: Role, by_seat: u32, place: usize, followed: Followed) {
         let Some(last) = self.last.get_mut(place) else { return };
-        if (Obeyed { at_ns: last.at_ns, ..obeyed }) != *last {
-            *last = obeyed;
-            self.seen.push(Seen::Obeys { slot, by_seat, obeyed });
+        if (Followed { at_ns: last.at_ns, ..followed }) != *last {
+            *last = followed;
+            self.seen.push(Seen::Follows { slot, by_seat, followed });
         }
     }
 
-    /// Notes a consumer that has nothing new to obey, and has had nothing for long.
+    /// Notes a consumer that has nothing new to follow, and has had nothing for long.
     fn note_guidance(
         &mut self,
         slot: Role,
         by_seat: u32,
         place: usize,
-        said: Obeyed,
+        said: Followed,
         sequence: u64,
     ) {
         let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
-        let Obeyed { at_ns, epoch, .. } = said;
+        let Followed { at_ns, epoch, .. } = said;
         if sequence == u64::MAX || sequence != *last || epoch == 0 {
             (*since_ns, *last) = (at_ns, sequence);
         } else if at_ns.saturating_sub(*since_ns) >= SlotConfig::REALTIME.unguided_ns {
@@ -241,7 +241,7 @@ impl SlotWatch {
     }
 
     /// True once the consumers of both slots, or the plant alone if there is only one, have said whom
-    /// they obey.
+    /// they follow.
     #[must_use]
     pub fn has_heard(&self, position_too: bool) -> bool {
         let [plant, controllers @ ..] = &self.last;

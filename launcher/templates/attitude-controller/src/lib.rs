@@ -47,7 +47,7 @@ inputs! {
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Whose set points count.
         position_owner: OwnerRecord = topics::POSITION_OWNER,
-        /// Owners that are not to be obeyed any more.
+        /// Owners that are not to be followed any more.
         trip: Trip = topics::TRIP,
     }
 }

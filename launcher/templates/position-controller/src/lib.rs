@@ -54,7 +54,7 @@ inputs! {
         reference: Reference = topics::REFERENCE,
         /// Set point that the attitude slot tracks, whichever controller gave it.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
-        /// Whose commands the plant obeys.
+        /// Whose commands the plant follows.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Who flies the attitude slot.
         attitude_owner: OwnerRecord = topics::ATTITUDE_OWNER,
@@ -192,8 +192,8 @@ impl Controller {
 
     /// Notes what the attitude slot's owner tracks; its shadows say what they would, too.
     fn take_applied(&mut self, inputs: &Inputs) {
-        let obeyed = inputs.applied_command.latest();
-        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, obeyed);
+        let followed = inputs.applied_command.latest();
+        let said = inputs.applied_setpoint.in_command(&inputs.attitude_owner, followed);
         if let Some(sample) = said.filter(|sample| sample.setpoint_sequence > 0) {
             self.memory.applied =
                 [sample.roll_rad, sample.pitch_rad, sample.yaw_rad, sample.thrust_n];

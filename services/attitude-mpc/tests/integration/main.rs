@@ -6,9 +6,9 @@
 mod rig;
 
 mod attitude_step;
+mod authority;
 mod effort;
 mod laguerre;
-mod obey;
 mod paper;
 mod robustness;
 mod state;

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use shared_types::{BoundedInput, SolveReport, SolveStatus};
 
-/// What is left of a wish, with the bounds it obeys.
+/// What is left of a wish, with the bounds it keeps to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limited {
     /// u(k).

@@ -1,7 +1,7 @@
 //! Between a position law and its ports: reference and state estimate in, attitude set point out.
 
 use crate::Setpoint;
-use runtime::{Standing, inputs, outputs};
+use runtime::{Authority, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, MorphCommand, OwnerRecord, PositionReport,
     Reference, StateEstimate, topics,
@@ -16,7 +16,7 @@ inputs! {
         reference: Reference = topics::REFERENCE,
         /// Set point in use at the attitude loop.
         applied_setpoint: AppliedSetpoint = topics::APPLIED_SETPOINT,
-        /// Whose commands the plant obeys.
+        /// Whose commands the plant follows.
         applied_command: AppliedCommand = topics::APPLIED_COMMAND,
         /// Planned path of the deployable angle.
         morph_command: MorphCommand = topics::MORPH_COMMAND,
@@ -62,7 +62,7 @@ impl Tracked {
         self.take(inputs);
         let (owner, latest) = (&inputs.attitude_owner, inputs.applied_setpoint.latest());
         if let (None, Some(latest)) = (self.setpoint, latest)
-            && owner.standing_of(&latest.header) == Standing::Owner
+            && owner.authority_of(&latest.header) == Authority::Owner
         {
             self.set(latest);
         }

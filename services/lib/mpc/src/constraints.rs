@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_move_obeys_the_tighter_of_level_and_increment() {
+    fn the_first_move_keeps_the_tighter_of_level_and_increment() {
         let bounds = Bounds::symmetric(Vector2::new(1.0, 1.0), Vector2::new(0.5, 0.5));
         let first = first(&bounds, &Vector2::new(0.8, -0.2));
         assert!((first.upper - Vector2::new(0.2, 0.5)).amax() < 1e-15);

@@ -1,6 +1,6 @@
 //! Prediction (11) of one axis of the incremental model (10), for gain 1.
 //!
-//! The increments z = \[Δy, Δy', g Δa, g Δu(k−1)\] of an axis obey z(j+1) = A z(j) + B g Δu(j), and
+//! The increments z = \[Δy, Δy', g Δa, g Δu(k−1)\] of an axis follow z(j+1) = A z(j) + B g Δu(j), and
 //! y(j+1) = y(j) + Δy(j+1). A and B do not depend on the gain g in these coordinates, so the
 //! responses are computed once. In momentum instead of rate the same holds while the gain changes:
 //! only the step from Δy of a period to y is then weighed by the gain of that period.

@@ -5,6 +5,7 @@
 //! (when a step may run), [`process`] (the loop of a real process), [`ipc`] (ports over shared
 //! memory), [`namespace`] (a run's own corner of the machine).
 
+pub mod arbiter;
 pub mod clock;
 pub mod component;
 pub mod connect;
@@ -16,7 +17,6 @@ pub mod ipc;
 pub mod leader;
 pub mod namespace;
 mod namespace_error;
-pub mod obey;
 pub mod output;
 pub mod ownership;
 pub mod priority;
@@ -29,17 +29,18 @@ pub mod upkeep;
 mod wakes;
 pub mod watch;
 
+pub use arbiter::setpoints::{SetpointMemory, SetpointSlot};
+pub use arbiter::{ArbiterMemory, CommandArbiter, Selection};
 pub use component::Component;
 pub use deviations::{life_number, seat_of_loop};
 pub use executor::{Executor, Place, StateSink, StepStamps};
 pub use graph::{Graph, GraphError, Marks, MissPolicy, Node};
 pub use input::{Input, InputCounts, InputSet, InputVisitor, Link, Source};
-pub use obey::setpoints::{SetpointMemory, SetpointSlot};
-pub use obey::{Obedience, ObedienceMemory, Order};
 pub use output::{Output, OutputSet, OutputVisitor, Sink};
-pub use ownership::{MarkView, Standing};
+pub use ownership::MarkView;
 pub use process::{Ending, Process, ProcessError};
 pub use rate::{Rate, RateError};
 pub use seat_marks::SeatMarks;
 pub use service::{Layout, RestoreError, Service};
+pub use slot::Authority;
 pub use state_header::StateHeader;

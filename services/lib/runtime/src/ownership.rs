@@ -7,32 +7,10 @@
 use crate::graph::{Edge, Marks};
 use crate::input::Input;
 use shared_types::{NO_SEAT, OwnerRecord, Role, SEATS};
+use slot::{Authority, Record, Seat};
 
 /// Announced changes of a slot that can lie ahead.
 const MAX_TENURES: usize = 8;
-
-/// What a seat has to say in its slot at an instant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
-    /// Its word counts.
-    Owner,
-    /// Its word counts if the owner is silent.
-    Fallback,
-    /// It only shadows, or has left.
-    Other,
-}
-
-/// Standing of `seat` by `record`.
-#[must_use]
-pub fn standing(record: &OwnerRecord, seat: u32) -> Standing {
-    if record.owner == seat {
-        Standing::Owner
-    } else if record.fallback == seat {
-        Standing::Fallback
-    } else {
-        Standing::Other
-    }
-}
 
 impl Input<OwnerRecord> {
     /// The record in effect at `t_ns`, an instant since the last step.
@@ -42,12 +20,13 @@ impl Input<OwnerRecord> {
         fresh.or_else(|| self.before_fresh())
     }
 
-    /// Standing of the writer of a command at the command's effective instant; a slot without a
-    /// record obeys no seat.
+    /// Authority of the writer of a command at the command's effective instant; in a slot without a
+    /// record no command counts.
     #[must_use]
-    pub fn standing_of(&self, command: &shared_types::Header) -> Standing {
-        self.in_effect_at(command.valid_ns)
-            .map_or(Standing::Other, |record| standing(record, command.seat))
+    pub fn authority_of(&self, command: &shared_types::Header) -> Authority {
+        let record = self.in_effect_at(command.valid_ns).and_then(Record::read);
+        let seat = Seat::new(command.seat);
+        record.zip(seat).map_or(Authority::Stray, |(record, seat)| record.authority(seat))
     }
 }
 
@@ -125,7 +104,7 @@ impl SlotBook {
             || self.tenures().iter().any(|t| t.owner == seat || t.fallback == seat)
     }
 
-    /// True if what `seat` says for the instant `t_ns` can be obeyed: then, and only then, has it been
+    /// True if what `seat` says for the instant `t_ns` can be followed: then, and only then, has it been
     /// waited for.
     #[must_use]
     pub fn counts(&self, seat: u32, t_ns: u64) -> bool {

@@ -1,4 +1,4 @@
-//! Which record is in effect at the one who obeys it, and its own move from owner to fallback.
+//! Which record is in effect at a consumer of commands, and its own move from owner to fallback.
 //!
 //! ```text
 //!        owner's command missing, or owner tripped; fallback's there
@@ -12,15 +12,15 @@
 //! it.
 //!
 //! At each instant, in this order: [`Consumer::take_record`] for records that have arrived,
-//! [`Consumer::advance`], [`Consumer::trip`] for each trip effective now, [`Consumer::standing_at`] for
-//! each command effective now, [`Consumer::decide`]. [`crate::desk::Desk`] does the last two.
+//! [`Consumer::advance`], [`Consumer::trip`] for each trip effective now, [`Consumer::authority_at`] for
+//! each command effective now, [`Consumer::decide`]. [`crate::command_buffer::CommandBuffer`] does the last two.
 
-use crate::record::{Record, RecordMemory, Seat, Standing};
+use crate::record::{Authority, Record, RecordMemory, Seat};
 
 /// Records that may wait for their instant.
 pub const PENDING: usize = 4;
 
-/// For how long an owner that has tripped is not obeyed although there is no fallback: the consumer levels by itself
+/// For how long an owner that has tripped is not followed although there is no fallback: the consumer levels by itself
 /// until the supervisor's next epoch. After that even a bad owner is better than none, and the actuation gate would cut
 /// the rotors in half a second \[ns\].
 pub const REJECTED_AFTER_TRIP_NS: u64 = 1_500_000_000;
@@ -52,12 +52,12 @@ pub enum Source {
 /// What became of a trip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Tripped {
-    /// The owner is not obeyed any more, and the fallback is as soon as it has a usable command.
+    /// The owner is not followed any more, and the fallback is as soon as it has a usable command.
     ToFallback,
     /// The record has no fallback to move to: no command counts for a while.
     NoFallback,
     /// It is of an older epoch, of a seat that is not the owner's, of an owner that is not watched, of
-    /// one that is not obeyed any more, or a repetition.
+    /// one that is not followed any more, or a repetition.
     Ignored,
 }
 
@@ -133,7 +133,7 @@ pub struct Consumer {
 }
 
 impl Consumer {
-    /// A consumer that knows no record and obeys no seat.
+    /// A consumer that knows no record and follows no seat.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -178,7 +178,7 @@ impl Consumer {
 
     /// Puts into effect what is due at `now_ns`; the last of several.
     pub fn advance(&mut self, now_ns: u64) -> Option<Turn> {
-        let from = self.obeyed();
+        let from = self.followed();
         let mut turned = false;
         while let Some(due) = self.pending[0].filter(|next| next.effective_ns <= now_ns) {
             self.previous = self.current.replace(due);
@@ -202,7 +202,7 @@ impl Consumer {
     }
 
     /// Takes the monitor's word, in effect at `at_ns`, that the owner on `seat` by the record of `epoch`
-    /// is not to be obeyed any more. A record that has left owner and fallback in place since does not
+    /// is not to be followed any more. A record that has left owner and fallback in place since does not
     /// outdate it; and the epoch may be one that this consumer has refused or not heard of yet, while the owner is the
     /// same.
     ///
@@ -227,26 +227,26 @@ impl Consumer {
         record.fallback.is_some_and(|fallback| record.is_taken(fallback))
     }
 
-    /// Standing of `seat`'s writer at the effective instant of a command of its.
+    /// Authority of `seat`'s writer at the effective instant of a command of its.
     ///
     /// A stray is one that no known record seats: one that has just left, or is about to join, is
     /// only a member.
     #[must_use]
-    pub fn standing_at(&self, seat: Seat, effective_ns: u64) -> Standing {
+    pub fn authority_at(&self, seat: Seat, effective_ns: u64) -> Authority {
         let known =
             || self.previous.iter().chain(&self.current).chain(self.pending.iter().flatten());
         let judge = known().rfind(|record| record.effective_ns <= effective_ns);
-        match judge.map_or(Standing::Stray, |record| record.standing(seat)) {
-            Standing::Stray if known().any(|r| r.standing(seat) != Standing::Stray) => {
-                Standing::Member
+        match judge.map_or(Authority::Stray, |record| record.authority(seat)) {
+            Authority::Stray if known().any(|r| r.authority(seat) != Authority::Stray) => {
+                Authority::Member
             }
-            standing => standing,
+            authority => authority,
         }
     }
 
     /// Whose command counts at `now_ns`, given who has a usable one. Moves to the fallback, until the
     /// next epoch, if only it has one; and until a record names another owner or fallback, if it has one
-    /// and the owner has tripped. An owner that has tripped is not obeyed for [`REJECTED_AFTER_TRIP_NS`] even if
+    /// and the owner has tripped. An owner that has tripped is not followed for [`REJECTED_AFTER_TRIP_NS`] even if
     /// there is no fallback.
     pub fn decide(&mut self, now_ns: u64, owner_valid: bool, fallback_valid: bool) -> Source {
         self.open_ns = self.open_ns.max(now_ns.saturating_add(1));
@@ -314,7 +314,7 @@ impl Consumer {
 
     /// That seat, if a process sits there.
     #[must_use]
-    pub fn obeyed(&self) -> Option<Seat> {
+    pub fn followed(&self) -> Option<Seat> {
         self.seat_in_effect().filter(|seat| self.current.is_some_and(|r| r.is_taken(*seat)))
     }
 

@@ -65,12 +65,12 @@ pub struct Record {
 
 /// What a record says about a writer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Standing {
+pub enum Authority {
     /// Its commands count.
     Owner,
     /// Its commands count once the consumer has failed over.
     Fallback,
-    /// It may publish, but is not obeyed: a shadow, or one that is leaving.
+    /// It may publish, but is not followed: a shadow, or one that is leaving.
     Member,
     /// It has no seat here: to be counted and named.
     Stray,
@@ -83,21 +83,21 @@ impl Record {
         self.period_ns[seat.index()] > 0
     }
 
-    /// Standing of `seat`'s writer under this record.
+    /// Authority of `seat`'s writer under this record.
     #[must_use]
-    pub fn standing(&self, seat: Seat) -> Standing {
+    pub fn authority(&self, seat: Seat) -> Authority {
         if !self.is_taken(seat) {
-            Standing::Stray
+            Authority::Stray
         } else if seat == self.owner {
-            Standing::Owner
+            Authority::Owner
         } else if Some(seat) == self.fallback {
-            Standing::Fallback
+            Authority::Fallback
         } else {
-            Standing::Member
+            Authority::Member
         }
     }
 
-    /// True if the same two writers would be obeyed, in the same order.
+    /// True if the same two writers would be followed, in the same order.
     #[must_use]
     pub fn same_hands(&self, other: &Self) -> bool {
         let hands = |record: &Self| {
@@ -215,17 +215,17 @@ mod tests {
     #[test]
     fn standing_follows_from_the_seat_and_nothing_else() {
         let record = record();
-        let standings = Seat::ALL.map(|seat| record.standing(seat));
-        let expected = [Standing::Fallback, Standing::Owner, Standing::Member, Standing::Stray];
-        assert_eq!(standings, expected, "an empty seat has no member");
+        let authorities = Seat::ALL.map(|seat| record.authority(seat));
+        let expected = [Authority::Fallback, Authority::Owner, Authority::Member, Authority::Stray];
+        assert_eq!(authorities, expected, "an empty seat has no member");
         let gone = Record { period_ns: [10, 0, 20, 0], ..record };
-        assert_eq!(gone.standing(Seat(1)), Standing::Stray, "named or not");
+        assert_eq!(gone.authority(Seat(1)), Authority::Stray, "named or not");
     }
 
     #[test]
     fn an_owner_that_falls_back_on_itself_is_just_the_owner() {
         let record = Record { fallback: Some(Seat(1)), ..record() };
-        assert_eq!(record.standing(Seat(1)), Standing::Owner);
+        assert_eq!(record.authority(Seat(1)), Authority::Owner);
     }
 
     #[test]

@@ -111,7 +111,7 @@ fn a_report_that_names_no_set_point_and_an_empty_seat_is_false() {
 }
 
 #[test]
-fn a_trip_has_to_be_obeyed_within_two_periods_if_there_is_a_fallback() {
+fn a_trip_has_to_be_followed_within_two_periods_if_there_is_a_fallback() {
     let mut reports = reports();
     let owner = said(0, &asked(110, 1.0));
     let trip_ns = owner.release_ns;
@@ -119,7 +119,7 @@ fn a_trip_has_to_be_obeyed_within_two_periods_if_there_is_a_fallback() {
     let at = |periods: u64| Said { release_ns: trip_ns + periods * PERIOD_NS, ..owner };
     assert_eq!(reports.hear(&at(2)), None);
     assert_eq!(reports.hear(&at(3)), Some(TripCause::TripIgnored));
-    let fast = Said { period_ns: 1_000_000, release_ns: trip_ns + OBEYED_WITHIN_NS, ..owner };
+    let fast = Said { period_ns: 1_000_000, release_ns: trip_ns + FOLLOWED_WITHIN_NS, ..owner };
     assert_eq!(reports.hear(&fast), None, "it may have been told late");
     let level = |periods: u64| Said { sequence: 0, ..at(periods) };
     assert_eq!(reports.hear(&level(3)), None);
@@ -128,8 +128,8 @@ fn a_trip_has_to_be_obeyed_within_two_periods_if_there_is_a_fallback() {
     let levels = 2 * ASKS_EVERY_NS / PERIOD_NS;
     assert_eq!(later.hear(&level(levels + 2)), None);
     assert_eq!(later.hear(&level(levels + 3)), Some(TripCause::TripIgnored));
-    let obeys = Said { release_ns: at(3).release_ns, ..said(1, &asked(110, 1.5)) };
-    assert_eq!(reports.hear(&obeys), None);
+    let follows = Said { release_ns: at(3).release_ns, ..said(1, &asked(110, 1.5)) };
+    assert_eq!(reports.hear(&follows), None);
     let mut over = reports.clone();
     assert!(over.take_record(&record(2, [1, 0], trip_ns)));
     assert_eq!(over.hear(&at(3)), None, "of an owner that is none any more");
@@ -144,7 +144,7 @@ fn a_trip_has_to_be_obeyed_within_two_periods_if_there_is_a_fallback() {
 }
 
 #[test]
-fn a_fallback_whose_last_word_was_over_before_the_trip_could_be_obeyed_is_none() {
+fn a_fallback_whose_last_word_was_over_before_the_trip_could_be_followed_is_none() {
     let mut reports = Reports::new(4.0);
     assert!(reports.take_record(&record(1, [0, 1], 0)));
     reports.ask(0, asked(110, 1.0));

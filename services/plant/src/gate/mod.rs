@@ -46,7 +46,7 @@ pub struct GateInput<'a> {
     pub command: Option<Command>,
     /// The command that is held is that of an owner that has tripped, and no other command takes its place.
     pub is_revoked: bool,
-    /// The owner of the attitude slot trips now, or what it obeys does: what it has commanded until here is not to be
+    /// The owner of the attitude slot trips now, or what it follows does: what it has commanded until here is not to be
     /// trusted.
     pub tripped: bool,
     /// What the owner of the attitude slot is held to, if it has not proven itself.
@@ -175,7 +175,7 @@ impl Gate {
         })
     }
 
-    /// The command as it may be obeyed at `now_ns`; what may not is counted.
+    /// The command as it may be followed at `now_ns`; what may not is counted.
     pub fn judge(&mut self, now_ns: u64, command: &Command) -> Option<Command> {
         self.range.judge(command, now_ns).map_err(|refusal| self.counters.refuse(refusal)).ok()
     }

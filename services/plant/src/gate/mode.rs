@@ -12,7 +12,7 @@
 //!
 //! HOLD is left out where the vehicle is tilted or turns fast: a command that outlives its controller goes on turning it.
 //!
-//! When the owner trips, or what an unproven owner obeys, while the vehicle is tilted or turns fast, all but CUT give
+//! When the owner trips, or what an unproven owner follows, while the vehicle is tilted or turns fast, all but CUT give
 //! way to RECOVER; so do NORMAL and HOLD when an owner that has not proven itself is about to tilt it too far:
 //!
 //! ```text

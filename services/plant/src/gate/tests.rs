@@ -17,7 +17,7 @@ fn command(effective_ns: u64) -> Command {
     }
 }
 
-/// Of those that may be obeyed.
+/// Of those that may be followed.
 fn newest(gate: &mut Gate, now_ns: u64, commands: &[Command]) -> Option<Command> {
     let judged = commands.iter().filter_map(|command| gate.judge(now_ns, command));
     judged.max_by_key(|command| command.effective_ns)

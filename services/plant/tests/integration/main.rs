@@ -1,4 +1,4 @@
-//! The plant as a component, and what it obeys.
+//! The plant as a component, and what it follows.
 
+mod authority;
 mod component;
-mod obey;

@@ -12,7 +12,7 @@ pub use service::{AttitudeController, Inputs, Outputs, applied, fresh_estimate, 
 use crate::Limited;
 pub use crate::Setpoint;
 use nalgebra::Vector3;
-use runtime::obey::setpoints::{SetpointMemory, SetpointSlot};
+use runtime::arbiter::setpoints::{SetpointMemory, SetpointSlot};
 use shared_types::wire::Wire;
 use vehicle::{MorphAngle, VehicleParameters, euler_rate_matrix, wrap_pi};
 

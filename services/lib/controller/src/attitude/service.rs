@@ -2,7 +2,7 @@
 
 use super::{AttitudeLaw, AttitudeLoop, Measurement, Output, Setpoint, Timing};
 use crate::sampling::{age_s, gamma_rad};
-use runtime::obey::setpoints::SetpointSlot;
+use runtime::arbiter::setpoints::SetpointSlot;
 use runtime::{Link, Service, inputs, outputs};
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeReport, AttitudeSetpoint, GateMode, MorphCommand,
@@ -27,7 +27,7 @@ inputs! {
         morph_command: MorphCommand = topics::MORPH_COMMAND,
         /// Owner of the position slot.
         position_owner: OwnerRecord = topics::POSITION_OWNER,
-        /// Owners that are not to be obeyed any more.
+        /// Owners that are not to be followed any more.
         trip: Trip = topics::TRIP,
     }
 }

@@ -304,7 +304,7 @@ impl<T: Sample> Input<T> {
     }
 
     /// Takes in who owns the slot from when, if this input comes from it.
-    pub fn obey(&mut self, role: Role, slot: &SlotBook) {
+    pub fn learn_owners(&mut self, role: Role, slot: &SlotBook) {
         if self.edge.is_some_and(|edge| edge.from == role) {
             self.slot = Some(*slot);
         }

@@ -54,7 +54,7 @@ pub trait InputSet: Default {
     /// Takes what has arrived on the inputs whose producers are among `moved`, or step unwaited.
     fn receive_if_moved(&mut self, moved: Roles);
     /// Lets whose samples count follow what has been received about owners.
-    fn heed_owners(&mut self, previous_ns: Option<u64>);
+    fn spread_owner_news(&mut self, previous_ns: Option<u64>);
     /// Puts into effect what is due on every input.
     fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>);
     /// Sum of all inputs' counters.
@@ -71,8 +71,8 @@ pub trait InputSet: Default {
     fn knows_until(&mut self, t_ns: u64);
     /// See [`Input::hear_from`].
     fn hear_from(&mut self, heard_from: &[u32; Seat::COUNT]);
-    /// See [`Input::obey`].
-    fn obey(&mut self, role: Role, slot: &SlotBook);
+    /// See [`Input::learn_owners`].
+    fn learn_owners(&mut self, role: Role, slot: &SlotBook);
 }
 
 /// Declares a service's inputs: `inputs! { pub struct Inputs { imu: Imu = IMU, .. } }`. The first
@@ -122,14 +122,14 @@ macro_rules! inputs {
                 $(self.$field.receive_if_moved(moved);)*
                 let _ = moved;
             }
-            fn heed_owners(&mut self, previous_ns: Option<u64>) {
+            fn spread_owner_news(&mut self, previous_ns: Option<u64>) {
                 $(if let Some((role, book)) = self.$field.owner_news(previous_ns) {
-                    self.obey(role, &book);
+                    self.learn_owners(role, &book);
                 })*
                 let _ = previous_ns;
             }
             fn accept(&mut self, t_ns: u64, previous_ns: Option<u64>) {
-                self.heed_owners(previous_ns);
+                self.spread_owner_news(previous_ns);
                 $(self.$field.accept(t_ns, previous_ns);)*
                 let _ = (t_ns, previous_ns);
             }
@@ -155,16 +155,16 @@ macro_rules! inputs {
                 debug_assert!(rest.is_empty());
             }
             fn skip_until(&mut self, t_ns: u64) {
-                self.heed_owners(None);
+                self.spread_owner_news(None);
                 $(self.$field.skip_until(t_ns);)*
                 let _ = t_ns;
             }
-            fn obey(
+            fn learn_owners(
                 &mut self,
                 role: ::shared_types::Role,
                 slot: &$crate::ownership::SlotBook,
             ) {
-                $(self.$field.obey(role, slot);)*
+                $(self.$field.learn_owners(role, slot);)*
                 let _ = (role, slot);
             }
             fn hear_from(&mut self, heard_from: &[u32; ::shared_types::Seat::COUNT]) {

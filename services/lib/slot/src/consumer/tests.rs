@@ -29,17 +29,17 @@ fn consumer(records: &[Record]) -> Consumer {
 #[test]
 fn a_record_counts_from_its_instant_on_and_not_before() {
     let mut consumer = consumer(&[record(1, 0, 0, None), record(2, 50, 1, Some(0))]);
-    assert_eq!(consumer.standing_at(A, 49), Standing::Owner);
-    assert_eq!(consumer.standing_at(B, 49), Standing::Member);
-    assert_eq!(consumer.standing_at(A, 50), Standing::Fallback);
-    assert_eq!(consumer.standing_at(B, 50), Standing::Owner);
+    assert_eq!(consumer.authority_at(A, 49), Authority::Owner);
+    assert_eq!(consumer.authority_at(B, 49), Authority::Member);
+    assert_eq!(consumer.authority_at(A, 50), Authority::Fallback);
+    assert_eq!(consumer.authority_at(B, 50), Authority::Owner);
     assert!(consumer.advance(49).is_some());
     assert_eq!(consumer.epoch(), 1);
     let turn = consumer.advance(50).unwrap();
     assert_eq!((turn.from, turn.record.epoch), (Some(A), 2));
     assert_eq!(consumer.advance(51), None);
     // A command that comes late is still judged by the owner of its own instant.
-    assert_eq!(consumer.standing_at(A, 49), Standing::Owner);
+    assert_eq!(consumer.authority_at(A, 49), Authority::Owner);
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn the_answer_to_a_fail_over_changes_nothing_for_the_limiter() {
     consumer.decide(0, false, true);
     let answer = Record { kind_changed: true, ..record(2, 10, 1, None) };
     assert_eq!(consumer.take_record(&answer), Taken::Accepted);
-    assert!(!consumer.advance(10).unwrap().kind_changed, "it already obeys that seat");
+    assert!(!consumer.advance(10).unwrap().kind_changed, "it already follows that seat");
     let other = Record { kind_changed: true, ..record(3, 20, 2, None) };
     assert_eq!(consumer.take_record(&other), Taken::Accepted);
     assert!(consumer.advance(20).unwrap().kind_changed);
@@ -163,14 +163,14 @@ fn only_a_writer_that_no_known_record_seats_is_a_stray() {
     gone.period_ns[A.index()] = 0;
     let mut consumer = consumer(&[record(1, 0, 0, None), gone]);
     consumer.advance(60);
-    assert_eq!(consumer.standing_at(A, 60), Standing::Member, "it has just left");
-    assert_eq!(consumer.standing_at(D, 60), Standing::Stray);
+    assert_eq!(consumer.authority_at(A, 60), Authority::Member, "it has just left");
+    assert_eq!(consumer.authority_at(D, 60), Authority::Stray);
     assert_eq!(
         consumer.take_record(&Record { epoch: 3, effective_ns: 70, ..gone }),
         Taken::Accepted
     );
     consumer.advance(70);
-    assert_eq!(consumer.standing_at(A, 70), Standing::Stray);
+    assert_eq!(consumer.authority_at(A, 70), Authority::Stray);
 }
 
 #[test]
@@ -280,13 +280,13 @@ fn a_late_trip_counts_from_the_next_decision_on_and_what_was_decided_stays() {
 }
 
 #[test]
-fn without_a_fallback_a_tripped_owner_is_not_obeyed_while_another_can_be_started() {
+fn without_a_fallback_a_tripped_owner_is_not_followed_while_another_can_be_started() {
     let mut alone = consumer(&[record(1, 0, 0, None), record(2, 50, 0, Some(1))]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);
     assert_eq!(alone.decide(10, true, true), Source::Neither);
     assert!(alone.tripped() && !alone.failed_over());
-    // A fallback that has not spoken yet takes over with its first command, and nothing is obeyed before.
+    // A fallback that has not spoken yet takes over with its first command, and nothing is followed before.
     alone.advance(50);
     assert_eq!(alone.decide(50, true, false), Source::Owner, "it may be another process");
     assert_eq!(alone.trip(2, A, 51), Tripped::ToFallback);
@@ -320,7 +320,7 @@ fn a_trip_by_a_refused_or_later_record_counts_if_the_owner_is_the_same() {
 }
 
 #[test]
-fn an_owner_that_has_tripped_is_obeyed_again_if_it_is_not_replaced_in_time() {
+fn an_owner_that_has_tripped_is_followed_again_if_it_is_not_replaced_in_time() {
     let mut alone = consumer(&[record(1, 0, 0, None)]);
     alone.advance(10);
     assert_eq!(alone.trip(1, A, 10), Tripped::NoFallback);

@@ -1,7 +1,7 @@
 //! The way of a candidate: joining, shadowing, the gate, the flip, the window.
 
 use super::instances::{Instance, InstanceState};
-use super::message::{Action, Now, Order, Rehearsed};
+use super::message::{Action, Now, Rehearsed, SwapTerms};
 use super::reason::{Reason, RehearsalRefusal};
 use super::report::{Outcome, Report, Step};
 use super::{Clock, Goal, Phase, Slot, Stage, Standby, step};
@@ -208,7 +208,7 @@ impl Slot {
         }
     }
 
-    fn flip(&mut self, now: Now, old: Seat, new: Seat, order: Order, out: &mut Vec<Action>) {
+    fn flip(&mut self, now: Now, old: Seat, new: Seat, order: SwapTerms, out: &mut Vec<Action>) {
         self.forget_standby(new);
         let epoch = self.ledger.epoch() + 1;
         if !order.trusted && !self.config.keeps_fallback && self.standby.is_none() {

@@ -22,7 +22,7 @@ pub(super) struct Ledger {
     /// (epoch, owner's seat), newest first.
     owners: [Option<(u64, Seat)>; REMEMBERED],
     pub(super) outstanding: Option<Outstanding>,
-    /// Whom the consumer obeys, as far as it has told.
+    /// Whom the consumer follows, as far as it has told.
     pub(super) in_force: Option<(Seat, Instance)>,
 }
 
@@ -43,7 +43,7 @@ impl Ledger {
         self.newest.map(|record| record.owner)
     }
 
-    /// Goes on from a record that another has written and the consumer obeys.
+    /// Goes on from a record that another has written and the consumer follows.
     pub(super) fn take_up(&mut self, record: Record) {
         self.owners[0] = Some((record.epoch, record.owner));
         self.newest = Some(record);

@@ -124,7 +124,7 @@ impl Slot {
         }
     }
 
-    /// An owner that gives nothing to obey makes room for one that does, unless things have changed.
+    /// An owner that gives nothing to follow makes room for one that does, unless things have changed.
     pub(super) fn clear_seat(&mut self, now: Now, useless: Useless, out: &mut Vec<Action>) {
         let Useless { seat, epoch, fault, due_ns } = useless;
         if self.ledger.epoch() == epoch && self.instances.is_seated(seat) {

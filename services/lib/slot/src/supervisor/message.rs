@@ -28,7 +28,7 @@ pub enum Target {
 /// How a swap is to be done.
 #[expect(clippy::struct_excessive_bools, reason = "choices of their own, in any combination")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Order {
+pub struct SwapTerms {
     /// How long the candidate shadows before it is judged \[ns\].
     pub shadow_ns: u64,
     /// How long the old owner stays as the fallback \[ns\].
@@ -48,7 +48,7 @@ pub struct Order {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Request {
     /// Another instance is to command.
-    Swap(Target, Order),
+    Swap(Target, SwapTerms),
     /// Back to the old owner, while its window is open.
     Rollback,
     /// An instance that does not command is to leave.
@@ -84,7 +84,7 @@ pub enum Event {
     Rehearsed(Seat, Rehearsed),
     /// Time has come to [`super::Slot::deadline_ns`].
     Time,
-    /// The consumer put the record of this epoch into effect at `at_ns`, and obeys this seat.
+    /// The consumer put the record of this epoch into effect at `at_ns`, and follows this seat.
     Acknowledged {
         /// Epoch.
         epoch: u64,
@@ -106,7 +106,7 @@ pub enum Event {
         at_ns: u64,
     },
     /// The monitor tripped: from `at_ns` on the owner of `epoch` no longer counts, and the consumer
-    /// obeys the fallback, if there is one.
+    /// follows the fallback, if there is one.
     Tripped {
         /// Epoch in effect.
         epoch: u64,

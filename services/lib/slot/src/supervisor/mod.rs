@@ -21,7 +21,7 @@ mod request;
 
 pub use config::{Clock, SlotConfig};
 pub use instances::{Instance, Program};
-pub use message::{Action, Event, Now, Order, Rehearsed, Request, Target};
+pub use message::{Action, Event, Now, Rehearsed, Request, SwapTerms, Target};
 pub use progress::Progress;
 pub use reason::{Fault, Reason, RehearsalRefusal};
 pub use report::{Outcome, Report, Step};
@@ -57,12 +57,12 @@ enum Phase {
     Steady { rejoin_ns: Option<u64> },
     /// A candidate has been spawned and has not connected.
     Joining { seat: Seat, goal: Goal },
-    /// It steps and publishes, and is not obeyed.
+    /// It steps and publishes, and is not followed.
     Shadowing { seat: Seat, goal: Goal, track_until_ns: u64, until_ns: u64, stage: Stage },
     /// A record from `epoch` on names it as the owner. Its window ends at `ends_ns` at the earliest.
-    Flipping { new: Seat, old: Seat, epoch: u64, order: Order, ends_ns: u64 },
+    Flipping { new: Seat, old: Seat, epoch: u64, order: SwapTerms, ends_ns: u64 },
     /// It commands; the old owner is the fallback.
-    Window { new: Seat, old: Seat, until_ns: u64, order: Order },
+    Window { new: Seat, old: Seat, until_ns: u64, order: SwapTerms },
     /// A record from `epoch` on names the old owner again; the other one is healthy and leaves when
     /// that is confirmed.
     Reverting { from: Seat, to: Seat, epoch: u64, asked: bool },
@@ -71,7 +71,7 @@ enum Phase {
 /// What a candidate is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Goal {
-    Swap(Order),
+    Swap(SwapTerms),
     Standby { shadow_ns: u64, rehearse: bool },
 }
 
@@ -174,7 +174,7 @@ impl Slot {
 
     /// A slot found in flight: the newest record that its supervisor had written, and which processes are there.
     /// One that is neither owner nor fallback is sent away; an owner that is not there is replaced, or
-    /// started again as an instance of `owner`. If the consumer obeys the fallback, send
+    /// started again as an instance of `owner`. If the consumer follows the fallback, send
     /// [`Event::FailedOver`] next.
     #[must_use]
     pub fn adopt(

@@ -1,7 +1,7 @@
 //! What users and scripts ask for.
 
 use super::instances::{InstanceState, Program};
-use super::message::{Action, Now, Order, Request, Target};
+use super::message::{Action, Now, Request, SwapTerms, Target};
 use super::reason::Reason;
 use super::report::{Outcome, Report};
 use super::{Goal, Phase, Slot, Stage, Standby};
@@ -37,7 +37,7 @@ impl Slot {
         &mut self,
         now: Now,
         target: Target,
-        order: Order,
+        order: SwapTerms,
         out: &mut Vec<Action>,
     ) -> Result<(), Reason> {
         self.be_at_rest()?;

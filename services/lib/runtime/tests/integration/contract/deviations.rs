@@ -272,7 +272,7 @@ fn what_a_seat_says_while_it_does_not_count_is_not_missing_afterwards() {
         book.learn(&record);
     }
     let input = bench.executor.component.input(&topics::IMU).expect("it reads that");
-    input.obey(topics::WRENCH_COMMAND.info.from, &book);
+    input.learn_owners(topics::WRENCH_COMMAND.info.from, &book);
     // What it said meanwhile came, or did not, by chance.
     for (sequence, instant_ms) in [(1, 0), (2, 1), (3, 2), (5, 4), (7, 6), (8, 7)] {
         bench.says((1, 0), sequence, instant_ms);

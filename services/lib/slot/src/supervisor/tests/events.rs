@@ -8,7 +8,7 @@ fn any_event() -> impl Strategy<Value = Event> {
     let epoch = 0..12_u64;
     let order =
         (0..3_u64, 0..3_u64, any::<bool>(), any::<bool>()).prop_map(|(a, b, force, dry_run)| {
-            Order {
+            SwapTerms {
                 shadow_ns: a * MS,
                 rollback_ns: b * MS,
                 force,

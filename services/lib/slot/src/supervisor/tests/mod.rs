@@ -16,8 +16,8 @@ fn instance(layout: u64) -> Instance {
     Instance { layout, millihertz: 100_000, latency_ns: MS }
 }
 
-const fn order(shadow_ns: u64) -> Order {
-    Order {
+const fn order(shadow_ns: u64) -> SwapTerms {
+    SwapTerms {
         shadow_ns,
         rollback_ns: 500 * MS,
         force: false,
@@ -28,24 +28,24 @@ const fn order(shadow_ns: u64) -> Order {
 }
 
 /// A slot and what it has asked for.
-struct Desk {
+struct Bench {
     slot: Slot,
     now: Now,
     actions: Vec<Action>,
 }
 
-impl Desk {
+impl Bench {
     /// In flight with an owner of layout 7 on seat 0.
     fn new(config: SlotConfig) -> Self {
         let now = Now { logical_ns: 0, allowed_ns: 0 };
         let slot = Slot::new(config, SEAT[0], Program(0));
-        let mut desk = Self { slot, now, actions: Vec::new() };
-        assert!(desk.slot.holds_time());
-        desk.on(Event::Ready(SEAT[0], instance(7)));
-        assert_eq!(desk.record().effective_ns, 0, "the first record counts from the start");
-        desk.confirm();
-        assert!(desk.slot.is_quiet());
-        desk
+        let mut bench = Self { slot, now, actions: Vec::new() };
+        assert!(bench.slot.holds_time());
+        bench.on(Event::Ready(SEAT[0], instance(7)));
+        assert_eq!(bench.record().effective_ns, 0, "the first record counts from the start");
+        bench.confirm();
+        assert!(bench.slot.is_quiet());
+        bench
     }
 
     fn at(&mut self, at_ns: u64) -> &mut Self {
@@ -103,20 +103,20 @@ impl Desk {
 
     /// Seat 1 commands and seat 0 is warm.
     fn in_window(config: SlotConfig) -> Self {
-        let mut desk = Self::new(config);
-        desk.at(1000 * MS).swap(7).confirm().wait().pass(SEAT[1]).confirm();
-        assert!(matches!(desk.slot.phase, Phase::Window { .. }));
-        desk
+        let mut bench = Self::new(config);
+        bench.at(1000 * MS).swap(7).confirm().wait().pass(SEAT[1]).confirm();
+        assert!(matches!(bench.slot.phase, Phase::Window { .. }));
+        bench
     }
 
     /// Seat 0 commands and seat 1 stands by.
     fn with_standby(config: SlotConfig) -> Self {
-        let mut desk = Self::new(config);
-        desk.on(Event::Request(Request::Standby(Program(2), 100 * MS, false)));
-        desk.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
-        assert_eq!(desk.record().fallback, Some(SEAT[1]));
-        desk.confirm();
-        desk
+        let mut bench = Self::new(config);
+        bench.on(Event::Request(Request::Standby(Program(2), 100 * MS, false)));
+        bench.on(Event::Ready(SEAT[1], instance(7))).confirm().wait().pass(SEAT[1]);
+        assert_eq!(bench.record().fallback, Some(SEAT[1]));
+        bench.confirm();
+        bench
     }
 }
 

@@ -1,5 +1,5 @@
 //! Every interleaving of one plant, three controllers, one launcher and an intruder, through the same
-//! code that flies: [`slot::Slot`] at the launcher, [`slot::Consumer`] and [`slot::Desk`] at the plant.
+//! code that flies: [`slot::Slot`] at the launcher, [`slot::Consumer`] and [`slot::CommandBuffer`] at the plant.
 //!
 //! Messages wait, processes die or fall silent, the launcher dies and is succeeded, users ask for
 //! anything, all at any moment that a bounded number of such misfortunes allows. `world.rs` is the
@@ -51,14 +51,14 @@ impl Model for Search {
                 |_, world: &World| world.broken != Some(Broken::WrongWriter),
             ),
             Property::always(
-                "a command in effect at each tick at which one was there to obey, but for one of an owner that has tripped",
+                "a command in effect at each tick at which one was there to follow, but for one of an owner that has tripped",
                 |_, world: &World| world.broken != Some(Broken::Missed),
             ),
             Property::always(
                 "what has failed over does not go back within the epoch, nor after a trip to the same owner",
                 |_, world: &World| world.broken != Some(Broken::Unlatched),
             ),
-            Property::always("an owner that has tripped is not obeyed", |_, world: &World| {
+            Property::always("an owner that has tripped is not followed", |_, world: &World| {
                 world.broken != Some(Broken::TripForgotten)
             }),
             Property::always("epochs grow and instants do not go back", |_, world: &World| {
@@ -147,8 +147,8 @@ fn a_consumer_that_ignores_the_effective_instant_is_caught() {
 }
 
 #[test]
-fn a_consumer_that_obeys_any_member_is_caught() {
-    catches(Flaw::ObeysMembers, ONE_REQUEST, "no command but that");
+fn a_consumer_that_follows_any_member_is_caught() {
+    catches(Flaw::FollowsMembers, ONE_REQUEST, "no command but that");
 }
 
 #[test]
@@ -158,12 +158,12 @@ fn a_consumer_that_goes_back_to_its_owner_is_caught() {
 
 #[test]
 fn a_consumer_that_does_not_fail_over_is_caught() {
-    catches(Flaw::NeverFailsOver, ONE_MISFORTUNE, "there to obey");
+    catches(Flaw::NeverFailsOver, ONE_MISFORTUNE, "there to follow");
 }
 
 #[test]
 fn a_consumer_that_forgets_a_trip_is_caught() {
-    catches(Flaw::ForgetsTrip, Budget::new(1, 1, 1), "has tripped is not obeyed");
+    catches(Flaw::ForgetsTrip, Budget::new(1, 1, 1), "has tripped is not followed");
 }
 
 #[test]

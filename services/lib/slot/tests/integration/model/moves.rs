@@ -5,8 +5,8 @@ use super::world::{
     SAME_KIND, STANDBY, Word, World, config,
 };
 use slot::{
-    Clock, Event, Fault, GateFigures, Instance, Order, Program, Refusal, RehearsalRefusal,
-    Rehearsed, Request, SEATS, Seat, Slot, Target,
+    Clock, Event, Fault, GateFigures, Instance, Program, Refusal, RehearsalRefusal, Rehearsed,
+    Request, SEATS, Seat, Slot, SwapTerms, Target,
 };
 
 /// One thing that happens.
@@ -53,7 +53,7 @@ pub(crate) enum Move {
 }
 
 /// Of a built-in controller.
-const TRUSTED: Order = Order {
+const TRUSTED: SwapTerms = SwapTerms {
     shadow_ns: 2,
     rollback_ns: 3,
     force: false,
@@ -62,12 +62,12 @@ const TRUSTED: Order = Order {
     dry_run: false,
 };
 /// Of one that a user brought.
-const BROUGHT: Order = Order { rehearse: true, trusted: false, ..TRUSTED };
+const BROUGHT: SwapTerms = SwapTerms { rehearse: true, trusted: false, ..TRUSTED };
 
 const REQUESTS: [Request; 9] = [
     Request::Swap(Target::New(SAME_KIND), TRUSTED),
     Request::Swap(Target::New(OTHER_KIND), BROUGHT),
-    Request::Swap(Target::New(SAME_KIND), Order { dry_run: true, ..BROUGHT }),
+    Request::Swap(Target::New(SAME_KIND), SwapTerms { dry_run: true, ..BROUGHT }),
     Request::Swap(Target::Seated(Seat::ALL[1]), TRUSTED),
     Request::Standby(STANDBY, 2, false),
     Request::Rollback,

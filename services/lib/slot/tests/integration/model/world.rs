@@ -3,8 +3,8 @@
 use shared_types::Role;
 use shared_types::wire::Value;
 use slot::{
-    Action, Clock, Command, Consumer, Desk, DeskMemory, Event, Instance, Now, Program, Record,
-    SEATS, Seat, Slot, SlotConfig, Source,
+    Action, Clock, Command, CommandBuffer, CommandBufferMemory, Consumer, Event, Instance, Now,
+    Program, Record, SEATS, Seat, Slot, SlotConfig, Source,
 };
 
 /// If it has not come to rest by then, it never will.
@@ -43,7 +43,7 @@ impl Budget {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Flaw {
     IgnoresInstant,
-    ObeysMembers,
+    FollowsMembers,
     ForgetsFailOver,
     NeverFailsOver,
     NeverTriesAgain,
@@ -83,11 +83,11 @@ pub(crate) enum Process {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Table(pub Desk);
+pub(crate) struct Table(pub CommandBuffer);
 
 impl std::hash::Hash for Table {
     fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
-        let mut packed = [0; DeskMemory::PACKED_SIZE];
+        let mut packed = [0; CommandBufferMemory::PACKED_SIZE];
         self.0.memory().pack(&mut packed);
         state.write(&packed);
     }
@@ -105,7 +105,7 @@ pub(crate) struct World {
     /// `None`: the launcher is dead.
     pub slot: Option<Slot>,
     pub consumer: Consumer,
-    pub desk: Table,
+    pub commands: Table,
     pub processes: [Process; SEATS],
     /// On the way to the plant, with when (lockstep: at which end of allowed time) it was sent.
     pub records: Vec<(Record, u64)>,
@@ -122,13 +122,13 @@ pub(crate) struct World {
     accepted: Vec<Record>,
     /// The newest record written by any supervisor.
     pub written: Option<Record>,
-    /// The epoch in which the plant was last seen to obey the fallback.
+    /// The epoch in which the plant was last seen to follow the fallback.
     latched: u64,
     /// The epoch whose owner the monitor has tripped, as one who only watches remembers it.
     tripped: u64,
     /// Until then the gate levels the vehicle, whichever process commands.
     level_until: u64,
-    obeyed: Option<Seat>,
+    followed: Option<Seat>,
     /// Since when the plant has been on its own.
     alone: Option<u64>,
     pub broken: Option<Broken>,
@@ -179,7 +179,7 @@ impl World {
             flaw: None,
             slot: Some(Slot::new(config, Seat::ALL[0], OWNER)),
             consumer: Consumer::new(),
-            desk: Table(Desk::new()),
+            commands: Table(CommandBuffer::new()),
             processes: [Process::Gone; SEATS],
             records: Vec::new(),
             words: Vec::new(),
@@ -192,7 +192,7 @@ impl World {
             latched: 0,
             tripped: 0,
             level_until: 0,
-            obeyed: None,
+            followed: None,
             alone: None,
             broken: None,
         };
@@ -313,7 +313,7 @@ impl World {
     pub(crate) fn tick(&mut self) {
         let t = self.t;
         if let Some(turn) = self.consumer.advance(t) {
-            self.desk.0.turn(&turn);
+            self.commands.0.turn(&turn);
         }
         for seat in Seat::ALL {
             if let Some(command) = self.command(seat) {
@@ -331,7 +331,7 @@ impl World {
         }
         let choice = if self.flaw == Some(Flaw::NeverFailsOver) {
             let mut alone = self.consumer.clone();
-            let choice = self.desk.0.decide(&mut alone, t);
+            let choice = self.commands.0.decide(&mut alone, t);
             if choice.is_some_and(|choice| choice.source == Source::Fallback) {
                 let _ = self.consumer.decide(t, false, false);
                 None
@@ -340,16 +340,16 @@ impl World {
                 choice
             }
         } else {
-            self.desk.0.decide(&mut self.consumer, t)
+            self.commands.0.decide(&mut self.consumer, t)
         };
-        let before = self.obeyed;
+        let before = self.followed;
         let levels = self.t < self.level_until;
-        self.obeyed = choice.map(|choice| choice.seat).filter(|_| !levels);
+        self.followed = choice.map(|choice| choice.seat).filter(|_| !levels);
         self.judge(choice.map(|choice| (choice.seat, choice.source, choice.command)));
         let said = self.words.len();
         self.speak();
         self.complain();
-        let changed = before != self.obeyed || self.words.len() > said;
+        let changed = before != self.followed || self.words.len() > said;
         self.calm = if changed { 0 } else { (self.calm + 1).min(3) };
         self.t += 1;
     }
@@ -369,10 +369,10 @@ impl World {
     }
 
     fn offer(&mut self, seat: Seat, command: &Command) {
-        let owner = self.consumer.obeyed();
+        let owner = self.consumer.followed();
         let member = self.consumer.record().is_some_and(|record| record.is_taken(seat));
         let posed_as = match (self.flaw, owner) {
-            (Some(Flaw::ObeysMembers), Some(owner)) if member => {
+            (Some(Flaw::FollowsMembers), Some(owner)) if member => {
                 // Any member that speaks is taken for the owner; the watcher remembers which one the owner was.
                 if seat != owner {
                     self.broken = Some(Broken::WrongWriter);
@@ -381,7 +381,7 @@ impl World {
             }
             _ => seat,
         };
-        self.desk.0.offer(&self.consumer, posed_as, command);
+        self.commands.0.offer(&self.consumer, posed_as, command);
     }
 
     /// What the process on `seat` says for this tick.
@@ -421,7 +421,7 @@ impl World {
                 if self.tripped == record.epoch && seat == record.owner {
                     self.broken = Some(Broken::TripForgotten);
                 }
-                // Around a flip it may be what was obeyed before, while it is valid.
+                // Around a flip it may be what was followed before, while it is valid.
                 let then = at(command.effective_ns);
                 let owned = then.is_some_and(|then| then.owner == seat && then.is_taken(seat));
                 let stood_in = then.is_some_and(|then| {
@@ -488,7 +488,7 @@ impl World {
     fn complain(&mut self) {
         let epoch = self.consumer.epoch();
         self.alone = match self.alone {
-            _ if self.obeyed.is_some() || epoch == 0 || self.t < self.level_until => None,
+            _ if self.followed.is_some() || epoch == 0 || self.t < self.level_until => None,
             Some(since_ns) => {
                 if (self.t - since_ns).is_multiple_of(3) {
                     self.say(Word::Unguided { epoch, since_ns, at_ns: self.t });
@@ -523,7 +523,7 @@ impl World {
                     && slot.deadline_ns().is_none()
                     && self.processes.iter().all(at_rest)
                     && slot.record().is_some_and(|record| record.epoch == self.consumer.epoch())
-                    && owner == self.obeyed
+                    && owner == self.followed
                     && owner.is_some()
             }
         }

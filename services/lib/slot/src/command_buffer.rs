@@ -5,7 +5,7 @@
 //! ready.
 
 use crate::consumer::{Consumer, Source, Turn};
-use crate::record::{SEATS, Seat, Standing};
+use crate::record::{Authority, SEATS, Seat};
 
 shared_types::memory! {
     /// A command that was its writer's to give.
@@ -14,7 +14,7 @@ shared_types::memory! {
         /// What is commanded: T \[N\] and τ \[N m\] for attitude, T \[N\] and φ, θ, ψ \[rad\] for
         /// position.
         pub value: [f64; 4],
-        /// Its sequence, for the one who asks which command was obeyed.
+        /// Its sequence, for the one who asks which command was followed.
         pub sequence: u64,
         /// Sequence of the sensor sample it descends from.
         pub cause_sequence: u64,
@@ -63,9 +63,9 @@ impl Given {
 }
 
 shared_types::memory! {
-    /// A [`Desk`] as plain numbers.
+    /// A [`CommandBuffer`] as plain numbers.
     #[derive(PartialEq)]
-    pub struct DeskMemory {
+    pub struct CommandBufferMemory {
         held: [Command; SEATS],
         carried: Given,
         last: Given,
@@ -74,7 +74,7 @@ shared_types::memory! {
 
 /// The table. Of fixed size; nothing here allocates or panics.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Desk {
+pub struct CommandBuffer {
     /// By seat, the newest command of owner and fallback.
     held: [Command; SEATS],
     /// In effect at the last turn.
@@ -83,13 +83,13 @@ pub struct Desk {
     last: Given,
 }
 
-impl Default for Desk {
+impl Default for CommandBuffer {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Desk {
+impl CommandBuffer {
     /// An empty table.
     #[must_use]
     pub fn new() -> Self {
@@ -112,19 +112,19 @@ impl Desk {
     }
 
     /// Judges a command of `seat`'s at its effective instant and keeps it if it is the owner's or the
-    /// fallback's. A command that is not fit to be obeyed should not be offered: its writer is then
+    /// fallback's. A command that is not fit to be followed should not be offered: its writer is then
     /// silent.
-    pub fn offer(&mut self, consumer: &Consumer, seat: Seat, command: &Command) -> Standing {
-        let standing = consumer.standing_at(seat, command.effective_ns);
+    pub fn offer(&mut self, consumer: &Consumer, seat: Seat, command: &Command) -> Authority {
+        let authority = consumer.authority_at(seat, command.effective_ns);
         let is_seated = consumer.record().is_some_and(|record| record.is_taken(seat));
         let held = &mut self.held[seat.index()];
-        if matches!(standing, Standing::Owner | Standing::Fallback)
+        if matches!(authority, Authority::Owner | Authority::Fallback)
             && is_seated
             && held.effective_ns <= command.effective_ns
         {
             *held = *command;
         }
-        standing
+        authority
     }
 
     /// Keeps a command in effect until the owner speaks, whichever seat gave it: for a consumer that joins, to
@@ -166,13 +166,13 @@ impl Desk {
 
     /// Everything that evolves.
     #[must_use]
-    pub fn memory(&self) -> DeskMemory {
-        DeskMemory { held: self.held, carried: self.carried, last: self.last }
+    pub fn memory(&self) -> CommandBufferMemory {
+        CommandBufferMemory { held: self.held, carried: self.carried, last: self.last }
     }
 
     /// Continues from a memory.
-    pub fn restore(&mut self, memory: &DeskMemory) {
-        let DeskMemory { held, carried, last } = *memory;
+    pub fn restore(&mut self, memory: &CommandBufferMemory) {
+        let CommandBufferMemory { held, carried, last } = *memory;
         *self = Self { held, carried, last };
     }
 }
@@ -203,7 +203,7 @@ mod tests {
 
     struct Table {
         consumer: Consumer,
-        desk: Desk,
+        commands: CommandBuffer,
     }
 
     impl Table {
@@ -212,13 +212,13 @@ mod tests {
             for record in records {
                 assert_eq!(consumer.take_record(record), Taken::Accepted);
             }
-            Self { consumer, desk: Desk::new() }
+            Self { consumer, commands: CommandBuffer::new() }
         }
 
         /// One instant: commands of these writers, then the choice.
         fn at(&mut self, now_ns: u64, writers: &[Seat]) -> Option<(Seat, u64)> {
             if let Some(turn) = self.consumer.advance(now_ns) {
-                self.desk.turn(&turn);
+                self.commands.turn(&turn);
             }
             for seat in writers {
                 let command = Command {
@@ -226,9 +226,9 @@ mod tests {
                     valid_until_ns: now_ns + 2 * PERIOD_NS,
                     ..Command::default()
                 };
-                self.desk.offer(&self.consumer, *seat, &command);
+                self.commands.offer(&self.consumer, *seat, &command);
             }
-            let choice = self.desk.decide(&mut self.consumer, now_ns);
+            let choice = self.commands.decide(&mut self.consumer, now_ns);
             choice.map(|choice| (choice.seat, choice.command.effective_ns))
         }
     }
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_flip_the_old_owner_is_not_obeyed_again_but_for_a_fail_over() {
+    fn after_a_flip_the_old_owner_is_not_followed_again_but_for_a_fail_over() {
         let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
         assert_eq!(table.at(10, &[A]), Some((A, 10)));
         assert_eq!(table.at(20, &[A]), Some((A, 10)), "valid, and given while it was the owner's");
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rollback_obeys_the_old_owners_words_as_fallback_only_if_nothing_else_counts() {
+    fn a_rollback_follows_the_old_owners_words_as_fallback_only_if_nothing_else_counts() {
         let back = record(3, 37, 0, Some(1));
         let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
         assert_eq!(table.at(10, &[A]), Some((A, 10)));
@@ -304,20 +304,20 @@ mod tests {
         let mut table = Table::new(&[record(1, 0, 0, Some(1))]);
         table.consumer.advance(10);
         let last = Command { effective_ns: 10, valid_until_ns: 30, ..Command::default() };
-        table.desk.carry(B, &last);
+        table.commands.carry(B, &last);
         assert_eq!(table.at(15, &[]), Some((B, 10)));
         assert_eq!(table.at(20, &[A, B]), Some((A, 20)));
         assert!(!table.consumer.failed_over());
         let mut other = Table::new(&[record(1, 0, 0, Some(1))]);
         other.consumer.advance(10);
-        other.desk.carry(B, &last);
+        other.commands.carry(B, &last);
         assert_eq!(other.at(20, &[B]), Some((B, 10)));
         assert_eq!(other.at(30, &[B]), Some((B, 30)));
         assert!(other.consumer.failed_over(), "an owner that never speaks");
     }
 
     #[test]
-    fn no_other_seat_is_ever_obeyed() {
+    fn no_other_seat_is_ever_followed() {
         let mut table = Table::new(&[record(1, 0, 0, None)]);
         assert_eq!(table.at(0, &[B, C, D]), None);
         assert_eq!(table.at(10, &[B]), None);
@@ -328,7 +328,7 @@ mod tests {
         let mut table = Table::new(&[record(1, 0, 0, None)]);
         assert_eq!(table.at(30, &[A]), Some((A, 30)));
         let late = Command { effective_ns: 20, valid_until_ns: 90, ..Command::default() };
-        assert_eq!(table.desk.offer(&table.consumer, A, &late), Standing::Owner);
+        assert_eq!(table.commands.offer(&table.consumer, A, &late), Authority::Owner);
         assert_eq!(table.at(40, &[]), Some((A, 30)));
     }
 
@@ -351,8 +351,8 @@ mod tests {
         let mut table = Table::new(&[record(1, 0, 0, Some(1)), record(2, 20, 1, Some(0))]);
         table.at(10, &[A, B]);
         table.at(20, &[A]);
-        let mut other = Desk::new();
-        other.restore(&table.desk.memory());
-        assert_eq!(other, table.desk);
+        let mut other = CommandBuffer::new();
+        other.restore(&table.commands.memory());
+        assert_eq!(other, table.commands);
     }
 }

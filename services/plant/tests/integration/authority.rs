@@ -1,4 +1,4 @@
-//! Whose commands the plant obeys: flips, records that come too late, fail-over, the limiter.
+//! Whose commands the plant follows: flips, records that come too late, fail-over, the limiter.
 
 use nalgebra::Vector3;
 use plant::gate::{GateConfig, UnprovenRange};

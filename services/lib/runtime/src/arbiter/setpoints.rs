@@ -1,13 +1,12 @@
 //! The position slot's consumer, and what its owner reads back from the attitude slot.
 
-use super::{Obedience, ObedienceMemory, Order};
+use super::{ArbiterMemory, CommandArbiter, Selection};
 use crate::input::Input;
-use crate::ownership::Standing;
 use core::slice::Iter;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, Flag, OwnerRecord, Role, Trip,
 };
-use slot::{Command, Standing as Seated};
+use slot::{Authority, Command};
 
 /// Bound on the tilt that a position loop asks for, the unit in which steps of it are measured \[rad\].
 pub const TILT_BOUND_RAD: f64 = 0.35;
@@ -19,7 +18,7 @@ shared_types::memory! {
     #[derive(PartialEq)]
     pub struct SetpointMemory {
         /// Whose set point counts.
-        pub obedience: ObedienceMemory,
+        pub arbiter: ArbiterMemory,
         /// Set points refused because they are not finite.
         pub refused: u64,
     }
@@ -28,20 +27,20 @@ shared_types::memory! {
 /// Whose attitude set point counts, in the loop that tracks it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetpointSlot {
-    obedience: Obedience,
+    arbiter: CommandArbiter,
     refused: u64,
     limit: [f64; 4],
     weight_n: f64,
 }
 
 impl SetpointSlot {
-    /// Obeys no seat yet; `weight_n` is the vehicle's.
+    /// Follows no seat yet; `weight_n` is the vehicle's.
     #[must_use]
     pub fn new(weight_n: f64) -> Self {
         let tilt = STEP_SHARE * TILT_BOUND_RAD;
         // The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
         let limit = [STEP_SHARE * weight_n, tilt, tilt, f64::INFINITY];
-        Self { obedience: Obedience::new(), refused: 0, limit, weight_n }
+        Self { arbiter: CommandArbiter::new(), refused: 0, limit, weight_n }
     }
 
     /// The set point to track at `now_ns`, its value T \[N\], φ, θ, ψ \[rad\]; `None` if none is valid;
@@ -54,17 +53,17 @@ impl SetpointSlot {
         setpoints: &Input<AttitudeSetpoint>,
         trips: &Input<Trip>,
     ) -> Option<Command> {
-        let joins = self.obedience.consumer.record().is_none();
-        self.obedience.hear(records);
+        let joins = self.arbiter.consumer.record().is_none();
+        self.arbiter.hear(records);
         if joins && let Some(known) = setpoints.before_fresh() {
             // In effect since before this controller began.
-            self.obedience.advance(known.header.valid_ns);
+            self.arbiter.advance(known.header.valid_ns);
             if let Some((value, validity_ns)) = self.judge(known) {
-                self.obedience.carry(&known.header, value, validity_ns);
+                self.arbiter.carry(&known.header, value, validity_ns);
             }
         }
         if let Some(known) = trips.before_fresh().filter(|_| joins) {
-            let _taken = self.obedience.trip(Role::Position, known);
+            let _taken = self.arbiter.trip(Role::Position, known);
         }
         let mut trips = trips.fresh().iter();
         let at_once =
@@ -72,9 +71,9 @@ impl SetpointSlot {
         for samples in setpoints.fresh().chunk_by(at_once) {
             let Some(first) = samples.first() else { continue };
             // A late one counts from the last decision on, which stays as it was.
-            let at_ns = first.header.valid_ns.max(self.obedience.consumer.open_ns());
+            let at_ns = first.header.valid_ns.max(self.arbiter.consumer.open_ns());
             self.take_trips(at_ns, &mut trips);
-            self.obedience.advance(at_ns);
+            self.arbiter.advance(at_ns);
             for sample in samples {
                 self.offer(sample);
             }
@@ -83,7 +82,7 @@ impl SetpointSlot {
             }
         }
         self.take_trips(now_ns, &mut trips);
-        self.obedience.advance(now_ns);
+        self.arbiter.advance(now_ns);
         let order = self.decide(now_ns);
         order.map(|order| order.command).or_else(|| self.level())
     }
@@ -91,25 +90,25 @@ impl SetpointSlot {
     /// Whose set point counts at an instant. After a trip none counts until the fallback has had two periods to see
     /// that the vehicle levels, or a record names another owner: the fallback continues from what is applied, and would
     /// begin with what its predecessor has tripped for.
-    fn decide(&mut self, at_ns: u64) -> Option<Order> {
-        let record = self.obedience.consumer.record().filter(|_| self.obedience.is_revoked());
+    fn decide(&mut self, at_ns: u64) -> Option<Selection> {
+        let record = self.arbiter.consumer.record().filter(|_| self.arbiter.is_revoked());
         let levels_ns = record.map_or(0, |record| {
             let period_ns = record.fallback.map_or(0, |seat| record.period_ns[seat.index()]);
-            self.obedience.counters().trip_ns.saturating_add(period_ns.saturating_mul(2))
+            self.arbiter.counters().trip_ns.saturating_add(period_ns.saturating_mul(2))
         });
         if at_ns < levels_ns {
-            self.obedience.reject(at_ns);
+            self.arbiter.reject(at_ns);
             return None;
         }
-        self.obedience.decide(at_ns, &self.limit)
+        self.arbiter.decide(at_ns, &self.limit)
     }
 
     /// What is tracked in place of a set point of an owner that has tripped, until there is another's. The heading
     /// stays. A loop that has tracked none keeps its first one.
     fn level(&mut self) -> Option<Command> {
-        let Command { value: [.., yaw_rad], sequence, .. } = self.obedience.given;
-        (self.obedience.is_revoked() && sequence > 0).then(|| {
-            self.obedience.forget_order();
+        let Command { value: [.., yaw_rad], sequence, .. } = self.arbiter.given;
+        (self.arbiter.is_revoked() && sequence > 0).then(|| {
+            self.arbiter.forget_order();
             Command { value: [self.weight_n, 0.0, 0.0, yaw_rad], ..Command::default() }
         })
     }
@@ -118,9 +117,9 @@ impl SetpointSlot {
     fn take_trips(&mut self, until_ns: u64, trips: &mut Iter<'_, Trip>) {
         while let Some(trip) = trips.as_slice().first().filter(|t| t.header.valid_ns <= until_ns) {
             let _this = trips.next();
-            let at_ns = trip.header.valid_ns.max(self.obedience.consumer.open_ns());
-            self.obedience.advance(at_ns);
-            let _taken = self.obedience.trip(Role::Position, trip);
+            let at_ns = trip.header.valid_ns.max(self.arbiter.consumer.open_ns());
+            self.arbiter.advance(at_ns);
+            let _taken = self.arbiter.trip(Role::Position, trip);
             if at_ns < until_ns {
                 self.decide(at_ns);
             }
@@ -129,19 +128,19 @@ impl SetpointSlot {
 
     fn offer(&mut self, sample: &AttitudeSetpoint) {
         if let Some((value, validity_ns)) = self.judge(sample) {
-            self.obedience.offer(&sample.header, value, validity_ns);
+            self.arbiter.offer(&sample.header, value, validity_ns);
         }
     }
 
-    /// What a sample asks for and for how long it is good \[ns\], if it is fit to be obeyed.
+    /// What a sample asks for and for how long it is good \[ns\], if it is fit to be followed.
     fn judge(&mut self, sample: &AttitudeSetpoint) -> Option<([f64; 4], u64)> {
-        let standing = self.obedience.standing_of(&sample.header);
-        if !matches!(standing, Seated::Owner | Seated::Fallback) {
+        let authority = self.arbiter.authority_of(&sample.header);
+        if !matches!(authority, Authority::Owner | Authority::Fallback) {
             return None;
         }
         let value = [sample.thrust_n, sample.roll_rad, sample.pitch_rad, sample.yaw_rad];
         if value.iter().all(|v| v.is_finite()) {
-            Some((value, self.obedience.two_periods_ns(&sample.header)))
+            Some((value, self.arbiter.two_periods_ns(&sample.header)))
         } else {
             self.refused += 1;
             None
@@ -152,11 +151,11 @@ impl SetpointSlot {
     #[must_use]
     pub fn applied(&self) -> AppliedSetpoint {
         AppliedSetpoint {
-            epoch: self.obedience.epoch(),
-            refused_epoch: self.obedience.counters().refused_epoch,
-            seat: self.obedience.seat(),
-            failed_over: Flag::from(self.obedience.failed_over()),
-            tripped: Flag::from(self.obedience.tripped()),
+            epoch: self.arbiter.epoch(),
+            refused_epoch: self.arbiter.counters().refused_epoch,
+            seat: self.arbiter.seat(),
+            failed_over: Flag::from(self.arbiter.failed_over()),
+            tripped: Flag::from(self.arbiter.tripped()),
             ..AppliedSetpoint::default()
         }
     }
@@ -170,19 +169,19 @@ impl SetpointSlot {
     /// Everything that evolves.
     #[must_use]
     pub fn memory(&self) -> SetpointMemory {
-        SetpointMemory { obedience: self.obedience.memory(), refused: self.refused }
+        SetpointMemory { arbiter: self.arbiter.memory(), refused: self.refused }
     }
 
     /// Continues from a memory, bit for bit.
     pub fn restore(&mut self, memory: &SetpointMemory) {
-        self.obedience.restore(&memory.obedience);
+        self.arbiter.restore(&memory.arbiter);
         self.refused = memory.refused;
     }
 }
 
 impl Input<AppliedSetpoint> {
     /// The newest of this step that the attitude slot's owner has said; the fallback's if the owner says nothing any
-    /// more, or the plant does not obey it any more, as `plant` says: what an owner that has tripped or failed reports
+    /// more, or the plant does not follow it any more, as `plant` says: what an owner that has tripped or failed reports
     /// is not what flies. Shadows say what they track too.
     #[must_use]
     pub fn in_command(
@@ -190,15 +189,15 @@ impl Input<AppliedSetpoint> {
         records: &Input<OwnerRecord>,
         plant: Option<&AppliedCommand>,
     ) -> Option<&AppliedSetpoint> {
-        let newest = |standing| {
-            self.fresh().iter().rev().find(|s| records.standing_of(&s.header) == standing)
+        let newest = |authority| {
+            self.fresh().iter().rev().find(|s| records.authority_of(&s.header) == authority)
         };
         let has_failed = |said: &&AppliedSetpoint| {
             let epoch = records.in_effect_at(said.header.valid_ns).map(|record| record.epoch);
             plant.is_some_and(|plant| plant.failed_over.is_set() && Some(plant.epoch) == epoch)
         };
-        let owners = newest(Standing::Owner).filter(|said| !has_failed(said));
-        owners.or_else(|| newest(Standing::Fallback))
+        let owners = newest(Authority::Owner).filter(|said| !has_failed(said));
+        owners.or_else(|| newest(Authority::Fallback))
     }
 }
 
@@ -241,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn an_owner_that_the_plant_does_not_obey_any_more_is_not_believed() {
+    fn an_owner_that_the_plant_does_not_follow_any_more_is_not_believed() {
         let plant = |epoch: u64, failed_over: bool| AppliedCommand {
             epoch,
             failed_over: Flag::from(failed_over),

@@ -1,18 +1,18 @@
-//! How the consumer of a slot obeys: whose command counts from instant to instant.
+//! How the consumer of a slot selects a command: whose one counts from instant to instant.
 //!
-//! Once per step [`Obedience::hear`] takes the owner records. Then, instant by instant:
-//! [`advance`](Obedience::advance), [`trip`](Obedience::trip) for each trip and
-//! [`offer`](Obedience::offer) for each command that takes effect, [`decide`](Obedience::decide). A step that ends
-//! after its last decision says so with [`close_before`](Obedience::close_before): a record for an instant that is past
-//! then came too late and is refused. [`setpoints`] does all this for a loop that tracks attitude set points.
+//! Once per step [`CommandArbiter::hear`] takes the owner records. Then, instant by instant:
+//! [`advance`](CommandArbiter::advance), [`trip`](CommandArbiter::trip) for each trip and
+//! [`offer`](CommandArbiter::offer) for each command that takes effect, [`decide`](CommandArbiter::decide). A step
+//! that ends after its last decision says so with [`close_before`](CommandArbiter::close_before): a record for an
+//! instant that is past then came too late and is refused. [`setpoints`] does all this for a loop that tracks attitude set points.
 
 pub mod setpoints;
 
 use crate::input::Input;
 use shared_types::{Header, NO_SEAT, OwnerRecord, Role, Trip};
 use slot::{
-    Command, Consumer, ConsumerMemory, Counters, Desk, DeskMemory, Limiter, LimiterMemory, Record,
-    Seat, Source, Standing, Tripped,
+    Authority, Command, CommandBuffer, CommandBufferMemory, Consumer, ConsumerMemory, Counters,
+    Limiter, LimiterMemory, Record, Seat, Source, Tripped,
 };
 
 /// Time over which what the limiter takes out of a change of kind comes back \[ns\].
@@ -20,7 +20,7 @@ pub const LIMITED_FOR_NS: u64 = 100_000_000;
 
 /// The command to apply.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Order {
+pub struct Selection {
     /// The command in effect, its value as the limiter leaves it.
     pub command: Command,
     /// Whose it is.
@@ -30,13 +30,13 @@ pub struct Order {
 }
 
 shared_types::memory! {
-    /// An [`Obedience`] as plain numbers.
+    /// A [`CommandArbiter`] as plain numbers.
     #[derive(PartialEq)]
-    pub struct ObedienceMemory {
+    pub struct ArbiterMemory {
         /// Records.
         pub consumer: ConsumerMemory,
         /// Commands.
-        pub desk: DeskMemory,
+        pub commands: CommandBufferMemory,
         /// What is still taken out of a change of kind.
         pub limiter: LimiterMemory,
         /// Last order.
@@ -58,30 +58,30 @@ fn command(header: &Header, value: [f64; 4], validity_ns: u64) -> Command {
     }
 }
 
-/// The obedience of one slot's consumer. Of fixed size; nothing here allocates or panics.
+/// The arbiter of one slot's consumer. Of fixed size; nothing here allocates or panics.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Obedience {
+pub struct CommandArbiter {
     consumer: Consumer,
-    desk: Desk,
+    commands: CommandBuffer,
     limiter: Limiter,
     given: Command,
     given_by: Option<Seat>,
     kind_changes: bool,
 }
 
-impl Default for Obedience {
+impl Default for CommandArbiter {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Obedience {
-    /// Knows no record and obeys no seat.
+impl CommandArbiter {
+    /// Knows no record and follows no seat.
     #[must_use]
     pub fn new() -> Self {
         Self {
             consumer: Consumer::new(),
-            desk: Desk::new(),
+            commands: CommandBuffer::new(),
             limiter: Limiter::new([0.0; 4], LIMITED_FOR_NS),
             given: Command::default(),
             given_by: None,
@@ -101,12 +101,12 @@ impl Obedience {
     /// Puts into effect the record that is due at `now_ns`.
     pub fn advance(&mut self, now_ns: u64) {
         if let Some(turn) = self.consumer.advance(now_ns) {
-            self.desk.turn(&turn);
+            self.commands.turn(&turn);
             self.kind_changes = turn.kind_changed;
         }
     }
 
-    /// Takes a trip that is in effect, if it is about the owner of `slot`, which this consumer obeys.
+    /// Takes a trip that is in effect, if it is about the owner of `slot`, which this consumer follows.
     pub fn trip(&mut self, slot: Role, trip: &Trip) -> Tripped {
         match Seat::new(trip.instance) {
             Some(seat) if trip.slot == slot => {
@@ -116,11 +116,11 @@ impl Obedience {
         }
     }
 
-    /// Standing of a command's writer at the command's effective instant.
+    /// Authority of a command's writer at the command's effective instant.
     #[must_use]
-    pub fn standing_of(&self, header: &Header) -> Standing {
+    pub fn authority_of(&self, header: &Header) -> Authority {
         Seat::new(header.seat)
-            .map_or(Standing::Stray, |seat| self.consumer.standing_at(seat, header.valid_ns))
+            .map_or(Authority::Stray, |seat| self.consumer.authority_at(seat, header.valid_ns))
     }
 
     /// Two control periods of a command's writer, by the record in effect \[ns\].
@@ -130,30 +130,30 @@ impl Obedience {
         period_ns().unwrap_or(0).saturating_mul(2)
     }
 
-    /// Puts a command on the table that is fit to be obeyed and counts for `validity_ns` from its
+    /// Puts a command on the table that is fit to be followed and counts for `validity_ns` from its
     /// effective instant on.
     pub fn offer(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
         let Some(seat) = Seat::new(header.seat) else { return };
-        self.desk.offer(&self.consumer, seat, &command(header, value, validity_ns));
+        self.commands.offer(&self.consumer, seat, &command(header, value, validity_ns));
     }
 
     /// Takes a command as the one in effect when this consumer joined, until the owner speaks.
     pub fn carry(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
         let Some(seat) = Seat::new(header.seat) else { return };
-        self.desk.carry(seat, &command(header, value, validity_ns));
+        self.commands.carry(seat, &command(header, value, validity_ns));
     }
 
     /// What to apply at `now_ns`; `None` if no seat has a valid command. A change of kind may step by
     /// at most `limit` per axis, in the command's units.
-    pub fn decide(&mut self, now_ns: u64, limit: &[f64; 4]) -> Option<Order> {
-        let choice = self.desk.decide(&mut self.consumer, now_ns)?;
+    pub fn decide(&mut self, now_ns: u64, limit: &[f64; 4]) -> Option<Selection> {
+        let choice = self.commands.decide(&mut self.consumer, now_ns)?;
         let (seat, command) = (choice.seat, choice.command);
         let by_owner = choice.source == Source::Owner
             && self.consumer.record().is_some_and(|record| record.owner == seat);
         let before = (self.given, self.given_by);
         if Some(seat) != self.given_by {
             if let Some(given_by) = self.given_by.filter(|_| by_owner && self.kind_changes) {
-                let old = self.desk.said_by(given_by, now_ns);
+                let old = self.commands.said_by(given_by, now_ns);
                 let old =
                     old.map_or(self.given.value, |old| self.limiter.apply(now_ns, &old.value));
                 self.limiter = Limiter::new(*limit, LIMITED_FOR_NS);
@@ -169,7 +169,7 @@ impl Obedience {
         }
         self.given = Command { value: self.limiter.apply(now_ns, &command.value), ..command };
         self.given_by = Some(seat);
-        Some(Order { command: self.given, seat, is_new: before != (self.given, self.given_by) })
+        Some(Selection { command: self.given, seat, is_new: before != (self.given, self.given_by) })
     }
 
     /// Says that every instant before `now_ns` is past. Before the first record nothing was decided:
@@ -183,7 +183,7 @@ impl Obedience {
     /// Decides that nothing counts at `at_ns`, whatever owner and fallback say.
     pub fn reject(&mut self, at_ns: u64) {
         self.consumer.close_before(at_ns.saturating_add(1));
-        self.desk.clear();
+        self.commands.clear();
     }
 
     /// Says that the last order is no longer what is applied: nothing has to continue from it.
@@ -247,10 +247,10 @@ impl Obedience {
 
     /// Everything that evolves.
     #[must_use]
-    pub fn memory(&self) -> ObedienceMemory {
-        ObedienceMemory {
+    pub fn memory(&self) -> ArbiterMemory {
+        ArbiterMemory {
             consumer: self.consumer.memory(),
-            desk: self.desk.memory(),
+            commands: self.commands.memory(),
             limiter: self.limiter.memory(),
             given: self.given,
             given_by: self.given_by.map_or(NO_SEAT, u32::from),
@@ -259,9 +259,9 @@ impl Obedience {
     }
 
     /// Continues from a memory, bit for bit.
-    pub fn restore(&mut self, memory: &ObedienceMemory) {
+    pub fn restore(&mut self, memory: &ArbiterMemory) {
         self.consumer.restore(&memory.consumer);
-        self.desk.restore(&memory.desk);
+        self.commands.restore(&memory.commands);
         self.limiter.restore(&memory.limiter);
         self.given = memory.given;
         self.given_by = Seat::new(memory.given_by);

@@ -80,7 +80,7 @@ class Limiter:
         return tuple(v - excess * share for v, excess in zip(value, self._excess))
 
 
-class Obedience:
+class CommandArbiter:
     """Records, set points and the choice between them."""
 
     def __init__(self, limits):
@@ -116,7 +116,7 @@ class Obedience:
 
     def advance(self, t_ns):
         """Puts the record into effect that is due."""
-        obeyed = self.seat if self.record and self.record.is_taken(self.seat) else None
+        followed = self.seat if self.record and self.record.is_taken(self.seat) else None
         turned = False
         while self._announced and self._announced[0].effective_ns <= t_ns:
             self._previous, self.record = self.record, self._announced.pop(0)
@@ -132,7 +132,7 @@ class Obedience:
             self.failed_over = self.failed_over and self.tripped and is_same
             turned = True
         if turned:
-            self._kind_changes = self.record.kind_changed and self.seat != obeyed
+            self._kind_changes = self.record.kind_changed and self.seat != followed
             self._carried = self._last
             self._held = {s: c for s, c in self._held.items() if self.record.is_taken(s)}
 
@@ -250,56 +250,56 @@ class SetPoints:
         self._weight_n, self._role = weight_n, role
         tilt_rad = STEP_SHARE * TILT_BOUND_RAD
         # The heading comes from the reference whichever process owns the slot, and it wraps: never limited.
-        self._obedience = Obedience((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
+        self._arbiter = CommandArbiter((STEP_SHARE * weight_n, tilt_rad, tilt_rad, math.inf))
 
     def take(self, t_ns, owners, setpoints, trips):
         """The set point at an instant, from the inputs `position_owner`, `attitude_setpoint` and `trip`;
         None if none is valid; one is for two control periods of its writer. If the owner has tripped and
         no fallback has taken over yet, it is to be level, with the sequence 0 of no set point."""
-        obedience = self._obedience
-        joins = obedience.record is None
+        arbiter = self._arbiter
+        joins = arbiter.record is None
         records = [owners.before] if joins and owners.before else []
         for sample in (*records, *owners.fresh):
-            obedience.hear(record_of(owners.value_of(sample)))
+            arbiter.hear(record_of(owners.value_of(sample)))
         if joins and setpoints.before:
-            obedience.advance(setpoints.before.valid_ns)
+            arbiter.advance(setpoints.before.valid_ns)
             command = self._judge(setpoints, setpoints.before)
             if command:
-                obedience.carry(command)
+                arbiter.carry(command)
         if joins and trips.before:
             self._trip(trips, trips.before)
         waiting = list(trips.fresh)
         fresh = setpoints.fresh
         for index, sample in enumerate(fresh):
             # One that comes late counts from the last decision on, which stays as it was.
-            at_ns = max(sample.valid_ns, obedience.open_ns)
+            at_ns = max(sample.valid_ns, arbiter.open_ns)
             self._take_trips(at_ns, trips, waiting)
-            obedience.advance(at_ns)
+            arbiter.advance(at_ns)
             command = self._judge(setpoints, sample)
             if command:
-                obedience.offer(command)
+                arbiter.offer(command)
             is_last = index + 1 == len(fresh) or fresh[index + 1].valid_ns != sample.valid_ns
             if is_last and at_ns < t_ns:
                 self._decide(at_ns)
         self._take_trips(t_ns, trips, waiting)
-        obedience.advance(t_ns)
-        return self._decide(t_ns) or obedience.level(self._weight_n)
+        arbiter.advance(t_ns)
+        return self._decide(t_ns) or arbiter.level(self._weight_n)
 
     def _decide(self, t_ns):
         """The set point that counts at an instant; None while the loop is to be level."""
-        obedience = self._obedience
-        if t_ns < obedience.levels_until_ns():
-            obedience.reject(t_ns)
+        arbiter = self._arbiter
+        if t_ns < arbiter.levels_until_ns():
+            arbiter.reject(t_ns)
             return None
-        return obedience.decide(t_ns)
+        return arbiter.decide(t_ns)
 
     def _take_trips(self, until_ns, trips, waiting):
         """Takes the trips in effect until an instant, each at its own, ahead of the set points then."""
-        obedience = self._obedience
+        arbiter = self._arbiter
         while waiting and waiting[0].valid_ns <= until_ns:
             sample = waiting.pop(0)
-            at_ns = max(sample.valid_ns, obedience.open_ns)
-            obedience.advance(at_ns)
+            at_ns = max(sample.valid_ns, arbiter.open_ns)
+            arbiter.advance(at_ns)
             self._trip(trips, sample)
             if at_ns < until_ns:
                 self._decide(at_ns)
@@ -307,31 +307,31 @@ class SetPoints:
     def _trip(self, trips, sample):
         trip = trips.value_of(sample)
         if trip.slot == self._role:
-            self._obedience.trip(trip.epoch, trip.instance, sample.valid_ns)
+            self._arbiter.trip(trip.epoch, trip.instance, sample.valid_ns)
 
     def _judge(self, setpoints, sample):
         """A set point that is fit to be followed; one that is not finite is its writer's silence."""
-        if not self._obedience.may_command(sample.seat, sample.valid_ns):
+        if not self._arbiter.may_command(sample.seat, sample.valid_ns):
             return None
         asked = setpoints.value_of(sample)
         value = (asked.thrust_n, asked.roll_rad, asked.pitch_rad, asked.yaw_rad)
         if not all(map(math.isfinite, value)):
             return None
-        until_ns = sample.valid_ns + self._obedience.two_periods_ns(sample.seat)
+        until_ns = sample.valid_ns + self._arbiter.two_periods_ns(sample.seat)
         return Command(value, sample.sequence, sample.seat, sample.valid_ns, until_ns)
 
     def tell(self, applied, no_seat):
         """Fills in who commands, in a sample of `applied_setpoint`."""
-        obedience = self._obedience
-        applied.epoch = obedience.record.epoch if obedience.record else 0
-        applied.refused_epoch = obedience.refused_epoch
-        applied.seat = no_seat if obedience.seat is None else obedience.seat
-        applied.failed_over = obedience.failed_over
-        applied.tripped = obedience.tripped
+        arbiter = self._arbiter
+        applied.epoch = arbiter.record.epoch if arbiter.record else 0
+        applied.refused_epoch = arbiter.refused_epoch
+        applied.seat = no_seat if arbiter.seat is None else arbiter.seat
+        applied.failed_over = arbiter.failed_over
+        applied.tripped = arbiter.tripped
 
 
 def record_of(sample):
-    """An owner record as it is obeyed."""
+    """An owner record as it is followed."""
     return Record(
         sample.epoch,
         sample.owner,
