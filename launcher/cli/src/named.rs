@@ -1,6 +1,8 @@
-//! Recordings by name: files, the latest one, and the beginning of a name.
+//! Recordings by name: files, the latest one, and the beginning of a name or of the ID of a run.
 
 use core::cmp::Reverse;
+use record::read::facts_of;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -19,21 +21,23 @@ pub(super) enum Unnamed {
     Several { word: String, names: String },
 }
 
-/// The file that a word means: itself if there is one, the newest in [`FOLDER`] for [`LATEST`], else the only one there
-/// whose name begins with it. Another word is given back as it is.
+/// The file that a word means: the newest in [`FOLDER`] for [`LATEST`], itself if there is one, else the only one there
+/// whose name, or the ID of whose run, begins with it. Another word is given back as it is.
 ///
 /// # Errors
 /// [`Unnamed`] if there is no recording yet, or the beginning is of several.
 pub(super) fn named(word: &Path) -> Result<PathBuf, Unnamed> {
-    if word.exists() {
-        return Ok(word.to_owned());
-    }
     if word == Path::new(LATEST) {
         return latest();
     }
+    // A folder without recordings hides no recording of its name.
+    let hides_none = || word.is_dir() && of_folder(word).is_ok_and(|found| found.is_empty());
+    if word.exists() && !hides_none() {
+        return Ok(word.to_owned());
+    }
     let is_bare = word.components().count() == 1;
     match word.to_str().filter(|text| is_bare && !text.is_empty()) {
-        Some(text) => Ok(begun_by(text, newest(Path::new(FOLDER)))?.unwrap_or(word.to_owned())),
+        Some(text) => Ok(begun_by(text, found_in(Path::new(FOLDER)))?.unwrap_or(word.to_owned())),
         None => Ok(word.to_owned()),
     }
 }
@@ -43,21 +47,46 @@ pub(super) fn named(word: &Path) -> Result<PathBuf, Unnamed> {
 /// # Errors
 /// [`Unnamed::Nothing`].
 pub(super) fn latest() -> Result<PathBuf, Unnamed> {
-    newest(Path::new(FOLDER)).into_iter().next().ok_or(Unnamed::Nothing)
+    let mut found = found_in(Path::new(FOLDER)).into_iter();
+    found.find(|found| found.began_unix_ns > 0).map(|found| found.path).ok_or(Unnamed::Nothing)
 }
 
-/// The only one of `found` whose name begins with `word`, or the one whose whole name it is.
-fn begun_by(word: &str, mut found: Vec<PathBuf>) -> Result<Option<PathBuf>, Unnamed> {
+/// A file that is named like a recording.
+#[derive(Debug, Clone)]
+struct Found {
+    path: PathBuf,
+    run_id: String,
+    /// Unix time at which the flight began \[ns\]; 0 of a file that is no recording.
+    began_unix_ns: u64,
+}
+
+impl Found {
+    fn at(path: PathBuf) -> Self {
+        let facts = facts_of(&path);
+        let fact = |key: &str| facts.as_ref().and_then(|facts: &BTreeMap<_, _>| facts.get(key));
+        let run_id = fact("run_id").cloned().unwrap_or_default();
+        let began_unix_ns = fact("epoch_unix_ns").and_then(|text| text.parse().ok()).unwrap_or(0);
+        Self { path, run_id, began_unix_ns }
+    }
+}
+
+/// The only one of `found` whose name or run begins with `word`, or the one whose whole name it is.
+fn begun_by(word: &str, mut found: Vec<Found>) -> Result<Option<PathBuf>, Unnamed> {
     let name = word.strip_suffix(".mcap").unwrap_or(word);
-    found.retain(|path| stem(path).starts_with(name));
-    if let Some(exact) = found.iter().position(|path| stem(path) == name) {
-        return Ok(Some(found.swap_remove(exact)));
+    let is_named = |found: &Found| stem(&found.path).starts_with(name);
+    if found.iter().any(is_named) {
+        found.retain(is_named);
+    } else {
+        found.retain(|found| found.run_id.starts_with(name));
+    }
+    if let Some(exact) = found.iter().position(|found| stem(&found.path) == name) {
+        return Ok(Some(found.swap_remove(exact).path));
     }
     if found.len() > 1 {
-        let names: Vec<String> = found.iter().map(|path| stem(path)).collect();
+        let names: Vec<String> = found.iter().map(|found| stem(&found.path)).collect();
         return Err(Unnamed::Several { word: word.to_owned(), names: names.join(", ") });
     }
-    Ok(found.pop())
+    Ok(found.pop().map(|found| found.path))
 }
 
 /// Name of a recording: that of its file, without the ending.
@@ -65,14 +94,19 @@ pub(super) fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Recordings of a folder, the newest first; none of one that cannot be read.
+/// Recordings of a folder, the newest flight first, and at the end what is only named like one; none of a folder that
+/// cannot be read.
 pub(super) fn newest(folder: &Path) -> Vec<PathBuf> {
-    let mut found = of_folder(folder).unwrap_or_default();
-    found.sort_by_cached_key(|path| {
-        Reverse(path.metadata().and_then(|found| found.modified()).ok())
-    });
+    found_in(folder).into_iter().map(|found| found.path).collect()
+}
+
+fn found_in(folder: &Path) -> Vec<Found> {
     let short = |path: PathBuf| path.strip_prefix(".").map(Path::to_owned).unwrap_or(path);
-    found.into_iter().map(short).collect()
+    let paths = of_folder(folder).unwrap_or_default().into_iter().map(short);
+    let mut found: Vec<Found> = paths.map(Found::at).collect();
+    // By when the flight began: a copy, or a file that was touched, is no newer flight.
+    found.sort_by_key(|found| Reverse(found.began_unix_ns));
+    found
 }
 
 /// Recordings of a folder, by name.
@@ -89,12 +123,17 @@ pub(super) fn of_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Unnamed, begun_by};
+    use super::{Found, Unnamed, begun_by};
     use std::path::PathBuf;
 
-    fn found() -> Vec<PathBuf> {
-        ["recordings/7f3a.mcap", "recordings/7f41.mcap", "recordings/7f3a-recovered.mcap"]
-            .map(PathBuf::from)
+    fn found() -> Vec<Found> {
+        let of = |(name, run_id): (&str, &str)| Found {
+            path: PathBuf::from(format!("recordings/{name}.mcap")),
+            run_id: run_id.to_owned(),
+            began_unix_ns: 1,
+        };
+        [("7f3a", "7f3a"), ("7f41", "7f41"), ("7f3a-recovered", "7f3a"), ("gusty", "80aa")]
+            .map(of)
             .to_vec()
     }
 
@@ -103,7 +142,14 @@ mod tests {
         let meant = |word: &str| begun_by(word, found()).unwrap();
         assert_eq!(meant("7f4"), Some(PathBuf::from("recordings/7f41.mcap")));
         assert_eq!(meant("7f3a-"), Some(PathBuf::from("recordings/7f3a-recovered.mcap")));
-        assert_eq!(meant("8"), None);
+        assert_eq!(meant("9"), None);
+    }
+
+    #[test]
+    fn a_recording_with_a_name_of_its_own_is_found_by_its_run_too() {
+        for word in ["80", "80aa", "gus"] {
+            assert_eq!(begun_by(word, found()).unwrap(), Some("recordings/gusty.mcap".into()));
+        }
     }
 
     #[test]

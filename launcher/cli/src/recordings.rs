@@ -1,6 +1,6 @@
 //! `morphquad recordings`: which there are, and what one of them is.
 
-use super::flown::{recorded, unreadable};
+use super::flown::{named_or_latest, recorded, unreadable};
 use super::named::{FOLDER, newest, of_folder, stem};
 use super::options::{Format, RecordingsCommand, RecordingsListArguments, RecordingsShowArguments};
 use super::refusal::Done;
@@ -47,14 +47,16 @@ impl Entry {
     }
 
     /// Cells of its line.
-    fn cells(&self) -> [String; 6] {
+    fn cells(&self) -> [String; 7] {
         let size = format!("{:.1} MB", self.length as f64 * 1e-6);
         let Ok(flight) = &self.flight else {
             let empty = String::new;
-            return [stem(&self.path), "cannot be read".into(), empty(), empty(), empty(), size];
+            let cannot = "cannot be read".into();
+            return [stem(&self.path), cannot, empty(), empty(), empty(), empty(), size];
         };
-        let [scenario, seed, clock] = ["scenario", "seed", "clock"].map(|key| fact(flight, key));
-        [stem(&self.path), began(flight), scenario, seed, clock, size]
+        let [run, scenario, seed, clock] =
+            ["run_id", "scenario", "seed", "clock"].map(|key| fact(flight, key));
+        [stem(&self.path), began(flight), run, scenario, seed, clock, size]
     }
 }
 
@@ -86,8 +88,9 @@ fn list(arguments: &RecordingsListArguments, out: &mut dyn Write) -> Done {
             writeln!(out, "no recordings in {}: `morphquad run` makes one", folder.display())?;
         }
         Format::Text => {
-            let head = ["NAME", "BEGAN", "SCENARIO", "SEED", "CLOCK", "SIZE"].map(str::to_owned);
-            let lines: Vec<[String; 6]> =
+            let head =
+                ["NAME", "BEGAN", "RUN", "SCENARIO", "SEED", "CLOCK", "SIZE"].map(str::to_owned);
+            let lines: Vec<[String; 7]> =
                 std::iter::once(head).chain(entries.iter().map(Entry::cells)).collect();
             for line in &lines {
                 write_line(&lines, line, out)?;
@@ -99,7 +102,7 @@ fn list(arguments: &RecordingsListArguments, out: &mut dyn Write) -> Done {
 }
 
 /// The cells of a line below those of the others.
-fn write_line(lines: &[[String; 6]], line: &[String; 6], out: &mut dyn Write) -> io::Result<()> {
+fn write_line(lines: &[[String; 7]], line: &[String; 7], out: &mut dyn Write) -> io::Result<()> {
     let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
     let cells = line.iter().enumerate();
     let cells: Vec<String> =
@@ -109,12 +112,12 @@ fn write_line(lines: &[[String; 6]], line: &[String; 6], out: &mut dyn Write) ->
 
 /// What one recording is, with the verdict of its flight.
 fn show(arguments: &RecordingsShowArguments, out: &mut dyn Write) -> Done {
-    let flight = recorded(&arguments.file)?;
+    let path = named_or_latest(arguments.file.as_deref(), &mut io::stderr())?;
+    let flight = recorded(&path)?;
     let busy = super::bar::busy("reading");
     let report = Report::of(&flight);
     drop(busy);
     let report = report.map_err(|error| unreadable(&error))?;
-    let path = arguments.file.clone();
     let length = path.metadata().map_or(0, |found| found.len());
     if arguments.format == Format::Json {
         let mut told = Entry { path, length, flight: Ok(flight) }.to_json();

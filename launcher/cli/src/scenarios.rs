@@ -60,7 +60,7 @@ fn new(arguments: &ScenarioNewArguments, out: &mut dyn Write) -> Result<(), Fail
 
 fn keys(arguments: &ScenarioKeysArguments, out: &mut dyn Write) -> Result<(), Failure> {
     let wanted = arguments.key.as_deref().unwrap_or_default();
-    let mut wanted = wanted.trim_matches(['[', ']']).to_lowercase();
+    let mut wanted = wanted.trim_matches(['[', ']']).to_lowercase().replace('-', "_");
     let today = renamed(&wanted);
     let before = today.map(|name| std::mem::replace(&mut wanted, name));
     let those = |fits: fn(&str, &str) -> bool| {

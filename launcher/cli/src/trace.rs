@@ -1,18 +1,18 @@
 //! `morphquad trace`: where a command's time went, from a recording.
 
-use super::flown::{recorded, unreadable};
+use super::flown::{named_or_latest, recorded, unreadable};
 use super::options::{Format, TraceArguments};
 use super::refusal::{Done, Failure};
 use host::exit;
 use serde_json::{Map, Value, json};
 use shared_types::Header;
 use std::fmt::Write as _;
-use std::io::Write;
+use std::io::{self, Write};
 use viewers::trace::{Chain, SEGMENTS, Sum, Traced, trace};
 
 /// Shows a summary, or one command's chain.
 pub(super) fn run(arguments: &TraceArguments, out: &mut dyn Write) -> Done {
-    let flight = recorded(&arguments.file)?;
+    let flight = recorded(&named_or_latest(arguments.file.as_deref(), &mut io::stderr())?)?;
     let file = flight.path().display().to_string();
     let busy = super::bar::busy("reading");
     let (text, json, complete) = match arguments.command {

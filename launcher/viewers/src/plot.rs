@@ -44,6 +44,16 @@ pub enum PlotError {
         /// What may have been meant.
         remedy: String,
     },
+    /// A topic without a field.
+    #[error(
+        "{topic}: name a number of it, such as {topic}.{example}; `morphquad topic info {topic}` names all"
+    )]
+    NoField {
+        /// The topic.
+        topic: &'static str,
+        /// One of its numbers.
+        example: String,
+    },
     /// No such number in the topic.
     #[error("{signal}: {topic} has no number `{field}`: {remedy}")]
     Field {
@@ -101,7 +111,18 @@ impl Signal {
             let mut names: Vec<&str> =
                 numbers.map(|(name, _)| name.split('[').next().unwrap_or(name)).collect();
             names.dedup();
-            let remedy = suggestion(field, names.into_iter());
+            if field.is_empty() {
+                let example = names.first().copied().unwrap_or_default().to_owned();
+                return Err(PlotError::NoField { topic: info.name, example });
+            }
+            let remedy = if all.iter().any(|(name, _)| is_of(name, field)) {
+                format!(
+                    "it is a word: `morphquad topic echo {} --field {field}` shows it",
+                    info.name
+                )
+            } else {
+                suggestion(field, names.into_iter())
+            };
             let (topic, field) = (info.name, field.to_owned());
             return Err(PlotError::Field { signal, topic, field, remedy });
         }

@@ -9,9 +9,9 @@ use scenario::orders::{Calm, Disturb, Load, Order};
 pub(super) const GOTO_EXAMPLES: &str = "\
 Examples:
   morphquad goto 1 0 2
-  morphquad goto -1 0.5 1.5 90      and turn the nose to the north
+  morphquad goto -1 0.5 1.5 90
 
-The reference leaves its plan smoothly from wherever it is, moving or not, and rests there for the rest of \
+The fourth number is the heading in degrees, 90 to the north. The reference leaves its plan smoothly from wherever it is, moving or not, and rests there for the rest of \
 the flight. Up to 100 m from the origin; over ground not below 0.2 m. \
 Ends with 0 once the pilot has it; 2 if it is out of range, or no run or several are active.";
 

@@ -1,15 +1,14 @@
 //! Arguments of `morphquad plot`.
 
 use super::duration::duration;
-use super::recordings::RecordingName;
 use clap::Args;
 use core::time::Duration;
 use std::path::PathBuf;
 
 pub(super) const EXAMPLES: &str = "\
 Examples:
-  morphquad plot latest truth.position_w_m
-  morphquad plot latest 'truth.position_w_m[2],reference.points[0].position_w_m[2]' wrench_command.torque_b_nm --out flight.pdf
+  morphquad plot truth.position_w_m
+  morphquad plot latest 'truth.position_w_m[2],reference.points[0].position_w_m[2]' --out heights.pdf
   morphquad plot recordings/7f3a.mcap imu.specific_force_b_m_s2 --from 4s --to 6s
 
 A signal is a topic and a field, as `morphquad topic info TOPIC` names them; of a list or a group every number is drawn. \
@@ -18,13 +17,10 @@ Signals with commas between them share a panel. Ends with 2 for an unknown signa
 /// What to draw.
 #[derive(Debug, Clone, Args)]
 pub struct PlotArguments {
-    /// The recording
-    #[arg(value_parser = RecordingName)]
-    pub file: PathBuf,
-    /// What to draw, a panel for each
-    #[arg(value_name = "TOPIC.FIELD[,...]", required = true)]
-    pub signals: Vec<String>,
-    /// Picture to write, as PNG, SVG or PDF by its ending; FILE with the ending png if left out
+    /// The recording, the latest if left out, and what to draw, a panel for each
+    #[arg(value_name = "[FILE] TOPIC.FIELD[,...]", required = true)]
+    pub words: Vec<String>,
+    /// Picture to write, as PNG, SVG or PDF by its ending; FILE with the ending .png if left out
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Nothing in effect before, in logical time

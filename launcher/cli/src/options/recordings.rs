@@ -21,8 +21,8 @@ Examples:
   morphquad recordings show latest
   morphquad recordings show 7f3a
 
-Wherever a command takes a recording, `latest` stands for the newest in recordings/, and the beginning of a name for the \
-one there whose name begins so. Ends with 2 for a file that cannot be read or is not a recording.";
+Wherever a command takes a recording, `latest` stands for the newest flight in recordings/, and the beginning of a name, \
+or of the ID of its run, for the one there that has it. Ends with 2 for a file that cannot be read or is not a recording.";
 
 /// What to do with recordings.
 #[derive(Debug, Clone, Subcommand)]
@@ -49,9 +49,9 @@ pub struct RecordingsListArguments {
 /// Which recording to show.
 #[derive(Debug, Clone, Args)]
 pub struct RecordingsShowArguments {
-    /// The recording
+    /// The recording; the latest if left out
     #[arg(value_parser = RecordingName)]
-    pub file: PathBuf,
+    pub file: Option<PathBuf>,
     /// Form of what is told
     #[arg(long, value_enum, default_value = "text")]
     pub format: Format,

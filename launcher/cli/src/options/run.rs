@@ -147,6 +147,9 @@ impl RunArguments {
     }
 }
 
+/// Longest name of a recording \[bytes\]: with its ending and what `recover` adds a file can still have it.
+const NAME_BYTES: usize = 200;
+
 /// A name that is one file in any folder, and means nothing else where a recording is named.
 fn recording_name(text: &str) -> Result<String, String> {
     let name = text.strip_suffix(".mcap").unwrap_or(text);
@@ -155,6 +158,9 @@ fn recording_name(text: &str) -> Result<String, String> {
         let told =
             "a name begins with a letter or a digit, and has letters, digits, `-`, `_` and `.`";
         return Err(told.to_owned());
+    }
+    if name.len() > NAME_BYTES {
+        return Err(format!("a name has at most {NAME_BYTES} characters"));
     }
     let is_taken = name == LATEST || shipped::names().any(|it| it == name) || known(name).is_some();
     if is_taken {

@@ -20,9 +20,9 @@ pub(super) const SWAP_EXAMPLES: &str = "\
 Examples:
   morphquad swap attitude --to attitude-mpc
   morphquad swap attitude --to ./target/release/morphquad-mine --shadow 1s --dry-run
-  morphquad swap attitude --to attitude-mpc@1     the instance on seat 1, such as the standby
+  morphquad swap attitude --to attitude-mpc@1
 
-The candidate shadows the owner, is judged by the gate, is flown ahead for 3 s in a simulation of its own \
+`@1` is the instance on seat 1, such as the standby. The candidate shadows the owner, is judged by the gate, is flown ahead for 3 s in a simulation of its own \
 if it is of another kind or build, and takes over at an instant agreed on before; the old owner stays warm for the \
 rollback window, and after it if the new one is not built in. Interrupting this command does not stop the swap. \
 Ends with 0 when the window is over; 1 if the gate refused or something failed, and the owner commands as \

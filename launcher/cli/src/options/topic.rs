@@ -18,7 +18,7 @@ Examples:
   morphquad topic echo state_estimate
   morphquad topic echo truth imu --count 5 --format jsonl
   morphquad topic echo recordings/7f3a.mcap attitude_report --from 2s --count 1
-  morphquad topic echo latest truth --field position_w_m[2] --field velocity_w_m_s
+  morphquad topic echo latest truth --field 'position_w_m[2]' --field velocity_w_m_s
   morphquad topic echo recordings/7f3a.mcap events
 
 Live, the launcher hands on copies of what it records: no loop has to do with it. A client that reads too slowly \

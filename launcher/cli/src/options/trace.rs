@@ -19,9 +19,9 @@ command that is not in the file, and for a file that cannot be read or is not a 
 /// Which commands to follow to their sensor.
 #[derive(Debug, Clone, Args)]
 pub struct TraceArguments {
-    /// The recording
+    /// The recording; the latest if left out
     #[arg(value_parser = RecordingName)]
-    pub file: PathBuf,
+    pub file: Option<PathBuf>,
     /// Sequence of one wrench command, to see its whole chain
     #[arg(long, value_name = "N")]
     pub command: Option<u64>,

@@ -25,7 +25,7 @@ pub struct ViewArguments {
     #[arg(value_parser = ScenarioOr(RecordingName), hide_possible_values = true)]
     pub file: Option<PathBuf>,
     /// Write the page to a file and serve nothing
-    #[arg(long, value_name = "FILE.html", conflicts_with_all = ["port", "no_open"])]
+    #[arg(long, value_name = "FILE.html", conflicts_with = "port")]
     pub out: Option<PathBuf>,
     /// Port on 127.0.0.1; any free one if left out
     #[arg(

@@ -36,6 +36,7 @@ pub(super) fn run(
         has_field(topic, field)?;
     }
     let mut echo = Echo::new(arguments, out);
+    echo.several = what.topics.len() > 1;
     match &what.file {
         Some(path) => {
             let flight = open(path)?;
@@ -98,6 +99,8 @@ fn live(
 struct Echo<'a> {
     arguments: &'a TopicEchoArguments,
     out: &'a mut dyn Write,
+    /// A line of fields names its topic.
+    several: bool,
     /// Samples of each topic so far.
     seen: BTreeMap<&'static str, u64>,
     shown: u64,
@@ -106,7 +109,7 @@ struct Echo<'a> {
 
 impl<'a> Echo<'a> {
     fn new(arguments: &'a TopicEchoArguments, out: &'a mut dyn Write) -> Self {
-        Self { arguments, out, seen: BTreeMap::new(), shown: 0, trouble: None }
+        Self { arguments, out, several: false, seen: BTreeMap::new(), shown: 0, trouble: None }
     }
 
     fn is_done(&self) -> bool {
@@ -130,9 +133,10 @@ impl<'a> Echo<'a> {
         }
         let (t_s, wanted) = (header.valid_ns as f64 * 1e-9, &self.arguments.fields);
         let found = || wanted.iter().filter_map(|path| Some((path, at(&fields, path)?)));
+        let name = if self.several { format!("{topic} ") } else { String::new() };
         let text = || {
             let values: Vec<String> = found().map(|(_, value)| in_a_row(value)).collect();
-            format!("{t_s:.6} {}\n", values.join(" "))
+            format!("{name}{t_s:.6} {}\n", values.join(" "))
         };
         let object = || {
             let mut object = Map::from_iter([("t_s".to_owned(), json!(t_s))]);

@@ -51,6 +51,20 @@ struct Head {
 /// Name of the last channel of a head.
 const LAST_CHANNEL: &str = "/events";
 
+/// Run, build and machine of a recording, as in [`RecordedFlight::facts`], whichever build has written it; none of a
+/// file that is no recording, or is cut in its head, as a launcher leaves it that is killed before its flight begins.
+#[must_use]
+pub fn facts_of(path: &Path) -> Option<BTreeMap<String, String>> {
+    let mut head = Head::default();
+    let read = Records::open(path).ok()?.for_each(|record| {
+        head.take(record);
+        let complete = head.channels.contains_key(LAST_CHANNEL);
+        Ok(if complete { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    });
+    read.ok()?;
+    head.facts.filter(|_| head.channels.contains_key(LAST_CHANNEL))
+}
+
 impl RecordedFlight {
     /// Reads the head of a recording.
     ///
