@@ -47,12 +47,22 @@ pub(super) fn check(scenario: &Scenario, document: &Document<'_>) -> (Vec<Proble
     checker.idle_keys();
     checker.estimator();
     checker.gate();
-    let peak_m_s2 = checker.pilot();
-    checker.wind(peak_m_s2);
+    let asked = checker.pilot();
+    checker.wind(asked.sideways_m_s2);
+    checker.climb(asked.vertical_m_s2);
     checker.clock();
     checker.deadlines();
     checker.graph();
     (checker.errors, checker.warnings)
+}
+
+/// The largest accelerations that a trajectory asks for.
+#[derive(Debug, Clone, Copy, Default)]
+struct Accelerations {
+    /// See [`Trajectory::peak_sideways_m_s2`].
+    sideways_m_s2: f64,
+    /// Downwards and upwards.
+    vertical_m_s2: [f64; 2],
 }
 
 struct Checker<'s> {
@@ -163,15 +173,20 @@ impl<'s> Checker<'s> {
         }
     }
 
-    /// Largest acceleration of the trajectory \[m/s²\].
-    fn pilot(&mut self) -> f64 {
+    /// What the trajectory asks for.
+    fn pilot(&mut self) -> Accelerations {
         let vehicle = self.scenario.modelled_vehicle();
         let built = match self.scenario.plan() {
-            Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| 0.0),
+            Plan::Rig(config) => RigPilot::new(&config, &vehicle).map(|_| Accelerations::default()),
             Plan::Flight(config) => Pilot::new(&config, &vehicle).map(|pilot| {
                 self.given(pilot.trajectory());
                 self.heights(pilot.trajectory());
-                pilot.trajectory().peak_acceleration_m_s2(self.scenario.flown_of_the_plan_ns())
+                let window_ns = self.scenario.flown_of_the_plan_ns();
+                let path = pilot.trajectory();
+                Accelerations {
+                    sideways_m_s2: path.peak_sideways_m_s2(window_ns, vehicle.gravity_m_s2),
+                    vertical_m_s2: path.peak_vertical_m_s2(window_ns),
+                }
             }),
         };
         if let Manoeuvre::Trajectory(given) = &self.settings().pilot.manoeuvre
@@ -192,7 +207,7 @@ impl<'s> Checker<'s> {
         built.unwrap_or_else(|error| {
             let (key, what, remedy) = pilot_error(&error);
             self.error(&key, what, remedy);
-            0.0
+            Accelerations::default()
         })
     }
 
@@ -209,7 +224,7 @@ impl<'s> Checker<'s> {
             self.error(
                 "pilot",
                 what,
-                "fly slower: pilot.time_scale takes longer for the same path",
+                "fly slower: pilot.time_scale takes longer for the same path; positions are in metres and times in seconds",
             );
         }
         let turn_rad_s = trajectory.fastest_turn_rad_s(window_ns);
@@ -247,7 +262,7 @@ impl<'s> Checker<'s> {
             return;
         }
         let what = if low_m < 0.0 {
-            format!("leads down to {low_m:.2} m, and the ground is at 0 m")
+            format!("leads down to {low_m:.3} m, and the ground is at 0 m")
         } else {
             format!("leads no higher than {high_m:.2} m, where the vehicle stands on the ground")
         };
@@ -271,26 +286,49 @@ impl<'s> Checker<'s> {
         let given_n = TILT_SHARE * vehicle.weight_n() * libm::tan(tilt_rad);
         if asked_n > given_n && !self.settings().pilot.is_rig() {
             let what = format!(
-                "wind and trajectory ask for {asked_n:.2} N sideways, the tilt bound gives {given_n:.2} N to spend"
+                "wind and trajectory ask for {asked_n:.2} N sideways, and {given_n:.2} N are to spend: {:.0} % of what the tilt bound gives",
+                100.0 * TILT_SHARE
             );
             let key =
                 wind.map_or("pilot".to_owned(), |i| format!("disturbance_injector.script[{i}]"));
-            let remedy = match &self.settings().pilot.manoeuvre {
-                // An acceleration goes with the square of the time.
-                Manoeuvre::Trajectory(given) if drag_n < given_n => {
-                    let longer = ((asked_n - drag_n) / (given_n - drag_n)).sqrt();
-                    let scale = libm::ceil(100.0 * given.time_scale * longer) / 100.0;
-                    if scale <= MAX_TIME_SCALE {
-                        format!("fly slower: pilot.time_scale = {scale} keeps within it")
-                    } else {
-                        "no time_scale keeps within it: fly in less wind, or along another path"
-                            .to_owned()
-                    }
-                }
-                _ => "fly slower, in less wind, or raise position_mpc.tilt_max_rad".to_owned(),
-            };
+            let remedy =
+                self.slower((asked_n - drag_n) / (given_n - drag_n)).unwrap_or_else(|| {
+                    "fly slower, in less wind, or raise position_mpc.tilt_max_rad".to_owned()
+                });
             self.warn(&key, what, remedy);
         }
+    }
+
+    /// A reference that climbs or sinks faster than the bounds on the thrust let the vehicle.
+    fn climb(&mut self, [down_m_s2, up_m_s2]: [f64; 2]) {
+        let Ok(law) = self.scenario.position_law() else { return };
+        let gravity_m_s2 = self.scenario.modelled_vehicle().gravity_m_s2;
+        let bounds = [
+            (down_m_s2, 1.0 - law.thrust_min_weights, "downwards", "thrust_min_weights"),
+            (up_m_s2, law.thrust_max_weights - 1.0, "upwards", "thrust_max_weights"),
+        ];
+        for (asked_m_s2, weights, direction, key) in bounds {
+            let given_m_s2 = weights * gravity_m_s2;
+            if asked_m_s2 > given_m_s2 && !self.settings().pilot.is_rig() {
+                let what = format!(
+                    "leads {direction} with {asked_m_s2:.1} m/s^2, and position_mpc.{key} allows {given_m_s2:.1} m/s^2"
+                );
+                let slower = self.slower(asked_m_s2 / given_m_s2);
+                self.warn("pilot", what, slower.unwrap_or_else(|| "fly slower".to_owned()));
+            }
+        }
+    }
+
+    /// How a given trajectory keeps within a bound of which it asks `times` as much, which goes with the square of the
+    /// time; none of another trajectory.
+    fn slower(&self, times: f64) -> Option<String> {
+        let Manoeuvre::Trajectory(given) = &self.settings().pilot.manoeuvre else { return None };
+        let scale = libm::ceil(100.0 * given.time_scale * times.max(0.0).sqrt()) / 100.0;
+        Some(if times > 0.0 && scale <= MAX_TIME_SCALE {
+            format!("fly slower: pilot.time_scale = {scale} keeps within it")
+        } else {
+            "no time_scale keeps within it: fly in less wind, or along another path".to_owned()
+        })
     }
 
     /// Mean drag + 3 σ of the strongest wind \[N\], and which event it is.

@@ -99,9 +99,7 @@ impl Scenario {
         let overrides: Vec<Override> = own.into_iter().chain(overrides.iter().cloned()).collect();
         let scenario = Self::from_text(name_or_path, &text, &overrides)?;
         if table.is_some_and(|table| text::says_nothing(&table)) {
-            let remedy = "write what is to be other than usual, such as `duration_s = 5.0` under `[scenario]`; \
-                          `morphquad run hover` flies a scenario that is there";
-            return Err(Problem::new(name_or_path, "has no key in it", remedy, None).into());
+            return Err(no_key(name_or_path));
         }
         Ok(scenario)
     }
@@ -119,7 +117,12 @@ impl Scenario {
             let remedy = "`morphquad check hover --format toml` writes one that can be read";
             Problem::new(name, format!("cannot be read: {error}"), remedy, None)
         })?;
-        Self::from_text(name, &text, overrides)
+        let scenario = Self::from_text(name, &text, overrides)?;
+        // Of a program that was to write one and failed.
+        if text.parse().is_ok_and(|table: toml::Table| text::says_nothing(&table)) {
+            return Err(no_key(name));
+        }
+        Ok(scenario)
     }
 
     /// As [`load`](Self::load), from a text that complaints call `name`.
@@ -284,4 +287,9 @@ impl Scenario {
 fn unwritable(name: &str) -> ScenarioError {
     let remedy = "write times as numbers of seconds; dates have no place in a scenario";
     Problem::new(name, "the scenario cannot be written back as TOML", remedy, None).into()
+}
+fn no_key(name: &str) -> ScenarioError {
+    let remedy = "write what is to be other than usual, such as `duration_s = 5.0` under `[scenario]`; \
+                  `morphquad run hover` flies a scenario that is there";
+    Problem::new(name, "has no key in it", remedy, None).into()
 }

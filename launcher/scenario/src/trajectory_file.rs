@@ -41,6 +41,9 @@ const SAMPLE_UNITS: [&[&str]; 11] = [
 /// How many columns samples may have, in the order of the names.
 const SAMPLE_WIDTHS: [usize; 4] = [4, 5, 8, 11];
 
+/// How many of them may stand without names. With more of them the heading may stand before or behind velocities.
+const UNNAMED_WIDTHS: [usize; 2] = [4, 5];
+
 /// How many columns pieces may have: duration and eight coefficients of x, y and z, and of the heading.
 const PIECE_WIDTHS: [usize; 2] = [25, 33];
 
@@ -90,8 +93,11 @@ impl Table {
         let is_header = |(_, fields): &Record| {
             fields.first().is_some_and(|field| field.parse::<f64>().is_err())
         };
-        let header =
-            if records.first().is_some_and(is_header) { Some(records.remove(0)) } else { None };
+        let header = if records.first().is_some_and(is_header) {
+            Some(records.remove(0))
+        } else {
+            commented_header(&text, records.first())
+        };
         let Some((first, fields)) = records.first().or(header.as_ref()) else {
             let remedy = "write rows of t,x,y,z,yaw, or pieces as planners write them: duration,x^0,...,yaw^7";
             return Err(refuse(0..0, "has no rows".to_owned(), remedy));
@@ -101,13 +107,12 @@ impl Table {
             Some((span, names)) => {
                 columns(names).map_err(|(what, remedy)| refuse(span.clone(), what, &remedy))?
             }
-            None if PIECE_WIDTHS.contains(&width) || SAMPLE_WIDTHS.contains(&width) => {
+            None if PIECE_WIDTHS.contains(&width) || UNNAMED_WIDTHS.contains(&width) => {
                 (0..width).map(Column::of).collect()
             }
             None => {
                 let what = format!("{width} columns without names could be anything");
-                let remedy =
-                    "name the columns in the first line: t,x,y,z,yaw, or duration,x^0,...,yaw^7";
+                let remedy = "name the columns in the first line, such as t,x,y,z,yaw,vx,vy,vz, or duration,x^0,...,yaw^7";
                 return Err(refuse(first, what, remedy));
             }
         };
@@ -146,6 +151,23 @@ impl Table {
         let source = NamedSource::new(&self.name, self.text.clone());
         Problem::new("pilot.file", what, remedy, Some(Place { source, span }))
     }
+}
+
+/// The names of the columns, where they stand in the comment before the first record, as some programs write them.
+fn commented_header(text: &str, first: Option<&Record>) -> Option<Record> {
+    let (span, fields) = first?;
+    let before = text.get(..span.start)?;
+    let comment = before.lines().rev().map(str::trim).find(|line| !line.is_empty())?;
+    let names = comment.strip_prefix('#')?.trim_start_matches('#').trim();
+    let begin = before.rfind(names)?;
+    let names: Vec<String> = names.split([',', ';']).map(|name| name.trim().to_owned()).collect();
+    let begins = |first: &String| {
+        let first = first.split(['[', '(']).next().unwrap_or_default().trim().to_lowercase();
+        SAMPLE_COLUMNS[0].contains(&first.as_str()) || first.starts_with("duration")
+    };
+    // Any other comment is a sentence.
+    let is_header = names.len() == fields.len() && names.first().is_some_and(begins);
+    is_header.then(|| (begin..begin + comment.len().min(before.len() - begin), names))
 }
 
 /// The numbers of a record in the order of the columns, or what is wrong with it and what to do.
@@ -226,7 +248,14 @@ fn columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
     let unknown =
         names.iter().find(|name| !SAMPLE_COLUMNS.iter().any(|c| c.contains(&name.as_str())));
     if let Some(unknown) = unknown {
-        let remedy = format!("leave it out; what is known is {}", known.join(","));
+        if unknown.is_empty() {
+            let what = "a column has no name".to_owned();
+            return Err((what, "name it, or leave it out: `to_csv(index=False)` in pandas".into()));
+        }
+        let remedy = match meant(unknown) {
+            Some(name) => format!("call it {name}"),
+            None => format!("leave it out; what is known is {}", known.join(",")),
+        };
         return Err((format!("there is no column `{unknown}`"), remedy));
     }
     let place = |known: &[&str]| names.iter().position(|name| known.contains(&name.as_str()));
@@ -256,6 +285,26 @@ fn columns(names: &[String]) -> Result<Vec<Column>, (String, String)> {
     let what = format!("the columns {} are not what a trajectory consists of", names.join(","));
     let remedy = "give t,x,y,z, with a heading yaw, with velocities vx,vy,vz, and with these accelerations ax,ay,az";
     Err((what, remedy.to_owned()))
+}
+
+/// What another name for a column may stand for, such as `pos_x` and `timestamp`.
+fn meant(unknown: &str) -> Option<&'static str> {
+    if unknown.contains("time") || unknown.contains("stamp") {
+        return Some("t");
+    }
+    let parts: Vec<&str> = unknown.split(['_', '.', ' ']).collect();
+    let says = |words: &[&str]| parts.iter().any(|part| words.contains(part));
+    let axis = ["x", "y", "z"].into_iter().position(|axis| parts.contains(&axis))?;
+    let names = if says(&["v", "vel", "velocity"]) {
+        ["vx", "vy", "vz"]
+    } else if says(&["a", "acc", "accel", "acceleration"]) {
+        ["ax", "ay", "az"]
+    } else if says(&["p", "pos", "position"]) {
+        ["x", "y", "z"]
+    } else {
+        return None;
+    };
+    Some(names[axis])
 }
 
 fn other_unit(name: &str, unit: &str, wanted: &str) -> (String, String) {

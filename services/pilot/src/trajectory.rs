@@ -127,11 +127,33 @@ impl Trajectory {
         }
     }
 
-    /// Largest acceleration \[m/s²\] from one instant to another: for the question whether mean drag + 3 σ + m a stays
-    /// well below what the tilt bound can give.
+    /// Largest acceleration \[m/s²\] from one instant to another.
     #[must_use]
     pub fn peak_acceleration_m_s2(&self, window_ns: [u64; 2]) -> f64 {
         self.peak(window_ns, |point| point.acceleration_w_m_s2)
+    }
+
+    /// Largest acceleration sideways \[m/s²\] from one instant to another, where the vehicle climbs faster as much less,
+    /// as its thrust is then larger: for the question whether mean drag + 3 σ + m a stays well below what the tilt bound
+    /// can give. Infinite where the thrust would have to be nothing.
+    #[must_use]
+    pub fn peak_sideways_m_s2(&self, window_ns: [u64; 2], gravity_m_s2: f64) -> f64 {
+        self.peak(window_ns, |point| {
+            let [x, y, up] = point.acceleration_w_m_s2;
+            let lift = (1.0 + up / gravity_m_s2).max(0.0);
+            let share = |sideways: f64| if sideways == 0.0 { 0.0 } else { sideways / lift };
+            [share(x), share(y), 0.0]
+        })
+    }
+
+    /// Largest acceleration downwards and upwards \[m/s²\] from one instant to another, none below 0.
+    #[must_use]
+    pub fn peak_vertical_m_s2(&self, window_ns: [u64; 2]) -> [f64; 2] {
+        let up = |point: &TrajectoryPoint| point.acceleration_w_m_s2[2];
+        [
+            self.peak(window_ns, |point| [(-up(point)).max(0.0), 0.0, 0.0]),
+            self.peak(window_ns, |point| [up(point).max(0.0), 0.0, 0.0]),
+        ]
     }
 
     /// Largest speed \[m/s\] from one instant to another.

@@ -105,6 +105,18 @@ fn samples_come_with_any_of_their_columns_and_separators() {
 }
 
 #[test]
+fn names_of_columns_may_stand_in_the_comment_before_the_first_row() {
+    for head in ["# t,x,y,z,vx,vy,vz,yaw", "# of a log\n\n#t;x;y;z;vx;vy;vz;yaw"] {
+        let separator = if head.contains(';') { ";" } else { "," };
+        let rows = ["0,0,0,1,.5,0,0,.1", "3,1.5,0,1,.5,0,0,.1"];
+        let csv = format!("{head}\n{}\n", rows.join("\n")).replace(',', separator);
+        let point = trajectory(&loaded("", &csv).unwrap()).at(1_500_000_000);
+        assert!((point.velocity_w_m_s[0] - 0.5).abs() < 1e-9, "{head}: {point:?}");
+        assert!((point.yaw_rad - 0.1).abs() < 1e-9, "{head}: {point:?}");
+    }
+}
+
+#[test]
 fn what_is_wrong_with_a_file_is_said_at_its_line() {
     let apart = pieces().replace("0.5,1.5,2,", "0.5,1.6,2,");
     let degrees = pieces().replace("yaw^0", "yaw^0 [deg]");
@@ -128,6 +140,13 @@ fn what_is_wrong_with_a_file_is_said_at_its_line() {
         (&degrees, 1, "`yaw^0` is in deg"),
         ("t,x,y\n0,0,0\n", 1, "t,x,y"),
         ("0,0\n", 1, "2 columns without names"),
+        // The heading would be taken for a velocity, or the other way round.
+        ("0,0,0,1,0,0,0,0.5\n", 1, "8 columns without names"),
+        ("# seconds, metres, and the rest\n0,0,0,1,0,0,0,0.5\n", 2, "8 columns without names"),
+        ("# t,x,y,z,w\n0,0,0,1,0\n", 1, "no column `w`"),
+        ("timestamp,x,y,z\n0,0,0,1\n", 1, "call it t"),
+        ("t,pos_x,pos_y,pos_z\n0,0,0,1\n", 1, "call it x"),
+        (",t,x,y,z\n0,0,0,0,1\n", 1, "to_csv(index=False)"),
         ("", 1, "no rows"),
         ("duration,x^0,x^1\n1,0,0\n", 1, "25 or 33"),
         ("duration,x^0,y^0\n1,0,0\n", 1, "`y^0`"),
@@ -177,7 +196,7 @@ fn a_trajectory_without_rows_with_two_kinds_or_without_its_file_is_refused() {
 
 #[test]
 fn a_trajectory_in_or_on_the_ground_says_where_its_origin_may_be() {
-    for (height, told) in [("-0.2", "-0.20 m"), ("0", "no higher than 0.00 m")] {
+    for (height, told) in [("-0.2", "-0.200 m"), ("0", "no higher than 0.00 m")] {
         let csv = format!("t,x,y,z\n0,0,0,{height}\n9,1,0,{height}\n");
         let problem = refused("[start]\nposition_w_m = [0.0, 0.0, 1.0]", &csv);
         assert!(problem.to_string().contains(told), "{problem:?}");
@@ -197,6 +216,32 @@ fn a_trajectory_that_is_too_fast_says_how_slow_it_can_be_flown() {
     let (scale, _) = scale.split_once(' ').unwrap();
     assert!(scale.parse::<f64>().unwrap() > 1.0, "{warning:?}");
     let slow = loaded(&format!("time_scale = {scale}"), csv).unwrap();
+    assert!(slow.warnings().is_empty(), "{:?}", slow.warnings());
+}
+
+/// Up and down by `metres`, there and back within two seconds, and nowhere else.
+fn bump(metres: f64) -> String {
+    let up = |t_s: f64| {
+        let s = if t_s < 1.0 { t_s } else { 2.0 - t_s };
+        1.5 + metres * s * s * s * (10.0 + s * (6.0 * s - 15.0))
+    };
+    let rows = (0..=100).map(|i| f64::from(i) * 0.02).map(|t_s| format!("{t_s},0,0,{}", up(t_s)));
+    format!("t,x,y,z\n{}\n", rows.collect::<Vec<_>>().join("\n"))
+}
+
+#[test]
+fn what_climbs_is_judged_by_the_bounds_on_thrust_and_not_by_that_on_tilt() {
+    // 5.8 m/s^2 at most.
+    let fine = loaded("", &bump(1.0)).unwrap();
+    assert!(fine.warnings().is_empty(), "{:?}", fine.warnings());
+    let steep = loaded("", &bump(2.0)).unwrap();
+    let told: Vec<String> = steep.warnings().iter().map(ToString::to_string).collect();
+    assert!(told.iter().any(|it| it.contains("upwards with 11.")), "{told:?}");
+    assert!(told.iter().any(|it| it.contains("downwards with 11.")), "{told:?}");
+    assert!(!told.iter().any(|it| it.contains("sideways")), "{told:?}");
+    let (_, scale) = steep.warnings()[0].remedy().split_once("pilot.time_scale = ").unwrap();
+    let (scale, _) = scale.split_once(' ').unwrap();
+    let slow = loaded(&format!("time_scale = {scale}"), &bump(2.0)).unwrap();
     assert!(slow.warnings().is_empty(), "{:?}", slow.warnings());
 }
 
