@@ -22,7 +22,9 @@ A file with a law and one call is a controller that `morphquad swap attitude --t
 from .controller import fly_attitude, fly_position
 from .executable import MorphquadError
 from .flight import Flight, Verdict, run
-from .recording import Recording, open
+from .recording import Recording
+# As a re-export in the sense of type checkers, which `__all__` would be too.
+from .recording import open as open
 
 # `open` is left out, so that `from morphquad import *` hides no built-in.
 __all__ = [

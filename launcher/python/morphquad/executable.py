@@ -14,11 +14,16 @@ LEAVE_S = 15.0
 
 
 class MorphquadError(Exception):
-    """What the executable said when it could not do what it was asked for."""
+    """What the executable said when it could not do what it was asked for.
 
-    def __init__(self, message: str, exit_code: int) -> None:
+    `exit_code` is the executable's, and `answer` the JSON that it gave nevertheless, such as the summary of a flight in
+    which a process crashed; None if it gave none.
+    """
+
+    def __init__(self, message: str, exit_code: int, answer: Any = None) -> None:
         super().__init__(message)
         self.exit_code = exit_code
+        self.answer = answer
 
 
 def path() -> str:
@@ -49,5 +54,14 @@ def ask(*words: str, passes: tuple[int, ...] = (0,)) -> tuple[Any, int]:
                 process.terminate()
             raise
     if process.returncode not in passes:
-        raise MorphquadError(said.strip() or out.strip(), process.returncode)
+        answer = _json_of(out)
+        line = answer.get("line") if isinstance(answer, dict) else None
+        raise MorphquadError(line or said.strip() or out.strip(), process.returncode, answer)
     return json.loads(out), process.returncode
+
+
+def _json_of(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None

@@ -22,13 +22,14 @@ PASSED = (0, 5)
 class Verdict:
     """What a flight is worth, by the limits of its scenario. A swap that was refused or taken back is no part of
     it: see `Flight.exit_code` and `Flight.summary["swaps"]`.
+
+    `line` is PASSED or what was wrong, and why, in one line; `reasons` are the judgements, each with `key`, `grade`,
+    `measured` and `limit` in the unit that ends the key, and `text`.
     """
 
     passed: bool
-    # PASSED or what was wrong, and why, in one line.
     line: str
-    # Each judgement: `key`, `grade`, `measured` and `limit` in the unit that ends the key, and `text`.
-    reasons: list[dict[str, Any]]
+    reasons: list[dict[str, Any]] = dataclasses.field(repr=False)
 
     def __bool__(self) -> bool:
         return self.passed
@@ -36,12 +37,14 @@ class Verdict:
 
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """A flight that was flown to its end."""
+    """A flight that was flown to its end.
+
+    `summary` is everything that `morphquad run --format json` tells; `exit_code` is that of the command: 0 passed, 1
+    not, 5 passed although a swap of the script was refused or taken back.
+    """
 
     verdict: Verdict
-    # Everything that `morphquad run --format json` tells.
-    summary: dict[str, Any]
-    # That of the command: 0 passed, 1 not, 5 passed although a swap of the script was refused or taken back.
+    summary: dict[str, Any] = dataclasses.field(repr=False)
     exit_code: int
     _file: str | None
 
@@ -77,13 +80,20 @@ def run(
     `morphquad run` take, such as `"attitude=attitude-pid@6s"`. The recording goes into the folder `record`, or
     nowhere if that is None.
 
-    Raises `MorphquadError` if nothing could be flown, or a process crashed.
+    `goto` is in metres and degrees, `morph` in degrees, durations in seconds.
+
+    Raises `MorphquadError` if nothing could be flown, or a process crashed, and `ValueError` or `TypeError` for an
+    argument that no flight could have.
     """
+    if os.fspath(scenario) == "-":
+        raise ValueError("a scenario from standard input is for the command: give a name or a file")
     words = ["run", os.fspath(scenario)]
     for flag, value in (("seed", seed), ("clock", clock), ("name", name)):
         if value is not None:
             words += [f"--{flag}", str(value)]
     if duration_s is not None:
+        if isinstance(duration_s, str):
+            raise TypeError(f"duration_s={duration_s!r} is not a number of seconds")
         if not math.isfinite(duration_s) or duration_s < 0.0:
             raise ValueError(f"duration_s={duration_s} is no duration in seconds")
         words += ["--for", f"{round(duration_s * 1e9)}ns"]

@@ -9,6 +9,7 @@ import unittest
 
 import matplotlib
 import morphquad
+from morphquad.controller import within
 from morphquad.units import unit_of
 
 NOTEBOOK = pathlib.Path(__file__).absolute().parent.parent / "flight.ipynb"
@@ -81,6 +82,25 @@ class Package(Folder):
                 wrong()
             self.assertEqual(raised.exception.exit_code, 2)
             self.assertGreater(len(str(raised.exception)), 20)
+
+    def test_a_flight_that_crashed_says_so_in_one_line_and_keeps_its_summary(self):
+        with self.assertRaises(morphquad.MorphquadError) as raised:
+            morphquad.run("hover", duration_s=1.0, fault="kill:plant@500ms", set=PATIENCE, record=None)
+        error = raised.exception
+        self.assertEqual((error.exit_code, error.answer["line"]), (4, str(error)))
+        self.assertRegex(str(error), r"^CRASHED .*plant killed by signal 9")
+
+    def test_arguments_that_no_flight_could_have_are_refused_before_it(self):
+        with self.assertRaisesRegex(TypeError, "number of seconds"):
+            morphquad.run("hover", duration_s="3")
+        with self.assertRaisesRegex(ValueError, "standard input"):
+            morphquad.run("-")
+
+    def test_a_torque_is_cut_to_its_bounds_and_nothing_else_is_made_of_it(self):
+        bound_nm = (0.2, 0.3, 0.1)
+        self.assertEqual(within((0.1, -0.9, 0.5), bound_nm), [0.1, -0.3, 0.1])
+        self.assertTrue(math.isnan(within((math.nan, 0.0, 0.0), bound_nm)[0]), "for the host to refuse")
+        self.assertEqual(within((0.1,), bound_nm), (0.1,))
 
     def swapped(self, slot, text):
         """A flight in which the controller of a text takes a slot, or is refused."""
