@@ -3,10 +3,12 @@
 use crate::common::processes::left_in_shared_memory;
 use crate::common::time::wait_until;
 use crate::common::{fly, morphquad};
-use std::fs;
+use std::fs::{self, Permissions};
 use std::io::Write as _;
 use std::net::TcpListener;
-use std::path::Path;
+use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
@@ -192,6 +194,44 @@ fn too_few_file_descriptors_are_refused_at_once_with_the_number_that_is_needed()
     let output = Command::new("sh").args(["-c", &fly]).output().expect("a shell");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
+}
+
+#[test]
+fn too_few_processes_are_refused_at_once_with_the_number_that_is_needed() {
+    const OTHER: u32 = 65534;
+    let folder = TempDir::new().expect("a folder");
+    let mut limited = Command::new("prlimit");
+    let mut executable = PathBuf::from(env!("CARGO_BIN_EXE_morphquad"));
+    if rustix::process::geteuid().is_root() {
+        // The limit is for users, and theirs is the executable that they can reach.
+        let copy = folder.path().join("morphquad");
+        fs::set_permissions(folder.path(), Permissions::from_mode(0o755)).expect("our folder");
+        fs::copy(executable, &copy).expect("room for it");
+        executable = copy;
+        limited.uid(OTHER).gid(OTHER);
+    }
+    limited.arg("--nproc=40").arg(executable).args(["run", "hover", "--for", "1s", "--no-record"]);
+    let output = limited.current_dir("/").output().expect("util-linux");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNFIT), "{said}");
+    assert!(said.contains("may have 40 processes and threads"), "{said}");
+    assert!(said.contains("need 48 more: `ulimit -u "), "{said}");
+}
+
+#[test]
+fn a_scenario_without_a_key_is_refused_also_from_standard_input() {
+    for text in ["", "# nothing\n", "[scenario]\n"] {
+        let mut check = morphquad(["check", "-"]);
+        check.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut check = check.spawn().expect("the executable starts");
+        let mut input = check.stdin.take().expect("a pipe");
+        input.write_all(text.as_bytes()).expect("room for a line");
+        drop(input);
+        let output = check.wait_with_output().expect("it ends");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(USAGE), "{text:?}: {said}");
+        assert!(said.contains("has no key in it"), "{text:?}: {said}");
+    }
 }
 
 #[test]

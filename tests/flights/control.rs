@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use tempfile::TempDir;
 
@@ -224,6 +224,84 @@ fn a_launcher_in_a_pid_namespace_of_its_own_follows_orders_from_outside() {
     let said = say(&["stop", "--run", &id]);
     assert_eq!(said.code, Some(0), "{}", said.diagnostics);
     assert_eq!(launcher.wait().expect("it ends").code(), Some(130));
+}
+
+/// Writes into a file until a tmpfs has only so much room left \[bytes\].
+fn fill(file: &Path, left: u64) {
+    let mut filler =
+        std::fs::File::create(file).expect("shared memory of the launcher's namespace");
+    let block = vec![1; 1 << 20];
+    loop {
+        let stat = rustix::fs::statvfs(file).expect("its file system");
+        if stat.f_bavail * stat.f_frsize < left + block.len() as u64 {
+            return;
+        }
+        filler.write_all(&block).expect("room for a block");
+    }
+}
+
+/// A process that joins, and those that it talks to, would die of SIGBUS as soon as they touch memory that is not there.
+#[test]
+fn no_process_is_started_in_flight_where_shared_memory_is_short() {
+    let unshare = |command: &str| {
+        let mut unshare = Command::new("unshare");
+        unshare.args(["--mount", "sh", "-c", command]).stdout(Stdio::null()).stderr(Stdio::null());
+        unshare
+    };
+    let own = "mount -t tmpfs -o size=165m tmpfs /dev/shm";
+    if !unshare(own).status().is_ok_and(|status| status.success()) {
+        return;
+    }
+    let folder = TempDir::new().expect("a folder for the recording");
+    let executable = env!("CARGO_BIN_EXE_morphquad");
+    let fly = format!(
+        "{own} && exec '{executable}' run hover --for 600s --speed 1 --record '{}'",
+        folder.path().display()
+    );
+    let mut launcher = unshare(&fly).spawn().expect("a launcher");
+    let pid = launcher.id().to_string();
+    let inside = |arguments: &[&str]| {
+        let mut command = Command::new("nsenter");
+        command.args(["--target", &pid, "--mount", executable]).args(arguments);
+        command.output().expect("a command in the launcher's namespace")
+    };
+    wait_until("it flies", || {
+        assert_eq!(launcher.try_wait().expect("a child"), None, "it has ended");
+        let status = serde_json::from_slice::<Value>(&inside(&["ps", "--format", "json"]).stdout);
+        status.is_ok_and(|status| status["flown_s"].as_f64().is_some_and(|flown_s| flown_s > 0.5))
+    });
+    let filler = Path::new("/proc").join(&pid).join("root/dev/shm/filler");
+    fill(&filler, 4 << 20);
+    let swap = inside(&["swap", "attitude", "--to", "attitude-pid"]);
+    let said = String::from_utf8_lossy(&swap.stderr).replace(['│', '\n'], " ");
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_ne!(swap.status.code(), Some(0), "{said}");
+    assert!(said.contains("is not started: /dev/shm has"), "{said}");
+    std::fs::remove_file(&filler).expect("our own file");
+    let swap = inside(&["swap", "attitude", "--to", "attitude-pid", "--no-rehearsal"]);
+    let said = String::from_utf8_lossy(&swap.stderr);
+    assert_eq!(swap.status.code(), Some(0), "{said}");
+    assert!(inside(&["stop"]).status.success());
+    assert_eq!(launcher.wait().expect("it ends").code(), Some(130));
+}
+
+#[test]
+fn a_launcher_that_sees_the_processes_of_another_namespace_is_refused_with_the_remedy() {
+    let mut unshare = Command::new("unshare");
+    unshare.args(["--pid", "--fork", "--kill-child"]);
+    if !Command::new("unshare")
+        .args(["--pid", "--fork", "true"])
+        .status()
+        .is_ok_and(|s| s.success())
+    {
+        return;
+    }
+    let executable = env!("CARGO_BIN_EXE_morphquad");
+    let output = unshare.args([executable, "run", "hover", "--for", "1s", "--no-record"]).output();
+    let output = output.expect("a launcher");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains("--mount-proc"), "{said}");
 }
 
 #[test]

@@ -5,5 +5,6 @@ mod circles;
 mod docs;
 mod new_controller;
 mod scripts;
+mod threads;
 mod time;
 mod words;

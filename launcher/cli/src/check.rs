@@ -164,7 +164,12 @@ fn world(scenario: &Scenario, out: &mut dyn Write) -> io::Result<()> {
     }
     let (shared_mb, files) =
         (needs::shared_memory_mb(settings, may_lock_memory()), needs::DESCRIPTORS);
-    writeln!(out, "needs   {shared_mb} MB of shared memory, {files} file descriptors")?;
+    writeln!(
+        out,
+        "needs   {shared_mb} MB of shared memory, {files} file descriptors, {} processes and threads; \
+         `morphquad doctor` tells whether they can be had here",
+        needs::TASKS
+    )?;
     let law = scenario.attitude_law().map_err(io::Error::other)?;
     let look_ahead_s = Settings::look_ahead_s(&law).map_err(io::Error::other)?;
     writeln!(

@@ -18,7 +18,7 @@ pub use report::Report;
 
 use core::fmt;
 use std::path::{Path, PathBuf};
-use std::thread;
+use std::thread::{self, Builder};
 
 /// How bad something is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -112,14 +112,19 @@ pub fn examine(recordings: &Path) -> Report {
     let before = means::Stolen::look(&machine);
     let findings = thread::scope(|scope| {
         // What waits for something other than the processor waits at once.
-        let disk = scope.spawn(|| places::disk(recordings));
-        let programs = scope.spawn(programs::checks);
+        let disk = || places::disk(recordings);
+        let waiting = [
+            Builder::new().spawn_scoped(scope, disk).map_err(|_| disk()),
+            Builder::new().spawn_scoped(scope, programs::checks).map_err(|_| programs::checks()),
+        ];
         let mut findings = settings::checks(&machine);
         findings.extend(rights::checks());
         findings.extend(places::shared_memory());
         findings.extend(clocks::checks());
-        for waited_for in [disk, programs] {
-            findings.extend(waited_for.join().unwrap_or_default());
+        for waited_for in waiting {
+            // Where no thread can be had it has been done at once.
+            findings
+                .extend(waited_for.map_or_else(|done| done, |it| it.join().unwrap_or_default()));
         }
         findings.push(before.since(&machine));
         findings

@@ -9,7 +9,7 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
-use std::thread;
+use std::thread::Builder;
 use std::time::Duration;
 
 /// Room for an hour or so of recording \[MB\].
@@ -137,12 +137,15 @@ fn rate(folder: &Path, place: &str, other: &str) -> Finding {
     let (told, heard) = mpsc::channel();
     let trial = path.clone();
     // A disk that hangs must not hang its examination.
-    thread::spawn(move || {
+    let begun = Builder::new().spawn(move || {
         let written = write(&trial);
         // Before it is told of: the process that examines may be gone a moment later, and this thread with it.
         let _ = fs::remove_file(&trial);
         let _ = told.send(written);
     });
+    if let Err(error) = begun {
+        return Finding::fail(name, format!("not tried: no thread can be started: {error}"), other);
+    }
     match heard.recv_timeout(TRIAL_LIMIT) {
         Ok(Ok(rate)) => {
             let found = format!("{rate:.0} MB/s in {place}; a flight writes 1 to 2 MB/s");

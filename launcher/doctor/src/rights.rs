@@ -4,6 +4,7 @@ use super::Finding;
 use host::realtime::may_lock_memory;
 use runtime::priority::Schedule;
 use rustix::process::{PidfdFlags, Resource, getpid, getrlimit, pidfd_open};
+use scenario::needs::Tasks;
 use scenario::{Scenario, needs};
 use shared_types::Role;
 
@@ -75,10 +76,21 @@ fn open_files() -> Finding {
 }
 
 fn processes() -> Finding {
-    let limit = getrlimit(Resource::Nproc);
-    let few = limit.current.is_some_and(|current| current < 256);
-    let found = format!("{} allowed", told(limit.current));
-    Finding::warn_if(few, "processes", found, "`ulimit -u 1024`")
+    let name = "processes";
+    let Some(tasks) = Tasks::of_user() else {
+        return Finding::ok(name, "as many as a flight needs");
+    };
+    let Tasks { used, limit } = tasks;
+    let found = format!("{used} of at most {limit}");
+    if tasks.suffice() {
+        return Finding::ok(name, found);
+    }
+    let remedy = format!(
+        "`ulimit -u {}`, or raise nproc in /etc/security/limits.conf: a flight needs {} more",
+        used + needs::TASKS,
+        needs::TASKS
+    );
+    Finding::fail(name, found, remedy)
 }
 
 fn stack() -> Finding {

@@ -38,7 +38,7 @@ use shared_types::{ClockMode, ClockRecord, Role, Seat};
 use simulate::Summary;
 use simulate::setup::{
     RunError, RunOptions, Unflown, clock_of, facts, pinned_cpu, require_descriptors,
-    require_processor, require_shared_memory, run_id, system,
+    require_own_proc, require_processor, require_shared_memory, require_tasks, run_id, system,
 };
 use slot::supervisor::Now;
 use std::thread::JoinHandle;
@@ -94,9 +94,11 @@ fn fly(
     for folder in sweep_dead_runs() {
         eprintln!("morphquad: cleaned up after a dead run, {}", folder.display());
     }
+    require_own_proc()?;
     require_processor(options.pin)?;
     require_shared_memory(shared_memory_mb(options.scenario.settings(), may_lock_memory()))?;
     require_descriptors()?;
+    require_tasks()?;
     let described =
         options.scenario.flight().map_err(|error| RunError::Wiring(error.to_string()))?;
     let grants = Grants::ask(&options.scenario, &described)?;
@@ -178,6 +180,8 @@ struct Flight {
     monitored_ns: u64,
     rehearser: Rehearser,
     known_strays: usize,
+    /// When this launcher looked last, by `CLOCK_MONOTONIC` \[ns\].
+    looked_ns: Option<u64>,
     /// When to look again whether all services are there \[ns\].
     next_service_look_ns: u64,
     /// The clock as the run's processes hear it.
@@ -195,6 +199,7 @@ impl Flight {
             let now_ns = mono_now_ns();
             self.tap.drain(now_ns);
             let drained = self.drained_ns();
+            self.name_standstill(now_ns);
             let looked_after = self.look_after(now_ns).and_then(|()| self.follow_script(now_ns));
             self.publish_notices(drained);
             self.name_strays();

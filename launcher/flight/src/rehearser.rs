@@ -6,7 +6,7 @@ use shared_types::time::ns_from_s;
 use simulate::rehearse::{RehearsalRefusal, Verdict};
 use std::io::{self, Read as _, Write as _};
 use std::process::{Child, Command, Stdio};
-use std::thread::JoinHandle;
+use std::thread::{Builder, JoinHandle};
 use swap::RehearsalSpec;
 
 /// Nice value of a rehearsal during a realtime flight, so that it yields to loops without a realtime priority.
@@ -82,19 +82,34 @@ fn start(spec: &RehearsalSpec, nice: i32) -> io::Result<(Child, [Option<JoinHand
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()?;
+    match talk(&mut child, told) {
+        Ok(listeners) => Ok((child, listeners)),
+        Err(error) => {
+            let _ = child.kill();
+            let _ = child.wait();
+            Err(error)
+        }
+    }
+}
+
+/// Threads that write to a child and listen to it.
+fn talk(child: &mut Child, told: Vec<u8>) -> io::Result<[Option<JoinHandle<String>>; 2]> {
     let stdin = child.stdin.take();
     // A specification may be longer than the buffer of a pipe; writing it here would block the flight until
     // the child has read it.
-    std::thread::spawn(move || stdin.map(|mut stdin| stdin.write_all(&told)));
-    let listeners = [
-        child.stdout.take().map(|pipe| listen(Box::new(pipe))),
-        child.stderr.take().map(|pipe| listen(Box::new(pipe))),
-    ];
-    Ok((child, listeners))
+    thread().spawn(move || stdin.map(|mut stdin| stdin.write_all(&told)))?;
+    Ok([
+        child.stdout.take().map(|pipe| listen(Box::new(pipe))).transpose()?,
+        child.stderr.take().map(|pipe| listen(Box::new(pipe))).transpose()?,
+    ])
 }
 
-fn listen(mut pipe: Box<dyn io::Read + Send>) -> JoinHandle<String> {
-    std::thread::spawn(move || {
+fn thread() -> Builder {
+    Builder::new().name("rehearsal".to_owned())
+}
+
+fn listen(mut pipe: Box<dyn io::Read + Send>) -> io::Result<JoinHandle<String>> {
+    thread().spawn(move || {
         let mut text = Vec::new();
         // After an error on the pipe, the text read so far is still useful.
         let _ = pipe.read_to_end(&mut text);

@@ -10,9 +10,11 @@ use super::checkpoint::CheckpointWriter;
 use super::tap::Tap;
 use runtime::clock::{WallMap, mono_now_ns, sleep_until};
 use runtime::ipc::{Bus, IpcSource, PortError, TopicFactory};
+use runtime::namespace::BASE;
 use runtime::{Graph, StateHeader};
 use scenario::orders::Sent;
 use shared_types::{Flag, Handover, Hello, OwnerRecord, RegistryEntry, Role, Seat};
+use simulate::setup::free_shared_memory_mb;
 use std::path::PathBuf;
 use swap::child::{ChildSpec, RunningChild, describe};
 use swap::post::Post;
@@ -30,7 +32,14 @@ pub(super) struct RestartPolicy {
     pub(super) backoff_max_ns: u64,
     /// Restarts of one process within a minute before the flight is given up.
     pub(super) limit: usize,
+    /// Shared memory that must be free before a process is started in flight \[MB\].
+    pub(super) room_mb: u64,
 }
+
+/// From one look for room in shared memory to the next \[ns\].
+const ROOM_AGAIN_NS: u64 = 20_000_000;
+/// For how long a process that has died waits for room before the flight goes on, or ends, without it \[ns\].
+const ROOM_LIMIT_NS: u64 = 10_000_000_000;
 
 /// A line for the log of the flight.
 #[derive(Debug, Clone)]
@@ -69,6 +78,8 @@ pub(super) struct Supervisor {
     joined_mono_ns: u64,
     pub(super) notices: Vec<Notice>,
     pub(super) recovered: u64,
+    /// Since when a process has waited for room in shared memory, which has been told \[ns\].
+    awaits_room_ns: Option<u64>,
 }
 
 impl Supervisor {
@@ -97,6 +108,7 @@ impl Supervisor {
             joined_mono_ns: 0,
             notices: Vec::new(),
             recovered: 0,
+            awaits_room_ns: None,
         })
     }
 
@@ -192,15 +204,16 @@ impl Supervisor {
     ) -> Result<(), FlightError> {
         for index in 0..self.posts.len() {
             self.reap_exited(bus, index, keeps, tap, now_ns)?;
-            let post = &mut self.posts[index];
-            if post.restart_at_ns.is_some_and(|at| now_ns >= at) {
+            let is_due = self.posts[index].restart_at_ns.is_some_and(|at| now_ns >= at);
+            if is_due && let Some(room) = self.room_for_restart(index, now_ns) {
+                let post = &mut self.posts[index];
                 post.restart_at_ns = None;
                 let has_state = own_state(post, tap).is_some();
                 post.generation += 1;
                 // Without a state a process begins with the flight, or now if that is long ago.
                 let in_flight = has_state || !post.goes_on || self.wall.is_some();
                 let seat = post.seat;
-                match start(post, &self.folder, in_flight) {
+                match room.and_then(|()| start(post, &self.folder, in_flight)) {
                     Err(error) if seat.role.is_slot() => {
                         // Its file is gone, or no process can be had: who commands now is for the slot to say.
                         self.leave_registry(seat, tap);
@@ -243,6 +256,9 @@ impl Supervisor {
     /// Starts a process on a seat of a slot that is free. One that cannot be started has gone at once, and says
     /// why: what is ordered in flight never ends the flight.
     pub(super) fn spawn(&mut self, bus: &Bus, seat: Seat, spec: ChildSpec) {
+        if let Some(no_room) = self.no_room_for(&spec.name) {
+            return self.never_started(seat, &no_room);
+        }
         let mut post = match Post::open(bus, seat, spec) {
             Ok(post) => post,
             Err(error) => return self.never_started(seat, &error.into()),
@@ -258,6 +274,32 @@ impl Supervisor {
         if let Err(error) = started {
             self.never_started(seat, &error);
         }
+    }
+
+    /// Why a process cannot be started now, if shared memory is short.
+    fn no_room_for(&self, name: &str) -> Option<FlightError> {
+        let (free_mb, needed_mb) = (free_shared_memory_mb().ok()?, self.policy.room_mb);
+        let (name, place) = (name.to_owned(), BASE);
+        (free_mb < needed_mb).then_some(FlightError::NoRoom { name, place, free_mb, needed_mb })
+    }
+
+    /// Whether a process that is due can be started again; none as long as shared memory is short, which is told once,
+    /// and waited for only so long.
+    fn room_for_restart(&mut self, index: usize, now_ns: u64) -> Option<Result<(), FlightError>> {
+        let Some(no_room) = self.no_room_for(&self.posts[index].spec.name) else {
+            self.awaits_room_ns = None;
+            return Some(Ok(()));
+        };
+        if self.awaits_room_ns.is_none() {
+            let source = self.posts[index].spec.name.clone();
+            self.notices.push(Notice { source, text: no_room.to_string() });
+        }
+        let since_ns = *self.awaits_room_ns.get_or_insert(now_ns);
+        if now_ns.saturating_sub(since_ns) > ROOM_LIMIT_NS {
+            return Some(Err(no_room));
+        }
+        self.posts[index].restart_at_ns = Some(now_ns + ROOM_AGAIN_NS);
+        None
     }
 
     fn never_started(&mut self, place: Seat, why: &FlightError) {

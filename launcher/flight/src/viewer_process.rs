@@ -6,13 +6,13 @@
 use runtime::clock::{mono_now_ns, sleep_until};
 use scenario::process::OWN_EXECUTABLE;
 use simulate::setup::{LiveOptions, RunError, system};
-use std::io::{BufRead as _, BufReader, Read};
+use std::io::{self, BufRead as _, BufReader, Read};
 use std::os::unix::process::CommandExt as _;
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::thread;
+use std::thread::Builder;
 use std::time::Duration;
 
 /// How long it may take to be there.
@@ -53,9 +53,11 @@ impl ViewerProcess {
         }
         // A process group of its own: Ctrl-C reaches the launcher alone, and this one sees the end.
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
-        let mut child = command.spawn().map_err(system("start the process that serves viewers"))?;
-        let (words, complaints) = (lines(child.stdout.take()), lines(child.stderr.take()));
-        let viewers = Self { child, is_leaving: Arc::default() };
+        let child = command.spawn().map_err(system("start the process that serves viewers"))?;
+        let mut viewers = Self { child, is_leaving: Arc::default() };
+        let failed = || system("start a thread for what viewers say");
+        let words = lines(viewers.child.stdout.take()).map_err(failed())?;
+        let complaints = lines(viewers.child.stderr.take()).map_err(failed())?;
         viewers.await_addresses(&words, complaints)
     }
 
@@ -76,7 +78,7 @@ impl ViewerProcess {
         }
         // What it has to say later is passed on until it leaves.
         let is_leaving = Arc::clone(&self.is_leaving);
-        thread::spawn(move || {
+        let tell = move || {
             for line in complaints {
                 eprintln!("{line}");
             }
@@ -85,7 +87,8 @@ impl ViewerProcess {
                     "morphquad: the flight is shown no more; `morphquad live` shows it again"
                 );
             }
-        });
+        };
+        Builder::new().spawn(tell).map_err(system("start a thread for what viewers say"))?;
         Ok(self)
     }
 
@@ -121,16 +124,16 @@ impl Drop for ViewerProcess {
 }
 
 /// What comes out of a pipe, line by line.
-fn lines(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
+fn lines(pipe: Option<impl Read + Send + 'static>) -> io::Result<Receiver<String>> {
     let (say, heard) = channel();
     if let Some(pipe) = pipe {
-        thread::spawn(move || {
+        Builder::new().spawn(move || {
             for line in BufReader::new(pipe).lines().map_while(Result::ok) {
                 if say.send(line).is_err() {
                     return;
                 }
             }
-        });
+        })?;
     }
-    heard
+    Ok(heard)
 }

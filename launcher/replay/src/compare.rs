@@ -221,7 +221,8 @@ impl Compare<'_> {
         let (recorded, replayed) = (&self.recorded.states, &self.replayed.states);
         let header = |state: &RecordedState| state.header;
         let both = (recorded.as_slice(), replayed.as_slice());
-        self.pairs(both, (&name, false), header, LifeKey::of, |verdict, a, b| {
+        let lossy = self.recorded.has_gaps(&name);
+        self.pairs(both, (&name, lossy), header, LifeKey::of, |verdict, a, b| {
             verdict.states += 1;
             if a.bytes == b.bytes {
                 return;

@@ -1,6 +1,9 @@
 //! What a flight needs of the machine.
 
 use super::settings::{Clock, Settings};
+use rustix::process::{Resource, geteuid, getrlimit};
+use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 
 /// What a flight is given room for whose memory is not locked \[MB\]: 12 were counted, and slow readers make rings fill.
 pub const SHARED_MEMORY_MB: u64 = 160;
@@ -9,16 +12,66 @@ pub const SHARED_MEMORY_MB: u64 = 160;
 /// standby in each slot 441 were counted, and 19 for each instance.
 pub const LOCKED_MEMORY_MB: u64 = 480;
 
+/// What a process that joins in flight may add to it \[MB\], where it locks its memory: 19 were counted
+/// for a controller.
+const LOCKED_INSTANCE_MB: u64 = 48;
+
+/// The same of one that does not: 2 were enough in lockstep.
+const INSTANCE_MB: u64 = 8;
+
 /// File descriptors that a launcher may have open at once: with a candidate in each slot 657 were counted.
 pub const DESCRIPTORS: u64 = 768;
+
+/// Processes and threads that a flight may have at once, each of which counts: with a candidate in a slot and its
+/// rehearsal 31 were counted, and 7 for each further instance.
+pub const TASKS: u64 = 48;
+
+/// Processes and threads of a user whose number is limited.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tasks {
+    /// Those that are there.
+    pub used: u64,
+    /// As many as may be.
+    pub limit: u64,
+}
+
+impl Tasks {
+    /// Of this process's user; none where nothing limits them.
+    #[must_use]
+    pub fn of_user() -> Option<Self> {
+        // The limit is not for root, whatever it says.
+        let limit = getrlimit(Resource::Nproc).current.filter(|_| !geteuid().is_root())?;
+        let own = geteuid().as_raw();
+        let processes = fs::read_dir("/proc").ok()?.flatten();
+        let processes = processes.filter(|entry| {
+            entry.file_name().to_string_lossy().parse::<u32>().is_ok()
+                && entry.metadata().is_ok_and(|found| found.uid() == own)
+        });
+        let threads = processes
+            .map(|entry| fs::read_dir(entry.path().join("task")).map_or(0, Iterator::count));
+        Some(Self { used: threads.sum::<usize>() as u64, limit })
+    }
+
+    /// True if a flight has room beside those that are there.
+    #[must_use]
+    pub fn suffice(&self) -> bool {
+        self.limit.saturating_sub(self.used) >= TASKS
+    }
+}
 
 /// Shared memory that a flight may touch \[MB\], on a machine where memory may be locked or not.
 #[must_use]
 pub fn shared_memory_mb(settings: &Settings, may_lock: bool) -> u64 {
-    let is_realtime = settings.scenario.clock == Clock::Realtime;
-    if is_realtime && settings.realtime.lock_memory && may_lock {
-        LOCKED_MEMORY_MB
-    } else {
-        SHARED_MEMORY_MB
-    }
+    if locks(settings, may_lock) { LOCKED_MEMORY_MB } else { SHARED_MEMORY_MB }
+}
+
+/// Shared memory that a process may touch that joins in flight \[MB\]: without it, it and those that it talks to would
+/// die of SIGBUS.
+#[must_use]
+pub fn instance_mb(settings: &Settings, may_lock: bool) -> u64 {
+    if locks(settings, may_lock) { LOCKED_INSTANCE_MB } else { INSTANCE_MB }
+}
+
+fn locks(settings: &Settings, may_lock: bool) -> bool {
+    settings.scenario.clock == Clock::Realtime && settings.realtime.lock_memory && may_lock
 }

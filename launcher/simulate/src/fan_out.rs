@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
+use std::thread::{self, Builder};
 
 /// Told after each item, from whatever thread.
 pub type Progress<'a> = &'a (dyn Fn() + Sync);
@@ -36,8 +36,10 @@ pub fn fan_out<I: Sync, R: Send, E: Send>(
     };
     let threads = thread::available_parallelism().map_or(1, usize::from).min(items.len());
     thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(worker);
+        let begun = (0..threads).map(|_| Builder::new().spawn_scoped(scope, worker));
+        // Where no thread can be had, this one does the work.
+        if begun.flatten().count() == 0 {
+            worker();
         }
     });
     // An item without a result comes after one with an error, which ends the collection.

@@ -7,9 +7,11 @@ use runtime::ipc::PortError;
 use runtime::leader::LeadError;
 use runtime::namespace::{BASE, NamespaceError};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use scenario::needs::Tasks;
 pub use scenario::settings::Speed;
 use scenario::{Scenario, needs};
 use shared_types::ClockMode;
+use std::io;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -93,6 +95,24 @@ pub enum RunError {
         /// Descriptors that a flight may have open.
         needed: u64,
     },
+    /// The system's tables of processes are of another namespace.
+    #[error(
+        "/proc is not that of this process's PID namespace, and no process would find another: `mount -t proc proc /proc` in it, or `unshare --pid --fork --mount-proc`"
+    )]
+    ForeignProc,
+    /// Too few processes and threads.
+    #[error(
+        "this user may have {limit} processes and threads, has {used}, and a flight may need {needed} more: `ulimit -u {enough}`, or raise nproc in /etc/security/limits.conf",
+        enough = used + needed
+    )]
+    Tasks {
+        /// As many as the user may have.
+        limit: u64,
+        /// As many as there are.
+        used: u64,
+        /// As many as a flight may add.
+        needed: u64,
+    },
     /// Something of the operating system.
     #[error("cannot {action}: {source}")]
     System {
@@ -147,14 +167,21 @@ pub fn system(action: impl Into<String>) -> impl FnOnce(std::io::Error) -> RunEr
     move |source| RunError::System { action, source }
 }
 
+/// Shared memory that is free \[MB\].
+///
+/// # Errors
+/// The system does not say.
+pub fn free_shared_memory_mb() -> io::Result<u64> {
+    let stat = rustix::fs::statvfs(BASE)?;
+    Ok(stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20))
+}
+
 /// A process that touches shared memory which is not there dies of SIGBUS, so look first.
 ///
 /// # Errors
 /// [`RunError`] if there is too little room.
 pub fn require_shared_memory(needed_mb: u64) -> Result<(), RunError> {
-    let stat = rustix::fs::statvfs(BASE)
-        .map_err(|error| system(format!("look at {BASE}"))(error.into()))?;
-    let free_mb = stat.f_bavail.saturating_mul(stat.f_frsize) / (1 << 20);
+    let free_mb = free_shared_memory_mb().map_err(system(format!("look at {BASE}")))?;
     if free_mb < needed_mb {
         return Err(RunError::SharedMemory { free_mb, needed_mb });
     }
@@ -175,6 +202,27 @@ pub fn require_descriptors() -> Result<(), RunError> {
         let limit = maximum.unwrap_or(u64::MAX);
         RunError::Descriptors { limit, needed: needs::DESCRIPTORS }
     })
+}
+
+/// Refuses to fly where `/proc` tells of other processes than those that this one can see.
+///
+/// # Errors
+/// [`RunError::ForeignProc`].
+pub fn require_own_proc() -> Result<(), RunError> {
+    let own = std::fs::read_link("/proc/self").ok();
+    let is_own = own.is_some_and(|own| own == Path::new(&std::process::id().to_string()));
+    if is_own { Ok(()) } else { Err(RunError::ForeignProc) }
+}
+
+/// Refuses to fly where the user may not have as many processes and threads as a flight.
+///
+/// # Errors
+/// [`RunError::Tasks`].
+pub fn require_tasks() -> Result<(), RunError> {
+    match Tasks::of_user().filter(|tasks| !tasks.suffice()) {
+        Some(Tasks { used, limit }) => Err(RunError::Tasks { limit, used, needed: needs::TASKS }),
+        None => Ok(()),
+    }
 }
 
 /// Lower-case hexadecimal from process id and clock: unique on this machine while it lives.

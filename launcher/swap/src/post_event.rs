@@ -15,8 +15,22 @@ pub enum FlightError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// There is too little shared memory for another process.
+    #[error(
+        "{name} is not started: {place} has {free_mb} MB free, and it may need {needed_mb} MB: remove what fills it"
+    )]
+    NoRoom {
+        /// The process.
+        name: String,
+        /// Where shared memory is.
+        place: &'static str,
+        /// What is free \[MB\].
+        free_mb: u64,
+        /// What it may touch \[MB\].
+        needed_mb: u64,
+    },
     /// A process has ended before the flight began.
-    #[error("{name} ended before it was ready ({how}){words}")]
+    #[error("{name} ended before it was ready ({how}){words}{}", remedy(.how))]
     NotReady {
         /// The process.
         name: String,
@@ -50,6 +64,15 @@ pub enum FlightError {
     /// The transport.
     #[error(transparent)]
     Port(#[from] PortError),
+}
+
+/// What to do about an end that a process has not brought about itself.
+fn remedy(how: &str) -> &'static str {
+    if how.contains("signal 9") {
+        "; the system kills so where memory is short (`dmesg` tells): free some, and fly again"
+    } else {
+        ""
+    }
 }
 
 /// What has happened at a post in a slot.

@@ -68,7 +68,13 @@ pub(crate) fn of_success(outcome: &Outcome, thresholds: &Thresholds) -> Reason {
         (None, None) => ("tilt_max_rad", "tilt", Unit::Radian, outcome.tilt_rad),
     };
     let (limit, flown_s) = (limit(key), outcome.flown_s);
+    // The larger one of a flight that was disturbed by a fault is not to be left out.
+    let recovering = outcome.tracking.as_ref().map(|tracking| tracking.recovering_m);
+    let recovering = recovering.filter(|error_m| *error_m > measured);
+    let recovering = recovering
+        .map_or(String::new(), |error_m| format!(" ({} while it recovered)", unit.tell(error_m)));
+    let (measured_told, limit_told) = (unit.tell(measured), unit.tell(limit));
     let text =
-        format!("flown {flown_s:.3} s, {name} {}, limit {}", unit.tell(measured), unit.tell(limit));
+        format!("flown {flown_s:.3} s, {name} {measured_told}{recovering}, limit {limit_told}");
     Reason { grade: Grade::Passed, key, measured, limit, text }
 }

@@ -11,6 +11,7 @@ use crate::rehearser::Rehearser;
 use crate::stall::Newcomers;
 use crate::supervisor::{RestartPolicy, Supervisor};
 use crate::tap::Tap;
+use host::realtime::may_lock_memory;
 use observe::Metrics;
 use record::Recording;
 use runtime::Graph;
@@ -19,6 +20,7 @@ use runtime::ipc::{Bus, LatestPort, ServiceKind};
 use runtime::namespace::Membership;
 use runtime::watch::StopFlags;
 use scenario::Scenario;
+use scenario::needs::instance_mb;
 use scenario::orders::Planner;
 use scenario::process::OWN_EXECUTABLE;
 use scenario::process::has_process;
@@ -56,6 +58,7 @@ pub(super) fn restart_policy(scenario: &Scenario) -> RestartPolicy {
         backoff_ns: ns_from_s(launcher.restart_backoff_s),
         backoff_max_ns: ns_from_s(launcher.restart_backoff_max_s),
         limit: launcher.restart_limit as usize,
+        room_mb: instance_mb(scenario.settings(), may_lock_memory()),
     }
 }
 
@@ -118,7 +121,9 @@ impl Flight {
         let settings = options.scenario.settings();
         let roles: Vec<Role> = graph.nodes().iter().map(|n| n.role).collect();
         let mut sinks = Sinks::new(&roles, Metrics::of(&options.scenario), recording);
-        sinks.slot_watch = Some(SlotWatch::new(&options.scenario.modelled_vehicle()));
+        let watch = SlotWatch::new(&options.scenario.modelled_vehicle());
+        let is_lockstep = clock_of(&options.scenario) == ClockMode::Lockstep;
+        sinks.slot_watch = Some(if is_lockstep { watch } else { watch.by_the_wall() });
         sinks.feed = live.take_feed();
         let clock_reader = LatestPort::clock(&bus)?;
         Ok(Self {
@@ -146,6 +151,7 @@ impl Flight {
             drained_ns: 0,
             monitored_ns: 0,
             known_strays: 0,
+            looked_ns: None,
             next_service_look_ns: 0,
             clock_reader,
             progress: options.progress.then(|| progress_bar(options.scenario.duration_ns())),

@@ -3,6 +3,7 @@
 use super::Flight;
 use crate::stall::{StallCheck, stalled};
 use record::Severity;
+use shared_types::time::s_from_ns;
 use shared_types::{ClockMode, RegistryEntry, Role, Seat};
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -10,6 +11,9 @@ use swap::{FlightError, Slots};
 
 /// How often the services are looked after \[ns\].
 const SERVICE_LOOK_NS: u64 = 500_000_000;
+
+/// From how long on a standstill of the launcher is told: its readers keep what is said in a second \[ns\].
+const STANDSTILL_NS: u64 = 500_000_000;
 
 impl Flight {
     /// Names the unregistered publishers on the flight's topics; no process listens to them.
@@ -50,6 +54,23 @@ impl Flight {
             self.tap.sinks.note(at_ns, Severity::Warning, "launcher", &text);
             self.notice(&text);
         }
+    }
+
+    /// Says that this launcher itself stood still for long in realtime: what it could not record in that time is missing
+    /// for that reason, and no process that died could be started again.
+    pub(super) fn name_standstill(&mut self, now_ns: u64) {
+        let stood_ns = now_ns.saturating_sub(self.looked_ns.replace(now_ns).unwrap_or(now_ns));
+        if stood_ns < STANDSTILL_NS || self.conductor.mode() == ClockMode::Lockstep {
+            return;
+        }
+        let text = format!(
+            "this launcher stood still for {:.1} s, stopped or without a processor: what was said meanwhile may not be \
+             in the recording, and no process could be started again",
+            s_from_ns(stood_ns)
+        );
+        let at_ns = self.drained_ns;
+        self.tap.sinks.note(at_ns, Severity::Warning, "launcher", &text);
+        self.notice(&text);
     }
 
     pub(super) fn mark_of(&self, entry: &RegistryEntry) -> u64 {

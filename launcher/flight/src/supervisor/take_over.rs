@@ -38,6 +38,7 @@ impl Supervisor {
             joined_mono_ns: 0,
             notices: Vec::new(),
             recovered: 0,
+            awaits_room_ns: None,
         };
         let entries: Vec<_> = checkpoint.registry.iter().map(|entry| entry.0).collect();
         supervisor.registry.go_on(&entries);

@@ -72,8 +72,12 @@ impl Conversation {
             AskError::NoLauncher { run: run.id().to_owned(), rescue: run.rescue(), source }
         })?;
         let mut conversation = Self { run: run.id().to_owned(), reader: BufReader::new(stream) };
-        conversation.send(request).map_err(|source| conversation.silent(source))?;
-        Ok(conversation)
+        match conversation.send(request) {
+            // It has hung up, and perhaps said why before, which is still there to be heard.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(conversation),
+            Err(source) => Err(conversation.silent(source)),
+            Ok(()) => Ok(conversation),
+        }
     }
 
     fn send(&mut self, request: &Request) -> io::Result<()> {

@@ -84,9 +84,14 @@ impl Listening {
             serde_json::to_vec(&Listen { listen, events }).map_err(|e| closed(e.into()))?;
         line.push(b'\n');
         let mut reader = BufReader::new(stream);
-        reader.get_mut().write_all(&line).map_err(closed)?;
+        let asked = reader.get_mut().write_all(&line);
         let mut answer = String::new();
-        reader.read_line(&mut answer).map_err(closed)?;
+        // It may have hung up and said why before, which is still there to be heard.
+        let heard = reader.read_line(&mut answer);
+        if answer.is_empty() {
+            asked.map_err(closed)?;
+        }
+        heard.map_err(closed)?;
         match serde_json::from_str::<Heard>(&answer) {
             Ok(Heard { error: None, flight: Some(flying) }) => {
                 Ok(Self { run: run.id().to_owned(), reader, partial: Vec::new(), flying })

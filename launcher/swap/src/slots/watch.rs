@@ -4,12 +4,15 @@ use rehearsal::{Snapshot, Watcher};
 use runtime::seat_of_loop;
 use shared_types::{
     AppliedCommand, AppliedSetpoint, AttitudeSetpoint, GateMode, Header, LoopStats, MorphAngle,
-    Reference, Role, Sample, Trip, WrenchCommand,
+    Reference, Role, Sample, StateEstimate, Trip, WrenchCommand,
 };
 use slot::SlotConfig;
 use std::any::Any;
 use std::collections::VecDeque;
 use vehicle::VehicleParameters;
+
+/// Age from which on no controller flies on an estimate \[ns\].
+const STALE_NS: u64 = 20_000_000;
 
 /// References that are kept: the pilot runs ahead of the flight by its lead.
 const REFERENCES: usize = 256;
@@ -103,6 +106,8 @@ pub struct SlotWatch {
     last: [Followed; 1 + shared_types::SEATS],
     /// When each of them last had something new to follow, and the sequence of that.
     guided: [(u64, u64); 1 + shared_types::SEATS],
+    /// Realtime: instant of the newest estimate \[ns\]; what a consumer tells is seen shortly after it.
+    estimated_ns: Option<u64>,
     /// Remembers what the vehicle knows, from which candidates are flown ahead.
     known: Option<Watcher>,
     /// Where the vehicle was to be at the last instants \[m\].
@@ -114,6 +119,14 @@ impl SlotWatch {
     #[must_use]
     pub fn new(vehicle: &VehicleParameters) -> Self {
         Self { known: Some(Watcher::new(vehicle)), ..Self::default() }
+    }
+
+    /// Of a flight by the wall clock, in which estimates may fail to come: without one no controller can command, and
+    /// that is no reason to take one away. In lockstep all wait until they come.
+    #[must_use]
+    pub fn by_the_wall(mut self) -> Self {
+        self.estimated_ns = Some(0);
+        self
     }
 
     /// What the vehicle knows of itself at an instant; `None` before it knows anything.
@@ -176,6 +189,8 @@ impl SlotWatch {
             let place = 1 + usize::try_from(by_seat).unwrap_or(usize::MAX - 1);
             self.follows(Role::Position, by_seat, place, followed);
             self.note_guidance(Role::Position, by_seat, place, followed, applied.setpoint_sequence);
+        } else if let Some(estimate) = any.downcast_ref::<StateEstimate>() {
+            self.estimated_ns = self.estimated_ns.map(|last| last.max(estimate.described_ns));
         } else if let Some(trip) = any.downcast_ref::<Trip>() {
             self.seen.push(Seen::Trip(*trip));
         } else if let Some(reference) = any.downcast_ref::<Reference>() {
@@ -232,7 +247,8 @@ impl SlotWatch {
     ) {
         let Some((since_ns, last)) = self.guided.get_mut(place) else { return };
         let Followed { at_ns, epoch, .. } = said;
-        if sequence == u64::MAX || sequence != *last || epoch == 0 {
+        let is_blind = self.estimated_ns.is_some_and(|known| at_ns > known + STALE_NS);
+        if sequence == u64::MAX || sequence != *last || epoch == 0 || is_blind {
             (*since_ns, *last) = (at_ns, sequence);
         } else if at_ns.saturating_sub(*since_ns) >= SlotConfig::REALTIME.unguided_ns {
             let since_ns = *since_ns;
@@ -251,5 +267,34 @@ impl SlotWatch {
     /// Everything seen since the last time.
     pub fn take(&mut self) -> Vec<Seen> {
         core::mem::take(&mut self.seen)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The plant holds the last command of an owner from 1 s on, and estimates come until `estimated_ms`; how many times
+    /// it is told by 1.5 s that there is nothing to follow.
+    fn told(watch: SlotWatch, estimated_ms: u64) -> usize {
+        let mut watch = watch;
+        for ms in 1_000..1_500_u64 {
+            if ms < estimated_ms {
+                watch
+                    .observe(&StateEstimate { described_ns: ms * 1_000_000, ..Default::default() });
+            }
+            let header = Header { release_ns: ms * 1_000_000, ..Header::default() };
+            let mode = GateMode::Hold;
+            watch.observe(&AppliedCommand { header, mode, epoch: 1, ..Default::default() });
+        }
+        watch.take().iter().filter(|seen| matches!(seen, Seen::Unguided { .. })).count()
+    }
+
+    #[test]
+    fn an_owner_without_estimates_is_not_told_to_be_silent() {
+        let by_the_wall = || SlotWatch::default().by_the_wall();
+        assert_eq!(told(by_the_wall(), 1_100), 0, "it has nothing to fly on");
+        assert_eq!(told(by_the_wall(), 1_500), 300, "it says nothing although it could");
+        assert_eq!(told(SlotWatch::default(), 1_100), 300, "lockstep waits for estimates");
     }
 }

@@ -18,6 +18,7 @@ use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::mpsc::channel;
+use std::thread::Builder;
 use std::time::Duration;
 
 /// Messages that one viewer may be behind; then it loses the oldest.
@@ -161,11 +162,13 @@ impl Viewers {
     pub(super) fn close(&mut self) {
         let Some(server) = self.server.take() else { return };
         let (done, is_done) = channel();
-        let goodbye = std::thread::spawn(move || {
+        let goodbye = Builder::new().spawn(move || {
             server.stop().wait_blocking();
             let _ = done.send(());
         });
-        if is_done.recv_timeout(GOODBYE).is_ok() {
+        if let Ok(goodbye) = goodbye
+            && is_done.recv_timeout(GOODBYE).is_ok()
+        {
             let _ = goodbye.join();
         }
     }

@@ -19,7 +19,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::{self, JoinHandle};
+use std::thread::{Builder, JoinHandle};
 
 /// From one picture to the next.
 const FRAME: Duration = Duration::from_millis(250);
@@ -44,7 +44,7 @@ impl Ear {
         let heard = Arc::<Mutex<(Gauges, u64)>>::default();
         let leave = Arc::<AtomicBool>::default();
         let (into, leaves) = (Arc::clone(&heard), Arc::clone(&leave));
-        let thread = thread::spawn(move || {
+        let thread = Builder::new().spawn(move || {
             while !leaves.load(Ordering::Relaxed) {
                 let word = listening.next(Duration::from_millis(100));
                 let mut heard = into.lock().unwrap_or_else(PoisonError::into_inner);
@@ -56,6 +56,8 @@ impl Ear {
                 }
             }
         });
+        let thread =
+            thread.map_err(|source| ListenError::Closed { run: run.id().to_owned(), source })?;
         Ok(Self { heard, leave, thread: Some(thread) })
     }
 
@@ -238,9 +240,12 @@ impl<'a> Screen<'a> {
         words.extend(["--run".to_owned(), self.run.id().to_owned()]);
         let (answer, execute) = (self.answers.0.clone(), self.execute);
         // A swap takes seconds; what it says comes when it is over.
-        thread::spawn(move || {
+        let begun = Builder::new().spawn(move || {
             let _ = answer.send(execute(words));
         });
+        if let Err(error) = begun {
+            self.talk.lines.push(format!("cannot be done: {error}"));
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Right of way for the loops of a realtime flight.
 
 use core::time::Duration;
-use std::thread;
+use std::thread::Builder;
 use thread_priority::{
     DeadlineFlags, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
     set_thread_priority_and_policy, thread_native_id,
@@ -49,6 +49,7 @@ impl Schedule {
     /// True if threads of this process may be scheduled so; tried on one that does nothing else.
     #[must_use]
     pub fn is_allowed(self) -> bool {
-        thread::spawn(move || self.take()).join().unwrap_or(false)
+        let tried = Builder::new().spawn(move || self.take());
+        tried.is_ok_and(|thread| thread.join().unwrap_or(false))
     }
 }

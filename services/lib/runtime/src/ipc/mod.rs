@@ -352,7 +352,7 @@ impl Bus {
             .ok_or_else(|| PortError::Transport {
                 service: service.to_owned(),
                 action: "find the service",
-                reason: "this run has no such topic".to_owned(),
+                reason: "this run has no such topic, or another program has removed it".to_owned(),
             })?;
         let key = LAYOUT_KEY.try_into().map_err(PortError::transport(service, "name a key"))?;
         Ok(details

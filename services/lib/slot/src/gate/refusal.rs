@@ -34,7 +34,7 @@ pub enum Refusal {
     },
     /// It and the owner differ too much at an instant.
     #[error(
-        "{phase}, its {axis} at {:.6} s differs from the owner's by {:.3} % of the largest command; {:.3} % is allowed (`force` overrides it)",
+        "{phase}, its {axis} at {:.6} s differs from the owner's by {:.3} % of the largest command; {:.3} % is allowed (`--force`, in a script `force`, overrides it)",
         *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
     )]
     TooFar {
@@ -51,7 +51,7 @@ pub enum Refusal {
     },
     /// It and the owner differ too much over a part of the window.
     #[error(
-        "{phase} until {:.6} s, its {axis} differs from the owner's by {:.3} % rms of the largest command; {:.3} % is allowed (`force` overrides it)",
+        "{phase} until {:.6} s, its {axis} differs from the owner's by {:.3} % rms of the largest command; {:.3} % is allowed (`--force`, in a script `force`, overrides it)",
         *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
     )]
     TooFarOnTheWhole {
@@ -68,7 +68,7 @@ pub enum Refusal {
     },
     /// It and the owner differ by something that lasts.
     #[error(
-        "{phase} until {:.6} s, its {axis} is off the owner's by {:.3} % of the largest command on average; {:.3} % is allowed (`force` overrides it)",
+        "{phase} until {:.6} s, its {axis} is off the owner's by {:.3} % of the largest command on average; {:.3} % is allowed (`--force`, in a script `force`, overrides it)",
         *at_ns as f64 * 1e-9, 100.0 * value, 100.0 * limit
     )]
     TooFarOnAverage {
@@ -85,7 +85,7 @@ pub enum Refusal {
     },
     /// It answers with the wrong sign, or far too much or too little.
     #[error(
-        "running free until {:.6} s, its {axis} follows the owner's with slope {value:.3} ± {margin:.3}; {min:.3} to {max:.3} is allowed (wrong sign or gain? `force` overrides it)",
+        "running free until {:.6} s, its {axis} follows the owner's with slope {value:.3} ± {margin:.3}; {min:.3} to {max:.3} is allowed (wrong sign or gain? `--force`, in a script `force`, overrides it)",
         *at_ns as f64 * 1e-9
     )]
     WrongSlope {
@@ -104,7 +104,7 @@ pub enum Refusal {
     },
     /// Where the owner's goes up, it goes down.
     #[error(
-        "running free until {:.6} s, its {axis} changes against the owner's, with slope {value:.3} ± {margin:.3} (wrong sign? `force` overrides it)",
+        "running free until {:.6} s, its {axis} changes against the owner's, with slope {value:.3} ± {margin:.3} (wrong sign? `--force`, in a script `force`, overrides it)",
         *at_ns as f64 * 1e-9
     )]
     WrongWay {

@@ -34,10 +34,10 @@ pub enum Fault {
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum RehearsalRefusal {
     /// Flown ahead, it leaves the tube or loses the vehicle; in words, with number and limit.
-    #[error("flown ahead, {0} (`force` overrides it)")]
+    #[error("flown ahead, {0} (`--force`, in a script `force`, overrides it)")]
     Fails(String),
     /// There is no answer; the words say why.
-    #[error("not rehearsed: {0} (`no-rehearsal` skips it)")]
+    #[error("not rehearsed: {0} (`--no-rehearsal`, in a script `no-rehearsal`, skips it)")]
     NotRehearsed(String),
 }
 
