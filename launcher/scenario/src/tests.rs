@@ -190,6 +190,20 @@ fn complaints_reach_into_a_script_and_a_manoeuvre() {
 }
 
 #[test]
+fn a_nose_that_points_away_from_its_path_at_the_start_is_warned_of_with_the_heading() {
+    let along = |yaw_deg: &str| {
+        let text = format!(
+            "[pilot]\nkind = \"figure8\"\nyaw = \"along_path\"\n[start]\nyaw_deg = {yaw_deg}\n"
+        );
+        Scenario::from_text("mine.toml", &text, &[]).expect("a scenario")
+    };
+    let away = along("-120.0");
+    let warning = away.warnings().iter().find(|it| it.key() == "start.yaw_deg").expect("a warning");
+    let (_, yaw_deg) = warning.remedy().split_once("start.yaw_deg = ").expect("a value");
+    assert!(along(yaw_deg).warnings().is_empty(), "{:?}", along(yaw_deg).warnings());
+}
+
+#[test]
 fn text_that_is_no_toml_is_refused_at_its_line() {
     assert_at(&problem("[plant]\nrate_hz 1000\n"), 2, "", "TOML");
     assert_at(&problem("[plant]\nrate_hz = 1\nrate_hz = 2\n"), 3, "", "once");

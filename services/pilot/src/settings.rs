@@ -157,7 +157,7 @@ pub enum Yaw {
     #[serde(rename = "fixed")]
     Fixed,
     /// Along the path.
-    #[serde(rename = "along path", alias = "along-path")]
+    #[serde(rename = "along path", alias = "along-path", alias = "along_path")]
     AlongPath,
 }
 
