@@ -6,7 +6,7 @@
 //!
 //! * [`record`]: the record and the authority it gives each writer. Open it first.
 //! * [`consumer`]: which record is in effect, and the consumer's own move from owner to fallback.
-//! * [`commands`]: the commands on the table: what each may still be used for, and which one counts now.
+//! * [`command_buffer`]: the commands of a consumer: what each may still be used for, and which one counts now.
 //! * [`limiter`]: takes the step out of a change of kind.
 //! * [`gate`]: whether a shadow may fly.
 //! * [`supervisor`]: the state machine of a slot: events in, actions out.
