@@ -286,7 +286,7 @@ fn no_process_is_started_in_flight_where_shared_memory_is_short() {
 }
 
 #[test]
-fn a_launcher_that_sees_the_processes_of_another_namespace_is_refused_with_the_remedy() {
+fn proc_of_another_namespace_is_refused_with_the_remedy() {
     let mut unshare = Command::new("unshare");
     unshare.args(["--pid", "--fork", "--kill-child"]);
     if !Command::new("unshare")

@@ -12,11 +12,16 @@ pub(super) const FOLDER: &str = "recordings";
 /// What stands for the newest recording in that folder.
 pub(super) const LATEST: &str = "latest";
 
+/// So many files are named that are no recordings.
+const NAMED: usize = 3;
+
 /// Why a word means no single recording.
 #[derive(Debug, Error)]
 pub(super) enum Unnamed {
     #[error("there is no recording in {FOLDER}/ yet: `morphquad run` makes one")]
     Nothing,
+    #[error("no file in {FOLDER}/ is a recording with a whole beginning: {names}")]
+    NoneWhole { names: String },
     #[error("`{word}` begins the names of several recordings: {names}")]
     Several { word: String, names: String },
 }
@@ -45,10 +50,18 @@ pub(super) fn named(word: &Path) -> Result<PathBuf, Unnamed> {
 /// The newest recording in [`FOLDER`].
 ///
 /// # Errors
-/// [`Unnamed::Nothing`].
+/// [`Unnamed`] if there is no recording.
 pub(super) fn latest() -> Result<PathBuf, Unnamed> {
-    let mut found = found_in(Path::new(FOLDER)).into_iter();
-    found.find(|found| found.began_unix_ns > 0).map(|found| found.path).ok_or(Unnamed::Nothing)
+    let found = found_in(Path::new(FOLDER));
+    match found.first() {
+        Some(newest) if newest.began_unix_ns > 0 => Ok(newest.path.clone()),
+        Some(_) => {
+            let names: Vec<String> =
+                found.iter().take(NAMED).map(|found| found.path.display().to_string()).collect();
+            Err(Unnamed::NoneWhole { names: names.join(", ") })
+        }
+        None => Err(Unnamed::Nothing),
+    }
 }
 
 /// A file that is named like a recording.

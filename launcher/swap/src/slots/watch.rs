@@ -285,7 +285,13 @@ mod tests {
             }
             let header = Header { release_ns: ms * 1_000_000, ..Header::default() };
             let mode = GateMode::Hold;
-            watch.observe(&AppliedCommand { header, mode, epoch: 1, ..Default::default() });
+            watch.observe(&AppliedCommand {
+                header,
+                mode,
+                epoch: 1,
+                command_sequence: 1,
+                ..Default::default()
+            });
         }
         watch.take().iter().filter(|seen| matches!(seen, Seen::Unguided { .. })).count()
     }

@@ -298,7 +298,9 @@ mod tests {
             Reference { spacing_ns: 1_000_000_000, count: 1, ..Reference::default() };
         reference.points[0] = ReferencePoint { position_w_m, ..ReferencePoint::default() };
         inputs.reference.offer(reference);
-        inputs.attitude_owner.offer(OwnerRecord { epoch: 1, ..OwnerRecord::default() });
+        let mut owner = OwnerRecord { epoch: 1, ..OwnerRecord::default() };
+        owner.period_ns[0] = 10_000_000;
+        inputs.attitude_owner.offer(owner);
         if let Some(mut applied) = applied {
             *applied.header_mut() = Header { sequence: 1, ..Header::default() };
             inputs.applied_setpoint.offer(applied);
