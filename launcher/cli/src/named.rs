@@ -2,6 +2,7 @@
 
 use core::cmp::Reverse;
 use record::read::facts_of;
+use scenario::shipped;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,8 @@ pub(super) enum Unnamed {
 }
 
 /// The file that a word means: the newest in [`FOLDER`] for [`LATEST`], itself if there is one, else the only one there
-/// whose name, or the ID of whose run, begins with it. Another word is given back as it is.
+/// whose name, or the ID of whose run, begins with it. Another word is given back as it is; so is the name of a shipped
+/// scenario, which `--name` gives to no recording.
 ///
 /// # Errors
 /// [`Unnamed`] if there is no recording yet, or the beginning is of several.
@@ -35,9 +37,12 @@ pub(super) fn named(word: &Path) -> Result<PathBuf, Unnamed> {
     if word == Path::new(LATEST) {
         return latest();
     }
+    if shipped::names().any(|name| Path::new(name) == word) {
+        return Ok(word.to_owned());
+    }
     // A folder without recordings hides no recording of its name.
-    let hides_none = || word.is_dir() && of_folder(word).is_ok_and(|found| found.is_empty());
-    if word.exists() && !hides_none() {
+    let is_other_folder = || word.is_dir() && of_folder(word).is_ok_and(|found| found.is_empty());
+    if word.exists() && !is_other_folder() {
         return Ok(word.to_owned());
     }
     let is_bare = word.components().count() == 1;

@@ -16,7 +16,7 @@ use scenario::orders::Sent;
 use shared_types::{Flag, Handover, Hello, OwnerRecord, RegistryEntry, Role, Seat};
 use simulate::setup::free_shared_memory_mb;
 use std::path::PathBuf;
-use swap::child::{ChildSpec, RunningChild, describe};
+use swap::child::{ChildSpec, RunningChild, describe_unready};
 use swap::post::Post;
 use swap::{FlightError, OrderSinks, PostEvent, RegistryWriter, SlotOwner};
 
@@ -134,7 +134,7 @@ impl Supervisor {
             if let Some(status) = post.child.as_mut().and_then(RunningChild::exited) {
                 return Err(FlightError::NotReady {
                     name: post.spec.name.clone(),
-                    how: describe(status),
+                    how: describe_unready(status),
                     words: post.words(),
                 });
             }

@@ -13,7 +13,7 @@ pub const SHARED_MEMORY_MB: u64 = 160;
 pub const LOCKED_MEMORY_MB: u64 = 480;
 
 /// What a process that joins in flight may add to it \[MB\], where it locks its memory: 19 were counted
-/// for a controller.
+/// for a controller, and an estimator that was started again with 24 died of it.
 const LOCKED_INSTANCE_MB: u64 = 48;
 
 /// The same of one that does not: 2 were enough in lockstep.
@@ -22,8 +22,8 @@ const INSTANCE_MB: u64 = 8;
 /// File descriptors that a launcher may have open at once: with a candidate in each slot 657 were counted.
 pub const DESCRIPTORS: u64 = 768;
 
-/// Processes and threads that a flight may have at once, each of which counts: with a candidate in a slot and its
-/// rehearsal 31 were counted, and 7 for each further instance.
+/// Processes and threads that a flight may have at once, each of which counts: 24 were counted, and 31 with a
+/// candidate in a slot and its rehearsal.
 pub const TASKS: u64 = 48;
 
 /// Processes and threads of a user whose number is limited.

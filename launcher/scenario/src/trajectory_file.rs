@@ -155,11 +155,12 @@ impl Table {
 
 /// The names of the columns, where they stand in the comment before the first record, as some programs write them.
 fn commented_header(text: &str, first: Option<&Record>) -> Option<Record> {
-    let (span, fields) = first?;
-    let before = text.get(..span.start)?;
+    let (row, fields) = first?;
+    let before = text.get(..row.start)?;
     let comment = before.lines().rev().map(str::trim).find(|line| !line.is_empty())?;
     let names = comment.strip_prefix('#')?.trim_start_matches('#').trim();
     let begin = before.rfind(names)?;
+    let span = begin..begin + names.len();
     let names: Vec<String> = names.split([',', ';']).map(|name| name.trim().to_owned()).collect();
     let begins = |first: &String| {
         let first = first.split(['[', '(']).next().unwrap_or_default().trim().to_lowercase();
@@ -167,7 +168,7 @@ fn commented_header(text: &str, first: Option<&Record>) -> Option<Record> {
     };
     // Any other comment is a sentence.
     let is_header = names.len() == fields.len() && names.first().is_some_and(begins);
-    is_header.then(|| (begin..begin + comment.len().min(before.len() - begin), names))
+    is_header.then_some((span, names))
 }
 
 /// The numbers of a record in the order of the columns, or what is wrong with it and what to do.

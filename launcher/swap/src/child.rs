@@ -328,3 +328,15 @@ pub fn describe(death: Death) -> String {
         (None, None) => "unknown exit".to_owned(),
     }
 }
+
+/// As [`describe`], of a process that has not flown yet, with what the system may have killed it for.
+#[must_use]
+pub fn describe_unready(death: Death) -> String {
+    let how = describe(death);
+    match death {
+        Death::Status(status) if status.signal() == Some(Signal::KILL.as_raw()) => {
+            format!("{how}; the system kills so where memory is short, and `dmesg` tells")
+        }
+        _ => how,
+    }
+}

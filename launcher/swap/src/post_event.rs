@@ -30,7 +30,7 @@ pub enum FlightError {
         needed_mb: u64,
     },
     /// A process has ended before the flight began.
-    #[error("{name} ended before it was ready ({how}){words}{}", remedy(.how))]
+    #[error("{name} ended before it was ready ({how}){words}")]
     NotReady {
         /// The process.
         name: String,
@@ -64,15 +64,6 @@ pub enum FlightError {
     /// The transport.
     #[error(transparent)]
     Port(#[from] PortError),
-}
-
-/// What to do about an end that a process has not brought about itself.
-fn remedy(how: &str) -> &'static str {
-    if how.contains("signal 9") {
-        "; the system kills so where memory is short (`dmesg` tells): free some, and fly again"
-    } else {
-        ""
-    }
 }
 
 /// What has happened at a post in a slot.

@@ -5,9 +5,8 @@ use crate::named::{FOLDER, named};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::error::{Error, ErrorKind};
 use clap::{Arg, Args, Command, Subcommand};
-use scenario::shipped;
 use std::ffi::OsStr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 pub(super) const LIST_EXAMPLES: &str = "\
 Examples:
@@ -58,7 +57,7 @@ pub struct RecordingsShowArguments {
 }
 
 /// Takes the path of a recording, `latest`, or the beginning of a name. What is none of them is left to the command,
-/// which says what may have been meant; so is the name of a shipped scenario, which `--name` gives to no recording.
+/// which says what may have been meant.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordingName;
 
@@ -72,9 +71,6 @@ impl TypedValueParser for RecordingName {
         value: &OsStr,
     ) -> Result<PathBuf, Error> {
         let word = PathBufValueParser::new().parse_ref(command, argument, value)?;
-        if shipped::names().any(|name| Path::new(name) == word) {
-            return Ok(word);
-        }
         named(&word).map_err(|error| command.clone().error(ErrorKind::ValueValidation, error))
     }
 }

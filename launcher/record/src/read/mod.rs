@@ -55,13 +55,7 @@ const LAST_CHANNEL: &str = "/events";
 /// file that is no recording, or is cut in its head, as a launcher leaves it that is killed before its flight begins.
 #[must_use]
 pub fn facts_of(path: &Path) -> Option<BTreeMap<String, String>> {
-    let mut head = Head::default();
-    let read = Records::open(path).ok()?.for_each(|record| {
-        head.take(record);
-        let complete = head.channels.contains_key(LAST_CHANNEL);
-        Ok(if complete { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-    });
-    read.ok()?;
+    let (head, _) = Head::read(Records::open(path).ok()?).ok()?;
     head.facts.filter(|_| head.channels.contains_key(LAST_CHANNEL))
 }
 
@@ -74,12 +68,7 @@ impl RecordedFlight {
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let records = Records::open(path)?;
         let length = records.length();
-        let mut head = Head::default();
-        let ending = records.for_each(|record| {
-            head.take(record);
-            let complete = head.channels.contains_key(LAST_CHANNEL);
-            Ok(if complete { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-        })?;
+        let (head, ending) = Head::read(records)?;
         let Head { facts, branched, scenario, channels, .. } = head;
         let missing = if facts.is_none() {
             Some("the metadata `run`")
@@ -246,6 +235,17 @@ fn recorder(facts: &BTreeMap<String, String>) -> String {
 }
 
 impl Head {
+    /// Reads up to the last channel, or to where the file ends before it.
+    fn read(records: Records) -> Result<(Self, Ending), ReadError> {
+        let mut head = Self::default();
+        let ending = records.for_each(|record| {
+            head.take(record);
+            let complete = head.channels.contains_key(LAST_CHANNEL);
+            Ok(if complete { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+        })?;
+        Ok((head, ending))
+    }
+
     fn take(&mut self, record: Record<'_>) {
         match record {
             Record::Metadata(metadata) if metadata.name == "run" => {

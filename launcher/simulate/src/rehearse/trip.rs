@@ -72,8 +72,8 @@ impl Tripping {
         self.followed.iter().map(since).filter(move |(after_ns, _)| *after_ns > within_ns)
     }
 
-    /// The first step in which it still follows the owner that has tripped; if there is none, that in which it follows the
-    /// fallback or nothing more than `levels_ns` later.
+    /// The first step in which it still follows the owner that has tripped; if there is none, that in which it
+    /// follows the fallback or nothing more than `levels_ns` later.
     fn due(&self, within_ns: u64, levels_ns: u64) -> Option<(u64, u32)> {
         let ignores = self.since(within_ns).find(|(_, seat)| *seat == SWAPPED_SEAT);
         ignores.or_else(|| self.since(within_ns.saturating_add(levels_ns)).next())
@@ -133,8 +133,8 @@ mod tests {
     const MS: u64 = 1_000_000;
     const FALLBACK_SEAT: u32 = 0;
 
-    /// What is due of a candidate that followed these seats so many milliseconds after the trip: within 20 ms it may follow
-    /// any seat, and for 40 ms more none.
+    /// What is due of a candidate that followed these seats so many milliseconds after the trip: within 20 ms it may
+    /// follow any seat, and for 40 ms more none.
     fn due(followed: &[(u64, u32)]) -> Option<(u64, u32)> {
         let followed = followed.iter().map(|(ms, seat)| (1000 * MS + ms * MS, *seat)).collect();
         let tripping = Tripping { tripped_ns: Some(1000 * MS), followed, ..Tripping::default() };

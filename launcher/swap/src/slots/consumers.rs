@@ -3,8 +3,9 @@
 use super::watch::Followed;
 use slot::{SEATS, Seat};
 
-/// Every attitude controller that runs consumes set points, also one that shadows, and tells whom it follows; the one that
-/// the plant follows decides. It may have told before the plant has come to follow it, so that the last word of each is kept.
+/// Every attitude controller that runs consumes set points, also one that shadows, and tells whom it follows; the one
+/// that the plant follows decides. It may have told before the plant has come to follow it, so that the last word of
+/// each is kept.
 #[derive(Debug, Default)]
 pub(super) struct Consumers {
     told: [Option<Followed>; SEATS],

@@ -4,7 +4,8 @@
 //! [`advance`](CommandArbiter::advance), [`trip`](CommandArbiter::trip) for each trip and
 //! [`offer`](CommandArbiter::offer) for each command that takes effect, [`decide`](CommandArbiter::decide). A step
 //! that ends after its last decision says so with [`close_before`](CommandArbiter::close_before): a record for an
-//! instant that is past then came too late and is refused. [`setpoints`] does all this for a loop that tracks attitude set points.
+//! instant that is past then came too late and is refused. [`setpoints`] does all this for a loop that tracks
+//! attitude set points.
 
 pub mod setpoints;
 
@@ -130,7 +131,7 @@ impl CommandArbiter {
         period_ns().unwrap_or(0).saturating_mul(2)
     }
 
-    /// Puts a command on the table that is fit to be followed and counts for `validity_ns` from its
+    /// Takes in a command that is fit to be followed and counts for `validity_ns` from its
     /// effective instant on.
     pub fn offer(&mut self, header: &Header, value: [f64; 4], validity_ns: u64) {
         let Some(seat) = Seat::new(header.seat) else { return };

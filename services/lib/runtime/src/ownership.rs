@@ -167,6 +167,17 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn a_seat_without_a_process_has_no_authority_although_the_record_names_it() {
+        let mut records = Input::<OwnerRecord>::default();
+        records.offer(OwnerRecord { period_ns: [0, 10, 10, 0], ..record(1, 0, 0, 1) });
+        records.accept(0, None);
+        let of = |seat| records.authority_of(&Header { seat, ..Header::default() });
+        let expected = [Authority::Stray, Authority::Fallback, Authority::Member, Authority::Stray];
+        assert_eq!([0, 1, 2, 3].map(of), expected);
+        assert_eq!(of(9), Authority::Stray, "of a seat that there is not");
+    }
+
+    #[test]
     fn what_is_over_is_forgotten_once_a_step_has_passed_it() {
         let mut book = SlotBook::default();
         for (epoch, valid_ms, owner) in [(1, 0, 0), (2, 100, 1), (3, 200, 2)] {

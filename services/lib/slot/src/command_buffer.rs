@@ -1,4 +1,4 @@
-//! The commands on a consumer's table: what each writer said last, and which of it counts now.
+//! The commands that a consumer holds: what each writer said last, and which of it counts now.
 //!
 //! A command is judged once, at its own effective instant. Until the new owner's first command the
 //! old owner's last one stays in effect, as far as it is valid; the fallback has its newest command
@@ -14,7 +14,7 @@ shared_types::memory! {
         /// What is commanded: T \[N\] and τ \[N m\] for attitude, T \[N\] and φ, θ, ψ \[rad\] for
         /// position.
         pub value: [f64; 4],
-        /// Its sequence, for the one who asks which command was followed.
+        /// Its sequence, for whatever asks which command was followed.
         pub sequence: u64,
         /// Sequence of the sensor sample it descends from.
         pub cause_sequence: u64,
@@ -72,7 +72,7 @@ shared_types::memory! {
     }
 }
 
-/// The table. Of fixed size; nothing here allocates or panics.
+/// What each writer commanded last. Of fixed size; nothing here allocates or panics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CommandBuffer {
     /// By seat, the newest command of owner and fallback.
@@ -90,7 +90,7 @@ impl Default for CommandBuffer {
 }
 
 impl CommandBuffer {
-    /// An empty table.
+    /// An empty buffer.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -201,12 +201,12 @@ mod tests {
         }
     }
 
-    struct Table {
+    struct Receiver {
         consumer: Consumer,
         commands: CommandBuffer,
     }
 
-    impl Table {
+    impl Receiver {
         fn new(records: &[Record]) -> Self {
             let mut consumer = Consumer::new();
             for record in records {
@@ -235,80 +235,84 @@ mod tests {
 
     #[test]
     fn at_a_flip_the_new_owners_command_counts_from_its_instant() {
-        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
-        assert_eq!(table.at(0, &[A, B]), Some((A, 0)));
-        assert_eq!(table.at(10, &[A, B]), Some((A, 10)));
-        assert_eq!(table.at(20, &[A, B]), Some((B, 20)));
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
+        assert_eq!(receiver.at(0, &[A, B]), Some((A, 0)));
+        assert_eq!(receiver.at(10, &[A, B]), Some((A, 10)));
+        assert_eq!(receiver.at(20, &[A, B]), Some((B, 20)));
     }
 
     #[test]
     fn until_the_new_owner_speaks_the_old_ones_last_command_stays_in_effect() {
-        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, None)]);
-        assert_eq!(table.at(10, &[A]), Some((A, 10)));
-        assert_eq!(table.at(20, &[]), Some((A, 10)));
-        assert_eq!(table.at(25, &[B]), Some((B, 25)));
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, None)]);
+        assert_eq!(receiver.at(10, &[A]), Some((A, 10)));
+        assert_eq!(receiver.at(20, &[]), Some((A, 10)));
+        assert_eq!(receiver.at(25, &[B]), Some((B, 25)));
     }
 
     #[test]
     fn after_a_flip_the_old_owner_is_not_followed_again_but_for_a_fail_over() {
-        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
-        assert_eq!(table.at(10, &[A]), Some((A, 10)));
-        assert_eq!(table.at(20, &[A]), Some((A, 10)), "valid, and given while it was the owner's");
-        assert_eq!(table.at(29, &[]), Some((A, 10)));
-        assert_eq!(table.consumer.counters().fail_overs, 0);
-        assert_eq!(table.at(30, &[A]), Some((A, 30)), "the new owner never spoke");
-        assert_eq!(table.consumer.counters().fail_overs, 1);
-        assert_eq!(table.at(40, &[A, B]), Some((A, 40)), "latched for the epoch");
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0))]);
+        assert_eq!(receiver.at(10, &[A]), Some((A, 10)));
+        assert_eq!(
+            receiver.at(20, &[A]),
+            Some((A, 10)),
+            "valid, and given while it was the owner's"
+        );
+        assert_eq!(receiver.at(29, &[]), Some((A, 10)));
+        assert_eq!(receiver.consumer.counters().fail_overs, 0);
+        assert_eq!(receiver.at(30, &[A]), Some((A, 30)), "the new owner never spoke");
+        assert_eq!(receiver.consumer.counters().fail_overs, 1);
+        assert_eq!(receiver.at(40, &[A, B]), Some((A, 40)), "latched for the epoch");
     }
 
     #[test]
     fn a_rollback_follows_the_old_owners_words_as_fallback_only_if_nothing_else_counts() {
         let back = record(3, 37, 0, Some(1));
-        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
-        assert_eq!(table.at(10, &[A]), Some((A, 10)));
-        assert_eq!(table.at(20, &[A, B]), Some((B, 20)));
-        assert_eq!(table.at(30, &[A, B]), Some((B, 30)));
-        assert_eq!(table.at(37, &[]), Some((B, 30)), "not what A said at 30");
-        assert_eq!(table.at(40, &[A, B]), Some((A, 40)));
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
+        assert_eq!(receiver.at(10, &[A]), Some((A, 10)));
+        assert_eq!(receiver.at(20, &[A, B]), Some((B, 20)));
+        assert_eq!(receiver.at(30, &[A, B]), Some((B, 30)));
+        assert_eq!(receiver.at(37, &[]), Some((B, 30)), "not what A said at 30");
+        assert_eq!(receiver.at(40, &[A, B]), Some((A, 40)));
         // The owner died at 20, and the old one commands again at 37.
-        let mut table = Table::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None), record(2, 20, 1, Some(0)), back]);
         for (now_ns, writers) in [(10, &[A][..]), (20, &[A, B]), (35, &[A])] {
-            table.at(now_ns, writers);
+            receiver.at(now_ns, writers);
         }
-        assert_eq!(table.at(37, &[]), Some((B, 20)));
-        assert_eq!(table.at(41, &[]), Some((A, 35)), "what was carried has run out");
-        assert_eq!(table.consumer.counters().missed, 0);
+        assert_eq!(receiver.at(37, &[]), Some((B, 20)));
+        assert_eq!(receiver.at(41, &[]), Some((A, 35)), "what was carried has run out");
+        assert_eq!(receiver.consumer.counters().missed, 0);
     }
 
     #[test]
     fn a_rollback_after_a_fail_over_goes_on_with_the_fallbacks_last_command() {
         let back = record(2, 37, 1, Some(0));
-        let mut table = Table::new(&[record(1, 0, 0, Some(1)), back]);
-        assert_eq!(table.at(0, &[A, B]), Some((A, 0)));
-        assert_eq!(table.at(30, &[B]), Some((B, 30)), "the owner is silent");
-        assert_eq!(table.at(37, &[]), Some((B, 30)));
+        let mut receiver = Receiver::new(&[record(1, 0, 0, Some(1)), back]);
+        assert_eq!(receiver.at(0, &[A, B]), Some((A, 0)));
+        assert_eq!(receiver.at(30, &[B]), Some((B, 30)), "the owner is silent");
+        assert_eq!(receiver.at(37, &[]), Some((B, 30)));
     }
 
     #[test]
     fn a_silent_owner_is_replaced_at_the_end_of_his_last_words_validity() {
-        let mut table = Table::new(&[record(1, 0, 0, Some(1))]);
-        assert_eq!(table.at(10, &[A, B]), Some((A, 10)));
-        assert_eq!(table.at(20, &[B]), Some((A, 10)));
-        assert_eq!(table.at(30, &[B]), Some((B, 30)), "within two periods");
-        assert_eq!(table.at(40, &[A]), Some((B, 30)));
-        assert_eq!(table.at(50, &[A]), None, "the owner is not asked again in this epoch");
+        let mut receiver = Receiver::new(&[record(1, 0, 0, Some(1))]);
+        assert_eq!(receiver.at(10, &[A, B]), Some((A, 10)));
+        assert_eq!(receiver.at(20, &[B]), Some((A, 10)));
+        assert_eq!(receiver.at(30, &[B]), Some((B, 30)), "within two periods");
+        assert_eq!(receiver.at(40, &[A]), Some((B, 30)));
+        assert_eq!(receiver.at(50, &[A]), None, "the owner is not asked again in this epoch");
     }
 
     #[test]
     fn to_one_who_joins_the_owner_is_silent_only_once_what_was_in_effect_has_run_out() {
-        let mut table = Table::new(&[record(1, 0, 0, Some(1))]);
-        table.consumer.advance(10);
+        let mut receiver = Receiver::new(&[record(1, 0, 0, Some(1))]);
+        receiver.consumer.advance(10);
         let last = Command { effective_ns: 10, valid_until_ns: 30, ..Command::default() };
-        table.commands.carry(B, &last);
-        assert_eq!(table.at(15, &[]), Some((B, 10)));
-        assert_eq!(table.at(20, &[A, B]), Some((A, 20)));
-        assert!(!table.consumer.failed_over());
-        let mut other = Table::new(&[record(1, 0, 0, Some(1))]);
+        receiver.commands.carry(B, &last);
+        assert_eq!(receiver.at(15, &[]), Some((B, 10)));
+        assert_eq!(receiver.at(20, &[A, B]), Some((A, 20)));
+        assert!(!receiver.consumer.failed_over());
+        let mut other = Receiver::new(&[record(1, 0, 0, Some(1))]);
         other.consumer.advance(10);
         other.commands.carry(B, &last);
         assert_eq!(other.at(20, &[B]), Some((B, 10)));
@@ -318,41 +322,41 @@ mod tests {
 
     #[test]
     fn no_other_seat_is_ever_followed() {
-        let mut table = Table::new(&[record(1, 0, 0, None)]);
-        assert_eq!(table.at(0, &[B, C, D]), None);
-        assert_eq!(table.at(10, &[B]), None);
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None)]);
+        assert_eq!(receiver.at(0, &[B, C, D]), None);
+        assert_eq!(receiver.at(10, &[B]), None);
     }
 
     #[test]
     fn an_older_command_does_not_replace_a_newer_one() {
-        let mut table = Table::new(&[record(1, 0, 0, None)]);
-        assert_eq!(table.at(30, &[A]), Some((A, 30)));
+        let mut receiver = Receiver::new(&[record(1, 0, 0, None)]);
+        assert_eq!(receiver.at(30, &[A]), Some((A, 30)));
         let late = Command { effective_ns: 20, valid_until_ns: 90, ..Command::default() };
-        assert_eq!(table.commands.offer(&table.consumer, A, &late), Authority::Owner);
-        assert_eq!(table.at(40, &[]), Some((A, 30)));
+        assert_eq!(receiver.commands.offer(&receiver.consumer, A, &late), Authority::Owner);
+        assert_eq!(receiver.at(40, &[]), Some((A, 30)));
     }
 
     #[test]
     fn a_successor_on_the_same_seat_inherits_no_words() {
         let alone = |record: Record| Record { period_ns: [0, PERIOD_NS, 0, 0], ..record };
-        let mut table = Table::new(&[
+        let mut receiver = Receiver::new(&[
             record(1, 0, 0, Some(1)),
             alone(record(2, 20, 1, None)),
             record(3, 22, 0, Some(1)),
         ]);
-        assert_eq!(table.at(10, &[A, B]), Some((A, 10)));
-        assert_eq!(table.at(20, &[B]), Some((B, 20)));
-        assert_eq!(table.at(22, &[]), Some((B, 20)), "not what A said before it left");
-        assert_eq!(table.at(30, &[A]), Some((A, 30)));
+        assert_eq!(receiver.at(10, &[A, B]), Some((A, 10)));
+        assert_eq!(receiver.at(20, &[B]), Some((B, 20)));
+        assert_eq!(receiver.at(22, &[]), Some((B, 20)), "not what A said before it left");
+        assert_eq!(receiver.at(30, &[A]), Some((A, 30)));
     }
 
     #[test]
-    fn a_restored_table_is_the_same_table() {
-        let mut table = Table::new(&[record(1, 0, 0, Some(1)), record(2, 20, 1, Some(0))]);
-        table.at(10, &[A, B]);
-        table.at(20, &[A]);
+    fn a_restored_buffer_is_the_same_buffer() {
+        let mut receiver = Receiver::new(&[record(1, 0, 0, Some(1)), record(2, 20, 1, Some(0))]);
+        receiver.at(10, &[A, B]);
+        receiver.at(20, &[A]);
         let mut other = CommandBuffer::new();
-        other.restore(&table.commands.memory());
-        assert_eq!(other, table.commands);
+        other.restore(&receiver.commands.memory());
+        assert_eq!(other, receiver.commands);
     }
 }

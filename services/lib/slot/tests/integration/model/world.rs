@@ -83,9 +83,9 @@ pub(crate) enum Process {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Table(pub CommandBuffer);
+pub(crate) struct Commands(pub CommandBuffer);
 
-impl std::hash::Hash for Table {
+impl std::hash::Hash for Commands {
     fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
         let mut packed = [0; CommandBufferMemory::PACKED_SIZE];
         self.0.memory().pack(&mut packed);
@@ -105,7 +105,7 @@ pub(crate) struct World {
     /// `None`: the launcher is dead.
     pub slot: Option<Slot>,
     pub consumer: Consumer,
-    pub commands: Table,
+    pub commands: Commands,
     pub processes: [Process; SEATS],
     /// On the way to the plant, with when (lockstep: at which end of allowed time) it was sent.
     pub records: Vec<(Record, u64)>,
@@ -179,7 +179,7 @@ impl World {
             flaw: None,
             slot: Some(Slot::new(config, Seat::ALL[0], OWNER)),
             consumer: Consumer::new(),
-            commands: Table(CommandBuffer::new()),
+            commands: Commands(CommandBuffer::new()),
             processes: [Process::Gone; SEATS],
             records: Vec::new(),
             words: Vec::new(),
