@@ -87,14 +87,22 @@ fn a_list_has_every_recording_and_a_name_is_never_given_twice() {
     }
     fly(folder, 7, "one");
     std::fs::write(folder.join("recordings/none.mcap"), "no recording").expect("room");
+    let mut cut = std::fs::read(folder.join("recordings/one.mcap")).expect("a recording");
+    cut.truncate(cut.len() / 2);
+    std::fs::write(folder.join("recordings/half.mcap"), cut).expect("room");
     let list = text(&ask(folder, "recordings list").stdout);
     let of = |name: &str| list.lines().find(|line| line.starts_with(name)).expect("a line");
     let words: Vec<&str> = of("one").split_whitespace().collect();
     assert!(words.contains(&"hover") && words.contains(&"7"), "{list}");
+    assert!(words.contains(&"PASSED"), "{list}");
+    assert!(of("half").split_whitespace().any(|word| word == "cut"), "{list}");
     assert!(of("none").contains("cannot be read"), "{list}");
     let json = ask(folder, "recordings list --format json").stdout;
     let json: Value = serde_json::from_slice(&json).expect("a list");
-    assert_eq!(json.as_array().map(Vec::len), Some(2), "{json}");
+    let lines = json.as_array().expect("a list").iter().map(|recording| &recording["line"]);
+    let told =
+        lines.filter(|line| line.as_str().is_some_and(|line| line.starts_with("PASSED  hover")));
+    assert_eq!((json.as_array().map(Vec::len), told.count()), (Some(3), 1), "{json}");
 
     let again = ask(folder, "run hover --for 300ms --in-process --name one");
     let said = text(&again.stderr);

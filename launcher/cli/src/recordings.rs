@@ -1,6 +1,6 @@
 //! `morphquad recordings`: which there are, and what one of them is.
 
-use super::flown::{named_or_latest, recorded, unreadable};
+use super::flown::{Writers, named_or_latest, recorded, unreadable};
 use super::named::{FOLDER, newest, of_folder, stem};
 use super::options::{Format, RecordingsCommand, RecordingsListArguments, RecordingsShowArguments};
 use super::refusal::Done;
@@ -22,41 +22,65 @@ pub(super) fn run(command: &RecordingsCommand, out: &mut dyn Write) -> Done {
     }
 }
 
-/// What the head of a file says of it.
+/// What a list says of each recording.
+const COLUMNS: [&str; 8] = ["NAME", "BEGAN", "RUN", "SCENARIO", "SEED", "CLOCK", "VERDICT", "SIZE"];
+
+/// What the head and the end of a file say of it.
 struct Entry {
     path: PathBuf,
     length: u64,
     flight: Result<RecordedFlight, ReadError>,
+    /// The line that every output about this flight begins with, or why the file does not have it.
+    line: Result<String, &'static str>,
 }
 
 impl Entry {
-    fn of(path: PathBuf) -> Self {
-        let length = path.metadata().map_or(0, |found| found.len());
+    fn of(path: PathBuf, writers: &Writers) -> Self {
         let flight = RecordedFlight::open(&path);
-        Self { path, length, flight }
+        let line = flight.as_ref().map_err(|_| "").and_then(|flight| {
+            let told = flight.closing_summary().and_then(|mut told| told.remove("verdict"));
+            told.ok_or_else(|| writers.of(flight).map_or("cut", |_| "in flight"))
+        });
+        Self::with_line(path, flight, line)
+    }
+
+    fn with_line(
+        path: PathBuf,
+        flight: Result<RecordedFlight, ReadError>,
+        line: Result<String, &'static str>,
+    ) -> Self {
+        let length = path.metadata().map_or(0, |found| found.len());
+        Self { path, length, flight, line }
     }
 
     fn to_json(&self) -> Value {
         let (file, bytes) = (&self.path, self.length);
         match &self.flight {
             Ok(flight) => {
-                json!({"file": file, "bytes": bytes, "began": began(flight), "facts": flight.facts()})
+                let line = self.line.as_ref().ok();
+                let (began, facts) = (began(flight), flight.facts());
+                json!({"file": file, "bytes": bytes, "began": began, "line": line, "facts": facts})
             }
             Err(error) => json!({"file": file, "bytes": bytes, "unreadable": error.to_string()}),
         }
     }
 
     /// Cells of its line.
-    fn cells(&self) -> [String; 7] {
+    fn cells(&self) -> [String; COLUMNS.len()] {
         let size = format!("{:.1} MB", self.length as f64 * 1e-6);
         let Ok(flight) = &self.flight else {
             let empty = String::new;
             let cannot = "cannot be read".into();
-            return [stem(&self.path), cannot, empty(), empty(), empty(), empty(), size];
+            let [run, scenario, seed, clock, verdict] = core::array::from_fn(|_| empty());
+            return [stem(&self.path), cannot, run, scenario, seed, clock, verdict, size];
         };
         let [run, scenario, seed, clock] =
             ["run_id", "scenario", "seed", "clock"].map(|key| fact(flight, key));
-        [stem(&self.path), began(flight), run, scenario, seed, clock, size]
+        let verdict = match &self.line {
+            Ok(line) => line.split_whitespace().next().unwrap_or_default(),
+            Err(why) => why,
+        };
+        [stem(&self.path), began(flight), run, scenario, seed, clock, verdict.to_owned(), size]
     }
 }
 
@@ -78,7 +102,9 @@ fn list(arguments: &RecordingsListArguments, out: &mut dyn Write) -> Done {
         of_folder(folder)
             .map_err(|error| unreadable(&format!("cannot list {}: {error}", folder.display())))?;
     }
-    let entries: Vec<Entry> = newest(folder).into_iter().map(Entry::of).collect();
+    let writers = Writers::now();
+    let entries = newest(folder).into_iter().map(|path| Entry::of(path, &writers));
+    let entries: Vec<Entry> = entries.collect();
     match format {
         Format::Json => {
             let all: Vec<Value> = entries.iter().map(Entry::to_json).collect();
@@ -88,10 +114,8 @@ fn list(arguments: &RecordingsListArguments, out: &mut dyn Write) -> Done {
             writeln!(out, "no recordings in {}: `morphquad run` makes one", folder.display())?;
         }
         Format::Text => {
-            let head =
-                ["NAME", "BEGAN", "RUN", "SCENARIO", "SEED", "CLOCK", "SIZE"].map(str::to_owned);
-            let lines: Vec<[String; 7]> =
-                std::iter::once(head).chain(entries.iter().map(Entry::cells)).collect();
+            let head = std::iter::once(COLUMNS.map(str::to_owned));
+            let lines: Vec<_> = head.chain(entries.iter().map(Entry::cells)).collect();
             for line in &lines {
                 write_line(&lines, line, out)?;
             }
@@ -102,7 +126,11 @@ fn list(arguments: &RecordingsListArguments, out: &mut dyn Write) -> Done {
 }
 
 /// The cells of a line below those of the others.
-fn write_line(lines: &[[String; 7]], line: &[String; 7], out: &mut dyn Write) -> io::Result<()> {
+fn write_line<const N: usize>(
+    lines: &[[String; N]],
+    line: &[String; N],
+    out: &mut dyn Write,
+) -> io::Result<()> {
     let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
     let cells = line.iter().enumerate();
     let cells: Vec<String> =
@@ -120,8 +148,7 @@ fn show(arguments: &RecordingsShowArguments, out: &mut dyn Write) -> Done {
     let report = report.map_err(|error| unreadable(&error))?;
     let length = path.metadata().map_or(0, |found| found.len());
     if arguments.format == Format::Json {
-        let mut told = Entry { path, length, flight: Ok(flight) }.to_json();
-        told["line"] = json!(report.line);
+        let mut told = Entry::with_line(path, Ok(flight), Ok(report.line)).to_json();
         told["lacks"] = json!(report.lacks);
         told["again"] = json!(report.again);
         writeln!(out, "{told}")?;

@@ -4,6 +4,7 @@
 //! [`RecordedFlight::visit`] streams the file once, a chunk at a time. A file whose writer was
 //! killed reads up to the cut; a damaged one is refused when the damage is met.
 
+mod closing_summary;
 mod error;
 mod layout;
 mod pass;
@@ -169,6 +170,13 @@ impl RecordedFlight {
             branch: self.branched.clone(),
             continues: self.continued(),
         }
+    }
+
+    /// What the launcher said of the flight at the end of the file, as in [`Closing::summary`], without a look at the
+    /// samples; none of a file that is cut, or damaged at its end.
+    #[must_use]
+    pub fn closing_summary(&self) -> Option<BTreeMap<String, String>> {
+        closing_summary::closing_summary(&self.path)
     }
 
     /// Streams the file once, in the order recorded, and tells how it ends.

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Longest record or chunk that is read \[bytes\]: ours have a megabyte, and a damaged length must
 /// not fill the memory.
-const MAX_RECORD_BYTES: usize = 64 << 20;
+pub(super) const MAX_RECORD_BYTES: usize = 64 << 20;
 
 /// How the file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -219,7 +219,7 @@ fn kind(found: FileType) -> &'static str {
 }
 
 /// Parses a record; the format's parser takes lengths on trust and would make room for them first.
-fn parse(opcode: u8, data: &[u8]) -> Result<Record<'_>, McapError> {
+pub(super) fn parse(opcode: u8, data: &[u8]) -> Result<Record<'_>, McapError> {
     if holds_its_texts(opcode, data).is_none() {
         return Err(McapError::UnexpectedEof);
     }
