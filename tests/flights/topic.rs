@@ -105,7 +105,7 @@ fn numbers_of_a_recording_are_drawn_in_each_form_and_never_over_the_recording() 
         let picture = std::fs::read(recording.with_file_name(out)).expect("a picture");
         assert!(picture.starts_with(begins), "{out}");
         let text = String::from_utf8_lossy(&picture);
-        let names = ["truth.position_w_m[2]", "reference.points[0].yaw_rad", "t [s]"];
+        let names = ["truth.position_w_m[2]", "reference.points[0].yaw_rad", "t [s]", "yaw [rad]"];
         assert!(out == "a.png" || names.iter().all(|name| text.contains(name)), "{out}");
     }
     for (out, signal, told) in [
@@ -118,6 +118,20 @@ fn numbers_of_a_recording_are_drawn_in_each_form_and_never_over_the_recording() 
     }
     let (code, said) = plot("a.png", &["truth.position_w_m", "--from", "2s", "--to", "1s"]);
     assert!(code == Some(2) && said.contains("is not before"), "{said}");
+    // Of several recordings, side by side; a word with a point in it that is none is a signal, another one a recording.
+    let other = recording.with_file_name("other.mcap");
+    std::fs::copy(&recording, &other).expect("a copy");
+    let other = other.to_str().expect("a name");
+    let (code, said) = plot("both.svg", &[other, "truth.position_w_m[0]"]);
+    let both = std::fs::read_to_string(recording.with_file_name("both.svg")).unwrap_or_default();
+    assert!(code == Some(0) && both.contains("other: truth.position_w_m[0]"), "{said}");
+    for (signals, told) in [
+        (&[other, "trut.position_w_m"][..], "did you mean `truth`"),
+        (&["othr", "truth.position_w_m"], "othr"),
+    ] {
+        let (code, said) = plot("a.png", signals);
+        assert!(code == Some(2) && said.contains(told), "{said}");
+    }
     std::fs::copy(&recording, recording.with_file_name("copy.png")).expect("a copy");
     let (code, said) = plot("copy.png", &["truth.position_w_m"]);
     assert!(code == Some(2) && said.contains("is a recording"), "{said}");

@@ -1,4 +1,4 @@
-//! `morphquad plot`: numbers of a recording over time, as a picture.
+//! `morphquad plot`: numbers of recordings over time, as a picture.
 
 use super::bar::busy;
 use super::flown::{named_or_latest, recorded, unreadable};
@@ -8,38 +8,47 @@ use super::options::PlotArguments;
 use super::refusal::{Done, Failure};
 use host::exit;
 use protocol::topic::known;
+use record::read::RecordedFlight;
 use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use viewers::plot::{PlotError, Signal, plot};
 
-/// The recording, if one is named before the signals, and these.
-fn parted(words: &[String]) -> Result<(Option<PathBuf>, &[String]), Failure> {
-    let is_signal = |word: &String| {
-        let topic = word.trim_start_matches('/').split(['.', ',']).next().unwrap_or_default();
-        known(topic).is_some() && !Path::new(word).is_file()
+/// True for what is to be drawn, misspelt or not, and false for what is or can only be a recording.
+fn is_signal(word: &str) -> bool {
+    let signal = word.trim_start_matches('/');
+    let topic = signal.split(['.', ',']).next().unwrap_or_default();
+    if known(topic).is_some() {
+        return !Path::new(word).is_file();
+    }
+    let is_like_one = signal.contains('.') && !signal.contains('/') && !signal.ends_with(".mcap");
+    is_like_one && named(Path::new(word)).is_ok_and(|file| !file.is_file())
+}
+
+/// The recordings that are named before the signals, and these.
+fn parted(words: &[String]) -> Result<(Vec<PathBuf>, &[String]), Failure> {
+    let recordings = words.iter().position(|word| is_signal(word)).unwrap_or(words.len());
+    let (recordings, signals) = words.split_at(recordings);
+    let files = recordings.iter().map(|word| named(Path::new(word)));
+    let files: Vec<PathBuf> = files.collect::<Result<_, _>>().map_err(|e| unreadable(&e))?;
+    let Some(last) = recordings.last().filter(|_| signals.is_empty()) else {
+        return Ok((files, signals));
     };
-    let [first, signals @ ..] = words else { return Ok((None, words)) };
-    if is_signal(first) {
-        return Ok((None, words));
-    }
-    let file = named(Path::new(first)).map_err(|error| unreadable(&error))?;
-    if signals.is_empty() {
-        let told = if file.is_file() {
-            "name what to draw, for example truth.position_w_m: `morphquad topic list` names topics"
-        } else {
-            "there is no such recording and no such topic: `morphquad topic list` names topics"
-        };
-        return Err(unreadable(&format!("{first}: {told}")));
-    }
-    Ok((Some(file), signals))
+    let told = if files.iter().all(|file| file.is_file()) {
+        "name what to draw, for example truth.position_w_m: `morphquad topic list` names topics"
+    } else {
+        "there is no such recording and no such topic: `morphquad topic list` names topics"
+    };
+    Err(unreadable(&format!("{last}: {told}")))
 }
 
 /// Draws a panel for each signal or list of signals.
 pub(super) fn run(arguments: &PlotArguments, out: &mut dyn Write) -> Done {
-    let (file, signals) = parted(&arguments.words)?;
-    let file = named_or_latest(file.as_deref(), &mut std::io::stderr())?;
-    let path = arguments.out.clone().unwrap_or_else(|| file.with_extension("png"));
+    let (mut files, signals) = parted(&arguments.words)?;
+    if files.is_empty() {
+        files.push(named_or_latest(None, &mut std::io::stderr())?);
+    }
+    let path = arguments.out.clone().unwrap_or_else(|| files[0].with_extension("png"));
     let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_lowercase();
     if !["png", "svg", "pdf"].contains(&ending.as_str()) {
         let told = format!("--out {}: a picture ends with .png, .svg or .pdf", path.display());
@@ -50,9 +59,10 @@ pub(super) fn run(arguments: &PlotArguments, out: &mut dyn Write) -> Done {
     let panels = panels.map_err(|error| unreadable(&error))?;
     let from_s = arguments.from.map_or(f64::NEG_INFINITY, |from| from.as_secs_f64());
     let to_s = arguments.to.map_or(f64::INFINITY, |to| to.as_secs_f64());
-    let flight = recorded(&file)?;
+    let flights: Vec<RecordedFlight> =
+        files.iter().map(|file| recorded(file)).collect::<Result<_, _>>()?;
     let busy = busy("drawing");
-    let figure = plot(&flight, &panels, (from_s, to_s)).map_err(|error| unreadable(&error))?;
+    let figure = plot(&flights, &panels, (from_s, to_s)).map_err(|error| unreadable(&error))?;
     let picture = match ending.as_str() {
         "svg" => Ok(figure.to_svg().into_bytes()),
         "pdf" => Ok(figure.to_pdf()),

@@ -2,6 +2,7 @@
 
 use crate::export::cells::cells;
 use crate::export::{headings, is_of};
+use crate::unit::axis_label;
 use figures::figure::{Axis, Colour, Curve, Dash, Figure, Mark, Panel};
 use figures::results::{Kind, Value};
 use protocol::topic::{known, schema};
@@ -130,71 +131,85 @@ impl Signal {
     }
 }
 
-/// A panel for each of `panels` over the instants `from_s` to `to_s`; the x axis is the instant from which a sample is in
-/// effect \[s\].
+/// A panel for each of `panels` over the instants `from_s` to `to_s`, with the curves of all `flights` in it; the x axis is
+/// the instant from which a sample is in effect \[s\].
 ///
 /// # Errors
 /// [`PlotError`] for a recording that cannot be read, or one that has nothing of a signal.
 pub fn plot(
-    flight: &RecordedFlight,
+    flights: &[RecordedFlight],
     panels: &[Vec<Signal>],
     (from_s, to_s): (f64, f64),
 ) -> Result<Figure, PlotError> {
     if from_s >= to_s {
         return Err(PlotError::Backwards { from_s, to_s });
     }
-    let mut read =
-        Read { signals: panels.iter().flatten().collect(), from_s, to_s, curves: Vec::new() };
-    read.curves.resize_with(read.signals.len(), BTreeMap::new);
-    flight.visit(&mut read)?;
-    let instants = || read.curves.iter().flat_map(BTreeMap::values).flatten().map(|[t_s, _]| *t_s);
+    let names: Vec<String> = flights.iter().map(name).collect();
+    let mut read = Vec::new();
+    for flight in flights {
+        let signals: Vec<&Signal> = panels.iter().flatten().collect();
+        let curves = signals.iter().map(|_| Curves::new()).collect();
+        let mut of_flight = Read { signals, from_s, to_s, curves };
+        flight.visit(&mut of_flight)?;
+        read.push(of_flight.curves);
+    }
+    let points = || read.iter().flatten().flat_map(BTreeMap::values).flatten();
+    let instants = || points().map(|[t_s, _]| *t_s);
     let (first_s, last_s) =
         (instants().fold(f64::INFINITY, f64::min), instants().fold(0.0, f64::max));
     let time = || {
         let axis = Axis::new("t [s]");
         if first_s < last_s { axis.range(first_s, last_s) } else { axis }
     };
-    let mut curves = read.curves.iter();
-    let title = flight.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let mut figure = Figure::new(title, 1).panel_px(900.0, 260.0);
+    let mut figure = Figure::new(names.join(", "), 1).panel_px(900.0, 260.0);
     // One legend is of all panels, so that no two curves look alike, and one that comes twice looks the same.
     let mut seen: BTreeMap<String, Option<(Colour, Dash)>> = BTreeMap::new();
     let mut looks =
         DASHES.into_iter().flat_map(|dash| Colour::SERIES.map(|colour| (colour, dash))).cycle();
+    let mut place = 0;
     for signals in panels {
-        let mut labels: Vec<&str> = signals.iter().map(Signal::unit_name).collect();
+        let mut labels: Vec<String> =
+            signals.iter().map(|signal| axis_label(&signal.asked)).collect();
         let mut known = BTreeSet::new();
-        labels.retain(|label| known.insert(*label));
-        let label = labels.join(", ");
-        let mut panel = Panel::new("", time(), Axis::new(label));
+        labels.retain(|label| known.insert(label.clone()));
+        let mut panel = Panel::new("", time(), Axis::new(labels.join(", ")));
         for signal in signals {
-            let Some(found) = curves.next().filter(|found| !found.is_empty()) else {
-                return Err(PlotError::Empty(signal.asked.clone()));
-            };
-            let seats: Vec<u32> = found.keys().map(|(_, seat)| *seat).collect();
-            let several = seats.iter().any(|seat| *seat != seats[0]);
-            for ((column, seat), points) in found {
-                let (_, name) = &signal.columns[*column];
-                let writer = if several { format!(", seat {seat}") } else { String::new() };
-                let name = format!("{}.{name}{writer}", signal.topic.name);
-                let look = seen.entry(name.clone()).or_insert_with(|| looks.next());
-                let (colour, dash) = look.unwrap_or((Colour::Black, Dash::Solid));
-                let curve =
-                    Curve::new(name, colour, thinned(points.clone())).mark(Mark::Line(dash));
-                panel = panel.curve(curve);
+            for (flight, curves) in names.iter().zip(&read) {
+                let of_flight =
+                    if flights.len() > 1 { format!("{flight}: ") } else { String::new() };
+                let Some(found) = curves.get(place).filter(|found| !found.is_empty()) else {
+                    return Err(PlotError::Empty(format!("{of_flight}{}", signal.asked)));
+                };
+                for (name, points) in named_curves(signal, found) {
+                    let name = format!("{of_flight}{name}");
+                    let look = seen.entry(name.clone()).or_insert_with(|| looks.next());
+                    let (colour, dash) = look.unwrap_or((Colour::Black, Dash::Solid));
+                    let curve = Curve::new(name, colour, thinned(points.clone()));
+                    panel = panel.curve(curve.mark(Mark::Line(dash)));
+                }
             }
+            place += 1;
         }
         figure = figure.panel(panel);
     }
     Ok(figure)
 }
 
-impl Signal {
-    /// Name of the field that was asked for, without its place in a list; its unit is the end of it.
-    fn unit_name(&self) -> &str {
-        let name = self.asked.rsplit('.').next().unwrap_or_default();
-        name.split('[').next().unwrap_or_default()
-    }
+fn name(flight: &RecordedFlight) -> String {
+    flight.path().file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Curves of a signal by what they are called in the legend; with the seat of the writer if there are several.
+fn named_curves<'a>(
+    signal: &'a Signal,
+    found: &'a Curves,
+) -> impl Iterator<Item = (String, &'a Vec<[f64; 2]>)> {
+    let seats: BTreeSet<u32> = found.keys().map(|(_, seat)| *seat).collect();
+    found.iter().map(move |((column, seat), points)| {
+        let (_, name) = &signal.columns[*column];
+        let writer = if seats.len() > 1 { format!(", seat {seat}") } else { String::new() };
+        (format!("{}.{name}{writer}", signal.topic.name), points)
+    })
 }
 
 /// Instants and values by column and seat of the writer.

@@ -8,6 +8,7 @@ use kuva::prelude::{
     BarPlot, Figure as Grid, Layout, LegendEntry, LegendShape, LinePlot, LineStyle, MarkerShape,
     Plot, PngBackend, ReferenceLine, ScatterPlot, ShadedRegion, SvgBackend, TickFormat,
 };
+use kuva::render::layout::ComputedLayout;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -54,12 +55,25 @@ fn grid(figure: &Figure) -> Grid {
         .with_cell_size(width, height)
         .with_spacing(12.0)
         .with_plots(figure.panels.iter().map(plots).collect())
-        .with_layouts(figure.panels.iter().map(layout).collect());
+        .with_layouts(aligned(figure.panels.iter().map(layout).collect(), columns));
     let entries = legend(figure);
     if !entries.is_empty() {
         grid = grid.with_shared_legend_right_top().with_shared_legend_entries(entries);
     }
     grid
+}
+
+/// With the same room for labels on the left in all panels of a column, so that what happens at one instant stands at
+/// one place in each.
+fn aligned(mut layouts: Vec<Layout>, columns: usize) -> Vec<Layout> {
+    for column in 0..columns {
+        let margin = |layout: &Layout| ComputedLayout::from_layout(layout).margin_left;
+        let widest = layouts.iter().skip(column).step_by(columns).map(margin).fold(0.0, f64::max);
+        for layout in layouts.iter_mut().skip(column).step_by(columns) {
+            layout.force_margin_left = Some(widest);
+        }
+    }
+    layouts
 }
 
 /// The crate counts its clip paths through the whole process: here from 0 for each figure, and
