@@ -326,7 +326,7 @@ impl Summary {
             writeln!(out, "  ordered      at {:.3} s {}", order.at_s, order.sentence())?;
         }
         for notice in &self.notices {
-            writeln!(out, "  event        {}", notice.replace('\n', "\n               "))?;
+            writeln!(out, "  event        {}", abridged(notice).join("\n               "))?;
         }
         if let Some(reason) = &self.lost {
             writeln!(out, "  lost         {}", reason.replace('\n', "\n               "))?;
@@ -351,4 +351,14 @@ impl fmt::Display for Summary {
 fn quantiles(histogram: &Histogram<u64>) -> String {
     let us = |q: f64| histogram.value_at_quantile(q) as f64 * 1e-3;
     format!("{:.1} / {:.1} / {:.0}", us(0.5), us(0.99), histogram.max() as f64 * 1e-3)
+}
+
+/// Lines of a notice that are told again in the summary: of what a process said at its end, which was told when it
+/// happened, only how it begins and ends.
+fn abridged(notice: &str) -> Vec<&str> {
+    let mut lines: Vec<&str> = notice.lines().filter(|line| !line.trim().is_empty()).collect();
+    if lines.len() > 4 {
+        lines.splice(1..lines.len() - 2, ["  ..."]);
+    }
+    lines
 }

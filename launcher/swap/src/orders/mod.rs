@@ -358,11 +358,14 @@ impl Orders {
             Report::Aborted(seat, reason) => {
                 let mut refusal = self.refusal(slot, reason);
                 refusal.text = format!("{}: {}", name(*seat), refusal.text);
+                let mut text = refusal.text.clone();
                 if let (slot::Reason::Fault(_), Some(how)) = (reason, self.ends.get(&(slot, *seat)))
                 {
+                    // Who asked is told all that it said; the launcher's own terminal has it already.
+                    let brief = self.end_of(slot, *seat).unwrap_or_default();
+                    text = format!("{}: {brief}", refusal.text);
                     refusal.text = format!("{}: {how}", refusal.text);
                 }
-                let text = refusal.text.clone();
                 let asked_back = *reason == slot::Reason::RolledBack;
                 self.close(slot, &Reply::Refused(refusal), |until| match until {
                     Until::Seat(of) => of == *seat,

@@ -9,6 +9,8 @@ struct Flight {
     orders: Orders,
     machines: Machines,
     logical_ns: u64,
+    /// What the launcher itself says of it.
+    told: Vec<String>,
 }
 
 impl Flight {
@@ -21,7 +23,7 @@ impl Flight {
         assert_eq!(SlotConfig::LOCKSTEP.clock, Clock::Lockstep);
         let machine = slot::Slot::new(SlotConfig::LOCKSTEP, seat, program);
         let machines = Machines::from([(Slot::Attitude, machine)]);
-        let mut flight = Self { orders, machines, logical_ns: 1_000_000_000 };
+        let mut flight = Self { orders, machines, logical_ns: 1_000_000_000, told: Vec::new() };
         flight.ready(seat);
         flight
     }
@@ -42,7 +44,7 @@ impl Flight {
         for action in actions {
             match action {
                 Action::Report(report) => {
-                    self.orders.tell(Slot::Attitude, &report);
+                    self.told.push(self.orders.tell(Slot::Attitude, &report));
                 }
                 Action::Spawn(seat, program) => self.orders.seat(Slot::Attitude, seat, program),
                 Action::Publish(record) => follows.push(Event::Acknowledged {
@@ -182,6 +184,22 @@ fn a_candidate_that_is_refused_or_dies_ends_the_order_with_1_and_its_name() {
         assert!(named, "{refusal}");
         flight.assert_nothing_is_awaited();
     }
+}
+
+#[test]
+fn what_a_dead_candidate_said_is_told_whole_to_its_client_and_briefly_otherwise() {
+    let mut flight = Flight::new();
+    let mut heard = flight.ask(&Request::Swap(swap("attitude-mpc")));
+    flight.ready(Seat::ALL[1]);
+    let said = "exit status 1, its last words:\n  File \"law.py\", line 6\nValueError: no gains\n";
+    flight.orders.explain(Slot::Attitude, Seat::ALL[1], said);
+    flight.happen(Event::Died(Seat::ALL[1]));
+    let replies = heard();
+    let Some(Reply::Refused(refusal)) = replies.last() else { panic!("{replies:?}") };
+    assert!(refusal.text.contains("line 6\nValueError: no gains"), "{refusal}");
+    let told = flight.told.last().unwrap();
+    assert!(told.ends_with("its last words: ValueError: no gains"), "{told}");
+    assert!(!told.contains('\n'), "{told}");
 }
 
 #[test]
